@@ -1,0 +1,273 @@
+//! A bag: its connections, its chunks, and the way to its messages.
+
+use std::collections::HashMap;
+use std::sync::OnceLock;
+
+use crate::record::{
+    Fields, FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, connection,
+    read_bytes, time_at, u32_at,
+};
+use crate::scan::scan;
+use crate::{BagError, ChunkInfo, ChunkedFile, Compression, Connection, Loss, MAGIC, Timeline};
+
+/// How much memory reading a bag may take beside the bag's own bytes.
+#[derive(Debug, Clone, Copy)]
+pub struct Limits {
+    /// Uncompressed bytes of all chunks together; `u64::MAX` is no limit. A chunk of its own
+    /// is below 4 GiB by the format.
+    pub decompressed_bytes: u64,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            decompressed_bytes: u64::MAX,
+        }
+    }
+}
+
+/// A bag 2.0 over any [`ChunkedFile`].
+#[derive(Debug)]
+pub struct Bag<F: ChunkedFile> {
+    pub(crate) file: F,
+    pub(crate) connections: Vec<Connection>,
+    pub(crate) by_id: HashMap<u32, usize>,
+    pub(crate) chunks: Vec<ChunkInfo>,
+    /// Uncompressed chunks that had to be made, each once; those that lie in memory as they
+    /// are stay empty.
+    pub(crate) made: Vec<OnceLock<Vec<u8>>>,
+    pub(crate) limits: Limits,
+    pub(crate) loss: Option<Loss>,
+}
+
+impl<F: ChunkedFile> Bag<F> {
+    /// Opens a bag by its index (only its tail and its chunks' headers are read). Without
+    /// an index, or with one that is damaged, its records are scanned as by
+    /// [`Bag::open_unindexed`].
+    pub fn open(file: F) -> Result<Self, BagError> {
+        Self::open_limited(file, Limits::default())
+    }
+
+    /// [`Bag::open`] with bounded memory.
+    pub fn open_limited(file: F, limits: Limits) -> Result<Self, BagError> {
+        let mut bag = Self::empty(file, limits);
+        let (index_position, first) = bag.read_file_header()?;
+        if index_position == 0 {
+            return scan(bag, first, None);
+        }
+        match bag.read_index(index_position) {
+            Ok(()) => Ok(bag),
+            Err(damage) => {
+                let Self { file, .. } = bag;
+                scan(Self::empty(file, limits), first, Some(damage))
+            }
+        }
+    }
+
+    /// Reads every record from the front and never trusts the index: every whole message
+    /// before damage is kept, and [`Bag::loss`] says what was lost.
+    pub fn open_unindexed(file: F) -> Result<Self, BagError> {
+        Self::open_unindexed_limited(file, Limits::default())
+    }
+
+    /// [`Bag::open_unindexed`] with bounded memory.
+    pub fn open_unindexed_limited(file: F, limits: Limits) -> Result<Self, BagError> {
+        let bag = Self::empty(file, limits);
+        let (_, first) = bag.read_file_header()?;
+        scan(bag, first, None)
+    }
+
+    /// All connections, in the order in which the bag declares them.
+    pub fn connections(&self) -> &[Connection] {
+        &self.connections
+    }
+
+    /// The connection of that id.
+    pub fn connection(&self, id: u32) -> Option<&Connection> {
+        self.by_id.get(&id).and_then(|at| self.connections.get(*at))
+    }
+
+    /// All chunks, in file order.
+    pub fn chunks(&self) -> &[ChunkInfo] {
+        &self.chunks
+    }
+
+    /// What was lost to damage; `None` when the bag is whole as far as it has been read.
+    /// (Damage inside a chunk of an indexed bag is an error of [`Bag::timeline`].)
+    pub fn loss(&self) -> Option<&Loss> {
+        self.loss.as_ref()
+    }
+
+    /// How many messages the bag holds, damaged ones left out.
+    pub fn message_count(&self) -> u64 {
+        self.chunks.iter().map(ChunkInfo::messages).sum()
+    }
+
+    /// The times of the first and the last message, in nanoseconds.
+    pub fn time_range(&self) -> Option<(u64, u64)> {
+        let filled = || self.chunks.iter().filter(|chunk| chunk.messages() > 0);
+        let start = filled().map(|chunk| chunk.start).min()?;
+        let end = filled().map(|chunk| chunk.end).max()?;
+        Some((start, end))
+    }
+
+    /// The file below.
+    pub fn file(&self) -> &F {
+        &self.file
+    }
+
+    /// All messages of the connections that `filter` keeps, in one total and stable order:
+    /// by time, then chunk, then offset. Chunks without such a connection are not touched.
+    /// Damage that [`Bag::loss`] does not already tell is an error.
+    pub fn timeline(&self, filter: impl Fn(&Connection) -> bool) -> Result<Timeline<'_>, BagError> {
+        Timeline::build(self, filter)
+    }
+
+    fn empty(file: F, limits: Limits) -> Self {
+        Self {
+            file,
+            connections: Vec::new(),
+            by_id: HashMap::new(),
+            chunks: Vec::new(),
+            made: Vec::new(),
+            limits,
+            loss: None,
+        }
+    }
+
+    /// Adds a connection unless its id is already known: bags repeat them.
+    pub(crate) fn add_connection(&mut self, connection: Connection) {
+        if !self.by_id.contains_key(&connection.id) {
+            self.by_id.insert(connection.id, self.connections.len());
+            self.connections.push(connection);
+        }
+    }
+
+    pub(crate) fn add_chunk(&mut self, chunk: ChunkInfo, data: Option<Vec<u8>>) {
+        self.chunks.push(chunk);
+        self.made.push(data.map(OnceLock::from).unwrap_or_default());
+    }
+
+    /// Uncompressed bytes that the bag holds beside the file's own.
+    pub(crate) fn made_bytes(&self) -> u64 {
+        self.made
+            .iter()
+            .filter_map(OnceLock::get)
+            .map(|made| made.len() as u64)
+            .sum()
+    }
+
+    /// The position of the index (0: none) and of the first record.
+    fn read_file_header(&self) -> Result<(u64, u64), BagError> {
+        let length = self.file.len().min(MAGIC.len() as u64) as u32;
+        let line = read_bytes(&self.file, 0, length, "the first line")?;
+        if line != MAGIC {
+            let found = format!("{:?}", String::from_utf8_lossy(&line));
+            return Err(BagError::NotABag { found });
+        }
+        let record = FileRecord::read(&self.file, MAGIC.len() as u64)?;
+        if record.op != OP_FILE_HEADER {
+            let expected = format!("the file header record (op 3), found op {}", record.op);
+            return Err(BagError::damaged(record.header_position, expected));
+        }
+        let fields = &record.header;
+        if let Some(encryptor) =
+            Fields::find(fields, "encryptor").map_err(|defect| record.in_header(defect))?
+        {
+            if !encryptor.is_empty() {
+                let encryptor = String::from_utf8_lossy(encryptor).into_owned();
+                return Err(BagError::Encrypted { encryptor });
+            }
+        }
+        let index =
+            Fields::require_u64(fields, "index_pos").map_err(|defect| record.in_header(defect))?;
+        Ok((index, record.end()))
+    }
+
+    /// Reads the CONNECTION and CHUNK_INFO records of the tail.
+    fn read_index(&mut self, position: u64) -> Result<(), BagError> {
+        let mut at = position;
+        if at >= self.file.len() {
+            let expected = format!(
+                "the index here, found the file's end at {}",
+                self.file.len()
+            );
+            return Err(BagError::damaged(at, expected));
+        }
+        while at < self.file.len() {
+            let record = FileRecord::read(&self.file, at)?;
+            let data = record.data(&self.file)?;
+            match record.op {
+                OP_CONNECTION => {
+                    let found = connection(&record.header, &data)
+                        .map_err(|defect| record.in_header(defect))?;
+                    self.add_connection(found);
+                }
+                OP_CHUNK_INFO => {
+                    let chunk = self.read_chunk_info(&record, &data)?;
+                    self.add_chunk(chunk, None);
+                }
+                op => {
+                    let expected = format!("a CONNECTION (7) or CHUNK_INFO (6), found op {op}");
+                    return Err(BagError::damaged(record.header_position, expected));
+                }
+            }
+            at = record.end();
+        }
+        self.chunks.sort_by_key(|chunk| chunk.position);
+        Ok(())
+    }
+
+    fn read_chunk_info(&self, record: &FileRecord, data: &[u8]) -> Result<ChunkInfo, BagError> {
+        let fail = |defect| record.in_header(defect);
+        let position = Fields::require_u64(&record.header, "chunk_pos").map_err(fail)?;
+        let time = |name| {
+            let value = Fields::require(&record.header, name).map_err(fail)?;
+            let expected = format!("8 bytes in the field {name:?}");
+            time_at(value, 0).ok_or_else(|| BagError::damaged(record.header_position, expected))
+        };
+        let (start, end) = (time("start_time")?, time("end_time")?);
+        let counts = data
+            .chunks_exact(8)
+            .filter_map(|pair| Some((u32_at(pair, 0)?, u32_at(pair, 4)?)))
+            .collect();
+        let chunk = FileRecord::read(&self.file, position)?;
+        let (compression, size) = chunk_header(&chunk)?;
+        if chunk.end() > self.file.len() {
+            let expected = format!("{} bytes of a chunk's data", chunk.data_length);
+            return Err(BagError::damaged(chunk.data_position, expected));
+        }
+        Ok(ChunkInfo {
+            position,
+            start,
+            end,
+            counts,
+            compression,
+            data_position: chunk.data_position,
+            data_length: chunk.data_length,
+            size,
+            usable: size,
+        })
+    }
+}
+
+/// The compression and the uncompressed size that a CHUNK record declares.
+pub(crate) fn chunk_header(record: &FileRecord) -> Result<(Compression, u32), BagError> {
+    let fail = |defect| record.in_header(defect);
+    if record.op != OP_CHUNK {
+        let expected = format!("a CHUNK record (5), found op {}", record.op);
+        return Err(BagError::damaged(record.header_position, expected));
+    }
+    let name = Fields::require(&record.header, "compression").map_err(fail)?;
+    let compression = Compression::from_name(name).ok_or_else(|| {
+        let found = String::from_utf8_lossy(name);
+        let expected = format!("the compression none, bz2 or lz4, found {found:?}");
+        BagError::damaged(record.header_position, expected)
+    })?;
+    let size = Fields::require_u32(&record.header, "size").map_err(fail)?;
+    if compression == Compression::None && size != record.data_length {
+        let expected = format!("a size of {} bytes, found {size}", record.data_length);
+        return Err(BagError::damaged(record.header_position, expected));
+    }
+    Ok((compression, size))
+}

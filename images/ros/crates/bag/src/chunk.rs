@@ -1,0 +1,101 @@
+//! The records inside a chunk's uncompressed data.
+
+use crate::Connection;
+use crate::record::{self, Defect, Fields, MAX_HEADER, OP_CONNECTION, OP_MESSAGE, time_at, u32_at};
+
+/// One record of a chunk.
+#[derive(Debug)]
+pub(crate) enum ChunkRecord {
+    Connection(Box<Connection>),
+    /// The frame is the bytes `start..end` of the chunk: length, then data.
+    Message {
+        connection: u32,
+        time: u64,
+        start: u32,
+        end: u32,
+    },
+}
+
+/// Walks a chunk's records without copying them.
+pub(crate) struct ChunkWalk<'a> {
+    bytes: &'a [u8],
+    /// The offset of the next record: all before it is whole.
+    pub at: usize,
+}
+
+impl<'a> ChunkWalk<'a> {
+    pub fn new(bytes: &'a [u8]) -> Self {
+        Self { bytes, at: 0 }
+    }
+
+    /// The next record, or `None` at the end.
+    pub fn next_record(&mut self) -> Result<Option<ChunkRecord>, Defect> {
+        let at = self.at;
+        if at == self.bytes.len() {
+            return Ok(None);
+        }
+        let cut = |what: &str| Defect::new(at, format!("a whole record in the chunk ({what})"));
+        let header_length = u32_at(self.bytes, at).ok_or_else(|| cut("its header length"))?;
+        if header_length > MAX_HEADER {
+            return Err(cut("a header of at most 1 MiB"));
+        }
+        let header_end = at + 4 + header_length as usize;
+        let header = self
+            .bytes
+            .get(at + 4..header_end)
+            .ok_or_else(|| cut("its header"))?;
+        let data_length = u32_at(self.bytes, header_end).ok_or_else(|| cut("its data length"))?;
+        let end = (header_end + 4)
+            .checked_add(data_length as usize)
+            .filter(|end| *end <= self.bytes.len())
+            .ok_or_else(|| cut("its data"))?;
+        let shift = |defect: Defect| Defect::new(at + 4 + defect.at, defect.expected);
+        let record = match message_header(header).map_err(shift)? {
+            Header::Message { connection, time } => ChunkRecord::Message {
+                connection,
+                time,
+                // Chunks end below 4 GiB because their size is a u32.
+                start: header_end as u32,
+                end: end as u32,
+            },
+            Header::Connection => {
+                let data = &self.bytes[header_end + 4..end];
+                let connection = record::connection(header, data).map_err(shift)?;
+                ChunkRecord::Connection(Box::new(connection))
+            }
+        };
+        self.at = end;
+        Ok(Some(record))
+    }
+}
+
+enum Header {
+    Message { connection: u32, time: u64 },
+    Connection,
+}
+
+/// One pass over the fields: this runs once for every message of a bag.
+fn message_header(header: &[u8]) -> Result<Header, Defect> {
+    let (mut op, mut connection, mut time) = (None, None, None);
+    let mut fields = Fields::new(header);
+    while let Some((name, value)) = fields.next_field()? {
+        match (name, value.len()) {
+            (b"op", 1) => op = Some(value[0]),
+            (b"conn", 4) => connection = u32_at(value, 0),
+            (b"time", 8) => time = time_at(value, 0),
+            _ => {}
+        }
+    }
+    match (op, connection, time) {
+        (Some(OP_MESSAGE), Some(connection), Some(time)) => {
+            Ok(Header::Message { connection, time })
+        }
+        (Some(OP_CONNECTION), ..) => Ok(Header::Connection),
+        (Some(OP_MESSAGE), ..) => Err(Defect::new(0, "fields conn (4 bytes) and time (8 bytes)")),
+        (Some(op), ..) => Err(Defect::new(
+            0,
+            format!("a MESSAGE (2) or CONNECTION (7) record, found op {op}"),
+        )),
+        (None, ..) => Err(Defect::new(0, "a field op (1 byte)")),
+    }
+}

@@ -1,0 +1,33 @@
+//! ROS 1 bags (format 2.0) in memory: open, order, write.
+//!
+//! Two layers: [`Bag`] understands records, chunks and connections; below it a
+//! [`ChunkedFile`] hands out bytes, from memory ([`MemoryChunkedFile`]) or from a file
+//! ([`DiskChunkedFile`]). Reading never copies an uncompressed message, and a message's
+//! bytes come with the length before them, which together are its TCPROS frame.
+//!
+//! Not for: deserialising messages, or bags of format 1.2 (refused with a sentence).
+//! Input is not trusted: every length is checked before it is believed, and errors name
+//! the byte offset and what was expected there.
+#![forbid(unsafe_code)]
+
+mod bag;
+mod chunk;
+mod compression;
+mod error;
+mod file;
+mod model;
+mod record;
+mod scan;
+mod timeline;
+mod writer;
+
+pub use bag::{Bag, Limits};
+pub use compression::Compression;
+pub use error::BagError;
+pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
+pub use model::{ChunkInfo, Connection, Loss, Message};
+pub use timeline::{Timeline, TimelineIter};
+pub use writer::{BagWriter, WriterOptions};
+
+/// The line that every bag 2.0 begins with.
+pub const MAGIC: &[u8; 13] = b"#ROSBAG V2.0\n";

@@ -1,0 +1,243 @@
+//! Reading a bag from the front, for want of an index: keeps every whole message.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+
+use crate::bag::chunk_header;
+use crate::chunk::{ChunkRecord, ChunkWalk};
+use crate::record::{
+    FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_INDEX, connection, read_bytes,
+};
+use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Compression, Loss};
+
+/// Fills the bag from the records at `first` and after. `damage` is what was wrong with the
+/// index, if that is why the bag is scanned.
+pub(crate) fn scan<F: ChunkedFile>(
+    mut bag: Bag<F>,
+    first: u64,
+    damage: Option<BagError>,
+) -> Result<Bag<F>, BagError> {
+    let mut at = first;
+    let end = bag.file.len();
+    if at > end {
+        note_damage(
+            &mut bag,
+            end,
+            at - end,
+            "the rest of the file header record",
+        );
+    }
+    while at < end {
+        match scan_record(&mut bag, at) {
+            Ok(next) => at = next,
+            Err(error @ (BagError::MemoryLimit { .. } | BagError::Io { .. })) => return Err(error),
+            Err(error) => {
+                // Without this record's length, nothing says where the next one begins.
+                let offset = error.offset().unwrap_or(at);
+                note_damage(&mut bag, offset, end - at, &expectation(&error));
+                break;
+            }
+        }
+    }
+    if let (None, Some(error)) = (&bag.loss, damage) {
+        // All messages are there; the index that should say so is not.
+        let offset = error.offset().unwrap_or(first);
+        note_damage(
+            &mut bag,
+            offset,
+            end.saturating_sub(offset),
+            &expectation(&error),
+        );
+    }
+    Ok(bag)
+}
+
+/// Reads one record of the top level and returns where the next begins.
+fn scan_record<F: ChunkedFile>(bag: &mut Bag<F>, at: u64) -> Result<u64, BagError> {
+    let record = FileRecord::read(&bag.file, at)?;
+    match record.op {
+        OP_CHUNK => scan_chunk(bag, at, &record)?,
+        OP_CONNECTION => {
+            let data = record.data(&bag.file)?;
+            let found =
+                connection(&record.header, &data).map_err(|defect| record.in_header(defect))?;
+            bag.add_connection(found);
+        }
+        OP_INDEX | OP_CHUNK_INFO => {
+            if record.end() > bag.file.len() {
+                let expected = format!("{} bytes of an index record", record.data_length);
+                return Err(BagError::damaged(record.data_position, expected));
+            }
+        }
+        op => {
+            let expected =
+                format!("a CHUNK, CONNECTION, INDEX or CHUNK_INFO record, found op {op}");
+            return Err(BagError::damaged(record.header_position, expected));
+        }
+    }
+    Ok(record.end())
+}
+
+fn scan_chunk<F: ChunkedFile>(
+    bag: &mut Bag<F>,
+    position: u64,
+    record: &FileRecord,
+) -> Result<(), BagError> {
+    let (compression, size) = chunk_header(record)?;
+    let available = bag.file.len().saturating_sub(record.data_position);
+    let length = available.min(u64::from(record.data_length)) as u32;
+    let mut chunk = ChunkInfo {
+        position,
+        start: u64::MAX,
+        end: 0,
+        counts: Vec::new(),
+        compression,
+        data_position: record.data_position,
+        data_length: length,
+        size,
+        usable: 0,
+    };
+    let missing = u64::from(record.data_length - length);
+    let (data, mut wrong) = load(
+        &bag.file,
+        &chunk,
+        bag.limits.decompressed_bytes,
+        bag.made_bytes(),
+    )?;
+    if missing > 0 {
+        let what = format!(
+            "{} bytes of a chunk's data, found the file's end",
+            record.data_length
+        );
+        wrong = Some(what);
+    }
+    let (walked, defect) = walk(bag, &mut chunk, &data);
+    // Uncompressed data's offsets are the file's own; others can only name the chunk's data.
+    let in_file = |inside: u64| match compression {
+        Compression::None => record.data_position + inside,
+        _ => record.data_position,
+    };
+    let damage = match (wrong, defect) {
+        (Some(expected), _) if missing > 0 => Some((bag.file.len(), expected)),
+        (Some(expected), _) => Some((record.data_position, expected)),
+        (None, Some((inside, expected))) => Some((in_file(inside), expected)),
+        (None, None) => None,
+    };
+    // What can be read again without this scan's work is not kept.
+    let keep = match data {
+        Cow::Owned(made) if bag.file.slice(position, 4).is_some() => Some(made),
+        _ => None,
+    };
+    for connection in walked {
+        bag.add_connection(connection);
+    }
+    if let Some((offset, expected)) = damage {
+        let lost = u64::from(size.saturating_sub(chunk.usable))
+            .max(missing)
+            .max(1);
+        note_damage(bag, offset, lost, &expected);
+    }
+    bag.add_chunk(chunk, keep);
+    Ok(())
+}
+
+/// A chunk's uncompressed bytes, borrowed where they lie in memory; with what was wrong.
+#[allow(clippy::type_complexity)]
+pub(crate) fn load<'a, F: ChunkedFile>(
+    file: &'a F,
+    chunk: &ChunkInfo,
+    limit: u64,
+    used: u64,
+) -> Result<(Cow<'a, [u8]>, Option<String>), BagError> {
+    let ChunkInfo {
+        data_position,
+        data_length,
+        ..
+    } = *chunk;
+    let raw = match file.slice(data_position, data_length as usize) {
+        Some(bytes) => Cow::Borrowed(bytes),
+        None => Cow::Owned(read_bytes(
+            file,
+            data_position,
+            data_length,
+            "a chunk's data",
+        )?),
+    };
+    if chunk.compression == Compression::None {
+        return Ok((raw, None));
+    }
+    let (needed, allowed) = (u64::from(chunk.size), limit.saturating_sub(used));
+    if needed > allowed {
+        return Err(BagError::MemoryLimit {
+            offset: chunk.position,
+            needed,
+            allowed,
+        });
+    }
+    let (bytes, wrong) = chunk.compression.decompress(&raw, chunk.size);
+    Ok((Cow::Owned(bytes), wrong))
+}
+
+/// Counts a chunk's messages and collects its connections, up to the first defect.
+fn walk<F: ChunkedFile>(
+    bag: &Bag<F>,
+    chunk: &mut ChunkInfo,
+    data: &[u8],
+) -> (Vec<crate::Connection>, Option<(u64, String)>) {
+    let mut counts: BTreeMap<u32, u32> = BTreeMap::new();
+    let mut connections: Vec<crate::Connection> = Vec::new();
+    let mut walk = ChunkWalk::new(data);
+    let defect = loop {
+        let before = walk.at;
+        match walk.next_record() {
+            Ok(None) => break None,
+            Err(defect) => break Some((defect.at as u64, defect.expected)),
+            Ok(Some(ChunkRecord::Connection(found))) => connections.push(*found),
+            Ok(Some(ChunkRecord::Message {
+                connection, time, ..
+            })) => {
+                let known = counts.contains_key(&connection)
+                    || bag.by_id.contains_key(&connection)
+                    || connections.iter().any(|each| each.id == connection);
+                if !known {
+                    walk.at = before;
+                    break Some((before as u64, unknown_connection(connection)));
+                }
+                *counts.entry(connection).or_default() += 1;
+                chunk.start = chunk.start.min(time);
+                chunk.end = chunk.end.max(time);
+            }
+        }
+    };
+    chunk.usable = walk.at as u32;
+    chunk.counts = counts.into_iter().collect();
+    if chunk.counts.is_empty() {
+        chunk.start = 0;
+    }
+    (connections, defect)
+}
+
+pub(crate) fn unknown_connection(id: u32) -> String {
+    format!("a message of a declared connection, found connection {id}")
+}
+
+/// Adds to what is known to be lost; the first damage names the place.
+fn note_damage<F: ChunkedFile>(bag: &mut Bag<F>, offset: u64, bytes: u64, description: &str) {
+    match &mut bag.loss {
+        Some(loss) => loss.bytes = loss.bytes.saturating_add(bytes),
+        None => {
+            bag.loss = Some(Loss {
+                offset,
+                bytes,
+                description: description.to_owned(),
+            })
+        }
+    }
+}
+
+fn expectation(error: &BagError) -> String {
+    match error {
+        BagError::Damaged { expected, .. } => expected.clone(),
+        other => other.to_string(),
+    }
+}

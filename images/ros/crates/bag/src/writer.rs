@@ -1,0 +1,386 @@
+//! Writing a bag 2.0 into memory, within a byte budget.
+
+use crate::record::{OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, OP_INDEX, OP_MESSAGE};
+use crate::{BagError, Compression, Connection, MAGIC};
+
+/// rosbag pads its file header record to this many bytes, so that it can be patched.
+const FILE_HEADER_LENGTH: usize = 4096;
+/// A MESSAGE record without its data: header length, op, conn, time, data length.
+const MESSAGE_OVERHEAD: usize = 4 + (4 + 4) + (4 + 9) + (4 + 13) + 4;
+/// One entry of an INDEX record.
+const INDEX_ENTRY: usize = 12;
+/// INDEX record and CHUNK_INFO count of one connection in one chunk.
+const INDEX_OVERHEAD: usize = 55 + 8;
+/// CHUNK and CHUNK_INFO records of one chunk, without what they hold.
+const CHUNK_OVERHEAD: usize = 160;
+
+/// How a bag is written.
+#[derive(Debug, Clone)]
+pub struct WriterOptions {
+    /// How chunks are compressed.
+    pub compression: Compression,
+    /// A chunk is closed once it holds this many bytes; 768 KiB is rosbag's own default.
+    pub chunk_threshold: usize,
+    /// The finished bag may not be larger than this.
+    pub byte_budget: Option<u64>,
+}
+
+impl Default for WriterOptions {
+    fn default() -> Self {
+        Self {
+            compression: Compression::None,
+            chunk_threshold: 768 * 1024,
+            byte_budget: None,
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Written {
+    connection: Connection,
+    /// True once the bag holds its CONNECTION record.
+    declared: bool,
+    /// (time, offset in the chunk) of its messages in the open chunk.
+    index: Vec<(u64, u32)>,
+}
+
+#[derive(Debug)]
+struct Closed {
+    position: u64,
+    start: u64,
+    end: u64,
+    counts: Vec<(u32, u32)>,
+}
+
+/// Writes messages into a bag in memory.
+#[derive(Debug)]
+pub struct BagWriter {
+    options: WriterOptions,
+    /// The bag so far; an uncompressed chunk is written straight into it.
+    out: Vec<u8>,
+    /// The open chunk, when it must be compressed first.
+    pending: Vec<u8>,
+    /// Where the open chunk's CHUNK record (not compressed) and its data begin in `out`.
+    open: Option<(usize, usize)>,
+    connections: Vec<Written>,
+    /// Connections with messages in the open chunk.
+    touched: Vec<u32>,
+    times: (u64, u64),
+    chunks: Vec<Closed>,
+    /// Bytes that the index of everything written so far will take.
+    index_bytes: usize,
+    messages: u64,
+    high_water: u64,
+}
+
+impl BagWriter {
+    /// An empty bag.
+    pub fn new(options: WriterOptions) -> Self {
+        let mut out = Vec::with_capacity(MAGIC.len() + FILE_HEADER_LENGTH);
+        out.extend_from_slice(MAGIC);
+        out.resize(MAGIC.len() + FILE_HEADER_LENGTH, 0);
+        let high_water = out.len() as u64;
+        Self {
+            options,
+            out,
+            pending: Vec::new(),
+            open: None,
+            connections: Vec::new(),
+            touched: Vec::new(),
+            times: (u64::MAX, 0),
+            chunks: Vec::new(),
+            index_bytes: 0,
+            messages: 0,
+            high_water,
+        }
+    }
+
+    /// Adds a connection and returns its id in this bag; the id that it has is not kept. It
+    /// is written with its first message: a connection without any leaves no trace.
+    pub fn add_connection(&mut self, connection: &Connection) -> u32 {
+        let id = self.connections.len() as u32;
+        let connection = Connection {
+            id,
+            ..connection.clone()
+        };
+        self.connections.push(Written {
+            connection,
+            declared: false,
+            index: Vec::new(),
+        });
+        id
+    }
+
+    /// Appends a message. On `BudgetExceeded` nothing was written, and the bag so far can
+    /// still be finished.
+    pub fn write(&mut self, connection: u32, time_ns: u64, data: &[u8]) -> Result<(), BagError> {
+        let at = connection as usize;
+        let written = self
+            .connections
+            .get(at)
+            .ok_or(BagError::UnknownConnection(connection))?;
+        let length = u32::try_from(data.len()).map_err(|_| BagError::MessageTooLong(data.len()))?;
+        let mut grown = MESSAGE_OVERHEAD + data.len();
+        let mut index = INDEX_ENTRY;
+        if !written.declared {
+            // Once in the chunk and once in the tail.
+            let record = connection_record(&written.connection).len();
+            grown += record;
+            index += record;
+        }
+        if written.index.is_empty() {
+            index += INDEX_OVERHEAD;
+        }
+        if self.open.is_none() {
+            index += CHUNK_OVERHEAD;
+        } else if self.chunk_length() + grown > u32::MAX as usize {
+            self.close_chunk()?;
+        }
+        self.check_budget(grown + index)?;
+        self.index_bytes += index;
+        self.begin_chunk();
+        self.append_message(at, time_ns, length, data);
+        self.high_water = self.high_water.max(self.size());
+        if self.chunk_length() >= self.options.chunk_threshold {
+            self.close_chunk()?;
+        }
+        Ok(())
+    }
+
+    /// The most bytes that the bag, finished then, would have had at any time.
+    pub fn high_water(&self) -> u64 {
+        self.high_water
+    }
+
+    /// Messages written so far.
+    pub fn messages(&self) -> u64 {
+        self.messages
+    }
+
+    /// Writes the index, completes the file header and returns the bag.
+    pub fn finish(mut self) -> Result<Vec<u8>, BagError> {
+        self.close_chunk()?;
+        let index_position = self.out.len() as u64;
+        let mut declared = 0;
+        for written in self.connections.iter().filter(|written| written.declared) {
+            self.out
+                .extend_from_slice(&connection_record(&written.connection));
+            declared += 1;
+        }
+        for chunk in &self.chunks {
+            let counts: Vec<u8> = chunk
+                .counts
+                .iter()
+                .flat_map(|(id, count)| [id.to_le_bytes(), count.to_le_bytes()].concat())
+                .collect();
+            let header = Header::new(OP_CHUNK_INFO)
+                .field("ver", &1u32.to_le_bytes())
+                .field("chunk_pos", &chunk.position.to_le_bytes())
+                .field("start_time", &ros_time(chunk.start))
+                .field("end_time", &ros_time(chunk.end))
+                .field("count", &(chunk.counts.len() as u32).to_le_bytes());
+            header.record_into(&counts, &mut self.out);
+        }
+        let header = file_header(index_position, declared, self.chunks.len() as u32);
+        self.out[MAGIC.len()..MAGIC.len() + FILE_HEADER_LENGTH].copy_from_slice(&header);
+        Ok(self.out)
+    }
+
+    /// Bytes that the bag would have if it were finished now (before compression).
+    fn size(&self) -> u64 {
+        (self.out.len() + self.pending.len() + self.index_bytes) as u64
+    }
+
+    fn check_budget(&self, more: usize) -> Result<(), BagError> {
+        let needed = self.size() + more as u64;
+        match self.options.byte_budget {
+            Some(budget) if needed > budget => Err(BagError::BudgetExceeded { budget, needed }),
+            _ => Ok(()),
+        }
+    }
+
+    fn chunk_length(&self) -> usize {
+        match (self.open, self.options.compression) {
+            (None, _) => 0,
+            (Some((_, data)), Compression::None) => self.out.len() - data,
+            (Some(_), _) => self.pending.len(),
+        }
+    }
+
+    fn begin_chunk(&mut self) {
+        if self.open.is_some() {
+            return;
+        }
+        let position = self.out.len();
+        if self.options.compression == Compression::None {
+            // Its two sizes are written when the chunk is closed.
+            chunk_header(Compression::None, 0).record_into(&[], &mut self.out);
+        }
+        self.open = Some((position, self.out.len()));
+        self.times = (u64::MAX, 0);
+    }
+
+    fn append_message(&mut self, at: usize, time: u64, length: u32, data: &[u8]) {
+        let (chunk, base) = match (self.options.compression, self.open) {
+            (Compression::None, Some((_, data))) => (&mut self.out, data),
+            _ => (&mut self.pending, 0),
+        };
+        let written = &mut self.connections[at];
+        if !written.declared {
+            chunk.extend_from_slice(&connection_record(&written.connection));
+            written.declared = true;
+        }
+        if written.index.is_empty() {
+            self.touched.push(at as u32);
+        }
+        written.index.push((time, (chunk.len() - base) as u32));
+        chunk.extend_from_slice(&message_header(at as u32, time));
+        chunk.extend_from_slice(&length.to_le_bytes());
+        chunk.extend_from_slice(data);
+        self.times = (self.times.0.min(time), self.times.1.max(time));
+        self.messages += 1;
+    }
+
+    fn close_chunk(&mut self) -> Result<(), BagError> {
+        let Some((position, data)) = self.open.take() else {
+            return Ok(());
+        };
+        let compression = self.options.compression;
+        if compression == Compression::None {
+            let length = (self.out.len() - data) as u32;
+            let mut record = Vec::new();
+            chunk_header(compression, length).record_into(&[], &mut record);
+            // The record ends in its data's length, which is the chunk's as well.
+            self.out[position..data].copy_from_slice(&record);
+            self.out[data - 4..data].copy_from_slice(&length.to_le_bytes());
+        } else {
+            let length = self.pending.len() as u32;
+            let small = compression
+                .compress(&self.pending)
+                .map_err(BagError::Compress)?;
+            chunk_header(compression, length).record_into(&small, &mut self.out);
+            self.pending.clear();
+        }
+        self.touched.sort_unstable();
+        let mut counts = Vec::with_capacity(self.touched.len());
+        for id in std::mem::take(&mut self.touched) {
+            let index = std::mem::take(&mut self.connections[id as usize].index);
+            counts.push((id, index.len() as u32));
+            let mut entries = Vec::with_capacity(index.len() * INDEX_ENTRY);
+            for (time, offset) in index {
+                entries.extend_from_slice(&ros_time(time));
+                entries.extend_from_slice(&offset.to_le_bytes());
+            }
+            let header = Header::new(OP_INDEX)
+                .field("ver", &1u32.to_le_bytes())
+                .field("conn", &id.to_le_bytes())
+                .field(
+                    "count",
+                    &counts.last().map_or(0, |(_, count)| *count).to_le_bytes(),
+                );
+            self.index_bytes = self
+                .index_bytes
+                .saturating_sub(entries.len() + INDEX_OVERHEAD - 8);
+            header.record_into(&entries, &mut self.out);
+        }
+        let (start, end) = self.times;
+        self.chunks.push(Closed {
+            position: position as u64,
+            start,
+            end,
+            counts,
+        });
+        Ok(())
+    }
+}
+
+/// A record's header under construction.
+struct Header(Vec<u8>);
+
+impl Header {
+    fn new(op: u8) -> Self {
+        Self(Vec::with_capacity(96)).field("op", &[op])
+    }
+
+    fn field(mut self, name: &str, value: &[u8]) -> Self {
+        push_field(&mut self.0, name, value);
+        self
+    }
+
+    fn record_into(&self, data: &[u8], out: &mut Vec<u8>) {
+        out.extend_from_slice(&(self.0.len() as u32).to_le_bytes());
+        out.extend_from_slice(&self.0);
+        out.extend_from_slice(&(data.len() as u32).to_le_bytes());
+        out.extend_from_slice(data);
+    }
+}
+
+fn push_field(out: &mut Vec<u8>, name: &str, value: &[u8]) {
+    out.extend_from_slice(&((name.len() + 1 + value.len()) as u32).to_le_bytes());
+    out.extend_from_slice(name.as_bytes());
+    out.push(b'=');
+    out.extend_from_slice(value);
+}
+
+fn ros_time(nanoseconds: u64) -> [u8; 8] {
+    // Seconds of a bag are 32 bits; a later time is written as the last one.
+    let seconds = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
+    let mut bytes = [0; 8];
+    bytes[..4].copy_from_slice(&seconds.to_le_bytes());
+    bytes[4..].copy_from_slice(&((nanoseconds % 1_000_000_000) as u32).to_le_bytes());
+    bytes
+}
+
+/// A MESSAGE record up to its data length, built on the stack: once for every message.
+fn message_header(connection: u32, time: u64) -> [u8; MESSAGE_OVERHEAD - 4] {
+    const LENGTH: u32 = (MESSAGE_OVERHEAD - 8) as u32;
+    let mut bytes = [0; MESSAGE_OVERHEAD - 4];
+    bytes[..4].copy_from_slice(&LENGTH.to_le_bytes());
+    bytes[4..12].copy_from_slice(&[4, 0, 0, 0, b'o', b'p', b'=', OP_MESSAGE]);
+    bytes[12..21].copy_from_slice(b"\x09\0\0\0conn=");
+    bytes[21..25].copy_from_slice(&connection.to_le_bytes());
+    bytes[25..34].copy_from_slice(b"\x0d\0\0\0time=");
+    bytes[34..42].copy_from_slice(&ros_time(time));
+    bytes
+}
+
+fn chunk_header(compression: Compression, size: u32) -> Header {
+    Header::new(OP_CHUNK)
+        .field("compression", compression.name().as_bytes())
+        .field("size", &size.to_le_bytes())
+}
+
+fn connection_record(connection: &Connection) -> Vec<u8> {
+    let mut data = Vec::new();
+    push_field(&mut data, "topic", connection.topic.as_bytes());
+    push_field(&mut data, "type", connection.datatype.as_bytes());
+    push_field(&mut data, "md5sum", connection.md5sum.as_bytes());
+    push_field(
+        &mut data,
+        "message_definition",
+        connection.definition.as_bytes(),
+    );
+    if let Some(caller_id) = &connection.caller_id {
+        push_field(&mut data, "callerid", caller_id.as_bytes());
+    }
+    if connection.latching {
+        push_field(&mut data, "latching", b"1");
+    }
+    let header = Header::new(OP_CONNECTION)
+        .field("conn", &connection.id.to_le_bytes())
+        .field("topic", connection.topic.as_bytes());
+    let mut record = Vec::new();
+    header.record_into(&data, &mut record);
+    record
+}
+
+fn file_header(index_position: u64, connections: u32, chunks: u32) -> Vec<u8> {
+    let header = Header::new(OP_FILE_HEADER)
+        .field("index_pos", &index_position.to_le_bytes())
+        .field("conn_count", &connections.to_le_bytes())
+        .field("chunk_count", &chunks.to_le_bytes());
+    let padding = FILE_HEADER_LENGTH - 8 - header.0.len();
+    let mut record = Vec::with_capacity(FILE_HEADER_LENGTH);
+    header.record_into(&vec![b' '; padding], &mut record);
+    record
+}
