@@ -1,0 +1,204 @@
+//! Asking nodes what they received, over `getBusStats` of the slave API.
+//!
+//! What the two libraries mean by it, measured against their callbacks:
+//! - roscpp: `[link, bytes, received, drops, 0]`. Received is what was read from the
+//!   socket; drops, cumulative, is what its subscription queues threw away.
+//!   Received minus drops reached the callback. Because it never advances the index of
+//!   the list, only the last link of a topic is listed.
+//! - rospy: `[link, bytes, messages, -1, connected]`. Messages reached the callback.
+//!
+//! The figures vanish with the link: ask while the publisher is still connected.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use crate::master::Master;
+use crate::xmlrpc::Client;
+use crate::{RosError, Value};
+
+/// What a node says of one of its links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// Messages counted by the node: read from the socket (roscpp) or handed to the
+    /// callback (rospy).
+    pub messages: u64,
+    /// Messages that its queues threw away; `None` if the node does not count them.
+    pub drops: Option<u64>,
+}
+
+impl Received {
+    /// Messages that reached the callback.
+    pub fn reached(&self) -> u64 {
+        self.messages.saturating_sub(self.drops.unwrap_or(0))
+    }
+}
+
+/// Asks the subscribers of one publisher.
+pub struct Audit {
+    master: Master,
+    publisher: String,
+    deadline: Duration,
+    nodes: BTreeMap<String, Asked>,
+}
+
+struct Asked {
+    client: Client,
+    /// Link numbers of our connections, by topic.
+    ours: BTreeMap<String, BTreeSet<i64>>,
+}
+
+impl Audit {
+    /// `publisher` is the slave URI of the publishing node.
+    pub fn new(master: Master, publisher: &str, deadline: Duration) -> Audit {
+        Audit {
+            master,
+            publisher: publisher.to_owned(),
+            deadline,
+            nodes: BTreeMap::new(),
+        }
+    }
+
+    /// What `node` has received from the publisher, by topic. A topic that it can't tell
+    /// about is absent.
+    ///
+    /// # Errors
+    /// The node is not registered, does not answer, or answers in another form.
+    pub fn ask(
+        &mut self,
+        node: &str,
+        topics: &[String],
+    ) -> Result<BTreeMap<String, Received>, RosError> {
+        let caller = self.master.caller().to_owned();
+        let publisher = self.publisher.clone();
+        let asked = self.asked(node)?;
+        let stats = asked
+            .client
+            .call("getBusStats", &[caller.as_str().into()])?;
+        let known = topics.iter().all(|topic| asked.ours.contains_key(topic));
+        if !known {
+            let info = asked.client.call("getBusInfo", &[caller.as_str().into()])?;
+            asked.ours = our_links(&info, &publisher);
+        }
+        let rows = stats
+            .as_list()
+            .and_then(|s| s.get(1)?.as_list())
+            .unwrap_or_default();
+        let found = rows.iter().filter_map(|row| {
+            let row = row.as_list()?;
+            let topic = row.first()?.as_str()?;
+            let wanted = topics.iter().any(|t| t == topic);
+            let links = row.get(1)?.as_list()?;
+            let ours = asked.ours.get(topic);
+            wanted
+                .then(|| Some((topic.to_owned(), pick(links, ours)?)))
+                .flatten()
+        });
+        let found: BTreeMap<_, _> = found.collect();
+        if found.len() < topics.len() {
+            // A link that was made again has a new number: learn it the next time.
+            asked.ours.retain(|topic, _| found.contains_key(topic));
+        }
+        Ok(found)
+    }
+
+    fn asked(&mut self, node: &str) -> Result<&mut Asked, RosError> {
+        if !self.nodes.contains_key(node) {
+            let uri = self.master.lookup_node(node)?;
+            let client = Client::new(&uri, self.deadline)?;
+            self.nodes.insert(
+                node.to_owned(),
+                Asked {
+                    client,
+                    ours: BTreeMap::new(),
+                },
+            );
+        }
+        self.nodes.get_mut(node).ok_or_else(|| RosError::BadUri {
+            uri: node.to_owned(),
+            why: "the node is not known".to_owned(),
+        })
+    }
+}
+
+/// The numbers of the links that lead to `publisher`, by topic, from `getBusInfo`:
+/// `[link, publisher's URI, "i", transport, topic, ...]`.
+fn our_links(info: &Value, publisher: &str) -> BTreeMap<String, BTreeSet<i64>> {
+    let mut ours: BTreeMap<String, BTreeSet<i64>> = BTreeMap::new();
+    for row in info
+        .as_list()
+        .unwrap_or_default()
+        .iter()
+        .filter_map(Value::as_list)
+    {
+        let text = |at: usize| row.get(at).and_then(Value::as_str).unwrap_or_default();
+        let same = text(1).trim_end_matches('/') == publisher.trim_end_matches('/');
+        if let (Some(id), true, "i") = (row.first().and_then(Value::as_int), same, text(2)) {
+            ours.entry(text(4).to_owned()).or_default().insert(id);
+        }
+    }
+    ours
+}
+
+/// The statistics of our link among those of a topic. Without knowledge of the numbers
+/// only a single link can be told to be ours.
+fn pick(links: &[Value], ours: Option<&BTreeSet<i64>>) -> Option<Received> {
+    let links: Vec<_> = links.iter().filter_map(Value::as_list).collect();
+    let link = match ours {
+        Some(ours) => links.iter().find(|link| {
+            link.first()
+                .and_then(Value::as_int)
+                .is_some_and(|id| ours.contains(&id))
+        })?,
+        None if links.len() == 1 => links.first()?,
+        None => return None,
+    };
+    let messages = u64::try_from(link.get(2)?.as_int()?).ok()?;
+    let drops = link
+        .get(3)
+        .and_then(Value::as_int)
+        .and_then(|drops| u64::try_from(drops).ok());
+    Some(Received { messages, drops })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn link(id: i64, messages: i64, drops: i64) -> Value {
+        vec![
+            Value::Int(id),
+            Value::Int(1),
+            Value::Int(messages),
+            Value::Int(drops),
+            1.into(),
+        ]
+        .into()
+    }
+
+    #[test]
+    fn the_link_is_found_by_its_number_and_drops_mean_what_the_library_means() {
+        let row = |id: i64, uri: &str, direction: &str| {
+            let words = vec![
+                Value::Int(id),
+                uri.into(),
+                direction.into(),
+                "TCPROS".into(),
+            ];
+            Value::List([words, vec!["/a".into(), true.into()]].concat())
+        };
+        let info: Value = vec![
+            row(3, "http://x:1/", "i"),
+            row(4, "http://me:2", "i"),
+            row(5, "http://me:2/", "o"),
+        ]
+        .into();
+        let ours = our_links(&info, "http://me:2/");
+        assert_eq!(ours["/a"], BTreeSet::from([4]));
+        let roscpp = pick(&[link(4, 20_000, 19_940)], ours.get("/a")).unwrap();
+        assert_eq!(roscpp.reached(), 60);
+        let rospy = pick(&[link(3, 1, -1), link(4, 8_682, -1)], ours.get("/a")).unwrap();
+        assert_eq!((rospy.reached(), rospy.drops), (8_682, None));
+        assert_eq!(pick(&[link(3, 1, 0)], ours.get("/a")), None);
+        assert_eq!(pick(&[link(3, 1, 0), link(4, 1, 0)], None), None);
+    }
+}

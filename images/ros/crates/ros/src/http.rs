@@ -1,0 +1,181 @@
+//! The little of HTTP/1.1 that an XML-RPC server of a ROS node needs: POST with a
+//! Content-Length, answers with a Content-Length, connections that stay open.
+//! The heads are parsed by `httparse`; roscpp, rospy, rosmaster and ureq are its clients.
+
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::time::Duration;
+
+/// The largest request accepted, in bytes: a publisherUpdate with 1,000 URIs is 60 KB.
+const MAX_REQUEST: usize = 16 << 20;
+const MAX_FIELDS: usize = 64;
+/// An idle connection is closed after this time; roscpp keeps one per node.
+const IDLE: Duration = Duration::from_secs(60);
+
+/// Serves one connection: `answer` gets the body of each POST and returns the XML.
+pub(crate) fn serve(mut stream: TcpStream, answer: impl Fn(&str) -> String) {
+    let ready = stream
+        .set_nodelay(true)
+        .and_then(|()| stream.set_read_timeout(Some(IDLE)));
+    if ready
+        .and_then(|()| stream.set_write_timeout(Some(IDLE)))
+        .is_err()
+    {
+        return;
+    }
+    let mut buffer = Vec::new();
+    loop {
+        let written = match read_request(&mut stream, &mut buffer) {
+            Ok(Some(request)) => {
+                let xml = answer(&request.body);
+                let wrote = respond(&mut stream, "200 OK", &xml, request.keep_alive);
+                wrote.is_ok() && request.keep_alive
+            }
+            Ok(None) => false,
+            Err(why) => {
+                // The peer may already be gone; the connection ends either way.
+                let _peer_gone = respond(&mut stream, "400 Bad Request", &why, false);
+                false
+            }
+        };
+        if !written {
+            return;
+        }
+    }
+}
+
+#[derive(Debug)]
+struct Request {
+    body: String,
+    keep_alive: bool,
+}
+
+struct Head {
+    length: usize,
+    body_start: usize,
+    keep_alive: bool,
+}
+
+/// The next request, or `None` when the connection has ended or idled out.
+fn read_request(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<Option<Request>, String> {
+    let head = loop {
+        if let Some(head) = parse_head(buffer)? {
+            break head;
+        }
+        if !fill(stream, buffer)? {
+            return Ok(None);
+        }
+    };
+    let end = head.body_start + head.length;
+    while buffer.len() < end {
+        if !fill(stream, buffer)? {
+            return Ok(None);
+        }
+    }
+    let body = String::from_utf8_lossy(&buffer[head.body_start..end]).into_owned();
+    buffer.drain(..end);
+    Ok(Some(Request {
+        body,
+        keep_alive: head.keep_alive,
+    }))
+}
+
+fn fill(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<bool, String> {
+    if buffer.len() > MAX_REQUEST {
+        return Err(format!("a request may have {MAX_REQUEST} bytes"));
+    }
+    let mut bytes = [0; 16384];
+    match stream.read(&mut bytes) {
+        Ok(0) | Err(_) => Ok(false),
+        Ok(read) => {
+            buffer.extend_from_slice(&bytes[..read]);
+            Ok(true)
+        }
+    }
+}
+
+fn parse_head(buffer: &[u8]) -> Result<Option<Head>, String> {
+    let mut fields = [httparse::EMPTY_HEADER; MAX_FIELDS];
+    let mut request = httparse::Request::new(&mut fields);
+    let status = request
+        .parse(buffer)
+        .map_err(|e| format!("this is not HTTP: {e}"))?;
+    let httparse::Status::Complete(body_start) = status else {
+        return Ok(None);
+    };
+    if request.method != Some("POST") {
+        return Err("XML-RPC is called with POST".to_owned());
+    }
+    let field = |name: &str| {
+        let found = request
+            .headers
+            .iter()
+            .find(|field| field.name.eq_ignore_ascii_case(name));
+        found
+            .and_then(|field| std::str::from_utf8(field.value).ok())
+            .map(str::trim)
+    };
+    let length = field("content-length")
+        .and_then(|text| text.parse().ok())
+        .filter(|length| *length <= MAX_REQUEST)
+        .ok_or_else(|| format!("a Content-Length of at most {MAX_REQUEST} is needed"))?;
+    let keep_alive = match field("connection") {
+        Some(word) if word.eq_ignore_ascii_case("close") => false,
+        Some(word) if word.eq_ignore_ascii_case("keep-alive") => true,
+        _ => request.version == Some(1),
+    };
+    Ok(Some(Head {
+        length,
+        body_start,
+        keep_alive,
+    }))
+}
+
+fn respond(
+    stream: &mut impl Write,
+    status: &str,
+    body: &str,
+    keep_alive: bool,
+) -> std::io::Result<()> {
+    let connection = if keep_alive { "keep-alive" } else { "close" };
+    // roscpp's client looks for exactly this spelling of Content-length.
+    let head = format!(
+        "HTTP/1.1 {status}\r\nServer: bagpipe\r\nContent-Type: text/xml\r\n\
+         Content-length: {}\r\nConnection: {connection}\r\n\r\n",
+        body.len()
+    );
+    stream.write_all(&[head.as_bytes(), body.as_bytes()].concat())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_requests_in_one_stream_are_told_apart() {
+        let mut stream = &b"POST / HTTP/1.1\r\nContent-length: 3\r\n\r\nabcPOST /RPC2 HTTP/1.0\r\n\
+            content-LENGTH:1\r\n\r\nx"[..];
+        let mut buffer = Vec::new();
+        let first = read_request(&mut stream, &mut buffer).unwrap().unwrap();
+        assert_eq!((first.body.as_str(), first.keep_alive), ("abc", true));
+        let second = read_request(&mut stream, &mut buffer).unwrap().unwrap();
+        assert_eq!((second.body.as_str(), second.keep_alive), ("x", false));
+        assert!(read_request(&mut stream, &mut buffer).unwrap().is_none());
+    }
+
+    #[test]
+    fn nonsense_is_refused_with_a_sentence() {
+        for (bytes, why) in [
+            (&b"GET / HTTP/1.1\r\n\r\n"[..], "POST"),
+            (
+                &b"POST / HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n"[..],
+                "Content-Length",
+            ),
+            (&b"\x00\x01\x02\r\n\r\n"[..], "not HTTP"),
+        ] {
+            let mut stream = bytes;
+            let error = read_request(&mut stream, &mut Vec::new()).unwrap_err();
+            assert!(error.contains(why), "{error}");
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! One thread that reads every publisher's connection and hands each message, in the
+//! order of arrival, to one sink. While the sink works nothing is read, so TCP holds the
+//! publishers back: messages wait, none is dropped here.
+
+use std::io::{ErrorKind, Read};
+use std::net::TcpStream;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use rustix::event::{PollFd, PollFlags};
+
+use crate::RosError;
+use crate::header::ConnectionHeader;
+use crate::sockets::{Waker, lock, wait};
+
+/// What one connection may hand over before the next one has its turn, in bytes.
+const TURN: usize = 1 << 20;
+/// The least room for a read, in bytes.
+const ROOM: usize = 256 << 10;
+
+/// A received message.
+pub struct Incoming<'a> {
+    /// The topic, as subscribed.
+    pub topic: &'a str,
+    /// The publisher's connection header: type, md5sum, message_definition, callerid, latching.
+    pub header: &'a ConnectionHeader,
+    /// The connection, a number that is never used again.
+    pub link: u64,
+    /// The serialised message, without the length.
+    pub data: &'a [u8],
+}
+
+/// Takes messages in, on the inbox's thread.
+pub trait Sink: Send {
+    /// A whole message.
+    fn message(&mut self, incoming: Incoming<'_>);
+    /// A message longer than accepted was announced; its connection is closed.
+    fn too_large(&mut self, topic: &str, length: u64);
+}
+
+/// A connection that has shaken hands.
+pub(crate) struct InLink {
+    pub(crate) id: u64,
+    pub(crate) topic: Arc<str>,
+    pub(crate) uri: String,
+    pub(crate) header: ConnectionHeader,
+    pub(crate) stream: TcpStream,
+}
+
+/// The way into the inbox for connectors.
+pub(crate) struct Inbox {
+    new: Mutex<Option<Sender<InLink>>>,
+    waker: Waker,
+}
+
+impl Inbox {
+    /// Starts the thread. `closed` is told the topic and the publisher's slave URI of each
+    /// connection that ends; it must not block.
+    pub(crate) fn start(
+        sink: Box<dyn Sink>,
+        max_message: usize,
+        closed: impl Fn(&str, &str) + Send + 'static,
+    ) -> Result<(Arc<Inbox>, JoinHandle<()>), RosError> {
+        let (new, incoming) = channel();
+        let waker = Waker::new().map_err(RosError::io("the recorder can't be woken"))?;
+        let inbox = Arc::new(Inbox {
+            new: Mutex::new(Some(new)),
+            waker,
+        });
+        let reader = Reader {
+            inbox: Arc::clone(&inbox),
+            sink,
+            max_message,
+            closed,
+        };
+        let thread = std::thread::Builder::new()
+            .name("inbox".into())
+            .spawn(move || reader.run(&incoming))
+            .map_err(RosError::io("the recorder's thread can't start"))?;
+        Ok((inbox, thread))
+    }
+
+    /// Hands a connection over.
+    pub(crate) fn add(&self, link: InLink) {
+        if let Some(new) = lock(&self.new).as_ref() {
+            // A receiver that is gone has stopped reading: the link closes with the message.
+            let _stopped = new.send(link);
+        }
+        self.waker.wake();
+    }
+
+    /// Ends the thread.
+    pub(crate) fn stop(&self) {
+        lock(&self.new).take();
+        self.waker.wake();
+    }
+}
+
+struct Reader<C> {
+    inbox: Arc<Inbox>,
+    sink: Box<dyn Sink>,
+    max_message: usize,
+    closed: C,
+}
+
+/// A connection with the bytes that do not yet make a message.
+struct Stream {
+    link: InLink,
+    buffer: Vec<u8>,
+    start: usize,
+    end: usize,
+}
+
+impl<C: Fn(&str, &str)> Reader<C> {
+    fn run(mut self, incoming: &Receiver<InLink>) {
+        let mut streams: Vec<Stream> = Vec::new();
+        let mut ready = Vec::new();
+        loop {
+            match wait_for_any(&self.inbox.waker, &streams, &mut ready) {
+                Ok(true) => self.inbox.waker.clear(),
+                Ok(false) => {}
+                Err(_) => return,
+            }
+            loop {
+                match incoming.try_recv() {
+                    Ok(link) => streams.push(Stream::new(link)),
+                    Err(std::sync::mpsc::TryRecvError::Empty) => break,
+                    Err(std::sync::mpsc::TryRecvError::Disconnected) => return,
+                }
+            }
+            for &at in ready.iter().rev() {
+                if !streams[at].turn(self.sink.as_mut(), self.max_message) {
+                    let gone = streams.swap_remove(at);
+                    (self.closed)(&gone.link.topic, &gone.link.uri);
+                }
+            }
+        }
+    }
+}
+
+/// Waits; fills `ready` with the streams that can be read. `true` if the waker woke us.
+fn wait_for_any(
+    waker: &Waker,
+    streams: &[Stream],
+    ready: &mut Vec<usize>,
+) -> std::io::Result<bool> {
+    let mut fds = Vec::with_capacity(streams.len() + 1);
+    fds.push(waker.poll_fd());
+    fds.extend(
+        streams
+            .iter()
+            .map(|s| PollFd::new(&s.link.stream, PollFlags::IN)),
+    );
+    wait(&mut fds, Duration::from_secs(1))?;
+    ready.clear();
+    ready.extend((0..streams.len()).filter(|at| !fds[at + 1].revents().is_empty()));
+    Ok(!fds[0].revents().is_empty())
+}
+
+impl Stream {
+    fn new(link: InLink) -> Stream {
+        Stream {
+            link,
+            buffer: vec![0; ROOM],
+            start: 0,
+            end: 0,
+        }
+    }
+
+    /// Reads and hands over until the socket is empty or the turn is over; `false` when
+    /// the connection has ended.
+    fn turn(&mut self, sink: &mut dyn Sink, max_message: usize) -> bool {
+        let mut handed = 0;
+        while handed < TURN {
+            self.make_room();
+            match self.link.stream.read(&mut self.buffer[self.end..]) {
+                Ok(0) => return false,
+                Ok(read) => {
+                    self.end += read;
+                    handed += read;
+                    if !self.hand_over(sink, max_message) {
+                        return false;
+                    }
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => return true,
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Err(_) => return false,
+            }
+        }
+        true
+    }
+
+    /// Hands whole messages to the sink; `false` if a message is larger than accepted.
+    fn hand_over(&mut self, sink: &mut dyn Sink, max_message: usize) -> bool {
+        loop {
+            let bytes = &self.buffer[self.start..self.end];
+            let Some((length, rest)) = bytes.split_first_chunk::<4>() else {
+                return true;
+            };
+            let length = u32::from_le_bytes(*length) as usize;
+            if length > max_message {
+                sink.too_large(&self.link.topic, length as u64);
+                return false;
+            }
+            let Some(data) = rest.get(..length) else {
+                return true;
+            };
+            let InLink {
+                topic, header, id, ..
+            } = &self.link;
+            sink.message(Incoming {
+                topic,
+                header,
+                link: *id,
+                data,
+            });
+            self.start += 4 + length;
+        }
+    }
+
+    /// Moves what is left to the front and grows by doubling as bytes really arrive: a
+    /// length that lies costs no memory.
+    fn make_room(&mut self) {
+        if self.start > 0 && (self.start == self.end || self.buffer.len() - self.end < ROOM / 2) {
+            self.buffer.copy_within(self.start..self.end, 0);
+            self.end -= self.start;
+            self.start = 0;
+        }
+        if self.end == self.buffer.len() {
+            self.buffer.resize(self.buffer.len() * 2, 0);
+        }
+    }
+}

@@ -1,0 +1,47 @@
+//! A ROS 1 graph client on threads and blocking sockets, without any ROS library.
+//!
+//! What it speaks is described by the public ROS wiki: [Master API], [Slave API],
+//! [TCPROS] and the [connection header]. It is made for a player and a recorder that
+//! must be able to *prove* what they delivered:
+//!
+//! - a [`Publication`] never drops: it writes frames that its caller borrows (a TCPROS
+//!   frame is `u32` little-endian length and body) and waits for the slowest subscriber,
+//!   up to a deadline;
+//! - a [`Node`]'s subscriptions deliver every frame to one sink on one thread; while the
+//!   sink is busy TCP holds the publishers back;
+//! - [`audit::Audit`] asks the subscribing nodes what they received, over `getBusStats`.
+//!
+//! It is not a general client library: no services, no UDPROS, no message classes.
+//!
+//! [Master API]: https://wiki.ros.org/ROS/Master_API
+//! [Slave API]: https://wiki.ros.org/ROS/Slave_API
+//! [TCPROS]: https://wiki.ros.org/ROS/TCPROS
+//! [connection header]: https://wiki.ros.org/ROS/Connection%20Header
+
+pub mod audit;
+mod error;
+mod header;
+mod hosts;
+mod http;
+mod inbox;
+mod listener;
+mod master;
+mod node;
+mod publisher;
+mod slave;
+mod sockets;
+mod subscriber;
+mod value;
+mod xmlrpc;
+
+pub use error::RosError;
+pub use header::ConnectionHeader;
+pub use inbox::{Incoming, Sink};
+pub use master::{Master, SystemState};
+pub use node::{Node, NodeOptions};
+pub use publisher::{LinkState, Publication, SendError, Share, TopicInfo};
+pub use value::Value;
+
+/// The largest message accepted or sent, in bytes: 1 GiB, the limit that roscpp's own
+/// transport states for a message.
+pub const MAX_MESSAGE: usize = 1 << 30;

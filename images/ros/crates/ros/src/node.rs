@@ -1,0 +1,335 @@
+//! A node of the graph: its slave API, its TCPROS port, its topics.
+
+use std::collections::BTreeMap;
+use std::net::{SocketAddr, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::{Arc, Condvar, Mutex, OnceLock};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use crate::header::ConnectionHeader;
+use crate::inbox::{Inbox, Sink};
+use crate::listener::Listener;
+use crate::master::Master;
+use crate::publisher::{Publication, TopicInfo};
+use crate::sockets::lock;
+use crate::subscriber::{self, Subscription};
+use crate::{RosError, hosts, http, slave};
+
+/// Threads that connect to publishers: a stale registration must not hold the others up.
+const CONNECTORS: usize = 4;
+
+/// How a node is made.
+#[derive(Clone, Debug)]
+pub struct NodeOptions {
+    /// Its name, such as `/bagpipe_player_17`; unique in its graph.
+    pub name: String,
+    /// The master's URI.
+    pub master_uri: String,
+    /// The deadline of every call and handshake.
+    pub call_deadline: Duration,
+    /// How long a subscriber may take no byte before a send fails.
+    pub stall: Duration,
+    /// The largest message accepted from a publisher, in bytes; at most [`crate::MAX_MESSAGE`].
+    pub max_message: usize,
+}
+
+/// A node; dropping it takes its registrations back and ends its threads.
+pub struct Node {
+    graph: Arc<Graph>,
+    inbox: Arc<Inbox>,
+    threads: Vec<JoinHandle<()>>,
+    _data: Listener,
+    _slave: Listener,
+}
+
+/// What the node's threads share.
+pub(crate) struct Graph {
+    pub(crate) name: String,
+    pub(crate) master: Master,
+    pub(crate) data_address: SocketAddr,
+    slave_uri: OnceLock<String>,
+    deadline: Duration,
+    stall: Duration,
+    publications: Arc<Publications>,
+    subscriptions: Mutex<BTreeMap<String, Arc<Subscription>>>,
+    connect: Mutex<Option<Sender<Job>>>,
+    stopped: AtomicBool,
+    pause: (Mutex<()>, Condvar),
+}
+
+/// A topic and the slave URI of a publisher to connect to.
+type Job = (Arc<str>, String);
+type Publications = Mutex<BTreeMap<String, Arc<Publication>>>;
+
+impl Node {
+    /// Starts a node whose received messages go to `sink`.
+    ///
+    /// # Errors
+    /// The master's URI is unusable or a socket or thread can't be had. The master itself
+    /// is not called yet.
+    pub fn start(options: NodeOptions, sink: Box<dyn Sink>) -> Result<Node, RosError> {
+        let (host, port) = hosts::split_uri(&options.master_uri)?;
+        let ip = hosts::local_address_towards(host, port)?;
+        let publications: Arc<Publications> = Arc::default();
+        let data = Listener::start("tcpros", ip, {
+            let (publications, name) = (Arc::clone(&publications), options.name.clone());
+            let deadline = options.call_deadline;
+            move |stream| receive_subscriber(&publications, &name, stream, deadline)
+        })?;
+        let (connect, jobs) = channel();
+        let graph = Arc::new(Graph {
+            master: Master::new(&options.master_uri, &options.name, options.call_deadline)?,
+            name: options.name,
+            data_address: data.address(),
+            slave_uri: OnceLock::new(),
+            deadline: options.call_deadline,
+            stall: options.stall,
+            publications,
+            subscriptions: Mutex::default(),
+            connect: Mutex::new(Some(connect)),
+            stopped: AtomicBool::new(false),
+            pause: (Mutex::new(()), Condvar::new()),
+        });
+        let slave = Listener::start("slave", ip, {
+            let graph = Arc::clone(&graph);
+            move |stream| http::serve(stream, |body| slave::answer(&graph, body))
+        })?;
+        graph
+            .slave_uri
+            .get_or_init(|| format!("http://{}/", slave.address()));
+        let max_message = options.max_message.min(crate::MAX_MESSAGE);
+        let (inbox, reader) = Inbox::start(sink, max_message, {
+            let graph = Arc::clone(&graph);
+            move |topic, uri| graph.lost(topic, uri)
+        })?;
+        let mut node = Node {
+            graph,
+            inbox,
+            threads: vec![reader],
+            _data: data,
+            _slave: slave,
+        };
+        node.start_connectors(jobs)?;
+        Ok(node)
+    }
+
+    fn start_connectors(&mut self, jobs: Receiver<Job>) -> Result<(), RosError> {
+        let jobs = Arc::new(Mutex::new(jobs));
+        for _ in 0..CONNECTORS {
+            let (graph, inbox) = (Arc::clone(&self.graph), Arc::clone(&self.inbox));
+            let jobs = Arc::clone(&jobs);
+            let thread = std::thread::Builder::new()
+                .name("connector".into())
+                .spawn(move || {
+                    loop {
+                        let job = lock(&jobs).recv();
+                        let Ok((topic, uri)) = job else { return };
+                        graph.connect_to(&inbox, &topic, &uri);
+                    }
+                })
+                .map_err(RosError::io(
+                    "a thread that connects to publishers can't start",
+                ))?;
+            self.threads.push(thread);
+        }
+        Ok(())
+    }
+
+    /// Its name in the graph.
+    pub fn name(&self) -> &str {
+        &self.graph.name
+    }
+
+    /// Its master.
+    pub fn master(&self) -> &Master {
+        &self.graph.master
+    }
+
+    /// The URI of its slave API.
+    pub fn slave_uri(&self) -> &str {
+        self.graph.slave_uri()
+    }
+
+    /// Advertises a topic: subscribers may connect from now on.
+    ///
+    /// # Errors
+    /// The master does not answer or refuses.
+    pub fn advertise(&self, info: TopicInfo) -> Result<Arc<Publication>, RosError> {
+        let (topic, datatype) = (info.topic.clone(), info.datatype.clone());
+        let publication = Arc::new(Publication::new(info, self.graph.stall));
+        lock(&self.graph.publications).insert(topic.clone(), Arc::clone(&publication));
+        self.master()
+            .register_publisher(&topic, &datatype, self.slave_uri())?;
+        Ok(publication)
+    }
+
+    /// Subscribes to a topic of any type; publishers are connected to in the background.
+    /// Subscribing again changes nothing. Our own publications are never received.
+    ///
+    /// # Errors
+    /// The master does not answer or refuses.
+    pub fn subscribe(&self, topic: &str) -> Result<(), RosError> {
+        let new = {
+            let mut subscriptions = lock(&self.graph.subscriptions);
+            let new = !subscriptions.contains_key(topic);
+            subscriptions.entry(topic.to_owned()).or_default();
+            new
+        };
+        if new {
+            let uris = self
+                .master()
+                .register_subscriber(topic, "*", self.slave_uri())?;
+            self.graph.update_publishers(topic, uris);
+        }
+        Ok(())
+    }
+
+    /// The topics subscribed to.
+    pub fn subscribed_topics(&self) -> Vec<String> {
+        self.graph.subscribed_topics()
+    }
+
+    /// How many publishers of a topic we read from.
+    pub fn publishers_of(&self, topic: &str) -> usize {
+        lock(&self.graph.subscriptions)
+            .get(topic)
+            .map_or(0, |s| s.connections())
+    }
+}
+
+impl Drop for Node {
+    fn drop(&mut self) {
+        self.graph.stopped.store(true, Ordering::Release);
+        self.graph.pause.1.notify_all();
+        lock(&self.graph.connect).take();
+        self.inbox.stop();
+        self.graph.unregister();
+        for thread in self.threads.drain(..) {
+            // A panic in it was already printed; nothing is left to stop.
+            let _ended = thread.join();
+        }
+    }
+}
+
+impl Graph {
+    pub(crate) fn slave_uri(&self) -> &str {
+        self.slave_uri.get().map(String::as_str).unwrap_or_default()
+    }
+
+    pub(crate) fn publication(&self, topic: &str) -> Option<Arc<Publication>> {
+        lock(&self.publications).get(topic).cloned()
+    }
+
+    pub(crate) fn publications(&self) -> Vec<Arc<Publication>> {
+        lock(&self.publications).values().cloned().collect()
+    }
+
+    pub(crate) fn subscribed_topics(&self) -> Vec<String> {
+        lock(&self.subscriptions).keys().cloned().collect()
+    }
+
+    pub(crate) fn connected_publishers(&self) -> Vec<(String, String)> {
+        let subscriptions = lock(&self.subscriptions);
+        let pairs = subscriptions.iter().flat_map(|(topic, subscription)| {
+            subscription
+                .uris()
+                .into_iter()
+                .map(|uri| (topic.clone(), uri))
+        });
+        pairs.collect()
+    }
+
+    /// Takes in the master's list of a topic's publishers.
+    pub(crate) fn update_publishers(&self, topic: &str, uris: Vec<String>) {
+        let Some(subscription) = self.subscription(topic) else {
+            return;
+        };
+        let new = subscription.update(uris, self.slave_uri());
+        let connect = lock(&self.connect);
+        let topic: Arc<str> = topic.into();
+        for uri in new {
+            if let Some(connect) = connect.as_ref() {
+                // Without a receiver the node is ending.
+                let _ending = connect.send((Arc::clone(&topic), uri));
+            }
+        }
+    }
+
+    fn subscription(&self, topic: &str) -> Option<Arc<Subscription>> {
+        lock(&self.subscriptions).get(topic).cloned()
+    }
+
+    fn lost(&self, topic: &str, uri: &str) {
+        if let Some(subscription) = self.subscription(topic) {
+            subscription.lost(uri);
+        }
+    }
+
+    /// Connects to one publisher, a few times with a growing pause.
+    fn connect_to(&self, inbox: &Inbox, topic: &Arc<str>, uri: &str) {
+        let Some(subscription) = self.subscription(topic) else {
+            return;
+        };
+        for attempt in 0..subscriber::ATTEMPTS {
+            if self.stopped.load(Ordering::Acquire) || !subscription.wants(uri) {
+                break;
+            }
+            if let Ok(link) = subscriber::connect(&self.name, topic, uri, self.deadline) {
+                subscription.connected(uri);
+                inbox.add(link);
+                return;
+            }
+            self.rest(Duration::from_millis(50 << attempt));
+        }
+        subscription.lost(uri);
+    }
+
+    /// Waits, unless the node ends.
+    fn rest(&self, time: Duration) {
+        let guard = lock(&self.pause.0);
+        let going = |(): &mut ()| !self.stopped.load(Ordering::Acquire);
+        // A poisoned pause is over at once, which costs an attempt and nothing else.
+        let _rested = self.pause.1.wait_timeout_while(guard, time, going);
+    }
+
+    /// Takes every registration back. The master may be gone already, as it is when a
+    /// case ends by force; then the first call fails and the rest are not tried.
+    fn unregister(&self) {
+        let topics: Vec<_> = lock(&self.publications).keys().cloned().collect();
+        let published = topics
+            .iter()
+            .map(|t| self.master.unregister_publisher(t, self.slave_uri()));
+        let topics = self.subscribed_topics();
+        let subscribed = topics
+            .iter()
+            .map(|t| self.master.unregister_subscriber(t, self.slave_uri()));
+        let _master_gone = published.chain(subscribed).find(Result::is_err);
+    }
+}
+
+/// Reads a subscriber's header and hands the connection to its publication. Whoever sends
+/// no valid header within the deadline is disconnected.
+fn receive_subscriber(
+    publications: &Publications,
+    name: &str,
+    mut stream: TcpStream,
+    deadline: Duration,
+) {
+    let limits = stream.set_read_timeout(Some(deadline));
+    if limits
+        .and_then(|()| stream.set_write_timeout(Some(deadline)))
+        .is_err()
+    {
+        return;
+    }
+    let Ok(header) = ConnectionHeader::read(&mut stream) else {
+        return;
+    };
+    let found = lock(publications).get(header.text("topic")).cloned();
+    if let Some(publication) = found {
+        // A refusal is kept by the publication, which names it if nobody subscribes.
+        let _refused = publication.welcome(name, &header, stream);
+    }
+}

@@ -1,0 +1,326 @@
+//! Publishing over TCPROS without ever dropping a message.
+//!
+//! A frame is what TCPROS puts on the wire for a message: `u32` little-endian length and
+//! the serialised message. [`Publication::send`] writes the caller's own memory to every
+//! subscriber's socket and waits for the slowest; nothing is copied and nothing is queued
+//! here, so what was sent is either in a socket or received.
+
+use std::collections::BTreeMap;
+use std::io::{ErrorKind, IoSlice, Write};
+use std::net::TcpStream;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use crate::header::ConnectionHeader;
+use crate::sockets::{lock, peer_has_closed, unsent, wait_writable};
+
+/// Frames gathered into one system call, far below the kernel's limit of 1,024.
+const GATHER: usize = 64;
+/// The longest wait between two looks at `cancelled`.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// What a publisher says about its topic.
+#[derive(Clone, Debug, Default)]
+pub struct TopicInfo {
+    /// Resolved name, with its leading slash.
+    pub topic: String,
+    /// Message type, such as `sensor_msgs/JointState`.
+    pub datatype: String,
+    /// MD5 sum of the message definition, 32 hex digits.
+    pub md5sum: String,
+    /// Full text of the message definition.
+    pub definition: String,
+    /// Whether late subscribers get the last message.
+    pub latching: bool,
+}
+
+/// Which part of a case a message belongs to; the ledger counts them apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Share {
+    /// Warm-up before the window, and latched messages in force at its start.
+    LeadIn,
+    /// The window itself.
+    Counted,
+}
+
+/// Why a frame could not be sent.
+#[derive(Debug, PartialEq)]
+pub enum SendError {
+    /// A subscriber took no byte for the whole stall limit.
+    Stalled {
+        /// The subscribing node.
+        node: String,
+        /// The topic.
+        topic: String,
+        /// How long it took nothing.
+        waited: Duration,
+    },
+    /// `cancelled` said so.
+    Cancelled,
+}
+
+/// One subscriber's connection, as seen from here.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LinkState {
+    /// Distinguishes connections of the same node.
+    pub id: u64,
+    /// The subscriber's node name (its `callerid`).
+    pub node: String,
+    /// Lead-in messages written to its socket.
+    pub lead_in: u64,
+    /// Counted messages written to its socket.
+    pub counted: u64,
+    /// Bytes of the counted messages, without the length prefixes.
+    pub counted_bytes: u64,
+    /// Whether the connection still stands.
+    pub open: bool,
+}
+
+struct Link {
+    state: LinkState,
+    stream: TcpStream,
+}
+
+#[derive(Default)]
+struct Links {
+    all: Vec<Link>,
+    /// Last frame of a latched topic per publishing node of the recording.
+    latched: BTreeMap<String, (Share, Arc<[u8]>)>,
+    refused: Vec<String>,
+    next: u64,
+}
+
+/// An advertised topic and its subscribers.
+pub struct Publication {
+    info: TopicInfo,
+    stall: Duration,
+    links: Mutex<Links>,
+}
+
+impl Publication {
+    /// A topic without subscribers; `stall` is how long a subscriber may take no byte.
+    pub(crate) fn new(info: TopicInfo, stall: Duration) -> Publication {
+        Publication {
+            info,
+            stall,
+            links: Mutex::default(),
+        }
+    }
+
+    /// What was advertised.
+    pub fn info(&self) -> &TopicInfo {
+        &self.info
+    }
+
+    /// Writes frames, in order, to every open subscriber. A subscriber that has closed its
+    /// connection is marked and skipped.
+    ///
+    /// # Errors
+    /// [`SendError::Stalled`] when a subscriber takes no byte for the stall limit;
+    /// [`SendError::Cancelled`] when `cancelled`, asked at least every 20 ms while waiting,
+    /// says so. Either may leave part of a frame in a socket: the case is over then.
+    pub fn send(
+        &self,
+        share: Share,
+        frames: &[&[u8]],
+        cancelled: &mut dyn FnMut() -> bool,
+    ) -> Result<(), SendError> {
+        let mut links = lock(&self.links);
+        for link in links.all.iter_mut().filter(|link| link.state.open) {
+            self.send_to(link, share, frames, cancelled)?;
+        }
+        Ok(())
+    }
+
+    /// Keeps a frame as the last one of `publisher`, for subscribers yet to come.
+    pub fn latch(&self, publisher: &str, share: Share, frame: &[u8]) {
+        lock(&self.links)
+            .latched
+            .insert(publisher.to_owned(), (share, frame.into()));
+    }
+
+    /// Every subscriber that ever connected, also those that have left.
+    pub fn subscribers(&self) -> Vec<LinkState> {
+        let mut links = lock(&self.links);
+        for link in links.all.iter_mut().filter(|link| link.state.open) {
+            link.state.open = !peer_has_closed(&link.stream);
+        }
+        links.all.iter().map(|link| link.state.clone()).collect()
+    }
+
+    /// Bytes in our sockets that the subscribers' kernels have not yet acknowledged.
+    pub fn unsent(&self) -> u64 {
+        let links = lock(&self.links);
+        let open = links.all.iter().filter(|link| link.state.open);
+        open.map(|link| unsent(&link.stream).unwrap_or(0)).sum()
+    }
+
+    /// Subscribers that were refused, as sentences: they wanted another type.
+    pub fn refused(&self) -> Vec<String> {
+        lock(&self.links).refused.clone()
+    }
+
+    /// Answers a subscriber's header and takes it in. The latched messages go out first,
+    /// under the same lock as [`Publication::send`], so that no message overtakes them.
+    pub(crate) fn welcome(
+        &self,
+        node_name: &str,
+        header: &ConnectionHeader,
+        mut stream: TcpStream,
+    ) -> Result<(), String> {
+        if let Err(why) = self.agrees(header) {
+            let answer = ConnectionHeader::new().with("error", &why).encode();
+            // The refusal holds whether or not the peer still listens.
+            let _peer_gone = stream.write_all(&answer);
+            lock(&self.links)
+                .refused
+                .push(format!("{} {why}", header.text("callerid")));
+            return Err(why);
+        }
+        let io = |error: std::io::Error| error.to_string();
+        stream.set_nodelay(true).map_err(io)?;
+        let mut links = lock(&self.links);
+        stream.write_all(&self.greeting(node_name)).map_err(io)?;
+        stream.set_nonblocking(true).map_err(io)?;
+        links.next += 1;
+        let state = LinkState {
+            id: links.next,
+            node: header.text("callerid").to_owned(),
+            lead_in: 0,
+            counted: 0,
+            counted_bytes: 0,
+            open: true,
+        };
+        let mut link = Link { state, stream };
+        for (share, frame) in links.latched.values() {
+            self.send_to(&mut link, *share, &[frame], &mut || false)
+                .map_err(|_| "it did not read the latched messages".to_owned())?;
+        }
+        links.all.push(link);
+        Ok(())
+    }
+
+    fn agrees(&self, header: &ConnectionHeader) -> Result<(), String> {
+        let topic = &self.info.topic;
+        for (name, ours) in [("md5sum", &self.info.md5sum), ("type", &self.info.datatype)] {
+            let theirs = header.get(name).unwrap_or("*");
+            if theirs != "*" && ours != "*" && theirs != ours {
+                return Err(format!(
+                    "subscribes to {topic} with {name} {theirs}, but the recording's is {ours}"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn greeting(&self, node_name: &str) -> Vec<u8> {
+        ConnectionHeader::new()
+            .with("callerid", node_name)
+            .with("latching", if self.info.latching { "1" } else { "0" })
+            .with("md5sum", &self.info.md5sum)
+            .with("message_definition", &self.info.definition)
+            .with("topic", &self.info.topic)
+            .with("type", &self.info.datatype)
+            .encode()
+    }
+
+    fn send_to(
+        &self,
+        link: &mut Link,
+        share: Share,
+        frames: &[&[u8]],
+        cancelled: &mut dyn FnMut() -> bool,
+    ) -> Result<(), SendError> {
+        let mut unsent = frames;
+        let mut offset = 0;
+        let mut progress = Instant::now();
+        while let Some(first) = unsent.first() {
+            match write_some(&mut link.stream, &first[offset..], &unsent[1..]) {
+                Ok(written) if written > 0 => {
+                    (unsent, offset) = advance(unsent, offset + written);
+                    progress = Instant::now();
+                }
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                    let waited = progress.elapsed();
+                    if waited >= self.stall {
+                        let (node, topic) = (link.state.node.clone(), self.info.topic.clone());
+                        return Err(SendError::Stalled {
+                            node,
+                            topic,
+                            waited,
+                        });
+                    }
+                    if cancelled() {
+                        return Err(SendError::Cancelled);
+                    }
+                    let failed = wait_writable(&link.stream, LOOK.min(self.stall)).is_err();
+                    link.state.open &= !failed;
+                }
+                Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                Ok(_) | Err(_) => link.state.open = false,
+            }
+            if !link.state.open {
+                break;
+            }
+        }
+        link.state
+            .count(share, &frames[..frames.len() - unsent.len()]);
+        Ok(())
+    }
+}
+
+impl LinkState {
+    fn count(&mut self, share: Share, frames: &[&[u8]]) {
+        let messages = frames.len() as u64;
+        match share {
+            Share::LeadIn => self.lead_in += messages,
+            Share::Counted => {
+                self.counted += messages;
+                let bytes = frames.iter().map(|frame| frame.len() as u64 - 4);
+                self.counted_bytes += bytes.sum::<u64>();
+            }
+        }
+    }
+}
+
+/// Writes the rest of a frame and, in the same call, the frames behind it.
+fn write_some(stream: &mut TcpStream, rest: &[u8], more: &[&[u8]]) -> std::io::Result<usize> {
+    if more.is_empty() {
+        return stream.write(rest);
+    }
+    let mut slices = [IoSlice::new(&[]); GATHER];
+    slices[0] = IoSlice::new(rest);
+    let gathered = more.len().min(GATHER - 1);
+    for (slice, frame) in slices[1..].iter_mut().zip(more) {
+        *slice = IoSlice::new(frame);
+    }
+    stream.write_vectored(&slices[..=gathered])
+}
+
+/// The frames that are left when `written` bytes, counted from the first one's start,
+/// have gone; and how much of the first of them has.
+fn advance<'a, 'b>(frames: &'a [&'b [u8]], mut written: usize) -> (&'a [&'b [u8]], usize) {
+    let mut left = frames;
+    while let Some((first, rest)) = left.split_first() {
+        if written < first.len() {
+            break;
+        }
+        written -= first.len();
+        left = rest;
+    }
+    (left, written)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_partial_write_continues_inside_the_right_frame() {
+        let frames: [&[u8]; 3] = [b"aaaa", b"bb", b"cccccc"];
+        assert_eq!(advance(&frames, 3), (&frames[..], 3));
+        assert_eq!(advance(&frames, 4), (&frames[1..], 0));
+        assert_eq!(advance(&frames, 7), (&frames[2..], 1));
+        assert_eq!(advance(&frames, 12), (&frames[3..], 0));
+    }
+}

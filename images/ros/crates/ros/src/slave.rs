@@ -1,0 +1,169 @@
+//! The Slave API (<https://wiki.ros.org/ROS/Slave_API>): what a node answers to others.
+
+use dxr::{Fault, FaultResponse, MethodCall, MethodResponse};
+
+use crate::Value;
+use crate::node::Graph;
+
+/// Answers one XML-RPC call.
+pub(crate) fn answer(graph: &Graph, body: &str) -> String {
+    let call = match MethodCall::from_xml(body) {
+        Ok(call) => call,
+        Err(error) => return fault(&format!("this is not an XML-RPC call: {error}")),
+    };
+    let params: Vec<_> = call.params.into_iter().map(Value::from_wire).collect();
+    let Some((message, value)) = dispatch(graph, &call.name, &params) else {
+        return fault(&format!("the method {} does not exist here", call.name));
+    };
+    let (code, value) = match value {
+        Ok(value) => (1, value),
+        Err(()) => (0, Value::Int(0)),
+    };
+    let triple = Value::List(vec![Value::Int(code), Value::String(message), value]);
+    match triple
+        .to_wire()
+        .map(|value| MethodResponse { value }.to_xml())
+    {
+        Ok(Ok(xml)) => format!("<?xml version=\"1.0\"?>\n{xml}"),
+        Ok(Err(error)) => fault(&error.to_string()),
+        Err(error) => fault(&error.to_string()),
+    }
+}
+
+/// The message and the value, or the refusal (`Err`) of a method; `None` if there is none.
+fn dispatch(graph: &Graph, method: &str, params: &[Value]) -> Option<(String, Result<Value, ()>)> {
+    let fine = |value: Value| Some((String::new(), Ok(value)));
+    match method {
+        "getBusStats" => fine(bus_stats(graph)),
+        "getBusInfo" => fine(bus_info(graph)),
+        "getMasterUri" => fine(graph.master.uri().into()),
+        "shutdown" | "paramUpdate" => fine(Value::Int(0)),
+        "getPid" => fine(Value::Int(i64::from(std::process::id()))),
+        "getSubscriptions" => fine(pairs(graph.subscribed_topics(), |_| "*".to_owned())),
+        "getPublications" => fine(Value::List(
+            graph
+                .publications()
+                .iter()
+                .map(|p| {
+                    let info = p.info();
+                    vec![info.topic.as_str().into(), info.datatype.as_str().into()].into()
+                })
+                .collect(),
+        )),
+        "publisherUpdate" => {
+            let topic = params.get(1).and_then(Value::as_str).unwrap_or_default();
+            let uris = params.get(2).and_then(Value::as_list).unwrap_or_default();
+            let uris = uris
+                .iter()
+                .filter_map(|uri| uri.as_str().map(str::to_owned))
+                .collect();
+            graph.update_publishers(topic, uris);
+            fine(Value::Int(0))
+        }
+        "requestTopic" => Some(request_topic(graph, params)),
+        _ => None,
+    }
+}
+
+fn request_topic(graph: &Graph, params: &[Value]) -> (String, Result<Value, ()>) {
+    let topic = params.get(1).and_then(Value::as_str).unwrap_or_default();
+    if graph.publication(topic).is_none() {
+        return (
+            format!("{topic} is not published by {}", graph.name),
+            Err(()),
+        );
+    }
+    let protocols = params.get(2).and_then(Value::as_list).unwrap_or_default();
+    let tcp = protocols.iter().any(|protocol| {
+        let name = protocol
+            .as_list()
+            .and_then(|list| list.first())
+            .and_then(Value::as_str);
+        name == Some("TCPROS")
+    });
+    if !tcp {
+        return ("only TCPROS is spoken here".to_owned(), Err(()));
+    }
+    let address = graph.data_address;
+    let place = vec![
+        "TCPROS".into(),
+        address.ip().to_string().into(),
+        Value::Int(i64::from(address.port())),
+    ];
+    (format!("ready on {address}"), Ok(place.into()))
+}
+
+/// `[publish, subscribe, service]`; of the links we publish on, what was written to them.
+fn bus_stats(graph: &Graph) -> Value {
+    let published = graph.publications().into_iter().map(|publication| {
+        let links = publication.subscribers().into_iter().map(|link| {
+            let messages = clamp(link.lead_in + link.counted);
+            vec![
+                clamp(link.id),
+                clamp(link.counted_bytes),
+                messages,
+                link.open.into(),
+            ]
+            .into()
+        });
+        let links = Value::List(links.collect());
+        vec![
+            publication.info().topic.as_str().into(),
+            Value::Int(0),
+            links,
+        ]
+        .into()
+    });
+    let nothing = || Value::List(Vec::new());
+    vec![Value::List(published.collect()), nothing(), nothing()].into()
+}
+
+fn bus_info(graph: &Graph) -> Value {
+    let mut rows = Vec::new();
+    for publication in graph.publications() {
+        let topic = publication.info().topic.clone();
+        for link in publication
+            .subscribers()
+            .into_iter()
+            .filter(|link| link.open)
+        {
+            rows.push(row(clamp(link.id), link.node, "o", &topic));
+        }
+    }
+    for (topic, uri) in graph.connected_publishers() {
+        rows.push(row(Value::Int(0), uri, "i", &topic));
+    }
+    rows.into()
+}
+
+fn row(id: Value, other: String, direction: &str, topic: &str) -> Value {
+    vec![
+        id,
+        other.into(),
+        direction.into(),
+        "TCPROS".into(),
+        topic.into(),
+        true.into(),
+    ]
+    .into()
+}
+
+fn pairs(topics: Vec<String>, datatype: impl Fn(&str) -> String) -> Value {
+    let pairs = topics.into_iter().map(|topic| {
+        let datatype = datatype(&topic);
+        vec![topic.into(), datatype.into()].into()
+    });
+    Value::List(pairs.collect())
+}
+
+/// XML-RPC integers have 31 bits and a sign; statistics stop there rather than wrap.
+fn clamp(count: u64) -> Value {
+    Value::Int(count.min(i32::MAX as u64) as i64)
+}
+
+fn fault(why: &str) -> String {
+    let response = FaultResponse {
+        fault: Fault::new(-1, why.to_owned()),
+    };
+    response.to_xml().unwrap_or_default()
+}

@@ -1,0 +1,145 @@
+//! Connecting to publishers: requestTopic, TCP, header exchange.
+
+use std::collections::BTreeSet;
+use std::io::Write;
+use std::net::TcpStream;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use crate::header::ConnectionHeader;
+use crate::hosts;
+use crate::inbox::InLink;
+use crate::sockets::lock;
+use crate::xmlrpc::Client;
+use crate::{RosError, Value};
+
+/// Attempts to connect to one publisher; a node may register before it listens.
+pub(crate) const ATTEMPTS: u32 = 4;
+
+/// A subscribed topic: which publishers there are and which of them we read.
+#[derive(Default)]
+pub(crate) struct Subscription {
+    state: Mutex<Publishers>,
+}
+
+#[derive(Default)]
+struct Publishers {
+    /// Slave URIs that the master has named last.
+    registered: BTreeSet<String>,
+    /// Those that a connection exists to or is being made.
+    taken: BTreeSet<String>,
+    /// Those that a connection stands to.
+    connected: BTreeSet<String>,
+}
+
+impl Subscription {
+    /// Takes in the master's list; answers the publishers to connect to now.
+    pub(crate) fn update(&self, uris: Vec<String>, ourselves: &str) -> Vec<String> {
+        let mut state = lock(&self.state);
+        state.registered = uris.into_iter().filter(|uri| uri != ourselves).collect();
+        let new: Vec<_> = state.registered.difference(&state.taken).cloned().collect();
+        state.taken.extend(new.iter().cloned());
+        new
+    }
+
+    /// Whether the publisher is still registered: whether another attempt makes sense.
+    pub(crate) fn wants(&self, uri: &str) -> bool {
+        lock(&self.state).registered.contains(uri)
+    }
+
+    pub(crate) fn connected(&self, uri: &str) {
+        lock(&self.state).connected.insert(uri.to_owned());
+    }
+
+    /// The connection has ended or could not be made; the next update may try again.
+    pub(crate) fn lost(&self, uri: &str) {
+        let mut state = lock(&self.state);
+        state.connected.remove(uri);
+        state.taken.remove(uri);
+    }
+
+    /// How many publishers we read.
+    pub(crate) fn connections(&self) -> usize {
+        lock(&self.state).connected.len()
+    }
+
+    /// The publishers that we read.
+    pub(crate) fn uris(&self) -> Vec<String> {
+        lock(&self.state).connected.iter().cloned().collect()
+    }
+}
+
+/// Shakes hands with the publisher of `topic` whose slave API is at `uri`.
+///
+/// # Errors
+/// The node does not answer or publish, or refuses the header.
+pub(crate) fn connect(
+    our_name: &str,
+    topic: &Arc<str>,
+    uri: &str,
+    deadline: Duration,
+) -> Result<InLink, RosError> {
+    static NEXT: AtomicU64 = AtomicU64::new(1);
+    let (host, port) = request_topic(our_name, topic, uri, deadline)?;
+    let mut stream = hosts::connect(&host, port, deadline)?;
+    let header =
+        shake_hands(our_name, topic, &mut stream, deadline).map_err(|why| RosError::Handshake {
+            peer: format!("the publisher of {topic} at {host}:{port}"),
+            why,
+        })?;
+    let id = NEXT.fetch_add(1, Ordering::Relaxed);
+    Ok(InLink {
+        id,
+        topic: Arc::clone(topic),
+        uri: uri.to_owned(),
+        header,
+        stream,
+    })
+}
+
+fn request_topic(
+    our_name: &str,
+    topic: &str,
+    uri: &str,
+    deadline: Duration,
+) -> Result<(String, u16), RosError> {
+    let client = Client::new(uri, deadline)?;
+    let protocols = Value::List(vec![Value::List(vec!["TCPROS".into()])]);
+    let answer = client.call("requestTopic", &[our_name.into(), topic.into(), protocols])?;
+    let place = answer.as_list().and_then(|list| {
+        let host = list.get(1)?.as_str()?.to_owned();
+        Some((host, u16::try_from(list.get(2)?.as_int()?).ok()?))
+    });
+    place.ok_or_else(|| client.bad_answer("requestTopic", "expected [\"TCPROS\", host, port]"))
+}
+
+fn shake_hands(
+    our_name: &str,
+    topic: &str,
+    stream: &mut TcpStream,
+    deadline: Duration,
+) -> Result<ConnectionHeader, String> {
+    let io = |error: std::io::Error| error.to_string();
+    stream.set_nodelay(true).map_err(io)?;
+    stream.set_read_timeout(Some(deadline)).map_err(io)?;
+    stream.set_write_timeout(Some(deadline)).map_err(io)?;
+    let ours = ConnectionHeader::new()
+        .with("callerid", our_name)
+        .with("md5sum", "*")
+        .with("tcp_nodelay", "1")
+        .with("topic", topic)
+        .with("type", "*");
+    stream.write_all(&ours.encode()).map_err(io)?;
+    let theirs = ConnectionHeader::read(stream)?;
+    if let Some(error) = theirs.get("error") {
+        return Err(error.to_owned());
+    }
+    for field in ["type", "md5sum"] {
+        if theirs.text(field).is_empty() || theirs.text(field) == "*" {
+            return Err(format!("its connection header has no {field}"));
+        }
+    }
+    stream.set_nonblocking(true).map_err(io)?;
+    Ok(theirs)
+}

@@ -1,0 +1,125 @@
+//! XML-RPC calls with a deadline, and the triple that every ROS API answers with.
+
+use std::time::Duration;
+
+use dxr::{FaultResponse, MethodCall, MethodResponse};
+
+use crate::hosts::{resolve, split_uri};
+use crate::{RosError, Value};
+
+/// The largest XML answer accepted, in bytes. A master with 1,000 topics answers 200 KB.
+const MAX_ANSWER: u64 = 64 << 20;
+
+/// A client for one XML-RPC server; each call opens a connection of its own, so a server
+/// that closes idle connections (roscpp does) can't fail the next call.
+#[derive(Clone, Debug)]
+pub(crate) struct Client {
+    agent: ureq::Agent,
+    uri: String,
+    address: String,
+}
+
+impl Client {
+    /// A client for the server at `uri`; every call ends within `deadline`.
+    pub(crate) fn new(uri: &str, deadline: Duration) -> Result<Client, RosError> {
+        let (host, port) = split_uri(uri)?;
+        let address = format!("http://{}/", resolve(host, port)?);
+        let agent = ureq::Agent::config_builder()
+            .timeout_global(Some(deadline))
+            .max_idle_connections(0)
+            .http_status_as_error(false)
+            .proxy(None)
+            .user_agent("bagpipe")
+            .build()
+            .new_agent();
+        Ok(Client {
+            agent,
+            uri: uri.to_owned(),
+            address,
+        })
+    }
+
+    /// The server's URI as given.
+    pub(crate) fn uri(&self) -> &str {
+        &self.uri
+    }
+
+    /// Calls a method and returns the value of the ROS triple `[code, message, value]`.
+    pub(crate) fn call(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
+        let answer = self.exchange(method, params)?;
+        let wrong = || self.bad_answer(method, "expected [code, message, value]");
+        let Value::List(mut triple) = answer else {
+            return Err(wrong());
+        };
+        if triple.len() != 3 {
+            return Err(wrong());
+        }
+        let code = triple[0].as_int().ok_or_else(wrong)?;
+        if code != 1 {
+            let why = triple[1].as_str().unwrap_or("without a message").to_owned();
+            return Err(RosError::Refused {
+                method: method.into(),
+                uri: self.uri.clone(),
+                why,
+            });
+        }
+        triple.pop().ok_or_else(wrong)
+    }
+
+    /// An error that names the method, the server and what was expected.
+    pub(crate) fn bad_answer(&self, method: &str, why: &str) -> RosError {
+        RosError::BadAnswer {
+            method: method.into(),
+            uri: self.uri.clone(),
+            why: why.into(),
+        }
+    }
+
+    fn exchange(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
+        let unreachable = |why: String| RosError::Unreachable {
+            method: method.into(),
+            uri: self.uri.clone(),
+            why,
+        };
+        let params = params
+            .iter()
+            .map(Value::to_wire)
+            .collect::<Result<_, _>>()?;
+        let body = MethodCall {
+            name: method.into(),
+            params,
+        }
+        .to_xml()
+        .map_err(|error| self.bad_answer(method, &error.to_string()))?;
+        let mut response = self
+            .agent
+            .post(&self.address)
+            .header("Content-Type", "text/xml")
+            .send(format!("<?xml version=\"1.0\"?>\n{body}"))
+            .map_err(|error| unreachable(error.to_string()))?;
+        if !response.status().is_success() {
+            return Err(unreachable(format!("HTTP status {}", response.status())));
+        }
+        let text = response
+            .body_mut()
+            .with_config()
+            .limit(MAX_ANSWER)
+            .read_to_string()
+            .map_err(|error| unreachable(error.to_string()))?;
+        self.parse(method, &text)
+    }
+
+    fn parse(&self, method: &str, text: &str) -> Result<Value, RosError> {
+        match MethodResponse::from_xml(text) {
+            Ok(response) => Ok(Value::from_wire(response.value)),
+            Err(error) => match FaultResponse::from_xml(text) {
+                Ok(response) => Err(RosError::Refused {
+                    method: method.into(),
+                    uri: self.uri.clone(),
+                    why: response.fault.string().to_owned(),
+                }),
+                Err(_) => Err(self.bad_answer(method, &error.to_string())),
+            },
+        }
+    }
+}
