@@ -20,10 +20,18 @@ pub struct Limits {
 
 impl Default for Limits {
     fn default() -> Self {
-        Self {
-            decompressed_bytes: u64::MAX,
-        }
+        Self { decompressed_bytes: u64::MAX }
     }
+}
+
+/// What the file header record says.
+struct Start {
+    /// Where the index begins; 0 when there is none.
+    index_position: u64,
+    /// Where the first record behind the header begins.
+    first: u64,
+    /// How many chunks the index must know.
+    chunks: u32,
 }
 
 /// A bag 2.0 over any [`ChunkedFile`].
@@ -51,11 +59,11 @@ impl<F: ChunkedFile> Bag<F> {
     /// [`Bag::open`] with bounded memory.
     pub fn open_limited(file: F, limits: Limits) -> Result<Self, BagError> {
         let mut bag = Self::empty(file, limits);
-        let (index_position, first) = bag.read_file_header()?;
+        let Start { index_position, first, chunks } = bag.read_file_header()?;
         if index_position == 0 {
             return scan(bag, first, None);
         }
-        match bag.read_index(index_position) {
+        match bag.read_index(index_position, chunks) {
             Ok(()) => Ok(bag),
             Err(damage) => {
                 let Self { file, .. } = bag;
@@ -73,7 +81,7 @@ impl<F: ChunkedFile> Bag<F> {
     /// [`Bag::open_unindexed`] with bounded memory.
     pub fn open_unindexed_limited(file: F, limits: Limits) -> Result<Self, BagError> {
         let bag = Self::empty(file, limits);
-        let (_, first) = bag.read_file_header()?;
+        let Start { first, .. } = bag.read_file_header()?;
         scan(bag, first, None)
     }
 
@@ -150,15 +158,10 @@ impl<F: ChunkedFile> Bag<F> {
 
     /// Uncompressed bytes that the bag holds beside the file's own.
     pub(crate) fn made_bytes(&self) -> u64 {
-        self.made
-            .iter()
-            .filter_map(OnceLock::get)
-            .map(|made| made.len() as u64)
-            .sum()
+        self.made.iter().filter_map(OnceLock::get).map(|made| made.len() as u64).sum()
     }
 
-    /// The position of the index (0: none) and of the first record.
-    fn read_file_header(&self) -> Result<(u64, u64), BagError> {
+    fn read_file_header(&self) -> Result<Start, BagError> {
         let length = self.file.len().min(MAGIC.len() as u64) as u32;
         let line = read_bytes(&self.file, 0, length, "the first line")?;
         if line != MAGIC {
@@ -171,27 +174,23 @@ impl<F: ChunkedFile> Bag<F> {
             return Err(BagError::damaged(record.header_position, expected));
         }
         let fields = &record.header;
-        if let Some(encryptor) =
-            Fields::find(fields, "encryptor").map_err(|defect| record.in_header(defect))?
-        {
-            if !encryptor.is_empty() {
-                let encryptor = String::from_utf8_lossy(encryptor).into_owned();
-                return Err(BagError::Encrypted { encryptor });
-            }
+        let encryptor =
+            Fields::find(fields, "encryptor").map_err(|defect| record.in_header(defect))?;
+        if let Some(encryptor) = encryptor.filter(|name| !name.is_empty()) {
+            let encryptor = String::from_utf8_lossy(encryptor).into_owned();
+            return Err(BagError::Encrypted { encryptor });
         }
-        let index =
-            Fields::require_u64(fields, "index_pos").map_err(|defect| record.in_header(defect))?;
-        Ok((index, record.end()))
+        let fail = |defect| record.in_header(defect);
+        let index_position = Fields::require_u64(fields, "index_pos").map_err(fail)?;
+        let chunks = Fields::require_u32(fields, "chunk_count").map_err(fail)?;
+        Ok(Start { index_position, first: record.end(), chunks })
     }
 
     /// Reads the CONNECTION and CHUNK_INFO records of the tail.
-    fn read_index(&mut self, position: u64) -> Result<(), BagError> {
+    fn read_index(&mut self, position: u64, chunks: u32) -> Result<(), BagError> {
         let mut at = position;
-        if at >= self.file.len() {
-            let expected = format!(
-                "the index here, found the file's end at {}",
-                self.file.len()
-            );
+        if at > self.file.len() {
+            let expected = format!("the index here, found the file's end at {}", self.file.len());
             return Err(BagError::damaged(at, expected));
         }
         while at < self.file.len() {
@@ -213,6 +212,11 @@ impl<F: ChunkedFile> Bag<F> {
                 }
             }
             at = record.end();
+        }
+        // A tail that was cut between two records looks whole but for the count.
+        if self.chunks.len() as u64 != u64::from(chunks) {
+            let expected = format!("{chunks} CHUNK_INFO records, found {}", self.chunks.len());
+            return Err(BagError::damaged(self.file.len(), expected));
         }
         self.chunks.sort_by_key(|chunk| chunk.position);
         Ok(())

@@ -40,10 +40,7 @@ impl<'a> ChunkWalk<'a> {
             return Err(cut("a header of at most 1 MiB"));
         }
         let header_end = at + 4 + header_length as usize;
-        let header = self
-            .bytes
-            .get(at + 4..header_end)
-            .ok_or_else(|| cut("its header"))?;
+        let header = self.bytes.get(at + 4..header_end).ok_or_else(|| cut("its header"))?;
         let data_length = u32_at(self.bytes, header_end).ok_or_else(|| cut("its data length"))?;
         let end = (header_end + 4)
             .checked_add(data_length as usize)
@@ -92,10 +89,9 @@ fn message_header(header: &[u8]) -> Result<Header, Defect> {
         }
         (Some(OP_CONNECTION), ..) => Ok(Header::Connection),
         (Some(OP_MESSAGE), ..) => Err(Defect::new(0, "fields conn (4 bytes) and time (8 bytes)")),
-        (Some(op), ..) => Err(Defect::new(
-            0,
-            format!("a MESSAGE (2) or CONNECTION (7) record, found op {op}"),
-        )),
+        (Some(op), ..) => {
+            Err(Defect::new(0, format!("a MESSAGE (2) or CONNECTION (7) record, found op {op}")))
+        }
         (None, ..) => Err(Defect::new(0, "a field op (1 byte)")),
     }
 }

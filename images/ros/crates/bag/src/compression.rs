@@ -30,9 +30,7 @@ impl Compression {
 
     /// The compression of that name.
     pub fn from_name(name: &[u8]) -> Option<Self> {
-        [Self::None, Self::Bz2, Self::Lz4]
-            .into_iter()
-            .find(|each| each.name().as_bytes() == name)
+        [Self::None, Self::Bz2, Self::Lz4].into_iter().find(|each| each.name().as_bytes() == name)
     }
 
     /// Uncompresses at most `size` bytes; what came out before an error is kept, beside it.
@@ -43,15 +41,10 @@ impl Compression {
             Self::Lz4 => drain(lz4_flex::frame::FrameDecoder::new(data), size),
         };
         let wrong = match failed {
-            Some(error) => Some(format!(
-                "whole {} data of {size} bytes ({error})",
-                self.name()
-            )),
-            None if bytes.len() != size as usize => Some(format!(
-                "{} data of {size} bytes, found {}",
-                self.name(),
-                bytes.len()
-            )),
+            Some(error) => Some(format!("whole {} data of {size} bytes ({error})", self.name())),
+            None if bytes.len() != size as usize => {
+                Some(format!("{} data of {size} bytes, found {}", self.name(), bytes.len()))
+            }
             None => None,
         };
         (bytes, wrong)

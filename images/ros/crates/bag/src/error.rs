@@ -77,9 +77,6 @@ impl BagError {
     }
 
     pub(crate) fn damaged(offset: u64, expected: impl Into<String>) -> Self {
-        Self::Damaged {
-            offset,
-            expected: expected.into(),
-        }
+        Self::Damaged { offset, expected: expected.into() }
     }
 }

@@ -52,9 +52,7 @@ impl ChunkedFile for MemoryChunkedFile {
     }
 
     fn read_at(&self, offset: u64, into: &mut [u8]) -> io::Result<()> {
-        let found = self
-            .slice(offset, into.len())
-            .ok_or(io::ErrorKind::UnexpectedEof)?;
+        let found = self.slice(offset, into.len()).ok_or(io::ErrorKind::UnexpectedEof)?;
         into.copy_from_slice(found);
         Ok(())
     }

@@ -21,10 +21,7 @@ pub(crate) struct Defect {
 
 impl Defect {
     pub fn new(at: usize, expected: impl Into<String>) -> Self {
-        Self {
-            at,
-            expected: expected.into(),
-        }
+        Self { at, expected: expected.into() }
     }
 
     pub fn in_file(self, base: u64) -> BagError {
@@ -49,6 +46,9 @@ pub(crate) fn time_at(bytes: &[u8], at: usize) -> Option<u64> {
     Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds))
 }
 
+/// A field's name and value.
+pub(crate) type Field<'a> = (&'a [u8], &'a [u8]);
+
 /// Walks the fields of a record's header.
 pub(crate) struct Fields<'a> {
     bytes: &'a [u8],
@@ -61,21 +61,16 @@ impl<'a> Fields<'a> {
     }
 
     /// The next field, its value's place included, or `None` at the end.
-    pub fn next_field(&mut self) -> Result<Option<(&'a [u8], &'a [u8])>, Defect> {
+    pub fn next_field(&mut self) -> Result<Option<Field<'a>>, Defect> {
         if self.at == self.bytes.len() {
             return Ok(None);
         }
         let at = self.at;
         let bad = |what: &str| Defect::new(at, what);
         let length = u32_at(self.bytes, at).ok_or_else(|| bad("a field's length"))? as usize;
-        let end = (at + 4)
-            .checked_add(length)
-            .ok_or_else(|| bad("a field's length"))?;
+        let end = (at + 4).checked_add(length).ok_or_else(|| bad("a field's length"))?;
         let field = self.bytes.get(at + 4..end).ok_or_else(|| {
-            bad(&format!(
-                "a field of at most {} bytes, found {length}",
-                self.bytes.len() - at - 4
-            ))
+            bad(&format!("a field of at most {} bytes, found {length}", self.bytes.len() - at - 4))
         })?;
         let equals = field
             .iter()
@@ -152,23 +147,12 @@ impl FileRecord {
         let data_length = read_u32(file, length_position, "a record's data length")?;
         let op = Fields::op(&header).map_err(|defect| defect.in_file(header_position))?;
         let data_position = length_position + 4;
-        Ok(Self {
-            header,
-            header_position,
-            op,
-            data_position,
-            data_length,
-        })
+        Ok(Self { header, header_position, op, data_position, data_length })
     }
 
     /// Reads the record's data, which must be there as a whole.
     pub fn data(&self, file: &impl ChunkedFile) -> Result<Vec<u8>, BagError> {
-        read_bytes(
-            file,
-            self.data_position,
-            self.data_length,
-            "a record's data",
-        )
+        read_bytes(file, self.data_position, self.data_length, "a record's data")
     }
 
     pub fn in_header(&self, defect: Defect) -> BagError {
@@ -194,12 +178,11 @@ pub(crate) fn read_bytes(
         return Err(BagError::damaged(offset, expected));
     }
     let mut bytes = vec![0; length as usize];
-    file.read_at(offset, &mut bytes)
-        .map_err(|source| BagError::Io {
-            offset,
-            length: bytes.len(),
-            source,
-        })?;
+    file.read_at(offset, &mut bytes).map_err(|source| BagError::Io {
+        offset,
+        length: bytes.len(),
+        source,
+    })?;
     Ok(bytes)
 }
 
@@ -210,18 +193,8 @@ pub(crate) fn connection(header: &[u8], data: &[u8]) -> Result<Connection, Defec
     let topic = text(Fields::require(header, "topic")?);
     let datatype = text(Fields::require(data, "type")?);
     let md5sum = text(Fields::require(data, "md5sum")?);
-    let definition = Fields::find(data, "message_definition")?
-        .map(text)
-        .unwrap_or_default();
+    let definition = Fields::find(data, "message_definition")?.map(text).unwrap_or_default();
     let caller_id = Fields::find(data, "callerid")?.map(text);
     let latching = Fields::find(data, "latching")? == Some(b"1");
-    Ok(Connection {
-        id,
-        topic,
-        datatype,
-        md5sum,
-        definition,
-        caller_id,
-        latching,
-    })
+    Ok(Connection { id, topic, datatype, md5sum, definition, caller_id, latching })
 }

@@ -20,12 +20,7 @@ pub(crate) fn scan<F: ChunkedFile>(
     let mut at = first;
     let end = bag.file.len();
     if at > end {
-        note_damage(
-            &mut bag,
-            end,
-            at - end,
-            "the rest of the file header record",
-        );
+        note_damage(&mut bag, end, at - end, "the rest of the file header record");
     }
     while at < end {
         match scan_record(&mut bag, at) {
@@ -42,12 +37,7 @@ pub(crate) fn scan<F: ChunkedFile>(
     if let (None, Some(error)) = (&bag.loss, damage) {
         // All messages are there; the index that should say so is not.
         let offset = error.offset().unwrap_or(first);
-        note_damage(
-            &mut bag,
-            offset,
-            end.saturating_sub(offset),
-            &expectation(&error),
-        );
+        note_damage(&mut bag, offset, end.abs_diff(offset).max(1), &expectation(&error));
     }
     Ok(bag)
 }
@@ -98,17 +88,10 @@ fn scan_chunk<F: ChunkedFile>(
         usable: 0,
     };
     let missing = u64::from(record.data_length - length);
-    let (data, mut wrong) = load(
-        &bag.file,
-        &chunk,
-        bag.limits.decompressed_bytes,
-        bag.made_bytes(),
-    )?;
+    let (data, mut wrong) =
+        load(&bag.file, &chunk, bag.limits.decompressed_bytes, bag.made_bytes())?;
     if missing > 0 {
-        let what = format!(
-            "{} bytes of a chunk's data, found the file's end",
-            record.data_length
-        );
+        let what = format!("{} bytes of a chunk's data, found the file's end", record.data_length);
         wrong = Some(what);
     }
     let (walked, defect) = walk(bag, &mut chunk, &data);
@@ -132,47 +115,34 @@ fn scan_chunk<F: ChunkedFile>(
         bag.add_connection(connection);
     }
     if let Some((offset, expected)) = damage {
-        let lost = u64::from(size.saturating_sub(chunk.usable))
-            .max(missing)
-            .max(1);
+        let lost = u64::from(size.saturating_sub(chunk.usable)).max(missing).max(1);
         note_damage(bag, offset, lost, &expected);
     }
     bag.add_chunk(chunk, keep);
     Ok(())
 }
 
+/// Bytes, and what was wrong with what they were made of.
+type Loaded<'a> = (Cow<'a, [u8]>, Option<String>);
+
 /// A chunk's uncompressed bytes, borrowed where they lie in memory; with what was wrong.
-#[allow(clippy::type_complexity)]
 pub(crate) fn load<'a, F: ChunkedFile>(
     file: &'a F,
     chunk: &ChunkInfo,
     limit: u64,
     used: u64,
-) -> Result<(Cow<'a, [u8]>, Option<String>), BagError> {
-    let ChunkInfo {
-        data_position,
-        data_length,
-        ..
-    } = *chunk;
+) -> Result<Loaded<'a>, BagError> {
+    let ChunkInfo { data_position, data_length, .. } = *chunk;
     let raw = match file.slice(data_position, data_length as usize) {
         Some(bytes) => Cow::Borrowed(bytes),
-        None => Cow::Owned(read_bytes(
-            file,
-            data_position,
-            data_length,
-            "a chunk's data",
-        )?),
+        None => Cow::Owned(read_bytes(file, data_position, data_length, "a chunk's data")?),
     };
     if chunk.compression == Compression::None {
         return Ok((raw, None));
     }
     let (needed, allowed) = (u64::from(chunk.size), limit.saturating_sub(used));
     if needed > allowed {
-        return Err(BagError::MemoryLimit {
-            offset: chunk.position,
-            needed,
-            allowed,
-        });
+        return Err(BagError::MemoryLimit { offset: chunk.position, needed, allowed });
     }
     let (bytes, wrong) = chunk.compression.decompress(&raw, chunk.size);
     Ok((Cow::Owned(bytes), wrong))
@@ -193,9 +163,7 @@ fn walk<F: ChunkedFile>(
             Ok(None) => break None,
             Err(defect) => break Some((defect.at as u64, defect.expected)),
             Ok(Some(ChunkRecord::Connection(found))) => connections.push(*found),
-            Ok(Some(ChunkRecord::Message {
-                connection, time, ..
-            })) => {
+            Ok(Some(ChunkRecord::Message { connection, time, .. })) => {
                 let known = counts.contains_key(&connection)
                     || bag.by_id.contains_key(&connection)
                     || connections.iter().any(|each| each.id == connection);
@@ -225,13 +193,7 @@ pub(crate) fn unknown_connection(id: u32) -> String {
 fn note_damage<F: ChunkedFile>(bag: &mut Bag<F>, offset: u64, bytes: u64, description: &str) {
     match &mut bag.loss {
         Some(loss) => loss.bytes = loss.bytes.saturating_add(bytes),
-        None => {
-            bag.loss = Some(Loss {
-                offset,
-                bytes,
-                description: description.to_owned(),
-            })
-        }
+        None => bag.loss = Some(Loss { offset, bytes, description: description.to_owned() }),
     }
 }
 

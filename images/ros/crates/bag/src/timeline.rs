@@ -28,24 +28,13 @@ impl<'a> Timeline<'a> {
         bag: &'a Bag<F>,
         filter: impl Fn(&Connection) -> bool,
     ) -> Result<Self, BagError> {
-        let mut wanted: Vec<u32> = bag
-            .connections
-            .iter()
-            .filter(|each| filter(each))
-            .map(|each| each.id)
-            .collect();
+        let mut wanted: Vec<u32> =
+            bag.connections.iter().filter(|each| filter(each)).map(|each| each.id).collect();
         wanted.sort_unstable();
-        let mut timeline = Self {
-            chunks: Vec::new(),
-            entries: Vec::new(),
-        };
+        let mut timeline = Self { chunks: Vec::new(), entries: Vec::new() };
         for at in 0..bag.chunks.len() {
             let chunk = &bag.chunks[at];
-            if chunk
-                .counts
-                .iter()
-                .any(|(id, _)| wanted.binary_search(id).is_ok())
-            {
+            if chunk.counts.iter().any(|(id, _)| wanted.binary_search(id).is_ok()) {
                 let bytes = chunk_bytes(bag, at)?;
                 timeline.add_chunk(bag, chunk, bytes, &wanted)?;
             }
@@ -76,26 +65,13 @@ impl<'a> Timeline<'a> {
         };
         loop {
             let before = walk.at as u64;
-            let found = walk
-                .next_record()
-                .map_err(|bad| damaged(bad.at as u64, bad.expected))?;
+            let found = walk.next_record().map_err(|bad| damaged(bad.at as u64, bad.expected))?;
             match found {
                 None => break,
                 Some(ChunkRecord::Connection(_)) => {}
-                Some(ChunkRecord::Message {
-                    connection,
-                    time,
-                    start,
-                    end,
-                }) => {
+                Some(ChunkRecord::Message { connection, time, start, end }) => {
                     if wanted.binary_search(&connection).is_ok() {
-                        self.entries.push(Entry {
-                            time,
-                            chunk: index,
-                            start,
-                            end,
-                            connection,
-                        });
+                        self.entries.push(Entry { time, chunk: index, start, end, connection });
                     } else if !bag.by_id.contains_key(&connection) {
                         return Err(damaged(before, unknown_connection(connection)));
                     }
@@ -135,20 +111,12 @@ impl<'a> Timeline<'a> {
 
     /// All messages in order.
     pub fn iter(&self) -> TimelineIter<'_> {
-        TimelineIter {
-            timeline: self,
-            range: 0..self.entries.len(),
-        }
+        TimelineIter { timeline: self, range: 0..self.entries.len() }
     }
 
     fn message(&self, entry: &Entry) -> Message<'a> {
         let frame = &self.chunks[entry.chunk as usize][entry.start as usize..entry.end as usize];
-        Message {
-            connection: entry.connection,
-            time: entry.time,
-            data: &frame[4..],
-            frame,
-        }
+        Message { connection: entry.connection, time: entry.time, data: &frame[4..], frame }
     }
 }
 
@@ -188,20 +156,12 @@ fn chunk_bytes<F: ChunkedFile>(bag: &Bag<F>, at: usize) -> Result<&[u8], BagErro
     if let Some(made) = bag.made[at].get() {
         return Ok(made);
     }
-    if chunk.compression == Compression::None {
-        if let Some(bytes) = bag
-            .file
-            .slice(chunk.data_position, chunk.data_length as usize)
-        {
-            return Ok(bytes);
-        }
+    if chunk.compression == Compression::None
+        && let Some(bytes) = bag.file.slice(chunk.data_position, chunk.data_length as usize)
+    {
+        return Ok(bytes);
     }
-    let (bytes, wrong) = load(
-        &bag.file,
-        chunk,
-        bag.limits.decompressed_bytes,
-        bag.made_bytes(),
-    )?;
+    let (bytes, wrong) = load(&bag.file, chunk, bag.limits.decompressed_bytes, bag.made_bytes())?;
     if let (Some(expected), true) = (wrong, chunk.usable == chunk.size) {
         return Err(BagError::damaged(chunk.data_position, expected));
     }

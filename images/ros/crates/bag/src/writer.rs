@@ -27,11 +27,7 @@ pub struct WriterOptions {
 
 impl Default for WriterOptions {
     fn default() -> Self {
-        Self {
-            compression: Compression::None,
-            chunk_threshold: 768 * 1024,
-            byte_budget: None,
-        }
+        Self { compression: Compression::None, chunk_threshold: 768 * 1024, byte_budget: None }
     }
 }
 
@@ -99,15 +95,8 @@ impl BagWriter {
     /// is written with its first message: a connection without any leaves no trace.
     pub fn add_connection(&mut self, connection: &Connection) -> u32 {
         let id = self.connections.len() as u32;
-        let connection = Connection {
-            id,
-            ..connection.clone()
-        };
-        self.connections.push(Written {
-            connection,
-            declared: false,
-            index: Vec::new(),
-        });
+        let connection = Connection { id, ..connection.clone() };
+        self.connections.push(Written { connection, declared: false, index: Vec::new() });
         id
     }
 
@@ -115,10 +104,7 @@ impl BagWriter {
     /// still be finished.
     pub fn write(&mut self, connection: u32, time_ns: u64, data: &[u8]) -> Result<(), BagError> {
         let at = connection as usize;
-        let written = self
-            .connections
-            .get(at)
-            .ok_or(BagError::UnknownConnection(connection))?;
+        let written = self.connections.get(at).ok_or(BagError::UnknownConnection(connection))?;
         let length = u32::try_from(data.len()).map_err(|_| BagError::MessageTooLong(data.len()))?;
         let mut grown = MESSAGE_OVERHEAD + data.len();
         let mut index = INDEX_ENTRY;
@@ -163,8 +149,7 @@ impl BagWriter {
         let index_position = self.out.len() as u64;
         let mut declared = 0;
         for written in self.connections.iter().filter(|written| written.declared) {
-            self.out
-                .extend_from_slice(&connection_record(&written.connection));
+            self.out.extend_from_slice(&connection_record(&written.connection));
             declared += 1;
         }
         for chunk in &self.chunks {
@@ -255,9 +240,7 @@ impl BagWriter {
             self.out[data - 4..data].copy_from_slice(&length.to_le_bytes());
         } else {
             let length = self.pending.len() as u32;
-            let small = compression
-                .compress(&self.pending)
-                .map_err(BagError::Compress)?;
+            let small = compression.compress(&self.pending).map_err(BagError::Compress)?;
             chunk_header(compression, length).record_into(&small, &mut self.out);
             self.pending.clear();
         }
@@ -274,22 +257,12 @@ impl BagWriter {
             let header = Header::new(OP_INDEX)
                 .field("ver", &1u32.to_le_bytes())
                 .field("conn", &id.to_le_bytes())
-                .field(
-                    "count",
-                    &counts.last().map_or(0, |(_, count)| *count).to_le_bytes(),
-                );
-            self.index_bytes = self
-                .index_bytes
-                .saturating_sub(entries.len() + INDEX_OVERHEAD - 8);
+                .field("count", &counts.last().map_or(0, |(_, count)| *count).to_le_bytes());
+            self.index_bytes = self.index_bytes.saturating_sub(entries.len() + INDEX_OVERHEAD - 8);
             header.record_into(&entries, &mut self.out);
         }
         let (start, end) = self.times;
-        self.chunks.push(Closed {
-            position: position as u64,
-            start,
-            end,
-            counts,
-        });
+        self.chunks.push(Closed { position: position as u64, start, end, counts });
         Ok(())
     }
 }
@@ -355,11 +328,7 @@ fn connection_record(connection: &Connection) -> Vec<u8> {
     push_field(&mut data, "topic", connection.topic.as_bytes());
     push_field(&mut data, "type", connection.datatype.as_bytes());
     push_field(&mut data, "md5sum", connection.md5sum.as_bytes());
-    push_field(
-        &mut data,
-        "message_definition",
-        connection.definition.as_bytes(),
-    );
+    push_field(&mut data, "message_definition", connection.definition.as_bytes());
     if let Some(caller_id) = &connection.caller_id {
         push_field(&mut data, "callerid", caller_id.as_bytes());
     }

@@ -1,0 +1,203 @@
+//! Damaged input: never a panic, never a loss of what lies before the damage.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use bagpipe_bag::{
+    Bag, BagError, BagWriter, Compression, Connection, Limits, MemoryChunkedFile, WriterOptions,
+};
+use proptest::prelude::*;
+
+fn sample(compression: Compression) -> Vec<u8> {
+    let options = WriterOptions { compression, chunk_threshold: 1500, byte_budget: None };
+    let mut writer = BagWriter::new(options);
+    for topic in ["/a", "/b"] {
+        writer.add_connection(&Connection {
+            id: 0,
+            topic: topic.to_owned(),
+            datatype: "std_msgs/String".to_owned(),
+            md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
+            definition: "string data\n".to_owned(),
+            caller_id: None,
+            latching: false,
+        });
+    }
+    for number in 0..100u64 {
+        let data: Vec<u8> = (0..50 + number).map(|byte| (byte * 31 + number * 7) as u8).collect();
+        writer.write((number % 2) as u32, number * 1_000_000, &data).unwrap();
+    }
+    writer.finish().unwrap()
+}
+
+fn scan(bytes: Vec<u8>) -> Result<Bag<MemoryChunkedFile>, BagError> {
+    let limits = Limits { decompressed_bytes: 64 << 20 };
+    Bag::open_unindexed_limited(MemoryChunkedFile::new(bytes), limits)
+}
+
+fn messages(bag: &Bag<MemoryChunkedFile>) -> Vec<(u64, Vec<u8>)> {
+    let timeline = bag.timeline(|_| true).unwrap();
+    timeline.iter().map(|message| (message.time, message.data.to_vec())).collect()
+}
+
+/// How many messages lie whole before `offset`; of a compressed chunk, none before its end.
+fn whole_before(bag: &Bag<MemoryChunkedFile>, offset: u64) -> usize {
+    let mut whole = 0;
+    let timeline = bag.timeline(|_| true).unwrap();
+    let mut frames = timeline.iter();
+    let base = match bag.chunks().first() {
+        Some(_) => bagpipe_bag::ChunkedFile::slice(bag.file(), 0, 1).unwrap().as_ptr() as u64,
+        None => return 0,
+    };
+    for chunk in bag.chunks() {
+        for message in frames.by_ref().take(chunk.messages() as usize) {
+            let end = match chunk.compression {
+                Compression::None => {
+                    message.frame.as_ptr() as u64 - base + message.frame.len() as u64
+                }
+                _ => chunk.data_position + u64::from(chunk.data_length),
+            };
+            whole += usize::from(end <= offset);
+        }
+    }
+    whole
+}
+
+#[test]
+fn a_bag_cut_anywhere_keeps_every_whole_message() {
+    for compression in [Compression::None, Compression::Bz2, Compression::Lz4] {
+        let bytes = sample(compression);
+        let intact = scan(bytes.clone()).unwrap();
+        let all = messages(&intact);
+        assert_eq!(all.len(), 100);
+        for cut in (4109..bytes.len()).step_by(7) {
+            let whole = whole_before(&intact, cut as u64);
+            for indexed in [false, true] {
+                let file = MemoryChunkedFile::new(bytes[..cut].to_vec());
+                let bag =
+                    if indexed { Bag::open(file) } else { Bag::open_unindexed(file) }.unwrap();
+                let kept = messages(&bag);
+                assert!(
+                    kept.len() >= whole,
+                    "{compression:?} {indexed} cut at {cut}: {} < {whole}",
+                    kept.len()
+                );
+                assert_eq!(kept[..], all[..kept.len()], "{compression:?} cut at {cut}");
+                if kept.len() < 100 && indexed {
+                    let loss = bag.loss().unwrap();
+                    assert!(loss.bytes > 0 && !loss.description.is_empty(), "{loss:?}");
+                    assert!(loss.offset >= 4109, "{loss:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn the_loss_of_a_cut_chunk_names_the_cut() {
+    let bytes = sample(Compression::None);
+    let chunk = scan(bytes.clone()).unwrap().chunks()[1].clone();
+    let cut = chunk.data_position + 700;
+    let bag = scan(bytes[..cut as usize].to_vec()).unwrap();
+    let loss = bag.loss().unwrap();
+    assert_eq!(loss.offset, cut);
+    assert_eq!(
+        loss.description,
+        format!("{} bytes of a chunk's data, found the file's end", chunk.size)
+    );
+    assert_eq!(loss.bytes, u64::from(chunk.size - bag.chunks()[1].usable));
+}
+
+#[test]
+fn a_damaged_chunk_of_an_indexed_bag_is_an_error_and_a_scan_keeps_the_rest() {
+    let mut bytes = sample(Compression::Bz2);
+    let intact = scan(bytes.clone()).unwrap();
+    let chunk = intact.chunks()[2].clone();
+    for byte in &mut bytes[chunk.data_position as usize + 20..][..40] {
+        *byte ^= 0x55;
+    }
+    let indexed = Bag::open(MemoryChunkedFile::new(bytes.clone())).unwrap();
+    let error = indexed.timeline(|_| true).unwrap_err();
+    assert_eq!(error.offset(), Some(chunk.data_position), "{error}");
+    let scanned = scan(bytes).unwrap();
+    assert_eq!(scanned.loss().unwrap().offset, chunk.data_position);
+    let lost = intact.chunks()[2].messages();
+    assert_eq!(scanned.message_count(), 100 - lost);
+}
+
+#[test]
+fn a_chunk_that_claims_gigabytes_is_refused_before_it_is_made() {
+    let mut bytes = sample(Compression::Bz2);
+    let at = bytes.windows(5).position(|window| window == b"size=").unwrap() + 5;
+    bytes[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+    let error = scan(bytes.clone()).unwrap_err();
+    let expected = "byte 4109: the chunk needs 4294967295 bytes of memory, and the limit leaves \
+                    67108864";
+    assert_eq!(error.to_string(), expected);
+    // Without a limit it is read as far as it goes, and called damaged.
+    let bag = Bag::open_unindexed(MemoryChunkedFile::new(bytes)).unwrap();
+    let loss = bag.loss().unwrap();
+    assert!(loss.description.starts_with("bz2 data of 4294967295 bytes, found 1"), "{loss:?}");
+}
+
+#[test]
+fn other_formats_are_named() {
+    let error = scan(b"#ROSBAG V1.2\n rest of it".to_vec()).unwrap_err();
+    let expected = "byte 0: expected the line \"#ROSBAG V2.0\", found \"#ROSBAG V1.2\\n\"";
+    assert_eq!(error.to_string(), expected);
+    assert!(matches!(scan(Vec::new()), Err(BagError::NotABag { .. })));
+}
+
+type Sample = (Vec<u8>, Bag<MemoryChunkedFile>, Vec<(u64, Vec<u8>)>);
+static SAMPLES: std::sync::OnceLock<[Sample; 3]> = std::sync::OnceLock::new();
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4000, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn random_damage_loses_nothing_before_it(
+        which in 0usize..3,
+        changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
+    ) {
+        let compression = [Compression::None, Compression::Bz2, Compression::Lz4][which];
+        let (bytes, intact, all) = &SAMPLES.get_or_init(|| {
+            [Compression::None, Compression::Bz2, Compression::Lz4].map(|compression| {
+                let bytes = sample(compression);
+                let intact = scan(bytes.clone()).unwrap();
+                let all = messages(&intact);
+                (bytes, intact, all)
+            })
+        })[which];
+        let mut damaged = bytes.clone();
+        for (at, byte) in &changes {
+            damaged[at.index(bytes.len())] = *byte;
+        }
+        let first = (0..bytes.len()).find(|at| bytes[*at] != damaged[*at]).unwrap_or(bytes.len());
+        let whole = whole_before(intact, first as u64);
+        match scan(damaged.clone()) {
+            Ok(bag) => {
+                let kept = bag.timeline(|_| true);
+                // Damage that no checksum covers may move a message in time, but those
+                // before it are there, the same.
+                if let Ok(kept) = kept {
+                    let kept: Vec<_> =
+                        kept.iter().map(|each| (each.time, each.data.to_vec())).collect();
+                    for message in &all[..whole] {
+                        prop_assert!(kept.contains(message));
+                    }
+                }
+            }
+            Err(_) => prop_assert!(whole == 0 || first < 4109 || compression != Compression::None),
+        }
+        // By the index: whatever it says, an answer and not a panic.
+        let limits = Limits { decompressed_bytes: 64 << 20 };
+        if let Ok(bag) = Bag::open_limited(MemoryChunkedFile::new(damaged), limits) {
+            let _ = bag.timeline(|_| true).map(|timeline| timeline.iter().count());
+        }
+    }
+
+    #[test]
+    fn noise_is_an_error(noise in prop::collection::vec(any::<u8>(), 0..2000)) {
+        let mut bytes = bagpipe_bag::MAGIC.to_vec();
+        bytes.extend_from_slice(&noise);
+        if let Ok(bag) = scan(bytes) {
+            let _ = bag.timeline(|_| true).map(|timeline| timeline.iter().count());
+        }
+    }
+}

@@ -1,0 +1,194 @@
+//! What is written is what is read, within the budget, and Debian's rosbag agrees.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::path::Path;
+use std::process::Command;
+
+use bagpipe_bag::{
+    Bag, BagError, BagWriter, Compression, Connection, MemoryChunkedFile, WriterOptions,
+};
+use proptest::prelude::*;
+
+const ALL: [Compression; 3] = [Compression::None, Compression::Bz2, Compression::Lz4];
+
+fn connection(topic: &str) -> Connection {
+    Connection {
+        id: 0,
+        topic: topic.to_owned(),
+        datatype: "std_msgs/String".to_owned(),
+        md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
+        definition: "string data\n".to_owned(),
+        caller_id: Some("/talker".to_owned()),
+        latching: topic == "/latched",
+    }
+}
+
+fn options(compression: Compression, chunk_threshold: usize) -> WriterOptions {
+    WriterOptions { compression, chunk_threshold, byte_budget: None }
+}
+
+type Plain = (String, u64, Vec<u8>);
+
+fn read(bytes: Vec<u8>, indexed: bool) -> Vec<Plain> {
+    let file = MemoryChunkedFile::new(bytes);
+    let bag = if indexed { Bag::open(file) } else { Bag::open_unindexed(file) }.unwrap();
+    assert!(bag.loss().is_none(), "{:?}", bag.loss());
+    let timeline = bag.timeline(|_| true).unwrap();
+    let plain = |message: bagpipe_bag::Message<'_>| {
+        let topic = bag.connection(message.connection).unwrap().topic.clone();
+        (topic, message.time, message.data.to_vec())
+    };
+    timeline.iter().map(plain).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
+    #[test]
+    fn a_bag_reads_back_in_time_order(
+        messages in prop::collection::vec(
+            (0u32..4, 0u64..40_000_000_000, prop::collection::vec(any::<u8>(), 0..300)), 0..120),
+        threshold in 1usize..4000,
+        which in 0usize..3,
+    ) {
+        let mut writer = BagWriter::new(options(ALL[which], threshold));
+        for topic in ["/a", "/b", "/latched", "/d"] {
+            writer.add_connection(&connection(topic));
+        }
+        let mut expected: Vec<Plain> = Vec::new();
+        for (id, time, data) in &messages {
+            writer.write(*id, *time, data).unwrap();
+            let topic = ["/a", "/b", "/latched", "/d"][*id as usize];
+            expected.push((topic.to_owned(), *time, data.clone()));
+        }
+        expected.sort_by_key(|(_, time, _)| *time);
+        let high_water = writer.high_water();
+        let bytes = writer.finish().unwrap();
+        if ALL[which] == Compression::None {
+            prop_assert!(bytes.len() as u64 <= high_water, "{} > {high_water}", bytes.len());
+        }
+        prop_assert_eq!(&read(bytes.clone(), true), &expected);
+        prop_assert_eq!(&read(bytes, false), &expected);
+    }
+}
+
+#[test]
+fn connections_survive() {
+    let mut writer = BagWriter::new(WriterOptions::default());
+    let id = writer.add_connection(&connection("/latched"));
+    writer.add_connection(&connection("/never"));
+    writer.write(id, 1, b"x").unwrap();
+    let bag = Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap();
+    assert_eq!(bag.connections(), [Connection { id, ..connection("/latched") }]);
+}
+
+#[test]
+fn an_empty_bag_is_valid() {
+    let bytes = BagWriter::new(WriterOptions::default()).finish().unwrap();
+    assert_eq!(bytes.len(), 13 + 4096);
+    assert!(read(bytes, true).is_empty());
+}
+
+#[test]
+fn the_budget_holds_and_the_bag_before_it_is_kept() {
+    for compression in ALL {
+        let budget = 100_000;
+        let mut writer = BagWriter::new(WriterOptions {
+            byte_budget: Some(budget),
+            ..options(compression, 8 * 1024)
+        });
+        let id = writer.add_connection(&connection("/a"));
+        let mut random: u32 = 1;
+        let mut written = 0;
+        let error = loop {
+            // Incompressible, so that the finished size is near what was counted.
+            let data: Vec<u8> = std::iter::repeat_with(|| {
+                random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                (random >> 24) as u8
+            })
+            .take(1000)
+            .collect();
+            match writer.write(id, written, &data) {
+                Ok(()) => written += 1,
+                Err(error) => break error,
+            }
+        };
+        assert!(
+            matches!(error, BagError::BudgetExceeded { budget: 100_000, needed } if needed > budget)
+        );
+        assert!(writer.high_water() <= budget);
+        let bytes = writer.finish().unwrap();
+        assert!(bytes.len() as u64 <= budget + 2048, "{compression:?}: {}", bytes.len());
+        let figure = match compression {
+            Compression::None => 87,
+            Compression::Bz2 => 85,
+            Compression::Lz4 => 89,
+        };
+        assert_eq!(written, figure, "{compression:?}");
+        assert_eq!(read(bytes, true).len() as u64, written);
+    }
+}
+
+#[test]
+fn an_unknown_connection_is_an_error() {
+    let mut writer = BagWriter::new(WriterOptions::default());
+    assert!(matches!(writer.write(3, 0, b""), Err(BagError::UnknownConnection(3))));
+}
+
+fn run(program: &str, arguments: &[&str], folder: &Path) -> Option<String> {
+    let output = Command::new(program).args(arguments).current_dir(folder).output().ok()?;
+    let text = format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(output.status.success(), "{program} {arguments:?}: {text}");
+    Some(text)
+}
+
+/// std_msgs/String with a text, as the tools can deserialise it.
+fn text(number: u64) -> Vec<u8> {
+    let body = format!("message number {number} {}", "z".repeat(900));
+    [&(body.len() as u32).to_le_bytes(), body.as_bytes()].concat()
+}
+
+#[test]
+fn debians_rosbag_reads_what_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    for compression in ALL {
+        let mut writer = BagWriter::new(options(compression, 64 * 1024));
+        let ids = ["/a", "/latched"].map(|topic| writer.add_connection(&connection(topic)));
+        for number in 0..3000 {
+            let id = ids[(number % 3 == 0) as usize];
+            writer.write(id, 1_000_000_000 + number * 10_000_000, &text(number)).unwrap();
+        }
+        let bytes = writer.finish().unwrap();
+        std::fs::write(folder.path().join("ours.bag"), bytes).unwrap();
+        let Some(info) = run("rosbag", &["info", "ours.bag"], folder.path()) else {
+            println!("skipped: rosbag is not installed");
+            return;
+        };
+        assert!(
+            info.contains("messages:     3000") || info.contains("messages:    3000"),
+            "{info}"
+        );
+        assert!(info.contains("2000 msgs") && info.contains("1000 msgs"), "{info}");
+        assert!(info.contains(&format!("{} [45/45 chunks", compression.name())), "{info}");
+        let check = run("rosbag", &["check", "ours.bag"], folder.path()).unwrap();
+        assert!(check.contains("Bag file does not need any migrations"), "{check}");
+        // The tools decompress every chunk and deserialise every message.
+        let count = "import rosbag; b = rosbag.Bag('ours.bag'); \
+            print(sum(1 for t, m, s in b.read_messages() if m.data.startswith('message number')))";
+        assert_eq!(run("/usr/bin/python3", &["-c", count], folder.path()).unwrap().trim(), "3000");
+    }
+}
+
+#[test]
+fn an_empty_bag_is_read_by_rosbag_info() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = BagWriter::new(WriterOptions::default()).finish().unwrap();
+    std::fs::write(folder.path().join("empty.bag"), bytes).unwrap();
+    match run("rosbag", &["info", "empty.bag"], folder.path()) {
+        Some(info) => assert!(info.contains("4.0 KB"), "{info}"),
+        None => println!("skipped: rosbag is not installed"),
+    }
+}
