@@ -1,0 +1,96 @@
+"""Creating a job's ConfigMap and driver pod, as often as asked, and what a refusal means.
+
+Nothing here deletes: children go with their job by their ownerReference.
+"""
+
+import re
+from dataclasses import dataclass
+
+from bagpipe.spec import SimulationJobSpec
+from bagpipe_operator import names, reasons
+from bagpipe_operator.api import Api, ApiError
+from bagpipe_operator.driver_pod import driver_pod
+from bagpipe_operator.job_config import job_config
+from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import JobView, Json, PodView
+
+_MISSING_ACCOUNT = re.compile(r'serviceaccount "([^"]+)" not found')
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """The API server does not let a child be created."""
+
+    reason: str
+    message: str
+    lasting: bool = True  # only a person can mend it
+
+
+async def create_children(
+    api: Api, job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings
+) -> PodView | Refusal:
+    """The attempt's driver, created now or found to exist already.
+
+    Raises JobTooLargeError, and ApiError for faults that may pass.
+    """
+    config = job_config(job, spec, attempt, settings)
+    try:
+        made = await _create_or_find(api, job, "configmaps", config)
+        if isinstance(made, Refusal):
+            return made
+        pod = driver_pod(job, spec, attempt, settings)
+        made = await _create_or_find(api, job, "pods", pod)
+    except ApiError as error:
+        refusal = _refusal_of(error, job, settings)
+        if refusal is None:
+            raise
+        return refusal
+    return made if isinstance(made, Refusal) else PodView.from_object(made)
+
+
+async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json) -> Json | Refusal:
+    """The object, or the refusal that its name is another's."""
+    name = manifest["metadata"]["name"]
+    try:
+        return await api.create(resource, manifest)
+    except ApiError as error:
+        if not (error.status == 409 and error.reason == "AlreadyExists"):
+            raise
+    # A former run of the operator made it and could not write so into the status.
+    found = await api.get(resource, job.namespace, name)
+    owners = found["metadata"].get("ownerReferences") or []
+    if any(owner.get("uid") == job.uid for owner in owners):
+        return found
+    return Refusal(
+        reasons.NAME_TAKEN,
+        f"{manifest['kind']} {name} exists in namespace {job.namespace} and does not belong to "
+        f"this job. Delete it, or give the job another name.",
+    )
+
+
+def _refusal_of(error: ApiError, job: JobView, settings: Settings) -> Refusal | None:
+    """The refusal that an error means, or None for a fault that may pass by itself."""
+    account = _MISSING_ACCOUNT.search(error.message)
+    if account:
+        return Refusal(
+            reasons.SERVICE_ACCOUNT_MISSING,
+            f"There is no ServiceAccount {settings.driver_service_account} in namespace "
+            f"{job.namespace}. Add the namespace to jobNamespaces of the Helm chart "
+            f"bagpipe and upgrade it: the chart makes the account and its rights.",
+        )
+    if error.status == 403 and "being terminated" in error.message:
+        return None
+    if error.status == 403 and "exceeded quota" in error.message:
+        return Refusal(
+            reasons.QUOTA_EXCEEDED,
+            f"The namespace's quota has no room for the driver's pod: {error.message} "
+            "The job starts as soon as it has.",
+            lasting=False,
+        )
+    if error.status in {400, 403, 413, 422}:
+        return Refusal(
+            reasons.CREATION_REFUSED,
+            f"The API server refuses {names.driver_name(job.name, 1)} or its ConfigMap: "
+            f"{error.message}",
+        )
+    return None

@@ -1,0 +1,89 @@
+"""The ConfigMap of an attempt: job.json for the driver, executor.yaml for Spark. Pure."""
+
+import json
+
+import yaml
+from pydantic import ValidationError
+
+from bagpipe.spec import SimulationJobSpec
+from bagpipe_operator import names
+from bagpipe_operator.executor_template import executor_template
+from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import JobView, Json
+from bagpipe_operator.volumes import claim_paths
+
+# The API server's limit for all of a ConfigMap's values.
+LARGEST_CONFIG_BYTES = 1024 * 1024
+
+
+class UnusableSpecError(ValueError):
+    """The API server let a spec pass that can't be run; the message is a sentence for its author.
+
+    Happens for what a CRD can't express, such as the names of untyped parameters.
+    """
+
+
+class JobTooLargeError(ValueError):
+    """The job's description does not fit in a ConfigMap; the message says by how much."""
+
+
+def read_spec(job: JobView) -> SimulationJobSpec:
+    """The job's spec, checked; raises UnusableSpecError."""
+    try:
+        return SimulationJobSpec.model_validate(plain_spec(job.spec))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        what = first["msg"].removeprefix("Value error, ")
+        raise UnusableSpecError(f"spec.{place}: {what}") from None
+
+
+def plain_spec(spec: Json) -> Json:
+    """The spec with Spark's quantities as strings: a manifest may also write `cpu: 1`."""
+    plain: Json = json.loads(json.dumps(spec))
+    for role in ("driver", "executor"):
+        resources = ((plain.get("spark") or {}).get(role) or {}).get("resources") or {}
+        resources.update({key: str(value) for key, value in resources.items()})
+    return plain
+
+
+def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
+    """The manifest of one attempt's ConfigMap; raises JobTooLargeError."""
+    data = {
+        "job.json": json.dumps(job_file(job, spec, attempt, settings), indent=1, sort_keys=True),
+        "executor.yaml": yaml.safe_dump(
+            executor_template(job, spec, attempt, settings), sort_keys=False
+        ),
+    }
+    size = sum(len(text.encode()) for text in data.values())
+    if size > LARGEST_CONFIG_BYTES:
+        raise JobTooLargeError(
+            f"The job's description takes {size} bytes and a ConfigMap holds "
+            f"{LARGEST_CONFIG_BYTES}: move the largest of stack.parameters into the stack's image."
+        )
+    return {
+        "apiVersion": "v1",
+        "kind": "ConfigMap",
+        "metadata": {
+            "name": names.attempt_name(job.name, attempt),
+            "namespace": job.namespace,
+            "labels": names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt),
+            "ownerReferences": [names.owner_reference(job.name, job.uid)],
+        },
+        # A running job must not change under the driver's feet, and kubelets need not watch it.
+        "immutable": True,
+        "data": data,
+    }
+
+
+def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
+    """job.json: all that the driver knows of its job."""
+    return {
+        "name": job.name,
+        "namespace": job.namespace,
+        "uid": job.uid,
+        "attempt": attempt,
+        "spec": plain_spec(job.spec),
+        "images": {"spark": settings.spark_image, "agent": settings.agent_image},
+        "volumes": claim_paths(spec),
+    }

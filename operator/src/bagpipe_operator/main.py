@@ -1,0 +1,126 @@
+"""`bagpipe-operator`: reads the settings, wires the parts, runs until a signal."""
+
+import asyncio
+import logging
+import os
+import signal
+import sys
+from collections.abc import AsyncIterator
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import Any
+
+import aiohttp
+import kopf
+from kubernetes.aio import config
+from kubernetes.aio.client import ApiClient, Configuration
+
+from bagpipe_operator import serve, watch
+from bagpipe_operator.api import ApiError, KubernetesApi
+from bagpipe_operator.metrics import Metrics
+from bagpipe_operator.progress import ProgressReader
+from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.settings import SettingError, Settings
+from bagpipe_operator.sweep import Sweeper
+from bagpipe_operator.view import View
+from bagpipe_operator.work import work
+
+logger = logging.getLogger("bagpipe_operator")
+
+# How long the CRD may come after the operator, as it does when a chart is applied in one go.
+CRD_SECONDS = 120.0
+CRD_POLL_SECONDS = 2.0
+
+
+def main() -> None:
+    """The console script."""
+    logging.basicConfig(
+        level=os.environ.get("BAGPIPE_LOG_LEVEL", "INFO").upper(),
+        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
+        stream=sys.stderr,
+    )
+    logging.getLogger("kopf").setLevel(logging.WARNING)
+    try:
+        settings = Settings.from_environment(os.environ)
+        asyncio.run(run(settings))
+    except SettingError as error:
+        sys.exit(f"bagpipe-operator: {error}")
+    except ApiError as error:
+        sys.exit(f"bagpipe-operator: the API server can't be used: {error}")
+
+
+async def run(settings: Settings) -> None:
+    """Runs the operator until SIGTERM or SIGINT."""
+    view, queue = View(), WorkQueue()
+    metrics = Metrics(view, queue)
+    sweeper = Sweeper(view, queue, settings.sweep_seconds)
+    health = serve.Health(sweeper)
+    async with AsyncExitStack() as stack:
+        api = KubernetesApi(await stack.enter_async_context(_client()), settings.request_seconds)
+        session = await stack.enter_async_context(aiohttp.ClientSession())
+        application = serve.application(health, metrics)
+        runner = await serve.start(application, settings.listen_host, settings.listen_port)
+        stack.push_async_callback(runner.cleanup)
+        await wait_for_crd(api, settings)
+
+        drivers = ProgressReader(session, settings.progress_seconds)
+        reconciler = Reconciler(api, view, drivers, settings)
+        tasks = [asyncio.create_task(sweeper.run(), name="sweeper")]
+        tasks += [
+            asyncio.create_task(work(queue, reconciler.reconcile, metrics), name=f"worker-{n}")
+            for n in range(settings.workers)
+        ]
+        health.watching = True
+        logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
+        try:
+            await _watch_until_signal(watch.Watch(view, queue, metrics), settings)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def _watch_until_signal(watcher: watch.Watch, settings: Settings) -> None:
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    await kopf.operator(
+        registry=watch.registry(watcher),
+        clusterwide=not settings.watch_namespaces,
+        namespaces=settings.watch_namespaces,
+        standalone=True,
+        stop_flag=stop,
+    )
+
+
+@asynccontextmanager
+async def _client() -> AsyncIterator[ApiClient]:
+    """A client for the pod's own cluster, or for KUBECONFIG outside of one."""
+    configuration = Configuration()
+    load: Any = config  # its functions carry no types
+    if os.environ.get("KUBERNETES_SERVICE_HOST") and not os.environ.get("KUBECONFIG"):
+        load.load_incluster_config(client_configuration=configuration)
+    else:
+        await load.load_kube_config(client_configuration=configuration)
+    async with ApiClient(configuration=configuration) as client:
+        yield client
+
+
+async def wait_for_crd(api: KubernetesApi, settings: Settings) -> None:
+    """Returns once SimulationJobs are served; raises the last ApiError after CRD_SECONDS.
+
+    kopf looks for the resource once, at its start, and would then watch nothing for ever.
+    """
+    namespace = settings.watch_namespaces[0] if settings.watch_namespaces else None
+    deadline = asyncio.get_running_loop().time() + CRD_SECONDS
+    while True:
+        try:
+            await api.jobs_served(namespace)
+        except ApiError as error:
+            if asyncio.get_running_loop().time() > deadline:
+                raise
+            logger.warning("SimulationJobs can't be listed yet: %s", error)
+        else:
+            return
+        await asyncio.sleep(CRD_POLL_SECONDS)

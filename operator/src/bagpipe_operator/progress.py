@@ -1,0 +1,167 @@
+"""What a driver says of its job: over HTTP while it runs, in its termination message at the end.
+
+The driver runs a user's job, so what it says is bounded and checked before it reaches a status.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import aiohttp
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from bagpipe_operator.names import PROGRESS_PORT
+from bagpipe_operator.view import Json
+
+logger = logging.getLogger(__name__)
+
+LONGEST_ANSWER = 64 * 1024
+MOST_FAILURES = 5
+LONGEST_MESSAGE = 1000
+# Events may wake a job many times a second; its driver is asked this often at most.
+LEAST_INTERVAL_SECONDS = 1.5
+
+
+def _cut(longest: int) -> Callable[[object], object]:
+    return lambda text: text[:longest] if isinstance(text, str) else text
+
+
+Word = Annotated[str, BeforeValidator(_cut(253))]
+Sentence = Annotated[str, BeforeValidator(_cut(LONGEST_MESSAGE))]
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Cases(_Model):
+    """Cases by state."""
+
+    planned: Count = 0
+    running: Count = 0
+    passed: Count = 0
+    failed: Count = 0
+    invalid: Count = 0
+    errored: Count = 0
+    retried: Count = 0
+
+
+class Ledger(_Model):
+    """Messages, over the cases that count."""
+
+    sent: Count = 0
+    received: Count = 0
+    dropped: Count = 0
+    lead_in: Annotated[int, Field(ge=0, alias="leadIn")] = 0
+
+
+class Failure(_Model):
+    """One case that did not pass."""
+
+    case: Word
+    reason: Word
+    message: Sentence
+
+
+def _last_failures(failures: object) -> object:
+    return failures[-MOST_FAILURES:] if isinstance(failures, list) else failures
+
+
+class Progress(_Model):
+    """The driver's account."""
+
+    phase: Literal["Planning", "Running", "Complete", "Failed"]
+    reason: Word = ""
+    message: Sentence = ""
+    cases: Cases = Cases()
+    ledger: Ledger = Ledger()
+    verdict: Literal["Passed", "Failed", ""] = ""
+    results: Annotated[str, BeforeValidator(_cut(2048))] = ""
+    failures: Annotated[list[Failure], BeforeValidator(_last_failures)] = []
+
+    def as_status(self) -> Json:
+        """The part of a job's status that comes from the driver."""
+        return {
+            "cases": self.cases.model_dump(),
+            "ledger": self.ledger.model_dump(by_alias=True),
+            "verdict": self.verdict,
+            "results": self.results,
+            "failures": [failure.model_dump() for failure in self.failures],
+        }
+
+
+def parse(text: str | bytes) -> Progress | None:
+    """What the driver wrote, or None when it can't be read."""
+    try:
+        return Progress.model_validate_json(text)
+    except ValidationError:
+        return None
+
+
+@dataclass
+class _Answer:
+    progress: Progress | None = None
+    asked_at: float = float("-inf")
+    silent_since: float | None = None
+
+
+@dataclass
+class ProgressReader:
+    """Asks drivers, each at most every LEAST_INTERVAL_SECONDS, and remembers their last answer."""
+
+    session: aiohttp.ClientSession
+    deadline_seconds: float
+    port: int = PROGRESS_PORT
+    _answers: dict[str, _Answer] = field(default_factory=dict)
+
+    async def read(self, uid: str, ip: str) -> Progress | None:
+        """The driver's last account; None as long as it has never answered."""
+        answer = self._answers.setdefault(uid, _Answer())
+        now = asyncio.get_running_loop().time()
+        if now - answer.asked_at < LEAST_INTERVAL_SECONDS:
+            return answer.progress
+        answer.asked_at = now
+        progress = await self._ask(ip)
+        if progress is None:
+            answer.silent_since = answer.silent_since if answer.silent_since is not None else now
+        else:
+            answer.progress, answer.silent_since = progress, None
+        return answer.progress
+
+    def silent_seconds(self, uid: str) -> float:
+        """How long the driver has not answered; 0 when it did the last time."""
+        answer = self._answers.get(uid)
+        if answer is None or answer.silent_since is None:
+            return 0.0
+        return asyncio.get_running_loop().time() - answer.silent_since
+
+    def forget(self, uid: str) -> None:
+        """Drops what is remembered of a job that is over."""
+        self._answers.pop(uid, None)
+
+    async def _ask(self, ip: str) -> Progress | None:
+        host = f"[{ip}]" if ":" in ip else ip
+        timeout = aiohttp.ClientTimeout(total=self.deadline_seconds)
+        try:
+            async with self.session.get(
+                f"http://{host}:{self.port}/progress", timeout=timeout, allow_redirects=False
+            ) as response:
+                body = await read_bounded(response.content, LONGEST_ANSWER)
+                return parse(body) if response.status == 200 else None
+        except (aiohttp.ClientError, TimeoutError, ValueError) as error:
+            # A driver that still starts answers nothing; the pod's own state tells what matters.
+            logger.debug("no progress from %s: %s", ip, error)
+            return None
+
+
+async def read_bounded(stream: aiohttp.StreamReader, limit: int) -> bytes:
+    """All of a body of at most `limit` bytes; raises ValueError for a longer one."""
+    body = bytearray()
+    async for chunk in stream.iter_chunked(16 * 1024):
+        body += chunk
+        if len(body) > limit:
+            raise ValueError(f"the answer is longer than {limit} bytes")
+    return bytes(body)

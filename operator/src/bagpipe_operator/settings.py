@@ -1,0 +1,96 @@
+"""The operator's settings, read once from the environment; the reason for each default is with it.
+
+The chart sets the variables; docs name them as they stand here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+class SettingError(ValueError):
+    """A variable holds what can't be used; the message names it and what to write."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What an administrator can set."""
+
+    spark_image: str = "bagpipe.local/spark:0.1.0"
+    """BAGPIPE_SPARK_IMAGE: driver and executors. The default is what `make images` builds."""
+
+    agent_image: str = "bagpipe.local/agent:0.1.0"
+    """BAGPIPE_AGENT_IMAGE: image whose one file is put beside the user's stack."""
+
+    image_pull_policy: str = "IfNotPresent"
+    """BAGPIPE_IMAGE_PULL_POLICY: for both; the images may exist on the nodes only."""
+
+    driver_service_account: str = "bagpipe-driver"
+    """BAGPIPE_DRIVER_SERVICE_ACCOUNT: the chart makes it in every job namespace."""
+
+    watch_namespaces: tuple[str, ...] = ()
+    """BAGPIPE_WATCH_NAMESPACES: comma-separated; none means all, which needs a ClusterRole."""
+
+    stuck_seconds: float = 30.0
+    """BAGPIPE_STUCK_SECONDS: how long a pod may show an error that only a person can mend, such as
+    an image that can't be pulled, before its job fails. Long enough for a registry's hiccup."""
+
+    missing_driver_seconds: float = 10.0
+    """BAGPIPE_MISSING_DRIVER_SECONDS: how long the watch may lag before a live GET decides."""
+
+    sweep_seconds: float = 2.0
+    """BAGPIPE_SWEEP_SECONDS: how often running jobs are visited for progress and deadlines."""
+
+    request_seconds: float = 10.0
+    """BAGPIPE_REQUEST_SECONDS: deadline of every call to the API server."""
+
+    progress_seconds: float = 2.0
+    """BAGPIPE_PROGRESS_SECONDS: deadline of one question to a driver; one slow driver must not
+    hold a worker for long."""
+
+    workers: int = 8
+    """BAGPIPE_WORKERS: jobs that are reconciled at once. Each mostly waits for the API server."""
+
+    listen_host: str = "0.0.0.0"  # noqa: S104 - the kubelet and Prometheus come from outside the pod
+    """BAGPIPE_LISTEN_HOST: address of /metrics, /livez and /readyz."""
+
+    listen_port: int = 8080
+    """BAGPIPE_LISTEN_PORT: their port."""
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str]) -> "Settings":
+        """Settings from variables; raises SettingError naming the variable that is wrong."""
+        texts = {
+            "spark_image": "BAGPIPE_SPARK_IMAGE",
+            "agent_image": "BAGPIPE_AGENT_IMAGE",
+            "image_pull_policy": "BAGPIPE_IMAGE_PULL_POLICY",
+            "driver_service_account": "BAGPIPE_DRIVER_SERVICE_ACCOUNT",
+            "listen_host": "BAGPIPE_LISTEN_HOST",
+        }
+        strings = {key: environment[name] for key, name in texts.items() if environment.get(name)}
+        namespaces = environment.get("BAGPIPE_WATCH_NAMESPACES", "")
+        return cls(
+            watch_namespaces=tuple(n.strip() for n in namespaces.split(",") if n.strip()),
+            stuck_seconds=_number(environment, "BAGPIPE_STUCK_SECONDS", cls.stuck_seconds),
+            missing_driver_seconds=_number(
+                environment, "BAGPIPE_MISSING_DRIVER_SECONDS", cls.missing_driver_seconds
+            ),
+            sweep_seconds=_number(environment, "BAGPIPE_SWEEP_SECONDS", cls.sweep_seconds),
+            request_seconds=_number(environment, "BAGPIPE_REQUEST_SECONDS", cls.request_seconds),
+            progress_seconds=_number(environment, "BAGPIPE_PROGRESS_SECONDS", cls.progress_seconds),
+            workers=int(_number(environment, "BAGPIPE_WORKERS", cls.workers)),
+            listen_port=int(_number(environment, "BAGPIPE_LISTEN_PORT", cls.listen_port)),
+            **strings,
+        )
+
+
+def _number(environment: Mapping[str, str], name: str, default: float) -> float:
+    text = environment.get(name, "")
+    if not text:
+        return default
+    try:
+        value = float(text)
+    except ValueError:
+        raise SettingError(f"{name} is {text!r}: write a number, for example {default:g}") from None
+    if value <= 0:
+        raise SettingError(f"{name} is {text!r}: write a number above zero")
+    return value

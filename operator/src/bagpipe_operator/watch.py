@@ -1,0 +1,89 @@
+"""kopf's part: it watches jobs and labelled pods and hands every change to the view and the queue.
+
+Only `on.event` is used. It needs no finalizer and writes nothing into objects, so jobs can be
+deleted while the operator is down; the rest of kopf (its own retries, progress annotations,
+events) is switched off.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import kopf
+
+from bagpipe_operator import names
+from bagpipe_operator.metrics import Metrics
+from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.view import JobView, Json, PodView, View
+
+SYSTEM_ERRORS_SECONDS = (1, 2, 5, 10, 30)
+
+
+@dataclass
+class Watch:
+    """Takes what the watches deliver."""
+
+    view: View
+    queue: WorkQueue
+    metrics: Metrics
+
+    def job_event(self, event: Json) -> None:
+        """A job was listed, added, changed or deleted."""
+        job = JobView.from_object(event["object"])
+        self.metrics.watch_events.labels(kind=names.KIND).inc()
+        if event["type"] == "DELETED":
+            self.view.drop_job(job.uid)
+            self.queue.forget(job.uid)
+        elif not self.view.put_job(job):
+            return
+        self.queue.add(job.uid)
+
+    def pod_event(self, event: Json) -> None:
+        """A pod of some job was listed, added, changed or deleted."""
+        pod = PodView.from_object(event["object"])
+        self.metrics.watch_events.labels(kind="Pod").inc()
+        if event["type"] == "DELETED":
+            self.view.drop_pod(pod)
+        else:
+            self.view.put_pod(pod)
+        self.queue.add(pod.job_uid)
+
+
+def registry(watch: Watch) -> kopf.OperatorRegistry:
+    """The handlers, in a registry of their own; kopf finds the cluster's credentials itself."""
+    handlers = kopf.OperatorRegistry()
+
+    @kopf.on.startup(registry=handlers)
+    async def configure(settings: kopf.OperatorSettings, **_: Any) -> None:
+        apply(settings)
+
+    @kopf.on.event(names.GROUP, names.VERSION, names.PLURAL, registry=handlers)
+    async def on_job(event: Any, **_: Any) -> None:
+        watch.job_event(event)
+
+    # The label is in the filter too: kopf merges the events of one object, whatever its labels.
+    @kopf.on.event("", "v1", "pods", labels={names.LABEL_JOB_UID: kopf.PRESENT}, registry=handlers)
+    async def on_pod(event: Any, **_: Any) -> None:
+        watch.pod_event(event)
+
+    return handlers
+
+
+def apply(settings: kopf.OperatorSettings) -> None:
+    """kopf's settings, with the reason for each."""
+    # Discovery at start is enough, and needs no right to watch CRDs and namespaces.
+    settings.scanning.disabled = True
+    # The loop writes events of its own, after the status that they speak of.
+    settings.posting.enabled = False
+    # One replica, replaced by Recreate: peering would need a CRD and rights of its own.
+    settings.peering.standalone = True
+    # The API server sends only the pods of jobs, not every pod of the cluster.
+    settings.watching.label_selectors["", "v1", "pods"] = names.LABEL_JOB_UID
+    # Thousands of jobs come in pieces instead of one answer of many megabytes.
+    settings.watching.chunk_size = 500
+    settings.watching.connect_timeout = 10
+    settings.networking.request_timeout = 60
+    settings.networking.error_backoffs = SYSTEM_ERRORS_SECONDS
+    # Should kopf ever want to write, then at least under our own name.
+    settings.persistence.finalizer = f"{names.GROUP}/finalizer"
+    settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=names.GROUP)
+    settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=names.GROUP)

@@ -1,0 +1,41 @@
+"""The workers between the queue and the reconciler: deadlines, retries, and counting."""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.metrics import Metrics
+from bagpipe_operator.queue import WorkQueue
+
+logger = logging.getLogger(__name__)
+
+# A reconcile is a handful of calls with a deadline each; this one is for what nobody thought of.
+RECONCILE_SECONDS = 60.0
+
+
+async def work(
+    queue: WorkQueue, reconcile: Callable[[str], Awaitable[None]], metrics: Metrics
+) -> None:
+    """Reconciles keys until cancelled. A fault costs its own key a delay and no other anything."""
+    while True:
+        key = await queue.get()
+        try:
+            with metrics.reconcile_seconds.time():
+                async with asyncio.timeout(RECONCILE_SECONDS):
+                    await reconcile(key)
+        except asyncio.CancelledError:
+            queue.done(key)
+            raise
+        except (ApiError, TimeoutError) as error:
+            delay = queue.retry(key)
+            metrics.reconciles.labels(result="retried").inc()
+            logger.warning("job %s: %s; tried again in %.1f s", key, error, delay)
+        except Exception:
+            # A bug met with one job must not stop the others; it is logged with its traceback.
+            delay = queue.retry(key)
+            metrics.reconciles.labels(result="faulted").inc()
+            logger.exception("job %s: unexpected fault; tried again in %.1f s", key, delay)
+        else:
+            queue.done(key)
+            metrics.reconciles.labels(result="done").inc()
