@@ -1,0 +1,148 @@
+"""The Go programs of the cluster, built once per machine and kept in the cache.
+
+A build's folder is named by the hash of all that decides what comes out of it. It appears
+under its name only when it is complete, so an interrupted build leaves nothing to trip over.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from .failure import ClusterError
+from .places import cache, sources
+
+KUBERNETES = "1.34.4"
+BUILD_SECONDS = 3000.0
+
+
+@dataclass(frozen=True)
+class Program:
+    """A Go module below tests/cluster and what to build of it."""
+
+    folder: str
+    package: str = "."
+    variables: tuple[tuple[str, str], ...] = ()
+    links: tuple[str, ...] = ()
+    expect: str = "some seconds"
+
+    @property
+    def ldflags(self) -> str:
+        return " ".join(["-s", "-w", *(f"-X {name}={value}" for name, value in self.variables)])
+
+
+VERSION = "k8s.io/component-base/version"
+MAJOR, MINOR, _PATCH = KUBERNETES.split(".")
+PROGRAMS = [
+    Program(
+        "kubernetes",
+        variables=(
+            (f"{VERSION}.gitVersion", f"v{KUBERNETES}"),
+            (f"{VERSION}.gitMajor", MAJOR),
+            (f"{VERSION}.gitMinor", MINOR),
+            (f"{VERSION}.gitTreeState", "clean"),
+        ),
+        links=(
+            "etcd",
+            "kube-apiserver",
+            "kube-controller-manager",
+            "kube-scheduler",
+            "kubelet",
+            "kube-proxy",
+            "kubectl",
+        ),
+        expect="about five minutes on two cores",
+    ),
+    Program("coredns", expect="about a minute"),
+    Program(
+        "helm",
+        package="helm.sh/helm/v3/cmd/helm",
+        variables=(("helm.sh/helm/v3/internal/version.version", "v3.19.5"),),
+        expect="about a minute",
+    ),
+    Program("pause"),
+]
+
+
+def key(program: Program, folder: Path) -> str:
+    """The name of a build: a hash over the module's files and how it is built."""
+    digest = hashlib.sha256(repr(program).encode())
+    for path in sorted(folder.iterdir()):
+        if path.suffix == ".go" or path.name in {"go.mod", "go.sum"}:
+            content = path.read_bytes()
+            digest.update(f"{path.name} {len(content)}\n".encode() + content)
+    return f"{program.folder}-{digest.hexdigest()[:16]}"
+
+
+def compile_into(program: Program, folder: Path, target: Path) -> None:
+    """Run the Go compiler; the caller's folder `target` gets the program."""
+    environment = {**os.environ, "CGO_ENABLED": "0", "GOFLAGS": "-buildvcs=false"}
+    command = ["go", "build", "-trimpath", "-ldflags", program.ldflags, "-o"]
+    done = subprocess.run(
+        [*command, str(target / program.folder), program.package],
+        cwd=folder,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=BUILD_SECONDS,
+        check=False,
+    )
+    if done.returncode:
+        last = "\n".join(done.stderr.splitlines()[-20:])
+        raise ClusterError(
+            f"Building {program.folder} failed. Its compiler said last:\n{last}\n"
+            "If a download failed, run the same command again: what is built stays built."
+        )
+
+
+def ensure(program: Program) -> Path:
+    """The folder with the built program, which is built now unless the cache has it."""
+    folder = sources() / program.folder
+    finished = cache() / "bin" / key(program, folder)
+    if finished.is_dir():
+        return finished
+    print(f"  building {program.folder} from its Go modules: {program.expect}", flush=True)
+    began = time.monotonic()
+    finished.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(prefix=".building-", dir=finished.parent))
+    try:
+        compile_into(program, folder, temporary)
+        for name in program.links:
+            (temporary / name).symlink_to(program.folder)
+        temporary.chmod(0o755)
+        try:
+            temporary.rename(finished)
+        except OSError:
+            if not finished.is_dir():  # else someone else built the same meanwhile
+                raise
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    print(f"  built {program.folder} in {time.monotonic() - began:.0f} s", flush=True)
+    return finished
+
+
+def binaries() -> Path:
+    """A folder with all programs under their names; building what the cache has not."""
+    folders = [ensure(program) for program in PROGRAMS]
+    together = hashlib.sha256("\n".join(f.name for f in folders).encode()).hexdigest()[:16]
+    finished = cache() / "bin" / f"cluster-{together}"
+    if finished.is_dir():
+        return finished
+    temporary = Path(tempfile.mkdtemp(prefix=".linking-", dir=finished.parent))
+    for folder in folders:
+        for program in folder.iterdir():
+            (temporary / program.name).symlink_to(f"../{folder.name}/{program.name}")
+    temporary.chmod(0o755)
+    try:
+        temporary.rename(finished)
+    except OSError:
+        shutil.rmtree(temporary, ignore_errors=True)
+        if not finished.is_dir():
+            raise
+    return finished

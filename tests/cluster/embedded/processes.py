@@ -1,0 +1,147 @@
+"""Daemons that outlive the command that started them, and their certain end.
+
+A daemon is known by its pid *and* the time it started at: after a crash the kernel may give
+the pid to a stranger, which must never be signalled.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import cgroups
+from .failure import ClusterError, tail, wait_until
+from .places import LOGS, PIDS, Node
+
+STOP_SECONDS = 20.0
+KILL_SECONDS = 10.0
+
+
+@dataclass(frozen=True)
+class Process:
+    """A process of the past or present: `started` is in clock ticks since the boot."""
+
+    pid: int
+    started: int
+
+    @property
+    def alive(self) -> bool:
+        """Whether this very process runs; one that only awaits its parent's wait is gone."""
+        found = stat_of(self.pid)
+        return found is not None and found == ("running", self.started)
+
+    def send(self, number: signal.Signals) -> None:
+        """Signal the process if it is still the same one."""
+        if self.alive:
+            try:
+                os.kill(self.pid, number)
+            except ProcessLookupError:
+                return  # it ended between the look and the signal, which is what we want
+
+
+def parse_stat(text: str) -> tuple[str, int]:
+    """("running" or "dead", start time) from the text of /proc/<pid>/stat.
+
+    The second field is the program's name in brackets and may itself hold brackets and spaces.
+    """
+    fields = text[text.rindex(")") + 2 :].split()
+    return ("dead" if fields[0] in "ZXx" else "running", int(fields[19]))
+
+
+def stat_of(pid: int) -> tuple[str, int] | None:
+    try:
+        return parse_stat(Path(f"/proc/{pid}/stat").read_text())
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+
+
+def remember(name: str, pid: int) -> Process:
+    """Write the pid file of a process that we just started."""
+    found = stat_of(pid)
+    if found is None:
+        raise ClusterError(f"{name} ended at once.\n{tail(log_of(name))}")
+    PIDS.mkdir(parents=True, exist_ok=True)
+    temporary = PIDS / f".{name}"
+    temporary.write_text(json.dumps({"pid": pid, "started": found[1]}))
+    temporary.rename(PIDS / name)
+    return Process(pid, found[1])
+
+
+def recall(name: str) -> Process | None:
+    """The process of a pid file, alive or not; None when there is no readable one."""
+    try:
+        kept = json.loads((PIDS / name).read_text())
+        return Process(int(kept["pid"]), int(kept["started"]))
+    except (FileNotFoundError, ValueError, KeyError):
+        return None
+
+
+def log_of(name: str) -> Path:
+    return LOGS / f"{name}.log"
+
+
+def start(
+    name: str,
+    command: Sequence[str | Path],
+    *,
+    node: Node | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> Process:
+    """Start a daemon in its own session, in the daemons' control group and, if `node` is
+    given, in that node's network namespace. Its output goes to its log.
+    """
+    LOGS.mkdir(parents=True, exist_ok=True)
+    inside = ["nsenter", f"--net={node.namespace}"] if node else []
+    # The shell joins the control group before it becomes the daemon, so that no child of the
+    # daemon can be born outside; every step is an exec, so the pid stays the same.
+    join = 'for group in $GROUPS_TO_JOIN; do echo $$ > "$group/cgroup.procs"; done; exec "$@"'
+    groups = " ".join(str(group) for group in cgroups.of_daemons())
+    with log_of(name).open("ab") as log:
+        started = subprocess.Popen(
+            ["sh", "-c", join, "sh", *inside, *map(str, command)],
+            stdin=subprocess.DEVNULL,
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+            cwd="/",
+            env={**os.environ, **(environment or {}), "GROUPS_TO_JOIN": groups},
+        )
+    return remember(name, started.pid)
+
+
+def await_ready(name: str, process: Process, check: object, *, seconds: float = 60.0) -> None:
+    """Wait for `check` (a callable without arguments); fail at once if the process ends."""
+    assert callable(check)
+
+    def ready() -> bool:
+        if not process.alive:
+            raise ClusterError(
+                f"{name} ended while it was starting. The last lines of {log_of(name)}:\n"
+                f"{tail(log_of(name))}"
+            )
+        return bool(check())
+
+    wait_until(f"{name} becoming ready", ready, seconds=seconds, log=log_of(name))
+
+
+def names() -> list[str]:
+    """The names of all daemons that have a pid file."""
+    return sorted(p.name for p in PIDS.glob("[!.]*")) if PIDS.is_dir() else []
+
+
+def stop(name: str) -> None:
+    """End a daemon: SIGTERM, then after STOP_SECONDS SIGKILL; wait until it is gone."""
+    process = recall(name)
+    if process:
+        process.send(signal.SIGTERM)
+        try:
+            wait_until(f"the end of {name}", lambda: not process.alive, seconds=STOP_SECONDS)
+        except ClusterError:
+            process.send(signal.SIGKILL)
+            wait_until(f"the end of {name}", lambda: not process.alive, seconds=KILL_SECONDS)
+    (PIDS / name).unlink(missing_ok=True)
