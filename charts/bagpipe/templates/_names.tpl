@@ -1,0 +1,49 @@
+{{/* The name of everything in the release's namespace. */}}
+{{- define "bagpipe.name" -}}
+{{- $base := ternary .Release.Name (printf "%s-bagpipe" .Release.Name) (contains "bagpipe" .Release.Name) -}}
+{{- trunc 50 $base | trimSuffix "-" }}-operator
+{{- end }}
+
+{{/* The name of cluster-wide objects and of objects in other namespaces: two releases must not meet. */}}
+{{- define "bagpipe.globalName" -}}
+{{ printf "%s-%s" .Release.Namespace (include "bagpipe.name" .) | trunc 63 | trimSuffix "-" }}
+{{- end }}
+
+{{- define "bagpipe.selector" -}}
+app.kubernetes.io/name: bagpipe-operator
+app.kubernetes.io/instance: {{ .Release.Name }}
+{{- end }}
+
+{{- define "bagpipe.labels" -}}
+{{ include "bagpipe.selector" . }}
+app.kubernetes.io/version: {{ .Chart.AppVersion | quote }}
+app.kubernetes.io/managed-by: {{ .Release.Service }}
+app.kubernetes.io/part-of: bagpipe
+helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
+{{- end }}
+
+{{/* An image's full name; takes a list of the root and the image's key in values.images. */}}
+{{- define "bagpipe.image" -}}
+{{- $root := index . 0 -}}
+{{- $images := $root.Values.images -}}
+{{ printf "%s/%s:%s" $images.registry (index $images (index . 1)) ($images.tag | default $root.Chart.AppVersion) }}
+{{- end }}
+
+{{/* What the operator may do, and nothing else. */}}
+{{- define "bagpipe.rules" -}}
+- apiGroups: [sim.bagpipe.io]
+  resources: [simulationjobs]
+  verbs: [get, list, watch]
+- apiGroups: [sim.bagpipe.io]
+  resources: [simulationjobs/status]
+  verbs: [patch]
+- apiGroups: [""]
+  resources: [pods]
+  verbs: [get, list, watch, create, delete]
+- apiGroups: [""]
+  resources: [configmaps]
+  verbs: [get, create]
+- apiGroups: [""]
+  resources: [events]
+  verbs: [create]
+{{- end }}
