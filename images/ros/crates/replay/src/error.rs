@@ -1,0 +1,88 @@
+//! Why a replay failed, as the reasons of the pipe's ABORT frame and as sentences.
+
+use std::time::Duration;
+
+use bagpipe_bag::BagError;
+use bagpipe_ros::RosError;
+
+use crate::Cancellation;
+
+/// Why a replay failed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The stack ended before the play did.
+    #[error("the stack ended {during}; it must keep running until the agent stops it")]
+    StackExited {
+        /// When, as the end of a clause.
+        during: &'static str,
+    },
+    /// Nobody subscribed in time.
+    #[error("{0}")]
+    NeverSubscribed(String),
+    /// A subscriber took no byte for too long.
+    #[error(
+        "the node {node} has read nothing from {topic} for {:.1} s although messages wait in \
+         its socket; it hangs, or its callback never returns", waited.as_secs_f64()
+    )]
+    StackStoppedReading {
+        /// The node.
+        node: String,
+        /// The topic.
+        topic: String,
+        /// For how long.
+        waited: Duration,
+    },
+    /// The recording is larger than allowed.
+    #[error("{0}; record fewer topics, cut shorter fragments or raise the budget")]
+    RecorderBudgetExceeded(String),
+    /// The case took too long.
+    #[error("the case's deadline passed {during}")]
+    CaseDeadlineExceeded {
+        /// When, as the end of a clause.
+        during: &'static str,
+    },
+    /// The bag can't be read.
+    #[error("{0}")]
+    BagUnreadable(#[from] BagError),
+    /// The bag has one topic with two types, which no node can receive.
+    #[error("the topic {topic} was recorded with two types, {first} and {second}; name the topics to be played without it")]
+    TwoTypes {
+        /// The topic.
+        topic: String,
+        /// Type and md5sum of one.
+        first: String,
+        /// Type and md5sum of the other.
+        second: String,
+    },
+    /// The master does not answer.
+    #[error("the ROS master failed: {0}")]
+    RosMasterFailed(#[source] RosError),
+    /// The request makes no sense.
+    #[error("{0}")]
+    BadRequest(String),
+    /// The caller has stopped the replay.
+    #[error("the replay was stopped: {0:?}")]
+    Cancelled(Cancellation),
+    /// Something that should not happen.
+    #[error("{0}")]
+    Internal(String),
+}
+
+impl ReplayError {
+    /// The reason of the ABORT frame. [`ReplayError::Cancelled`] has `Terminated`, which is
+    /// never sent: whoever cancelled knows.
+    pub fn reason(&self) -> &'static str {
+        match self {
+            ReplayError::StackExited { .. } => "StackExited",
+            ReplayError::NeverSubscribed(_) => "NeverSubscribed",
+            ReplayError::StackStoppedReading { .. } => "StackStoppedReading",
+            ReplayError::RecorderBudgetExceeded(_) => "RecorderBudgetExceeded",
+            ReplayError::CaseDeadlineExceeded { .. } => "CaseDeadlineExceeded",
+            ReplayError::BagUnreadable(_) | ReplayError::TwoTypes { .. } => "BagUnreadable",
+            ReplayError::RosMasterFailed(_) => "RosMasterFailed",
+            ReplayError::BadRequest(_) => "ProtocolError",
+            ReplayError::Cancelled(_) => "Terminated",
+            ReplayError::Internal(_) => "Internal",
+        }
+    }
+}

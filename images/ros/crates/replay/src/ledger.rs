@@ -1,0 +1,66 @@
+//! The ledger: what was sent, and what each subscriber got of it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use bagpipe_ros::{LinkState, Publication};
+
+use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic};
+use crate::play::Played;
+use crate::prove::Proof;
+
+/// Adds up. `present` are the connections that existed when the last message was played;
+/// whoever came later could not have received anything and is no subscriber of the case.
+pub(crate) fn ledger(
+    topics: &[Arc<Publication>],
+    played: &[Played],
+    present: &[BTreeSet<u64>],
+    proof: &Proof,
+) -> Ledger {
+    let mut ledger = Ledger::default();
+    for (at, publication) in topics.iter().enumerate() {
+        let mut nodes: BTreeMap<String, LedgerSubscriber> = BTreeMap::new();
+        let sent = played[at].counted;
+        for link in publication.subscribers() {
+            if present[at].contains(&link.id) {
+                let reached = proof.known(at, link.id).reached(&link);
+                add(&mut nodes, &link, reached);
+            }
+        }
+        let subscribers: Vec<_> = nodes.into_values().map(|node| settle(node, sent)).collect();
+        let heard = !subscribers.is_empty();
+        let topic = LedgerTopic {
+            topic: publication.info().topic.clone(),
+            datatype: publication.info().datatype.clone(),
+            sent: if heard { sent } else { 0 },
+            lead_in: if heard { played[at].lead_in } else { 0 },
+            subscribers,
+        };
+        ledger.sent += topic.sent;
+        ledger.lead_in += topic.lead_in;
+        ledger.received += topic.subscribers.iter().map(|s| s.received).min().unwrap_or(0);
+        ledger.dropped += topic.subscribers.iter().map(|s| s.dropped).sum::<u64>();
+        ledger.topics.push(topic);
+    }
+    ledger
+}
+
+/// The connections of each topic.
+pub(crate) fn present(topics: &[Arc<Publication>]) -> Vec<BTreeSet<u64>> {
+    let ids = |topic: &Arc<Publication>| topic.subscribers().iter().map(|link| link.id).collect();
+    topics.iter().map(ids).collect()
+}
+
+/// A node that left and came back has several connections and one line.
+fn add(nodes: &mut BTreeMap<String, LedgerSubscriber>, link: &LinkState, reached: u64) {
+    let line = nodes.entry(link.node.clone()).or_default();
+    line.node.clone_from(&link.node);
+    line.received += reached;
+    line.bytes += link.counted_bytes;
+}
+
+fn settle(mut line: LedgerSubscriber, sent: u64) -> LedgerSubscriber {
+    line.received = line.received.min(sent);
+    line.dropped = sent - line.received;
+    line
+}

@@ -1,0 +1,30 @@
+//! Plays a window of a bag through the nodes of a ROS 1 graph, records what they answer
+//! into a bag in memory, and proves what was delivered.
+//!
+//! The order of things is the guarantee: the recorder is connected before the first
+//! input is released; every input waits for the slowest subscriber; the subscribers are
+//! asked what they received while their connections still stand.
+//!
+//! Not for: starting the stack or its master (the agent does), or judging the recording.
+#![forbid(unsafe_code)]
+
+mod clock;
+mod error;
+mod ledger;
+mod outcome;
+mod plan;
+mod play;
+mod prove;
+mod recorder;
+mod replay;
+mod request;
+mod rostime;
+mod subscribe;
+mod watch;
+
+pub use error::ReplayError;
+pub use outcome::{
+    Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, Timings,
+};
+pub use replay::replay;
+pub use request::{Cancellation, Mode, Progress, ReplayRequest, Stage, Window};

@@ -1,0 +1,116 @@
+//! What a replay yields: the RESULT map's keys, and the recorded bag.
+
+use serde::Serialize;
+
+/// A replay that was done. Serialises to the keys of the RESULT map, without the bag.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct Replayed {
+    /// What was delivered.
+    pub ledger: Ledger,
+    /// What was recorded.
+    pub recorded: Recorded,
+    /// How it was played.
+    pub playback: Playback,
+    /// How long each part took.
+    pub timings: Timings,
+    /// The recording: a bag 2.0, also when it is empty.
+    #[serde(skip)]
+    pub recorded_bag: Vec<u8>,
+}
+
+/// The proof of delivery. Lossless means: for every subscriber of every topic `received`
+/// equals the topic's `sent` and `dropped` is 0.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Ledger {
+    /// Sum of the topics' `sent`.
+    pub sent: u64,
+    /// Sum of the topics' `lead_in`.
+    pub lead_in: u64,
+    /// Sum over the topics of what their worst subscriber received.
+    pub received: u64,
+    /// Sum over all subscribers of all topics.
+    pub dropped: u64,
+    /// Each published topic.
+    pub topics: Vec<LedgerTopic>,
+}
+
+/// One published topic.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LedgerTopic {
+    /// The name that it was published under.
+    pub topic: String,
+    /// Its type.
+    #[serde(rename = "type")]
+    pub datatype: String,
+    /// Messages of the window that were played; 0 if nobody ever subscribed.
+    pub sent: u64,
+    /// Messages before the window that were played; 0 if nobody ever subscribed.
+    pub lead_in: u64,
+    /// Every node that was connected before the last message was played.
+    pub subscribers: Vec<LedgerSubscriber>,
+}
+
+/// One node's share of a topic: `received + dropped == sent`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct LedgerSubscriber {
+    /// The node's name.
+    pub node: String,
+    /// Messages of the window that reached its callback, by its own statistics.
+    pub received: u64,
+    /// Messages of the window that did not.
+    pub dropped: u64,
+    /// Bytes of messages of the window written to its socket, without length prefixes.
+    pub bytes: u64,
+}
+
+/// What was recorded.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Recorded {
+    /// Messages in the bag.
+    pub messages: u64,
+    /// Bytes of their data.
+    pub bytes: u64,
+    /// The most bytes that the recording held.
+    pub high_water_bytes: u64,
+    /// Each recorded topic.
+    pub topics: Vec<RecordedTopic>,
+}
+
+/// One recorded topic.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct RecordedTopic {
+    /// Its name.
+    pub topic: String,
+    /// Its type.
+    #[serde(rename = "type")]
+    pub datatype: String,
+    /// Messages in the bag.
+    pub messages: u64,
+}
+
+/// How the window was played.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Playback {
+    /// The rate that was asked for; without meaning in `max`.
+    pub asked_rate: f64,
+    /// Bag seconds per second, from the window's start to its last message; the asked
+    /// rate if that is no time at all.
+    pub achieved_rate: f64,
+    /// How much later than due the latest message left, in seconds; 0 in `max`.
+    pub late_max_seconds: f64,
+    /// How long playing the window took, in seconds.
+    pub played_seconds: f64,
+}
+
+/// How long each part took, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Timings {
+    /// Until the subscribers were there.
+    pub subscribe: f64,
+    /// Latched messages and warm-up, until they were received.
+    pub lead_in: f64,
+    /// The window.
+    pub play: f64,
+    /// Until the last message was received and the outputs had ended.
+    pub drain: f64,
+}

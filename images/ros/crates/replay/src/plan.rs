@@ -1,0 +1,186 @@
+//! Which messages go out, under which names, in which order.
+
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::ops::Range;
+
+use bagpipe_bag::{Bag, ChunkedFile, Connection, Message, Timeline};
+use bagpipe_ros::TopicInfo;
+
+use crate::request::resolved;
+use crate::{ReplayError, ReplayRequest};
+
+/// What to play.
+pub(crate) struct Plan<'a> {
+    /// Published topics.
+    pub(crate) topics: Vec<TopicInfo>,
+    /// By connection of the bag: where its messages go.
+    routes: HashMap<u32, Route>,
+    timeline: Timeline<'a>,
+    /// Latched messages in force at the lead-in's start, as places in the timeline.
+    pub(crate) latched: Vec<usize>,
+    /// The lead-in, as places in the timeline.
+    pub(crate) lead_in: Range<usize>,
+    /// The window, as places in the timeline.
+    pub(crate) counted: Range<usize>,
+}
+
+/// Where the messages of a connection go.
+pub(crate) struct Route {
+    /// Places in [`Plan::topics`].
+    pub(crate) topics: Vec<usize>,
+    /// The recorded publisher.
+    pub(crate) caller_id: String,
+    /// Whether it latched.
+    pub(crate) latching: bool,
+}
+
+impl<'a> Plan<'a> {
+    /// Selects from a bag.
+    ///
+    /// # Errors
+    /// The bag can't be read, or a topic was recorded with two types.
+    pub(crate) fn new<F: ChunkedFile>(
+        bag: &'a Bag<F>,
+        request: &ReplayRequest,
+    ) -> Result<Plan<'a>, ReplayError> {
+        let names = Names::new(request);
+        let mut topics = Vec::new();
+        let mut places = BTreeMap::new();
+        let mut routes = HashMap::new();
+        for connection in bag.connections() {
+            let mut route = Route {
+                topics: Vec::new(),
+                caller_id: connection.caller_id.clone().unwrap_or_default(),
+                latching: connection.latching,
+            };
+            for name in names.published_as(&connection.topic) {
+                route.topics.push(place(&mut topics, &mut places, &name, connection)?);
+            }
+            if !route.topics.is_empty() {
+                routes.insert(connection.id, route);
+            }
+        }
+        let timeline = bag.timeline(|connection| routes.contains_key(&connection.id))?;
+        let window = request.window;
+        let lead_in = timeline.between(window.lead_in_start, window.start);
+        let counted = timeline.between(window.start, window.end);
+        let latched = latched_before(bag, &timeline, lead_in.start);
+        Ok(Plan { topics, routes, timeline, latched, lead_in, counted })
+    }
+
+    /// Whether there is nothing to play.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.latched.is_empty() && self.lead_in.is_empty() && self.counted.is_empty()
+    }
+
+    /// A message and where it goes.
+    pub(crate) fn message(&self, place: usize) -> Option<(Message<'a>, &Route)> {
+        let message = self.timeline.get(place)?;
+        Some((message, self.routes.get(&message.connection)?))
+    }
+
+    /// The topics that have a message to be played, as places in [`Plan::topics`].
+    pub(crate) fn spoken(&self) -> Vec<usize> {
+        let mut spoken = vec![false; self.topics.len()];
+        let mut seen = HashSet::new();
+        let latched = self.latched.iter().copied();
+        for place in latched.chain(self.lead_in.clone()).chain(self.counted.clone()) {
+            let Some((message, route)) = self.message(place) else { continue };
+            if seen.insert(message.connection) {
+                route.topics.iter().for_each(|at| spoken[*at] = true);
+            }
+        }
+        (0..spoken.len()).filter(|at| spoken[*at]).collect()
+    }
+}
+
+/// The place of a published topic, which the first connection defines.
+fn place(
+    topics: &mut Vec<TopicInfo>,
+    places: &mut BTreeMap<String, usize>,
+    name: &str,
+    connection: &Connection,
+) -> Result<usize, ReplayError> {
+    let Some(&at) = places.get(name) else {
+        topics.push(TopicInfo {
+            topic: name.to_owned(),
+            datatype: connection.datatype.clone(),
+            md5sum: connection.md5sum.clone(),
+            definition: connection.definition.clone(),
+            latching: connection.latching,
+        });
+        places.insert(name.to_owned(), topics.len() - 1);
+        return Ok(topics.len() - 1);
+    };
+    let topic = &mut topics[at];
+    if topic.md5sum != connection.md5sum || topic.datatype != connection.datatype {
+        return Err(ReplayError::TwoTypes {
+            topic: connection.topic.clone(),
+            first: format!("{} ({})", topic.datatype, topic.md5sum),
+            second: format!("{} ({})", connection.datatype, connection.md5sum),
+        });
+    }
+    topic.latching |= connection.latching;
+    Ok(at)
+}
+
+/// The last message of each latching connection before `end`, per topic and publisher, in
+/// the bag's order.
+fn latched_before<F: ChunkedFile>(bag: &Bag<F>, timeline: &Timeline<'_>, end: usize) -> Vec<usize> {
+    let latching: HashMap<u32, (&str, Option<&str>)> = bag
+        .connections()
+        .iter()
+        .filter(|connection| connection.latching)
+        .map(|c| (c.id, (c.topic.as_str(), c.caller_id.as_deref())))
+        .collect();
+    if latching.is_empty() {
+        return Vec::new();
+    }
+    let mut last = HashMap::new();
+    for place in 0..end {
+        if let Some(publisher) = timeline.get(place).and_then(|m| latching.get(&m.connection)) {
+            last.insert(publisher, place);
+        }
+    }
+    let mut places: Vec<usize> = last.into_values().collect();
+    places.sort_unstable();
+    places
+}
+
+/// Which recorded topic is published under which names.
+struct Names {
+    wanted: HashSet<String>,
+    by_recorded: HashMap<String, Vec<String>>,
+    taken: HashSet<String>,
+}
+
+impl Names {
+    fn new(request: &ReplayRequest) -> Names {
+        let mut by_recorded: HashMap<String, Vec<String>> = HashMap::new();
+        let mut taken = HashSet::new();
+        for (stack, recorded) in &request.remap {
+            by_recorded.entry(resolved(recorded)).or_default().push(resolved(stack));
+            taken.insert(resolved(stack));
+        }
+        if request.use_sim_time {
+            // The player's own /clock takes the place of a recorded one.
+            taken.insert("/clock".to_owned());
+        }
+        let wanted = request.topics.iter().map(|topic| resolved(topic)).collect();
+        Names { wanted, by_recorded, taken }
+    }
+
+    /// The names of a recorded topic; none if it is not played. A recorded topic whose own
+    /// name the remap gives to another one makes room for that.
+    fn published_as(&self, recorded: &str) -> Vec<String> {
+        let recorded = resolved(recorded);
+        if !self.wanted.is_empty() && !self.wanted.contains(&recorded) {
+            return Vec::new();
+        }
+        match self.by_recorded.get(&recorded) {
+            Some(names) => names.clone(),
+            None if self.taken.contains(&recorded) => Vec::new(),
+            None => vec![recorded],
+        }
+    }
+}

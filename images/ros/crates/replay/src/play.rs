@@ -1,0 +1,197 @@
+//! The player: messages go out in the bag's order, by its time or as fast as they are taken.
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros::{Node, Publication, SendError, Share};
+
+use crate::clock::{BagClock, Schedule};
+use crate::plan::Plan;
+use crate::rostime::{clock_frame, clock_topic};
+use crate::watch::Watch;
+use crate::{Mode, ReplayError, ReplayRequest};
+
+/// /clock advances at least this often, in nanoseconds of bag time: 100 Hz.
+const TICK: u64 = 10_000_000;
+
+/// Plays a plan on a node.
+pub(crate) struct Player<'a> {
+    plan: &'a Plan<'a>,
+    publications: Vec<Arc<Publication>>,
+    /// /clock, if simulated time is wanted.
+    clock_topic: Option<Arc<Publication>>,
+    clock: &'a BagClock,
+    mode: Mode,
+    rate: f64,
+    /// Messages played per topic: lead-in and counted.
+    played: Vec<Played>,
+    last_tick: u64,
+}
+
+/// How many messages of a topic were played.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Played {
+    pub(crate) lead_in: u64,
+    pub(crate) counted: u64,
+}
+
+/// How playing a range went.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Pace {
+    /// The latest lateness of a message.
+    pub(crate) late: Duration,
+    /// From the first due time to the last message's departure.
+    pub(crate) took: Duration,
+    /// Bag time of the last message, if there was one, in nanoseconds.
+    pub(crate) last: Option<u64>,
+}
+
+impl<'a> Player<'a> {
+    /// Advertises the plan's topics.
+    pub(crate) fn advertise(
+        node: &Node,
+        plan: &'a Plan<'a>,
+        clock: &'a BagClock,
+        request: &ReplayRequest,
+    ) -> Result<Player<'a>, ReplayError> {
+        let failed = ReplayError::RosMasterFailed;
+        let clock_topic = if request.use_sim_time {
+            Some(node.advertise(clock_topic()).map_err(failed)?)
+        } else {
+            None
+        };
+        let topics = plan.topics.iter();
+        let publications = topics.map(|topic| node.advertise(topic.clone()).map_err(failed));
+        Ok(Player {
+            plan,
+            publications: publications.collect::<Result<_, _>>()?,
+            clock_topic,
+            clock,
+            mode: request.mode,
+            rate: request.rate,
+            played: vec![Played::default(); plan.topics.len()],
+            last_tick: request.window.lead_in_start,
+        })
+    }
+
+    /// The advertised topics, in the plan's order; /clock is not among them.
+    pub(crate) fn publications(&self) -> &[Arc<Publication>] {
+        &self.publications
+    }
+
+    /// The topics that need a subscriber: those with messages to be played.
+    pub(crate) fn required(&self) -> Vec<usize> {
+        self.plan.spoken()
+    }
+
+    /// What was played, in the plan's order.
+    pub(crate) fn played(&self) -> &[Played] {
+        &self.played
+    }
+
+    /// Sends what was latched before the lead-in, at the lead-in's start.
+    pub(crate) fn play_latched(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        for &place in &self.plan.latched {
+            self.send(place, Share::LeadIn, watch)?;
+        }
+        Ok(())
+    }
+
+    /// Plays a range that begins at bag time `from`, beginning now.
+    pub(crate) fn play(
+        &mut self,
+        range: Range<usize>,
+        from: u64,
+        share: Share,
+        watch: &mut Watch<'_>,
+    ) -> Result<Pace, ReplayError> {
+        let schedule = Schedule { epoch: Instant::now(), bag: from, rate: self.rate };
+        match self.mode {
+            Mode::Realtime => self.clock.run(schedule.epoch, from, self.rate),
+            Mode::Max => self.clock.stand(from),
+        }
+        let mut pace = Pace::default();
+        self.last_tick = from;
+        for place in range {
+            let Some((message, _)) = self.plan.message(place) else { continue };
+            match self.mode {
+                Mode::Realtime => {
+                    self.wait_for(message.time, schedule, watch)?;
+                    let late = Instant::now().saturating_duration_since(schedule.due(message.time));
+                    pace.late = pace.late.max(late);
+                }
+                Mode::Max => self.clock.stand(message.time),
+            }
+            self.tick(message.time, watch)?;
+            self.send(place, share, watch)?;
+            pace.last = Some(message.time);
+        }
+        pace.took = schedule.epoch.elapsed();
+        Ok(pace)
+    }
+
+    /// Waits until a message is due; /clock ticks on the way.
+    fn wait_for(
+        &mut self,
+        time: u64,
+        schedule: Schedule,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        while self.clock_topic.is_some() && self.last_tick.saturating_add(TICK) < time {
+            let next = self.last_tick + TICK;
+            watch.sleep_until(schedule.due(next))?;
+            self.tick(next, watch)?;
+        }
+        watch.sleep_until(schedule.due(time))
+    }
+
+    /// Publishes the time that /clock shows when it is not advanced by messages: before the
+    /// play, where a node may wait for a valid time, and during the drain.
+    pub(crate) fn show_clock(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        self.tick(self.clock.now(), watch)
+    }
+
+    fn tick(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        let Some(topic) = &self.clock_topic else { return Ok(()) };
+        self.last_tick = time;
+        let frame = clock_frame(time);
+        topic.latch("", Share::LeadIn, &frame);
+        let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
+        sent.map_err(|error| failed(error, watch))
+    }
+
+    fn send(
+        &mut self,
+        place: usize,
+        share: Share,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        watch.check()?;
+        let Some((message, route)) = self.plan.message(place) else { return Ok(()) };
+        for &at in &route.topics {
+            let topic = &self.publications[at];
+            if route.latching {
+                topic.latch(&route.caller_id, share, message.frame);
+            }
+            topic
+                .send(share, &[message.frame], &mut || watch.must_stop())
+                .map_err(|error| failed(error, watch))?;
+            match share {
+                Share::LeadIn => self.played[at].lead_in += 1,
+                Share::Counted => self.played[at].counted += 1,
+            }
+            watch.sent += 1;
+        }
+        Ok(())
+    }
+}
+
+fn failed(error: SendError, watch: &mut Watch<'_>) -> ReplayError {
+    match error {
+        SendError::Stalled { node, topic, waited } => {
+            ReplayError::StackStoppedReading { node, topic, waited }
+        }
+        SendError::Cancelled => watch.failure(),
+    }
+}

@@ -1,0 +1,208 @@
+//! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use bagpipe_bag::{BagError, BagWriter, Compression, Connection, WriterOptions};
+use bagpipe_ros::{Incoming, Sink};
+
+use crate::ReplayError;
+use crate::clock::BagClock;
+use crate::outcome::{Recorded, RecordedTopic};
+
+/// A recorder; its clones write into the same bag.
+#[derive(Clone)]
+pub(crate) struct Recorder {
+    shared: Arc<Shared>,
+}
+
+struct Shared {
+    clock: Arc<BagClock>,
+    born: Instant,
+    /// Nanoseconds from `born` to the last arrival; 0 before the first one.
+    last: AtomicU64,
+    messages: AtomicU64,
+    state: Mutex<State>,
+}
+
+struct State {
+    writer: BagWriter,
+    /// Whether the counted part has begun; before it only latched messages are kept.
+    counting: bool,
+    latched: BTreeMap<(String, String), (Connection, Vec<u8>)>,
+    /// Connections of the bag by topic, publisher and md5sum.
+    connections: HashMap<(String, String, String), u32>,
+    /// Connections of the bag by TCPROS connection.
+    links: HashMap<u64, u32>,
+    topics: BTreeMap<String, RecordedTopic>,
+    bytes: u64,
+    failure: Option<Failure>,
+}
+
+#[derive(Clone)]
+enum Failure {
+    Budget(String),
+    Other(String),
+}
+
+impl Recorder {
+    /// An empty recording of at most `byte_budget` bytes.
+    pub(crate) fn new(clock: Arc<BagClock>, byte_budget: u64) -> Recorder {
+        let options = WriterOptions {
+            compression: Compression::Lz4,
+            byte_budget: Some(byte_budget),
+            ..WriterOptions::default()
+        };
+        let state = State {
+            writer: BagWriter::new(options),
+            counting: false,
+            latched: BTreeMap::new(),
+            connections: HashMap::new(),
+            links: HashMap::new(),
+            topics: BTreeMap::new(),
+            bytes: 0,
+            failure: None,
+        };
+        Recorder {
+            shared: Arc::new(Shared {
+                clock,
+                born: Instant::now(),
+                last: AtomicU64::new(0),
+                messages: AtomicU64::new(0),
+                state: Mutex::new(state),
+            }),
+        }
+    }
+
+    /// Begins to count: what latching publishers said last is written at `start`.
+    pub(crate) fn count_from(&self, start: u64) {
+        let mut state = self.state();
+        for ((topic, _), (connection, data)) in std::mem::take(&mut state.latched) {
+            let id = state.connection(connection);
+            self.write(&mut state, id, &topic, start, &data);
+        }
+        state.counting = true;
+    }
+
+    /// Messages in the bag.
+    pub(crate) fn messages(&self) -> u64 {
+        self.shared.messages.load(Ordering::Relaxed)
+    }
+
+    /// How long nothing has arrived, counted from `since` at the earliest.
+    pub(crate) fn quiet_for(&self, since: Instant) -> Duration {
+        let last = self.shared.born + Duration::from_nanos(self.shared.last.load(Ordering::Relaxed));
+        Instant::now().saturating_duration_since(last.max(since))
+    }
+
+    /// Why recording has failed, if it has.
+    pub(crate) fn failure(&self) -> Option<ReplayError> {
+        self.state().failure.clone().map(|failure| match failure {
+            Failure::Budget(why) => ReplayError::RecorderBudgetExceeded(why),
+            Failure::Other(why) => ReplayError::Internal(why),
+        })
+    }
+
+    /// The figures and the bag. What arrives later is not in it.
+    pub(crate) fn finish(&self) -> Result<(Recorded, Vec<u8>), ReplayError> {
+        let mut state = self.state();
+        let writer =
+            std::mem::replace(&mut state.writer, BagWriter::new(WriterOptions::default()));
+        state.counting = false;
+        let recorded = Recorded {
+            messages: writer.messages(),
+            bytes: state.bytes,
+            high_water_bytes: writer.high_water(),
+            topics: std::mem::take(&mut state.topics).into_values().collect(),
+        };
+        Ok((recorded, writer.finish()?))
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.shared.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn write(&self, state: &mut State, id: u32, topic: &str, time: u64, data: &[u8]) {
+        match state.writer.write(id, time, data) {
+            Ok(()) => {
+                state.bytes += data.len() as u64;
+                if let Some(topic) = state.topics.get_mut(topic) {
+                    topic.messages += 1;
+                }
+                self.shared.messages.fetch_add(1, Ordering::Relaxed);
+            }
+            Err(error @ BagError::BudgetExceeded { .. }) => {
+                state.failure = Some(Failure::Budget(error.to_string()));
+            }
+            Err(error) => state.failure = Some(Failure::Other(error.to_string())),
+        }
+    }
+}
+
+impl State {
+    /// The bag's connection for a publisher of a topic; a publisher that reconnects keeps it.
+    fn connection(&mut self, connection: Connection) -> u32 {
+        let caller = connection.caller_id.clone().unwrap_or_default();
+        let key = (connection.topic.clone(), caller, connection.md5sum.clone());
+        if let Some(&id) = self.connections.get(&key) {
+            return id;
+        }
+        self.topics.entry(connection.topic.clone()).or_insert_with(|| RecordedTopic {
+            topic: connection.topic.clone(),
+            datatype: connection.datatype.clone(),
+            messages: 0,
+        });
+        let id = self.writer.add_connection(&connection);
+        self.connections.insert(key, id);
+        id
+    }
+}
+
+impl Sink for Recorder {
+    fn message(&mut self, incoming: Incoming<'_>) {
+        let since = self.shared.born.elapsed().as_nanos() as u64;
+        self.shared.last.store(since, Ordering::Relaxed);
+        let mut state = self.state();
+        if state.failure.is_some() {
+            return;
+        }
+        if !state.counting {
+            if incoming.header.latching() {
+                let caller = incoming.header.text("callerid").to_owned();
+                let kept = (connection_of(&incoming), incoming.data.to_vec());
+                state.latched.insert((incoming.topic.to_owned(), caller), kept);
+            }
+            return;
+        }
+        let id = match state.links.get(&incoming.link) {
+            Some(&id) => id,
+            None => {
+                let id = state.connection(connection_of(&incoming));
+                state.links.insert(incoming.link, id);
+                id
+            }
+        };
+        let now = self.shared.clock.now();
+        self.write(&mut state, id, incoming.topic, now, incoming.data);
+    }
+
+    fn too_large(&mut self, topic: &str, length: u64) {
+        let why = format!("a message of {length} bytes on {topic} is larger than the recording may be");
+        self.state().failure = Some(Failure::Budget(why));
+    }
+}
+
+fn connection_of(incoming: &Incoming<'_>) -> Connection {
+    let header = incoming.header;
+    Connection {
+        id: 0,
+        topic: incoming.topic.to_owned(),
+        datatype: header.text("type").to_owned(),
+        md5sum: header.text("md5sum").to_owned(),
+        definition: header.text("message_definition").to_owned(),
+        caller_id: header.get("callerid").map(str::to_owned),
+        latching: header.latching(),
+    }
+}

@@ -1,0 +1,274 @@
+//! The way of a replay, from the first registration to the finished recording.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use bagpipe_bag::{Bag, ChunkedFile};
+use bagpipe_ros::audit::Audit;
+use bagpipe_ros::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
+
+use crate::clock::BagClock;
+use crate::ledger::{ledger, present};
+use crate::outcome::{Playback, Replayed, Timings};
+use crate::plan::Plan;
+use crate::play::{Pace, Player};
+use crate::prove::{Patience, Proof, Settled};
+use crate::recorder::Recorder;
+use crate::subscribe::{Discovery, wait_for_stack};
+use crate::watch::Watch;
+use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
+
+/// The deadline of every call to the master and to nodes.
+const CALL: Duration = Duration::from_secs(3);
+/// How often nodes are asked and topics are sought during the play.
+const ROUND: Duration = Duration::from_millis(500);
+/// The pause between two rounds of questions when the answers are awaited.
+const PAUSE: Duration = Duration::from_millis(10);
+/// The most that the end of the lead-in waits for it to be received.
+const LEAD_IN: Duration = Duration::from_secs(1);
+/// A lead-in that has not changed for this time is over.
+const LEAD_IN_STABLE: Duration = Duration::from_millis(500);
+/// Nodes whose figures have not changed for this time will not receive more.
+const STABLE: Duration = Duration::from_secs(2);
+/// Outputs are over when none came for this time.
+const QUIET: Duration = Duration::from_millis(300);
+
+/// Plays, records and proves. Blocks; every thread that it starts ends before it returns.
+/// `progress` is called when a stage begins and twice a second; `cancelled` is asked at
+/// least every 50 ms.
+///
+/// # Errors
+/// See [`ReplayError`]; a window without messages is not an error.
+pub fn replay<F: ChunkedFile>(
+    bag: &Bag<F>,
+    request: &ReplayRequest,
+    progress: &mut dyn FnMut(Progress),
+    cancelled: &dyn Fn() -> Option<Cancellation>,
+) -> Result<Replayed, ReplayError> {
+    request.validate()?;
+    let plan = Plan::new(bag, request)?;
+    let limit = request.window.end.saturating_add(nanoseconds(request.drain_deadline));
+    let clock = Arc::new(BagClock::new(request.window.lead_in_start, limit));
+    let recorder = Recorder::new(Arc::clone(&clock), request.byte_budget);
+    if plan.is_empty() {
+        return finish(&recorder, Replayed::default());
+    }
+    let node = Node::start(node_options(request), Box::new(recorder.clone()))
+        .map_err(ReplayError::RosMasterFailed)?;
+    let mut watch = Watch::new(request, &recorder, &clock, progress, cancelled);
+    let outcome = perform(&node, &plan, request, &recorder, &clock, &mut watch)?;
+    drop(node);
+    if let Some(failure) = recorder.failure() {
+        return Err(failure);
+    }
+    finish(&recorder, outcome)
+}
+
+fn finish(recorder: &Recorder, mut outcome: Replayed) -> Result<Replayed, ReplayError> {
+    (outcome.recorded, outcome.recorded_bag) = recorder.finish()?;
+    Ok(outcome)
+}
+
+fn node_options(request: &ReplayRequest) -> NodeOptions {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    let number = NEXT.fetch_add(1, Ordering::Relaxed);
+    NodeOptions {
+        name: format!("/bagpipe_player_{}_{number}", std::process::id()),
+        master_uri: request.master_uri.clone(),
+        call_deadline: CALL,
+        stall: request.drain_deadline,
+        max_message: usize::try_from(request.byte_budget).unwrap_or(MAX_MESSAGE),
+    }
+}
+
+/// Everything between the first registration and the last proof.
+fn perform(
+    node: &Node,
+    plan: &Plan<'_>,
+    request: &ReplayRequest,
+    recorder: &Recorder,
+    clock: &BagClock,
+    watch: &mut Watch<'_>,
+) -> Result<Replayed, ReplayError> {
+    let mut laps = Laps::start();
+    watch.enter(Stage::Subscribe);
+    let discovery = Discovery::start(node, &request.record_topics)?;
+    let mut player = Player::advertise(node, plan, clock, request)?;
+    wait_for_stack(&discovery, &mut player, request, watch)?;
+    let subscribe = laps.lap();
+
+    let audit = Audit::new(node.master().clone(), node.slave_uri(), CALL);
+    let rounds = Rounds::new(Proof::new(audit), player.publications().to_vec());
+    let window = request.window;
+    let (lead_in, pace) = std::thread::scope(|scope| {
+        scope.spawn(|| rounds.run(&discovery));
+        let _ends = EndOnDrop(&rounds);
+        watch.enter(Stage::LeadIn);
+        player.play_latched(watch)?;
+        player.play(plan.lead_in.clone(), window.lead_in_start, Share::LeadIn, watch)?;
+        end_lead_in(&rounds, &player, watch)?;
+        let lead_in = laps.lap();
+        watch.enter(Stage::Play);
+        clock.stand(window.start);
+        recorder.count_from(window.start);
+        let pace = player.play(plan.counted.clone(), window.start, Share::Counted, watch)?;
+        Ok::<_, ReplayError>((lead_in, pace))
+    })?;
+    let play = laps.lap();
+
+    watch.enter(Stage::Drain);
+    let there = present(player.publications());
+    let mut proof = rounds.into_proof();
+    let drain = Drain { request, recorder, since: Instant::now() };
+    drain.prove(&mut proof, &mut player, watch)?;
+    drain.listen(&mut player, watch)?;
+    let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
+    Ok(Replayed {
+        ledger: ledger(player.publications(), player.played(), &there, &proof),
+        playback: playback(request, pace),
+        timings,
+        ..Replayed::default()
+    })
+}
+
+/// Waits until the lead-in has been received, so that it can be told apart. The clock
+/// stands meanwhile. Without a lead-in there is nothing to wait for.
+fn end_lead_in(
+    rounds: &Rounds,
+    player: &Player<'_>,
+    watch: &mut Watch<'_>,
+) -> Result<(), ReplayError> {
+    if player.played().iter().all(|topic| topic.lead_in == 0) {
+        return Ok(());
+    }
+    let patience = Patience { deadline: Instant::now() + LEAD_IN, stable: LEAD_IN_STABLE };
+    let mut proof = rounds.proof.lock().unwrap_or_else(PoisonError::into_inner);
+    let settled: Settled = proof.settle(player.publications(), &patience, || {
+        watch.sleep_until(Instant::now() + PAUSE).map(|()| false)
+    })?;
+    proof.end_lead_in(player.publications(), settled);
+    Ok(())
+}
+
+/// After the last message.
+struct Drain<'a> {
+    request: &'a ReplayRequest,
+    recorder: &'a Recorder,
+    since: Instant,
+}
+
+impl Drain<'_> {
+    /// Until the subscribers' kernels and then the subscribers have everything.
+    fn prove(
+        &self,
+        proof: &mut Proof,
+        player: &mut Player<'_>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let patience =
+            Patience { deadline: self.since + self.request.drain_deadline, stable: STABLE };
+        let topics = player.publications().to_vec();
+        let mut pause = |watch: &mut Watch<'_>| {
+            watch.sleep_until(Instant::now() + PAUSE)?;
+            player.show_clock(watch)?;
+            Ok::<bool, ReplayError>(watch.stack_has_exited())
+        };
+        while topics.iter().any(|topic| topic.unsent() > 0) && Instant::now() < patience.deadline {
+            if pause(watch)? {
+                return Ok(());
+            }
+        }
+        proof.settle(&topics, &patience, || pause(watch)).map(drop)
+    }
+
+    /// Until the outputs have ended.
+    fn listen(&self, player: &mut Player<'_>, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        let deadline = (self.since + self.request.drain_deadline).max(Instant::now() + QUIET);
+        while self.recorder.quiet_for(self.since) < QUIET && Instant::now() < deadline {
+            watch.sleep_until(Instant::now() + PAUSE)?;
+            player.show_clock(watch)?;
+            if watch.stack_has_exited() {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What goes on beside the play: nodes are asked now and then, so that something is known
+/// of those that leave early, and new topics are sought.
+struct Rounds {
+    proof: Mutex<Proof>,
+    topics: Vec<Arc<Publication>>,
+    over: Mutex<bool>,
+    end: Condvar,
+}
+
+impl Rounds {
+    fn new(proof: Proof, topics: Vec<Arc<Publication>>) -> Rounds {
+        Rounds { proof: Mutex::new(proof), topics, over: Mutex::new(false), end: Condvar::new() }
+    }
+
+    fn run(&self, discovery: &Discovery<'_>) {
+        loop {
+            let over = self.over.lock().unwrap_or_else(PoisonError::into_inner);
+            let waited = self.end.wait_timeout_while(over, ROUND, |over| !*over);
+            match waited {
+                Ok((over, _)) if !*over => {}
+                _ => return,
+            }
+            // A master that fails now fails the case only if a figure will be missing.
+            let _master_busy = discovery.look();
+            self.proof.lock().unwrap_or_else(PoisonError::into_inner).ask(&self.topics);
+        }
+    }
+
+    fn into_proof(self) -> Proof {
+        self.proof.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Ends the rounds when the play ends, in whatever way.
+struct EndOnDrop<'a>(&'a Rounds);
+
+impl Drop for EndOnDrop<'_> {
+    fn drop(&mut self) {
+        *self.0.over.lock().unwrap_or_else(PoisonError::into_inner) = true;
+        self.0.end.notify_all();
+    }
+}
+
+fn playback(request: &ReplayRequest, pace: Pace) -> Playback {
+    let played = pace.took.as_secs_f64();
+    let bag = pace.last.map_or(0, |last| last.saturating_sub(request.window.start)) as f64 / 1e9;
+    Playback {
+        asked_rate: request.rate,
+        achieved_rate: if bag > 0.0 && played > 0.0 { bag / played } else { request.rate },
+        late_max_seconds: match request.mode {
+            Mode::Realtime => pace.late.as_secs_f64(),
+            Mode::Max => 0.0,
+        },
+        played_seconds: played,
+    }
+}
+
+/// Seconds of consecutive parts.
+struct Laps(Instant);
+
+impl Laps {
+    fn start() -> Laps {
+        Laps(Instant::now())
+    }
+
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        let lap = now.duration_since(self.0).as_secs_f64();
+        self.0 = now;
+        lap
+    }
+}
+
+fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}

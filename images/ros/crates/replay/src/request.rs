@@ -1,0 +1,131 @@
+//! What a replay is asked to do.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use crate::ReplayError;
+
+/// A window of bag time, in nanoseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Window {
+    /// Messages from here to `start` warm the stack up; they are counted apart.
+    pub lead_in_start: u64,
+    /// The first counted time.
+    pub start: u64,
+    /// The first time that is not counted any more.
+    pub end: u64,
+}
+
+/// How fast to play.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// By bag time, `rate` times as fast.
+    Realtime,
+    /// As fast as the slowest subscriber's socket takes it.
+    Max,
+}
+
+/// A replay to be done.
+#[derive(Clone, Debug)]
+pub struct ReplayRequest {
+    /// The master, such as `http://127.0.0.1:11311`.
+    pub master_uri: String,
+    /// Which messages.
+    pub window: Window,
+    /// Recorded topics to play; empty: all of the bag.
+    pub topics: Vec<String>,
+    /// The stack's topic name to the recorded one: the recorded topic is published as the
+    /// stack's.
+    pub remap: BTreeMap<String, String>,
+    /// How fast.
+    pub mode: Mode,
+    /// Bag seconds per second, in realtime; above 0.
+    pub rate: f64,
+    /// Regular expressions that a topic's whole name must match to be recorded.
+    pub record_topics: Vec<String>,
+    /// The recorded bag may not be larger, in bytes.
+    pub byte_budget: u64,
+    /// How long to wait for the subscribers.
+    pub subscribe_deadline: Duration,
+    /// How long to wait for the last messages to be received and the outputs to end; also
+    /// how long a subscriber may take no byte.
+    pub drain_deadline: Duration,
+    /// When the case must be over.
+    pub case_deadline: Instant,
+    /// Whether to publish /clock.
+    pub use_sim_time: bool,
+}
+
+/// Why a replay should stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cancellation {
+    /// The stack's process has ended.
+    StackExited,
+    /// The worker at the other end of the pipe is gone.
+    PeerGone,
+    /// The agent has been told to end.
+    Terminated,
+}
+
+/// Where a replay is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Waiting for the subscribers.
+    Subscribe,
+    /// Playing what warms up.
+    LeadIn,
+    /// Playing what counts.
+    Play,
+    /// Waiting for the last messages and outputs.
+    Drain,
+}
+
+impl Stage {
+    /// Its name in METRIC frames.
+    pub fn name(self) -> &'static str {
+        match self {
+            Stage::Subscribe => "subscribe",
+            Stage::LeadIn => "lead_in",
+            Stage::Play => "play",
+            Stage::Drain => "drain",
+        }
+    }
+}
+
+/// How far a replay is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Progress {
+    /// Where.
+    pub stage: Stage,
+    /// Messages played, the lead-in included.
+    pub sent: u64,
+    /// Messages recorded.
+    pub recorded: u64,
+    /// Bag time since the beginning of the lead-in, in seconds.
+    pub bag_seconds: f64,
+}
+
+impl ReplayRequest {
+    /// Refuses what can't be done, before anything is started.
+    pub(crate) fn validate(&self) -> Result<(), ReplayError> {
+        let Window { lead_in_start, start, end } = self.window;
+        if lead_in_start > start || start > end {
+            return Err(ReplayError::BadRequest(format!(
+                "the window's times must not decrease: lead_in_start {lead_in_start}, \
+                 start {start}, end {end}"
+            )));
+        }
+        if !(self.rate.is_finite() && self.rate > 0.0) {
+            return Err(ReplayError::BadRequest(format!(
+                "the rate must be a number above 0, not {}",
+                self.rate
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A topic's resolved name: recordings may lack the leading slash.
+pub(crate) fn resolved(name: &str) -> String {
+    if name.starts_with('/') { name.to_owned() } else { format!("/{name}") }
+}

@@ -1,0 +1,250 @@
+//! Before the first input: the recorder finds its topics, the stack finds ours.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros::{Node, Publication, RosError, SystemState};
+use regex::Regex;
+
+use crate::play::Player;
+use crate::request::resolved;
+use crate::watch::Watch;
+use crate::{ReplayError, ReplayRequest};
+
+/// The time between two looks at the master while subscribers are awaited.
+const DISCOVER: Duration = Duration::from_millis(100);
+/// The time between two looks at our own connections.
+const LOOK: Duration = Duration::from_millis(10);
+/// With no topics named, the subscribers are complete once none came for this time.
+const STABLE: Duration = Duration::from_millis(500);
+/// How long to wait for connections that the master already knows of.
+const SETTLE: Duration = Duration::from_secs(2);
+/// Calls to the master that may fail in a row.
+const FAILURES: u32 = 3;
+
+/// Which topics to record, and the search for them.
+pub(crate) struct Discovery<'a> {
+    node: &'a Node,
+    patterns: Vec<Regex>,
+    failures: Mutex<u32>,
+}
+
+impl<'a> Discovery<'a> {
+    /// Subscribes to the plain names at once; the patterns need [`Discovery::look`].
+    pub(crate) fn start(node: &'a Node, record: &[String]) -> Result<Discovery<'a>, ReplayError> {
+        let mut patterns = Vec::new();
+        for text in record {
+            if is_plain(text) {
+                node.subscribe(&resolved(text)).map_err(ReplayError::RosMasterFailed)?;
+            } else {
+                patterns.push(whole(text)?);
+            }
+        }
+        Ok(Discovery { node, patterns, failures: Mutex::new(0) })
+    }
+
+    /// Subscribes to what others publish and a pattern matches; answers the graph's state.
+    ///
+    /// # Errors
+    /// The master failed several times in a row; a single failure answers `None`.
+    pub(crate) fn look(&self) -> Result<Option<SystemState>, ReplayError> {
+        let looked = self.subscribe_to_matches();
+        let mut failures = self.failures.lock().unwrap_or_else(|e| e.into_inner());
+        match looked {
+            Ok(state) => {
+                *failures = 0;
+                Ok(Some(state))
+            }
+            Err(error) => {
+                *failures += 1;
+                if *failures >= FAILURES {
+                    return Err(ReplayError::RosMasterFailed(error));
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    fn subscribe_to_matches(&self) -> Result<SystemState, RosError> {
+        let state = self.node.master().get_system_state()?;
+        for (topic, publishers) in &state.publishers {
+            let others = publishers.iter().any(|node| node != self.node.name());
+            if others && self.patterns.iter().any(|pattern| pattern.is_match(topic)) {
+                self.node.subscribe(topic)?;
+            }
+        }
+        Ok(state)
+    }
+
+    /// Whether every publisher of a recorded topic that the master knows is connected.
+    fn hears_everyone(&self, state: &SystemState) -> bool {
+        self.node.subscribed_topics().iter().all(|topic| {
+            let others = others(state.publishers.get(topic), self.node.name()).count();
+            self.node.publishers_of(topic) >= others
+        })
+    }
+}
+
+/// Waits until the stack is there.
+///
+/// # Errors
+/// [`ReplayError::NeverSubscribed`] after the deadline, and whatever stops the watch.
+pub(crate) fn wait_for_stack(
+    discovery: &Discovery<'_>,
+    player: &mut Player<'_>,
+    request: &ReplayRequest,
+    watch: &mut Watch<'_>,
+) -> Result<(), ReplayError> {
+    let deadline = Instant::now() + request.subscribe_deadline;
+    let mut waiting = Waiting::new(player.required(), request.topics.is_empty());
+    let mut next_look = Instant::now();
+    loop {
+        watch.check()?;
+        let now = Instant::now();
+        if now >= next_look {
+            next_look = now + DISCOVER;
+            discovery.look()?;
+            player.show_clock(watch)?;
+        }
+        if waiting.is_over(player.publications(), now, deadline) {
+            break;
+        }
+        if now >= deadline {
+            let missing = waiting.missing(player.publications());
+            return Err(never_subscribed(discovery, player, &missing, request));
+        }
+        watch.sleep_until(now + LOOK)?;
+    }
+    settle(discovery, player, watch)
+}
+
+/// Waits until the connections stand that the master knows of: several nodes may
+/// subscribe to one topic, and the recorder must hear every publisher. At most 2 s, and
+/// not an error: a registration may be a dead node's.
+fn settle(
+    discovery: &Discovery<'_>,
+    player: &mut Player<'_>,
+    watch: &mut Watch<'_>,
+) -> Result<(), ReplayError> {
+    let deadline = Instant::now() + SETTLE;
+    while Instant::now() < deadline {
+        if let Some(state) = discovery.look()? {
+            let name = discovery.node.name();
+            let heard = player.publications().iter().all(|publication| {
+                let registered = state.subscribers.get(&publication.info().topic);
+                let connected = open_subscribers(publication);
+                others(registered, name).all(|node| connected.contains(node))
+            });
+            if heard && discovery.hears_everyone(&state) {
+                return Ok(());
+            }
+        }
+        watch.sleep_until(Instant::now() + LOOK)?;
+        player.show_clock(watch)?;
+    }
+    Ok(())
+}
+
+/// The state of the wait.
+struct Waiting {
+    required: Vec<usize>,
+    any: bool,
+    links: usize,
+    since: Instant,
+}
+
+impl Waiting {
+    fn new(required: Vec<usize>, any: bool) -> Waiting {
+        Waiting { required, any, links: 0, since: Instant::now() }
+    }
+
+    fn is_over(&mut self, topics: &[std::sync::Arc<Publication>], now: Instant, deadline: Instant) -> bool {
+        if !self.any {
+            return self.missing(topics).is_empty();
+        }
+        let links = self.required.iter().map(|at| open_subscribers(&topics[*at]).len()).sum();
+        if links != self.links {
+            (self.links, self.since) = (links, now);
+        }
+        links > 0 && (now.duration_since(self.since) >= STABLE || now >= deadline)
+    }
+
+    /// The required topics that nobody subscribes to.
+    fn missing(&self, topics: &[std::sync::Arc<Publication>]) -> Vec<String> {
+        let required = self.required.iter().map(|at| &topics[*at]);
+        let missing = required.filter(|publication| open_subscribers(publication).is_empty());
+        missing.map(|publication| publication.info().topic.clone()).collect()
+    }
+}
+
+fn open_subscribers(publication: &Publication) -> BTreeSet<String> {
+    let links = publication.subscribers().into_iter().filter(|link| link.open);
+    links.map(|link| link.node).collect()
+}
+
+fn others<'n>(nodes: Option<&'n Vec<String>>, ourselves: &'n str) -> impl Iterator<Item = &'n String> {
+    nodes.into_iter().flatten().filter(move |node| *node != ourselves)
+}
+
+fn never_subscribed(
+    discovery: &Discovery<'_>,
+    player: &Player<'_>,
+    missing: &[String],
+    request: &ReplayRequest,
+) -> ReplayError {
+    let mut sentence = format!(
+        "nobody subscribed to {} within {:.1} s",
+        missing.join(", "),
+        request.subscribe_deadline.as_secs_f64()
+    );
+    let refused = player.publications().iter().flat_map(|publication| publication.refused());
+    let refused: BTreeSet<String> = refused.collect();
+    for refusal in refused {
+        sentence.push_str(&format!("; {refusal}"));
+    }
+    let state = discovery.look().ok().flatten().unwrap_or_default();
+    let mut found = BTreeMap::new();
+    for (topic, nodes) in &state.subscribers {
+        let nodes: Vec<&str> =
+            others(Some(nodes), discovery.node.name()).map(String::as_str).collect();
+        if !nodes.is_empty() {
+            found.insert(topic, nodes.join(", "));
+        }
+    }
+    let found: Vec<String> =
+        found.into_iter().map(|(topic, nodes)| format!("{topic} (by {nodes})")).collect();
+    sentence.push_str(&if found.is_empty() {
+        "; the stack's nodes subscribe to nothing at all".to_owned()
+    } else {
+        format!("; the stack's nodes subscribe to {}; remap joins the names", found.join(", "))
+    });
+    ReplayError::NeverSubscribed(sentence)
+}
+
+/// Whether a pattern is just a topic's name.
+fn is_plain(pattern: &str) -> bool {
+    pattern.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_' || b == b'/')
+}
+
+/// A pattern that must match a whole name.
+fn whole(pattern: &str) -> Result<Regex, ReplayError> {
+    Regex::new(&format!("^(?:{pattern})$")).map_err(|error| {
+        ReplayError::BadRequest(format!("\"{pattern}\" is not a regular expression: {error}"))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_plain_and_patterns_match_whole_names_only() {
+        assert!(is_plain("/lane/markings_2"));
+        assert!(!is_plain("/lane/.*"));
+        let pattern = whole("/lane/.*|/tf").unwrap();
+        assert!(pattern.is_match("/lane/a") && pattern.is_match("/tf"));
+        assert!(!pattern.is_match("/tf_static") && !pattern.is_match("/my/lane/a"));
+        assert!(whole("/lane/(").unwrap_err().to_string().contains("/lane/("));
+    }
+}

@@ -1,0 +1,143 @@
+//! Looking up from the work: cancellation, deadlines, the recorder's failure, progress.
+
+use std::time::{Duration, Instant};
+
+use crate::clock::BagClock;
+use crate::recorder::Recorder;
+use crate::{Cancellation, Progress, ReplayError, ReplayRequest, Stage};
+
+/// The least time between two looks.
+const LOOK: Duration = Duration::from_millis(10);
+/// The longest sleep without a look.
+const NAP: Duration = Duration::from_millis(20);
+/// The time between two reports of progress.
+const TELL: Duration = Duration::from_millis(500);
+
+/// Watches over a replay.
+pub(crate) struct Watch<'a> {
+    cancelled: &'a dyn Fn() -> Option<Cancellation>,
+    progress: &'a mut dyn FnMut(Progress),
+    recorder: &'a Recorder,
+    clock: &'a BagClock,
+    case_deadline: Instant,
+    lead_in_start: u64,
+    stage: Stage,
+    looked: Instant,
+    told: Instant,
+    failure: Option<ReplayError>,
+    stack_exited: bool,
+    /// Messages played so far.
+    pub(crate) sent: u64,
+}
+
+impl<'a> Watch<'a> {
+    pub(crate) fn new(
+        request: &ReplayRequest,
+        recorder: &'a Recorder,
+        clock: &'a BagClock,
+        progress: &'a mut dyn FnMut(Progress),
+        cancelled: &'a dyn Fn() -> Option<Cancellation>,
+    ) -> Watch<'a> {
+        let now = Instant::now();
+        Watch {
+            cancelled,
+            progress,
+            recorder,
+            clock,
+            case_deadline: request.case_deadline,
+            lead_in_start: request.window.lead_in_start,
+            stage: Stage::Subscribe,
+            looked: now.checked_sub(LOOK).unwrap_or(now),
+            told: now,
+            failure: None,
+            stack_exited: false,
+            sent: 0,
+        }
+    }
+
+    /// Enters a stage and tells so.
+    pub(crate) fn enter(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.tell();
+    }
+
+    /// Whether to stop now; looks at most every 10 ms, so it costs nothing in a loop.
+    pub(crate) fn must_stop(&mut self) -> bool {
+        let now = Instant::now();
+        if self.failure.is_none() && now.duration_since(self.looked) >= LOOK {
+            self.looked = now;
+            self.failure = self.look(now);
+            if now.duration_since(self.told) >= TELL {
+                self.tell();
+            }
+        }
+        self.failure.is_some()
+    }
+
+    /// The error to stop with, if it is time to stop.
+    pub(crate) fn check(&mut self) -> Result<(), ReplayError> {
+        if self.must_stop() {
+            return Err(self.failure());
+        }
+        Ok(())
+    }
+
+    /// Why it must stop.
+    pub(crate) fn failure(&mut self) -> ReplayError {
+        let unknown = || ReplayError::Internal("stopped without a reason".to_owned());
+        self.failure.take().unwrap_or_else(unknown)
+    }
+
+    /// Whether the stack ended while that was allowed, during the drain.
+    pub(crate) fn stack_has_exited(&self) -> bool {
+        self.stack_exited
+    }
+
+    /// Sleeps until `due`, looking up now and then.
+    pub(crate) fn sleep_until(&mut self, due: Instant) -> Result<(), ReplayError> {
+        loop {
+            let left = due.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return Ok(());
+            }
+            self.check()?;
+            std::thread::sleep(left.min(NAP));
+        }
+    }
+
+    fn look(&mut self, now: Instant) -> Option<ReplayError> {
+        let during = self.during();
+        match (self.cancelled)() {
+            Some(Cancellation::StackExited) if self.stage == Stage::Drain => {
+                self.stack_exited = true;
+            }
+            Some(Cancellation::StackExited) => return Some(ReplayError::StackExited { during }),
+            Some(other) => return Some(ReplayError::Cancelled(other)),
+            None => {}
+        }
+        if now >= self.case_deadline {
+            return Some(ReplayError::CaseDeadlineExceeded { during });
+        }
+        self.recorder.failure()
+    }
+
+    fn during(&self) -> &'static str {
+        match self.stage {
+            Stage::Subscribe => "while its subscriptions were awaited",
+            Stage::LeadIn => "during the warm-up",
+            Stage::Play => "during the play",
+            Stage::Drain => "while the last messages were awaited",
+        }
+    }
+
+    fn tell(&mut self) {
+        self.told = Instant::now();
+        let bag = self.clock.now().saturating_sub(self.lead_in_start);
+        (self.progress)(Progress {
+            stage: self.stage,
+            sent: self.sent,
+            recorded: self.recorder.messages(),
+            bag_seconds: bag as f64 / 1e9,
+        });
+    }
+}
