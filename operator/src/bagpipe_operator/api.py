@@ -96,7 +96,7 @@ class KubernetesApi:
     ) -> Json:
         client: Any = self._client  # its methods carry no types
         resource, _, query = path.partition("?")
-        request = client.param_serialize(
+        request = await client.param_serialize(
             method=method,
             resource_path=resource,
             query_params=[tuple(query.split("=", 1))] if query else [],

@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import os
-import signal
 import sys
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
@@ -73,25 +72,17 @@ async def run(settings: Settings) -> None:
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
-            await _watch_until_signal(watch.Watch(view, queue, metrics), settings)
+            # Ends by a signal, or raises when the watches can't go on; the pod is then restarted.
+            await kopf.operator(
+                registry=watch.registry(watch.Watch(view, queue, metrics)),
+                clusterwide=not settings.watch_namespaces,
+                namespaces=settings.watch_namespaces,
+                standalone=True,
+            )
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-
-
-async def _watch_until_signal(watcher: watch.Watch, settings: Settings) -> None:
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGTERM, signal.SIGINT):
-        loop.add_signal_handler(number, stop.set)
-    await kopf.operator(
-        registry=watch.registry(watcher),
-        clusterwide=not settings.watch_namespaces,
-        namespaces=settings.watch_namespaces,
-        standalone=True,
-        stop_flag=stop,
-    )
 
 
 @asynccontextmanager
@@ -99,7 +90,7 @@ async def _client() -> AsyncIterator[ApiClient]:
     """A client for the pod's own cluster, or for KUBECONFIG outside of one."""
     configuration = Configuration()
     load: Any = config  # its functions carry no types
-    if os.environ.get("KUBERNETES_SERVICE_HOST") and not os.environ.get("KUBECONFIG"):
+    if watch.in_cluster(os.environ):
         load.load_incluster_config(client_configuration=configuration)
     else:
         await load.load_kube_config(client_configuration=configuration)

@@ -5,6 +5,8 @@ deleted while the operator is down; the rest of kopf (its own retries, progress 
 events) is switched off.
 """
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,8 +51,15 @@ class Watch:
 
 
 def registry(watch: Watch) -> kopf.OperatorRegistry:
-    """The handlers, in a registry of their own; kopf finds the cluster's credentials itself."""
+    """The handlers, in a registry of their own."""
     handlers = kopf.OperatorRegistry()
+
+    # kopf asks again when a token has expired; a pod's token is renewed in its file.
+    @kopf.on.login(registry=handlers, retries=5)
+    async def login(**kwargs: Any) -> kopf.ConnectionInfo | None:
+        if in_cluster(os.environ):
+            return kopf.login_with_service_account(**kwargs)
+        return kopf.login_with_kubeconfig(**kwargs)
 
     @kopf.on.startup(registry=handlers)
     async def configure(settings: kopf.OperatorSettings, **_: Any) -> None:
@@ -66,6 +75,11 @@ def registry(watch: Watch) -> kopf.OperatorRegistry:
         watch.pod_event(event)
 
     return handlers
+
+
+def in_cluster(environment: Mapping[str, str]) -> bool:
+    """Whether the pod's own ServiceAccount is to be used; KUBECONFIG always comes first."""
+    return "KUBECONFIG" not in environment and "KUBERNETES_SERVICE_HOST" in environment
 
 
 def apply(settings: kopf.OperatorSettings) -> None:
