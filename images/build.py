@@ -1,0 +1,118 @@
+"""Build all images of Bagpipe, or the named ones, and keep each as an archive for loading.
+
+    python3 images/build.py [--engine docker|buildah] [--no-archives] [NAME...]
+
+An image whose content did not change is not built again: a second run takes seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import fcntl
+import json
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import engines
+from context import IMAGES, BuildError, Image, cache, content, stage
+
+LOCK_SECONDS = 2400.0
+
+
+@contextlib.contextmanager
+def locked() -> Iterator[None]:
+    """One build at a time, because all share storage and contexts; the kernel ends the lock."""
+    path = cache() / "images" / "lock"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    deadline = time.monotonic() + LOCK_SECONDS
+    with path.open("w") as file:
+        while True:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError as held:
+                if time.monotonic() > deadline:
+                    raise BuildError(f"Another build has held {path} for too long.") from held
+                threading.Event().wait(0.2)
+        yield
+
+
+def archive_of(image: Image) -> Path:
+    return cache() / "images" / f"{image.name}.oci.tar"
+
+
+def recorded(image: Image) -> str:
+    """The content hash of the image's archive, or nothing if there is no complete one."""
+    path = archive_of(image)
+    try:
+        record = json.loads(path.with_suffix(".json").read_text())
+        return str(record["content"]) if path.stat().st_size == record["size"] else ""
+    except (FileNotFoundError, ValueError, KeyError):
+        return ""
+
+
+def keep(engine: engines.Docker | engines.Buildah, image: Image, hashed: str) -> None:
+    """Write the archive beside its final place, move it there, then record what it holds."""
+    path = archive_of(image)
+    temporary = path.with_name(f".{path.name}")
+    temporary.unlink(missing_ok=True)
+    path.with_suffix(".json").unlink(missing_ok=True)
+    engine.save(image, temporary)
+    temporary.replace(path)
+    record = {"image": image.reference, "content": hashed, "size": path.stat().st_size}
+    path.with_suffix(".json").write_text(json.dumps(record))
+
+
+def ensure(engine: engines.Docker | engines.Buildah, image: Image, archives: bool) -> None:
+    """Build an image unless what it would hold is there already."""
+    began = time.monotonic()
+    folder = stage(image)
+    base = "scratch" if image.base == "scratch" else engine.base()
+    hashed = content(image, folder, base)
+    built = engine.has(image, hashed)
+    archived = recorded(image) == hashed
+    if archived and (built or isinstance(engine, engines.Buildah)):
+        print(f"  {image.reference}: unchanged", flush=True)
+        return
+    if not built:
+        engine.build(image, folder, hashed)
+    if archives:
+        keep(engine, image, hashed)
+    print(f"  {image.reference}: built in {time.monotonic() - began:.1f} s", flush=True)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(i.name for i in IMAGES))
+    parser.add_argument("--engine", choices=["auto", "docker", "buildah"], default="auto")
+    parser.add_argument(
+        "--no-archives", action="store_true", help="for kind, which loads from Docker's engine"
+    )
+    parser.add_argument(
+        "--release", action="store_true", help="build nothing; end what was interrupted"
+    )
+    given = parser.parse_args()
+    try:
+        engine = engines.choose(given.engine)
+        with locked():
+            engine.release()
+            for image in IMAGES:
+                if not given.release and image.name in (given.names or [image.name]):
+                    ensure(engine, image, not given.no_archives)
+    except BuildError as error:
+        print(f"Building the images failed. {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("Building the images was interrupted; it can be run again.", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,155 @@
+"""What goes into each image: the build contexts, staged outside the checkout.
+
+A context holds exactly what its Dockerfile copies, so an image's content is decided by its
+context, its Dockerfile and its base, and a hash over them says whether it has to be built.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+REGISTRY = "bagpipe.local"
+VERSION = "0.1.0"
+BASE = "docker.io/library/debian:bookworm-20251103-slim"
+TARGET = "x86_64-unknown-linux-gnu"
+CARGO_SECONDS = 1800.0
+LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.pyc", "*.egg-info", ".*_cache")
+# Layers are reused when files are the same to the second, and a copy has a time of its own.
+EPOCH = 1_700_000_000
+
+
+class BuildError(Exception):
+    """An image could not be built; the message is for the user."""
+
+
+def cache() -> Path:
+    """The folder of everything that is worth keeping between builds and checkouts."""
+    return Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache" / "bagpipe")
+
+
+def uv() -> str:
+    """The program uv: that of the checkout's virtual environment, else the machine's."""
+    own = ROOT / ".venv" / "bin" / "uv"
+    found = str(own) if own.exists() else shutil.which("uv")
+    if not found:
+        raise BuildError("There is no uv in .venv or on PATH; run `make venv` first.")
+    return found
+
+
+def requirements(package: str, target: Path, *extras: str) -> None:
+    """Write the pinned dependencies of a package, as uv.lock has them, with their hashes."""
+    command = [uv(), "export", "--frozen", "--no-emit-workspace", "--no-dev", "--no-header"]
+    command += ["--package", package, *(f"--extra={extra}" for extra in extras)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise BuildError(f"`{' '.join(command[1:])}` failed: {done.stderr.strip()}")
+    target.write_text(done.stdout)
+
+
+def package(source: Path, target: Path) -> None:
+    """Copy a Python package's pyproject.toml and sources."""
+    target.mkdir(parents=True)
+    shutil.copy(source / "pyproject.toml", target)
+    shutil.copytree(source / "src", target / "src", ignore=LEFT_OUT)
+
+
+def agent_binary() -> Path:
+    """Build the static agent with the machine's cargo, which is quick when nothing changed."""
+    target = cache() / "cargo"
+    command = ["cargo", "build", "--locked", "--release", "--target", TARGET]
+    done = subprocess.run(
+        [*command, "--package", "bagpipe-agent"],
+        cwd=ROOT / "images" / "ros",
+        env={
+            **os.environ,
+            "CARGO_TARGET_DIR": str(target),
+            "RUSTFLAGS": "-C target-feature=+crt-static",
+        },
+        stderr=subprocess.PIPE,
+        text=True,
+        timeout=CARGO_SECONDS,
+        check=False,
+    )
+    if done.returncode:
+        last = "\n".join(done.stderr.splitlines()[-30:])
+        raise BuildError(f"cargo could not build the agent in images/ros; it said last:\n{last}")
+    return target / TARGET / "release" / "bagpipe-agent"
+
+
+def stage_agent(folder: Path) -> None:
+    shutil.copy(agent_binary(), folder / "bagpipe-agent")
+
+
+def stage_spark(folder: Path) -> None:
+    requirements("bagpipe", folder / "requirements.txt", "spark")
+    package(ROOT / "images" / "spark", folder / "packages" / "bagpipe")
+    shutil.copy(ROOT / "images" / "spark" / "entrypoint.sh", folder)
+
+
+def stage_operator(folder: Path) -> None:
+    requirements("bagpipe-operator", folder / "requirements.txt")
+    package(ROOT / "images" / "spark", folder / "packages" / "bagpipe")
+    package(ROOT / "operator", folder / "packages" / "bagpipe_operator")
+
+
+def stage_nothing(_folder: Path) -> None:
+    """Some images are all in their Dockerfile."""
+
+
+@dataclass(frozen=True)
+class Image:
+    """An image of ours: where its Dockerfile is and what the Dockerfile copies."""
+
+    name: str
+    dockerfile: Path
+    stage: Callable[[Path], None]
+    target: str = ""
+    base: str = BASE
+
+    @property
+    def reference(self) -> str:
+        return f"{REGISTRY}/{self.name}:{VERSION}"
+
+
+IMAGES = [
+    Image("agent", ROOT / "images/ros/Dockerfile", stage_agent, "agent", "scratch"),
+    Image("operator", ROOT / "images/operator/Dockerfile", stage_operator),
+    Image("spark", ROOT / "images/spark/Dockerfile", stage_spark),
+    Image("ros", ROOT / "images/ros/Dockerfile", stage_nothing, "ros"),
+    Image(
+        "robot-state-publisher",
+        ROOT / "docs/examples/robot-state-publisher/Dockerfile",
+        stage_nothing,
+    ),
+]
+
+
+def stage(image: Image) -> Path:
+    """Make an image's context anew and return its folder."""
+    folder = cache() / "images" / "contexts" / image.name
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    image.stage(folder)
+    shutil.copy(image.dockerfile, folder / "Dockerfile")
+    for path in [folder, *folder.rglob("*")]:
+        path.chmod(0o755 if path.is_dir() or os.access(path, os.X_OK) else 0o644)
+        os.utime(path, (EPOCH, EPOCH))
+    return folder
+
+
+def content(image: Image, folder: Path, base: str) -> str:
+    """A hash over all that decides what the image holds; `base` is the base's identity."""
+    digest = hashlib.sha256(f"{image.reference} {image.target} {base}\n".encode())
+    for path in sorted(p for p in folder.rglob("*") if p.is_file()):
+        data = path.read_bytes()
+        name = path.relative_to(folder)
+        executable = os.access(path, os.X_OK) and path.stat().st_mode & 0o100
+        digest.update(f"{name} {bool(executable)} {len(data)}\n".encode() + data)
+    return digest.hexdigest()

@@ -1,0 +1,200 @@
+"""The two programs that can build images: Docker where an engine answers, else buildah."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from context import BASE, BuildError, Image, cache
+
+BUILD_SECONDS = 1800.0
+PULL_SECONDS = 90.0
+LABEL = "io.bagpipe.content"
+
+
+def run(command: Sequence[str | Path], *, log: Path, seconds: float = BUILD_SECONDS) -> None:
+    """Run a command with its output in `log`; its end becomes the error's text."""
+    log.parent.mkdir(parents=True, exist_ok=True)
+    with log.open("w") as file:
+        try:
+            done = subprocess.run(
+                [*map(str, command)],
+                stdin=subprocess.DEVNULL,
+                stdout=file,
+                stderr=subprocess.STDOUT,
+                timeout=seconds,
+                env={**os.environ, "TMPDIR": str(temporary()), "BUILDKIT_PROGRESS": "plain"},
+                check=False,
+            )
+            failed = f"status {done.returncode}" if done.returncode else ""
+        except subprocess.TimeoutExpired:
+            failed = f"no end after {seconds:.0f} s"
+    if failed:
+        last = "\n".join("  " + line for line in log.read_text(errors="replace").splitlines()[-20:])
+        raise BuildError(f"`{' '.join(map(str, command))[:300]}`: {failed}.\n{last}\nIts log: {log}")
+
+
+def temporary() -> Path:
+    """A folder for the engines' temporary files, and for buildah's cache mounts."""
+    folder = cache() / "buildah" / "tmp"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def logs(name: str) -> Path:
+    return cache() / "images" / "logs" / f"{name}.log"
+
+
+def host_bundle() -> Path | None:
+    """The machine's certificate authorities: behind some proxies only they will do."""
+    named = os.environ.get("PIP_CERT") or os.environ.get("SSL_CERT_FILE")
+    usual = "/etc/ssl/certs/ca-certificates.crt"
+    return next((Path(p) for p in (named, usual) if p and Path(p).is_file()), None)
+
+
+def secrets() -> list[str]:
+    """--secret flags that lend pip the machine's settings for the time of the build.
+
+    The one bundle goes to a path of its own: over /etc/ssl/certs it would break the packages
+    that write there.
+    """
+    bundle = host_bundle()
+    lines = ["[global]", "timeout = 180", "retries = 5"]
+    for setting in ("index-url", "extra-index-url", "trusted-host"):
+        value = os.environ.get("PIP_" + setting.upper().replace("-", "_"))
+        if value:
+            lines.append(f"{setting} = {value}")
+    flags = []
+    if bundle:
+        lines.append("cert = /run/ca.crt")
+        flags.append(f"--secret=id=ca,src={bundle}")
+    path = temporary() / "pip.conf"
+    path.write_text("\n".join(lines) + "\n")
+    return [*flags, f"--secret=id=pip-conf,src={path}"]
+
+
+@dataclass(frozen=True)
+class Docker:
+    """A Docker engine, which pulls the base itself."""
+
+    name: str = "docker"
+
+    def base(self) -> str:
+        return BASE
+
+    def release(self) -> None:
+        """Docker looks after its own."""
+
+    def has(self, image: Image, content: str) -> bool:
+        command = ["docker", "image", "inspect", image.reference, "--format"]
+        label = '{{index .Config.Labels "' + LABEL + '"}}'
+        done = subprocess.run([*command, label], capture_output=True, text=True, check=False)
+        return done.returncode == 0 and done.stdout.strip() == content
+
+    def build(self, image: Image, folder: Path, content: str) -> None:
+        command = ["docker", "build", "--network=host", f"--label={LABEL}={content}"]
+        command += [*secrets(), f"--tag={image.reference}"]
+        command += [f"--target={image.target}"] if image.target else []
+        run([*command, folder], log=logs(image.name))
+
+    def save(self, image: Image, archive: Path) -> None:
+        run(["docker", "save", "-o", archive, image.reference], log=logs(f"{image.name}-save"))
+
+
+class Buildah:
+    """buildah with a storage of its own, so that `make clean` can remove all it made."""
+
+    name = "buildah"
+
+    def __init__(self) -> None:
+        self._root = cache() / "buildah"
+        self._base = ""
+
+    def _command(self, *arguments: str | Path) -> list[str]:
+        """A command in a mount namespace of its own: buildah leaves mounts behind even when a
+        build ends well, and these end with the process.
+        """
+        own = ["--root", self._root / "storage", "--runroot", self._root / "run"]
+        buildah = ["buildah", *map(str, own), "--storage-driver", "overlay"]
+        return ["unshare", "--mount", *buildah, *map(str, arguments)]
+
+    def _ask(self, *arguments: str | Path) -> str | None:
+        done = subprocess.run(
+            self._command(*arguments), capture_output=True, text=True, check=False
+        )
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    def release(self) -> None:
+        """Remove the working containers that an interrupted build left behind."""
+        if (self._root / "storage").is_dir():
+            self._ask("rm", "--all")
+
+    def base(self) -> str:
+        """The base's identity; fetched, or made by mmdebstrap where no registry answers."""
+        inspect = ("inspect", "--type", "image", "--format", "{{.FromImageID}}", BASE)
+        if not self._base and self._ask(*inspect) is None:
+            self._fetch_base()
+        self._base = self._ask(*inspect) or ""
+        if not self._base:
+            raise BuildError(f"buildah does not find the image {BASE} that it was just given.")
+        return self._base
+
+    def _fetch_base(self) -> None:
+        try:
+            run(self._command("pull", BASE), log=logs("pull"), seconds=PULL_SECONDS)
+        except BuildError:
+            print("  no registry answers: making the base image from Debian's packages", flush=True)
+            self._make_base()
+
+    def _make_base(self) -> None:
+        """A minimal Debian from the package registry, under the name of the published image."""
+        tar = temporary() / "debian.tar"
+        run(["mmdebstrap", "--variant=minbase", "bookworm", tar], log=logs("mmdebstrap"))
+        container = self._ask("from", "scratch")
+        if container is None:
+            raise BuildError(f"buildah can't make a container below {self._root}.")
+        run(self._command("add", container, tar, "/"), log=logs("base-add"))
+        run(self._command("config", "--cmd", "/bin/bash", container), log=logs("base-config"))
+        run(self._command("commit", "--rm", container, BASE), log=logs("base-commit"))
+        tar.unlink()
+
+    def has(self, _image: Image, _content: str) -> bool:
+        return False  # the archives' records know it without a start of buildah
+
+    def build(self, image: Image, folder: Path, content: str) -> None:
+        arguments = ["bud", "--isolation=chroot", "--network=host", "--pull-never", "--layers"]
+        arguments += [f"--label={LABEL}={content}", *secrets(), f"--tag={image.reference}"]
+        arguments += [f"--target={image.target}"] if image.target else []
+        run(self._command(*arguments, folder), log=logs(image.name))
+
+    def save(self, image: Image, archive: Path) -> None:
+        target = f"oci-archive:{archive}:{image.reference}"
+        run(self._command("push", image.reference, target), log=logs(f"{image.name}-save"))
+
+
+def docker_answers() -> bool:
+    if not shutil.which("docker"):
+        return False
+    try:
+        done = subprocess.run(
+            ["docker", "version", "--format", "{{.Server.Version}}"],
+            capture_output=True,
+            timeout=10,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
+def choose(name: str) -> Docker | Buildah:
+    """The engine called `name`, or for `auto` the one that is there."""
+    if name == "docker" or (name == "auto" and docker_answers()):
+        return Docker()
+    if not shutil.which("buildah"):
+        raise BuildError("There is neither a Docker engine nor buildah; run `make preflight`.")
+    return Buildah()
