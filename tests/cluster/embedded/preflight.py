@@ -1,1 +1,214 @@
-def run(sets: list[str]) -> None: ...
+"""What the machine must have: named all at once before anything else happens.
+
+`check` looks for what can't be installed here (a newer Go, another file system) and says it all
+in one message; `install` then gets from apt what is missing.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from .failure import ClusterError
+from .places import STATE, cache
+
+Version = tuple[int, ...]
+APT_SECONDS = 1500.0
+FREE_GIB = 15
+
+PACKAGES = {
+    "cluster": [
+        "conntrack",
+        "containerd",
+        "containernetworking-plugins",
+        "iproute2",
+        "iptables",
+        "openssl",
+        "runc",
+        "util-linux",
+    ],
+    "images": ["buildah", "mmdebstrap"],
+    "tools": ["dpkg-dev", "python3-venv", "shellcheck"],
+    "integration": [
+        "g++",
+        "libroscpp-dev",
+        "librosbag-dev",
+        "libsensor-msgs-dev",
+        "libstd-msgs-dev",
+        "libtf2-msgs-dev",
+        "make",
+        "openjdk-17-jre-headless",
+        "python3-rosbag",
+        "python3-rosmaster",
+        "python3-rosnode",
+        "python3-rospy",
+        "python3-rostopic",
+        "python3-sensor-msgs",
+        "python3-std-msgs",
+        "python3-tf2-msgs",
+        "ros-robot-state-publisher",
+    ],
+}
+
+
+def version_in(text: str) -> Version:
+    """The first dotted number in a text, such as 1.26.8 in `go version go1.26.8 linux`."""
+    found = re.search(r"\d+(?:\.\d+)+", text)
+    return tuple(int(part) for part in found[0].split(".")) if found else ()
+
+
+def dotted(version: Version) -> str:
+    return ".".join(map(str, version))
+
+
+def tool(name: str, command: list[str], least: Version, what_for: str) -> str | None:
+    """A sentence on what is wrong with a language's tool, or None."""
+    if not shutil.which(command[0]):
+        return f"{name} is missing: {dotted(least)} or newer is needed to {what_for}."
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    found = version_in(done.stdout + done.stderr)
+    if found < least:
+        said = dotted(found) or "of an unknown version"
+        return f"{name} is {said}, and {what_for} needs {dotted(least)} or newer."
+    return None
+
+
+def fifo_works(folder: Path) -> bool:
+    """Whether a named pipe made in the folder carries bytes."""
+    with tempfile.TemporaryDirectory(dir=folder) as place:
+        fifo = Path(place) / "fifo"
+        try:
+            os.mkfifo(fifo)
+            reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)
+            writer = os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+        except OSError:
+            return False
+        try:
+            return os.write(writer, b"x") == 1 and os.read(reader, 1) == b"x"
+        except OSError:
+            return False
+        finally:
+            os.close(reader)
+            os.close(writer)
+
+
+def overlay_works(folder: Path) -> bool:
+    """Whether the kernel mounts an overlay with its layers in the folder."""
+    with tempfile.TemporaryDirectory(dir=folder) as place:
+        parts = {name: Path(place) / name for name in ("lower", "upper", "work", "merged")}
+        for part in parts.values():
+            part.mkdir()
+        (parts["lower"] / "file").write_text("x")
+        options = ",".join(f"{n}dir={parts[n]}" for n in ("lower", "upper", "work"))
+        command = ["mount", "-t", "overlay", "overlay", "-o", options, str(parts["merged"])]
+        if subprocess.run(command, capture_output=True, check=False).returncode:
+            return False
+        try:
+            return (parts["merged"] / "file").read_text() == "x"
+        finally:
+            subprocess.run(["umount", str(parts["merged"])], capture_output=True, check=False)
+
+
+def disk(folder: Path) -> str | None:
+    free = shutil.disk_usage(folder).free / 2**30
+    if free >= FREE_GIB:
+        return None
+    return f"{folder} has {free:.1f} GiB free; {FREE_GIB} GiB are needed for images and caches."
+
+
+def machine(*folders: Path) -> list[str]:
+    """What is wrong with the machine itself, a sentence each."""
+    if sys.platform != "linux":
+        return ["This is not Linux: the cluster is made of Linux's namespaces."]
+    found = []
+    if os.geteuid():
+        found.append("You are not root: namespaces, mounts and containers need it (try sudo).")
+    if not shutil.which("apt-get"):
+        found.append("There is no apt-get: the packages come from Debian 12.")
+    for folder in folders:
+        if not os.access(folder, os.W_OK):
+            found.append(f"{folder} can't be written.")
+            continue
+        if not os.geteuid() and not overlay_works(folder):
+            found.append(f"The file system of {folder} can't carry overlay mounts for containers.")
+        if not fifo_works(folder):
+            found.append(f"The file system of {folder} can't carry named pipes (FIFOs).")
+        found += filter(None, [disk(folder)])
+    return found
+
+
+def languages() -> list[str]:
+    """What is wrong with the languages' tools. Java is not here: apt has it."""
+    checks: list[Callable[[], str | None]] = [
+        lambda: tool("Go", ["go", "version"], (1, 24), "build Kubernetes 1.34"),
+        lambda: tool("Rust", ["cargo", "--version"], (1, 88), "build the agent"),
+        lambda: tool("Python", ["python3", "--version"], (3, 11), "run Bagpipe"),
+    ]
+    return [said for said in (check() for check in checks) if said]
+
+
+def old_java() -> str | None:
+    """Java may be missing (apt brings 17) but an older one first on PATH would be in the way."""
+    if not shutil.which("java"):
+        return None
+    return tool("Java", ["java", "-version"], (17,), "run Spark in the tests")
+
+
+def missing(packages: list[str]) -> list[str]:
+    """Those packages that dpkg does not have installed."""
+    command = ["dpkg-query", "--show", "--showformat", "${db:Status-Abbrev} ${Package}\n"]
+    done = subprocess.run([*command, *packages], capture_output=True, text=True, check=False)
+    installed = {
+        line.split()[-1] for line in done.stdout.splitlines() if line.startswith(("ii", "hi"))
+    }
+    return [p for p in packages if p not in installed]
+
+
+def apt(*arguments: str) -> None:
+    environment = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    command = ["apt-get", "-o", "DPkg::Lock::Timeout=300", "-o", "Acquire::Retries=3", *arguments]
+    done = subprocess.run(
+        command,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=APT_SECONDS,
+        check=False,
+    )
+    if done.returncode:
+        last = "\n".join((done.stdout + done.stderr).splitlines()[-10:])
+        raise ClusterError(f"`{' '.join(command)}` failed; it said last:\n{last}")
+
+
+def install(packages: list[str]) -> None:
+    """Install what is missing, after one look at what the archive has now."""
+    wanted = missing(packages)
+    if not wanted:
+        return
+    print(f"  installing with apt: {' '.join(wanted)}", flush=True)
+    apt("update")
+    apt("install", "--yes", "--no-install-recommends", *wanted)
+    left = missing(wanted)
+    if left:
+        raise ClusterError(f"apt did not install {', '.join(left)}.")
+
+
+def run(sets: list[str]) -> None:
+    """Check everything, say all that is wrong at once, then install the sets of packages."""
+    unknown = set(sets) - set(PACKAGES)
+    if unknown:
+        raise ClusterError(f"There is no set {', '.join(unknown)}; sets are {', '.join(PACKAGES)}.")
+    cache().mkdir(parents=True, exist_ok=True)
+    wrong = [*machine(cache(), STATE.parent), *languages(), *filter(None, [old_java()])]
+    if wrong:
+        listed = "\n".join(f"  - {sentence}" for sentence in wrong)
+        raise ClusterError(f"this machine lacks what can't be installed for you:\n{listed}")
+    install([package for name in sets or PACKAGES for package in PACKAGES[name]])
+    print("  the machine has what is needed", flush=True)

@@ -1,0 +1,126 @@
+# The verbs of Bagpipe. `make` alone lists them; every one can be interrupted and run again.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+# Steps build on each other, and each uses all processors where it can.
+.NOTPARALLEL:
+
+export BAGPIPE_CACHE ?= $(HOME)/.cache/bagpipe
+export PATH := $(BAGPIPE_CACHE)/bin/tools:$(PATH)
+
+CLUSTER_PY := python3 tests/cluster/cluster.py
+STEP := @python3 tests/cluster/step.py
+EMBEDDED_KUBECONFIG := /var/lib/bagpipe/kubeconfig
+KIND_KUBECONFIG := $(BAGPIPE_CACHE)/kind.kubeconfig
+KIND_VERSION := v0.30.0
+UV_VERSION := 0.13.8
+NAMESPACE ?= bagpipe-system
+IMAGE_NAMES := agent operator spark ros robot-state-publisher
+IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
+
+# embedded: tests/cluster, on this machine. kind: with Docker. existing: the current context.
+# A KUBECONFIG that is there and not ours means a cluster of the user's.
+ifeq ($(origin CLUSTER),undefined)
+CLUSTER := $(if $(filter-out $(EMBEDDED_KUBECONFIG) $(KIND_KUBECONFIG),$(wildcard $(KUBECONFIG))),existing,embedded)
+endif
+ifeq ($(CLUSTER),embedded)
+export KUBECONFIG := $(EMBEDDED_KUBECONFIG)
+PREFLIGHT := cluster images tools
+else ifeq ($(CLUSTER),kind)
+export KUBECONFIG := $(KIND_KUBECONFIG)
+PREFLIGHT := tools
+else ifeq ($(CLUSTER),existing)
+PREFLIGHT := tools images
+else
+$(error CLUSTER is $(CLUSTER); it can be embedded, kind or existing)
+endif
+
+.PHONY: help
+help: ## List the verbs
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@echo "  CLUSTER=embedded|kind|existing chooses the Kubernetes; it is $(CLUSTER) now."
+
+.PHONY: demo
+demo: cluster install ## Set everything up, run the main job, show the result
+	$(STEP) "Running the demonstration" -- .venv/bin/python tests/demo.py
+
+.PHONY: test
+test: preflight-all venv cluster install ## Set everything up, run all tests
+	$(STEP) "Testing" -- .venv/bin/python -m pytest tests
+
+.PHONY: bench
+bench: preflight-all venv ## Measure (see tests/bench)
+	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py
+
+.PHONY: lint
+lint: venv ## Check style and types of everything
+	$(STEP) "Linting" -- tests/lint.sh
+
+.PHONY: preflight
+preflight:
+	$(STEP) "Checking this machine" -- $(CLUSTER_PY) preflight $(PREFLIGHT)
+
+.PHONY: preflight-all
+preflight-all:
+	$(STEP) "Checking this machine" -- $(CLUSTER_PY) preflight
+
+.PHONY: venv
+venv: .venv/.synced ## Make .venv with the pinned Python packages
+
+.venv/.synced: uv.lock pyproject.toml operator/pyproject.toml images/spark/pyproject.toml | preflight
+	$(STEP) "Making .venv from uv.lock" --if-it-fails "Is the Python package registry reachable? Then run it again." -- \
+	  bash -euc 'python3 -m venv .venv; \
+	    .venv/bin/pip install --quiet --disable-pip-version-check uv==$(UV_VERSION); \
+	    .venv/bin/uv sync --quiet --frozen --all-packages --all-extras; touch $@'
+
+.PHONY: images
+images: preflight venv ## Build all images (`make cluster` loads them)
+ifeq ($(CLUSTER),kind)
+	$(STEP) "Building images" -- python3 images/build.py --engine docker --no-archives
+else
+	$(STEP) "Building images" -- python3 images/build.py
+endif
+
+.PHONY: cluster
+cluster: preflight images ## Start Kubernetes if there is none and load the images
+ifeq ($(CLUSTER),embedded)
+	$(STEP) "Starting Kubernetes on this machine" --if-it-fails "'make down' cleans up; then try again." -- $(CLUSTER_PY) up
+	$(STEP) "Loading images" -- $(CLUSTER_PY) load
+else ifeq ($(CLUSTER),kind)
+	$(STEP) "Getting kubectl, helm and kind" -- bash -euc '$(CLUSTER_PY) tools; \
+	  command -v kind || GOBIN=$(BAGPIPE_CACHE)/bin/tools go install sigs.k8s.io/kind@$(KIND_VERSION)'
+	$(STEP) "Starting Kubernetes in Docker" -- bash -euc 'kind get clusters | grep -qx bagpipe || \
+	  kind create cluster --name bagpipe --config tests/cluster/kind.yaml --wait 3m'
+	$(STEP) "Loading images" -- kind load docker-image --name bagpipe $(IMAGES)
+else
+	$(STEP) "Getting kubectl and helm" -- $(CLUSTER_PY) tools
+	$(STEP) "Looking for your cluster" --if-it-fails "Set KUBECONFIG, or use CLUSTER=embedded." -- kubectl version
+	@echo "    Your nodes must be able to pull the images: push $(IMAGES)"
+	@echo "    to a registry of yours and set the chart's image values to it."
+endif
+
+.PHONY: install
+install: cluster ## Install the CRD and the chart with Helm
+	$(STEP) "Installing the chart" --if-it-fails "See 'kubectl -n $(NAMESPACE) describe pods'." -- \
+	  helm upgrade --install bagpipe charts/bagpipe --namespace $(NAMESPACE) --create-namespace --wait --timeout 3m
+
+.PHONY: uninstall
+uninstall: ## Remove the chart
+	$(STEP) "Removing the chart" -- helm uninstall bagpipe --namespace $(NAMESPACE) --ignore-not-found --wait
+
+.PHONY: down
+down: ## Remove the cluster: every process, mount, namespace and file that it made
+ifeq ($(CLUSTER),kind)
+	$(STEP) "Removing the kind cluster" -- kind delete cluster --name bagpipe
+else ifeq ($(CLUSTER),existing)
+	@echo "The cluster is yours: 'make uninstall' removes Bagpipe from it."
+else
+	$(STEP) "Removing the cluster" -- $(CLUSTER_PY) down
+	$(STEP) "Releasing the image builder" -- python3 images/build.py --release
+endif
+
+.PHONY: clean
+clean: down ## Remove the caches as well (binaries, images, .venv)
+	$(STEP) "Removing $(BAGPIPE_CACHE) and .venv" -- rm -rf "$(BAGPIPE_CACHE)" .venv

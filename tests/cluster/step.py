@@ -1,0 +1,57 @@
+"""Run one step of make: say what it does, how long it took, and what to do when it fails.
+
+    python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] -- COMMAND...
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+
+def colour(code: str, text: str) -> str:
+    return f"\033[{code}m{text}\033[0m" if sys.stdout.isatty() else text
+
+
+def duration(seconds: float) -> str:
+    """1.2 s, 34 s or 5 min 06 s."""
+    if seconds < 10:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+def split(arguments: list[str]) -> tuple[str, str, list[str]]:
+    """(what, advice, command) of a command line."""
+    at = arguments.index("--")
+    words, command = arguments[:at], arguments[at + 1 :]
+    advice = words[2] if len(words) > 2 and words[1] == "--if-it-fails" else ""
+    return words[0], advice, command
+
+
+def main() -> int:
+    what, advice, command = split(sys.argv[1:])
+    print(colour("1", f"==> {what}"), flush=True)
+    began = time.monotonic()
+    try:
+        status = subprocess.run(command, check=False).returncode
+    except KeyboardInterrupt:
+        print(f"\n<== interrupted: {what}. It can be run again.", file=sys.stderr)
+        return 130
+    except OSError as error:
+        print(f"{command[0]} can't be run: {error}", file=sys.stderr)
+        status = 127
+    took = duration(time.monotonic() - began)
+    if status:
+        # Shown by a signal's number, a child's end is a negative status.
+        said = f"<== FAILED after {took}: {what} (status {status})."
+        print(colour("31;1", said), file=sys.stderr)
+        print(f"    {advice or 'Its last lines are above.'}", file=sys.stderr)
+        return status if 0 < status < 256 else 1
+    print(colour("32", f"<== {what}: {took}"), flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
