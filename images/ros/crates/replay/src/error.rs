@@ -45,7 +45,9 @@ pub enum ReplayError {
     #[error("{0}")]
     BagUnreadable(#[from] BagError),
     /// The bag has one topic with two types, which no node can receive.
-    #[error("the topic {topic} was recorded with two types, {first} and {second}; name the topics to be played without it")]
+    #[error(
+        "the topic {topic} was recorded with two types, {first} and {second}; name the topics to be played without it"
+    )]
     TwoTypes {
         /// The topic.
         topic: String,

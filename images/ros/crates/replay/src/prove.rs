@@ -114,9 +114,9 @@ impl Proof {
         for (at, publication) in topics.iter().enumerate() {
             for link in publication.subscribers() {
                 let known = self.known.entry((at, link.id)).or_default();
-                let final_now = known.now.filter(|now| {
-                    settled != Settled::Unsettled || now.messages == link.lead_in
-                });
+                let final_now = known
+                    .now
+                    .filter(|now| settled != Settled::Unsettled || now.messages == link.lead_in);
                 known.lead_in = final_now;
             }
         }

@@ -93,7 +93,8 @@ impl Recorder {
 
     /// How long nothing has arrived, counted from `since` at the earliest.
     pub(crate) fn quiet_for(&self, since: Instant) -> Duration {
-        let last = self.shared.born + Duration::from_nanos(self.shared.last.load(Ordering::Relaxed));
+        let last =
+            self.shared.born + Duration::from_nanos(self.shared.last.load(Ordering::Relaxed));
         Instant::now().saturating_duration_since(last.max(since))
     }
 
@@ -108,8 +109,7 @@ impl Recorder {
     /// The figures and the bag. What arrives later is not in it.
     pub(crate) fn finish(&self) -> Result<(Recorded, Vec<u8>), ReplayError> {
         let mut state = self.state();
-        let writer =
-            std::mem::replace(&mut state.writer, BagWriter::new(WriterOptions::default()));
+        let writer = std::mem::replace(&mut state.writer, BagWriter::new(WriterOptions::default()));
         state.counting = false;
         let recorded = Recorded {
             messages: writer.messages(),
@@ -189,7 +189,8 @@ impl Sink for Recorder {
     }
 
     fn too_large(&mut self, topic: &str, length: u64) {
-        let why = format!("a message of {length} bytes on {topic} is larger than the recording may be");
+        let why =
+            format!("a message of {length} bytes on {topic} is larger than the recording may be");
         self.state().failure = Some(Failure::Budget(why));
     }
 }

@@ -159,7 +159,12 @@ impl Waiting {
         Waiting { required, any, links: 0, since: Instant::now() }
     }
 
-    fn is_over(&mut self, topics: &[std::sync::Arc<Publication>], now: Instant, deadline: Instant) -> bool {
+    fn is_over(
+        &mut self,
+        topics: &[std::sync::Arc<Publication>],
+        now: Instant,
+        deadline: Instant,
+    ) -> bool {
         if !self.any {
             return self.missing(topics).is_empty();
         }
@@ -183,7 +188,10 @@ fn open_subscribers(publication: &Publication) -> BTreeSet<String> {
     links.map(|link| link.node).collect()
 }
 
-fn others<'n>(nodes: Option<&'n Vec<String>>, ourselves: &'n str) -> impl Iterator<Item = &'n String> {
+fn others<'n>(
+    nodes: Option<&'n Vec<String>>,
+    ourselves: &'n str,
+) -> impl Iterator<Item = &'n String> {
     nodes.into_iter().flatten().filter(move |node| *node != ourselves)
 }
 

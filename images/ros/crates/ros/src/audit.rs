@@ -4,7 +4,8 @@
 //! - roscpp: `[link, bytes, received, drops, 0]`. Received is what was read from the
 //!   socket; drops, cumulative, is what its subscription queues threw away.
 //!   Received minus drops reached the callback. Because it never advances the index of
-//!   the list, only the last link of a topic is listed.
+//!   the list, only the last link of a topic is listed. It also answers without the usual
+//!   `[code, message, value]` around.
 //! - rospy: `[link, bytes, messages, -1, connected]`. Messages reached the callback.
 //!
 //! The figures vanish with the link: ask while the publisher is still connected.
@@ -50,12 +51,7 @@ struct Asked {
 impl Audit {
     /// `publisher` is the slave URI of the publishing node.
     pub fn new(master: Master, publisher: &str, deadline: Duration) -> Audit {
-        Audit {
-            master,
-            publisher: publisher.to_owned(),
-            deadline,
-            nodes: BTreeMap::new(),
-        }
+        Audit { master, publisher: publisher.to_owned(), deadline, nodes: BTreeMap::new() }
     }
 
     /// What `node` has received from the publisher, by topic. A topic that it can't tell
@@ -71,27 +67,20 @@ impl Audit {
         let caller = self.master.caller().to_owned();
         let publisher = self.publisher.clone();
         let asked = self.asked(node)?;
-        let stats = asked
-            .client
-            .call("getBusStats", &[caller.as_str().into()])?;
+        let stats = asked.client.call_statistics(&[caller.as_str().into()])?;
         let known = topics.iter().all(|topic| asked.ours.contains_key(topic));
         if !known {
             let info = asked.client.call("getBusInfo", &[caller.as_str().into()])?;
             asked.ours = our_links(&info, &publisher);
         }
-        let rows = stats
-            .as_list()
-            .and_then(|s| s.get(1)?.as_list())
-            .unwrap_or_default();
+        let rows = stats.as_list().and_then(|s| s.get(1)?.as_list()).unwrap_or_default();
         let found = rows.iter().filter_map(|row| {
             let row = row.as_list()?;
             let topic = row.first()?.as_str()?;
             let wanted = topics.iter().any(|t| t == topic);
             let links = row.get(1)?.as_list()?;
             let ours = asked.ours.get(topic);
-            wanted
-                .then(|| Some((topic.to_owned(), pick(links, ours)?)))
-                .flatten()
+            wanted.then(|| Some((topic.to_owned(), pick(links, ours)?))).flatten()
         });
         let found: BTreeMap<_, _> = found.collect();
         if found.len() < topics.len() {
@@ -105,13 +94,7 @@ impl Audit {
         if !self.nodes.contains_key(node) {
             let uri = self.master.lookup_node(node)?;
             let client = Client::new(&uri, self.deadline)?;
-            self.nodes.insert(
-                node.to_owned(),
-                Asked {
-                    client,
-                    ours: BTreeMap::new(),
-                },
-            );
+            self.nodes.insert(node.to_owned(), Asked { client, ours: BTreeMap::new() });
         }
         self.nodes.get_mut(node).ok_or_else(|| RosError::BadUri {
             uri: node.to_owned(),
@@ -124,12 +107,7 @@ impl Audit {
 /// `[link, publisher's URI, "i", transport, topic, ...]`.
 fn our_links(info: &Value, publisher: &str) -> BTreeMap<String, BTreeSet<i64>> {
     let mut ours: BTreeMap<String, BTreeSet<i64>> = BTreeMap::new();
-    for row in info
-        .as_list()
-        .unwrap_or_default()
-        .iter()
-        .filter_map(Value::as_list)
-    {
+    for row in info.as_list().unwrap_or_default().iter().filter_map(Value::as_list) {
         let text = |at: usize| row.get(at).and_then(Value::as_str).unwrap_or_default();
         let same = text(1).trim_end_matches('/') == publisher.trim_end_matches('/');
         if let (Some(id), true, "i") = (row.first().and_then(Value::as_int), same, text(2)) {
@@ -145,18 +123,13 @@ fn pick(links: &[Value], ours: Option<&BTreeSet<i64>>) -> Option<Received> {
     let links: Vec<_> = links.iter().filter_map(Value::as_list).collect();
     let link = match ours {
         Some(ours) => links.iter().find(|link| {
-            link.first()
-                .and_then(Value::as_int)
-                .is_some_and(|id| ours.contains(&id))
+            link.first().and_then(Value::as_int).is_some_and(|id| ours.contains(&id))
         })?,
         None if links.len() == 1 => links.first()?,
         None => return None,
     };
     let messages = u64::try_from(link.get(2)?.as_int()?).ok()?;
-    let drops = link
-        .get(3)
-        .and_then(Value::as_int)
-        .and_then(|drops| u64::try_from(drops).ok());
+    let drops = link.get(3).and_then(Value::as_int).and_then(|drops| u64::try_from(drops).ok());
     Some(Received { messages, drops })
 }
 
@@ -165,25 +138,14 @@ mod tests {
     use super::*;
 
     fn link(id: i64, messages: i64, drops: i64) -> Value {
-        vec![
-            Value::Int(id),
-            Value::Int(1),
-            Value::Int(messages),
-            Value::Int(drops),
-            1.into(),
-        ]
-        .into()
+        vec![Value::Int(id), Value::Int(1), Value::Int(messages), Value::Int(drops), 1.into()]
+            .into()
     }
 
     #[test]
     fn the_link_is_found_by_its_number_and_drops_mean_what_the_library_means() {
         let row = |id: i64, uri: &str, direction: &str| {
-            let words = vec![
-                Value::Int(id),
-                uri.into(),
-                direction.into(),
-                "TCPROS".into(),
-            ];
+            let words = vec![Value::Int(id), uri.into(), direction.into(), "TCPROS".into()];
             Value::List([words, vec!["/a".into(), true.into()]].concat())
         };
         let info: Value = vec![

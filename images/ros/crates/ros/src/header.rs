@@ -81,9 +81,7 @@ impl ConnectionHeader {
     /// Reads a header from a blocking stream (whose read timeout is the deadline).
     pub(crate) fn read(stream: &mut impl Read) -> Result<Self, String> {
         let mut length = [0; 4];
-        stream
-            .read_exact(&mut length)
-            .map_err(|e| format!("no connection header came: {e}"))?;
+        stream.read_exact(&mut length).map_err(|e| format!("no connection header came: {e}"))?;
         let length = u32::from_le_bytes(length) as usize;
         if length > MAX_HEADER {
             return Err(format!(
@@ -96,9 +94,7 @@ impl ConnectionHeader {
             .read_to_end(&mut bytes)
             .map_err(|e| format!("its connection header broke off: {e}"))?;
         if read != length {
-            return Err(format!(
-                "its connection header ended after {read} of {length} bytes"
-            ));
+            return Err(format!("its connection header ended after {read} of {length} bytes"));
         }
         Self::decode(&bytes)
     }
@@ -118,33 +114,19 @@ mod tests {
         assert_eq!(&bytes[..4], &(bytes.len() as u32 - 4).to_le_bytes());
         assert_eq!(&bytes[4..8], &39u32.to_le_bytes());
         assert_eq!(&bytes[8..15], b"md5sum=");
-        assert_eq!(
-            ConnectionHeader::read(&mut bytes.as_slice()).unwrap(),
-            header
-        );
+        assert_eq!(ConnectionHeader::read(&mut bytes.as_slice()).unwrap(), header);
     }
 
     #[test]
     fn damage_is_a_sentence_and_allocates_nothing_large() {
         let huge = u32::MAX.to_le_bytes();
-        assert!(
-            ConnectionHeader::read(&mut huge.as_slice())
-                .unwrap_err()
-                .contains("at most")
-        );
+        assert!(ConnectionHeader::read(&mut huge.as_slice()).unwrap_err().contains("at most"));
         let cut = [9, 0, 0, 0, 200, 0, 0, 0, b'a'];
         let error = ConnectionHeader::read(&mut cut.as_slice()).unwrap_err();
         assert_eq!(error, "its connection header ended after 5 of 9 bytes");
         let error = ConnectionHeader::decode(&cut[4..]).unwrap_err();
-        assert!(
-            error.contains("claims 200 bytes where 1 are left"),
-            "{error}"
-        );
-        assert!(
-            ConnectionHeader::decode(&[1, 0, 0, 0, b'a'])
-                .unwrap_err()
-                .contains("equals")
-        );
+        assert!(error.contains("claims 200 bytes where 1 are left"), "{error}");
+        assert!(ConnectionHeader::decode(&[1, 0, 0, 0, b'a']).unwrap_err().contains("equals"));
     }
 
     #[test]

@@ -12,20 +12,11 @@ use crate::RosError;
 
 /// The host and the port of `http://host:port/` or `rosrpc://host:port`.
 pub(crate) fn split_uri(uri: &str) -> Result<(&str, u16), RosError> {
-    let bad = |why: &str| RosError::BadUri {
-        uri: uri.to_owned(),
-        why: why.to_owned(),
-    };
-    let (_, rest) = uri
-        .split_once("://")
-        .ok_or_else(|| bad("it has no scheme"))?;
+    let bad = |why: &str| RosError::BadUri { uri: uri.to_owned(), why: why.to_owned() };
+    let (_, rest) = uri.split_once("://").ok_or_else(|| bad("it has no scheme"))?;
     let authority = rest.split(['/', '?']).next().unwrap_or(rest);
-    let (host, port) = authority
-        .rsplit_once(':')
-        .ok_or_else(|| bad("it has no port"))?;
-    let port = port
-        .parse()
-        .map_err(|_| bad("its port is not a number up to 65535"))?;
+    let (host, port) = authority.rsplit_once(':').ok_or_else(|| bad("it has no port"))?;
+    let port = port.parse().map_err(|_| bad("its port is not a number up to 65535"))?;
     let host = host.trim_start_matches('[').trim_end_matches(']');
     if host.is_empty() {
         return Err(bad("it has no host"));
@@ -41,10 +32,7 @@ pub(crate) fn resolve(host: &str, port: u16) -> Result<SocketAddr, RosError> {
     if host.eq_ignore_ascii_case("localhost") {
         return Ok(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port));
     }
-    if let Some(ip) = std::fs::read_to_string("/etc/hosts")
-        .ok()
-        .and_then(|t| in_hosts(&t, host))
-    {
+    if let Some(ip) = std::fs::read_to_string("/etc/hosts").ok().and_then(|t| in_hosts(&t, host)) {
         return Ok(SocketAddr::new(ip, port));
     }
     if rustix::system::uname().nodename().to_bytes() == host.as_bytes() {
@@ -52,9 +40,7 @@ pub(crate) fn resolve(host: &str, port: u16) -> Result<SocketAddr, RosError> {
     }
     let mut found = (host, port)
         .to_socket_addrs()
-        .map_err(RosError::io(format!(
-            "the host name \"{host}\" could not be resolved"
-        )))?;
+        .map_err(RosError::io(format!("the host name \"{host}\" could not be resolved")))?;
     found.next().ok_or_else(|| RosError::BadUri {
         uri: format!("{host}:{port}"),
         why: "the host name has no address".to_owned(),
@@ -67,9 +53,7 @@ fn in_hosts(text: &str, host: &str) -> Option<IpAddr> {
     let addresses = text.lines().filter_map(|line| {
         let mut words = line.split('#').next()?.split_whitespace();
         let ip: IpAddr = words.next()?.parse().ok()?;
-        words
-            .any(|word| word.eq_ignore_ascii_case(host))
-            .then_some(ip)
+        words.any(|word| word.eq_ignore_ascii_case(host)).then_some(ip)
     });
     let mut sixth = None;
     for ip in addresses {
@@ -110,16 +94,8 @@ mod tests {
     fn uris_of_masters_and_nodes_are_split() {
         assert_eq!(split_uri("http://pod-7:11311/").unwrap(), ("pod-7", 11311));
         assert_eq!(split_uri("http://[::1]:80").unwrap(), ("::1", 80));
-        for bad in [
-            "11311",
-            "http://pod-7/",
-            "http://pod-7:70000/",
-            "http://:1/",
-        ] {
-            assert!(
-                split_uri(bad).unwrap_err().to_string().contains(bad),
-                "{bad}"
-            );
+        for bad in ["11311", "http://pod-7/", "http://pod-7:70000/", "http://:1/"] {
+            assert!(split_uri(bad).unwrap_err().to_string().contains(bad), "{bad}");
         }
     }
 

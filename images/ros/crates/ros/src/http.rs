@@ -14,13 +14,8 @@ const IDLE: Duration = Duration::from_secs(60);
 
 /// Serves one connection: `answer` gets the body of each POST and returns the XML.
 pub(crate) fn serve(mut stream: TcpStream, answer: impl Fn(&str) -> String) {
-    let ready = stream
-        .set_nodelay(true)
-        .and_then(|()| stream.set_read_timeout(Some(IDLE)));
-    if ready
-        .and_then(|()| stream.set_write_timeout(Some(IDLE)))
-        .is_err()
-    {
+    let ready = stream.set_nodelay(true).and_then(|()| stream.set_read_timeout(Some(IDLE)));
+    if ready.and_then(|()| stream.set_write_timeout(Some(IDLE))).is_err() {
         return;
     }
     let mut buffer = Vec::new();
@@ -74,10 +69,7 @@ fn read_request(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<Option<R
     }
     let body = String::from_utf8_lossy(&buffer[head.body_start..end]).into_owned();
     buffer.drain(..end);
-    Ok(Some(Request {
-        body,
-        keep_alive: head.keep_alive,
-    }))
+    Ok(Some(Request { body, keep_alive: head.keep_alive }))
 }
 
 fn fill(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<bool, String> {
@@ -97,9 +89,7 @@ fn fill(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<bool, String> {
 fn parse_head(buffer: &[u8]) -> Result<Option<Head>, String> {
     let mut fields = [httparse::EMPTY_HEADER; MAX_FIELDS];
     let mut request = httparse::Request::new(&mut fields);
-    let status = request
-        .parse(buffer)
-        .map_err(|e| format!("this is not HTTP: {e}"))?;
+    let status = request.parse(buffer).map_err(|e| format!("this is not HTTP: {e}"))?;
     let httparse::Status::Complete(body_start) = status else {
         return Ok(None);
     };
@@ -107,13 +97,8 @@ fn parse_head(buffer: &[u8]) -> Result<Option<Head>, String> {
         return Err("XML-RPC is called with POST".to_owned());
     }
     let field = |name: &str| {
-        let found = request
-            .headers
-            .iter()
-            .find(|field| field.name.eq_ignore_ascii_case(name));
-        found
-            .and_then(|field| std::str::from_utf8(field.value).ok())
-            .map(str::trim)
+        let found = request.headers.iter().find(|field| field.name.eq_ignore_ascii_case(name));
+        found.and_then(|field| std::str::from_utf8(field.value).ok()).map(str::trim)
     };
     let length = field("content-length")
         .and_then(|text| text.parse().ok())
@@ -124,11 +109,7 @@ fn parse_head(buffer: &[u8]) -> Result<Option<Head>, String> {
         Some(word) if word.eq_ignore_ascii_case("keep-alive") => true,
         _ => request.version == Some(1),
     };
-    Ok(Some(Head {
-        length,
-        body_start,
-        keep_alive,
-    }))
+    Ok(Some(Head { length, body_start, keep_alive }))
 }
 
 fn respond(
@@ -167,10 +148,7 @@ mod tests {
     fn nonsense_is_refused_with_a_sentence() {
         for (bytes, why) in [
             (&b"GET / HTTP/1.1\r\n\r\n"[..], "POST"),
-            (
-                &b"POST / HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n"[..],
-                "Content-Length",
-            ),
+            (&b"POST / HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n"[..], "Content-Length"),
             (&b"\x00\x01\x02\r\n\r\n"[..], "not HTTP"),
         ] {
             let mut stream = bytes;

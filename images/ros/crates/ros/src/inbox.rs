@@ -65,16 +65,8 @@ impl Inbox {
     ) -> Result<(Arc<Inbox>, JoinHandle<()>), RosError> {
         let (new, incoming) = channel();
         let waker = Waker::new().map_err(RosError::io("the recorder can't be woken"))?;
-        let inbox = Arc::new(Inbox {
-            new: Mutex::new(Some(new)),
-            waker,
-        });
-        let reader = Reader {
-            inbox: Arc::clone(&inbox),
-            sink,
-            max_message,
-            closed,
-        };
+        let inbox = Arc::new(Inbox { new: Mutex::new(Some(new)), waker });
+        let reader = Reader { inbox: Arc::clone(&inbox), sink, max_message, closed };
         let thread = std::thread::Builder::new()
             .name("inbox".into())
             .spawn(move || reader.run(&incoming))
@@ -148,11 +140,7 @@ fn wait_for_any(
 ) -> std::io::Result<bool> {
     let mut fds = Vec::with_capacity(streams.len() + 1);
     fds.push(waker.poll_fd());
-    fds.extend(
-        streams
-            .iter()
-            .map(|s| PollFd::new(&s.link.stream, PollFlags::IN)),
-    );
+    fds.extend(streams.iter().map(|s| PollFd::new(&s.link.stream, PollFlags::IN)));
     wait(&mut fds, Duration::from_secs(1))?;
     ready.clear();
     ready.extend((0..streams.len()).filter(|at| !fds[at + 1].revents().is_empty()));
@@ -161,12 +149,7 @@ fn wait_for_any(
 
 impl Stream {
     fn new(link: InLink) -> Stream {
-        Stream {
-            link,
-            buffer: vec![0; ROOM],
-            start: 0,
-            end: 0,
-        }
+        Stream { link, buffer: vec![0; ROOM], start: 0, end: 0 }
     }
 
     /// Reads and hands over until the socket is empty or the turn is over; `false` when
@@ -207,15 +190,8 @@ impl Stream {
             let Some(data) = rest.get(..length) else {
                 return true;
             };
-            let InLink {
-                topic, header, id, ..
-            } = &self.link;
-            sink.message(Incoming {
-                topic,
-                header,
-                link: *id,
-                data,
-            });
+            let InLink { topic, header, id, .. } = &self.link;
+            sink.message(Incoming { topic, header, link: *id, data });
             self.start += 4 + length;
         }
     }

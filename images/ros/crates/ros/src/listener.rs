@@ -41,9 +41,7 @@ impl Listener {
     ) -> Result<Listener, RosError> {
         let failed = || format!("{name} can't listen on {ip}");
         let listener = TcpListener::bind((ip, 0)).map_err(RosError::io(failed()))?;
-        listener
-            .set_nonblocking(true)
-            .map_err(RosError::io(failed()))?;
+        listener.set_nonblocking(true).map_err(RosError::io(failed()))?;
         let address = listener.local_addr().map_err(RosError::io(failed()))?;
         let shared = Arc::new(Served {
             stop: AtomicBool::new(false),
@@ -58,11 +56,7 @@ impl Listener {
                 move || shared.accept(&listener, &Arc::new(serve))
             })
             .map_err(RosError::io(failed()))?;
-        Ok(Listener {
-            address,
-            shared,
-            accepting: Some(accepting),
-        })
+        Ok(Listener { address, shared, accepting: Some(accepting) })
     }
 
     /// The address that it listens on.
@@ -103,14 +97,12 @@ impl Served {
         }
         lock(&self.streams).insert(id, copy);
         let shared = Arc::clone(self);
-        let spawned = std::thread::Builder::new()
-            .name("connection".into())
-            .spawn(move || {
-                serve(stream);
-                lock(&shared.streams).remove(&id);
-                shared.waker.wake();
-                shared.fewer.notify_all();
-            });
+        let spawned = std::thread::Builder::new().name("connection".into()).spawn(move || {
+            serve(stream);
+            lock(&shared.streams).remove(&id);
+            shared.waker.wake();
+            shared.fewer.notify_all();
+        });
         if spawned.is_err() {
             lock(&self.streams).remove(&id);
         }

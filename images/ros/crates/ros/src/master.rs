@@ -30,11 +30,7 @@ impl Master {
     /// [`RosError::BadUri`] or [`RosError::Io`] if the URI has no usable host and port.
     pub fn new(uri: &str, caller: &str, deadline: Duration) -> Result<Master, RosError> {
         let client = Client::new(uri, deadline)?;
-        Ok(Master {
-            client,
-            caller: caller.to_owned(),
-            deadline,
-        })
+        Ok(Master { client, caller: caller.to_owned(), deadline })
     }
 
     /// The master's URI as given.
@@ -65,8 +61,7 @@ impl Master {
 
     /// Takes a publisher's registration back.
     pub fn unregister_publisher(&self, topic: &str, slave_uri: &str) -> Result<(), RosError> {
-        self.call("unregisterPublisher", &[topic.into(), slave_uri.into()])
-            .map(drop)
+        self.call("unregisterPublisher", &[topic.into(), slave_uri.into()]).map(drop)
     }
 
     /// Registers a subscriber; answers the slave URIs of the topic's publishers.
@@ -82,8 +77,7 @@ impl Master {
 
     /// Takes a subscriber's registration back.
     pub fn unregister_subscriber(&self, topic: &str, slave_uri: &str) -> Result<(), RosError> {
-        self.call("unregisterSubscriber", &[topic.into(), slave_uri.into()])
-            .map(drop)
+        self.call("unregisterSubscriber", &[topic.into(), slave_uri.into()]).map(drop)
     }
 
     /// The slave URI of a node.
@@ -111,25 +105,17 @@ impl Master {
     /// Every topic that was ever registered, with its type.
     pub fn get_topic_types(&self) -> Result<BTreeMap<String, String>, RosError> {
         let answer = self.call("getTopicTypes", &[])?;
-        let pairs = answer
-            .as_list()
-            .unwrap_or_default()
-            .iter()
-            .filter_map(|pair| {
-                let pair = pair.as_list()?;
-                Some((
-                    pair.first()?.as_str()?.to_owned(),
-                    pair.get(1)?.as_str()?.to_owned(),
-                ))
-            });
+        let pairs = answer.as_list().unwrap_or_default().iter().filter_map(|pair| {
+            let pair = pair.as_list()?;
+            Some((pair.first()?.as_str()?.to_owned(), pair.get(1)?.as_str()?.to_owned()))
+        });
         Ok(pairs.collect())
     }
 
     /// The process id of the master: it answers once it is ready.
     pub fn get_pid(&self) -> Result<i64, RosError> {
         let pid = self.call("getPid", &[])?;
-        pid.as_int()
-            .ok_or_else(|| self.client.bad_answer("getPid", "expected an integer"))
+        pid.as_int().ok_or_else(|| self.client.bad_answer("getPid", "expected an integer"))
     }
 
     /// Sets a parameter.
@@ -137,8 +123,7 @@ impl Master {
     /// # Errors
     /// [`RosError::IntegerTooLarge`] for an integer beyond 32 bits, before anything is sent.
     pub fn set_param(&self, name: &str, value: &Value) -> Result<(), RosError> {
-        self.call("setParam", &[name.into(), value.clone()])
-            .map(drop)
+        self.call("setParam", &[name.into(), value.clone()]).map(drop)
     }
 
     /// A parameter's value.
@@ -163,29 +148,15 @@ impl Master {
         let items = answer
             .as_list()
             .ok_or_else(|| self.client.bad_answer(method, "expected a list of URIs"))?;
-        Ok(items
-            .iter()
-            .filter_map(|item| item.as_str().map(str::to_owned))
-            .collect())
+        Ok(items.iter().filter_map(|item| item.as_str().map(str::to_owned)).collect())
     }
 }
 
 fn nodes_by_topic(list: &Value) -> BTreeMap<String, Vec<String>> {
-    let entries = list
-        .as_list()
-        .unwrap_or_default()
-        .iter()
-        .filter_map(|entry| {
-            let entry = entry.as_list()?;
-            let nodes = entry
-                .get(1)?
-                .as_list()?
-                .iter()
-                .filter_map(|node| node.as_str());
-            Some((
-                entry.first()?.as_str()?.to_owned(),
-                nodes.map(str::to_owned).collect(),
-            ))
-        });
+    let entries = list.as_list().unwrap_or_default().iter().filter_map(|entry| {
+        let entry = entry.as_list()?;
+        let nodes = entry.get(1)?.as_list()?.iter().filter_map(|node| node.as_str());
+        Some((entry.first()?.as_str()?.to_owned(), nodes.map(str::to_owned).collect()))
+    });
     entries.collect()
 }

@@ -96,21 +96,13 @@ impl Node {
             let graph = Arc::clone(&graph);
             move |stream| http::serve(stream, |body| slave::answer(&graph, body))
         })?;
-        graph
-            .slave_uri
-            .get_or_init(|| format!("http://{}/", slave.address()));
+        graph.slave_uri.get_or_init(|| format!("http://{}/", slave.address()));
         let max_message = options.max_message.min(crate::MAX_MESSAGE);
         let (inbox, reader) = Inbox::start(sink, max_message, {
             let graph = Arc::clone(&graph);
             move |topic, uri| graph.lost(topic, uri)
         })?;
-        let mut node = Node {
-            graph,
-            inbox,
-            threads: vec![reader],
-            _data: data,
-            _slave: slave,
-        };
+        let mut node = Node { graph, inbox, threads: vec![reader], _data: data, _slave: slave };
         node.start_connectors(jobs)?;
         Ok(node)
     }
@@ -129,9 +121,7 @@ impl Node {
                         graph.connect_to(&inbox, &topic, &uri);
                     }
                 })
-                .map_err(RosError::io(
-                    "a thread that connects to publishers can't start",
-                ))?;
+                .map_err(RosError::io("a thread that connects to publishers can't start"))?;
             self.threads.push(thread);
         }
         Ok(())
@@ -160,8 +150,7 @@ impl Node {
         let (topic, datatype) = (info.topic.clone(), info.datatype.clone());
         let publication = Arc::new(Publication::new(info, self.graph.stall));
         lock(&self.graph.publications).insert(topic.clone(), Arc::clone(&publication));
-        self.master()
-            .register_publisher(&topic, &datatype, self.slave_uri())?;
+        self.master().register_publisher(&topic, &datatype, self.slave_uri())?;
         Ok(publication)
     }
 
@@ -178,9 +167,7 @@ impl Node {
             new
         };
         if new {
-            let uris = self
-                .master()
-                .register_subscriber(topic, "*", self.slave_uri())?;
+            let uris = self.master().register_subscriber(topic, "*", self.slave_uri())?;
             self.graph.update_publishers(topic, uris);
         }
         Ok(())
@@ -193,9 +180,7 @@ impl Node {
 
     /// How many publishers of a topic we read from.
     pub fn publishers_of(&self, topic: &str) -> usize {
-        lock(&self.graph.subscriptions)
-            .get(topic)
-            .map_or(0, |s| s.connections())
+        lock(&self.graph.subscriptions).get(topic).map_or(0, |s| s.connections())
     }
 }
 
@@ -233,10 +218,7 @@ impl Graph {
     pub(crate) fn connected_publishers(&self) -> Vec<(String, String)> {
         let subscriptions = lock(&self.subscriptions);
         let pairs = subscriptions.iter().flat_map(|(topic, subscription)| {
-            subscription
-                .uris()
-                .into_iter()
-                .map(|uri| (topic.clone(), uri))
+            subscription.uris().into_iter().map(|uri| (topic.clone(), uri))
         });
         pairs.collect()
     }
@@ -298,13 +280,11 @@ impl Graph {
     /// case ends by force; then the first call fails and the rest are not tried.
     fn unregister(&self) {
         let topics: Vec<_> = lock(&self.publications).keys().cloned().collect();
-        let published = topics
-            .iter()
-            .map(|t| self.master.unregister_publisher(t, self.slave_uri()));
+        let published =
+            topics.iter().map(|t| self.master.unregister_publisher(t, self.slave_uri()));
         let topics = self.subscribed_topics();
-        let subscribed = topics
-            .iter()
-            .map(|t| self.master.unregister_subscriber(t, self.slave_uri()));
+        let subscribed =
+            topics.iter().map(|t| self.master.unregister_subscriber(t, self.slave_uri()));
         let _master_gone = published.chain(subscribed).find(Result::is_err);
     }
 }
@@ -318,10 +298,7 @@ fn receive_subscriber(
     deadline: Duration,
 ) {
     let limits = stream.set_read_timeout(Some(deadline));
-    if limits
-        .and_then(|()| stream.set_write_timeout(Some(deadline)))
-        .is_err()
-    {
+    if limits.and_then(|()| stream.set_write_timeout(Some(deadline))).is_err() {
         return;
     }
     let Ok(header) = ConnectionHeader::read(&mut stream) else {

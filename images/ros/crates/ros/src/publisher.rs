@@ -100,11 +100,7 @@ pub struct Publication {
 impl Publication {
     /// A topic without subscribers; `stall` is how long a subscriber may take no byte.
     pub(crate) fn new(info: TopicInfo, stall: Duration) -> Publication {
-        Publication {
-            info,
-            stall,
-            links: Mutex::default(),
-        }
+        Publication { info, stall, links: Mutex::default() }
     }
 
     /// What was advertised.
@@ -134,9 +130,7 @@ impl Publication {
 
     /// Keeps a frame as the last one of `publisher`, for subscribers yet to come.
     pub fn latch(&self, publisher: &str, share: Share, frame: &[u8]) {
-        lock(&self.links)
-            .latched
-            .insert(publisher.to_owned(), (share, frame.into()));
+        lock(&self.links).latched.insert(publisher.to_owned(), (share, frame.into()));
     }
 
     /// Every subscriber that ever connected, also those that have left.
@@ -172,9 +166,7 @@ impl Publication {
             let answer = ConnectionHeader::new().with("error", &why).encode();
             // The refusal holds whether or not the peer still listens.
             let _peer_gone = stream.write_all(&answer);
-            lock(&self.links)
-                .refused
-                .push(format!("{} {why}", header.text("callerid")));
+            lock(&self.links).refused.push(format!("{} {why}", header.text("callerid")));
             return Err(why);
         }
         let io = |error: std::io::Error| error.to_string();
@@ -244,11 +236,7 @@ impl Publication {
                     let waited = progress.elapsed();
                     if waited >= self.stall {
                         let (node, topic) = (link.state.node.clone(), self.info.topic.clone());
-                        return Err(SendError::Stalled {
-                            node,
-                            topic,
-                            waited,
-                        });
+                        return Err(SendError::Stalled { node, topic, waited });
                     }
                     if cancelled() {
                         return Err(SendError::Cancelled);
@@ -263,8 +251,7 @@ impl Publication {
                 break;
             }
         }
-        link.state
-            .count(share, &frames[..frames.len() - unsent.len()]);
+        link.state.count(share, &frames[..frames.len() - unsent.len()]);
         Ok(())
     }
 }

@@ -20,10 +20,7 @@ pub(crate) fn answer(graph: &Graph, body: &str) -> String {
         Err(()) => (0, Value::Int(0)),
     };
     let triple = Value::List(vec![Value::Int(code), Value::String(message), value]);
-    match triple
-        .to_wire()
-        .map(|value| MethodResponse { value }.to_xml())
-    {
+    match triple.to_wire().map(|value| MethodResponse { value }.to_xml()) {
         Ok(Ok(xml)) => format!("<?xml version=\"1.0\"?>\n{xml}"),
         Ok(Err(error)) => fault(&error.to_string()),
         Err(error) => fault(&error.to_string()),
@@ -53,10 +50,7 @@ fn dispatch(graph: &Graph, method: &str, params: &[Value]) -> Option<(String, Re
         "publisherUpdate" => {
             let topic = params.get(1).and_then(Value::as_str).unwrap_or_default();
             let uris = params.get(2).and_then(Value::as_list).unwrap_or_default();
-            let uris = uris
-                .iter()
-                .filter_map(|uri| uri.as_str().map(str::to_owned))
-                .collect();
+            let uris = uris.iter().filter_map(|uri| uri.as_str().map(str::to_owned)).collect();
             graph.update_publishers(topic, uris);
             fine(Value::Int(0))
         }
@@ -68,17 +62,11 @@ fn dispatch(graph: &Graph, method: &str, params: &[Value]) -> Option<(String, Re
 fn request_topic(graph: &Graph, params: &[Value]) -> (String, Result<Value, ()>) {
     let topic = params.get(1).and_then(Value::as_str).unwrap_or_default();
     if graph.publication(topic).is_none() {
-        return (
-            format!("{topic} is not published by {}", graph.name),
-            Err(()),
-        );
+        return (format!("{topic} is not published by {}", graph.name), Err(()));
     }
     let protocols = params.get(2).and_then(Value::as_list).unwrap_or_default();
     let tcp = protocols.iter().any(|protocol| {
-        let name = protocol
-            .as_list()
-            .and_then(|list| list.first())
-            .and_then(Value::as_str);
+        let name = protocol.as_list().and_then(|list| list.first()).and_then(Value::as_str);
         name == Some("TCPROS")
     });
     if !tcp {
@@ -98,21 +86,10 @@ fn bus_stats(graph: &Graph) -> Value {
     let published = graph.publications().into_iter().map(|publication| {
         let links = publication.subscribers().into_iter().map(|link| {
             let messages = clamp(link.lead_in + link.counted);
-            vec![
-                clamp(link.id),
-                clamp(link.counted_bytes),
-                messages,
-                link.open.into(),
-            ]
-            .into()
+            vec![clamp(link.id), clamp(link.counted_bytes), messages, link.open.into()].into()
         });
         let links = Value::List(links.collect());
-        vec![
-            publication.info().topic.as_str().into(),
-            Value::Int(0),
-            links,
-        ]
-        .into()
+        vec![publication.info().topic.as_str().into(), Value::Int(0), links].into()
     });
     let nothing = || Value::List(Vec::new());
     vec![Value::List(published.collect()), nothing(), nothing()].into()
@@ -122,11 +99,7 @@ fn bus_info(graph: &Graph) -> Value {
     let mut rows = Vec::new();
     for publication in graph.publications() {
         let topic = publication.info().topic.clone();
-        for link in publication
-            .subscribers()
-            .into_iter()
-            .filter(|link| link.open)
-        {
+        for link in publication.subscribers().into_iter().filter(|link| link.open) {
             rows.push(row(clamp(link.id), link.node, "o", &topic));
         }
     }
@@ -137,15 +110,7 @@ fn bus_info(graph: &Graph) -> Value {
 }
 
 fn row(id: Value, other: String, direction: &str, topic: &str) -> Value {
-    vec![
-        id,
-        other.into(),
-        direction.into(),
-        "TCPROS".into(),
-        topic.into(),
-        true.into(),
-    ]
-    .into()
+    vec![id, other.into(), direction.into(), "TCPROS".into(), topic.into(), true.into()].into()
 }
 
 fn pairs(topics: Vec<String>, datatype: impl Fn(&str) -> String) -> Value {
@@ -162,8 +127,6 @@ fn clamp(count: u64) -> Value {
 }
 
 fn fault(why: &str) -> String {
-    let response = FaultResponse {
-        fault: Fault::new(-1, why.to_owned()),
-    };
+    let response = FaultResponse { fault: Fault::new(-1, why.to_owned()) };
     response.to_xml().unwrap_or_default()
 }

@@ -51,10 +51,7 @@ pub(crate) fn unsent(stream: &TcpStream) -> std::io::Result<u64> {
     const SIOCOUTQ: rustix::ioctl::Opcode = 0x5411;
     // SAFETY: SIOCOUTQ writes a C int, which is the getter's output type.
     let bytes = unsafe {
-        rustix::ioctl::ioctl(
-            stream.as_fd(),
-            rustix::ioctl::Getter::<SIOCOUTQ, i32>::new(),
-        )
+        rustix::ioctl::ioctl(stream.as_fd(), rustix::ioctl::Getter::<SIOCOUTQ, i32>::new())
     }?;
     Ok(bytes.max(0) as u64)
 }

@@ -83,19 +83,11 @@ pub(crate) fn connect(
     static NEXT: AtomicU64 = AtomicU64::new(1);
     let (host, port) = request_topic(our_name, topic, uri, deadline)?;
     let mut stream = hosts::connect(&host, port, deadline)?;
-    let header =
-        shake_hands(our_name, topic, &mut stream, deadline).map_err(|why| RosError::Handshake {
-            peer: format!("the publisher of {topic} at {host}:{port}"),
-            why,
-        })?;
+    let header = shake_hands(our_name, topic, &mut stream, deadline).map_err(|why| {
+        RosError::Handshake { peer: format!("the publisher of {topic} at {host}:{port}"), why }
+    })?;
     let id = NEXT.fetch_add(1, Ordering::Relaxed);
-    Ok(InLink {
-        id,
-        topic: Arc::clone(topic),
-        uri: uri.to_owned(),
-        header,
-        stream,
-    })
+    Ok(InLink { id, topic: Arc::clone(topic), uri: uri.to_owned(), header, stream })
 }
 
 fn request_topic(

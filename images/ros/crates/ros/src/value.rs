@@ -59,10 +59,7 @@ impl Value {
                 Value::List(items.into_iter().map(Value::from_wire).collect())
             }
             dxr::Value::Struct(members) => Value::Map(
-                members
-                    .into_iter()
-                    .map(|(key, value)| (key, Value::from_wire(value)))
-                    .collect(),
+                members.into_iter().map(|(key, value)| (key, Value::from_wire(value))).collect(),
             ),
             other => Value::String(format!("{other:?}")),
         }
@@ -143,19 +140,13 @@ mod tests {
             "the integer 2147483648 does not fit into 32 bits, which is all that ROS \
              parameters have; write it as a string or as a floating-point number"
         );
-        assert_eq!(
-            Value::Int(-(1 << 31)).to_wire().unwrap(),
-            dxr::Value::Integer(i32::MIN)
-        );
+        assert_eq!(Value::Int(-(1 << 31)).to_wire().unwrap(), dxr::Value::Integer(i32::MIN));
     }
 
     #[test]
     fn a_nested_value_survives_the_wire_form() {
         let value = Value::Map(BTreeMap::from([
-            (
-                "gains".to_owned(),
-                Value::List(vec![Value::Double(0.5), Value::Int(-3)]),
-            ),
+            ("gains".to_owned(), Value::List(vec![Value::Double(0.5), Value::Int(-3)])),
             ("name".to_owned(), Value::from("lane")),
             ("on".to_owned(), Value::Bool(true)),
         ]));

@@ -32,11 +32,7 @@ impl Client {
             .user_agent("bagpipe")
             .build()
             .new_agent();
-        Ok(Client {
-            agent,
-            uri: uri.to_owned(),
-            address,
-        })
+        Ok(Client { agent, uri: uri.to_owned(), address })
     }
 
     /// The server's URI as given.
@@ -47,6 +43,22 @@ impl Client {
     /// Calls a method and returns the value of the ROS triple `[code, message, value]`.
     pub(crate) fn call(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
         let answer = self.exchange(method, params)?;
+        self.unwrap_triple(method, answer)
+    }
+
+    /// Like [`Client::call`] for `getBusStats`, which roscpp answers without the triple: a
+    /// bare list of lists.
+    pub(crate) fn call_statistics(&self, params: &[Value]) -> Result<Value, RosError> {
+        let method = "getBusStats";
+        let answer = self.exchange(method, params)?;
+        let first = answer.as_list().and_then(|list| list.first());
+        if first.is_some_and(|first| first.as_list().is_some()) {
+            return Ok(answer);
+        }
+        self.unwrap_triple(method, answer)
+    }
+
+    fn unwrap_triple(&self, method: &str, answer: Value) -> Result<Value, RosError> {
         let wrong = || self.bad_answer(method, "expected [code, message, value]");
         let Value::List(mut triple) = answer else {
             return Err(wrong());
@@ -57,22 +69,14 @@ impl Client {
         let code = triple[0].as_int().ok_or_else(wrong)?;
         if code != 1 {
             let why = triple[1].as_str().unwrap_or("without a message").to_owned();
-            return Err(RosError::Refused {
-                method: method.into(),
-                uri: self.uri.clone(),
-                why,
-            });
+            return Err(RosError::Refused { method: method.into(), uri: self.uri.clone(), why });
         }
         triple.pop().ok_or_else(wrong)
     }
 
     /// An error that names the method, the server and what was expected.
     pub(crate) fn bad_answer(&self, method: &str, why: &str) -> RosError {
-        RosError::BadAnswer {
-            method: method.into(),
-            uri: self.uri.clone(),
-            why: why.into(),
-        }
+        RosError::BadAnswer { method: method.into(), uri: self.uri.clone(), why: why.into() }
     }
 
     fn exchange(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
@@ -81,16 +85,10 @@ impl Client {
             uri: self.uri.clone(),
             why,
         };
-        let params = params
-            .iter()
-            .map(Value::to_wire)
-            .collect::<Result<_, _>>()?;
-        let body = MethodCall {
-            name: method.into(),
-            params,
-        }
-        .to_xml()
-        .map_err(|error| self.bad_answer(method, &error.to_string()))?;
+        let params = params.iter().map(Value::to_wire).collect::<Result<_, _>>()?;
+        let body = MethodCall { name: method.into(), params }
+            .to_xml()
+            .map_err(|error| self.bad_answer(method, &error.to_string()))?;
         let mut response = self
             .agent
             .post(&self.address)

@@ -1,0 +1,125 @@
+//! What the ledger says is what the callbacks of real nodes saw.
+#[path = "../../ros/tests/graph/mod.rs"]
+mod graph;
+mod scene;
+
+use bagpipe_replay::LedgerSubscriber;
+use graph::{Graph, Process, compile, wait_until};
+use scene::{TMP, node, pr2, read_back, request, run};
+
+const PR2: u64 = 1598;
+
+fn roscpp_relay(graph: &Graph, queue: &str, busy: &str) -> Process {
+    let relay = compile(TMP, &node("relay.cpp"));
+    graph.spawn(relay.to_str().unwrap(), &["/joint_states", "/relayed", queue, busy])
+}
+
+#[test]
+fn a_roscpp_relay_gets_and_answers_every_message_in_max() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let relay = roscpp_relay(&graph, "10000", "0");
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/joint_states".to_owned()];
+    request.record_topics = vec!["/relayed".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    eprintln!("{}", serde_json::to_string(&replayed).unwrap());
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (PR2, PR2, 0));
+    assert_eq!(ledger.topics[0].topic, "/joint_states");
+    assert_eq!(ledger.topics[0].datatype, "sensor_msgs/JointState");
+    assert_eq!(ledger.topics[0].subscribers[0].node, "/relay");
+    assert_eq!(relay.last_number("seen "), PR2);
+    assert_eq!(replayed.recorded.messages, PR2);
+    let inputs = bag.timeline(|_| true).unwrap();
+    let outputs = read_back(&replayed);
+    // roscpp's publisher counts header.seq, the first four bytes, itself.
+    assert!(inputs.iter().zip(&outputs).all(|(sent, (_, _, got))| sent.data[4..] == got[4..]));
+    rosbag_agrees(&graph, &replayed.recorded_bag, "/relayed", PR2);
+}
+
+/// Debian's rosbag reads the recording and finds the same counts.
+fn rosbag_agrees(graph: &Graph, recorded: &[u8], topic: &str, messages: u64) {
+    let path = graph.folder.join("recorded.bag");
+    std::fs::write(&path, recorded).unwrap();
+    let info = graph.run("/usr/bin/rosbag", &["info", "--yaml", path.to_str().unwrap()]);
+    assert!(info.contains(&format!("messages: {messages}\n")), "{info}");
+    assert!(info.contains(&format!("topic: {topic}\n")), "{info}");
+    assert!(info.contains("indexed: True"), "{info}");
+    graph.run("/usr/bin/rosbag", &["check", path.to_str().unwrap()]);
+}
+
+#[test]
+fn a_rospy_relay_gets_and_answers_every_message_in_max() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let relay = graph.python(&node("relay.py"), &["/joint_states", "/relayed", "0", "0"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["joint_states".to_owned()];
+    request.record_topics = vec!["/relay.*".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    eprintln!("{}", serde_json::to_string(&replayed).unwrap());
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (PR2, PR2, 0));
+    assert_eq!(relay.last_number("seen "), PR2);
+    assert_eq!(replayed.recorded.topics.len(), 1);
+    assert_eq!(replayed.recorded.topics[0].messages, PR2);
+}
+
+#[test]
+fn what_a_short_roscpp_queue_drops_is_what_its_callbacks_did_not_see() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let relay = roscpp_relay(&graph, "10", "1000");
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/joint_states".to_owned()];
+    request.record_topics = vec!["/relayed".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    let ledger = &replayed.ledger;
+    let seen = relay.last_number("seen ");
+    eprintln!("{} seen by the callback, {} dropped by the ledger", seen, ledger.dropped);
+    assert!(ledger.dropped > 0, "nothing was dropped: the test shows nothing");
+    assert_eq!(ledger.dropped, PR2 - seen);
+    assert_eq!((ledger.sent, ledger.received), (PR2, seen));
+    assert_eq!(replayed.recorded.messages, seen);
+}
+
+#[test]
+fn what_a_short_rospy_queue_drops_is_what_its_callbacks_did_not_see() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let relay = graph.python(&node("relay.py"), &["/joint_states", "/relayed", "3", "0.001"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/joint_states".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    let ledger = &replayed.ledger;
+    wait_until("the last callback has run", || relay.last_number("seen ") >= ledger.received);
+    let seen = relay.last_number("seen ");
+    eprintln!("{} seen by the callback, {} dropped by the ledger", seen, ledger.dropped);
+    assert!(ledger.dropped > 0, "nothing was dropped: the test shows nothing");
+    assert_eq!(ledger.dropped, PR2 - seen);
+    assert_eq!((ledger.sent, ledger.received), (PR2, seen));
+}
+
+#[test]
+fn two_nodes_on_one_topic_are_two_lines_and_the_worst_one_counts() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let _slow = roscpp_relay(&graph, "10", "1000");
+    let _whole = graph.python(&node("relay.py"), &["/joint_states", "/other", "0", "0"]);
+    wait_until("both nodes have subscribed", || {
+        let state = graph.client().get_system_state().unwrap();
+        state.subscribers.get("/joint_states").is_some_and(|nodes| nodes.len() == 2)
+    });
+    let request = request(&bag, &graph.uri);
+    let replayed = run(&bag, &request).unwrap();
+    let lines = &replayed.ledger.topics[0].subscribers;
+    let names: Vec<&str> = lines.iter().map(|line| line.node.as_str()).collect();
+    assert_eq!(names, ["/relay", "/relay_py"]);
+    let sums = |line: &LedgerSubscriber| line.received + line.dropped == PR2;
+    assert!(lines.iter().all(sums), "{lines:?}");
+    assert_eq!((lines[1].received, lines[1].dropped), (PR2, 0));
+    assert!(lines[0].dropped > 0);
+    assert_eq!(replayed.ledger.received, lines[0].received);
+    assert_eq!(replayed.ledger.dropped, lines[0].dropped);
+}

@@ -1,0 +1,186 @@
+//! A stack that misbehaves ends the replay within its deadline, with a reason.
+#[path = "../../ros/tests/graph/mod.rs"]
+mod graph;
+mod scene;
+
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::time::{Duration, Instant};
+
+use bagpipe_replay::{Cancellation, Mode, ReplayError, Stage, replay};
+use graph::Graph;
+use scene::{TMP, bag_of_words, node, request, run, words};
+
+#[test]
+fn a_stack_that_never_subscribes_is_named_with_what_it_subscribes_to() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 1, "a")]);
+    let graph = Graph::start(TMP);
+    let node = graph.python(&node("words.py"), &["/elsewhere"]);
+    graph::wait_until("the node has subscribed", || {
+        let state = graph.client().get_system_state().unwrap();
+        state.subscribers.contains_key("/elsewhere")
+    });
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/talk".to_owned()];
+    request.subscribe_deadline = Duration::from_millis(700);
+    let began = Instant::now();
+    let error = run(&bag, &request).unwrap_err();
+    assert_eq!(error.reason(), "NeverSubscribed");
+    assert_eq!(
+        error.to_string(),
+        "nobody subscribed to /talk within 0.7 s; the stack's nodes subscribe to /elsewhere \
+         (by /words); remap joins the names"
+    );
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+    drop(node);
+}
+
+#[test]
+fn a_subscriber_of_another_type_is_refused_and_named() {
+    let mut connection = words("/talk", "/t", false);
+    connection.datatype = "my_msgs/Word".to_owned();
+    connection.md5sum = "0123456789abcdef0123456789abcdef".to_owned();
+    let bag = bag_of_words(&[connection], &[(0, 1, "a")]);
+    let graph = Graph::start(TMP);
+    let _node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/talk".to_owned()];
+    request.subscribe_deadline = Duration::from_secs(4);
+    let error = run(&bag, &request).unwrap_err();
+    assert_eq!(error.reason(), "NeverSubscribed");
+    let sentence = error.to_string();
+    assert!(sentence.contains("/words subscribes to /talk with md5sum 992ce8a1"), "{sentence}");
+}
+
+/// A subscriber made by hand: it shakes hands with the player and then reads nothing.
+struct Deaf {
+    _slave: TcpListener,
+    _data: TcpStream,
+}
+
+fn deaf_subscriber(graph: &Graph, topic: &str) -> Deaf {
+    let slave = TcpListener::bind("127.0.0.1:0").unwrap();
+    let uri = format!("http://{}/", slave.local_addr().unwrap());
+    let master = bagpipe_ros::Master::new(&graph.uri, "/deaf", Duration::from_secs(5)).unwrap();
+    let mut publishers = Vec::new();
+    graph::wait_until("the player publishes", || {
+        publishers = master.register_subscriber(topic, "*", &uri).unwrap();
+        !publishers.is_empty()
+    });
+    let place = place_of_topic(&publishers[0], topic);
+    let mut data = TcpStream::connect(place).unwrap();
+    let mut header = Vec::new();
+    for field in ["callerid=/deaf", "md5sum=*", "type=*", &format!("topic={topic}")] {
+        header.extend_from_slice(&(field.len() as u32).to_le_bytes());
+        header.extend_from_slice(field.as_bytes());
+    }
+    data.write_all(&(header.len() as u32).to_le_bytes()).unwrap();
+    data.write_all(&header).unwrap();
+    Deaf { _slave: slave, _data: data }
+}
+
+fn place_of_topic(uri: &str, topic: &str) -> String {
+    let host = uri.trim_start_matches("http://").trim_end_matches('/');
+    let mut http = TcpStream::connect(host).unwrap();
+    let body = format!(
+        "<methodCall><methodName>requestTopic</methodName><params>\
+         <param><value>/deaf</value></param><param><value>{topic}</value></param>\
+         <param><value><array><data><value><array><data><value>TCPROS</value></data></array>\
+         </value></data></array></value></param></params></methodCall>"
+    );
+    write!(http, "POST / HTTP/1.0\r\nContent-length: {}\r\n\r\n{body}", body.len()).unwrap();
+    let mut answer = String::new();
+    http.read_to_string(&mut answer).unwrap();
+    let (_, rest) = answer.split_once("<i4>").and_then(|(_, r)| r.split_once("<i4>")).unwrap();
+    let port = rest.split('<').next().unwrap();
+    format!("127.0.0.1:{port}")
+}
+
+#[test]
+fn a_subscriber_that_stops_reading_is_named_and_nothing_hangs() {
+    let large = "x".repeat(1 << 20);
+    let messages: Vec<(usize, u64, &str)> = (0..40).map(|at| (0, at, large.as_str())).collect();
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/talk".to_owned()];
+    request.drain_deadline = Duration::from_millis(500);
+    let began = Instant::now();
+    let error = std::thread::scope(|scope| {
+        let deaf = scope.spawn(|| deaf_subscriber(&graph, "/talk"));
+        let error = run(&bag, &request).unwrap_err();
+        drop(deaf.join().unwrap());
+        error
+    });
+    assert_eq!(error.reason(), "StackStoppedReading");
+    let sentence = error.to_string();
+    assert!(sentence.contains("the node /deaf has read nothing from /talk"), "{sentence}");
+    assert!(began.elapsed() < Duration::from_secs(15), "{:?}", began.elapsed());
+}
+
+#[test]
+fn a_stack_that_exits_ends_the_play() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 0, "a"), (0, 600_000, "b")]);
+    let graph = Graph::start(TMP);
+    let _node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    let playing = std::cell::Cell::new(None);
+    let mut progress = |progress: bagpipe_replay::Progress| {
+        if progress.stage == Stage::Play && playing.get().is_none() {
+            playing.set(Some(Instant::now()));
+        }
+    };
+    let exits = || playing.get().map(|_| Cancellation::StackExited);
+    let error = replay(&bag, &request, &mut progress, &exits).unwrap_err();
+    assert!(matches!(error, ReplayError::StackExited { .. }), "{error}");
+    assert_eq!(
+        error.to_string(),
+        "the stack ended during the play; it must keep running until the agent stops it"
+    );
+    let took = playing.get().unwrap().elapsed();
+    assert!(took < Duration::from_secs(4), "{took:?}");
+}
+
+#[test]
+fn the_case_deadline_holds_in_the_middle_of_a_play() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 0, "a"), (0, 600_000, "b")]);
+    let graph = Graph::start(TMP);
+    let _node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    request.case_deadline = Instant::now() + Duration::from_secs(4);
+    let error = run(&bag, &request).unwrap_err();
+    assert_eq!(error.reason(), "CaseDeadlineExceeded");
+    let late = Instant::now().duration_since(request.case_deadline);
+    assert!(late < Duration::from_secs(4), "{late:?}");
+}
+
+#[test]
+fn a_recording_over_its_budget_is_an_error() {
+    let large = "x".repeat(100_000);
+    let messages: Vec<(usize, u64, &str)> = (0..20).map(|at| (0, at, large.as_str())).collect();
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let _node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.record_topics = vec!["/answer".to_owned()];
+    request.byte_budget = 500_000;
+    let error = run(&bag, &request).unwrap_err();
+    assert_eq!(error.reason(), "RecorderBudgetExceeded");
+    assert!(error.to_string().contains("500000"), "{error}");
+}
+
+#[test]
+fn no_master_and_bad_requests_are_sentences() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 1, "a")]);
+    let mut request = request(&bag, "http://127.0.0.1:9/");
+    request.record_topics = vec!["/lane".to_owned()];
+    assert_eq!(run(&bag, &request).unwrap_err().reason(), "RosMasterFailed");
+    request.record_topics = vec!["/lane/(".to_owned()];
+    let error = run(&bag, &request).unwrap_err();
+    assert_eq!(error.reason(), "ProtocolError");
+    assert!(error.to_string().contains("\"/lane/(\" is not a regular expression"), "{error}");
+    request.rate = 0.0;
+    assert!(run(&bag, &request).unwrap_err().to_string().contains("above 0"));
+}

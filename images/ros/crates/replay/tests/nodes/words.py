@@ -1,0 +1,24 @@
+"""Prints every std_msgs/String of the named topics, and answers it on /answer.
+
+words.py <topic>...
+"""
+
+import sys
+import threading
+
+import rospy
+from std_msgs.msg import String
+
+
+def word(message: String) -> None:
+    print("word", message.data)
+    out.publish(message)
+
+
+rospy.init_node("words", disable_signals=True)
+out = rospy.Publisher("/answer", String, queue_size=None)
+state = rospy.Publisher("/state", String, queue_size=None, latch=True)
+state.publish("ready")
+for name in rospy.myargv(sys.argv)[1:]:
+    rospy.Subscriber(name, String, word)
+threading.Event().wait()

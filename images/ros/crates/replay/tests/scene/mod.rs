@@ -1,0 +1,93 @@
+//! What the replay tests play: the real PR2 recording, small bags, usual requests.
+#![allow(dead_code)] // each test file uses its own part
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_replay::{Mode, Progress, ReplayError, ReplayRequest, Replayed, Window, replay};
+
+/// Where compiled nodes and the graphs' folders lie.
+pub const TMP: &str = env!("CARGO_TARGET_TMPDIR");
+
+/// A source of a node.
+pub fn node(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/nodes").join(name)
+}
+
+/// The real PR2 recording, 1,598 JointStates in 16 s; without it the test says so and is
+/// skipped.
+pub fn pr2() -> Option<Bag<MemoryChunkedFile>> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../../../shared/data/pr2_joint_states_bz2.bag");
+    match std::fs::read(&path) {
+        Ok(bytes) => Some(Bag::open(MemoryChunkedFile::new(bytes)).unwrap()),
+        Err(_) => {
+            eprintln!("skipped: the recording {} is not on this machine", path.display());
+            None
+        }
+    }
+}
+
+/// A request for all of a bag, in `max`.
+pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
+    let (first, last) = bag.time_range().unwrap_or((0, 0));
+    ReplayRequest {
+        master_uri: master.to_owned(),
+        window: Window { lead_in_start: first, start: first, end: last + 1 },
+        topics: Vec::new(),
+        remap: BTreeMap::new(),
+        mode: Mode::Max,
+        rate: 1.0,
+        record_topics: Vec::new(),
+        byte_budget: 1 << 30,
+        subscribe_deadline: Duration::from_secs(20),
+        drain_deadline: Duration::from_secs(10),
+        case_deadline: Instant::now() + Duration::from_secs(120),
+        use_sim_time: false,
+    }
+}
+
+/// Replays without anybody who cancels.
+pub fn run(bag: &Bag<MemoryChunkedFile>, request: &ReplayRequest) -> Result<Replayed, ReplayError> {
+    replay(bag, request, &mut |_: Progress| (), &|| None)
+}
+
+/// A std_msgs/String connection.
+pub fn words(topic: &str, caller_id: &str, latching: bool) -> Connection {
+    Connection {
+        id: 0,
+        topic: topic.to_owned(),
+        datatype: "std_msgs/String".to_owned(),
+        md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
+        definition: "string data\n".to_owned(),
+        caller_id: Some(caller_id.to_owned()),
+        latching,
+    }
+}
+
+/// A bag of strings: connections, then (connection, milliseconds, text).
+pub fn bag_of_words(
+    connections: &[Connection],
+    messages: &[(usize, u64, &str)],
+) -> Bag<MemoryChunkedFile> {
+    let mut writer = BagWriter::new(WriterOptions::default());
+    let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
+    for (connection, milliseconds, text) in messages {
+        let data = [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
+        writer.write(ids[*connection], milliseconds * 1_000_000, &data).unwrap();
+    }
+    Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
+}
+
+/// (connection's topic, time in nanoseconds, data) of a recording.
+pub fn read_back(recorded: &Replayed) -> Vec<(String, u64, Vec<u8>)> {
+    let bag = Bag::open(MemoryChunkedFile::new(recorded.recorded_bag.clone())).unwrap();
+    let timeline = bag.timeline(|_| true).unwrap();
+    let message = |m: bagpipe_bag::Message<'_>| {
+        let topic = bag.connection(m.connection).unwrap().topic.clone();
+        (topic, m.time, m.data.to_vec())
+    };
+    timeline.iter().map(message).collect()
+}

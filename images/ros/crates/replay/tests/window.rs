@@ -1,0 +1,155 @@
+//! Which messages of the bag go out, what is counted, what is recorded.
+#[path = "../../ros/tests/graph/mod.rs"]
+mod graph;
+mod scene;
+
+use std::collections::BTreeMap;
+
+use bagpipe_replay::{Mode, Window};
+use graph::{Graph, Process, wait_until};
+use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
+
+const MS: u64 = 1_000_000;
+
+fn heard(process: &Process) -> Vec<String> {
+    let lines = process.lines();
+    lines.iter().filter_map(|line| line.strip_prefix("word ").map(str::to_owned)).collect()
+}
+
+#[test]
+fn the_lead_in_is_played_counted_apart_and_not_recorded() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let relay = graph.python(&node("relay.py"), &["/joint_states", "/relayed", "0", "0"]);
+    let mut request = request(&bag, &graph.uri);
+    let (first, last) = bag.time_range().unwrap();
+    let start = first + 4_000 * MS;
+    let end = first + 8_000 * MS;
+    assert!(end < last);
+    request.window = Window { lead_in_start: first + 2_000 * MS, start, end };
+    request.topics = vec!["/joint_states".to_owned()];
+    request.record_topics = vec!["/relayed".to_owned()];
+    let timeline = bag.timeline(|_| true).unwrap();
+    let lead_in = timeline.between(first + 2_000 * MS, start).len() as u64;
+    let counted = timeline.between(start, end).len() as u64;
+    let replayed = run(&bag, &request).unwrap();
+    let ledger = &replayed.ledger;
+    eprintln!("{lead_in} lead-in, {counted} counted of 1598");
+    assert!(lead_in > 100 && counted > 200);
+    assert_eq!((ledger.lead_in, ledger.sent), (lead_in, counted));
+    assert_eq!((ledger.received, ledger.dropped), (counted, 0));
+    assert_eq!(relay.last_number("seen "), lead_in + counted);
+    // An answer to the last lead-in messages may still arrive when counting has begun.
+    let recorded = replayed.recorded.messages;
+    assert!((counted..counted + lead_in).contains(&recorded), "{recorded}");
+    let times: Vec<u64> = read_back(&replayed).iter().map(|(_, time, _)| *time).collect();
+    assert!(times.iter().all(|time| (start..end).contains(time)));
+}
+
+#[test]
+fn latched_messages_in_force_are_carried_per_publisher_and_come_first() {
+    let connections = [
+        words("/map", "/mapper", true),
+        words("/map", "/patcher", true),
+        words("/talk", "/talker", false),
+    ];
+    let bag = bag_of_words(
+        &connections,
+        &[
+            (0, 10, "old map"),
+            (2, 15, "unheard"),
+            (0, 20, "map"),
+            (1, 30, "patch"),
+            (2, 100, "warm"),
+            (2, 200, "one"),
+            (2, 300, "two"),
+            (2, 400, "late"),
+        ],
+    );
+    let graph = Graph::start(TMP);
+    let node = graph.python(&node("words.py"), &["/map", "/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.window = Window { lead_in_start: 90 * MS, start: 200 * MS, end: 400 * MS };
+    request.record_topics = vec!["/answer".to_owned(), "/state".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    wait_until("four messages are heard", || heard(&node).len() >= 5);
+    let mut latched = heard(&node);
+    let played = latched.split_off(2);
+    latched.sort();
+    assert_eq!(latched, ["map", "patch"]);
+    assert_eq!(played, ["warm", "one", "two"]);
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.lead_in, ledger.received, ledger.dropped), (2, 3, 2, 0));
+    // The stack's own latched message came before the window and is written at its start.
+    let recorded = read_back(&replayed);
+    assert_eq!((recorded[0].0.as_str(), recorded[0].1), ("/state", 200 * MS));
+    assert_eq!(&recorded[0].2[4..], b"ready");
+}
+
+#[test]
+fn a_remapped_topic_goes_out_under_the_stacks_name_and_nothing_of_ours_is_recorded() {
+    let bag = bag_of_words(
+        &[words("front/talk", "/t", false), words("/other", "/t", false)],
+        &[(0, 1, "a"), (1, 2, "x"), (0, 3, "b")],
+    );
+    let graph = Graph::start(TMP);
+    let node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.remap = BTreeMap::from([("/talk".to_owned(), "/front/talk".to_owned())]);
+    request.record_topics = vec![".*".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!(heard(&node), ["a", "b"]);
+    let lines: Vec<(&str, u64, usize)> = replayed
+        .ledger
+        .topics
+        .iter()
+        .map(|topic| (topic.topic.as_str(), topic.sent, topic.subscribers.len()))
+        .collect();
+    // Nobody listens to /other, so nothing was sent on it.
+    assert_eq!(lines, [("/talk", 2, 1), ("/other", 0, 0)]);
+    let mut topics: Vec<&str> =
+        replayed.recorded.topics.iter().map(|topic| topic.topic.as_str()).collect();
+    topics.retain(|topic| *topic != "/rosout");
+    assert_eq!(topics, ["/answer", "/state"]);
+    assert_eq!(replayed.ledger.dropped, 0);
+}
+
+#[test]
+fn a_window_without_messages_is_an_empty_valid_bag_at_once() {
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 1, "a")]);
+    let mut request = request(&bag, "http://127.0.0.1:9/");
+    request.window = Window { lead_in_start: 50 * MS, start: 50 * MS, end: 60 * MS };
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.recorded.messages), (0, 0));
+    assert!(read_back(&replayed).is_empty());
+    request.window = Window { lead_in_start: 0, start: 0, end: 60 * MS };
+    request.topics = vec!["/absent".to_owned()];
+    assert_eq!(run(&bag, &request).unwrap().ledger.sent, 0);
+}
+
+#[test]
+fn realtime_keeps_the_bags_times_at_the_asked_rate() {
+    let texts: Vec<String> = (0..50).map(|number| format!("{number}")).collect();
+    let messages: Vec<(usize, u64, &str)> =
+        texts.iter().zip(0..).map(|(text, at)| (0, 1_000 + at * 20, text.as_str())).collect();
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let _node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    request.rate = 2.0;
+    request.record_topics = vec!["/answer".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    eprintln!("{:?}", replayed.playback);
+    // 49 intervals of 20 ms at twice the speed: 0.49 s.
+    let playback = replayed.playback;
+    assert!((playback.played_seconds - 0.49).abs() < 0.1, "{playback:?}");
+    assert!((playback.achieved_rate - 2.0).abs() < 0.35, "{playback:?}");
+    assert!(playback.late_max_seconds < 0.1, "{playback:?}");
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (50, 0));
+    // An answer's stamp is bag time at receipt: after its input, by less than 0.2 s.
+    for ((_, time, _), (_, sent, _)) in read_back(&replayed).iter().zip(&messages) {
+        let after = *time as i64 - (sent * MS) as i64;
+        assert!((0..200 * MS as i64).contains(&after), "{after} ns after its input");
+    }
+}
