@@ -1,0 +1,1 @@
+"""The Spark driver of one job: plan, schedule, collect, commit, tell."""

@@ -1,0 +1,1 @@
+"""The worker's end of the pipe: frames, slots and sessions (docs/reference/binpipe.md)."""

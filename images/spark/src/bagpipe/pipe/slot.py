@@ -1,0 +1,125 @@
+"""Slots: which FIFO pairs an executor's agent offers, and the lease that makes one ours."""
+
+import contextlib
+import errno
+import fcntl
+import os
+import select
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+PIPE_BYTES = 256 * 1024
+_RETRY_SECONDS = 0.02
+_HANG_UP_SECONDS = 10.0
+_F_SETPIPE_SZ = 1031
+_F_GETPIPE_SZ = 1032
+
+
+class SlotUnavailableError(Exception):
+    """No slot, or no agent behind one, within the deadline."""
+
+
+@dataclass(frozen=True)
+class Slot:
+    """One FIFO pair below the volume that Spark and the agent share."""
+
+    folder: Path
+
+    @property
+    def to_agent(self) -> Path:
+        """The FIFO that the worker writes."""
+        return self.folder / "to-agent"
+
+    @property
+    def from_agent(self) -> Path:
+        """The FIFO that the worker reads."""
+        return self.folder / "from-agent"
+
+
+@dataclass(frozen=True)
+class Ends:
+    """The worker's two open ends; both are non-blocking."""
+
+    read: int
+    write: int
+    pipe_bytes: int
+
+
+@contextlib.contextmanager
+def lease(shared: Path, deadline: float) -> Iterator[Slot]:
+    """Any free slot below `shared`, ours until the block ends or the process dies.
+
+    `deadline` is on the monotonic clock, in seconds. Raises SlotUnavailableError.
+    """
+    while True:
+        for folder in sorted((shared / "slots").glob("*"), key=lambda path: path.name):
+            descriptor = os.open(folder / "lease", os.O_RDWR | os.O_CLOEXEC)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(descriptor)
+                continue
+            try:
+                yield Slot(folder)
+            finally:
+                os.close(descriptor)
+            return
+        _pause_until(
+            deadline, f"no free slot below {shared}: all are leased or the agent made none"
+        )
+
+
+@contextlib.contextmanager
+def open_ends(slot: Slot, deadline: float) -> Iterator[Ends]:
+    """Both FIFOs of a slot, opened in the one order that can't deadlock.
+
+    Raises SlotUnavailableError when no agent opens its end before `deadline`.
+    """
+    with contextlib.ExitStack() as closing:
+        read = os.open(slot.from_agent, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        closing.callback(os.close, read)
+        write = _open_for_writing(slot.to_agent, deadline)
+        closing.callback(_await_hang_up, read)
+        closing.callback(os.close, write)
+        yield Ends(read, write, min(_widen(read), _widen(write)))
+
+
+def _await_hang_up(read: int) -> None:
+    """Read until the agent closes its end, which it does when it is ready for another session.
+
+    Without this the next session's HELLO could follow this one's bytes into the same open
+    FIFO and be thrown away as a leftover.
+    """
+    deadline = time.monotonic() + _HANG_UP_SECONDS
+    while (left := deadline - time.monotonic()) > 0:
+        try:
+            if not os.read(read, PIPE_BYTES):
+                return
+        except BlockingIOError:
+            select.select([read], [], [], left)
+
+
+def _open_for_writing(path: Path, deadline: float) -> int:
+    while True:
+        try:
+            return os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        except OSError as error:
+            if error.errno != errno.ENXIO:
+                raise
+        _pause_until(deadline, f"no agent reads {path}: its container is gone or still starting")
+
+
+def _pause_until(deadline: float, message: str) -> None:
+    left = deadline - time.monotonic()
+    if left <= 0:
+        raise SlotUnavailableError(message)
+    select.select([], [], [], min(_RETRY_SECONDS, left))
+
+
+def _widen(descriptor: int) -> int:
+    # EPERM says that the node's soft limit for pipes is used up: slower, not wrong.
+    with contextlib.suppress(PermissionError):
+        fcntl.fcntl(descriptor, _F_SETPIPE_SZ, PIPE_BYTES)
+    return fcntl.fcntl(descriptor, _F_GETPIPE_SZ)

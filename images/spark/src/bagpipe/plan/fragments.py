@@ -1,0 +1,112 @@
+"""Cutting a bag into fragments, from its tail alone.
+
+A fragment's window is half-open, so each message counts in exactly one fragment whatever
+the chunks' overlaps. Cuts move to a near chunk boundary, so that most chunks travel once.
+"""
+
+import bisect
+import itertools
+from dataclasses import dataclass
+
+from bagpipe.plan.bag_tail import BagTail, Chunk
+
+# A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
+# than it becomes a fragment of its own.
+_SNAP = 0.25
+
+
+@dataclass(frozen=True)
+class Window:
+    """Bag times in ns: messages with start <= t < end count; the lead-in before start does not."""
+
+    lead_in_start: int
+    start: int
+    end: int
+
+
+@dataclass(frozen=True)
+class FragmentPlan:
+    """One window and the (offset, length) byte ranges of the bag that it needs."""
+
+    window: Window
+    ranges: list[tuple[int, int]]
+    messages: int
+
+
+def cut(tail: BagTail, topics: list[str], length: int, warm_up: int) -> list[FragmentPlan]:
+    """The fragments of a bag for `topics` (resolved names; empty: all); times in ns.
+
+    Empty where the bag has no message on any of the topics.
+    """
+    wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
+    latching = {c.id for c in tail.connections if c.latching} & wanted
+    chunks = [chunk for chunk in tail.chunks if wanted & _holding(chunk)]
+    if not chunks:
+        return []
+    begin = min(chunk.start_time for chunk in chunks)
+    end = max(chunk.end_time for chunk in chunks) + 1
+    edges = _edges(begin, end, length, sorted(chunk.start_time for chunk in chunks))
+    return [
+        _fragment(chunks, Window(max(begin, start - warm_up), start, stop), wanted, latching)
+        for start, stop in itertools.pairwise(edges)
+    ]
+
+
+def _holding(chunk: Chunk) -> set[int]:
+    return {connection for connection, count in chunk.counts.items() if count}
+
+
+def _edges(begin: int, end: int, length: int, boundaries: list[int]) -> list[int]:
+    edges = [begin]
+    for number in range(1, (end - begin) // length + 1):
+        nominal = begin + number * length
+        if end - nominal < length * _SNAP:
+            break
+        edges.append(_snap(nominal, boundaries, int(length * _SNAP)))
+    return [*edges, end]
+
+
+def _snap(nominal: int, boundaries: list[int], tolerance: int) -> int:
+    at = bisect.bisect_left(boundaries, nominal)
+    near = boundaries[max(0, at - 1) : at + 1]
+    best = min(near, key=lambda boundary: abs(boundary - nominal), default=nominal)
+    return best if abs(best - nominal) <= tolerance else nominal
+
+
+def _fragment(
+    chunks: list[Chunk], window: Window, wanted: set[int], latching: set[int]
+) -> FragmentPlan:
+    needed = {
+        chunk.offset: chunk
+        for chunk in chunks
+        if chunk.start_time < window.end and chunk.end_time >= window.lead_in_start
+    }
+    messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in wanted)
+    for chunk in _in_force(chunks, window.lead_in_start, latching):
+        needed[chunk.offset] = chunk
+    return FragmentPlan(window, _ranges(list(needed.values())), messages)
+
+
+def _in_force(chunks: list[Chunk], before: int, latching: set[int]) -> list[Chunk]:
+    """The chunks that may hold each latching connection's last message before a time.
+
+    Chunks may overlap, so all those are taken that could hold a later one than is certain.
+    """
+    found = []
+    for connection in latching:
+        earlier = [c for c in chunks if c.counts.get(connection) and c.start_time < before]
+        certain = max((c.start_time for c in earlier if c.end_time < before), default=0)
+        found += [c for c in earlier if c.end_time >= certain]
+    return found
+
+
+def _ranges(chunks: list[Chunk]) -> list[tuple[int, int]]:
+    """Adjacent chunks join, so that storage sees few large reads."""
+    ranges: list[tuple[int, int]] = []
+    for chunk in sorted(chunks, key=lambda chunk: chunk.offset):
+        if ranges and sum(ranges[-1]) == chunk.offset:
+            offset, length = ranges[-1]
+            ranges[-1] = (offset, length + chunk.end - chunk.offset)
+        else:
+            ranges.append((chunk.offset, chunk.end - chunk.offset))
+    return ranges

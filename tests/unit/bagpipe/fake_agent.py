@@ -1,0 +1,162 @@
+"""A stand-in for the agent at the other end of real FIFOs, for the faults that the real one
+
+can't be made to show on demand. What it sends is a script; what it received is kept.
+"""
+
+import os
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Self
+
+from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType
+
+Script = Callable[["FakeAgent", int], None]
+
+RESULT: dict[str, Any] = {
+    "stack": {"exit_status": None, "signal": 15, "stderr": [], "ended_by": "agent"},
+    "ledger": {
+        "sent": 3,
+        "lead_in": 1,
+        "received": 3,
+        "dropped": 0,
+        "topics": [
+            {
+                "topic": "/scan",
+                "type": "std_msgs/String",
+                "sent": 3,
+                "lead_in": 1,
+                "subscribers": [{"node": "/stack", "received": 3, "dropped": 0, "bytes": 48}],
+            }
+        ],
+    },
+    "recorded": {"messages": 2, "bytes": 5, "high_water_bytes": 5, "topics": []},
+    "playback": {"asked_rate": 1.0, "achieved_rate": 1.0, "late_max_seconds": 0.0},
+    "timings": {},
+}
+
+
+def make_slot(shared: Path, name: str = "0") -> Path:
+    """The folder, FIFOs and lease file of a slot, as the agent makes them."""
+    folder = shared / "slots" / name
+    folder.mkdir(parents=True)
+    os.mkfifo(folder / "to-agent")
+    os.mkfifo(folder / "from-agent")
+    (folder / "lease").touch()
+    return folder
+
+
+class FakeAgent:
+    """Serves the sessions of one slot by one script each, in a thread of its own."""
+
+    def __init__(self, folder: Path, *scripts: Script) -> None:
+        self.received: list[Frame] = []
+        self._outgoing = -1
+        self._folder = folder
+        self._scripts = scripts
+        self._encoder = Encoder()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._thread.join(timeout=20)
+        assert not self._thread.is_alive(), "the fake agent never saw its session"
+
+    def write(self, descriptor: int, kind: FrameType, payload: bytes) -> None:
+        os.write(descriptor, b"".join(self._encoder.encode(kind, payload)))
+
+    def tell(self, descriptor: int, kind: FrameType, fields: dict[str, Any]) -> None:
+        os.write(descriptor, self._encoder.encode_fields(kind, fields))
+
+    def greet(self, descriptor: int, session: str | None = None) -> None:
+        own = self.received[0].fields()["session"]
+        hello = {"session": session or own, "protocol": 1, "software": "fake", "pipe_bytes": 4096}
+        self.tell(descriptor, FrameType.HELLO, hello)
+
+    def finish(self, descriptor: int, recorded: bytes, **changed: Any) -> None:
+        """RESULT, one file, END; `changed` falsifies fields of END."""
+        self.tell(descriptor, FrameType.RESULT, RESULT)
+        self.tell(descriptor, FrameType.FILE, {"name": "case.bag", "size": len(recorded)})
+        if recorded:
+            self.write(descriptor, FrameType.DATA, recorded)
+        end = {"files": 1, "bytes": len(recorded), "digest": self._encoder.digest}
+        self.tell(descriptor, FrameType.END, end | changed)
+
+    def _serve(self) -> None:
+        for script in self._scripts:
+            self._encoder = Encoder()
+            self.received = []
+            incoming = os.open(self._folder / "to-agent", os.O_RDONLY)
+            self._outgoing = -1
+            try:
+                script(self, incoming)
+                while os.read(incoming, 65536):
+                    continue
+            finally:
+                os.close(incoming)
+                self.hang_up()
+
+    def hang_up(self) -> None:
+        if self._outgoing >= 0:
+            os.close(self._outgoing)
+            self._outgoing = -1
+
+    def read_until(self, incoming: int, kind: FrameType) -> None:
+        decoder = Decoder()
+        while all(frame.type != kind for frame in self.received):
+            data = os.read(incoming, 65536)
+            if not data:
+                return
+            self.received += decoder.feed(data)
+
+    def open_outgoing(self) -> int:
+        self._outgoing = os.open(self._folder / "from-agent", os.O_WRONLY)
+        return self._outgoing
+
+
+def well_behaved(recorded: bytes = b"bytes", **changed: Any) -> Script:
+    """Reads everything, answers, ends."""
+
+    def script(agent: FakeAgent, incoming: int) -> None:
+        agent.read_until(incoming, FrameType.END)
+        outgoing = agent.open_outgoing()
+        agent.greet(outgoing)
+        agent.finish(outgoing, recorded, **changed)
+
+    return script
+
+
+def aborting(reason: str, message: str, stderr: list[str]) -> Script:
+    """Reads HELLO only, then ABORT: the worker is still writing."""
+
+    def script(agent: FakeAgent, incoming: int) -> None:
+        agent.read_until(incoming, FrameType.HELLO)
+        outgoing = agent.open_outgoing()
+        agent.greet(outgoing)
+        abort = {"reason": reason, "message": message, "exit_status": 3, "stderr": stderr}
+        agent.tell(outgoing, FrameType.ABORT, abort)
+
+    return script
+
+
+def dying(agent: FakeAgent, incoming: int) -> None:
+    """Greets, sends a piece of a frame, and is gone."""
+    agent.read_until(incoming, FrameType.HELLO)
+    outgoing = agent.open_outgoing()
+    agent.greet(outgoing)
+    os.write(outgoing, b"BPIP\x01")
+    agent.hang_up()
+
+
+def greeting_as(session: str) -> Script:
+    """Answers with another session's HELLO."""
+
+    def script(agent: FakeAgent, incoming: int) -> None:
+        agent.read_until(incoming, FrameType.HELLO)
+        outgoing = agent.open_outgoing()
+        agent.greet(outgoing, session)
+
+    return script

@@ -1,0 +1,163 @@
+"""A case from lease to row, against an agent that fails in every way it can."""
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from bagpipe.pipe.frames import FrameType
+from bagpipe.plan.cases import Case, plan
+from bagpipe.run import case_run
+from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.fragment_stream import fragment_file
+from bagpipe.run.judge import DeliveryIncompleteError, judge
+from bagpipe.storage import Storage
+from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.fake_agent import (
+    RESULT,
+    FakeAgent,
+    Script,
+    aborting,
+    dying,
+    make_slot,
+    well_behaved,
+)
+from tests.unit.bagpipe.jobs import make_spec
+
+Run = Callable[..., tuple[Row, FakeAgent]]
+
+
+@pytest.fixture
+def context(tmp_path: Path) -> RunContext:
+    folders = {name: str(tmp_path / name) for name in ("recordings", "results")}
+    (tmp_path / "recordings").mkdir()
+    bag = tmp_path / "recordings/a.bag"
+    write_bag(bag, steady("/scan", 50, 10_000_000), chunk_bytes=512)
+    return RunContext("lab/drive", make_spec(), folders, "pvc://results/r", str(tmp_path / "s"))
+
+
+@pytest.fixture
+def case(context: RunContext) -> Case:
+    (only,) = plan(context.spec, Storage(context.volumes)).cases
+    return only
+
+
+@pytest.fixture
+def run(context: RunContext, case: Case) -> Run:
+    def with_scripts(*scripts: Script) -> tuple[Row, FakeAgent]:
+        with FakeAgent(make_slot(Path(context.shared)), *scripts) as agent:
+            return run_case(case, context), agent
+
+    return with_scripts
+
+
+def kept(context: RunContext) -> list[str]:
+    return Storage(context.volumes).names("pvc://results/r/cases")
+
+
+def test_a_good_case_passes_and_keeps_its_bag(run: Run, context: RunContext) -> None:
+    row, agent = run(well_behaved(b"a recorded bag"))
+    assert (row["outcome"], row["attempts"], row["case"]) == ("passed", 1, "a-0000")
+    assert kept(context) == [row["recorded"].removeprefix("cases/")]
+    case = agent.received[0].fields()["case"]
+    assert case["stack"]["command"] == ["run"]
+    assert case["deadlines"]["subscribe"] == 20.0
+
+
+def test_the_agent_receives_whole_records_of_the_users_bag(run: Run, context: RunContext) -> None:
+    _, agent = run(well_behaved())
+    stream = b"".join(f.payload for f in agent.received if f.type is FrameType.DATA)
+    described = next(f for f in agent.received if f.type is FrameType.FILE).fields()
+    assert described["size"] == len(stream)
+    original = (Path(context.volumes["recordings"]) / "a.bag").read_bytes()
+    for at, offset, length in described["ranges"]:
+        assert stream[at : at + length] == original[offset : offset + length]
+
+
+def test_the_fragments_stream_is_as_long_as_it_says(case: Case, context: RunContext) -> None:
+    file = fragment_file(case, Storage(context.volumes))
+    stream = b"".join(file.pieces())
+    assert len(stream) == file.size
+    assert stream.startswith(b"#ROSBAG V2.0\n")
+    assert stream.count(b"index_pos=" + bytes(8)) == 1
+
+
+def test_a_lost_message_runs_the_case_again_and_its_bag_never_counts(
+    run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lossy = copy.deepcopy(RESULT)
+    lossy["ledger"]["topics"][0]["subscribers"][0] |= {"received": 2, "dropped": 1}
+
+    def losing(agent: FakeAgent, incoming: int) -> None:
+        with monkeypatch.context() as patched:
+            patched.setattr("tests.unit.bagpipe.fake_agent.RESULT", lossy)
+            well_behaved(b"lossy")(agent, incoming)
+
+    row, _ = run(losing, well_behaved(b"whole"))
+    assert (row["outcome"], row["attempts"]) == ("passed", 2)
+    assert len(kept(context)) == 1
+
+
+def test_three_losses_are_an_error_that_names_the_node(
+    context: RunContext, case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def losing(*_: object) -> Row:
+        raise DeliveryIncompleteError("/stack processed 2 of 3 messages on /scan")
+
+    monkeypatch.setattr(case_run, "_played", losing)
+    row = run_case(case, context)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "DeliveryIncomplete", 3)
+    assert "/stack processed 2 of 3" in row["message"]
+
+
+def test_a_dead_agent_is_met_again(run: Run) -> None:
+    row, _ = run(dying, well_behaved())
+    assert (row["outcome"], row["attempts"]) == ("passed", 2)
+
+
+def test_a_crashed_stack_is_an_error_with_its_stderr_and_is_not_repeated(
+    run: Run, context: RunContext
+) -> None:
+    row, _ = run(aborting("StackExited", "the stack ended with status 3", ["boom"]))
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 1)
+    assert row["stderr"] == ["boom"]
+    assert kept(context) == []
+
+
+def test_no_agent_at_all_is_an_error_in_bounded_time(
+    case: Case, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(case_run, "_MEETING_SECONDS", 0.05)
+    (Path(context.shared) / "slots").mkdir(parents=True)
+    row = run_case(case, context)
+    assert (row["reason"], row["attempts"]) == ("SlotUnavailable", 3)
+
+
+@pytest.mark.usefixtures("case")
+def test_a_bag_that_vanished_is_a_storage_error(context: RunContext, run: Run) -> None:
+    (Path(context.volumes["recordings"]) / "a.bag").unlink()
+
+    def listening(agent: FakeAgent, incoming: int) -> None:
+        agent.read_until(incoming, FrameType.END)
+
+    row, _ = run(listening)
+    assert (row["reason"], row["attempts"]) == ("StorageFailed", 1)
+    assert "pvc://recordings/a.bag can't be read" in row["message"]
+
+
+def test_nothing_played_or_recorded_is_invalid_and_never_passed() -> None:
+    silent = copy.deepcopy(RESULT)
+    silent["recorded"]["messages"] = 0
+    assert judge(silent).reason == "NothingRecorded"
+    empty = copy.deepcopy(RESULT)
+    empty["ledger"] |= {"sent": 0, "topics": []}
+    assert (judge(empty).outcome, judge(empty).reason) == ("invalid", "NothingPlayed")
+
+
+@pytest.mark.parametrize("change", [{"received": 2}, {"dropped": 1}, {"received": 4}])
+def test_any_mismatch_in_the_ledger_is_no_delivery(change: dict[str, int]) -> None:
+    result = copy.deepcopy(RESULT)
+    result["ledger"]["topics"][0]["subscribers"][0] |= change
+    with pytest.raises(DeliveryIncompleteError, match="/stack processed"):
+        judge(result)

@@ -1,0 +1,64 @@
+"""Planning: the exact cases of given bags, and a sentence for each bag that yields none."""
+
+from pathlib import Path
+
+from bagpipe.plan.cases import plan
+from bagpipe.storage import Storage
+from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.jobs import make_spec
+
+
+def storage_with(folder: Path, *names: str) -> Storage:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bag(folder / name, steady("/scan", 100, 50_000_000), chunk_bytes=1024)
+    return Storage({"recordings": str(folder)})
+
+
+def source(*bags: str, length: str = "2s") -> dict[str, object]:
+    return {
+        "bags": [f"pvc://recordings/{bag}" for bag in bags],
+        "topics": ["/scan"],
+        "fragment": {"length": length},
+    }
+
+
+def test_every_fragment_of_every_bag_is_a_case(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "a.bag", "b c.bag")
+    made = plan(make_spec(source=source("*.bag")), storage)
+    assert sorted(case.id for case in made.cases) == [
+        "a-0000", "a-0001", "a-0002", "b-c-0000", "b-c-0001", "b-c-0002",
+    ]  # fmt: skip
+    assert made.unplanned == []
+    assert [c.bytes for c in made.cases] == sorted((c.bytes for c in made.cases), reverse=True)
+
+
+def test_bags_of_one_name_stay_apart(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "x/a.bag", "y/a.bag")
+    made = plan(make_spec(source=source("x/a.bag", "y/a.bag", "x/*.bag", length="60s")), storage)
+    assert sorted(case.id for case in made.cases) == ["a-000-0000", "a-001-0000"]
+
+
+def test_what_is_wrong_with_a_bag_is_told_and_the_others_go_on(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "good.bag", "cut.bag", "other.bag")
+    whole = (tmp_path / "cut.bag").read_bytes()
+    (tmp_path / "cut.bag").write_bytes(whole[: len(whole) // 2])
+    (tmp_path / "empty.bag").write_bytes(b"")
+    (tmp_path / "text.bag").write_text("hello")
+    write_bag(tmp_path / "camera.bag", steady("/camera", 10, 1_000_000))
+    bags = ("good.bag", "cut.bag", "empty.bag", "text.bag", "camera.bag", "none.bag", "no/*.bag")
+    made = plan(make_spec(source=source(*bags, length="60s")), storage)
+    assert [case.id for case in made.cases] == ["good-0000"]
+    reasons = {bag.id: bag.reason for bag in made.unplanned}
+    assert reasons == {
+        "none": "BagMissing",
+        "bag": "BagMissing",
+        "cut": "BagCut",
+        "empty": "BagEmpty",
+        "text": "BagUnreadable",
+        "camera": "NoMatchingTopics",
+    }
+    sentences = {bag.id: bag.message for bag in made.unplanned}
+    assert f"the file ends at byte {len(whole) // 2}" in sentences["cut"]
+    assert sentences["camera"].endswith("/scan is in the bag; it has /camera")
+    assert all(sentence.find("pvc://recordings/") >= 0 for sentence in sentences.values())

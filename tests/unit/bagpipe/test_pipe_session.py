@@ -1,0 +1,131 @@
+"""A session over real FIFOs: what arrives, and what the worker reads when the agent fails."""
+
+import fcntl
+import io
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.pipe.frames import FrameType
+from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session
+from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
+from tests.unit.bagpipe.fake_agent import (
+    RESULT,
+    FakeAgent,
+    Script,
+    aborting,
+    dying,
+    greeting_as,
+    make_slot,
+    well_behaved,
+)
+
+MEBIBYTE = 1 << 20
+
+
+def big_file(pieces: int = 3) -> InputFile:
+    def produce() -> Iterator[bytes]:
+        for number in range(pieces):
+            yield bytes([number]) * MEBIBYTE
+
+    return InputFile("pvc://x/a.bag", pieces * MEBIBYTE, [(0, 100, pieces * MEBIBYTE)], produce)
+
+
+def run(shared: Path, sink: io.BytesIO, file: InputFile, seconds: float = 10.0) -> Answer:
+    deadline = time.monotonic() + seconds
+    with lease(shared, deadline) as slot, open_ends(slot, deadline) as ends:
+        return run_session(ends, {"id": "case"}, [file], sink, deadline)
+
+
+def test_everything_arrives_in_both_directions(tmp_path: Path) -> None:
+    folder = make_slot(tmp_path)
+    sink = io.BytesIO()
+    with FakeAgent(folder, well_behaved(b"recorded")) as agent:
+        answer = run(tmp_path, sink, big_file())
+    assert sink.getvalue() == b"recorded"
+    assert answer.result == RESULT
+    assert (answer.files, answer.bytes, answer.hello["pipe_bytes"]) == (1, 8, 4096)
+    data = [frame.payload for frame in agent.received if frame.type is FrameType.DATA]
+    assert b"".join(data) == b"".join(big_file().pieces())
+    end = agent.received[-1].fields()
+    assert (end["files"], end["bytes"]) == (1, 3 * MEBIBYTE)
+
+
+def failure(shared: Path, script: Script) -> SessionError:
+    with FakeAgent(make_slot(shared), script), pytest.raises(SessionError) as failed:
+        run(shared, io.BytesIO(), big_file())
+    return failed.value
+
+
+def test_an_abort_while_the_worker_writes_keeps_its_reason_and_stderr(tmp_path: Path) -> None:
+    failed = failure(tmp_path, aborting("StackExited", "it ended with status 3", ["boom"]))
+    assert (failed.reason, str(failed), failed.stderr) == (
+        "StackExited",
+        "it ended with status 3",
+        ["boom"],
+    )
+
+
+def test_a_dead_agent_is_named(tmp_path: Path) -> None:
+    failed = failure(tmp_path, dying)
+    assert failed.reason == "AgentDied"
+    assert "5 of a cut frame" in str(failed)
+
+
+def test_another_sessions_answer_is_refused(tmp_path: Path) -> None:
+    assert failure(tmp_path, greeting_as("0" * 32)).reason == "StaleSession"
+
+
+@pytest.mark.parametrize("changed", [{"digest": 1}, {"bytes": 4}, {"files": 2}])
+def test_an_end_that_does_not_match_is_refused(tmp_path: Path, changed: dict[str, Any]) -> None:
+    failed = failure(tmp_path, well_behaved(**changed))
+    assert failed.reason == "ProtocolError"
+    assert "END says" in str(failed)
+
+
+def test_an_agent_that_never_answers_ends_at_the_deadline(tmp_path: Path) -> None:
+    folder = make_slot(tmp_path)
+    silent = os.open(folder / "to-agent", os.O_RDWR)
+    try:
+        begun = time.monotonic()
+        with pytest.raises(SessionError) as failed:
+            run(tmp_path, io.BytesIO(), big_file(), seconds=0.3)
+        assert failed.value.reason == "CaseDeadlineExceeded"
+        assert time.monotonic() - begun < 5
+    finally:
+        os.close(silent)
+
+
+def test_no_agent_behind_the_fifo_is_told_at_the_deadline(tmp_path: Path) -> None:
+    make_slot(tmp_path)
+    with pytest.raises(SlotUnavailableError, match="no agent reads"):
+        run(tmp_path, io.BytesIO(), big_file(), seconds=0.2)
+
+
+def test_a_leased_slot_is_passed_over_and_freed_after_use(tmp_path: Path) -> None:
+    first, second = make_slot(tmp_path, "0"), make_slot(tmp_path, "1")
+    deadline = time.monotonic() + 5
+    with lease(tmp_path, deadline) as one, lease(tmp_path, deadline) as two:
+        assert [one.folder, two.folder] == [first, second]
+        with (
+            pytest.raises(SlotUnavailableError, match="all are leased"),
+            lease(tmp_path, time.monotonic() + 0.1),
+        ):
+            pass
+    with lease(tmp_path, deadline) as again:
+        assert again.folder == first
+
+
+def test_the_pipe_is_widened_as_far_as_the_node_allows(tmp_path: Path) -> None:
+    folder = make_slot(tmp_path)
+    agent = os.open(folder / "to-agent", os.O_RDWR)
+    try:
+        deadline = time.monotonic() + 5
+        with lease(tmp_path, deadline) as slot, open_ends(slot, deadline) as ends:
+            assert ends.pipe_bytes == fcntl.fcntl(ends.write, 1032) == 256 * 1024
+    finally:
+        os.close(agent)

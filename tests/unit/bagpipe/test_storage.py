@@ -1,0 +1,58 @@
+"""Storage on a real folder: globs, ranges, whole-or-nothing writes."""
+
+from pathlib import Path
+
+import pytest
+
+from bagpipe.storage import Storage, StorageError
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> Storage:
+    (tmp_path / "a").mkdir()
+    for name in ("one.bag", "two.bag", "note.txt"):
+        (tmp_path / "a" / name).write_bytes(bytes(range(100)))
+    return Storage({"claim": str(tmp_path)})
+
+
+def test_a_pattern_names_files_in_the_users_own_words(storage: Storage, tmp_path: Path) -> None:
+    expected = ["pvc://claim/a/one.bag", "pvc://claim/a/two.bag"]
+    assert storage.expand("pvc://claim/a/*.bag") == expected
+    assert storage.expand(f"file://{tmp_path}/a/one*") == [f"file://{tmp_path}/a/one.bag"]
+    assert storage.expand("pvc://claim/a/none.bag") == []
+    assert storage.expand("pvc://claim/b/*.bag") == []
+
+
+def test_pieces_are_the_ranges_in_order(storage: Storage) -> None:
+    pieces = list(storage.pieces("pvc://claim/a/one.bag", [(90, 5), (10, 25)], 10))
+    assert [len(piece) for piece in pieces] == [5, 10, 10, 5]
+    assert b"".join(pieces) == bytes(range(90, 95)) + bytes(range(10, 35))
+
+
+def test_a_file_that_shrank_is_named_with_its_byte(storage: Storage) -> None:
+    with pytest.raises(StorageError, match="ends at byte 100, but its index names bytes up to 120"):
+        list(storage.pieces("pvc://claim/a/one.bag", [(90, 30)], 8))
+
+
+def test_a_file_appears_only_when_it_is_whole(storage: Storage, tmp_path: Path) -> None:
+    with pytest.raises(RuntimeError), storage.create("pvc://claim/out/x/result") as file:
+        file.write(b"half")
+        raise RuntimeError("interrupted")
+    assert storage.names("pvc://claim/out/x") == []
+    with storage.create("pvc://claim/out/x/result") as file:
+        file.write(b"whole")
+    assert (tmp_path / "out/x/result").read_bytes() == b"whole"
+    assert storage.names("pvc://claim/out/x") == ["result"]
+
+
+def test_an_unmounted_claim_and_a_missing_file_are_sentences(storage: Storage) -> None:
+    with pytest.raises(StorageError, match="the claim other is not mounted"):
+        storage.size("pvc://other/x")
+    with pytest.raises(StorageError, match=r"pvc://claim/none can't be read: No such file"):
+        storage.size("pvc://claim/none")
+
+
+def test_removing_twice_is_no_error(storage: Storage) -> None:
+    storage.remove("pvc://claim/a/note.txt")
+    storage.remove("pvc://claim/a/note.txt")
+    assert storage.names("pvc://claim/a") == ["one.bag", "two.bag"]
