@@ -67,11 +67,12 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
 
 def _stuck(seen: Observation, stuck_seconds: float) -> Ending | None:
     """The end of a job that only a person could help, after having waited for that person."""
+    after = f"The job was ended after {stuck_seconds:g} s of this."
     if seen.refusal and seen.refusal.lasting and seen.refused_for >= stuck_seconds:
-        return Ending(False, seen.refusal.reason, seen.refusal.message)
+        return Ending(False, seen.refusal.reason, f"{seen.refusal.message} {after}")
     for trouble in seen.troubles:
         if trouble.lasting and seen.seen_for.get(trouble.key, 0.0) >= stuck_seconds:
-            return Ending(False, trouble.reason, trouble.message)
+            return Ending(False, trouble.reason, f"{trouble.message} {after}")
     return None
 
 

@@ -1,0 +1,145 @@
+"""The CRD as a file: size, descriptions, bounds, and what is derived from it."""
+
+import importlib.util
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from bagpipe.spec import SimulationJobSpec
+
+Schema = dict[str, Any]
+
+ROOT = Path(__file__).parents[3]
+CRD = ROOT / "crds" / "simulationjobs.yaml"
+LARGEST_BYTES = 200_000
+
+
+@pytest.fixture(scope="module")
+def crd() -> Schema:
+    loaded: Schema = yaml.safe_load(CRD.read_text())
+    return loaded
+
+
+def schema_of(crd: Schema) -> Schema:
+    schema: Schema = crd["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
+    return schema
+
+
+def walk(schema: Schema, path: str = "") -> Iterator[tuple[str, Schema]]:
+    yield path, schema
+    for name, below in (schema.get("properties") or {}).items():
+        yield from walk(below, f"{path}.{name}")
+    for key in ("items", "additionalProperties"):
+        if isinstance(schema.get(key), dict):
+            yield from walk(schema[key], f"{path}[]")
+
+
+def test_it_is_small_enough_for_kubectl_apply() -> None:
+    assert CRD.stat().st_size < LARGEST_BYTES
+
+
+def test_every_field_is_described(crd: Schema) -> None:
+    # The API server allows nothing to be said of metadata.
+    bare = [p for p, s in walk(schema_of(crd)) if not s.get("description") and p != ".metadata"]
+    assert bare == []
+
+
+def test_every_description_is_a_sentence(crd: Schema) -> None:
+    loose = [p for p, s in walk(schema_of(crd)) if not s.get("description", ".").endswith(".")]
+    assert loose == []
+
+
+def test_every_list_and_text_of_the_spec_is_bounded(crd: Schema) -> None:
+    spec = schema_of(crd)["properties"]["spec"]
+    unbounded = [
+        path
+        for path, s in walk(spec)
+        if (s.get("type") == "array" and "maxItems" not in s)
+        or (s.get("type") == "string" and "maxLength" not in s and "enum" not in s)
+    ]
+    assert unbounded == []
+
+
+def test_every_rule_says_what_to_write(crd: Schema) -> None:
+    rules = [r for _, s in walk(schema_of(crd)) for r in s.get("x-kubernetes-validations", [])]
+    assert len(rules) == 34
+    hints = ("write ", "delete the job", "such as")
+    assert [r["message"] for r in rules if not any(h in r["message"] for h in hints)] == []
+
+
+def test_the_columns(crd: Schema) -> None:
+    columns = crd["spec"]["versions"][0]["additionalPrinterColumns"]
+    assert [c["name"] for c in columns if not c.get("priority")] == [
+        "Phase", "Cases", "Passed", "Failed", "Errored", "Age",
+    ]  # fmt: skip
+
+
+def test_names_and_status(crd: Schema) -> None:
+    names, version = crd["spec"]["names"], crd["spec"]["versions"][0]
+    assert (names["kind"], names["plural"], names["shortNames"], names["categories"]) == (
+        "SimulationJob",
+        "simulationjobs",
+        ["simjob"],
+        ["all"],
+    )
+    assert (version["name"], version["subresources"]) == ("v1alpha1", {"status": {}})
+    conditions = schema_of(crd)["properties"]["status"]["properties"]["conditions"]
+    assert conditions["x-kubernetes-list-type"] == "map"
+    assert conditions["x-kubernetes-list-map-keys"] == ["type"]
+
+
+def defaults(schema: Schema) -> Any:
+    """What the API server fills into an empty object."""
+    filled = {}
+    for name, field in (schema.get("properties") or {}).items():
+        if "default" in field:
+            filled[name] = defaults(field) or field["default"]
+    return filled
+
+
+def test_the_models_have_the_schema_s_defaults(crd: Schema) -> None:
+    required = {
+        "source": {"bags": ["file:///x.bag"]},
+        "stack": {"image": "i", "command": ["c"]},
+        "record": {"topics": ["/t"]},
+        "output": {"uri": "file:///out"},
+    }
+    model = SimulationJobSpec.model_validate(required).model_dump(by_alias=True)
+    spec = schema_of(crd)["properties"]["spec"]
+    filled = defaults(spec)
+    assert {name: model[name] for name in filled} == filled
+    fragment = defaults(spec["properties"]["source"])["fragment"]
+    assert model["source"]["fragment"] == fragment
+
+
+def test_the_models_have_the_schema_s_fields(crd: Schema) -> None:
+    def fields(schema: Schema, path: str) -> Iterator[str]:
+        for name, field in (schema.get("properties") or {}).items():
+            yield f"{path}{name}"
+            yield from fields(field, f"{path}{name}.")
+            yield from fields(field.get("items") or {}, f"{path}{name}.")
+
+    def of_model(model: Any, path: str) -> Iterator[str]:
+        for field in model.model_fields.values():
+            name = f"{path}{field.alias}"
+            yield name
+            for kind in (field.annotation, *getattr(field.annotation, "__args__", ())):
+                if hasattr(kind, "model_fields"):
+                    yield from of_model(kind, f"{name}.")
+
+    spec = schema_of(crd)["properties"]["spec"]
+    of_schema = {f for f in fields(spec, "") if not f.startswith("stack.resources.")}
+    assert set(of_model(SimulationJobSpec, "")) == of_schema
+
+
+def test_what_is_derived_is_up_to_date() -> None:
+    location = importlib.util.spec_from_file_location("generate", ROOT / "crds" / "generate.py")
+    assert location is not None
+    assert location.loader is not None
+    generate = importlib.util.module_from_spec(location)
+    location.loader.exec_module(generate)
+    stale = [path.name for path, text in generate.derived().items() if path.read_text() != text]
+    assert stale == [], "run python3 crds/generate.py"

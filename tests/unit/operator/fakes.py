@@ -1,0 +1,105 @@
+"""Fakes, said to be ones: an API server in memory with faults on order, and drivers that answer.
+
+The fake server knows just what the loop relies on: 404 and 409, resource versions that grow with
+every write, merge patches of a status. tests/e2e runs the same loop against a real one.
+"""
+
+# ruff: noqa: ARG002 - the fakes have the real signatures and know one namespace
+
+import copy
+from dataclasses import dataclass, field
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.progress import Progress, parse
+from bagpipe_operator.view import Json
+
+
+def not_found(what: str) -> ApiError:
+    return ApiError(404, "NotFound", f"{what} not found")
+
+
+@dataclass
+class FakeApi:
+    """Objects by resource and name, the calls that were made, and faults by call."""
+
+    objects: dict[tuple[str, str], Json] = field(default_factory=dict)
+    calls: list[str] = field(default_factory=list)
+    faults: dict[str, list[ApiError]] = field(default_factory=dict)
+    version: int = 100
+
+    def fail(self, call: str, *errors: ApiError) -> None:
+        """The next calls of that name raise these, one each."""
+        self.faults.setdefault(call, []).extend(errors)
+
+    def put(self, resource: str, obj: Json) -> None:
+        self.objects[resource, obj["metadata"]["name"]] = copy.deepcopy(obj)
+
+    def named(self, resource: str) -> list[str]:
+        return sorted(name for kind, name in self.objects if kind == resource)
+
+    def event_reasons(self) -> list[str]:
+        return [o["reason"] for (kind, _), o in self.objects.items() if kind == "events"]
+
+    async def create(self, resource: str, manifest: Json) -> Json:
+        self._called(f"create {resource}")
+        key = (resource, manifest["metadata"]["name"])
+        if key in self.objects:
+            raise ApiError(409, "AlreadyExists", f"{key[1]} already exists")
+        created = copy.deepcopy(manifest)
+        created["metadata"]["uid"] = f"uid-of-{key[1]}"
+        self.objects[key] = created
+        return copy.deepcopy(created)
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        self._called(f"get {resource}")
+        return self._found(resource, name)
+
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
+        self._called(f"delete {name}")
+        pod = self.objects.get(("pods", name))
+        if pod and pod["metadata"]["uid"] == uid:
+            del self.objects["pods", name]
+
+    async def get_job(self, namespace: str, name: str) -> Json:
+        self._called("get job")
+        return self._found("jobs", name)
+
+    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+        self._called("patch status")
+        job = self._found("jobs", name)
+        expected = patch["metadata"]["resourceVersion"]
+        if expected != job["metadata"]["resourceVersion"]:
+            raise ApiError(409, "Conflict", "the object has been modified")
+        self.version += 1
+        job["metadata"]["resourceVersion"] = str(self.version)
+        job["status"] = (job.get("status") or {}) | patch["status"]
+        self.put("jobs", job)
+        return copy.deepcopy(job)
+
+    def _found(self, resource: str, name: str) -> Json:
+        if (resource, name) not in self.objects:
+            raise not_found(name)
+        return copy.deepcopy(self.objects[resource, name])
+
+    def _called(self, call: str) -> None:
+        self.calls.append(call)
+        if self.faults.get(call):
+            raise self.faults[call].pop(0)
+
+
+@dataclass
+class FakeDrivers:
+    """What the driver would say; None for a driver that does not answer."""
+
+    says: str | None = None
+    silent: float = 0.0
+    forgotten: list[str] = field(default_factory=list)
+
+    async def read(self, uid: str, ip: str) -> Progress | None:
+        return parse(self.says) if self.says is not None else None
+
+    def silent_seconds(self, uid: str) -> float:
+        return self.silent
+
+    def forget(self, uid: str) -> None:
+        self.forgotten.append(uid)

@@ -1,0 +1,180 @@
+"""The driver's pod and the executors' template, field by field where it matters."""
+
+from typing import Any
+
+import pytest
+
+from bagpipe_operator.driver_pod import driver_pod
+from bagpipe_operator.executor_template import executor_template
+from bagpipe_operator.job_config import UnusableSpecError, job_config, read_spec
+from bagpipe_operator.quantities import memory_bytes, with_overhead
+from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import Json
+from tests.unit.operator.builders import JobBuilder, make_job
+
+SETTINGS = Settings(spark_image="r/spark:1", agent_image="r/agent:1")
+AGENT = "/bagpipe/shared/bin/bagpipe-agent"
+
+
+def driver_of(builder: JobBuilder) -> Json:
+    job = builder.view()
+    return driver_pod(job, read_spec(job), 1, SETTINGS)
+
+
+def template_of(builder: JobBuilder) -> Json:
+    job = builder.view()
+    return executor_template(job, read_spec(job), 1, SETTINGS)
+
+
+def container(pod: Json, name: str) -> Any:
+    spec = pod["spec"]
+    everything = [*spec.get("initContainers", []), *spec["containers"]]
+    return next(c for c in everything if c["name"] == name)
+
+
+def test_the_driver_is_owned_labelled_and_never_restarted() -> None:
+    pod = driver_of(make_job("x"))
+    assert pod["metadata"] == {
+        "name": "x-1-driver",
+        "namespace": "lanes",
+        "labels": {
+            "app.kubernetes.io/managed-by": "bagpipe",
+            "sim.bagpipe.io/job": "x",
+            "sim.bagpipe.io/job-uid": "uid-of-x",
+            "sim.bagpipe.io/role": "driver",
+            "sim.bagpipe.io/attempt": "1",
+        },
+        "ownerReferences": [
+            {
+                "apiVersion": "sim.bagpipe.io/v1alpha1",
+                "kind": "SimulationJob",
+                "name": "x",
+                "uid": "uid-of-x",
+                "controller": True,
+                "blockOwnerDeletion": False,
+            }
+        ],
+    }
+    spec = pod["spec"]
+    assert (spec["restartPolicy"], spec["serviceAccountName"]) == ("Never", "bagpipe-driver")
+    assert spec["enableServiceLinks"] is False
+
+
+def test_the_driver_s_container() -> None:
+    pod = driver_of(make_job("x").with_spec("spark.driver.resources", {"memory": "2Gi"}))
+    driver = container(pod, "driver")
+    assert driver["args"] == ["driver", "--job", "/etc/bagpipe/job.json"]
+    assert driver["image"] == "r/spark:1"
+    assert driver["resources"] == {
+        "requests": {"cpu": "500m", "memory": "2867Mi"},
+        "limits": {"memory": "2867Mi"},
+    }
+    assert {e["name"]: e["valueFrom"]["fieldRef"]["fieldPath"] for e in driver["env"]} == {
+        "BAGPIPE_POD_IP": "status.podIP",
+        "BAGPIPE_POD_NAME": "metadata.name",
+        "BAGPIPE_NAMESPACE": "metadata.namespace",
+    }
+    assert driver["ports"] == [{"name": "progress", "containerPort": 8080}]
+
+
+@pytest.mark.parametrize("name", ["driver", "agent", "spark"])
+def test_our_own_containers_are_restricted(name: str) -> None:
+    pod = driver_of(make_job("x")) if name == "driver" else template_of(make_job("x"))
+    assert container(pod, name)["securityContext"] == {
+        "allowPrivilegeEscalation": False,
+        "capabilities": {"drop": ["ALL"]},
+        "runAsNonRoot": True,
+        "runAsUser": 10001,
+        "runAsGroup": 10001,
+        "seccompProfile": {"type": "RuntimeDefault"},
+    }
+
+
+def test_recordings_are_read_only_and_outputs_are_not() -> None:
+    for pod, name in ((driver_of(make_job("x")), "driver"), (template_of(make_job("x")), "spark")):
+        claims = {
+            v["name"]: v["persistentVolumeClaim"]["claimName"]
+            for v in pod["spec"]["volumes"]
+            if "persistentVolumeClaim" in v
+        }
+        mounts = {
+            claims[m["name"]]: (m["mountPath"], m["readOnly"])
+            for m in container(pod, name)["volumeMounts"]
+            if m["name"] in claims
+        }
+        assert mounts == {
+            "recordings": ("/bagpipe/volumes/recordings", True),
+            "results": ("/bagpipe/volumes/results", False),
+        }
+
+
+def test_a_claim_that_is_both_is_writable_and_mounted_once() -> None:
+    pod = driver_of(make_job("x").with_spec("output.uri", "pvc://recordings/out"))
+    mounts = [m for m in container(pod, "driver")["volumeMounts"] if m["name"] != "config"]
+    assert mounts == [
+        {"name": "claim-0", "mountPath": "/bagpipe/volumes/recordings", "readOnly": False}
+    ]
+
+
+def test_the_stack_runs_the_agent_in_the_user_s_image() -> None:
+    job = (
+        make_job("x")
+        .with_spec("spark.slots", 4)
+        .with_spec("stack.resources", {"limits": {"memory": "2Gi"}})
+        .with_spec("stack.imagePullPolicy", "Never")
+    )
+    pod = template_of(job)
+    assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
+    agent, stack = container(pod, "agent"), container(pod, "stack")
+    assert agent["command"] == ["/bagpipe-agent", "install", "/bagpipe/shared"]
+    assert agent["image"] == "r/agent:1"
+    assert (stack["image"], stack["imagePullPolicy"]) == ("example/lane:1", "Never")
+    assert stack["restartPolicy"] == "Always"
+    assert stack["command"] == [AGENT, "serve", "--shared", "/bagpipe/shared", "--slots", "4"]
+    assert stack["startupProbe"]["exec"]["command"] == [
+        AGENT, "ready", "--shared", "/bagpipe/shared",
+    ]  # fmt: skip
+    assert stack["startupProbe"]["periodSeconds"] == 1
+    assert stack["resources"] == {"limits": {"memory": "2Gi"}}
+    assert [m["name"] for m in stack["volumeMounts"]] == ["shared"]
+
+
+def test_executors_get_no_token_and_share_memory() -> None:
+    spec = template_of(make_job("x"))["spec"]
+    assert spec["automountServiceAccountToken"] is False
+    assert spec["enableServiceLinks"] is False
+    assert spec["volumes"][0] == {
+        "name": "shared",
+        "emptyDir": {"medium": "Memory", "sizeLimit": "64Mi"},
+    }
+    assert template_of(make_job("x"))["metadata"]["labels"]["sim.bagpipe.io/role"] == "executor"
+
+
+def test_the_config_can_not_change_under_the_driver() -> None:
+    job = make_job("x").view()
+    config = job_config(job, read_spec(job), 1, SETTINGS)
+    assert config["immutable"] is True
+    assert sorted(config["data"]) == ["executor.yaml", "job.json"]
+
+
+def test_a_spec_that_can_not_be_run_names_the_place() -> None:
+    job = make_job("x").with_spec("stack.parameters", {"a": 1}).view()
+    with pytest.raises(UnusableSpecError, match=r"spec\.stack\.parameters.*write /a"):
+        read_spec(job)
+
+
+@pytest.mark.parametrize(
+    ("memory", "container_memory"),
+    [("1Gi", "1434Mi"), ("450Mi", "834Mi"), ("4Gi", "5734Mi"), ("1000000000", "1338Mi")],
+)
+def test_the_overhead_is_spark_s_own_rule(memory: str, container_memory: str) -> None:
+    assert with_overhead(memory) == container_memory
+
+
+def test_quantities() -> None:
+    texts = ("1Gi", "1G", "512Mi", "1.5Gi", "100k")
+    assert [memory_bytes(t) for t in texts] == [
+        1073741824, 1000000000, 536870912, 1610612736, 100000,
+    ]  # fmt: skip
+    with pytest.raises(ValueError, match="write for example 1Gi"):
+        memory_bytes("1 GB")

@@ -1,0 +1,132 @@
+"""The driver's account: bounded, checked, and asked for with a deadline, over real HTTP."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import aiohttp
+import pytest
+from aiohttp import web
+
+from bagpipe_operator.progress import LEAST_INTERVAL_SECONDS, ProgressReader, parse
+from tests.unit.operator.builders import account
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+def test_what_is_written_into_the_status() -> None:
+    progress = parse(account(failures=[{"case": "x-1", "reason": "Lost", "message": "m"}]))
+    assert progress is not None
+    assert progress.as_status() == {
+        "cases": {
+            "planned": 4,
+            "running": 2,
+            "passed": 1,
+            "failed": 0,
+            "invalid": 0,
+            "errored": 0,
+            "retried": 0,
+        },
+        "ledger": {"sent": 400, "received": 400, "dropped": 0, "leadIn": 8},
+        "verdict": "",
+        "results": "pvc://results/lane/x",
+        "failures": [{"case": "x-1", "reason": "Lost", "message": "m"}],
+    }
+
+
+def test_long_accounts_are_cut() -> None:
+    failures = [{"case": f"c{n}", "reason": "R", "message": "m" * 9999} for n in range(9)]
+    progress = parse(account(message="m" * 9999, failures=failures))
+    assert progress is not None
+    assert [f.case for f in progress.failures] == ["c4", "c5", "c6", "c7", "c8"]
+    assert [len(f.message) for f in progress.failures] == [1000] * 5
+    assert len(progress.message) == 1000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "Killed",
+        "[]",
+        '{"phase": "Dancing"}',
+        account(cases={"planned": -1}),
+        account(cases={"planned": "many"}),
+        account(failures="none"),
+        account()[:-5],
+    ],
+)
+def test_what_can_not_be_read_is_none(text: str) -> None:
+    assert parse(text) is None
+
+
+@asynccontextmanager
+async def driver(handler: Handler) -> AsyncIterator[ProgressReader]:
+    app = web.Application()
+    app.router.add_get("/progress", handler)
+    runner = web.AppRunner(app)
+    await runner.setup()
+    site = web.TCPSite(runner, "127.0.0.1", 0)
+    await site.start()
+    port = runner.addresses[0][1]
+    async with aiohttp.ClientSession() as session:
+        yield ProgressReader(session, deadline_seconds=0.3, port=port)
+    await runner.cleanup()
+
+
+async def test_an_answer_is_read_and_remembered() -> None:
+    asked = 0
+
+    async def handler(_: web.Request) -> web.Response:
+        nonlocal asked
+        asked += 1
+        return web.Response(text=account())
+
+    async with driver(handler) as reader:
+        first = await reader.read("uid", "127.0.0.1")
+        second = await reader.read("uid", "127.0.0.1")
+    assert first is second
+    assert first is not None
+    assert (first.cases.planned, asked) == (4, 1)
+    assert LEAST_INTERVAL_SECONDS < 2.0  # shorter than the sweep, or every other one is wasted
+
+
+async def test_a_driver_that_does_not_answer_in_time_is_silent() -> None:
+    async def handler(_: web.Request) -> web.Response:
+        await asyncio.sleep(5)
+        return web.Response(text=account())
+
+    async with driver(handler) as reader:
+        started = asyncio.get_running_loop().time()
+        assert await reader.read("uid", "127.0.0.1") is None
+        assert 0.2 < asyncio.get_running_loop().time() - started < 2.0
+        assert reader.silent_seconds("uid") >= 0.2
+        reader.forget("uid")
+        assert reader.silent_seconds("uid") == 0.0
+
+
+async def test_an_endless_answer_is_refused() -> None:
+    async def handler(request: web.Request) -> web.StreamResponse:
+        response = web.StreamResponse()
+        await response.prepare(request)
+        for _ in range(100):
+            await response.write(b" " * 16384)
+        return response
+
+    async with driver(handler) as reader:
+        assert await reader.read("uid", "127.0.0.1") is None
+
+
+@pytest.mark.parametrize("status", [302, 404, 500])
+async def test_other_answers_are_none(status: int) -> None:
+    async def handler(_: web.Request) -> web.Response:
+        return web.Response(status=status, text=account(), headers={"Location": "/progress"})
+
+    async with driver(handler) as reader:
+        assert await reader.read("uid", "127.0.0.1") is None
+
+
+async def test_nobody_there_is_none() -> None:
+    async with aiohttp.ClientSession() as session:
+        reader = ProgressReader(session, deadline_seconds=1, port=1)
+        assert await reader.read("uid", "127.0.0.1") is None

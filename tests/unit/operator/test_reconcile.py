@@ -1,0 +1,412 @@
+"""The loop against a fake API server (tests/unit/operator/fakes.py): its writes, and its faults."""
+
+import json
+
+import pytest
+import yaml
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import JobView, Json, PodView, View
+from tests.unit.operator.builders import (
+    Clock,
+    JobBuilder,
+    PodBuilder,
+    account,
+    make_driver,
+    make_executor,
+    make_job,
+)
+from tests.unit.operator.fakes import FakeApi, FakeDrivers, not_found
+
+UID = "uid-of-x"
+
+
+class World:
+    """A job, an operator, and a watch that delivers when it is told to."""
+
+    def __init__(self, job: JobBuilder | None = None) -> None:
+        self.clock = Clock()
+        self.api = FakeApi()
+        self.view = View()
+        self.drivers = FakeDrivers()
+        self.api.put("jobs", (job or make_job("x")).object)
+        self.deliver_job()
+        self.reconciler = self.restarted(self.view)
+
+    def restarted(self, view: View) -> Reconciler:
+        return Reconciler(
+            self.api, view, self.drivers, Settings(), self.clock.now, self.clock.monotonic
+        )
+
+    async def reconcile(self, after: float = 0) -> None:
+        self.clock.advance(after)
+        await self.reconciler.reconcile(UID)
+
+    def deliver_job(self) -> None:
+        self.view.put_job(JobView.from_object(self.api.objects["jobs", "x"]))
+
+    def deliver(self, *pods: PodBuilder) -> None:
+        """The kubelet and the watch: the pods' states reach the server and the view."""
+        for pod in pods:
+            self.api.put("pods", pod.object())
+            self.view.put_pod(pod.view())
+
+    def status(self) -> Json:
+        status: Json = self.api.objects["jobs", "x"].get("status") or {}
+        return status
+
+    def reason(self, type_: str) -> str:
+        found = next(c for c in self.status()["conditions"] if c["type"] == type_)
+        return f"{found['status']}/{found['reason']}"
+
+    def message(self, type_: str) -> str:
+        found = next(c for c in self.status()["conditions"] if c["type"] == type_)
+        return str(found["message"])
+
+
+async def test_a_new_job_gets_its_children_one_status_and_one_event() -> None:
+    world = World()
+    await world.reconcile()
+    assert world.api.calls == [
+        "create configmaps",
+        "create pods",
+        "patch status",
+        "create events",
+    ]
+    assert world.api.named("pods") == ["x-1-driver"]
+    assert world.api.named("configmaps") == ["x-1"]
+    assert (world.status()["phase"], world.status()["driver"]) == ("Pending", "x-1-driver")
+    assert world.api.event_reasons() == ["DriverCreated"]
+
+
+async def test_nothing_new_costs_no_call() -> None:
+    world = World()
+    await world.reconcile()
+    world.api.calls.clear()
+    for _ in range(5):
+        await world.reconcile(after=1)
+    assert world.api.calls == []
+
+
+async def test_a_whole_life_tells_each_transition_once() -> None:
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account("Planning")
+    await world.reconcile(after=2)
+    for passed in range(4):
+        world.drivers.says = account(cases={"planned": 4, "running": 1, "passed": passed})
+        await world.reconcile(after=2)
+    done = account("Complete", reason="AllCasesPassed", message="4 of 4 cases passed.")
+    world.deliver(make_driver("x").ended(0, done))
+    await world.reconcile(after=2)
+    for _ in range(3):
+        await world.reconcile(after=2)
+    assert world.api.event_reasons() == [
+        "DriverCreated",
+        "CasesPlanned",
+        "CasesRunning",
+        "AllCasesPassed",
+    ]
+    assert world.reason("Complete") == "True/AllCasesPassed"
+    assert world.api.calls.count("patch status") == 7
+    assert world.drivers.forgotten == [UID] * 4
+
+
+async def test_what_the_driver_gets() -> None:
+    world = World(make_job("x").with_spec("spark.driver.resources", {"cpu": 1, "memory": "2Gi"}))
+    await world.reconcile()
+    data = world.api.objects["configmaps", "x-1"]["data"]
+    job = json.loads(data["job.json"])
+    assert {key: job[key] for key in ("name", "namespace", "uid", "attempt")} == {
+        "name": "x",
+        "namespace": "lanes",
+        "uid": UID,
+        "attempt": 1,
+    }
+    assert job["spec"]["spark"]["driver"]["resources"] == {"cpu": "1", "memory": "2Gi"}
+    assert job["volumes"] == {
+        "recordings": "/bagpipe/volumes/recordings",
+        "results": "/bagpipe/volumes/results",
+    }
+    assert yaml.safe_load(data["executor.yaml"])["kind"] == "Pod"
+
+
+async def test_children_of_a_former_run_are_taken_over() -> None:
+    """Killed between creating the driver and writing the status: nothing is created twice."""
+    world = World()
+    world.api.fail("patch status", ApiError(0, "Unreachable", "killed"))
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile()
+    fresh = View()
+    fresh.put_job(JobView.from_object(world.api.objects["jobs", "x"]))
+    await world.restarted(fresh).reconcile(UID)
+    assert world.api.named("pods") == ["x-1-driver"]
+    assert world.status()["driver"] == "x-1-driver"
+    assert world.api.event_reasons() == ["DriverCreated"]
+
+
+@pytest.mark.parametrize("resource", ["configmaps", "pods"])
+async def test_a_name_that_is_another_s(resource: str) -> None:
+    world = World()
+    name = "x-1" if resource == "configmaps" else "x-1-driver"
+    world.api.put(resource, {"metadata": {"name": name, "namespace": "lanes", "uid": "other"}})
+    await world.reconcile()
+    kind = "ConfigMap" if resource == "configmaps" else "Pod"
+    assert world.reason("Accepted") == "False/NameTaken"
+    assert world.message("Accepted") == (
+        f"{kind} {name} exists in namespace lanes and does not belong to this job. Delete it, or "
+        "give the job another name."
+    )
+    del world.api.objects[resource, name]
+    await world.reconcile(after=5)
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
+MISSING_ACCOUNT = ApiError(
+    403,
+    "Forbidden",
+    'pods "x-1-driver" is forbidden: error looking up service account lanes/bagpipe-driver: '
+    'serviceaccount "bagpipe-driver" not found',
+)
+
+
+async def test_a_missing_service_account_is_told_then_ends_the_job() -> None:
+    world = World()
+    world.api.fail("create pods", *[MISSING_ACCOUNT] * 3)
+    await world.reconcile()
+    assert world.reason("Accepted") == "False/ServiceAccountMissing"
+    assert world.message("Accepted") == (
+        "There is no ServiceAccount bagpipe-driver in namespace lanes. Add the namespace to "
+        "jobNamespaces of the Helm chart bagpipe and upgrade it: the chart makes the account and "
+        "its rights."
+    )
+    await world.reconcile(after=29)
+    assert world.status()["phase"] == "Pending"
+    await world.reconcile(after=1)
+    assert (world.status()["phase"], world.reason("Failed")) == (
+        "Failed",
+        "True/ServiceAccountMissing",
+    )
+    assert world.api.event_reasons() == ["ServiceAccountMissing", "ServiceAccountMissing"]
+
+
+async def test_a_quota_that_gets_room_lets_the_job_start() -> None:
+    world = World()
+    full = ApiError(403, "Forbidden", "exceeded quota: pods, requested: pods=1, used: pods=5")
+    world.api.fail("create pods", full, full)
+    await world.reconcile()
+    await world.reconcile(after=3600)
+    assert world.reason("Accepted") == "False/QuotaExceeded"
+    await world.reconcile(after=2)
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
+async def test_a_refused_pod_is_told_in_the_server_s_words() -> None:
+    world = World()
+    said = 'violates PodSecurity "restricted:latest"'
+    world.api.fail("create pods", ApiError(403, "Forbidden", said))
+    await world.reconcile()
+    assert world.reason("Accepted") == "False/CreationRefused"
+    assert said in world.message("Accepted")
+
+
+async def test_a_parameter_without_slash_is_named() -> None:
+    world = World(make_job("x").with_spec("stack.parameters", {"threshold": 0.5}))
+    await world.reconcile()
+    assert world.reason("Failed") == "True/SpecInvalid"
+    assert "write /threshold" in world.message("Failed")
+    assert world.api.named("pods") == world.api.named("configmaps") == []
+
+
+async def test_a_description_that_is_too_large() -> None:
+    world = World(make_job("x").with_spec("stack.parameters", {"/urdf": "x" * 1_100_000}))
+    await world.reconcile()
+    assert world.reason("Failed") == "True/JobTooLarge"
+    assert "a ConfigMap holds 1048576" in world.message("Failed")
+
+
+async def test_a_stuck_executor_ends_the_job_and_takes_the_driver_along() -> None:
+    world = World()
+    await world.reconcile()
+    stuck = make_executor("x").waiting("stack", "ImagePullBackOff", "Back-off", "none/such:1")
+    world.deliver(make_driver("x").running(), stuck)
+    world.drivers.says = account()
+    for _ in range(15):
+        await world.reconcile(after=2)
+    assert world.reason("Running") == "False/StackImageUnavailable"
+    assert world.api.named("pods") == ["x-1-driver", "x-1-exec-1"]
+    await world.reconcile(after=2)
+    assert world.reason("Failed") == "True/StackImageUnavailable"
+    assert world.api.named("pods") == []
+    assert world.api.event_reasons() == [
+        "DriverCreated",
+        "CasesPlanned",
+        "StackImageUnavailable",
+        "StackImageUnavailable",
+    ]
+
+
+async def test_an_image_that_arrives_in_time_is_forgiven() -> None:
+    world = World()
+    await world.reconcile()
+    stuck = make_executor("x").waiting("stack", "ErrImagePull")
+    fine = make_executor("x").running().with_container("stack", {"running": {}})
+    world.drivers.says = account()
+    for executor in (stuck, fine, stuck):
+        world.deliver(make_driver("x").running(), executor)
+        await world.reconcile(after=25)
+    assert world.status()["phase"] == "Running"
+
+
+async def test_pods_that_outlive_their_job_are_deleted() -> None:
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").ended(1, account("Failed")), make_executor("x").running())
+    await world.reconcile(after=2)
+    assert world.api.named("pods") == ["x-1-driver"]  # ended by itself: kept for its log
+
+
+async def test_a_driver_out_of_sight_is_waited_for_then_asked_for() -> None:
+    world = World()
+    await world.reconcile()
+    pod = world.view.driver(UID, 1)
+    assert pod is not None
+    world.view.drop_pod(pod)
+    world.api.calls.clear()
+    await world.reconcile()
+    await world.reconcile(after=9.9)
+    assert world.api.calls == []
+    await world.reconcile(after=0.1)
+    assert world.api.calls == ["get pods"]
+    assert world.status()["phase"] == "Pending"
+
+
+async def test_a_driver_that_is_gone_ends_the_job_after_a_live_look() -> None:
+    world = World()
+    await world.reconcile()
+    del world.api.objects["pods", "x-1-driver"]
+    pod = world.view.driver(UID, 1)
+    assert pod is not None
+    world.view.drop_pod(pod)
+    await world.reconcile()
+    assert world.status()["phase"] == "Pending"
+    await world.reconcile(after=10)
+    assert world.reason("Failed") == "True/DriverLost"
+    assert world.api.named("pods") == []
+
+
+async def test_a_silent_driver_whose_end_the_watch_missed() -> None:
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    world.api.put("pods", make_driver("x").ended(0, account("Complete")).object())
+    world.drivers.silent = 29.0
+    await world.reconcile()
+    assert world.status()["phase"] == "Planning"
+    world.drivers.silent = 30.0
+    await world.reconcile()
+    assert world.status()["phase"] == "Complete"
+
+
+async def test_a_deleted_job_is_left_to_the_garbage_collector() -> None:
+    world = World(make_job("x").deleting())
+    await world.reconcile()
+    world.view.drop_job(UID)
+    await world.reconcile()
+    assert world.api.calls == []
+
+
+class TestFaults:
+    async def test_a_conflict_is_read_again_and_then_succeeds(self) -> None:
+        world = World()
+        world.api.objects["jobs", "x"]["metadata"]["resourceVersion"] = "8"
+        with pytest.raises(ApiError, match="409"):
+            await world.reconcile()
+        assert world.status() == {}
+        assert world.api.event_reasons() == []
+        await world.reconcile()
+        assert world.status()["phase"] == "Pending"
+        assert world.api.event_reasons() == ["DriverCreated"]
+
+    async def test_a_job_that_is_gone_is_forgotten(self) -> None:
+        world = World()
+        del world.api.objects["jobs", "x"]
+        await world.reconcile()
+        assert world.view.job(UID) is None
+        assert world.api.event_reasons() == []
+
+    async def test_a_namesake_is_not_written_to(self) -> None:
+        world = World()
+        other = make_job("x").object
+        other["metadata"] |= {"uid": "another", "resourceVersion": "9"}
+        world.api.put("jobs", other)
+        with pytest.raises(ApiError, match="409"):
+            await world.reconcile()
+        assert world.view.job(UID) is None
+        assert world.status() == {}
+
+    @pytest.mark.parametrize(
+        "error",
+        [
+            ApiError(500, "InternalError", "etcdserver: leader changed"),
+            ApiError(429, "TooManyRequests", "try again"),
+            ApiError(0, "Unreachable", "timed out"),
+            not_found("namespace"),
+        ],
+    )
+    @pytest.mark.parametrize("call", ["create configmaps", "create pods"])
+    async def test_a_passing_fault_is_raised_and_leaves_no_mark(
+        self, call: str, error: ApiError
+    ) -> None:
+        world = World()
+        world.api.fail(call, error)
+        with pytest.raises(ApiError):
+            await world.reconcile()
+        assert world.status() == {}
+        await world.reconcile()
+        assert world.api.named("pods") == ["x-1-driver"]
+        assert world.status()["phase"] == "Pending"
+
+    async def test_an_event_that_can_not_be_written_stops_nothing(self) -> None:
+        world = World()
+        world.api.fail("create events", ApiError(500, "InternalError", "no"))
+        await world.reconcile()
+        assert world.status()["phase"] == "Pending"
+
+    async def test_no_event_without_its_status(self) -> None:
+        world = World()
+        world.api.fail("patch status", ApiError(500, "InternalError", "no"))
+        with pytest.raises(ApiError):
+            await world.reconcile()
+        assert world.api.event_reasons() == []
+
+    async def test_a_driver_that_can_not_be_deleted_is_deleted_later(self) -> None:
+        world = World()
+        await world.reconcile()
+        world.deliver(make_driver("x").waiting("driver", "InvalidImageName"))
+        await world.reconcile()
+        world.api.fail("delete x-1-driver", ApiError(500, "InternalError", "no"))
+        with pytest.raises(ApiError):
+            await world.reconcile(after=30)
+        assert world.reason("Failed") == "True/DriverImageUnavailable"
+        await world.reconcile()
+        assert world.api.named("pods") == []
+
+    async def test_a_late_watch_does_not_undo_what_was_written(self) -> None:
+        world = World()
+        stale = make_job("x").view()
+        await world.reconcile()
+        assert world.view.put_job(stale) is False
+        await world.reconcile()
+        assert world.api.calls.count("create pods") == 1
+
+
+def test_the_pod_of_another_attempt_is_no_driver_of_this_one() -> None:
+    view = View()
+    pod = make_driver("x").object()
+    pod["metadata"]["labels"]["sim.bagpipe.io/attempt"] = "2"
+    view.put_pod(PodView.from_object(pod))
+    assert view.driver(UID, 1) is None

@@ -1,0 +1,56 @@
+"""What the operator remembers of the cluster, and when it refuses to step back."""
+
+from bagpipe_operator.patience import Patience
+from bagpipe_operator.view import View
+from tests.unit.operator.builders import make_driver, make_executor, make_job
+
+
+def test_a_job_s_pods_by_name() -> None:
+    view = View()
+    for pod in (make_executor("x", 2), make_driver("x"), make_executor("x", 1), make_driver("y")):
+        view.put_pod(pod.view())
+    assert [p.name for p in view.pods("uid-of-x")] == ["x-1-driver", "x-1-exec-1", "x-1-exec-2"]
+    driver = view.driver("uid-of-x", 1)
+    assert driver is not None
+    assert driver.name == "x-1-driver"
+
+
+def test_an_older_job_does_not_replace_a_newer_one() -> None:
+    view = View()
+    new, old = make_job("x"), make_job("x")
+    new.object["metadata"]["resourceVersion"] = "10"
+    old.object["metadata"]["resourceVersion"] = "9"
+    assert view.put_job(new.view()) is True
+    assert view.put_job(old.view()) is False
+    known = view.job("uid-of-x")
+    assert known is not None
+    assert known.resource_version == "10"
+
+
+def test_a_late_deletion_does_not_drop_the_successor() -> None:
+    view = View()
+    first, second = make_driver("x").object(), make_driver("x").object()
+    second["metadata"]["uid"] = "younger"
+    from_object = type(make_driver("x").view()).from_object
+    view.put_pod(from_object(first))
+    view.put_pod(from_object(second))
+    view.drop_pod(from_object(first))
+    assert [p.uid for p in view.pods("uid-of-x")] == ["younger"]
+    view.drop_pod(from_object(second))
+    assert view.pods("uid-of-x") == ()
+
+
+def test_a_bare_pod_is_understood() -> None:
+    bare = {"metadata": {"name": "p", "namespace": "n", "uid": "u"}}
+    pod = type(make_driver("x").view()).from_object(bare)
+    assert (pod.phase, pod.attempt, pod.containers, pod.ended) == ("Pending", 0, (), False)
+
+
+def test_patience_counts_only_what_is_seen_without_a_break() -> None:
+    patience = Patience()
+    assert patience.observe("x", ["a"], 10.0) == {"a": 0.0}
+    assert patience.observe("x", ["a", "b"], 15.0) == {"a": 5.0, "b": 0.0}
+    assert patience.observe("x", ["b"], 20.0) == {"b": 5.0}
+    assert patience.observe("x", ["a"], 25.0) == {"a": 0.0}
+    patience.forget("x")
+    assert patience.observe("x", ["a"], 30.0) == {"a": 0.0}
