@@ -1,2 +1,46 @@
-//! Agent.
-fn main() {}
+//! The agent: one static binary that is copied into any ROS 1 image, plays bags into the
+//! user's stack, records what it answers, and supervises it. It meets Spark at a pair of
+//! named pipes for each slot; docs/reference/binpipe.md is what they say.
+#![forbid(unsafe_code)]
+
+mod case;
+mod case_folder;
+mod cli;
+mod command;
+mod failure;
+mod feed;
+mod info;
+mod install;
+mod layout;
+mod outcome;
+mod parameters;
+mod processes;
+mod rosmaster;
+mod run;
+mod serve;
+mod session;
+mod slot;
+mod stack;
+mod tail;
+mod watchdog;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let outcome = match cli::Cli::parse().verb {
+        cli::Verb::Install { directory } => install::install(&directory),
+        cli::Verb::Serve(options) => serve::serve(&options),
+        cli::Verb::Ready { shared } => layout::Shared::new(&shared).check_ready(),
+        cli::Verb::Info { file } => info::info(&file),
+        cli::Verb::Slot { slot, port, serve } => slot::run(&serve, slot, port),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(message) => {
+            eprintln!("bagpipe-agent: {message}");
+            ExitCode::FAILURE
+        }
+    }
+}

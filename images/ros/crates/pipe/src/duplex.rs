@@ -79,6 +79,11 @@ impl Duplex {
         self.output = Some(output);
     }
 
+    /// True when there is a way back.
+    pub fn has_output(&self) -> bool {
+        self.output.is_some()
+    }
+
     /// Closes the way back: the peer reads the end.
     pub fn close_output(&mut self) {
         self.output = None;

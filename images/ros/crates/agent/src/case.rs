@@ -1,0 +1,184 @@
+//! A case, as the worker's HELLO describes it.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use rmpv::Value;
+use serde::Deserialize;
+
+/// What to replay, into what, and for how long at most.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Case {
+    pub id: String,
+    pub window: Window,
+    /// Topics to play; empty: all of the bag's.
+    #[serde(default)]
+    pub topics: Vec<String>,
+    pub stack: Stack,
+    #[serde(default)]
+    pub playback: Playback,
+    #[serde(default)]
+    pub record: Record,
+    #[serde(default)]
+    pub deadlines: Deadlines,
+}
+
+/// Nanoseconds of bag time.
+#[derive(Debug, Clone, Copy, Deserialize)]
+pub struct Window {
+    pub lead_in_start: u64,
+    pub start: u64,
+    pub end: u64,
+}
+
+/// The software under test.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Stack {
+    pub command: Vec<String>,
+    #[serde(default)]
+    pub environment: BTreeMap<String, String>,
+    #[serde(default)]
+    pub parameters: BTreeMap<String, Value>,
+    #[serde(default)]
+    pub remap: BTreeMap<String, String>,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Mode {
+    #[default]
+    Realtime,
+    Max,
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(default)]
+pub struct Playback {
+    pub mode: Mode,
+    pub rate: f64,
+}
+
+impl Default for Playback {
+    fn default() -> Self {
+        Self { mode: Mode::Realtime, rate: 1.0 }
+    }
+}
+
+#[derive(Debug, Clone, Deserialize)]
+#[serde(default)]
+pub struct Record {
+    /// Regular expressions that match whole topic names.
+    pub topics: Vec<String>,
+    pub byte_budget: u64,
+}
+
+impl Default for Record {
+    fn default() -> Self {
+        Self { topics: Vec::new(), byte_budget: 1 << 30 }
+    }
+}
+
+/// Seconds that each part of the case may take.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(default)]
+pub struct Deadlines {
+    /// Until the rosmaster answers.
+    pub start: f64,
+    /// Until the stack subscribes.
+    pub subscribe: f64,
+    /// For what is still under way after the last message.
+    pub drain: f64,
+    /// Until the stack must have ended after it was asked to.
+    pub stop: f64,
+    /// For everything.
+    pub case: f64,
+}
+
+impl Default for Deadlines {
+    fn default() -> Self {
+        Self { start: 30.0, subscribe: 20.0, drain: 10.0, stop: 5.0, case: 600.0 }
+    }
+}
+
+/// The longest deadline that means anything: a month.
+const LONGEST: f64 = 31.0 * 24.0 * 3600.0;
+
+impl Case {
+    /// Reads the map of HELLO; the error is a sentence.
+    pub fn from_value(value: Value) -> Result<Self, String> {
+        let case: Self = rmpv::ext::from_value(value)
+            .map_err(|error| format!("the case in HELLO cannot be understood: {error}"))?;
+        if case.stack.command.first().is_none_or(String::is_empty) {
+            return Err(format!("case {}: stack.command is empty", case.id));
+        }
+        let Deadlines { start, subscribe, drain, stop, case: whole } = case.deadlines;
+        for (name, seconds) in [
+            ("start", start),
+            ("subscribe", subscribe),
+            ("drain", drain),
+            ("stop", stop),
+            ("case", whole),
+        ] {
+            if !(0.0..=LONGEST).contains(&seconds) {
+                return Err(format!(
+                    "case {}: deadlines.{name} is {seconds}, not 0 to {LONGEST} seconds",
+                    case.id
+                ));
+            }
+        }
+        Ok(case)
+    }
+
+    /// True when the stack runs on the bag's time.
+    pub fn use_sim_time(&self) -> bool {
+        self.stack.parameters.get("/use_sim_time") == Some(&Value::Boolean(true))
+    }
+}
+
+/// Seconds as a duration; checked when the case was read.
+pub fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(entries: &[(&str, Value)]) -> Value {
+        Value::Map(entries.iter().map(|(key, value)| ((*key).into(), value.clone())).collect())
+    }
+
+    fn minimal(command: Vec<Value>, deadlines: Value) -> Value {
+        let window =
+            map(&[("lead_in_start", 0.into()), ("start", 0.into()), ("end", u64::MAX.into())]);
+        map(&[
+            ("id", "a".into()),
+            ("window", window),
+            ("stack", map(&[("command", Value::Array(command))])),
+            ("playback", map(&[("mode", "max".into()), ("rate", 2.into())])),
+            ("deadlines", deadlines),
+            ("of_a_later_version", Value::Nil),
+        ])
+    }
+
+    #[test]
+    fn what_is_left_out_has_defaults() {
+        let case = Case::from_value(minimal(vec!["talker".into()], map(&[("stop", 2.into())])));
+        let case = case.unwrap();
+        assert_eq!((case.playback.mode, case.playback.rate), (Mode::Max, 2.0));
+        assert_eq!((case.deadlines.stop, case.deadlines.case), (2.0, 600.0));
+        assert_eq!(case.record.byte_budget, 1 << 30);
+        assert_eq!(case.window.end, u64::MAX);
+        assert!(!case.use_sim_time());
+    }
+
+    #[test]
+    fn what_makes_no_sense_is_refused_with_a_sentence() {
+        let empty = Case::from_value(minimal(vec![], map(&[]))).unwrap_err();
+        assert_eq!(empty, "case a: stack.command is empty");
+        let never = map(&[("start", f64::INFINITY.into())]);
+        let endless = Case::from_value(minimal(vec!["x".into()], never)).unwrap_err();
+        assert_eq!(endless, "case a: deadlines.start is inf, not 0 to 2678400 seconds");
+        assert!(Case::from_value(Value::Nil).unwrap_err().starts_with("the case in HELLO"));
+    }
+}

@@ -1,0 +1,101 @@
+//! The command line, and the help that teaches it.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+/// Replays recorded ROS 1 data into the software under test, beside it in its own container.
+#[derive(Debug, Parser)]
+#[command(
+    name = "bagpipe-agent",
+    version,
+    after_help = "The way of a case:\n  \
+        1. An init container runs `install`, which puts this binary onto a shared volume.\n  \
+        2. The user's own image runs `serve` from there; `ready` is its startup probe.\n  \
+        3. A Spark worker writes a bag and a case into slots/N/to-agent; the agent starts a\n     \
+           rosmaster and the user's command, plays, records, proves the delivery and\n     \
+           answers through slots/N/from-agent.\n\n\
+        The image needs a rosmaster (package python3-rosmaster or ros-noetic-rosmaster) and\n\
+        the user's nodes; nothing of Bagpipe."
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Copy this binary to DIR/bin/bagpipe-agent, atomically and executable for everybody.
+    Install {
+        /// The shared volume.
+        #[arg(value_name = "DIR")]
+        directory: PathBuf,
+    },
+    /// Make the slots' pipes and run the cases that come through them, until SIGTERM.
+    Serve(ServeOptions),
+    /// Exit 0 when `serve` has made all pipes and listens to them (a startup probe).
+    Ready {
+        /// The shared volume.
+        #[arg(long, value_name = "DIR")]
+        shared: PathBuf,
+    },
+    /// Show what is in a bag: times, topics, types, counts, and damage.
+    Info {
+        /// A bag of format 2.0.
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
+    /// One slot's process; started by `serve`.
+    #[command(hide = true)]
+    Slot {
+        #[arg(long)]
+        slot: u32,
+        #[arg(long)]
+        port: u16,
+        #[command(flatten)]
+        serve: ServeOptions,
+    },
+}
+
+#[derive(Debug, Clone, Args)]
+pub struct ServeOptions {
+    /// The volume that the agent shares with Spark's container.
+    #[arg(long, value_name = "DIR")]
+    pub shared: PathBuf,
+    /// How many cases may run at once, each with its own rosmaster.
+    #[arg(long, value_name = "N", default_value_t = 1,
+          value_parser = clap::value_parser!(u32).range(1..=64))]
+    pub slots: u32,
+    /// The port of slot 0's rosmaster; slot n uses this port + n.
+    #[arg(long, value_name = "PORT", default_value_t = 11311)]
+    pub master_port: u16,
+    /// The most memory that one case's input may take, as received plus uncompressed: bytes,
+    /// or a number with KiB, MiB or GiB.
+    #[arg(long, value_name = "SIZE", default_value = "4GiB", value_parser = bytes)]
+    pub memory_budget: u64,
+}
+
+fn bytes(text: &str) -> Result<u64, String> {
+    let digits = text.trim_end_matches(|letter: char| letter.is_ascii_alphabetic());
+    let factor = match &text[digits.len()..] {
+        "" | "B" => 1,
+        "KiB" | "Ki" => 1 << 10,
+        "MiB" | "Mi" => 1 << 20,
+        "GiB" | "Gi" => 1 << 30,
+        unit => return Err(format!("unit {unit:?}: write KiB, MiB or GiB, or plain bytes")),
+    };
+    let number: u64 = digits.trim().parse().map_err(|error| format!("{digits:?}: {error}"))?;
+    number.checked_mul(factor).ok_or_else(|| format!("{text} is more than 64 bits can say"))
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn sizes_have_units() {
+        assert_eq!(super::bytes("4GiB"), Ok(4 << 30));
+        assert_eq!(super::bytes("17"), Ok(17));
+        assert!(super::bytes("4 gigs").is_err_and(|text| text.contains("write KiB")));
+        assert!(super::bytes("GiB").is_err());
+        assert!(super::bytes("99999999999GiB").is_err());
+    }
+}

@@ -1,0 +1,126 @@
+//! Receiving a case's bag into memory.
+
+use std::time::Instant;
+
+use bagpipe_bag::{Bag, BagError, Limits, MemoryChunkedFile};
+use bagpipe_pipe::{Duplex, End, FileHeader, FrameType, from_map};
+
+use crate::failure::Failure;
+
+/// Receives FILE, its DATA and END, and opens the bag. Memory grows with what really comes,
+/// and never past `budget`.
+pub fn receive_bag(
+    link: &mut Duplex,
+    budget: u64,
+    deadline: Instant,
+    stop: &dyn Fn() -> bool,
+) -> Result<(FileHeader, Bag<MemoryChunkedFile>), Failure> {
+    let frame = link.receive(deadline, stop)?;
+    let header: FileHeader = match frame.kind {
+        FrameType::File => understood(&frame.payload, "FILE")?,
+        FrameType::Abort => return Err(aborted()),
+        kind => return Err(unexpected(kind, "FILE")),
+    };
+    if header.size > budget {
+        return Err(Failure::new(
+            "MemoryBudgetExceeded",
+            format!(
+                "{} sends {} bytes, and a case may take {budget}: cut shorter fragments, or \
+                 give `bagpipe-agent serve` a larger --memory-budget",
+                header.name, header.size
+            ),
+        ));
+    }
+    let bytes = receive_data(link, &header, deadline, stop)?;
+    let limits = Limits { decompressed_bytes: budget - header.size };
+    let bag = Bag::open_unindexed_limited(MemoryChunkedFile::new(bytes), limits)
+        .map_err(|error| unreadable(&header, &error))?;
+    if let Some(loss) = bag.loss() {
+        let place = place(&header, Some(loss.offset));
+        let message =
+            format!("{place}: expected {}; {} bytes are lost", loss.description, loss.bytes);
+        return Err(Failure::new("BagUnreadable", message));
+    }
+    Ok((header, bag))
+}
+
+fn receive_data(
+    link: &mut Duplex,
+    header: &FileHeader,
+    deadline: Instant,
+    stop: &dyn Fn() -> bool,
+) -> Result<Vec<u8>, Failure> {
+    let mut bytes = Vec::new();
+    loop {
+        let frame = link.receive(deadline, stop)?;
+        match frame.kind {
+            FrameType::Data => {
+                let room = header.size - bytes.len() as u64;
+                if frame.payload.len() as u64 > room {
+                    let message =
+                        format!("{} sends more than its {} bytes", header.name, header.size);
+                    return Err(Failure::protocol(message));
+                }
+                bytes.extend_from_slice(&frame.payload);
+            }
+            FrameType::End => {
+                let said: End = understood(&frame.payload, "END")?;
+                check_end(link, header, bytes.len() as u64, said)?;
+                return Ok(bytes);
+            }
+            FrameType::Abort => return Err(aborted()),
+            FrameType::File => {
+                return Err(Failure::protocol("a case has one FILE, and a second one came"));
+            }
+            kind => return Err(unexpected(kind, "DATA or END")),
+        }
+    }
+}
+
+fn check_end(link: &Duplex, header: &FileHeader, length: u64, said: End) -> Result<(), Failure> {
+    let decoder = link.decoder();
+    let (files, bytes, digest) = (decoder.files(), decoder.data_bytes(), decoder.digest());
+    let found = End { files, bytes, digest };
+    if said != found {
+        let message = format!("END says {said:?}, and what came is {found:?}");
+        return Err(Failure::protocol(message));
+    }
+    if length != header.size {
+        let FileHeader { name, size, .. } = header;
+        return Err(Failure::protocol(format!("{name} has {size} bytes, and {length} came")));
+    }
+    Ok(())
+}
+
+/// What is wrong with the bag, with the place in the user's own file.
+pub fn unreadable(header: &FileHeader, error: &BagError) -> Failure {
+    let place = place(header, error.offset());
+    let reason = match error {
+        BagError::MemoryLimit { .. } => "MemoryBudgetExceeded",
+        _ => "BagUnreadable",
+    };
+    Failure::new(reason, format!("{place}: {error}"))
+}
+
+fn place(header: &FileHeader, offset: Option<u64>) -> String {
+    let FileHeader { name, ranges, .. } = header;
+    match offset.map(|offset| (offset, header.source_offset(offset))) {
+        None => name.clone(),
+        Some((_, Some(source))) => format!("{name} at byte {source}"),
+        Some((offset, None)) if ranges.is_empty() => format!("{name} at byte {offset}"),
+        Some((offset, None)) => format!("{name} at byte {offset} of what was sent of it"),
+    }
+}
+
+fn understood<T: serde::de::DeserializeOwned>(payload: &[u8], kind: &str) -> Result<T, Failure> {
+    from_map(payload)
+        .map_err(|error| Failure::protocol(format!("{kind} cannot be understood: {error}")))
+}
+
+fn unexpected(kind: FrameType, expected: &str) -> Failure {
+    Failure::protocol(format!("expected {expected}, and {} came", kind.name()))
+}
+
+fn aborted() -> Failure {
+    Failure::Silent("the worker aborted the case".to_owned())
+}

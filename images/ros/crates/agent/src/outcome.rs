@@ -1,0 +1,50 @@
+//! RESULT: what came of a case.
+
+use bagpipe_replay::{Ledger, Playback, Recorded, Replayed};
+use serde::Serialize;
+
+/// The map of RESULT.
+#[derive(Debug, Serialize)]
+pub struct Outcome {
+    pub stack: StackEnd,
+    pub ledger: Ledger,
+    pub recorded: Recorded,
+    pub playback: Playback,
+    pub timings: Timings,
+}
+
+/// How the user's command ended.
+#[derive(Debug, Clone, Serialize)]
+pub struct StackEnd {
+    pub exit_status: Option<i32>,
+    pub signal: Option<i32>,
+    pub stderr: Vec<String>,
+    pub stdout: Vec<String>,
+    /// `agent` or `itself`.
+    pub ended_by: &'static str,
+}
+
+/// Seconds of each part of the case.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct Timings {
+    pub assemble: f64,
+    pub master: f64,
+    pub stack: f64,
+    pub subscribe: f64,
+    pub lead_in: f64,
+    pub play: f64,
+    pub drain: f64,
+    pub stop: f64,
+}
+
+impl Outcome {
+    /// Joins what the player knows with what the supervisor knows.
+    pub fn new(replayed: Replayed, stack: StackEnd, mut timings: Timings) -> (Self, Vec<u8>) {
+        let Replayed { ledger, recorded, playback, timings: played, recorded_bag } = replayed;
+        timings.subscribe = played.subscribe;
+        timings.lead_in = played.lead_in;
+        timings.play = played.play;
+        timings.drain = played.drain;
+        (Self { stack, ledger, recorded, playback, timings }, recorded_bag)
+    }
+}

@@ -1,0 +1,193 @@
+//! Every process below this one: found, reaped, ended.
+//!
+//! The slot's process is a child subreaper: whatever a stack starts, daemons too, becomes
+//! its child at the latest when its own parent dies. So nothing can hide from it, and "no
+//! child left" means that nothing is left.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
+
+use rustix::event::{Timespec, poll};
+use rustix::io::Errno;
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, kill_process_group, wait};
+
+/// How a process ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ended {
+    pub exit_status: Option<i32>,
+    pub signal: Option<i32>,
+}
+
+impl std::fmt::Display for Ended {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match (self.exit_status, self.signal) {
+            (Some(status), _) => write!(formatter, "exit status {status}"),
+            (None, Some(signal)) => write!(formatter, "signal {signal}"),
+            (None, None) => write!(formatter, "an unknown status"),
+        }
+    }
+}
+
+/// How often a process that should end is looked at.
+const GLANCE: Duration = Duration::from_millis(10);
+/// A process that outlives SIGKILL so long is stuck in the kernel.
+const KILL_PATIENCE: Duration = Duration::from_secs(10);
+
+/// The children whose end somebody will ask for.
+#[derive(Debug, Default)]
+pub struct Children {
+    watched: BTreeMap<i32, Option<Ended>>,
+}
+
+impl Children {
+    pub fn watch(&mut self, pid: Pid) {
+        self.watched.insert(pid.as_raw_nonzero().get(), None);
+    }
+
+    pub fn forget_all(&mut self) {
+        self.watched.clear();
+    }
+
+    /// How the watched child ended, if it has.
+    pub fn ended(&mut self, pid: Pid) -> Option<Ended> {
+        self.reap();
+        self.watched.get(&pid.as_raw_nonzero().get()).copied().flatten()
+    }
+
+    /// Collects every child that ended; `false` when there is no child at all.
+    pub fn reap(&mut self) -> bool {
+        loop {
+            match wait(WaitOptions::NOHANG) {
+                Ok(Some((pid, status))) => {
+                    if let Some(ended) = self.watched.get_mut(&pid.as_raw_nonzero().get()) {
+                        let (exit_status, signal) =
+                            (status.exit_status(), status.terminating_signal());
+                        *ended = Some(Ended { exit_status, signal });
+                    }
+                }
+                Ok(None) => return true,
+                Err(Errno::INTR) => {}
+                Err(_) => return false,
+            }
+        }
+    }
+
+    /// Asks the group and then every descendant to end, and at the end of `patience` ends
+    /// them; `spared` and what it started are left alone. Returns the number that had to be
+    /// killed, or an error when something outlived even that.
+    pub fn stop(
+        &mut self,
+        group: Option<Pid>,
+        spared: &[Pid],
+        patience: Duration,
+    ) -> Result<usize, String> {
+        let begun = Instant::now();
+        let mut asked_all = false;
+        if let Some(group) = group {
+            // ROS nodes shut down in order on SIGINT.
+            signal_group(group, Signal::INT);
+        }
+        loop {
+            self.reap();
+            let left = descendants(std::process::id(), spared);
+            if left.is_empty() {
+                return Ok(0);
+            }
+            if begun.elapsed() >= patience {
+                return self.kill(spared);
+            }
+            // Only daemons left their group; they get no SIGINT, so theirs comes at once
+            // when the group is gone, and for all at half time.
+            let group_gone = group.is_none_or(|group| !left.contains(&group_number(group)));
+            if !asked_all && (begun.elapsed() >= patience / 2 || group_gone) {
+                asked_all = true;
+                for pid in &left {
+                    signal(*pid, Signal::TERM);
+                }
+            }
+            pause(GLANCE);
+        }
+    }
+
+    /// Kills every descendant but `spared` until none is left.
+    pub fn kill(&mut self, spared: &[Pid]) -> Result<usize, String> {
+        let begun = Instant::now();
+        let mut killed = BTreeSet::new();
+        loop {
+            self.reap();
+            let left = descendants(std::process::id(), spared);
+            if left.is_empty() {
+                return Ok(killed.len());
+            }
+            if begun.elapsed() > KILL_PATIENCE {
+                return Err(format!("processes {left:?} outlived SIGKILL by {KILL_PATIENCE:?}"));
+            }
+            for pid in left {
+                signal(pid, Signal::KILL);
+                killed.insert(pid);
+            }
+            pause(Duration::from_millis(2));
+        }
+    }
+}
+
+/// Waits; a signal ends it early.
+pub fn pause(time: Duration) {
+    let time = Timespec {
+        tv_sec: i64::try_from(time.as_secs()).unwrap_or(i64::MAX),
+        tv_nsec: i64::from(time.subsec_nanos()),
+    };
+    // The only error is EINTR, which is as good as the end of the wait.
+    poll(&mut [], Some(&time)).ok();
+}
+
+fn group_number(group: Pid) -> i32 {
+    group.as_raw_nonzero().get()
+}
+
+fn signal_group(group: Pid, signal: Signal) {
+    // It may have ended a moment ago.
+    kill_process_group(group, signal).ok();
+}
+
+/// Signals a process that may have ended a moment ago.
+pub fn signal(pid: i32, signal: Signal) {
+    if let Some(pid) = Pid::from_raw(pid) {
+        kill_process(pid, signal).ok();
+    }
+}
+
+/// Every process below `root`, without `spared` and what is below those.
+pub fn descendants(root: u32, spared: &[Pid]) -> BTreeSet<i32> {
+    let mut children: BTreeMap<i32, Vec<i32>> = BTreeMap::new();
+    for (pid, parent) in all_processes() {
+        children.entry(parent).or_default().push(pid);
+    }
+    let spared: BTreeSet<i32> = spared.iter().map(|pid| group_number(*pid)).collect();
+    let mut found = BTreeSet::new();
+    let mut unseen = vec![i32::try_from(root).unwrap_or(0)];
+    while let Some(parent) = unseen.pop() {
+        for pid in children.get(&parent).into_iter().flatten() {
+            if !spared.contains(pid) && found.insert(*pid) {
+                unseen.push(*pid);
+            }
+        }
+    }
+    found
+}
+
+/// (pid, parent) of every process that /proc shows.
+fn all_processes() -> Vec<(i32, i32)> {
+    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    entries
+        .filter_map(|entry| {
+            let pid: i32 = entry.file_name().to_str()?.parse().ok()?;
+            let stat = std::fs::read(entry.path().join("stat")).ok()?;
+            // The command's name stands in parentheses and may hold anything.
+            let after = stat.iter().rposition(|byte| *byte == b')')?;
+            let text = String::from_utf8_lossy(&stat[after + 1..]).into_owned();
+            let parent = text.split_whitespace().nth(1)?.parse().ok()?;
+            Some((pid, parent))
+        })
+        .collect()
+}

@@ -1,0 +1,224 @@
+//! One session: HELLO, the bag, the case, and its answer.
+
+use std::cell::{Cell, RefCell};
+use std::os::fd::OwnedFd;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use bagpipe_pipe::{
+    Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, PROTOCOL, PipeError,
+    WorkerHello, fifo, from_map, to_map,
+};
+
+use crate::case::{Case, seconds};
+use crate::case_folder::CaseFolder;
+use crate::failure::Failure;
+use crate::feed::receive_bag;
+use crate::layout::SlotFolder;
+use crate::outcome::{Outcome, Timings};
+use crate::processes::Children;
+use crate::run::Runner;
+use crate::stack::Surroundings;
+use crate::watchdog::Watchdog;
+
+/// A worker that opened the pipe writes HELLO at once.
+const HELLO: Duration = Duration::from_secs(10);
+/// A worker opens its reading end before it writes.
+const OPEN: Duration = Duration::from_secs(2);
+/// How long the worker may leave an answer's frame unread.
+const ANSWER: Duration = Duration::from_secs(30);
+/// How long the worker may keep its end open after the answer.
+const CLOSE: Duration = Duration::from_secs(30);
+/// What the watchdog allows beyond all other deadlines.
+const GRACE: Duration = Duration::from_secs(15);
+
+/// A slot's lasting state.
+pub struct Slot<'a> {
+    pub number: u32,
+    pub port: u16,
+    pub memory_budget: u64,
+    pub folder: SlotFolder,
+    pub stop: &'a AtomicBool,
+    pub children: RefCell<Children>,
+}
+
+impl Slot<'_> {
+    /// Runs one session over the pipe that has bytes, and returns when the slot is free.
+    pub fn session(&self, input: OwnedFd, pipe_bytes: usize) {
+        let link = RefCell::new(Duplex::new(input));
+        let mut session = String::new();
+        let ended = self.answer(&link, pipe_bytes, &mut session);
+        let mut link = link.into_inner();
+        match ended {
+            Ok(()) => {}
+            Err(Failure::Silent(why)) => eprintln!("[slot {}] {why}", self.number),
+            Err(Failure::Abort(mut abort)) => {
+                abort.session = session;
+                eprintln!("[slot {}] {}: {}", self.number, abort.reason, abort.message);
+                if let Err(error) = self.abort(&mut link, &abort) {
+                    eprintln!("[slot {}] and the worker cannot be told: {error}", self.number);
+                }
+            }
+        }
+        link.close_output();
+        match link.drain(Instant::now() + CLOSE, &|| self.stopping()) {
+            Ok(true) => {}
+            Ok(false) if self.stopping() => {}
+            Ok(false) => {
+                eprintln!("[slot {}] the worker kept the pipe open for {CLOSE:?}", self.number);
+            }
+            Err(error) => eprintln!("[slot {}] {error}", self.number),
+        }
+    }
+
+    fn answer(
+        &self,
+        link: &RefCell<Duplex>,
+        pipe_bytes: usize,
+        session: &mut String,
+    ) -> Result<(), Failure> {
+        let (hello, begun) = self.receive_hello(&mut link.borrow_mut())?;
+        session.clone_from(&hello.session);
+        self.open_output(&mut link.borrow_mut())?;
+        let answer = AgentHello {
+            session: hello.session,
+            protocol: PROTOCOL,
+            software: concat!("bagpipe-agent ", env!("CARGO_PKG_VERSION")).to_owned(),
+            pipe_bytes: pipe_bytes as u64,
+        };
+        self.send(&mut link.borrow_mut(), FrameType::Hello, &map(&answer)?)?;
+        let case = Case::from_value(hello.case).map_err(Failure::protocol)?;
+        let deadline = begun + seconds(case.deadlines.case);
+        let beyond = GRACE + seconds(case.deadlines.stop);
+        let (outcome, bag) = {
+            let _watchdog = Watchdog::start(self.number, deadline, beyond);
+            self.run(link, &case, deadline)?
+        };
+        self.send_outcome(&mut link.borrow_mut(), &case, &outcome, &bag)
+    }
+
+    fn receive_hello(&self, link: &mut Duplex) -> Result<(WorkerHello, Instant), Failure> {
+        let begun = Instant::now();
+        let frame = match link.receive(begun + HELLO, &|| self.stopping()) {
+            Err(PipeError::Deadline(_)) => {
+                return Err(Failure::Silent(format!("no HELLO came within {HELLO:?}")));
+            }
+            other => other?,
+        };
+        if frame.kind != FrameType::Hello {
+            let message = format!("expected HELLO, and {} came", frame.kind.name());
+            return Err(Failure::protocol(message));
+        }
+        let hello: WorkerHello = from_map(&frame.payload)
+            .map_err(|error| Failure::protocol(format!("HELLO cannot be understood: {error}")))?;
+        let WorkerHello { session, protocol, .. } = &hello;
+        if session.len() != 32 || !session.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+            let message = format!("a session is 32 hexadecimal digits, and {session:?} came");
+            return Err(Failure::protocol(message));
+        }
+        if *protocol != PROTOCOL {
+            let message = format!(
+                "this agent speaks protocol {PROTOCOL}, and the worker {protocol}: use images \
+                 of the same version"
+            );
+            return Err(Failure::protocol(message));
+        }
+        Ok((hello, begun))
+    }
+
+    fn run(
+        &self,
+        link: &RefCell<Duplex>,
+        case: &Case,
+        deadline: Instant,
+    ) -> Result<(Outcome, Vec<u8>), Failure> {
+        let begun = Instant::now();
+        let stopping = || self.stopping();
+        let (header, bag) =
+            receive_bag(&mut link.borrow_mut(), self.memory_budget, deadline, &stopping)?;
+        let timings = Timings { assemble: begun.elapsed().as_secs_f64(), ..Timings::default() };
+        let folder = CaseFolder::make(self.number, self.folder.path())
+            .map_err(|message| Failure::new("Internal", message))?;
+        let master_uri = format!("http://127.0.0.1:{}", self.port);
+        let runner = Runner {
+            port: self.port,
+            case,
+            surroundings: Surroundings {
+                environment: &case.stack.environment,
+                master_uri: &master_uri,
+                folder: folder.path(),
+                label: format!("slot {} case {}", self.number, case.id),
+            },
+            deadline,
+            stop: self.stop,
+            link,
+            children: &self.children,
+            glanced: Cell::new(None),
+        };
+        runner.run(&header, &bag, timings)
+    }
+
+    fn send_outcome(
+        &self,
+        link: &mut Duplex,
+        case: &Case,
+        outcome: &Outcome,
+        bag: &[u8],
+    ) -> Result<(), Failure> {
+        self.send(link, FrameType::Result, &map(outcome)?)?;
+        let name = format!("{}.bag", case.id);
+        let header = FileHeader { name, size: bag.len() as u64, ranges: Vec::new() };
+        self.send(link, FrameType::File, &map(&header)?)?;
+        for piece in bag.chunks(MAX_PAYLOAD) {
+            self.send(link, FrameType::Data, piece)?;
+        }
+        let end = link.encoder().end();
+        self.send(link, FrameType::End, &map(&end)?)
+    }
+
+    fn send(&self, link: &mut Duplex, kind: FrameType, payload: &[u8]) -> Result<(), Failure> {
+        let deadline = Instant::now() + ANSWER;
+        match link.send(kind, payload, deadline, &|| self.stopping()) {
+            Ok(()) => Ok(()),
+            Err(PipeError::Deadline(_)) => {
+                let kind = kind.name();
+                Err(Failure::Silent(format!("the worker left {kind} unread for {ANSWER:?}")))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn open_output(&self, link: &mut Duplex) -> Result<(), Failure> {
+        let path = self.folder.answers();
+        let opened = fifo::open_writer(&path, Instant::now() + OPEN, &|| self.stopping());
+        match opened {
+            Ok(Some(pipe)) => {
+                fifo::grow(&pipe);
+                link.set_output(pipe);
+                Ok(())
+            }
+            Ok(None) => Err(Failure::Silent("the worker does not read the answer".to_owned())),
+            Err(error) => Err(Failure::Silent(format!("{}: {error}", path.display()))),
+        }
+    }
+
+    fn abort(&self, link: &mut Duplex, abort: &Abort) -> Result<(), String> {
+        let told = |failure| match failure {
+            Failure::Silent(why) => why,
+            Failure::Abort(abort) => abort.message,
+        };
+        if !link.has_output() {
+            self.open_output(link).map_err(told)?;
+        }
+        let payload = map(abort).map_err(told)?;
+        self.send(link, FrameType::Abort, &payload).map_err(told)
+    }
+
+    fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+fn map(value: &impl serde::Serialize) -> Result<Vec<u8>, Failure> {
+    to_map(value).map_err(|error| Failure::new("Internal", error.to_string()))
+}

@@ -1,0 +1,72 @@
+//! One slot's process: cases one after the other.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use bagpipe_pipe::fifo::{self, Readiness};
+use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_signal};
+
+use crate::cli::ServeOptions;
+use crate::layout::Shared;
+use crate::processes::Children;
+use crate::session::Slot;
+
+/// How long the slot waits for bytes before it looks around.
+const GLANCE: Duration = Duration::from_millis(500);
+
+/// Serves one slot until SIGTERM.
+pub fn run(options: &ServeOptions, number: u32, port: u16) -> Result<(), String> {
+    let stop = stop_flag()?;
+    become_reaper()?;
+    // Without serve there is nobody to start this slot again.
+    set_parent_process_death_signal(Some(Signal::TERM)).map_err(|error| error.to_string())?;
+    let folder = Shared::new(&options.shared).slot(number);
+    let slot = Slot {
+        number,
+        port,
+        memory_budget: options.memory_budget,
+        folder,
+        stop: &stop,
+        children: RefCell::new(Children::default()),
+    };
+    let path = slot.folder.requests();
+    let fail = |error: std::io::Error| format!("{}: {error}", path.display());
+    let mut noted = false;
+    while !stop.load(Ordering::Relaxed) {
+        let pipe = fifo::open_reader(&path).map_err(fail)?;
+        let pipe_bytes = fifo::grow(&pipe);
+        if !noted {
+            slot.folder.note_listening()?;
+            noted = true;
+        }
+        loop {
+            match fifo::await_bytes(&pipe, GLANCE).map_err(fail)? {
+                Readiness::Nothing if !stop.load(Ordering::Relaxed) => {}
+                Readiness::Nothing | Readiness::HangUp => break,
+                Readiness::Bytes => {
+                    slot.session(pipe, pipe_bytes);
+                    break;
+                }
+            }
+        }
+    }
+    slot.children.borrow_mut().kill(&[]).map(|_| ())
+}
+
+/// Set by SIGTERM and SIGINT.
+pub fn stop_flag() -> Result<Arc<AtomicBool>, String> {
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGTERM, signal_hook::consts::SIGINT] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))
+            .map_err(|error| format!("cannot listen to signal {signal}: {error}"))?;
+    }
+    Ok(stop)
+}
+
+/// Makes every orphan below this process its child.
+pub fn become_reaper() -> Result<(), String> {
+    let own = rustix::process::getpid();
+    set_child_subreaper(Some(own)).map_err(|error| format!("PR_SET_CHILD_SUBREAPER: {error}"))
+}
