@@ -35,7 +35,8 @@ def run(command: Sequence[str | Path], *, log: Path, seconds: float = BUILD_SECO
             failed = f"no end after {seconds:.0f} s"
     if failed:
         last = "\n".join("  " + line for line in log.read_text(errors="replace").splitlines()[-20:])
-        raise BuildError(f"`{' '.join(map(str, command))[:300]}`: {failed}.\n{last}\nIts log: {log}")
+        said = " ".join(map(str, command))[:300]
+        raise BuildError(f"`{said}`: {failed}.\n{last}\nIts log: {log}")
 
 
 def temporary() -> Path:

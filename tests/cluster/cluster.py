@@ -1,22 +1,28 @@
 """The embedded Kubernetes of Bagpipe's demonstrations and tests.
 
-    python3 tests/cluster/cluster.py up                 start it (at once if it is up)
-    python3 tests/cluster/cluster.py down               remove all of it
-    python3 tests/cluster/cluster.py status             is it healthy?
-    python3 tests/cluster/cluster.py load [IMAGE...]    give it images (all that are built)
-    python3 tests/cluster/cluster.py kubeconfig         print the path of its kubeconfig
-    python3 tests/cluster/cluster.py tools              print a folder with kubectl and helm
-    python3 tests/cluster/cluster.py preflight [SET...] check and install what is needed
+Usage: python3 tests/cluster/cluster.py VERB [ARGUMENT...]
+
+    up                  start it (at once if it is up)
+    down                remove all of it
+    status              is it healthy?
+    load [IMAGE...]     give it images (all that are built)
+    kubeconfig          print the path of its kubeconfig
+    tools               print a folder with kubectl and helm
+    preflight [SET...]  check the machine and install what is needed
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
+from collections.abc import Callable
 
 from embedded import images, lifecycle, preflight, tools
 from embedded.failure import ClusterError
-from embedded.places import KUBECONFIG
+from embedded.places import KUBECONFIG, LOGS
+
+PREFLIGHT = "`make preflight` installs the programs that the cluster needs."
 
 
 def main() -> int:
@@ -28,7 +34,7 @@ def main() -> int:
     )
     parser.add_argument("arguments", nargs="*")
     given = parser.parse_args()
-    verbs = {
+    verbs: dict[str, Callable[[], object]] = {
         "up": lifecycle.up,
         "down": lifecycle.down,
         "status": lifecycle.status,
@@ -38,9 +44,16 @@ def main() -> int:
         "preflight": lambda: preflight.run(given.arguments),
     }
     try:
+        if given.verb in {"up", "down", "load"} and os.geteuid():
+            raise ClusterError("namespaces, mounts and containers need root (try sudo).")
         verbs[given.verb]()
+    except FileNotFoundError as error:
+        print(f"cluster {given.verb} failed: {error}. {PREFLIGHT}", file=sys.stderr)
+        return 1
     except ClusterError as error:
         print(f"cluster {given.verb} failed: {error}", file=sys.stderr)
+        if given.verb == "up":
+            print(f"All logs are in {LOGS}; `make down` removes what was started.", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print(f"cluster {given.verb} was interrupted; it can be run again.", file=sys.stderr)

@@ -1,6 +1,6 @@
 """Run one step of make: say what it does, how long it took, and what to do when it fails.
 
-    python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] -- COMMAND...
+python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] -- COMMAND...
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ DNS_HEALTH_PORT = 8181
 
 def corefile() -> str:
     """Names of the cluster only: there is no way out to ask anyone for others."""
-    return f""".:53 {{
+    return f"""{DOMAIN}:53 in-addr.arpa:53 ip6.arpa:53 {{
     errors
     ready {FIRST.address}:{DNS_HEALTH_PORT}
     kubernetes {DOMAIN} in-addr.arpa ip6.arpa {{
@@ -27,6 +27,13 @@ def corefile() -> str:
     }}
     cache 5 {{
         disable denial
+    }}
+}}
+
+.:53 {{
+    errors
+    template ANY ANY {{
+        rcode NXDOMAIN
     }}
 }}
 """
@@ -78,7 +85,7 @@ def start_all(binaries: Path) -> None:
     api = Api()
     path = CONFIG / "Corefile"
     path.write_text(corefile())
-    dns = start("coredns", [binaries / "coredns", "-conf", path], node=FIRST)
+    start("coredns", [binaries / "coredns", "-conf", path], node=FIRST)
     for collection, body in dns_objects():
         api.create(collection, body)
     api.create("/apis/storage.k8s.io/v1/storageclasses", volumes.storage_class())
@@ -88,4 +95,4 @@ def start_all(binaries: Path) -> None:
         [sys.executable, "-m", "embedded.volumes"],
         environment={"PYTHONPATH": str(program.parent), "PYTHONUNBUFFERED": "1"},
     )
-    await_ready("coredns", dns, dns_ready)
+    await_ready("coredns", dns_ready)

@@ -105,8 +105,8 @@ def start_on(node: Node, binaries: Path) -> None:
     path = CONFIG / f"containerd-{node.index}.toml"
     path.write_text(config(node))
     name = f"containerd-{node.index}"
-    started = start(name, ["containerd", "--config", path], node=node)
-    await_ready(name, started, lambda: answers(node))
+    start(name, ["containerd", "--config", path], node=node)
+    await_ready(name, lambda: answers(node))
     archive = STATE / "pause.tar"
     oci.write_single_binary(archive, PAUSE, binaries / "pause", "/pause")
     ctr(node, "images", "import", archive)

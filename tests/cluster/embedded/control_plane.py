@@ -92,12 +92,11 @@ def scheduler_flags() -> list[str]:
 
 def start_all(binaries: Path) -> None:
     start("etcd", [binaries / "etcd", *etcd_flags()], node=FIRST)
-    server = start("kube-apiserver", [binaries / "kube-apiserver", *apiserver_flags()], node=FIRST)
+    start("kube-apiserver", [binaries / "kube-apiserver", *apiserver_flags()], node=FIRST)
     api = Api()
-    await_ready("kube-apiserver", server, api.healthy, seconds=120)
+    await_ready("kube-apiserver", api.healthy, seconds=120)
     for name, flags in (
         ("kube-controller-manager", controller_manager_flags()),
         ("kube-scheduler", scheduler_flags()),
     ):
         start(name, [binaries / name, *flags], node=FIRST)
-

@@ -20,7 +20,7 @@ def archive_of(image: str) -> Path:
     """The archive for a path, or for an image of this project by its name."""
     if Path(image).is_file():
         return Path(image)
-    name = image.rsplit("/", 1)[-1].split(":")[0]
+    name = image.rpartition("/")[2].partition(":")[0]
     path = folder() / f"{name}.oci.tar"
     if not path.exists():
         raise ClusterError(f"There is no archive {image} and no {path}; run `make images` first.")

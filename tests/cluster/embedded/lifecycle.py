@@ -11,7 +11,21 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from . import addons, builds, certificates, cgroups, cleaning, control_plane, network, node, tools
+from . import (
+    addons,
+    builds,
+    certificates,
+    cgroups,
+    cleaning,
+    containerd,
+    control_plane,
+    network,
+    node,
+    places,
+    processes,
+    tools,
+    volumes,
+)
 from .api import Api
 from .failure import ClusterError, wait_until
 from .places import KUBECONFIG, LOCK, LOGS, RECORD, STATE, nodes
@@ -43,8 +57,19 @@ def locked() -> Iterator[None]:
 def fingerprint(binaries: Path) -> str:
     """What decides how a cluster runs: its programs and the code that starts them."""
     digest = hashlib.sha256(str(binaries).encode())
-    for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
+    for module in (
+        addons,
+        certificates,
+        cgroups,
+        containerd,
+        control_plane,
+        network,
+        node,
+        places,
+        processes,
+        volumes,
+    ):
+        digest.update(Path(str(module.__file__)).read_bytes())
     return digest.hexdigest()
 
 
@@ -88,7 +113,8 @@ def up() -> None:
             print("  " + " ".join(found) + " Starting anew.", flush=True)
         cleaning.down()
         start(binaries)
-        print(f"  the cluster is up after {time.monotonic() - began:.1f} s; KUBECONFIG={KUBECONFIG}")
+        took = time.monotonic() - began
+        print(f"  the cluster is up after {took:.1f} s; KUBECONFIG={KUBECONFIG}")
 
 
 def start(binaries: Path) -> None:
@@ -102,6 +128,7 @@ def start(binaries: Path) -> None:
     for each in nodes():
         node.start_node(each, binaries)
     addons.start_all(binaries)
+    processes.demand_all_alive()
     RECORD.write_text(json.dumps({"fingerprint": fingerprint(binaries)}))
 
 

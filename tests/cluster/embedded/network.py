@@ -10,7 +10,7 @@ import subprocess
 from pathlib import Path
 
 from .failure import ClusterError
-from .places import Node
+from .places import SERVICE_CIDR, Node
 
 UPLINK = "uplink"
 
@@ -42,8 +42,10 @@ def create(node: Node) -> None:
     inside(node, "ip", "link", "set", "lo", "up")
     inside(node, "ip", "address", "add", f"{node.address}/30", "dev", UPLINK)
     inside(node, "ip", "link", "set", UPLINK, "up")
-    # The kubelet and kube-proxy look for a default route to learn which address is the node's.
-    inside(node, "ip", "route", "add", "default", "via", node.gateway)
+    # There is no default route, so that what looks for the world outside (a pull of an unknown
+    # image) fails at once and not after a timeout. The route for services is never taken, but
+    # without one a connection is refused before its address is translated.
+    inside(node, "ip", "route", "add", SERVICE_CIDR, "via", node.gateway)
     for setting in ("ipv4/ip_forward", "ipv4/conf/all/route_localnet"):
         inside(node, "sh", "-c", f"echo 1 > /proc/sys/net/{setting}")
 

@@ -99,9 +99,7 @@ def start_node(node: Node, binaries: Path) -> None:
     proxy.write_text(json.dumps(proxy_config(node), indent=1))
     containerd.start_on(node, binaries)
     name = f"kubelet-{node.index}"
-    started = start(name, [binaries / "kubelet", *kubelet_flags(node)], node=node)
-    start(
-        f"kube-proxy-{node.index}", [binaries / "kube-proxy", f"--config={proxy}"], node=node
-    )
+    start(name, [binaries / "kubelet", *kubelet_flags(node)], node=node)
+    start(f"kube-proxy-{node.index}", [binaries / "kube-proxy", f"--config={proxy}"], node=node)
     api = Api()
-    await_ready(name, started, lambda: api.node_ready(node.name), seconds=90)
+    await_ready(name, lambda: api.node_ready(node.name), seconds=90)

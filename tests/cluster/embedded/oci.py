@@ -77,9 +77,7 @@ def write_single_binary(archive: Path, name: str, binary: Path, inside: str) -> 
             "config": layout.blob(
                 "application/vnd.oci.image.config.v1+json", json.dumps(config).encode()
             ),
-            "layers": [
-                layout.blob("application/vnd.oci.image.layer.v1.tar", buffer.getvalue())
-            ],
+            "layers": [layout.blob("application/vnd.oci.image.layer.v1.tar", buffer.getvalue())],
         }
         descriptor = layout.blob(MANIFEST, json.dumps(manifest).encode())
         descriptor["annotations"] = {NAME_ANNOTATION: name}

@@ -10,8 +10,8 @@ import json
 import os
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from . import cgroups
@@ -24,16 +24,16 @@ KILL_SECONDS = 10.0
 
 @dataclass(frozen=True)
 class Process:
-    """A process of the past or present: `started` is in clock ticks since the boot."""
+    """A process of the past or present: `started` is in clock ticks since the boot `boot`."""
 
     pid: int
     started: int
+    boot: str
 
     @property
     def alive(self) -> bool:
         """Whether this very process runs; one that only awaits its parent's wait is gone."""
-        found = stat_of(self.pid)
-        return found is not None and found == ("running", self.started)
+        return self.boot == boot() and stat_of(self.pid) == ("running", self.started)
 
     def send(self, number: signal.Signals) -> None:
         """Signal the process if it is still the same one."""
@@ -60,6 +60,11 @@ def stat_of(pid: int) -> tuple[str, int] | None:
         return None
 
 
+def boot() -> str:
+    """What tells this run of the machine from the one before its last restart."""
+    return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+
+
 def remember(name: str, pid: int) -> Process:
     """Write the pid file of a process that we just started."""
     found = stat_of(pid)
@@ -67,16 +72,17 @@ def remember(name: str, pid: int) -> Process:
         raise ClusterError(f"{name} ended at once.\n{tail(log_of(name))}")
     PIDS.mkdir(parents=True, exist_ok=True)
     temporary = PIDS / f".{name}"
-    temporary.write_text(json.dumps({"pid": pid, "started": found[1]}))
+    process = Process(pid, found[1], boot())
+    temporary.write_text(json.dumps(asdict(process)))
     temporary.rename(PIDS / name)
-    return Process(pid, found[1])
+    return process
 
 
 def recall(name: str) -> Process | None:
     """The process of a pid file, alive or not; None when there is no readable one."""
     try:
         kept = json.loads((PIDS / name).read_text())
-        return Process(int(kept["pid"]), int(kept["started"]))
+        return Process(int(kept["pid"]), int(kept["started"]), str(kept["boot"]))
     except (FileNotFoundError, ValueError, KeyError):
         return None
 
@@ -114,17 +120,22 @@ def start(
     return remember(name, started.pid)
 
 
-def await_ready(name: str, process: Process, check: object, *, seconds: float = 60.0) -> None:
-    """Wait for `check` (a callable without arguments); fail at once if the process ends."""
-    assert callable(check)
+def demand_all_alive() -> None:
+    """Raise ClusterError for a daemon that has ended, with the end of its log."""
+    for name in names():
+        process = recall(name)
+        if process is None or not process.alive:
+            raise ClusterError(
+                f"{name} has ended. The last lines of {log_of(name)}:\n{tail(log_of(name))}"
+            )
+
+
+def await_ready(name: str, check: Callable[[], bool], *, seconds: float = 60.0) -> None:
+    """Wait for `check`; fail at once if any daemon ends, for they all need each other."""
 
     def ready() -> bool:
-        if not process.alive:
-            raise ClusterError(
-                f"{name} ended while it was starting. The last lines of {log_of(name)}:\n"
-                f"{tail(log_of(name))}"
-            )
-        return bool(check())
+        demand_all_alive()
+        return check()
 
     wait_until(f"{name} becoming ready", ready, seconds=seconds, log=log_of(name))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -24,10 +25,8 @@ def folder() -> Path:
 
 def parse_version(text: str) -> tuple[int, int] | None:
     """(major, minor) from what `kubectl version --client -o json` or `helm version` print."""
-    try:
+    with contextlib.suppress(ValueError, KeyError, TypeError):  # helm's is no JSON
         text = json.loads(text)["clientVersion"]["gitVersion"]
-    except (ValueError, KeyError, TypeError):
-        pass  # helm prints the bare version
     found = re.search(r"v(\d+)\.(\d+)\.", text)
     return (int(found[1]), int(found[2])) if found else None
 

@@ -104,9 +104,7 @@ def plan(claims: list[Object], volumes: list[Object], folders: list[str]) -> Pla
         == PROVISIONER
     }
     create = [
-        volume_for(c)
-        for c in claims
-        if wanted(c) and f"pvc-{c['metadata']['uid']}" not in ours
+        volume_for(c) for c in claims if wanted(c) and f"pvc-{c['metadata']['uid']}" not in ours
     ]
     delete = [
         name
