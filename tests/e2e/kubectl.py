@@ -1,0 +1,119 @@
+"""kubectl for the demonstration and the end-to-end tests: the user's own tool, with deadlines."""
+
+import json
+import os
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+Result = TypeVar("Result")
+Object = dict[str, Any]
+
+_COMMAND_SECONDS = 120
+EMBEDDED_KUBECONFIG = "/var/lib/bagpipe/kubeconfig"
+TOOLBOX = "toolbox"
+
+
+class KubectlError(Exception):
+    """kubectl ended with an error; the text is what it said."""
+
+
+def kubectl(*arguments: str, given: str | None = None, seconds: float = _COMMAND_SECONDS) -> str:
+    """What kubectl prints. Raises KubectlError."""
+    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
+    environment = dict(os.environ)
+    environment["PATH"] = f"{cache / 'bin/tools'}:{environment['PATH']}"
+    environment.setdefault("KUBECONFIG", EMBEDDED_KUBECONFIG)
+    done = subprocess.run(
+        ["kubectl", *arguments],
+        input=given,
+        capture_output=True,
+        text=True,
+        timeout=seconds,
+        env=environment,
+        check=False,
+    )
+    if done.returncode:
+        raise KubectlError(f"kubectl {' '.join(arguments)}: {done.stderr.strip()}")
+    return done.stdout
+
+
+def get(namespace: str, *what: str) -> Object:
+    """An object, or a list of them, as kubectl gets it."""
+    loaded: Object = json.loads(kubectl("-n", namespace, "get", *what, "-o", "json"))
+    return loaded
+
+
+def items(namespace: str, *what: str) -> list[Object]:
+    """The objects of a list."""
+    found: list[Object] = get(namespace, *what)["items"]
+    return found
+
+
+def await_that(
+    what: str, look: Callable[[], Result | None], seconds: float, every: float = 0.5
+) -> Result:
+    """Look until there is something true to see. Raises TimeoutError that says what was awaited."""
+    deadline = time.monotonic() + seconds
+    pause = threading.Event()
+    while True:
+        found = look()
+        if found:
+            return found
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"waited {seconds:.0f} s for {what}")
+        pause.wait(every)
+
+
+def start_toolbox(namespace: str) -> None:
+    """A pod of the ROS image with both claims: the way in and out for bags."""
+    mounts = [{"name": claim, "mountPath": f"/{claim}"} for claim in ("recordings", "results")]
+    volumes = [
+        {"name": claim, "persistentVolumeClaim": {"claimName": claim}}
+        for claim in ("recordings", "results")
+    ]
+    pod = {
+        "apiVersion": "v1",
+        "kind": "Pod",
+        "metadata": {"name": TOOLBOX, "namespace": namespace},
+        "spec": {
+            "terminationGracePeriodSeconds": 0,
+            "enableServiceLinks": False,
+            "automountServiceAccountToken": False,
+            "securityContext": {"fsGroup": 10001},
+            "volumes": volumes,
+            "containers": [
+                {
+                    "name": TOOLBOX,
+                    "image": "bagpipe.local/ros:0.1.0",
+                    "imagePullPolicy": "IfNotPresent",
+                    "command": ["sleep", "86400"],
+                    "volumeMounts": mounts,
+                }
+            ],
+        },
+    }
+    kubectl("apply", "-f", "-", given=json.dumps(pod))
+    kubectl("-n", namespace, "wait", "--for=condition=Ready", f"pod/{TOOLBOX}", "--timeout=90s")
+
+
+def in_toolbox(namespace: str, *command: str) -> str:
+    """What a command prints inside the toolbox."""
+    return kubectl("-n", namespace, "exec", TOOLBOX, "--", *command)
+
+
+def put(namespace: str, source: Path, target: str) -> None:
+    """Copy a file into the claim `recordings`."""
+    in_toolbox(namespace, "mkdir", "-p", str(Path("/recordings") / Path(target).parent))
+    kubectl("cp", str(source), f"{namespace}/{TOOLBOX}:/recordings/{target}")
+
+
+def results(namespace: str, uri: str) -> tuple[Object, list[Object]]:
+    """The manifest and the rows below a results URI on the claim `results`."""
+    folder = "/" + uri.removeprefix("pvc://")
+    manifest: Object = json.loads(in_toolbox(namespace, "cat", f"{folder}/manifest.json"))
+    lines = in_toolbox(namespace, "cat", f"{folder}/results.jsonl").splitlines()
+    return manifest, [json.loads(line) for line in lines]
