@@ -19,6 +19,7 @@ mod recorder;
 mod replay;
 mod request;
 mod rostime;
+mod spacing;
 mod subscribe;
 mod watch;
 

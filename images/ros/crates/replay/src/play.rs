@@ -9,6 +9,7 @@ use bagpipe_ros::{Node, Publication, SendError, Share};
 use crate::clock::{BagClock, Schedule};
 use crate::plan::Plan;
 use crate::rostime::{clock_frame, clock_topic};
+use crate::spacing::Spacing;
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
@@ -80,6 +81,11 @@ impl<'a> Player<'a> {
         &self.publications
     }
 
+    /// Everything advertised, /clock included.
+    pub(crate) fn advertised(&self) -> impl Iterator<Item = &Arc<Publication>> {
+        self.publications.iter().chain(&self.clock_topic)
+    }
+
     /// The topics that need a subscriber: those with messages to be played.
     pub(crate) fn required(&self) -> Vec<usize> {
         self.plan.spoken()
@@ -112,14 +118,18 @@ impl<'a> Player<'a> {
             Mode::Max => self.clock.stand(from),
         }
         let mut pace = Pace::default();
+        let mut spacing = self.spacing(range.clone(), schedule);
         self.last_tick = from;
         for place in range {
-            let Some((message, _)) = self.plan.message(place) else { continue };
+            let Some((message, route)) = self.plan.message(place) else { continue };
             match self.mode {
                 Mode::Realtime => {
                     self.wait_for(message.time, schedule, watch)?;
-                    let late = Instant::now().saturating_duration_since(schedule.due(message.time));
-                    pace.late = pace.late.max(late);
+                    let due = schedule.due(message.time);
+                    watch.sleep_until(spacing.earliest(&route.topics, due))?;
+                    let now = Instant::now();
+                    spacing.sent(&route.topics, now);
+                    pace.late = pace.late.max(now.saturating_duration_since(due));
                 }
                 Mode::Max => self.clock.stand(message.time),
             }
@@ -129,6 +139,17 @@ impl<'a> Player<'a> {
         }
         pace.took = schedule.epoch.elapsed();
         Ok(pace)
+    }
+
+    /// The distances to keep in a range, which takes until its last message is due.
+    fn spacing(&self, range: Range<usize>, schedule: Schedule) -> Spacing {
+        let mut messages = vec![0; self.publications.len()];
+        let mut last = schedule.bag;
+        for (message, route) in range.filter_map(|place| self.plan.message(place)) {
+            route.topics.iter().for_each(|at| messages[*at] += 1);
+            last = message.time;
+        }
+        Spacing::new(&messages, schedule.due(last).duration_since(schedule.epoch))
     }
 
     /// Waits until a message is due; /clock ticks on the way.

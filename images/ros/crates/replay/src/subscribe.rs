@@ -131,7 +131,7 @@ fn settle(
     while Instant::now() < deadline {
         if let Some(state) = discovery.look()? {
             let name = discovery.node.name();
-            let heard = player.publications().iter().all(|publication| {
+            let heard = player.advertised().all(|publication| {
                 let registered = state.subscribers.get(&publication.info().topic);
                 let connected = open_subscribers(publication);
                 others(registered, name).all(|node| connected.contains(node))

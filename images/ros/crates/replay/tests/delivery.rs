@@ -1,4 +1,5 @@
 //! What the ledger says is what the callbacks of real nodes saw.
+#![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
 #[path = "../../ros/tests/graph/mod.rs"]
 mod graph;
 mod scene;

@@ -1,4 +1,5 @@
 //! A stack that misbehaves ends the replay within its deadline, with a reason.
+#![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
 #[path = "../../ros/tests/graph/mod.rs"]
 mod graph;
 mod scene;
@@ -183,4 +184,57 @@ fn no_master_and_bad_requests_are_sentences() {
     assert!(error.to_string().contains("\"/lane/(\" is not a regular expression"), "{error}");
     request.rate = 0.0;
     assert!(run(&bag, &request).unwrap_err().to_string().contains("above 0"));
+}
+
+#[test]
+fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
+    let texts: Vec<String> = (0..100).map(|number| format!("{number}")).collect();
+    let messages: Vec<(usize, u64, &str)> =
+        texts.iter().zip(0..).map(|(text, at)| (0, at * 20, text.as_str())).collect();
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let _stays = graph.python(&node("words.py"), &["/talk"]);
+    let leaver = graph.python(&node("leaver.py"), &["/talk", "50"]);
+    graph::wait_until("both nodes have subscribed", || {
+        let state = graph.client().get_system_state().unwrap();
+        state.subscribers.get("/talk").is_some_and(|nodes| nodes.len() == 2)
+    });
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    let replayed = run(&bag, &request).unwrap();
+    leaver.wait_for("leaving 50");
+    let lines = &replayed.ledger.topics[0].subscribers;
+    eprintln!("{lines:?}");
+    assert_eq!((lines[0].node.as_str(), lines[1].node.as_str()), ("/leaver", "/words"));
+    assert_eq!((lines[1].received, lines[1].dropped), (100, 0));
+    // It was asked twice a second: what it said last, at most what it really heard.
+    let leaver = &lines[0];
+    assert!((1..=50).contains(&leaver.received), "{leaver:?}");
+    assert_eq!(leaver.received + leaver.dropped, 100);
+    assert_eq!(replayed.ledger.received, leaver.received);
+}
+
+#[test]
+fn a_subscriber_that_comes_late_has_lost_what_was_before() {
+    let texts: Vec<String> = (0..100).map(|number| format!("{number}")).collect();
+    let messages: Vec<(usize, u64, &str)> =
+        texts.iter().zip(0..).map(|(text, at)| (0, at * 40, text.as_str())).collect();
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let _stays = graph.python(&node("words.py"), &["/talk"]);
+    let late = std::cell::RefCell::new(None);
+    let mut progress = |progress: bagpipe_replay::Progress| {
+        if progress.stage == Stage::Play && late.borrow().is_none() {
+            *late.borrow_mut() = Some(graph.python(&node("leaver.py"), &["/talk", "1000"]));
+        }
+    };
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    let replayed = replay(&bag, &request, &mut progress, &|| None).unwrap();
+    let lines = &replayed.ledger.topics[0].subscribers;
+    eprintln!("{lines:?}");
+    assert_eq!((lines[0].node.as_str(), lines[1].node.as_str()), ("/leaver", "/words"));
+    assert!((1..100).contains(&lines[0].received), "{lines:?}");
+    assert_eq!(lines[0].received + lines[0].dropped, 100);
+    assert_eq!((lines[1].received, lines[1].dropped), (100, 0));
 }

@@ -1,4 +1,5 @@
 //! The real robot_state_publisher of Debian on the real recording of a PR2.
+#![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
 #[path = "../../ros/tests/graph/mod.rs"]
 mod graph;
 mod scene;
@@ -39,7 +40,17 @@ fn urdf(joints: &[String]) -> String {
 }
 
 #[test]
+fn a_pr2_drives_the_robot_state_publisher_at_its_own_speed() {
+    pr2_drives(1.0, Some(4_000_000_000));
+}
+
+#[test]
 fn a_pr2_drives_the_robot_state_publisher_at_four_times_its_speed() {
+    pr2_drives(4.0, None);
+}
+
+/// Plays the recording, or its first `nanoseconds`.
+fn pr2_drives(rate: f64, nanoseconds: Option<u64>) {
     let program = "/usr/lib/robot_state_publisher/robot_state_publisher";
     let Some(bag) = pr2() else { return };
     if !std::path::Path::new(program).exists() {
@@ -57,15 +68,20 @@ fn a_pr2_drives_the_robot_state_publisher_at_four_times_its_speed() {
     request.topics = vec!["/joint_states".to_owned()];
     request.record_topics = vec!["/tf".to_owned(), "/tf_static".to_owned()];
     request.mode = Mode::Realtime;
-    request.rate = 4.0;
+    request.rate = rate;
+    if let Some(nanoseconds) = nanoseconds {
+        request.window.end = request.window.start + nanoseconds;
+    }
+    let played = timeline.between(request.window.start, request.window.end).len() as u64;
     let replayed = run(&bag, &request).unwrap();
     eprintln!("{}", serde_json::to_string(&replayed).unwrap());
     let ledger = &replayed.ledger;
-    assert_eq!(ledger.sent, 1598);
+    assert_eq!(ledger.sent, played);
     assert_eq!(ledger.topics[0].subscribers[0].node, "/robot_state_publisher");
-    // Its queue holds one message, so a loaded machine may lose some; all are accounted for.
-    assert_eq!(ledger.received + ledger.dropped, 1598);
-    assert!(ledger.received > 1500, "{ledger:?}");
+    // Its queue holds one message: a loaded machine may lose a few, and all are accounted
+    // for. Without the spacing of bursts one in eight was lost.
+    assert_eq!(ledger.received + ledger.dropped, played);
+    assert!(ledger.received as f64 > 0.97 * played as f64, "{ledger:?}");
     let counts: Vec<(&str, u64)> = replayed
         .recorded
         .topics
@@ -73,7 +89,8 @@ fn a_pr2_drives_the_robot_state_publisher_at_four_times_its_speed() {
         .map(|topic| (topic.topic.as_str(), topic.messages))
         .collect();
     assert_eq!(counts[0].0, "/tf");
-    // It publishes at most 50 times a second of the joint states' own stamps: 16 s.
-    assert!((300..=1598).contains(&counts[0].1), "{counts:?}");
+    // It publishes at most 50 times a second of the joint states' own stamps, which are
+    // 10 ms apart: every other message at the most.
+    assert!((played / 3..=played / 2 + 1).contains(&counts[0].1), "{counts:?}");
     assert_eq!(counts[1], ("/tf_static", 1));
 }

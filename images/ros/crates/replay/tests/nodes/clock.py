@@ -1,5 +1,6 @@
 """Prints every clock message, and the time at which each std_msgs/String came."""
 
+import sys
 import threading
 
 import rospy
@@ -11,13 +12,18 @@ out = rospy.Publisher("/answer", String, queue_size=None, latch=False)
 ticks = []
 
 
+def say(line: str) -> None:
+    """One write for each line: callbacks of several topics run on several threads."""
+    sys.stdout.write(line + "\n")
+
+
 def tick(message: Clock) -> None:
     ticks.append(message.clock.to_nsec())
-    print("clock", message.clock.to_nsec())
+    say(f"clock {message.clock.to_nsec()}")
 
 
 def word(message: String) -> None:
-    print("word", message.data)
+    say(f"word {message.data}")
     out.publish(message)
 
 

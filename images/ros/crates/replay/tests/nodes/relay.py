@@ -14,13 +14,18 @@ busy = float(arguments[4])
 seen = 0
 
 
+def say(line: str) -> None:
+    """One write for each line: callbacks of several topics run on several threads."""
+    sys.stdout.write(line + "\n")
+
+
 def relay(message: JointState) -> None:
     global seen
     if busy:
         threading.Event().wait(busy)
     out.publish(message)
     seen += 1
-    print("seen", seen)
+    say(f"seen {seen}")
 
 
 rospy.init_node("relay_py", disable_signals=True)

@@ -10,8 +10,13 @@ import rospy
 from std_msgs.msg import String
 
 
+def say(line: str) -> None:
+    """One write for each line: callbacks of several topics run on several threads."""
+    sys.stdout.write(line + "\n")
+
+
 def word(message: String) -> None:
-    print("word", message.data)
+    say(f"word {message.data}")
     out.publish(message)
 
 

@@ -1,0 +1,175 @@
+//! The client against Debian's rosmaster, rospy and rostopic.
+#![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
+mod graph;
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bagpipe_ros::audit::Audit;
+use bagpipe_ros::{Incoming, Master, Node, NodeOptions, RosError, Share, Sink, TopicInfo, Value};
+use graph::{Graph, wait_until};
+
+const TMP: &str = env!("CARGO_TARGET_TMPDIR");
+
+/// Topic, publisher, data.
+type Message = (String, String, Vec<u8>);
+
+/// Keeps what it receives.
+#[derive(Clone, Default)]
+struct Kept {
+    messages: Arc<Mutex<Vec<Message>>>,
+    too_large: Arc<Mutex<Vec<u64>>>,
+}
+
+impl Sink for Kept {
+    fn message(&mut self, incoming: Incoming<'_>) {
+        let caller = incoming.header.text("callerid").to_owned();
+        assert_eq!(incoming.header.text("type"), "std_msgs/String");
+        assert!(incoming.header.text("message_definition").contains("string data"));
+        let message = (incoming.topic.to_owned(), caller, incoming.data.to_vec());
+        self.messages.lock().unwrap().push(message);
+    }
+
+    fn too_large(&mut self, _topic: &str, length: u64) {
+        self.too_large.lock().unwrap().push(length);
+    }
+}
+
+fn start_node(graph: &Graph, name: &str, max_message: usize) -> (Node, Kept) {
+    let kept = Kept::default();
+    let options = NodeOptions {
+        name: name.to_owned(),
+        master_uri: graph.uri.clone(),
+        call_deadline: Duration::from_secs(5),
+        stall: Duration::from_secs(5),
+        max_message,
+    };
+    (Node::start(options, Box::new(kept.clone())).unwrap(), kept)
+}
+
+fn chatter(latching: bool) -> TopicInfo {
+    TopicInfo {
+        topic: "/chatter".to_owned(),
+        datatype: "std_msgs/String".to_owned(),
+        md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
+        definition: "string data\n".to_owned(),
+        latching,
+    }
+}
+
+fn frame(text: &str) -> Vec<u8> {
+    let length = text.len() as u32;
+    [&(length + 4).to_le_bytes()[..], &length.to_le_bytes(), text.as_bytes()].concat()
+}
+
+#[test]
+fn parameters_of_every_kind_survive_the_real_master() {
+    let graph = Graph::start(TMP);
+    let master = graph.client();
+    let tree = Value::Map(BTreeMap::from([
+        ("on".to_owned(), Value::Bool(true)),
+        ("count".to_owned(), Value::Int(-7)),
+        ("gain".to_owned(), Value::Double(0.1)),
+        ("text".to_owned(), Value::from("a < b & c > \"d\" \u{e9}\n  ")),
+        ("empty".to_owned(), Value::from("")),
+        ("list".to_owned(), Value::List(vec![Value::Int(1), Value::from("two")])),
+    ]));
+    master.set_param("/lane", &tree).unwrap();
+    assert_eq!(master.get_param("/lane").unwrap(), tree);
+    let gain = graph
+        .run("/usr/bin/python3", &["-c", "import rospy; print(rospy.get_param('/lane/gain'))"]);
+    assert_eq!(gain.trim(), "0.1");
+    master.delete_param("/lane").unwrap();
+    let error = master.get_param("/lane").unwrap_err();
+    assert!(matches!(error, RosError::Refused { .. }), "{error}");
+    assert!(error.to_string().contains("/lane"), "{error}");
+    let error = master.set_param("/large", &Value::Int(1 << 40)).unwrap_err();
+    assert!(error.to_string().contains("does not fit into 32 bits"), "{error}");
+    assert!(master.get_pid().unwrap() > 1);
+}
+
+#[test]
+fn a_master_that_does_not_answer_is_an_error_within_the_deadline() {
+    let deaf = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let uri = format!("http://{}/", deaf.local_addr().unwrap());
+    let master = Master::new(&uri, "/test", Duration::from_millis(300)).unwrap();
+    let began = std::time::Instant::now();
+    let error = master.get_pid().unwrap_err();
+    assert!(matches!(error, RosError::Unreachable { .. }), "{error}");
+    assert!(began.elapsed() < Duration::from_secs(3), "{:?}", began.elapsed());
+}
+
+#[test]
+fn rostopic_hears_us_and_we_hear_rostopic() {
+    let graph = Graph::start(TMP);
+    let (node, kept) = start_node(&graph, "/bagpipe_test", 1 << 20);
+    node.subscribe("/answer").unwrap();
+    let publication = node.advertise(chatter(true)).unwrap();
+    let hello = frame("hello");
+    publication.latch("/recorded", Share::LeadIn, &hello);
+    // A latched message reaches a subscriber that comes later.
+    let echo = graph.spawn("/usr/bin/rostopic", &["echo", "/chatter"]);
+    echo.wait_for("data: \"hello\"");
+    let world = frame("world");
+    publication.send(Share::Counted, &[&world, &world], &mut || false).unwrap();
+    echo.wait_for("data: \"world\"");
+    let links = publication.subscribers();
+    assert_eq!((links[0].lead_in, links[0].counted, links[0].counted_bytes), (1, 2, 18));
+    let mut audit = Audit::new(node.master().clone(), node.slave_uri(), Duration::from_secs(5));
+    let topics = ["/chatter".to_owned()];
+    let received = audit.ask(&links[0].node, &topics).unwrap()["/chatter"];
+    assert_eq!((received.messages, received.drops), (3, None));
+    drop(echo);
+    wait_until("the subscriber has left", || !publication.subscribers()[0].open);
+    publication.send(Share::Counted, &[&world], &mut || false).unwrap();
+    assert_eq!(publication.subscribers()[0].counted, 2);
+
+    let talk = ["pub", "-l", "/answer", "std_msgs/String", "back"];
+    let _talker = graph.spawn("/usr/bin/rostopic", &talk);
+    wait_until("the answer is here", || !kept.messages.lock().unwrap().is_empty());
+    let (topic, caller, data) = kept.messages.lock().unwrap()[0].clone();
+    assert_eq!(topic, "/answer");
+    assert!(caller.starts_with("/rostopic_"), "{caller}");
+    assert_eq!(data, frame("back")[4..]);
+}
+
+#[test]
+fn rosnode_sees_a_node_that_tells_the_truth_and_leaves_no_trace() {
+    let graph = Graph::start(TMP);
+    let (node, _) = start_node(&graph, "/bagpipe_test", 1 << 20);
+    node.subscribe("/answer").unwrap();
+    node.advertise(chatter(false)).unwrap();
+    let info = graph.run("/usr/bin/rosnode", &["info", "/bagpipe_test"]);
+    assert!(info.contains("/chatter [std_msgs/String]"), "{info}");
+    assert!(info.contains("/answer [unknown type]"), "{info}");
+    assert!(info.contains(&format!("Pid: {}", std::process::id())), "{info}");
+    let ping = graph.run("/usr/bin/rosnode", &["ping", "-c", "1", "/bagpipe_test"]);
+    assert!(ping.contains("reply from http://127.0.0.1:"), "{ping}");
+    drop(node);
+    let state = graph.client().get_system_state().unwrap();
+    assert_eq!((state.publishers.len(), state.subscribers.len()), (0, 0));
+}
+
+#[test]
+fn our_own_publications_are_not_received_and_a_large_message_is_reported() {
+    let graph = Graph::start(TMP);
+    let (listener, kept) = start_node(&graph, "/listener", 1_000_000);
+    listener.subscribe("/chatter").unwrap();
+    let ours = listener.advertise(chatter(false)).unwrap();
+    let (talker, _) = start_node(&graph, "/talker", 1 << 20);
+    let theirs = talker.advertise(chatter(false)).unwrap();
+    wait_until("the listener is connected", || listener.publishers_of("/chatter") == 1);
+    assert!(ours.subscribers().is_empty());
+    let messages: Vec<Vec<u8>> = (0..500).map(|number| frame(&"x".repeat(number * 10))).collect();
+    let frames: Vec<&[u8]> = messages.iter().map(Vec::as_slice).collect();
+    theirs.send(Share::Counted, &frames, &mut || false).unwrap();
+    wait_until("all are received", || kept.messages.lock().unwrap().len() == 500);
+    for ((_, caller, data), sent) in kept.messages.lock().unwrap().iter().zip(&frames) {
+        assert_eq!((caller.as_str(), data.as_slice()), ("/talker", &sent[4..]));
+    }
+    let large = frame(&"x".repeat(2_000_000));
+    theirs.send(Share::Counted, &[&large], &mut || false).unwrap();
+    wait_until("it is reported", || !kept.too_large.lock().unwrap().is_empty());
+    assert_eq!(*kept.too_large.lock().unwrap(), [2_000_004]);
+}
