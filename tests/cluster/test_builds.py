@@ -1,0 +1,163 @@
+"""Keys of builds, versions of tools, archives of images, mounts and steps."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import step
+from embedded import builds, cleaning, images, oci, places, preflight, tools
+from embedded.failure import ClusterError
+
+SCRIPT = Path(step.__file__)
+
+
+@pytest.fixture
+def module(tmp_path: Path) -> Path:
+    for name in ("go.mod", "go.sum", "main.go", "README.md"):
+        (tmp_path / name).write_text(name)
+    return tmp_path
+
+
+def test_a_builds_key_follows_its_files(module: Path) -> None:
+    program = builds.Program("kubernetes")
+    before = builds.key(program, module)
+    assert before.startswith("kubernetes-")
+    assert len(before) == len("kubernetes-") + 16
+    (module / "README.md").write_text("changed")
+    assert builds.key(program, module) == before
+    for name in ("go.mod", "go.sum", "main.go"):
+        kept = (module / name).read_text()
+        (module / name).write_text(kept + "x")
+        assert builds.key(program, module) != before
+        (module / name).write_text(kept)
+
+
+def test_a_builds_key_follows_its_flags(module: Path) -> None:
+    program = builds.Program("kubernetes")
+    other = dataclasses.replace(program, variables=(("version", "2"),))
+    assert builds.key(program, module) != builds.key(other, module)
+
+
+def test_a_failed_build_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sources" / "broken").mkdir(parents=True)
+    (tmp_path / "sources" / "broken" / "go.mod").write_text("module broken\n\ngo 1.24.0\n")
+    (tmp_path / "sources" / "broken" / "main.go").write_text("package main\n\nfunc main() { x }\n")
+    monkeypatch.setattr(builds, "sources", lambda: tmp_path / "sources")
+    monkeypatch.setattr(builds, "cache", lambda: tmp_path / "cache")
+    with pytest.raises(ClusterError, match="undefined: x"):
+        builds.ensure(builds.Program("broken"))
+    assert list((tmp_path / "cache" / "bin").iterdir()) == []
+
+
+def test_every_component_is_a_link_of_the_one_binary() -> None:
+    assert builds.PROGRAMS[0].links[0] == "etcd"
+    main = (places.sources() / "kubernetes" / "main.go").read_text()
+    assert all(f'"{name}"' in main for name in builds.PROGRAMS[0].links)
+    module = (places.sources() / "kubernetes" / "go.mod").read_text()
+    assert f"k8s.io/kubernetes v{builds.KUBERNETES}\n" in module
+    assert module.count("=> k8s.io/") == module.count("v0.34.4\n") - 2 == 29
+
+
+@pytest.mark.parametrize(
+    ("text", "version"),
+    [
+        ('{"clientVersion": {"gitVersion": "v1.32.4-dispatcher"}}', (1, 32)),
+        ('{"clientVersion": {"gitVersion": "v1.34.4"}}', (1, 34)),
+        ("v3.19.5", (3, 19)),
+        ("no such option", None),
+        ("[]", None),
+    ],
+)
+def test_reads_the_versions_of_tools(text: str, version: tuple[int, int] | None) -> None:
+    assert tools.parse_version(text) == version
+
+
+@pytest.mark.parametrize(
+    ("text", "version"),
+    [
+        ("go version go1.26.8 linux/amd64", (1, 26, 8)),
+        ('openjdk version "17.0.15" 2025-04-15', (17, 0, 15)),
+        ("nothing", ()),
+    ],
+)
+def test_reads_the_versions_of_languages(text: str, version: tuple[int, ...]) -> None:
+    assert preflight.version_in(text) == version
+
+
+def test_says_what_an_old_language_is_needed_for() -> None:
+    command = [sys.executable, "-c", "print('go version go1.19.8 linux/amd64')"]
+    said = preflight.tool("Go", command, (1, 24), "build Kubernetes 1.34")
+    assert said == "Go is 1.19.8, and build Kubernetes 1.34 needs 1.24 or newer."
+    gone = preflight.tool("Go", ["no-such-program"], (1, 24), "build Kubernetes 1.34")
+    assert gone == "Go is missing: 1.24 or newer is needed to build Kubernetes 1.34."
+
+
+def test_a_pipe_carries_bytes_here(tmp_path: Path) -> None:
+    assert preflight.fifo_works(tmp_path)
+
+
+def test_writes_an_archive_that_names_its_image(tmp_path: Path) -> None:
+    (tmp_path / "pause").write_bytes(b"program")
+    for name in ("one", "two"):
+        oci.write_single_binary(
+            tmp_path / name, "bagpipe.local/pause:1", tmp_path / "pause", "/pause"
+        )
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+    found = oci.names_and_digests(tmp_path / "one")
+    assert list(found) == ["bagpipe.local/pause:1"]
+    assert found["bagpipe.local/pause:1"].startswith("sha256:")
+
+
+def test_says_that_a_file_is_no_archive(tmp_path: Path) -> None:
+    (tmp_path / "x.tar").write_bytes(b"nothing of the kind")
+    with pytest.raises(ClusterError, match="is not an OCI image archive"):
+        oci.names_and_digests(tmp_path / "x.tar")
+
+
+def test_reads_containerds_list_of_images() -> None:
+    text = (
+        "REF                   TYPE                 DIGEST     SIZE      PLATFORMS   LABELS\n"
+        "bagpipe.local/ros:0.1 application/vnd.oci  sha256:ab  10.0 MiB  linux/amd64 -\n"
+    )
+    assert images.parse_listing(text) == {"bagpipe.local/ros:0.1": "sha256:ab"}
+
+
+def test_finds_mounts_of_ours_latest_first() -> None:
+    text = (
+        "20 1 8:1 / / rw - ext4 /dev/vda rw\n"
+        "31 20 0:30 / /var/lib/bagpipe/a rw - tmpfs tmpfs rw\n"
+        "32 31 0:31 / /var/lib/bagpipe/a/b\\040c rw - tmpfs tmpfs rw\n"
+        "33 20 0:32 / /var/lib/bagpipes rw - tmpfs tmpfs rw\n"
+    )
+    roots = [Path("/var/lib/bagpipe")]
+    assert cleaning.parse_mounts(text, roots) == ["/var/lib/bagpipe/a/b c", "/var/lib/bagpipe/a"]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.04, "0.0 s"), (9.94, "9.9 s"), (34.2, "34 s"), (306.4, "5 min 06 s")]
+)
+def test_says_durations_as_people_do(seconds: float, text: str) -> None:
+    assert step.duration(seconds) == text
+
+
+def test_a_failed_step_says_what_to_do() -> None:
+    words = ["Building", "--if-it-fails", "Try again.", "--", "sh", "-c", "exit 7"]
+    done = subprocess.run(
+        [sys.executable, str(SCRIPT), *words],
+        capture_output=True,
+        text=True,
+        timeout=30,
+        check=False,
+    )
+    assert done.returncode == 7
+    assert done.stdout == "==> Building\n"
+    first, second = done.stderr.splitlines()
+    assert first.startswith("<== FAILED after 0.")
+    assert first.endswith("s: Building (status 7).")
+    assert second == "    Try again."

@@ -1,0 +1,80 @@
+"""When an image has to be built again, and what its archive's record is worth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import build
+import context
+import pytest
+from context import IMAGES, Image
+
+
+@pytest.fixture
+def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Image:
+    monkeypatch.setenv("BAGPIPE_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "Dockerfile").write_text("FROM scratch\n")
+
+    def stage(folder: Path) -> None:
+        (folder / "program").write_text("one")
+        (folder / "program").chmod(0o755)
+
+    return Image("probe", tmp_path / "Dockerfile", stage)
+
+
+def test_the_names_are_those_of_the_contract() -> None:
+    assert {i.reference for i in IMAGES} == {
+        "bagpipe.local/agent:0.1.0",
+        "bagpipe.local/operator:0.1.0",
+        "bagpipe.local/robot-state-publisher:0.1.0",
+        "bagpipe.local/ros:0.1.0",
+        "bagpipe.local/spark:0.1.0",
+    }
+
+
+def test_the_same_content_has_the_same_hash(image: Image) -> None:
+    first = context.content(image, context.stage(image), "base")
+    assert context.content(image, context.stage(image), "base") == first
+    assert len(first) == 64
+
+
+def test_the_hash_follows_all_that_decides(image: Image, tmp_path: Path) -> None:
+    folder = context.stage(image)
+    hashes = {context.content(image, folder, "base"), context.content(image, folder, "other")}
+    (folder / "program").write_text("two")
+    hashes.add(context.content(image, folder, "base"))
+    (folder / "program").chmod(0o644)
+    hashes.add(context.content(image, folder, "base"))
+    (tmp_path / "Dockerfile").write_text("FROM scratch\nENV A=1\n")
+    hashes.add(context.content(image, context.stage(image), "base"))
+    assert len(hashes) == 5
+
+
+def test_staged_files_have_one_time_and_plain_modes(image: Image) -> None:
+    folder = context.stage(image)
+    found = {p.name: (p.stat().st_mtime, p.stat().st_mode & 0o777) for p in folder.iterdir()}
+    assert found == {"program": (context.EPOCH, 0o755), "Dockerfile": (context.EPOCH, 0o644)}
+
+
+def test_an_incomplete_archive_does_not_count(image: Image) -> None:
+    archive = build.archive_of(image)
+    archive.parent.mkdir(parents=True)
+    assert build.recorded(image) == ""
+    archive.write_bytes(b"12345")
+    record = {"image": image.reference, "content": "abc", "size": 5}
+    archive.with_suffix(".json").write_text(json.dumps(record))
+    assert build.recorded(image) == "abc"
+    archive.write_bytes(b"123")
+    assert build.recorded(image) == ""
+
+
+def test_every_dockerfile_starts_from_the_pinned_base() -> None:
+    for image in IMAGES:
+        starts = [
+            line.split()[1]
+            for line in image.dockerfile.read_text().splitlines()
+            if line.startswith("FROM ")
+        ]
+        assert set(starts) <= {context.BASE, "scratch"}
+        assert starts
