@@ -47,3 +47,13 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
   resources: [events]
   verbs: [create]
 {{- end }}
+
+{{/* Whether this release has the CRD: the values want it, and nobody else has put it there. The CRD
+     is a template and not in the folder crds/, which Helm never upgrades; and it outlives its
+     release, so a later release must live with it instead of failing. */}}
+{{- define "bagpipe.ownsCrd" -}}
+{{- $found := lookup "apiextensions.k8s.io/v1" "CustomResourceDefinition" "" "simulationjobs.sim.bagpipe.io" -}}
+{{- $notes := dig "metadata" "annotations" dict ($found | default dict) -}}
+{{- $mine := and (eq (get $notes "meta.helm.sh/release-name") .Release.Name) (eq (get $notes "meta.helm.sh/release-namespace") .Release.Namespace) -}}
+{{- if and .Values.crds.install (or (not $found) $mine) }}yes{{ else }}no{{ end }}
+{{- end }}

@@ -78,10 +78,11 @@ class KubernetesApi:
             content_type="application/merge-patch+json",
         )
 
-    async def jobs_served(self, namespace: str | None) -> None:
-        """Lists one job: raises ApiError 404 as long as the CRD is not there."""
+    async def check_watchable(self, namespace: str | None) -> None:
+        """Raises ApiError when the CRD is not there, or jobs or pods may not be listed."""
         scope = f"/namespaces/{namespace}" if namespace else ""
         await self._call("GET", f"/apis/{names.API_VERSION}{scope}/{names.PLURAL}?limit=1")
+        await self._call("GET", f"/api/v1{scope}/pods?limit=1")
 
     @staticmethod
     def _job_path(namespace: str, name: str) -> str:

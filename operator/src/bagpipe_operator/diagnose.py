@@ -103,8 +103,7 @@ def _of_waiting(pod: PodView, container: ContainerView) -> list[Trouble]:
         reason = _IMAGE_REASONS.get((pod.role, container.name), reasons.CONTAINER_NOT_STARTING)
         message = (
             f"Image {container.image} of container {container.name} in pod {pod.name} can't be "
-            f"had ({why}): {said} Correct the image's name or make it pullable, "
-            "and create the job again."
+            f"had ({why}): {said} {_advice(container.name)}"
         )
         return [Trouble(reason, pod.name, message, container.name)]
     if why in _START:
@@ -114,6 +113,15 @@ def _of_waiting(pod: PodView, container: ContainerView) -> list[Trouble]:
         )
         return [Trouble(reasons.CONTAINER_NOT_STARTING, pod.name, message, container.name)]
     return []
+
+
+def _advice(container: str) -> str:
+    if container == names.CONTAINER_STACK:
+        return "Correct spec.stack.image or make it pullable, and create the job again."
+    return (
+        "It is Bagpipe's own image: an administrator sets it by images.registry and images.tag of "
+        "the Helm chart, or loads it into the nodes."
+    )
 
 
 def _of_memory(pod: PodView, container: ContainerView) -> list[Trouble]:

@@ -26,9 +26,9 @@ from bagpipe_operator.work import work
 
 logger = logging.getLogger("bagpipe_operator")
 
-# How long the CRD may come after the operator, as it does when a chart is applied in one go.
-CRD_SECONDS = 120.0
-CRD_POLL_SECONDS = 2.0
+# How long CRD and rights may come after the operator, as when a chart is applied in one go.
+WATCHABLE_SECONDS = 120.0
+WATCHABLE_POLL_SECONDS = 2.0
 
 
 def main() -> None:
@@ -60,7 +60,7 @@ async def run(settings: Settings) -> None:
         application = serve.application(health, metrics)
         runner = await serve.start(application, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
-        await wait_for_crd(api, settings)
+        await wait_until_watchable(api, settings)
 
         drivers = ProgressReader(session, settings.progress_seconds)
         reconciler = Reconciler(api, view, drivers, settings)
@@ -98,20 +98,21 @@ async def _client() -> AsyncIterator[ApiClient]:
         yield client
 
 
-async def wait_for_crd(api: KubernetesApi, settings: Settings) -> None:
-    """Returns once SimulationJobs are served; raises the last ApiError after CRD_SECONDS.
+async def wait_until_watchable(api: KubernetesApi, settings: Settings) -> None:
+    """Returns once SimulationJobs and pods can be listed; raises the last ApiError in the end.
 
-    kopf looks for the resource once, at its start, and would then watch nothing for ever.
+    kopf looks for the resource once, at its start, and would then watch nothing for ever; and it
+    goes on without a word where it lacks the right to watch.
     """
-    namespace = settings.watch_namespaces[0] if settings.watch_namespaces else None
-    deadline = asyncio.get_running_loop().time() + CRD_SECONDS
+    deadline = asyncio.get_running_loop().time() + WATCHABLE_SECONDS
     while True:
         try:
-            await api.jobs_served(namespace)
+            for namespace in settings.watch_namespaces or (None,):
+                await api.check_watchable(namespace)
         except ApiError as error:
             if asyncio.get_running_loop().time() > deadline:
                 raise
-            logger.warning("SimulationJobs can't be listed yet: %s", error)
+            logger.warning("SimulationJobs can't be watched yet: %s", error)
         else:
             return
-        await asyncio.sleep(CRD_POLL_SECONDS)
+        await asyncio.sleep(WATCHABLE_POLL_SECONDS)

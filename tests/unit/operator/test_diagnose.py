@@ -31,7 +31,7 @@ def test_every_word_for_a_missing_image_is_understood(word: str) -> None:
     )
     assert trouble.message == (
         f"Image example/lane:2 of container stack in pod x-1-exec-1 can't be had ({word}): no such "
-        "host. Correct the image's name or make it pullable, and create the job again."
+        "host. Correct spec.stack.image or make it pullable, and create the job again."
     )
 
 
@@ -45,7 +45,10 @@ def test_every_word_for_a_missing_image_is_understood(word: str) -> None:
     ],
 )
 def test_the_reason_tells_whose_image_it_is(pod: PodBuilder, container: str, reason: str) -> None:
-    assert only(pod.waiting(container, "ErrImagePull")).reason == reason
+    trouble = only(pod.waiting(container, "ErrImagePull"))
+    assert trouble.reason == reason
+    whose = "Correct spec.stack.image" if container == "stack" else "It is Bagpipe's own image"
+    assert whose in trouble.message
 
 
 def test_two_words_of_one_trouble_have_one_key() -> None:

@@ -150,7 +150,7 @@ def test_a_stuck_image_is_told_at_once_and_ends_the_job_at_the_bound() -> None:
     message = next(c["message"] for c in written[-1]["conditions"] if c["type"] == "Failed")
     assert message == (
         "Image example/lane:1 of container stack in pod x-1-exec-1 can't be had "
-        "(ImagePullBackOff): Back-off. Correct the image's name or make it pullable, and create "
+        "(ImagePullBackOff): Back-off. Correct spec.stack.image or make it pullable, and create "
         "the job again. The job was ended after 30 s of this."
     )
     assert [s["cases"]["running"] for s in written] == [2, 2, 0]
