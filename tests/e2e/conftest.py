@@ -1,0 +1,63 @@
+"""A namespace of the run's own, on the cluster of KUBECONFIG with the operator installed."""
+
+import json
+import os
+import subprocess
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.e2e import kubectl as k
+from tests.e2e.recording import fetch
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "docs/examples/robot-state-publisher"
+
+
+@pytest.fixture(scope="session")
+def namespace() -> Iterator[str]:
+    """A fresh namespace with the driver's rights and both claims; removed after the run."""
+    name = f"bagpipe-e2e-{uuid.uuid4().hex[:6]}"
+    k.kubectl("create", "namespace", name)
+    k.kubectl("apply", "-f", "-", given=_driver_rights(name))
+    k.kubectl("-n", name, "apply", "-f", str(EXAMPLE / "volumes.yaml"))
+    k.start_toolbox(name)
+    yield name
+    k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=100s")
+
+
+def _driver_rights(namespace: str) -> str:
+    """What the chart gives the drivers of a job namespace, for this one."""
+    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
+    environment = dict(os.environ)
+    environment["PATH"] = f"{cache / 'bin/tools'}:{environment['PATH']}"
+    return subprocess.run(
+        [
+            *("helm", "template", "bagpipe", str(ROOT / "charts/bagpipe")),
+            *("--show-only", "templates/driver-rights.yaml"),
+            *("--set-json", f"jobNamespaces={json.dumps([namespace])}"),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+        env=environment,
+    ).stdout
+
+
+@pytest.fixture(scope="session")
+def recordings(namespace: str, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """The real recording on the claim, and every way in which a bag can be wrong beside it."""
+    folder = tmp_path_factory.mktemp("recordings")
+    whole = fetch()
+    cut = folder / "cut.bag"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
+    empty = folder / "empty.bag"
+    empty.touch()
+    text = folder / "text.bag"
+    text.write_text("This is no bag.\n")
+    k.put(namespace, whole, "pr2/joint_states.bag")
+    for bad in (cut, empty, text):
+        k.put(namespace, bad, f"bad/{bad.name}")

@@ -1,0 +1,64 @@
+"""SimulationJobs for the end-to-end tests: the example's job, small and fast, changed as told."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tests.e2e import kubectl as k
+
+EXAMPLE = Path(__file__).parents[2] / "docs/examples/robot-state-publisher/job.yaml"
+_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
+
+
+def example() -> k.Object:
+    """The example's manifest as it is."""
+    loaded: k.Object = yaml.safe_load(EXAMPLE.read_text())
+    return loaded
+
+
+def make_job(name: str, **changed: dict[str, Any]) -> k.Object:
+    """The example's job on one executor, one fragment per bag, with spec sections updated."""
+    job = example()
+    job["metadata"]["name"] = name
+    spec = job["spec"]
+    spec["source"]["fragment"] = {"length": "60s"}
+    spec["spark"] = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
+    spec["playback"] = {"mode": "realtime", "rate": 1.0, "subscribeTimeout": "10s"}
+    for section, fields in changed.items():
+        spec[section] = spec[section] | fields
+    return job
+
+
+def apply(namespace: str, job: k.Object) -> None:
+    """kubectl apply a job."""
+    k.kubectl("-n", namespace, "apply", "-f", "-", given=json.dumps(job))
+
+
+def ended(namespace: str, name: str, seconds: float) -> k.Object:
+    """The job once it is Complete or Failed."""
+
+    def look() -> k.Object | None:
+        job = k.get(namespace, "simjob", name)
+        return job if job.get("status", {}).get("phase") in ("Complete", "Failed") else None
+
+    return k.await_that(f"{name} to end", look, seconds)
+
+
+def condition(job: k.Object, kind: str) -> k.Object:
+    """A condition of a job by its type. Raises KeyError."""
+    return {each["type"]: each for each in job["status"]["conditions"]}[kind]
+
+
+def delete(namespace: str, name: str) -> None:
+    """kubectl delete a job and wait until it is gone."""
+    k.kubectl("-n", namespace, "delete", "simjob", name, "--wait=true", "--timeout=60s")
+
+
+def objects_of(namespace: str) -> list[str]:
+    """Every pod, ConfigMap and job of a namespace but the tests' own toolbox and the cluster's."""
+    found = k.items(namespace, "simjobs,pods,configmaps")
+    names = [f"{each['kind']}/{each['metadata']['name']}" for each in found]
+    own = {f"Pod/{k.TOOLBOX}", "ConfigMap/kube-root-ca.crt"}
+    return sorted(set(names) - own)

@@ -1,0 +1,109 @@
+"""Bad input: each ends its job as Failed in bounded time, with a reason and a sentence."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from tests.e2e import jobs
+from tests.e2e import kubectl as k
+
+pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
+
+
+@dataclass(frozen=True)
+class Bad:
+    """A job's changed sections and what the user must read."""
+
+    name: str
+    changed: dict[str, dict[str, Any]]
+    reason: str
+    words: str
+
+
+def bags(*names: str) -> dict[str, dict[str, Any]]:
+    return {"source": {"bags": [f"pvc://recordings/{name}" for name in names]}}
+
+
+def stack(**fields: Any) -> dict[str, dict[str, Any]]:
+    return {"stack": fields}
+
+
+CRASH = "echo 'the laser is on fire' >&2; exit 3"
+
+BAGS = [
+    Bad("bag-missing", bags("no/such.bag"), "BagMissing", "pvc://recordings/no/such.bag"),
+    Bad("bag-unreadable", bags("bad/text.bag"), "BagUnreadable", "expected b'#ROSBAG V2.0"),
+    Bad("bag-empty", bags("bad/empty.bag"), "BagEmpty", "0 bytes"),
+    Bad("bag-cut", bags("bad/cut.bag"), "BagCut", "the file ends at byte 389444"),
+    Bad(
+        "no-topics",
+        {"source": {"topics": ["/camera"]}},
+        "NoMatchingTopics",
+        "it has /joint_states",
+    ),
+]
+STACKS = [
+    Bad("no-image", stack(image="bagpipe.local/none:9"), "StackImageUnavailable", "none:9"),
+    Bad("no-command", stack(command=["flyby"]), "CommandNotFound", "flyby"),
+    Bad(
+        "no-rosmaster",
+        stack(image="bagpipe.local/operator:0.1.0", command=["sleep", "100"]),
+        "RosMasterNotFound",
+        "python3-rosmaster",
+    ),
+    Bad("never-subscribes", stack(command=["sleep", "100"]), "NeverSubscribed", "/joint_states"),
+    Bad("crashes", stack(command=["sh", "-c", CRASH]), "StackExited", "status 3"),
+]
+
+
+@pytest.fixture(scope="module")
+def ended(namespace: str) -> Iterator[dict[str, k.Object]]:
+    """All bad jobs, run side by side, and how each ended."""
+    for bad in BAGS + STACKS:
+        jobs.apply(namespace, jobs.make_job(bad.name, **bad.changed))
+    yield {bad.name: jobs.ended(namespace, bad.name, 240) for bad in BAGS + STACKS}
+    for bad in BAGS + STACKS:
+        jobs.delete(namespace, bad.name)
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 90)
+
+
+@pytest.mark.parametrize("bad", BAGS + STACKS, ids=lambda bad: bad.name)
+def test_the_job_fails_with_a_reason_and_a_sentence(
+    bad: Bad, ended: dict[str, k.Object], namespace: str
+) -> None:
+    job = ended[bad.name]
+    failed = jobs.condition(job, "Failed")
+    assert job["status"]["phase"] == "Failed"
+    assert (failed["status"], failed["reason"]) == ("True", bad.reason)
+    assert bad.words in failed["message"]
+    described = k.kubectl("-n", namespace, "describe", "simjob", bad.name)
+    assert bad.reason in described.split("Events:")[1]
+
+
+def test_a_crashed_stacks_stderr_is_in_the_result(
+    ended: dict[str, k.Object], namespace: str
+) -> None:
+    status = ended["crashes"]["status"]
+    assert status["cases"]["errored"] == 1
+    _, (row,) = k.results(namespace, status["results"])
+    assert (row["outcome"], row["reason"], row["recorded"]) == ("errored", "StackExited", None)
+    assert "the laser is on fire" in row["stderr"]
+
+
+def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
+    name = "cut-beside-whole"
+    job = jobs.make_job(name, **bags("bad/cut.bag", "pr2/joint_states.bag"))
+    jobs.apply(namespace, job)
+    status = jobs.ended(namespace, name, 180)["status"]
+    assert (status["cases"]["passed"], status["cases"]["errored"]) == (1, 1)
+    assert status["failures"] == [
+        {"case": "cut", "reason": "BagCut", "message": status["failures"][0]["message"]}
+    ]
+    manifest, _ = k.results(namespace, status["results"])
+    assert {case["case"]: case["outcome"] for case in manifest["cases"]} == {
+        "cut": "errored",
+        "joint_states-0000": "passed",
+    }
+    jobs.delete(namespace, name)

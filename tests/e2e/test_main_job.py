@@ -1,0 +1,83 @@
+"""The example's job, as a newcomer applies it: every message counted, real bags left behind."""
+
+import itertools
+import posixpath
+
+import pytest
+import yaml
+
+from tests.e2e import jobs
+from tests.e2e import kubectl as k
+from tests.e2e.recording import MESSAGES
+
+pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
+
+
+def recorded_topics(namespace: str, path: str) -> dict[str, int]:
+    """Messages per topic, as Debian's rosbag counts them."""
+    info = yaml.safe_load(k.in_toolbox(namespace, "rosbag", "info", "--yaml", path))
+    return {topic["topic"]: topic["messages"] for topic in info["topics"]}
+
+
+def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
+    jobs.apply(namespace, jobs.example())
+    name = "robot-state-publisher"
+    executors = k.await_that(
+        "both executors",
+        lambda: (
+            (pods := k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor"))
+            and len(pods) == 2
+            and pods
+        ),
+        90,
+    )
+    for pod in executors:
+        assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
+        assert pod["spec"]["automountServiceAccountToken"] is False
+    k.kubectl(
+        *("-n", namespace, "wait", "--for=condition=Complete", f"simjob/{name}"),
+        "--timeout=180s",
+        seconds=200,
+    )
+    job = k.get(namespace, "simjob", name)
+    status = job["status"]
+    assert status["verdict"] == "Passed"
+    assert (status["cases"]["planned"], status["cases"]["passed"]) == (4, 4)
+    assert (status["cases"]["failed"], status["cases"]["errored"]) == (0, 0)
+    assert status["ledger"]["sent"] == status["ledger"]["received"] == MESSAGES
+    assert status["ledger"]["dropped"] == 0
+    assert status["observedGeneration"] == job["metadata"]["generation"]
+    assert status["startTime"] < status["completionTime"]
+
+    manifest, rows = k.results(namespace, status["results"])
+    assert manifest["ledger"]["sent"] == MESSAGES
+    assert [row["outcome"] for row in rows] == ["passed"] * 4
+    windows = [row["window"] for row in rows]
+    for before, after in itertools.pairwise(windows):
+        assert before[2] == after[1]
+    folder = "/" + status["results"].removeprefix("pvc://")
+    for row in rows:
+        topics = recorded_topics(namespace, posixpath.join(folder, row["recorded"]))
+        counted = {t["topic"]: t["messages"] for t in row["result"]["recorded"]["topics"]}
+        assert topics == counted
+        assert topics["/tf_static"] == 1
+        assert topics["/tf"] > 40 * (row["window"][2] - row["window"][1]) / 1e9
+
+    table = k.kubectl("-n", namespace, "get", "simjob", name)
+    assert table.splitlines()[0].split()[:5] == ["NAME", "PHASE", "CASES", "PASSED", "FAILED"]
+    assert table.splitlines()[1].split()[:4] == [name, "Complete", "4", "4"]
+    jobs.delete(namespace, name)
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)
+
+
+def test_deleting_a_running_job_leaves_nothing_behind(namespace: str) -> None:
+    job = jobs.make_job("deleted-midway", playback={"rate": 0.2})
+    jobs.apply(namespace, job)
+
+    def running() -> bool:
+        status = k.get(namespace, "simjob", "deleted-midway").get("status", {})
+        return status.get("cases", {}).get("running", 0) == 1
+
+    k.await_that("its case to run", running, 120)
+    jobs.delete(namespace, "deleted-midway")
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)

@@ -1,0 +1,120 @@
+"""The real agent as a process, with slots below a folder of the test's own."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+_ENDS_SECONDS = 15
+
+
+@dataclass(frozen=True)
+class RunningAgent:
+    """A serving agent: its shared folder, its process, and the log it writes."""
+
+    shared: Path
+    process: subprocess.Popen[bytes]
+    log: Path
+
+    def descendants(self) -> list[int]:
+        """Every process below the agent's own slots: what its cases started and did not end."""
+        return [pid for pid in _below(self.process.pid) if not _is_agent(pid)]
+
+
+@pytest.fixture(scope="session")
+def agent_binary() -> Path:
+    """The static agent, built as the images build it."""
+    command = [sys.executable, "-c", "import context; print(context.agent_binary())"]
+    done = subprocess.run(
+        command, cwd=ROOT / "images", capture_output=True, text=True, timeout=1800, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return Path(done.stdout.strip().splitlines()[-1])
+
+
+@pytest.fixture
+def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., RunningAgent]]:
+    """Start an agent with a number of slots; it is ended after the test."""
+    started: list[RunningAgent] = []
+
+    def start(slots: int = 1, path: str | None = None) -> RunningAgent:
+        shared = tmp_path / f"shared{len(started)}"
+        shared.mkdir()
+        log = tmp_path / f"agent{len(started)}.log"
+        environment = dict(os.environ)
+        # Debian's ROS tools are scripts of Debian's Python, not of the tests' environment.
+        environment["PATH"] = path or "/usr/lib/robot_state_publisher:/usr/bin:/bin"
+        command = [agent_binary, "serve", "--shared", shared, "--slots", str(slots)]
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                [*command, "--master-port", str(_free_ports(slots))],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env=environment,
+                start_new_session=True,
+            )
+        agent = RunningAgent(shared, process, log)
+        started.append(agent)
+        _await_ready(agent_binary, agent)
+        return agent
+
+    yield start
+    for agent in started:
+        agent.process.send_signal(signal.SIGTERM)
+        agent.process.wait(timeout=_ENDS_SECONDS)
+
+
+def _await_ready(binary: Path, agent: RunningAgent) -> None:
+    deadline = time.monotonic() + 10
+    pause = threading.Event()
+    while subprocess.run([binary, "ready", "--shared", agent.shared], check=False).returncode:
+        assert agent.process.poll() is None, agent.log.read_text()
+        assert time.monotonic() < deadline, agent.log.read_text()
+        pause.wait(0.02)
+
+
+def _free_ports(count: int) -> int:
+    """The first of `count` neighbouring ports that are free now."""
+    for first in range(21311, 31311, 97):
+        with_all = []
+        try:
+            for port in range(first, first + count):
+                probe = socket.socket()
+                with_all.append(probe)
+                probe.bind(("127.0.0.1", port))
+        except OSError:
+            continue
+        else:
+            return first
+        finally:
+            for probe in with_all:
+                probe.close()
+    raise AssertionError("no free ports for the ROS masters")
+
+
+def _below(pid: int) -> list[int]:
+    found = []
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            children = [int(child) for child in task.read_text().split()]
+        except OSError:
+            continue
+        for child in children:
+            found += [child, *_below(child)]
+    return found
+
+
+def _is_agent(pid: int) -> bool:
+    try:
+        return b"bagpipe-agent" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return True

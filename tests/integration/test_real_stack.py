@@ -1,0 +1,81 @@
+"""The worker, the agent and Debian's unmodified robot_state_publisher on the real recording."""
+
+import collections
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from bagpipe.plan.cases import plan
+from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
+from tests.e2e.recording import MESSAGES, fetch
+from tests.integration.conftest import ROOT, RunningAgent
+
+pytestmark = pytest.mark.integration
+
+EXAMPLE = ROOT / "docs/examples/robot-state-publisher/job.yaml"
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> dict[str, str]:
+    claims = {name: tmp_path / name for name in ("recordings", "results")}
+    for path in claims.values():
+        path.mkdir()
+    (claims["recordings"] / "pr2").mkdir()
+    (claims["recordings"] / "pr2/joint_states.bag").symlink_to(fetch())
+    return {name: str(path) for name, path in claims.items()}
+
+
+def spec_with(**stack: Any) -> SimulationJobSpec:
+    """The example's spec with fields of its stack replaced."""
+    spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
+    spec["stack"] |= stack
+    return SimulationJobSpec.model_validate(spec)
+
+
+def run_all(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> list[Row]:
+    cases = plan(spec, Storage(folders)).cases
+    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    return [run_case(case, context) for case in cases]
+
+
+def run_one(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> Row:
+    case = plan(spec, Storage(folders)).cases[0]
+    return run_case(
+        case, RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    )
+
+
+def rosbag_info(path: Path) -> dict[str, Any]:
+    command = ["/usr/bin/python3", "/usr/bin/rosbag", "info", "--yaml", str(path)]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
+    loaded: dict[str, Any] = yaml.safe_load(told)
+    return loaded
+
+
+def test_every_message_of_the_recording_is_sent_and_received_once(
+    folders: dict[str, str], start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent()
+    rows = run_all(spec_with(), folders, agent)
+    print(json.dumps(rows, indent=1))
+    assert [row["outcome"] for row in rows] == ["passed"] * 4
+    ledger: collections.Counter[str] = collections.Counter()
+    for row in rows:
+        ledger.update({k: v for k, v in row["result"]["ledger"].items() if k != "topics"})
+    assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
+    assert ledger["lead_in"] == pytest.approx(300, abs=6)
+    for row in rows:
+        info = rosbag_info(Path(folders["results"]) / "r" / row["recorded"])
+        counts = {topic["topic"]: topic["messages"] for topic in info["topics"]}
+        assert counts["/tf_static"] == 1
+        seconds = (row["window"][2] - row["window"][1]) / 1e9
+        assert 40 * seconds < counts["/tf"] < 130 * seconds
+        assert info["start"] >= row["window"][1] / 1e9
+    assert agent.descendants() == []
