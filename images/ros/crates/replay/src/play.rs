@@ -96,6 +96,20 @@ impl<'a> Player<'a> {
         &self.played
     }
 
+    /// In realtime, waits until bag time `until` is due, as after a lead-in that has no
+    /// message right before the window.
+    pub(crate) fn wait_until(
+        &mut self,
+        until: u64,
+        schedule: Schedule,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        match self.mode {
+            Mode::Realtime => self.wait_for(until, schedule, watch),
+            Mode::Max => Ok(()),
+        }
+    }
+
     /// Sends what was latched before the lead-in, at the lead-in's start.
     pub(crate) fn play_latched(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
         for &place in &self.plan.latched {
@@ -104,15 +118,20 @@ impl<'a> Player<'a> {
         Ok(())
     }
 
-    /// Plays a range that begins at bag time `from`, beginning now.
+    /// The times of a range that begins at bag time `from`, now.
+    pub(crate) fn schedule(&self, from: u64) -> Schedule {
+        Schedule { epoch: Instant::now(), bag: from, rate: self.rate }
+    }
+
+    /// Plays a range by a schedule that has just been made.
     pub(crate) fn play(
         &mut self,
         range: Range<usize>,
-        from: u64,
+        schedule: Schedule,
         share: Share,
         watch: &mut Watch<'_>,
     ) -> Result<Pace, ReplayError> {
-        let schedule = Schedule { epoch: Instant::now(), bag: from, rate: self.rate };
+        let from = schedule.bag;
         match self.mode {
             Mode::Realtime => self.clock.run(schedule.epoch, from, self.rate),
             Mode::Max => self.clock.stand(from),

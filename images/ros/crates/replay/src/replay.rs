@@ -19,8 +19,10 @@ use crate::subscribe::{Discovery, wait_for_stack};
 use crate::watch::Watch;
 use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
 
-/// The deadline of every call to the master and to nodes.
+/// The deadline of every call to the master and of every handshake.
 const CALL: Duration = Duration::from_secs(3);
+/// The deadline of a question to a node; roscpp and rospy answer within milliseconds.
+const ASK: Duration = Duration::from_secs(2);
 /// How often nodes are asked and topics are sought during the play.
 const ROUND: Duration = Duration::from_millis(500);
 /// The pause between two rounds of questions when the answers are awaited.
@@ -98,21 +100,20 @@ fn perform(
     wait_for_stack(&discovery, &mut player, request, watch)?;
     let subscribe = laps.lap();
 
-    let audit = Audit::new(node.master().clone(), node.slave_uri(), CALL);
+    let audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
     let rounds = Rounds::new(Proof::new(audit), player.publications().to_vec());
     let window = request.window;
     let (lead_in, pace) = std::thread::scope(|scope| {
         scope.spawn(|| rounds.run(&discovery));
         let _ends = EndOnDrop(&rounds);
         watch.enter(Stage::LeadIn);
-        player.play_latched(watch)?;
-        player.play(plan.lead_in.clone(), window.lead_in_start, Share::LeadIn, watch)?;
-        end_lead_in(&rounds, &player, watch)?;
+        warm_up(&rounds, &mut player, plan, request, watch)?;
         let lead_in = laps.lap();
         watch.enter(Stage::Play);
         clock.stand(window.start);
         recorder.count_from(window.start);
-        let pace = player.play(plan.counted.clone(), window.start, Share::Counted, watch)?;
+        let schedule = player.schedule(window.start);
+        let pace = player.play(plan.counted.clone(), schedule, Share::Counted, watch)?;
         Ok::<_, ReplayError>((lead_in, pace))
     })?;
     let play = laps.lap();
@@ -132,16 +133,36 @@ fn perform(
     })
 }
 
-/// Waits until the lead-in has been received, so that it can be told apart. The clock
-/// stands meanwhile. Without a lead-in there is nothing to wait for.
-fn end_lead_in(
+/// Plays what is latched, and then the lead-in; each is received before the next thing
+/// begins, since no order holds between the connections of different topics.
+fn warm_up(
+    rounds: &Rounds,
+    player: &mut Player<'_>,
+    plan: &Plan<'_>,
+    request: &ReplayRequest,
+    watch: &mut Watch<'_>,
+) -> Result<(), ReplayError> {
+    let window = request.window;
+    if !plan.latched.is_empty() {
+        player.play_latched(watch)?;
+        await_lead_in(rounds, player, watch)?;
+    }
+    let schedule = player.schedule(window.lead_in_start);
+    player.play(plan.lead_in.clone(), schedule, Share::LeadIn, watch)?;
+    player.wait_until(window.start, schedule, watch)?;
+    if !plan.lead_in.is_empty() {
+        await_lead_in(rounds, player, watch)?;
+    }
+    Ok(())
+}
+
+/// Waits until what was sent of the lead-in has been received, so that it can be told
+/// apart from the window. Bag time stands meanwhile.
+fn await_lead_in(
     rounds: &Rounds,
     player: &Player<'_>,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
-    if player.played().iter().all(|topic| topic.lead_in == 0) {
-        return Ok(());
-    }
     let patience = Patience { deadline: Instant::now() + LEAD_IN, stable: LEAD_IN_STABLE };
     let mut proof = rounds.proof.lock().unwrap_or_else(PoisonError::into_inner);
     let settled: Settled = proof.settle(player.publications(), &patience, || {

@@ -154,3 +154,21 @@ fn realtime_keeps_the_bags_times_at_the_asked_rate() {
         assert!((0..200 * MS as i64).contains(&after), "{after} ns after its input");
     }
 }
+
+#[test]
+fn the_time_between_the_last_warm_up_message_and_the_window_passes_too() {
+    let bag =
+        bag_of_words(&[words("/talk", "/t", false)], &[(0, 1_000, "warm"), (0, 2_100, "one")]);
+    let graph = Graph::start(TMP);
+    let _node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    request.rate = 2.0;
+    request.window = Window { lead_in_start: 1_000 * MS, start: 2_000 * MS, end: 3_000 * MS };
+    let replayed = run(&bag, &request).unwrap();
+    // A second of lead-in and 0.1 s of window, twice as fast.
+    let timings = replayed.timings;
+    assert!((0.5..0.9).contains(&timings.lead_in), "{timings:?}");
+    assert!((0.05..0.3).contains(&timings.play), "{timings:?}");
+    assert_eq!((replayed.ledger.lead_in, replayed.ledger.received), (1, 1));
+}
