@@ -6,7 +6,7 @@ mod scene;
 
 use bagpipe_replay::LedgerSubscriber;
 use graph::{Graph, Process, compile, wait_until};
-use scene::{TMP, node, pr2, read_back, request, run};
+use scene::{TMP, node, pr2, read_back, recording, request, run};
 
 const PR2: u64 = 1598;
 
@@ -123,4 +123,31 @@ fn two_nodes_on_one_topic_are_two_lines_and_the_worst_one_counts() {
     assert!(lines[0].dropped > 0);
     assert_eq!(replayed.ledger.received, lines[0].received);
     assert_eq!(replayed.ledger.dropped, lines[0].dropped);
+}
+
+#[test]
+fn every_topic_of_the_other_real_recordings_arrives_whole() {
+    for (name, topics, messages) in
+        [("jackal_bz2.bag", 2, 6_121), ("luminar_lz4.bag", 3, 15), ("arrays.bag", 1, 20)]
+    {
+        let Some(bag) = recording(name) else { return };
+        let names: Vec<String> = bag.connections().iter().map(|c| absolute(&c.topic)).collect();
+        assert_eq!(names.len(), topics);
+        let graph = Graph::start(TMP);
+        let names: Vec<&str> = names.iter().map(String::as_str).collect();
+        let listener = graph.python(&node("any.py"), &names);
+        let mut request = request(&bag, &graph.uri);
+        request.topics = names.iter().map(|name| (*name).to_owned()).collect();
+        let replayed = run(&bag, &request).unwrap();
+        eprintln!("{name}: {:?}", replayed.playback);
+        let ledger = &replayed.ledger;
+        assert_eq!((ledger.sent, ledger.received, ledger.dropped), (messages, messages, 0));
+        wait_until("the last one was printed", || listener.last_number("seen ") == messages);
+        let sent: u64 = ledger.topics.iter().map(|topic| topic.subscribers[0].bytes).sum();
+        wait_until("its size too", || listener.last_number("bytes ") == sent);
+    }
+}
+
+fn absolute(topic: &str) -> String {
+    format!("/{}", topic.trim_start_matches('/'))
 }

@@ -16,11 +16,14 @@ pub fn node(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/nodes").join(name)
 }
 
-/// The real PR2 recording, 1,598 JointStates in 16 s; without it the test says so and is
-/// skipped.
+/// The real PR2 recording: 1,598 JointStates in 16 s.
 pub fn pr2() -> Option<Bag<MemoryChunkedFile>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../../../shared/data/pr2_joint_states_bz2.bag");
+    recording("pr2_joint_states_bz2.bag")
+}
+
+/// A real recording; where it is absent, the test says so and is skipped.
+pub fn recording(name: &str) -> Option<Bag<MemoryChunkedFile>> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../../shared/data").join(name);
     match std::fs::read(&path) {
         Ok(bytes) => Some(Bag::open(MemoryChunkedFile::new(bytes)).unwrap()),
         Err(_) => {
