@@ -48,6 +48,11 @@ class Cases(_Model):
     errored: Count = 0
     retried: Count = 0
 
+    @property
+    def begun(self) -> bool:
+        """Whether any case runs or has run."""
+        return self.running + self.passed + self.failed + self.invalid + self.errored > 0
+
 
 class Ledger(_Model):
     """Messages, over the cases that count."""

@@ -125,18 +125,28 @@ def _planned(seen: Observation, known: bool, progress: Progress | None) -> Condi
 
 def _running(seen: Observation, phase: str) -> Condition:
     trouble = next(iter(seen.troubles), None)
-    if phase == "Running" and (seen.executor_runs or trouble is None):
+    if phase == "Running" and seen.executor_runs:
         message = "Cases are running." + (f" {trouble.message}" if trouble else "")
         return Condition(conditions.RUNNING, True, reasons.CASES_RUNNING, message)
     if trouble is not None:
         return Condition(conditions.RUNNING, False, trouble.reason, trouble.message)
+    reason, message = _waiting_for(seen, phase)
+    return Condition(conditions.RUNNING, reason == reasons.CASES_RUNNING, reason, message)
+
+
+def _waiting_for(seen: Observation, phase: str) -> tuple[str, str]:
+    """What a job without trouble and without a running executor is at."""
     if phase == "Planning":
         said = seen.progress.message if seen.progress else ""
-        message = said or "The driver is planning the cases."
-        return Condition(conditions.RUNNING, False, reasons.PLANNING, message)
-    return Condition(
-        conditions.RUNNING, False, reasons.DRIVER_PENDING, "The driver's pod has not started yet."
-    )
+        return reasons.PLANNING, said or "The driver is planning the cases."
+    if phase != "Running":
+        return reasons.DRIVER_PENDING, "The driver's pod has not started yet."
+    before = conditions.find(seen.job.status.get("conditions") or [], conditions.RUNNING)
+    ran = before is not None and before["status"] == "True"
+    if seen.progress.cases.begun if seen.progress else ran:
+        # The watch of the executors is behind the driver's account, or the operator is new.
+        return reasons.CASES_RUNNING, "Cases are running."
+    return reasons.EXECUTORS_PENDING, "The cases wait for the executors' pods to start."
 
 
 def _ended_conditions(

@@ -6,64 +6,9 @@ import pytest
 import yaml
 
 from bagpipe_operator.api import ApiError
-from bagpipe_operator.reconcile import Reconciler
-from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import JobView, Json, PodView, View
-from tests.unit.operator.builders import (
-    Clock,
-    JobBuilder,
-    PodBuilder,
-    account,
-    make_driver,
-    make_executor,
-    make_job,
-)
-from tests.unit.operator.fakes import FakeApi, FakeDrivers, not_found
-
-UID = "uid-of-x"
-
-
-class World:
-    """A job, an operator, and a watch that delivers when it is told to."""
-
-    def __init__(self, job: JobBuilder | None = None) -> None:
-        self.clock = Clock()
-        self.api = FakeApi()
-        self.view = View()
-        self.drivers = FakeDrivers()
-        self.api.put("jobs", (job or make_job("x")).object)
-        self.deliver_job()
-        self.reconciler = self.restarted(self.view)
-
-    def restarted(self, view: View) -> Reconciler:
-        return Reconciler(
-            self.api, view, self.drivers, Settings(), self.clock.now, self.clock.monotonic
-        )
-
-    async def reconcile(self, after: float = 0) -> None:
-        self.clock.advance(after)
-        await self.reconciler.reconcile(UID)
-
-    def deliver_job(self) -> None:
-        self.view.put_job(JobView.from_object(self.api.objects["jobs", "x"]))
-
-    def deliver(self, *pods: PodBuilder) -> None:
-        """The kubelet and the watch: the pods' states reach the server and the view."""
-        for pod in pods:
-            self.api.put("pods", pod.object())
-            self.view.put_pod(pod.view())
-
-    def status(self) -> Json:
-        status: Json = self.api.objects["jobs", "x"].get("status") or {}
-        return status
-
-    def reason(self, type_: str) -> str:
-        found = next(c for c in self.status()["conditions"] if c["type"] == type_)
-        return f"{found['status']}/{found['reason']}"
-
-    def message(self, type_: str) -> str:
-        found = next(c for c in self.status()["conditions"] if c["type"] == type_)
-        return str(found["message"])
+from bagpipe_operator.view import JobView, PodView, View
+from tests.unit.operator.builders import account, make_driver, make_executor, make_job
+from tests.unit.operator.world import UID, World
 
 
 async def test_a_new_job_gets_its_children_one_status_and_one_event() -> None:
@@ -317,91 +262,6 @@ async def test_a_deleted_job_is_left_to_the_garbage_collector() -> None:
     world.view.drop_job(UID)
     await world.reconcile()
     assert world.api.calls == []
-
-
-class TestFaults:
-    async def test_a_conflict_is_read_again_and_then_succeeds(self) -> None:
-        world = World()
-        world.api.objects["jobs", "x"]["metadata"]["resourceVersion"] = "8"
-        with pytest.raises(ApiError, match="409"):
-            await world.reconcile()
-        assert world.status() == {}
-        assert world.api.event_reasons() == []
-        await world.reconcile()
-        assert world.status()["phase"] == "Pending"
-        assert world.api.event_reasons() == ["DriverCreated"]
-
-    async def test_a_job_that_is_gone_is_forgotten(self) -> None:
-        world = World()
-        del world.api.objects["jobs", "x"]
-        await world.reconcile()
-        assert world.view.job(UID) is None
-        assert world.api.event_reasons() == []
-
-    async def test_a_namesake_is_not_written_to(self) -> None:
-        world = World()
-        other = make_job("x").object
-        other["metadata"] |= {"uid": "another", "resourceVersion": "9"}
-        world.api.put("jobs", other)
-        with pytest.raises(ApiError, match="409"):
-            await world.reconcile()
-        assert world.view.job(UID) is None
-        assert world.status() == {}
-
-    @pytest.mark.parametrize(
-        "error",
-        [
-            ApiError(500, "InternalError", "etcdserver: leader changed"),
-            ApiError(429, "TooManyRequests", "try again"),
-            ApiError(0, "Unreachable", "timed out"),
-            not_found("namespace"),
-        ],
-    )
-    @pytest.mark.parametrize("call", ["create configmaps", "create pods"])
-    async def test_a_passing_fault_is_raised_and_leaves_no_mark(
-        self, call: str, error: ApiError
-    ) -> None:
-        world = World()
-        world.api.fail(call, error)
-        with pytest.raises(ApiError):
-            await world.reconcile()
-        assert world.status() == {}
-        await world.reconcile()
-        assert world.api.named("pods") == ["x-1-driver"]
-        assert world.status()["phase"] == "Pending"
-
-    async def test_an_event_that_can_not_be_written_stops_nothing(self) -> None:
-        world = World()
-        world.api.fail("create events", ApiError(500, "InternalError", "no"))
-        await world.reconcile()
-        assert world.status()["phase"] == "Pending"
-
-    async def test_no_event_without_its_status(self) -> None:
-        world = World()
-        world.api.fail("patch status", ApiError(500, "InternalError", "no"))
-        with pytest.raises(ApiError):
-            await world.reconcile()
-        assert world.api.event_reasons() == []
-
-    async def test_a_driver_that_can_not_be_deleted_is_deleted_later(self) -> None:
-        world = World()
-        await world.reconcile()
-        world.deliver(make_driver("x").waiting("driver", "InvalidImageName"))
-        await world.reconcile()
-        world.api.fail("delete x-1-driver", ApiError(500, "InternalError", "no"))
-        with pytest.raises(ApiError):
-            await world.reconcile(after=30)
-        assert world.reason("Failed") == "True/DriverImageUnavailable"
-        await world.reconcile()
-        assert world.api.named("pods") == []
-
-    async def test_a_late_watch_does_not_undo_what_was_written(self) -> None:
-        world = World()
-        stale = make_job("x").view()
-        await world.reconcile()
-        assert world.view.put_job(stale) is False
-        await world.reconcile()
-        assert world.api.calls.count("create pods") == 1
 
 
 def test_the_pod_of_another_attempt_is_no_driver_of_this_one() -> None:

@@ -55,34 +55,38 @@ def test_a_good_job_from_creation_to_its_end() -> None:
     planning = account("Planning", cases={}, ledger={})
     done = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
     executor = make_executor("x").running().view()
+    waiting = account(cases={"planned": 4})
     written = run(
         [
             observed,
             lambda job: observed(job, make_driver("x").view()),
             lambda job: observed(job, make_driver("x").running().view()),
             lambda job: observed(job, make_driver("x").running().view(), planning),
+            lambda job: observed(job, make_driver("x").running().view(), waiting),
             lambda job: observed(job, make_driver("x").running().view(), account(), [executor]),
             lambda job: observed(job, make_driver("x").ended(0, done).view()),
         ]
     )
     assert [s["phase"] for s in written] == [
-        "Pending", "Pending", "Planning", "Planning", "Running", "Complete",
+        "Pending", "Pending", "Planning", "Planning", "Running", "Running", "Complete",
     ]  # fmt: skip
     assert [true_conditions(s) for s in written] == [
         [],
         ["Accepted"],
         ["Accepted"],
         ["Accepted"],
+        ["Accepted", "Planned"],
         ["Accepted", "Planned", "Running"],
         ["Accepted", "Planned", "Complete"],
     ]
     assert [condition(s, "Running")[1] for s in written] == [
-        "DriverPending", "DriverPending", "Planning", "Planning", "CasesRunning", "JobFinished",
+        "DriverPending", "DriverPending", "Planning", "Planning", "ExecutorsPending",
+        "CasesRunning", "JobFinished",
     ]  # fmt: skip
     assert {s["observedGeneration"] for s in written} == {1}
     assert {s["startTime"] for s in written} == {"2026-11-20T04:00:00Z"}
     last = written[-1]
-    assert last["completionTime"] == "2026-11-20T04:00:50Z"
+    assert last["completionTime"] == "2026-11-20T04:01:00Z"
     assert last["verdict"] == "Passed"
     assert last["cases"] == {
         "planned": 4, "running": 0, "passed": 4, "failed": 0, "invalid": 0, "errored": 0,
@@ -127,6 +131,14 @@ def test_a_restarted_operator_keeps_what_it_can_not_see_yet() -> None:
     assert [blind["phase"], unanswered["phase"]] == ["Running", "Running"]
     assert blind["cases"]["planned"] == unanswered["cases"]["planned"] == 4
     assert condition(unanswered, "Planned") == ("True", "CasesPlanned")
+    assert (
+        condition(blind, "Running")
+        == condition(unanswered, "Running")
+        == (
+            "True",
+            "CasesRunning",
+        )
+    )
 
 
 def stuck(job: JobView, seconds: float) -> Observation:

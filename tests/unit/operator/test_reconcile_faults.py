@@ -1,0 +1,97 @@
+"""Faults of the API server (a fake, see fakes.py): nothing is lost and nothing is done twice."""
+
+import pytest
+
+from bagpipe_operator.api import ApiError
+from tests.unit.operator.builders import make_driver, make_job
+from tests.unit.operator.fakes import not_found
+from tests.unit.operator.world import UID, World
+
+
+async def test_a_conflict_is_read_again_and_then_succeeds() -> None:
+    world = World()
+    world.api.objects["jobs", "x"]["metadata"]["resourceVersion"] = "8"
+    with pytest.raises(ApiError, match="409"):
+        await world.reconcile()
+    assert world.status() == {}
+    assert world.api.event_reasons() == []
+    await world.reconcile()
+    assert world.status()["phase"] == "Pending"
+    assert world.api.event_reasons() == ["DriverCreated"]
+
+
+async def test_a_job_that_is_gone_is_forgotten() -> None:
+    world = World()
+    del world.api.objects["jobs", "x"]
+    await world.reconcile()
+    assert world.view.job(UID) is None
+    assert world.api.event_reasons() == []
+
+
+async def test_a_namesake_is_not_written_to() -> None:
+    world = World()
+    other = make_job("x").object
+    other["metadata"] |= {"uid": "another", "resourceVersion": "9"}
+    world.api.put("jobs", other)
+    with pytest.raises(ApiError, match="409"):
+        await world.reconcile()
+    assert world.view.job(UID) is None
+    assert world.status() == {}
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        ApiError(500, "InternalError", "etcdserver: leader changed"),
+        ApiError(429, "TooManyRequests", "try again"),
+        ApiError(0, "Unreachable", "timed out"),
+        not_found("namespace"),
+    ],
+)
+@pytest.mark.parametrize("call", ["create configmaps", "create pods"])
+async def test_a_passing_fault_is_raised_and_leaves_no_mark(call: str, error: ApiError) -> None:
+    world = World()
+    world.api.fail(call, error)
+    with pytest.raises(ApiError):
+        await world.reconcile()
+    assert world.status() == {}
+    await world.reconcile()
+    assert world.api.named("pods") == ["x-1-driver"]
+    assert world.status()["phase"] == "Pending"
+
+
+async def test_an_event_that_can_not_be_written_stops_nothing() -> None:
+    world = World()
+    world.api.fail("create events", ApiError(500, "InternalError", "no"))
+    await world.reconcile()
+    assert world.status()["phase"] == "Pending"
+
+
+async def test_no_event_without_its_status() -> None:
+    world = World()
+    world.api.fail("patch status", ApiError(500, "InternalError", "no"))
+    with pytest.raises(ApiError):
+        await world.reconcile()
+    assert world.api.event_reasons() == []
+
+
+async def test_a_driver_that_can_not_be_deleted_is_deleted_later() -> None:
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").waiting("driver", "InvalidImageName"))
+    await world.reconcile()
+    world.api.fail("delete x-1-driver", ApiError(500, "InternalError", "no"))
+    with pytest.raises(ApiError):
+        await world.reconcile(after=30)
+    assert world.reason("Failed") == "True/DriverImageUnavailable"
+    await world.reconcile()
+    assert world.api.named("pods") == []
+
+
+async def test_a_late_watch_does_not_undo_what_was_written() -> None:
+    world = World()
+    stale = make_job("x").view()
+    await world.reconcile()
+    assert world.view.put_job(stale) is False
+    await world.reconcile()
+    assert world.api.calls.count("create pods") == 1

@@ -1,0 +1,52 @@
+"""A job, an operator and a watch that delivers when it is told to, over the fakes."""
+
+from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import JobView, Json, View
+from tests.unit.operator.builders import Clock, JobBuilder, PodBuilder, make_job
+from tests.unit.operator.fakes import FakeApi, FakeDrivers
+
+UID = "uid-of-x"
+
+
+class World:
+    """A job, an operator, and a watch that delivers when it is told to."""
+
+    def __init__(self, job: JobBuilder | None = None) -> None:
+        self.clock = Clock()
+        self.api = FakeApi()
+        self.view = View()
+        self.drivers = FakeDrivers()
+        self.api.put("jobs", (job or make_job("x")).object)
+        self.deliver_job()
+        self.reconciler = self.restarted(self.view)
+
+    def restarted(self, view: View) -> Reconciler:
+        return Reconciler(
+            self.api, view, self.drivers, Settings(), self.clock.now, self.clock.monotonic
+        )
+
+    async def reconcile(self, after: float = 0) -> None:
+        self.clock.advance(after)
+        await self.reconciler.reconcile(UID)
+
+    def deliver_job(self) -> None:
+        self.view.put_job(JobView.from_object(self.api.objects["jobs", "x"]))
+
+    def deliver(self, *pods: PodBuilder) -> None:
+        """The kubelet and the watch: the pods' states reach the server and the view."""
+        for pod in pods:
+            self.api.put("pods", pod.object())
+            self.view.put_pod(pod.view())
+
+    def status(self) -> Json:
+        status: Json = self.api.objects["jobs", "x"].get("status") or {}
+        return status
+
+    def reason(self, type_: str) -> str:
+        found = next(c for c in self.status()["conditions"] if c["type"] == type_)
+        return f"{found['status']}/{found['reason']}"
+
+    def message(self, type_: str) -> str:
+        found = next(c for c in self.status()["conditions"] if c["type"] == type_)
+        return str(found["message"])
