@@ -123,4 +123,5 @@ endif
 
 .PHONY: clean
 clean: down ## Remove the caches as well (binaries, images, .venv)
-	$(STEP) "Removing $(BAGPIPE_CACHE) and .venv" -- rm -rf "$(BAGPIPE_CACHE)" .venv
+	$(STEP) "Removing $(BAGPIPE_CACHE) and .venv" -- \
+	  bash -euc 'python3 images/build.py --clean; rm -rf --one-file-system .venv'

@@ -97,8 +97,12 @@ def main() -> int:
     parser.add_argument(
         "--release", action="store_true", help="build nothing; end what was interrupted"
     )
+    parser.add_argument("--clean", action="store_true", help="remove the whole cache, and no mount")
     given = parser.parse_args()
     try:
+        if given.clean:
+            engines.remove_tree(cache())
+            return 0
         engine = engines.choose(given.engine)
         with locked():
             engine.release()

@@ -46,6 +46,25 @@ def temporary() -> Path:
     return folder
 
 
+def mounts_below(mountinfo: str, folder: Path) -> list[Path]:
+    """Mount points at or below a folder, from the text of /proc/self/mountinfo."""
+    points = [Path(line.split()[4].replace("\\040", " ")) for line in mountinfo.splitlines()]
+    return [p for p in points if p == folder or folder in p.parents]
+
+
+def remove_tree(folder: Path) -> None:
+    """Remove a folder, but never while anything is mounted below it: a deletion would go on
+    into the mounted file system, which may be the machine's own.
+    """
+    if not folder.exists():
+        return
+    mounted = mounts_below(Path("/proc/self/mountinfo").read_text(), folder.resolve())
+    if mounted:
+        listed = ", ".join(map(str, mounted))
+        raise BuildError(f"{folder} is not removed: unmount {listed} first, then try again.")
+    shutil.rmtree(folder)
+
+
 def logs(name: str) -> Path:
     return cache() / "images" / "logs" / f"{name}.log"
 
@@ -130,7 +149,11 @@ class Buildah:
         return done.stdout.strip() if done.returncode == 0 else None
 
     def release(self) -> None:
-        """Remove the working containers that an interrupted build left behind."""
+        """Remove the working containers and folders that an interrupted build left behind."""
+        for folder in temporary().glob("mmdebstrap.*"):
+            remove_tree(folder)
+        for tar in temporary().glob("debian-*.tar"):
+            tar.unlink()
         if (self._root / "storage").is_dir():
             self._ask("rm", "--all")
 
@@ -153,8 +176,12 @@ class Buildah:
 
     def _make_base(self) -> None:
         """A minimal Debian from the package registry, under the name of the published image."""
-        tar = temporary() / "debian.tar"
-        run(["mmdebstrap", "--variant=minbase", "bookworm", tar], log=logs("mmdebstrap"))
+        # A name of its own: the orphan of a killed build may still be writing the last one.
+        tar = temporary() / f"debian-{os.getpid()}.tar"
+        # Its proc, sys and dev are mounted in a namespace that ends with it: a killed one would
+        # else leave them below the cache, where a deletion of the cache would walk into them.
+        make = ["unshare", "--mount", "mmdebstrap", "--variant=minbase", "bookworm"]
+        run([*make, tar], log=logs("mmdebstrap"))
         container = self._ask("from", "scratch")
         if container is None:
             raise BuildError(f"buildah can't make a container below {self._root}.")

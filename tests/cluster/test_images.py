@@ -7,8 +7,9 @@ from pathlib import Path
 
 import build
 import context
+import engines
 import pytest
-from context import IMAGES, Image
+from context import IMAGES, BuildError, Image
 
 
 @pytest.fixture
@@ -78,3 +79,26 @@ def test_every_dockerfile_starts_from_the_pinned_base() -> None:
         ]
         assert set(starts) <= {context.BASE, "scratch"}
         assert starts
+
+
+def test_finds_mounts_below_a_folder_and_no_neighbours() -> None:
+    text = (
+        "45 27 0:39 / /c/tmp/mmdebstrap.a/dev/pts rw - devpts none rw\n"
+        "46 27 0:22 / /c/tmp/mmdebstrap.a/sys ro - sysfs sys rw\n"
+        "47 27 0:22 / /c/tmp/mmdebstrap.ab/sys ro - sysfs sys rw\n"
+    )
+    found = engines.mounts_below(text, Path("/c/tmp/mmdebstrap.a"))
+    assert found == [Path("/c/tmp/mmdebstrap.a/dev/pts"), Path("/c/tmp/mmdebstrap.a/sys")]
+
+
+def test_never_deletes_into_a_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "sys").mkdir()
+    (tmp_path / "sys" / "precious").write_text("x")
+    mounted = [tmp_path / "sys"]
+    monkeypatch.setattr(engines, "mounts_below", lambda *_: mounted)
+    with pytest.raises(BuildError, match="unmount"):
+        engines.remove_tree(tmp_path)
+    assert (tmp_path / "sys" / "precious").read_text() == "x"
+    mounted.clear()
+    engines.remove_tree(tmp_path)
+    assert not tmp_path.exists()

@@ -112,6 +112,9 @@ def down() -> None:
         network.remove(node)
     cgroups.remove()
     for root in (RUN, STATE):
+        # Looked at once more: a deletion would go on into whatever is mounted below.
+        if parse_mounts(Path("/proc/self/mountinfo").read_text(), [root]):
+            raise ClusterError(f"{root} is not removed: something is still mounted below it.")
         if root.exists():
             shutil.rmtree(root)
         if root.exists():
