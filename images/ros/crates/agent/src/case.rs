@@ -44,11 +44,23 @@ pub struct Stack {
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(try_from = "String")]
 pub enum Mode {
     #[default]
     Realtime,
     Max,
+}
+
+impl TryFrom<String> for Mode {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "realtime" => Ok(Self::Realtime),
+            "max" => Ok(Self::Max),
+            _ => Err(format!("playback.mode is {name:?}, not realtime or max")),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Deserialize)]

@@ -1,6 +1,7 @@
 //! Where things lie on the shared volume.
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use bagpipe_pipe::fifo;
@@ -76,6 +77,11 @@ impl SlotFolder {
 
     fn make(&self) -> Result<(), String> {
         fs::create_dir_all(&self.folder).map_err(|error| said(&self.folder, &error))?;
+        // Spark's workers run as another user and must reach the pipes.
+        for folder in self.folder.ancestors().take(2) {
+            fs::set_permissions(folder, Permissions::from_mode(0o755))
+                .map_err(|error| said(folder, &error))?;
+        }
         // A container that was restarted finds its predecessor's note.
         if self.listening().exists() {
             fs::remove_file(self.listening()).map_err(|error| said(&self.listening(), &error))?;

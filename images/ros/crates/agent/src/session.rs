@@ -1,12 +1,11 @@
 //! One session: HELLO, the bag, the case, and its answer.
 
 use std::cell::{Cell, RefCell};
-use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use bagpipe_pipe::{
-    Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, PROTOCOL, PipeError,
+    Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, Next, PROTOCOL, PipeError,
     WorkerHello, fifo, from_map, to_map,
 };
 
@@ -27,7 +26,7 @@ const HELLO: Duration = Duration::from_secs(10);
 const OPEN: Duration = Duration::from_secs(2);
 /// How long the worker may leave an answer's frame unread.
 const ANSWER: Duration = Duration::from_secs(30);
-/// How long the worker may keep its end open after the answer.
+/// How long a worker may go on writing after a session that broke off.
 const CLOSE: Duration = Duration::from_secs(30);
 /// What the watchdog allows beyond all other deadlines.
 const GRACE: Duration = Duration::from_secs(15);
@@ -43,9 +42,9 @@ pub struct Slot<'a> {
 }
 
 impl Slot<'_> {
-    /// Runs one session over the pipe that has bytes, and returns when the slot is free.
-    pub fn session(&self, input: OwnedFd, pipe_bytes: usize) {
-        let link = RefCell::new(Duplex::new(input));
+    /// Runs one session, and returns what comes next when the slot is free.
+    pub fn session(&self, link: Duplex, pipe_bytes: usize) -> Result<Next, String> {
+        let link = RefCell::new(link);
         let mut session = String::new();
         let ended = self.answer(&link, pipe_bytes, &mut session);
         let mut link = link.into_inner();
@@ -60,15 +59,9 @@ impl Slot<'_> {
                 }
             }
         }
-        link.close_output();
-        match link.drain(Instant::now() + CLOSE, &|| self.stopping()) {
-            Ok(true) => {}
-            Ok(false) if self.stopping() => {}
-            Ok(false) => {
-                eprintln!("[slot {}] the worker kept the pipe open for {CLOSE:?}", self.number);
-            }
-            Err(error) => eprintln!("[slot {}] {error}", self.number),
-        }
+        link.into_leftovers()
+            .skip(Instant::now() + CLOSE, &|| self.stopping())
+            .map_err(|error| format!("{}: {error}", self.folder.requests().display()))
     }
 
     fn answer(
@@ -77,8 +70,7 @@ impl Slot<'_> {
         pipe_bytes: usize,
         session: &mut String,
     ) -> Result<(), Failure> {
-        let (hello, begun) = self.receive_hello(&mut link.borrow_mut())?;
-        session.clone_from(&hello.session);
+        let (hello, begun) = self.receive_hello(&mut link.borrow_mut(), session)?;
         self.open_output(&mut link.borrow_mut())?;
         let answer = AgentHello {
             session: hello.session,
@@ -97,7 +89,11 @@ impl Slot<'_> {
         self.send_outcome(&mut link.borrow_mut(), &case, &outcome, &bag)
     }
 
-    fn receive_hello(&self, link: &mut Duplex) -> Result<(WorkerHello, Instant), Failure> {
+    fn receive_hello(
+        &self,
+        link: &mut Duplex,
+        known: &mut String,
+    ) -> Result<(WorkerHello, Instant), Failure> {
         let begun = Instant::now();
         let frame = match link.receive(begun + HELLO, &|| self.stopping()) {
             Err(PipeError::Deadline(_)) => {
@@ -111,6 +107,10 @@ impl Slot<'_> {
         }
         let hello: WorkerHello = from_map(&frame.payload)
             .map_err(|error| Failure::protocol(format!("HELLO cannot be understood: {error}")))?;
+        known.clone_from(&hello.session);
+        if link.is_superseded()? {
+            return Err(Failure::Silent("the worker has begun again".to_owned()));
+        }
         let WorkerHello { session, protocol, .. } = &hello;
         if session.len() != 32 || !session.bytes().all(|digit| digit.is_ascii_hexdigit()) {
             let message = format!("a session is 32 hexadecimal digits, and {session:?} came");

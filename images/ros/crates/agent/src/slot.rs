@@ -1,11 +1,13 @@
 //! One slot's process: cases one after the other.
 
 use std::cell::RefCell;
+use std::os::fd::OwnedFd;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bagpipe_pipe::fifo::{self, Readiness};
+use bagpipe_pipe::{Duplex, Next};
 use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_signal};
 
 use crate::cli::ServeOptions;
@@ -33,26 +35,31 @@ pub fn run(options: &ServeOptions, number: u32, port: u16) -> Result<(), String>
     };
     let path = slot.folder.requests();
     let fail = |error: std::io::Error| format!("{}: {error}", path.display());
-    let mut noted = false;
+    let mut pipe = fifo::open_reader(&path).map_err(fail)?;
+    slot.folder.note_listening()?;
     while !stop.load(Ordering::Relaxed) {
-        let pipe = fifo::open_reader(&path).map_err(fail)?;
-        let pipe_bytes = fifo::grow(&pipe);
-        if !noted {
-            slot.folder.note_listening()?;
-            noted = true;
-        }
-        loop {
-            match fifo::await_bytes(&pipe, GLANCE).map_err(fail)? {
-                Readiness::Nothing if !stop.load(Ordering::Relaxed) => {}
-                Readiness::Nothing | Readiness::HangUp => break,
-                Readiness::Bytes => {
-                    slot.session(pipe, pipe_bytes);
-                    break;
-                }
-            }
-        }
+        let done = match fifo::await_bytes(&pipe, GLANCE).map_err(fail)? {
+            Readiness::Nothing => continue,
+            Readiness::HangUp => pipe,
+            Readiness::Bytes => sessions(&slot, pipe)?,
+        };
+        // Before the old end is closed: a writer that is there already never gets EPIPE.
+        pipe = fifo::open_reader(&path).map_err(fail)?;
+        drop(done);
     }
     slot.children.borrow_mut().kill(&[]).map(|_| ())
+}
+
+/// Runs sessions while the next one is there already.
+fn sessions(slot: &Slot<'_>, pipe: OwnedFd) -> Result<OwnedFd, String> {
+    let pipe_bytes = fifo::grow(&pipe);
+    let mut link = Duplex::new(pipe);
+    loop {
+        match slot.session(link, pipe_bytes)? {
+            Next::Session(next) => link = next,
+            Next::Reopen(pipe) => return Ok(pipe),
+        }
+    }
 }
 
 /// Set by SIGTERM and SIGINT.

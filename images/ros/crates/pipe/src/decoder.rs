@@ -67,6 +67,12 @@ impl Decoder {
         Err(self.wrong("truncated", expected))
     }
 
+    /// The bytes of a frame that is not whole, or is wrong: what a successor of a dead peer
+    /// wrote may be among them.
+    pub fn unfinished(&self) -> &[u8] {
+        if self.handed_out { &[] } else { &self.frame }
+    }
+
     /// CRC-32C over the checksums of all frames before END.
     pub fn digest(&self) -> u32 {
         self.digest

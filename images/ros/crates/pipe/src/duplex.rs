@@ -9,10 +9,11 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 
 use crate::frame::{FrameError, FrameType, OwnedFrame};
-use crate::{Decoder, Encoder};
+use crate::leftovers::{Found, find_hello};
+use crate::{Decoder, Encoder, Leftovers};
 
 /// How often cancellation is looked at while nothing moves.
-const GLANCE: Duration = Duration::from_millis(50);
+pub(crate) const GLANCE: Duration = Duration::from_millis(50);
 /// Frames that wait to be looked at while we write; then reading pauses.
 const INBOX_FRAMES: usize = 4;
 /// Bytes taken from the pipe at once: its usual size.
@@ -56,6 +57,8 @@ pub struct Duplex {
     inbox: VecDeque<OwnedFrame>,
     received: u64,
     ended: bool,
+    /// END or ABORT was received.
+    complete: bool,
 }
 
 impl Duplex {
@@ -71,7 +74,13 @@ impl Duplex {
             inbox: VecDeque::new(),
             received: 0,
             ended: false,
+            complete: false,
         }
+    }
+
+    /// The pipe that is read, to wait for its first bytes.
+    pub fn input(&self) -> &OwnedFd {
+        &self.input
     }
 
     /// Adds the way back.
@@ -110,7 +119,11 @@ impl Duplex {
                 return Ok(frame);
             }
             check(deadline, stop, "send")?;
-            self.wait(PollFlags::IN, PollFlags::empty(), deadline)?;
+            let idle = !self.wait(PollFlags::IN, PollFlags::empty(), deadline)?;
+            if idle && matches!(find_hello(self.decoder.unfinished()), Found::Whole(1..)) {
+                // The writer died inside a frame, and its successor waits for an answer.
+                return Err(PipeError::PeerGone(self.received));
+            }
         }
     }
 
@@ -175,23 +188,32 @@ impl Duplex {
         Ok(true)
     }
 
-    /// Reads and forgets until the peer closes its end; `false` at the deadline.
-    pub fn drain(&mut self, deadline: Instant, stop: &dyn Fn() -> bool) -> Result<bool, PipeError> {
-        self.bytes = vec![0; READ_BYTES];
-        while !self.ended {
-            match rustix::io::read(&self.input, &mut self.bytes[..]) {
-                Ok(0) => self.ended = true,
-                Ok(_) | Err(Errno::INTR) => {}
-                Err(Errno::AGAIN) => {
-                    if stop() || Instant::now() >= deadline {
-                        return Ok(false);
-                    }
-                    self.wait(PollFlags::IN, PollFlags::empty(), deadline)?;
-                }
-                Err(error) => return Err(error.into()),
-            }
+    /// True when behind the frames so far a new session begins: this one's worker is dead,
+    /// and a successor was quicker than the news.
+    pub fn is_superseded(&mut self) -> Result<bool, PipeError> {
+        if self.taken == self.bytes.len() && !self.ended {
+            self.fill()?;
         }
-        Ok(true)
+        Ok(matches!(find_hello(&self.bytes[self.taken..]), Found::Whole(_)))
+    }
+
+    /// Goes on receiving where `other` is; what was received before is forgotten.
+    pub fn adopt_input(&mut self, other: Self) {
+        let output = self.output.take();
+        let encoder = std::mem::take(&mut self.encoder);
+        *self = Self { output, encoder, ..other };
+    }
+
+    /// The rest of the session, when it is over; the way back is closed.
+    pub fn into_leftovers(self) -> Leftovers {
+        let mut bytes = self.decoder.unfinished().to_vec();
+        bytes.extend_from_slice(&self.bytes[self.taken..]);
+        Leftovers { input: self.input, bytes, complete: self.complete, ended: self.ended }
+    }
+
+    /// A session whose first bytes were read already.
+    pub(crate) fn resume(input: OwnedFd, bytes: Vec<u8>) -> Self {
+        Self { bytes, ..Self::new(input) }
     }
 
     /// Decodes one frame from what is there.
@@ -200,9 +222,10 @@ impl Duplex {
             let mut rest = &self.bytes[self.taken..];
             let frame = self.decoder.next_frame(&mut rest)?.map(crate::Frame::to_owned);
             self.taken = self.bytes.len() - rest.len();
-            if frame.is_some() {
+            if let Some(frame) = frame {
                 self.received += 1;
-                return Ok(frame);
+                self.complete |= matches!(frame.kind, FrameType::End | FrameType::Abort);
+                return Ok(Some(frame));
             }
             if self.ended || !self.fill()? {
                 return Ok(None);
@@ -244,7 +267,8 @@ impl Duplex {
         }
     }
 
-    fn wait(&self, input: PollFlags, output: PollFlags, deadline: Instant) -> Result<(), Errno> {
+    /// Returns false when nothing happened for a while.
+    fn wait(&self, input: PollFlags, output: PollFlags, deadline: Instant) -> Result<bool, Errno> {
         let left = deadline.saturating_duration_since(Instant::now()).min(GLANCE);
         let timeout = Timespec { tv_sec: 0, tv_nsec: i64::from(left.subsec_nanos()) };
         let mut both = Vec::with_capacity(2);
@@ -255,7 +279,8 @@ impl Duplex {
             both.push(PollFd::new(pipe, output));
         }
         match poll(&mut both, Some(&timeout)) {
-            Ok(_) | Err(Errno::INTR) => Ok(()),
+            Ok(ready) => Ok(ready > 0),
+            Err(Errno::INTR) => Ok(true),
             Err(error) => Err(error),
         }
     }

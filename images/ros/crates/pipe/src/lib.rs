@@ -12,12 +12,14 @@ mod duplex;
 mod encoder;
 pub mod fifo;
 mod frame;
+mod leftovers;
 mod message;
 
 pub use decoder::Decoder;
 pub use duplex::{Duplex, PipeError};
 pub use encoder::Encoder;
 pub use frame::{Frame, FrameError, FrameType, HEADER_BYTES, MAX_PAYLOAD, OwnedFrame};
+pub use leftovers::{Leftovers, Next};
 pub use message::{
     Abort, AgentHello, End, FileHeader, Metric, PROTOCOL, WorkerHello, from_map, to_map,
 };

@@ -1,0 +1,67 @@
+//! The verbs that need no pipe.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod worker;
+
+use std::os::unix::fs::PermissionsExt;
+use std::process::{Command, Output};
+
+fn agent(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_bagpipe-agent")).args(arguments).output().unwrap()
+}
+
+#[test]
+fn install_puts_a_program_that_runs() {
+    let folder = tempfile::tempdir().unwrap();
+    for _ in 0..2 {
+        assert!(agent(&["install", folder.path().to_str().unwrap()]).status.success());
+    }
+    let installed = folder.path().join("bin/bagpipe-agent");
+    assert_eq!(std::fs::metadata(&installed).unwrap().permissions().mode() & 0o777, 0o755);
+    let version = Command::new(&installed).arg("--version").output().unwrap().stdout;
+    assert_eq!(String::from_utf8(version).unwrap(), "bagpipe-agent 0.1.0\n");
+    assert_eq!(std::fs::read_dir(folder.path().join("bin")).unwrap().count(), 1);
+}
+
+#[test]
+fn install_says_where_it_could_not() {
+    let output = agent(&["install", "/proc/nowhere"]);
+    assert!(!output.status.success());
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("cannot install /proc/nowhere/bin/bagpipe-agent: "), "{text}");
+}
+
+#[test]
+fn ready_says_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = agent(&["ready", "--shared", folder.path().to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("not serving yet"));
+}
+
+#[test]
+fn info_shows_a_bag_and_its_damage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("chatter.bag");
+    let path = path.to_str().unwrap();
+    let bag = worker::chatter(50);
+    std::fs::write(path, &bag).unwrap();
+    let text = String::from_utf8(agent(&["info", path]).stdout).unwrap();
+    assert!(text.contains("time       100.000000000 to 100.490000000\n"), "{text}");
+    assert!(text.contains("messages   50\n"), "{text}");
+    assert!(text.contains("/chatter          50  std_msgs/String"), "{text}");
+    std::fs::write(path, &bag[..6000]).unwrap();
+    let text = String::from_utf8(agent(&["info", path]).stdout).unwrap();
+    assert!(text.contains("damaged    at byte 6000: expected "), "{text}");
+    let missing = agent(&["info", "/no/such.bag"]);
+    assert!(String::from_utf8(missing.stderr).unwrap().contains("/no/such.bag: No such file"));
+}
+
+#[test]
+fn help_teaches_the_way_of_a_case() {
+    let text = String::from_utf8(agent(&["--help"]).stdout).unwrap();
+    for word in ["install", "serve", "ready", "info", "startup probe", "python3-rosmaster"] {
+        assert!(text.contains(word), "{word} is not in:\n{text}");
+    }
+    assert!(!text.contains("slot process"));
+}
