@@ -255,7 +255,11 @@ REFUSED: dict[str, tuple[str, object, str]] = {
     ),
     "memory below Spark's": (
         "spec.spark.executor.resources.memory", "256Mi",
-        "must be a quantity of at least 450Mi, Spark's minimum: write for example 1Gi",
+        "must be a quantity of at least 896Mi, 512Mi of it for Spark's JVM: write for example 1Gi",
+    ),
+    "memory in an unknown unit": (
+        "spec.spark.driver.resources.memory", "1e10",
+        "spark.driver.resources.memory must be a quantity of at least 896Mi",
     ),
     "cpu of the driver": (
         "spec.spark.driver.resources.cpu", "0",

@@ -2,7 +2,7 @@
 
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator import names
-from bagpipe_operator.quantities import with_overhead
+from bagpipe_operator.quantities import heap
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json
 from bagpipe_operator.volumes import claim_mounts, claim_volumes
@@ -53,7 +53,6 @@ def driver_pod(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Se
 
 def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
     resources = spec.spark.driver.resources
-    memory = with_overhead(resources.memory)
     return {
         "name": names.CONTAINER_DRIVER,
         "image": settings.spark_image,
@@ -63,11 +62,13 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             _downward("BAGPIPE_POD_IP", "status.podIP"),
             _downward("BAGPIPE_POD_NAME", "metadata.name"),
             _downward("BAGPIPE_NAMESPACE", "metadata.namespace"),
+            # pyspark starts the driver's JVM with this much; its own default knows no limit.
+            {"name": "SPARK_DRIVER_MEMORY", "value": heap(resources.memory)},
         ],
         "ports": [{"name": "progress", "containerPort": names.PROGRESS_PORT}],
         "resources": {
-            "requests": {"cpu": resources.cpu, "memory": memory},
-            "limits": {"memory": memory},
+            "requests": {"cpu": resources.cpu, "memory": resources.memory},
+            "limits": {"memory": resources.memory},
         },
         "securityContext": RESTRICTED_CONTAINER,
         "terminationMessagePath": "/dev/termination-log",

@@ -7,7 +7,7 @@ import pytest
 from bagpipe_operator.driver_pod import driver_pod
 from bagpipe_operator.executor_template import executor_template
 from bagpipe_operator.job_config import UnusableSpecError, job_config, read_spec
-from bagpipe_operator.quantities import memory_bytes, with_overhead
+from bagpipe_operator.quantities import heap, memory_bytes
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import Json
 from tests.unit.operator.builders import JobBuilder, make_job
@@ -66,14 +66,20 @@ def test_the_driver_s_container() -> None:
     assert driver["args"] == ["driver", "--job", "/etc/bagpipe/job.json"]
     assert driver["image"] == "r/spark:1"
     assert driver["resources"] == {
-        "requests": {"cpu": "500m", "memory": "2867Mi"},
-        "limits": {"memory": "2867Mi"},
+        "requests": {"cpu": "500m", "memory": "2Gi"},
+        "limits": {"memory": "2Gi"},
     }
-    assert {e["name"]: e["valueFrom"]["fieldRef"]["fieldPath"] for e in driver["env"]} == {
+    fields = {
+        e["name"]: e["valueFrom"]["fieldRef"]["fieldPath"]
+        for e in driver["env"]
+        if "valueFrom" in e
+    }
+    assert fields == {
         "BAGPIPE_POD_IP": "status.podIP",
         "BAGPIPE_POD_NAME": "metadata.name",
         "BAGPIPE_NAMESPACE": "metadata.namespace",
     }
+    assert {"name": "SPARK_DRIVER_MEMORY", "value": "1024m"} in driver["env"]
     assert driver["ports"] == [{"name": "progress", "containerPort": 8080}]
 
 
@@ -164,11 +170,11 @@ def test_a_spec_that_can_not_be_run_names_the_place() -> None:
 
 
 @pytest.mark.parametrize(
-    ("memory", "container_memory"),
-    [("1Gi", "1434Mi"), ("450Mi", "834Mi"), ("4Gi", "5734Mi"), ("1000000000", "1338Mi")],
+    ("memory", "jvm"),
+    [("896Mi", "512m"), ("1Gi", "512m"), ("4Gi", "2048m"), ("3000000000", "1430m")],
 )
-def test_the_overhead_is_spark_s_own_rule(memory: str, container_memory: str) -> None:
-    assert with_overhead(memory) == container_memory
+def test_the_heap_is_half_and_never_below_what_spark_takes(memory: str, jvm: str) -> None:
+    assert heap(memory) == jvm
 
 
 def test_quantities() -> None:
