@@ -1,0 +1,138 @@
+"""The calls to the API server as they go over the wire, to an HTTP server that records them."""
+
+import asyncio
+import json
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+from aiohttp import web
+from kubernetes.aio.client import ApiClient, Configuration
+
+from bagpipe_operator import main
+from bagpipe_operator.api import ApiError, KubernetesApi
+from bagpipe_operator.settings import Settings
+
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Call = tuple[str, str, str | None, Any]
+
+JOBS = "/apis/sim.bagpipe.io/v1alpha1"
+
+
+class Recorder:
+    """Answers in turn with (status, body) and keeps what it was asked; the last answer stays."""
+
+    def __init__(self, *answers: tuple[int, object]) -> None:
+        self.answers = list(answers)
+        self.calls: list[Call] = []
+
+    async def answer(self, request: web.Request) -> web.Response:
+        text = await request.text()
+        body = json.loads(text) if text else None
+        kind = request.headers.get("Content-Type") if body else None
+        self.calls.append((request.method, request.path_qs, kind, body))
+        status, answer = self.answers[0] if len(self.answers) == 1 else self.answers.pop(0)
+        shown = answer if isinstance(answer, str) else json.dumps(answer)
+        return web.Response(status=status, text=shown)
+
+
+@asynccontextmanager
+async def server(handler: Handler, deadline: float = 5.0) -> AsyncIterator[KubernetesApi]:
+    app = web.Application()
+    app.router.add_route("*", "/{tail:.*}", handler)
+    runner = web.AppRunner(app)
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0).start()
+    configuration = Configuration(host=f"http://127.0.0.1:{runner.addresses[0][1]}")
+    async with ApiClient(configuration=configuration) as client:
+        yield KubernetesApi(client, deadline)
+    await runner.cleanup()
+
+
+async def test_the_calls() -> None:
+    recorder = Recorder((200, {"kind": "Any"}))
+    manifest = {"metadata": {"name": "p", "namespace": "lanes"}, "spec": {"unknownField": [1]}}
+    patch = {"metadata": {"resourceVersion": "7"}, "status": {"phase": "Pending"}}
+    async with server(recorder.answer) as api:
+        assert await api.create("pods", manifest) == {"kind": "Any"}
+        await api.get("configmaps", "lanes", "x-1")
+        await api.delete_pod("lanes", "p", "uid-of-p")
+        await api.get_job("lanes", "x")
+        await api.patch_status("lanes", "x", patch)
+    options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": "uid-of-p"}}
+    plain, merge = "application/json", "application/merge-patch+json"
+    assert recorder.calls == [
+        ("POST", "/api/v1/namespaces/lanes/pods", plain, manifest),
+        ("GET", "/api/v1/namespaces/lanes/configmaps/x-1", None, None),
+        ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options),
+        ("GET", f"{JOBS}/namespaces/lanes/simulationjobs/x", None, None),
+        ("PATCH", f"{JOBS}/namespaces/lanes/simulationjobs/x/status", merge, patch),
+    ]
+
+
+async def test_a_refusal_carries_the_server_s_reason_and_sentence() -> None:
+    said = {"kind": "Status", "reason": "AlreadyExists", "message": 'pods "p" already exists'}
+    async with server(Recorder((409, said)).answer) as api:
+        with pytest.raises(ApiError) as caught:
+            await api.get("pods", "lanes", "p")
+    error = caught.value
+    assert (error.status, error.reason) == (409, "AlreadyExists")
+    assert error.message == 'pods "p" already exists'
+
+
+async def test_a_proxy_s_page_is_an_error_too() -> None:
+    async with server(Recorder((502, "<html>Bad Gateway</html>")).answer) as api:
+        with pytest.raises(ApiError) as caught:
+            await api.get("pods", "lanes", "p")
+    assert (caught.value.status, caught.value.message) == (502, "<html>Bad Gateway</html>")
+
+
+@pytest.mark.parametrize("status", [404, 409])
+async def test_deleting_what_is_gone_is_no_error(status: int) -> None:
+    async with server(Recorder((status, {"kind": "Status"})).answer) as api:
+        await api.delete_pod("lanes", "p", "uid-of-p")
+
+
+async def test_a_server_that_does_not_answer_is_given_up_at_the_deadline() -> None:
+    async def handler(_: web.Request) -> web.Response:
+        await asyncio.sleep(1)
+        return web.Response()
+
+    async with server(handler, deadline=0.3) as api:
+        started = asyncio.get_running_loop().time()
+        with pytest.raises(ApiError) as caught:
+            await api.get("pods", "lanes", "p")
+        assert asyncio.get_running_loop().time() - started < 0.9
+    assert (caught.value.status, caught.value.reason) == (0, "Unreachable")
+
+
+async def test_nobody_there() -> None:
+    configuration = Configuration(host="http://127.0.0.1:1")
+    async with ApiClient(configuration=configuration) as client:
+        with pytest.raises(ApiError, match="Unreachable"):
+            await KubernetesApi(client, 1.0).get("pods", "lanes", "p")
+
+
+MISSING = (404, {"kind": "Status", "reason": "NotFound", "message": "no such resource"})
+
+
+async def test_the_crd_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    recorder = Recorder(MISSING, MISSING, (200, {"items": []}))
+    async with server(recorder.answer) as api:
+        await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
+    assert [call[1] for call in recorder.calls] == [
+        *[f"{JOBS}/namespaces/lanes/simulationjobs?limit=1"] * 3,
+        "/api/v1/namespaces/lanes/pods?limit=1",
+        f"{JOBS}/namespaces/maps/simulationjobs?limit=1",
+        "/api/v1/namespaces/maps/pods?limit=1",
+    ]
+
+
+async def test_the_wait_for_the_crd_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
+    monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)
+    async with server(Recorder(MISSING).answer) as api:
+        with pytest.raises(ApiError, match="no such resource"):
+            await main.wait_until_watchable(api, Settings())
