@@ -37,14 +37,18 @@ pub fn find(program: &str, path: &str) -> Result<PathBuf, NotRunnable> {
     })
 }
 
-/// The command itself, or through the image's own entrypoint when the environment is not
+/// The command itself (its program searched in `path`), or through the image's own entrypoint when the environment is not
 /// set up: Kubernetes replaced that entrypoint by the agent.
-pub fn prepare(command: &[String], path: &str, has_ros: bool) -> Result<Command, NotRunnable> {
+pub fn prepare(
+    command: &[String],
+    path: &str,
+    entrypoint: Option<&Path>,
+) -> Result<Command, NotRunnable> {
     let Some((program, arguments)) = command.split_first() else {
         return Err(NotRunnable("the command is empty".to_owned()));
     };
-    if !has_ros && Path::new(ENTRYPOINT).exists() {
-        let mut wrapped = Command::new(ENTRYPOINT);
+    if let Some(entrypoint) = entrypoint.filter(|entrypoint| entrypoint.exists()) {
+        let mut wrapped = Command::new(entrypoint);
         wrapped.args(command);
         return Ok(wrapped);
     }
@@ -102,5 +106,19 @@ mod tests {
         assert!(find("/no/such/node", path).unwrap_err().0.contains("does not exist"));
         assert!(find(path, path).unwrap_err().0.contains("is not executable"));
         assert_eq!(find("sh", "/nowhere:/bin"), Ok(PathBuf::from("/bin/sh")));
+    }
+
+    #[test]
+    fn an_images_entrypoint_sets_its_environment_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let entrypoint = folder.path().join("ros_entrypoint.sh");
+        let command = ["node".to_owned(), "--fast".to_owned()];
+        // Without one, the program must be in PATH.
+        assert!(prepare(&command, "/nowhere", Some(&entrypoint)).is_err());
+        std::fs::write(&entrypoint, "#!/bin/bash\nexec \"$@\"\n").unwrap();
+        let wrapped = prepare(&command, "/nowhere", Some(&entrypoint)).unwrap();
+        assert_eq!(wrapped.get_program(), entrypoint.as_os_str());
+        assert_eq!(wrapped.get_args().collect::<Vec<_>>(), ["node", "--fast"]);
+        assert!(prepare(&command, "/nowhere", None).is_err());
     }
 }

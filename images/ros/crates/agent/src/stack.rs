@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use rustix::process::Pid;
 
-use crate::command::{NotRunnable, not_started, prepare};
+use crate::command::{ENTRYPOINT, NotRunnable, not_started, prepare};
 use crate::processes::Children;
 use crate::tail::Tail;
 
@@ -53,7 +53,8 @@ impl Surroundings<'_> {
         name: &str,
         children: &mut Children,
     ) -> Result<Program, NotRunnable> {
-        let command = prepare(command, &self.path(), self.has_ros())?;
+        let entrypoint = (!self.has_ros()).then_some(Path::new(ENTRYPOINT));
+        let command = prepare(command, &self.path(), entrypoint)?;
         self.start_prepared(command, name, children)
     }
 

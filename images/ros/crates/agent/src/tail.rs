@@ -75,10 +75,26 @@ fn follow(mut stream: impl Read, prefix: &str, kept: &Mutex<Kept>) {
 }
 
 fn pass_on(line: &mut Vec<u8>, prefix: &str, kept: &Mutex<Kept>) {
-    let text = String::from_utf8_lossy(line).trim_end_matches('\r').to_owned();
+    let text = plain(&String::from_utf8_lossy(line));
     line.clear();
     eprintln!("{prefix} {text}");
     lock(kept).push(text);
+}
+
+/// Without colours and other control characters: ROS colours its warnings even into pipes,
+/// and these lines end up in a Kubernetes condition.
+fn plain(line: &str) -> String {
+    let mut plain = String::with_capacity(line.len());
+    let mut letters = line.chars().peekable();
+    while let Some(letter) = letters.next() {
+        if letter == '\x1b' && letters.next_if_eq(&'[').is_some() {
+            // An escape sequence ends at its first letter.
+            letters.find(|letter| ('@'..='~').contains(letter));
+        } else if letter == '\t' || !letter.is_control() {
+            plain.push(letter);
+        }
+    }
+    plain
 }
 
 impl Kept {
@@ -111,6 +127,15 @@ mod tests {
         let lines = kept(&text);
         assert_eq!((lines.len(), &*lines[0], &*lines[49]), (50, "line 70", "line 119"));
         assert_eq!(kept("no newline"), ["no newline"]);
+    }
+
+    #[test]
+    fn colours_are_left_out() {
+        assert_eq!(
+            kept("\x1b[33m[ WARN] [1.5]: old\x1b[0m\ta\x07b\r\n"),
+            ["[ WARN] [1.5]: old\tab"]
+        );
+        assert_eq!(kept("\x1b[1;31"), [""]);
     }
 
     #[test]
