@@ -42,6 +42,5 @@ pub use node::{Node, NodeOptions};
 pub use publisher::{LinkState, Publication, SendError, Share, TopicInfo};
 pub use value::Value;
 
-/// The largest message accepted or sent, in bytes: 1 GiB, the limit that roscpp's own
-/// transport states for a message.
-pub const MAX_MESSAGE: usize = 1 << 30;
+/// The largest message accepted, in bytes. roscpp refuses anything above as well.
+pub const MAX_MESSAGE: usize = 1_000_000_000;
