@@ -93,13 +93,16 @@ fn check_end(link: &Duplex, header: &FileHeader, length: u64, said: End) -> Resu
 }
 
 /// What is wrong with the bag, with the place in the user's own file.
-pub fn unreadable(header: &FileHeader, error: &BagError) -> Failure {
+fn unreadable(header: &FileHeader, error: &BagError) -> Failure {
     let place = place(header, error.offset());
     let reason = match error {
         BagError::MemoryLimit { .. } => "MemoryBudgetExceeded",
         _ => "BagUnreadable",
     };
-    Failure::new(reason, format!("{place}: {error}"))
+    // The place is the user's own; the error's is that of what was sent.
+    let text = error.to_string();
+    let own = error.offset().map(|offset| format!("byte {offset}: ")).unwrap_or_default();
+    Failure::new(reason, format!("{place}: {}", text.strip_prefix(&own).unwrap_or(&text)))
 }
 
 fn place(header: &FileHeader, offset: Option<u64>) -> String {

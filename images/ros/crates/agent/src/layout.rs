@@ -100,9 +100,12 @@ impl SlotFolder {
             .map_err(|error| said(&lease, &error))
     }
 
+    /// True when the process that noted itself here is still a slot's: its number may have
+    /// gone to another one since.
     fn is_listening(&self) -> bool {
         fs::read_to_string(self.listening())
-            .is_ok_and(|pid| !pid.is_empty() && Path::new("/proc").join(pid).exists())
+            .and_then(|pid| fs::read(Path::new("/proc").join(pid).join("cmdline")))
+            .is_ok_and(|line| line.split(|byte| *byte == 0).nth(1) == Some(b"slot"))
     }
 
     fn listening(&self) -> PathBuf {

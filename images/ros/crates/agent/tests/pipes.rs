@@ -163,7 +163,7 @@ fn a_damaged_bag_is_named_by_the_users_own_offset() {
     feed(&mut link, b"not a bag at all");
     let abort = answer(&mut link).abort();
     assert_eq!(abort.reason, "BagUnreadable");
-    let expected = "user.bag at byte 0: byte 0: expected the line \"#ROSBAG V2.0\", found \
+    let expected = "user.bag at byte 0: expected the line \"#ROSBAG V2.0\", found \
                     \"not a bag at \"";
     assert_eq!(abort.message, expected);
 }
