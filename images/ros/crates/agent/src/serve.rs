@@ -1,6 +1,7 @@
 //! The agent's first process: makes the pipes, keeps one process for each slot running,
 //! reaps, and ends everything on SIGTERM.
 
+use std::os::unix::process::CommandExt;
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
@@ -92,6 +93,7 @@ fn start(slot: u32, options: &ServeOptions) -> Result<Pid, String> {
     // serve() checked that the port exists.
     let port = options.master_port + slot as u16;
     let child = Command::new("/proc/self/exe")
+        .arg0("bagpipe-agent")
         .arg("slot")
         .args(["--slot", &slot.to_string(), "--port", &port.to_string()])
         .args(["--memory-budget", &options.memory_budget.to_string()])
