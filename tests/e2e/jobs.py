@@ -48,7 +48,8 @@ def ended(namespace: str, name: str, seconds: float) -> k.Object:
 
 def condition(job: k.Object, kind: str) -> k.Object:
     """A condition of a job by its type. Raises KeyError."""
-    return {each["type"]: each for each in job["status"]["conditions"]}[kind]
+    conditions: dict[str, k.Object] = {each["type"]: each for each in job["status"]["conditions"]}
+    return conditions[kind]
 
 
 def delete(namespace: str, name: str) -> None:

@@ -54,7 +54,7 @@ STACKS = [
         "python3-rosmaster",
     ),
     Bad("never-subscribes", stack(command=["sleep", "100"]), "NeverSubscribed", "/joint_states"),
-    Bad("crashes", stack(command=["sh", "-c", CRASH]), "StackExited", "status 3"),
+    Bad("crashes", stack(command=["sh", "-c", CRASH]), "StackExited", "exit status 3"),
 ]
 
 

@@ -22,15 +22,12 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
 def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
     jobs.apply(namespace, jobs.example())
     name = "robot-state-publisher"
-    executors = k.await_that(
-        "both executors",
-        lambda: (
-            (pods := k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor"))
-            and len(pods) == 2
-            and pods
-        ),
-        90,
-    )
+
+    def both_executors() -> list[k.Object] | None:
+        pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor")
+        return pods if len(pods) == 2 else None
+
+    executors = k.await_that("both executors", both_executors, 90)
     for pod in executors:
         assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
         assert pod["spec"]["automountServiceAccountToken"] is False
@@ -76,7 +73,7 @@ def test_deleting_a_running_job_leaves_nothing_behind(namespace: str) -> None:
 
     def running() -> bool:
         status = k.get(namespace, "simjob", "deleted-midway").get("status", {})
-        return status.get("cases", {}).get("running", 0) == 1
+        return bool(status.get("cases", {}).get("running", 0) == 1)
 
     k.await_that("its case to run", running, 120)
     jobs.delete(namespace, "deleted-midway")

@@ -29,6 +29,18 @@ class RunningAgent:
         """Every process below the agent's own slots: what its cases started and did not end."""
         return [pid for pid in _below(self.process.pid) if not _is_agent(pid)]
 
+    def await_no_descendants(self, seconds: float = 12) -> None:
+        """Wait until nothing is left of the cases; fails after `seconds`."""
+        deadline = time.monotonic() + seconds
+        pause = threading.Event()
+        while self.descendants():
+            assert time.monotonic() < deadline, self.descendants()
+            pause.wait(0.05)
+
+    def slot_processes(self) -> list[int]:
+        """The agent's own processes, one for each slot."""
+        return [pid for pid in _below(self.process.pid) if _is_agent(pid)]
+
 
 @pytest.fixture(scope="session")
 def agent_binary() -> Path:
@@ -53,7 +65,7 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
         environment = dict(os.environ)
         # Debian's ROS tools are scripts of Debian's Python, not of the tests' environment.
         environment["PATH"] = path or "/usr/lib/robot_state_publisher:/usr/bin:/bin"
-        command = [agent_binary, "serve", "--shared", shared, "--slots", str(slots)]
+        command = [str(agent_binary), "serve", "--shared", str(shared), "--slots", str(slots)]
         with log.open("wb") as output:
             process = subprocess.Popen(
                 [*command, "--master-port", str(_free_ports(slots))],

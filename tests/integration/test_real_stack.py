@@ -1,7 +1,6 @@
 """The worker, the agent and Debian's unmodified robot_state_publisher on the real recording."""
 
 import collections
-import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -14,42 +13,22 @@ from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests.e2e.recording import MESSAGES, fetch
-from tests.integration.conftest import ROOT, RunningAgent
+from tests.e2e.recording import MESSAGES
+from tests.integration.conftest import RunningAgent
+from tests.integration.stacks import folders_with_recording, spec_with
 
 pytestmark = pytest.mark.integration
-
-EXAMPLE = ROOT / "docs/examples/robot-state-publisher/job.yaml"
 
 
 @pytest.fixture
 def folders(tmp_path: Path) -> dict[str, str]:
-    claims = {name: tmp_path / name for name in ("recordings", "results")}
-    for path in claims.values():
-        path.mkdir()
-    (claims["recordings"] / "pr2").mkdir()
-    (claims["recordings"] / "pr2/joint_states.bag").symlink_to(fetch())
-    return {name: str(path) for name, path in claims.items()}
-
-
-def spec_with(**stack: Any) -> SimulationJobSpec:
-    """The example's spec with fields of its stack replaced."""
-    spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
-    spec["stack"] |= stack
-    return SimulationJobSpec.model_validate(spec)
+    return folders_with_recording(tmp_path)
 
 
 def run_all(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> list[Row]:
     cases = plan(spec, Storage(folders)).cases
     context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
     return [run_case(case, context) for case in cases]
-
-
-def run_one(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> Row:
-    case = plan(spec, Storage(folders)).cases[0]
-    return run_case(
-        case, RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
-    )
 
 
 def rosbag_info(path: Path) -> dict[str, Any]:
@@ -64,7 +43,6 @@ def test_every_message_of_the_recording_is_sent_and_received_once(
 ) -> None:
     agent = start_agent()
     rows = run_all(spec_with(), folders, agent)
-    print(json.dumps(rows, indent=1))
     assert [row["outcome"] for row in rows] == ["passed"] * 4
     ledger: collections.Counter[str] = collections.Counter()
     for row in rows:
@@ -78,4 +56,4 @@ def test_every_message_of_the_recording_is_sent_and_received_once(
         seconds = (row["window"][2] - row["window"][1]) / 1e9
         assert 40 * seconds < counts["/tf"] < 130 * seconds
         assert info["start"] >= row["window"][1] / 1e9
-    assert agent.descendants() == []
+    agent.await_no_descendants()

@@ -52,6 +52,7 @@ class FakeAgent:
     def __init__(self, folder: Path, *scripts: Script) -> None:
         self.received: list[Frame] = []
         self._outgoing = -1
+        self._incoming = -1
         self._folder = folder
         self._scripts = scripts
         self._encoder = Encoder()
@@ -89,15 +90,21 @@ class FakeAgent:
         for script in self._scripts:
             self._encoder = Encoder()
             self.received = []
-            incoming = os.open(self._folder / "to-agent", os.O_RDONLY)
+            self._incoming = os.open(self._folder / "to-agent", os.O_RDONLY)
             self._outgoing = -1
             try:
-                script(self, incoming)
-                while os.read(incoming, 65536):
+                script(self, self._incoming)
+                while self._incoming >= 0 and os.read(self._incoming, 65536):
                     continue
             finally:
-                os.close(incoming)
-                self.hang_up()
+                self.vanish()
+
+    def vanish(self) -> None:
+        """Close both ends at once, as the kernel does for a killed process."""
+        if self._incoming >= 0:
+            os.close(self._incoming)
+            self._incoming = -1
+        self.hang_up()
 
     def hang_up(self) -> None:
         if self._outgoing >= 0:
@@ -117,12 +124,13 @@ class FakeAgent:
         return self._outgoing
 
 
-def well_behaved(recorded: bytes = b"bytes", **changed: Any) -> Script:
-    """Reads everything, answers, ends."""
+def well_behaved(recorded: bytes = b"bytes", before: bytes = b"", **changed: Any) -> Script:
+    """Reads everything, answers, ends; `before` is a dead session's bytes."""
 
     def script(agent: FakeAgent, incoming: int) -> None:
         agent.read_until(incoming, FrameType.END)
         outgoing = agent.open_outgoing()
+        os.write(outgoing, before)
         agent.greet(outgoing)
         agent.finish(outgoing, recorded, **changed)
 
@@ -149,14 +157,3 @@ def dying(agent: FakeAgent, incoming: int) -> None:
     agent.greet(outgoing)
     os.write(outgoing, b"BPIP\x01")
     agent.hang_up()
-
-
-def greeting_as(session: str) -> Script:
-    """Answers with another session's HELLO."""
-
-    def script(agent: FakeAgent, incoming: int) -> None:
-        agent.read_until(incoming, FrameType.HELLO)
-        outgoing = agent.open_outgoing()
-        agent.greet(outgoing, session)
-
-    return script

@@ -99,7 +99,7 @@ def test_a_lost_message_runs_the_case_again_and_its_bag_never_counts(
     assert len(kept(context)) == 1
 
 
-def test_three_losses_are_an_error_that_names_the_node(
+def test_five_losses_are_an_error_that_names_the_node(
     context: RunContext, case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def losing(*_: object) -> Row:
@@ -107,7 +107,7 @@ def test_three_losses_are_an_error_that_names_the_node(
 
     monkeypatch.setattr(case_run, "_played", losing)
     row = run_case(case, context)
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "DeliveryIncomplete", 3)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "DeliveryIncomplete", 5)
     assert "/stack processed 2 of 3" in row["message"]
 
 

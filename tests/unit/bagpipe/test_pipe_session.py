@@ -3,6 +3,7 @@
 import fcntl
 import io
 import os
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from bagpipe.pipe.frames import FrameType
+from bagpipe.pipe import session as session_module
+from bagpipe.pipe.frames import Encoder, FrameType
 from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session
 from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
 from tests.unit.bagpipe.fake_agent import (
@@ -19,7 +21,6 @@ from tests.unit.bagpipe.fake_agent import (
     Script,
     aborting,
     dying,
-    greeting_as,
     make_slot,
     well_behaved,
 )
@@ -62,11 +63,11 @@ def failure(shared: Path, script: Script) -> SessionError:
 
 
 def test_an_abort_while_the_worker_writes_keeps_its_reason_and_stderr(tmp_path: Path) -> None:
-    failed = failure(tmp_path, aborting("StackExited", "it ended with status 3", ["boom"]))
+    failed = failure(tmp_path, aborting("StackExited", "it ended", ["hm", "boom"]))
     assert (failed.reason, str(failed), failed.stderr) == (
         "StackExited",
-        "it ended with status 3",
-        ["boom"],
+        "it ended (exit status 3); its last words: boom",
+        ["hm", "boom"],
     )
 
 
@@ -76,8 +77,59 @@ def test_a_dead_agent_is_named(tmp_path: Path) -> None:
     assert "5 of a cut frame" in str(failed)
 
 
-def test_another_sessions_answer_is_refused(tmp_path: Path) -> None:
-    assert failure(tmp_path, greeting_as("0" * 32)).reason == "StaleSession"
+def test_what_a_dead_session_left_in_the_pipe_is_thrown_away(tmp_path: Path) -> None:
+    folder = make_slot(tmp_path)
+    with FakeAgent(folder, well_behaved(b"ours", before=leftovers())):
+        sink = io.BytesIO()
+        answer = run(tmp_path, sink, big_file())
+    assert (sink.getvalue(), answer.hello["pipe_bytes"]) == (b"ours", 4096)
+
+
+def leftovers() -> bytes:
+    """Another session's HELLO, a frame of it, and one that is cut."""
+    stale = Encoder()
+    hello = stale.encode_fields(FrameType.HELLO, {"session": "0" * 32, "protocol": 1})
+    whole = b"".join(stale.encode(FrameType.DATA, b"old bytes"))
+    return hello + whole + b"".join(stale.encode(FrameType.DATA, bytes(5000)))[:100]
+
+
+def test_an_earlier_sessions_end_is_not_taken_for_ours(tmp_path: Path) -> None:
+    folder = make_slot(tmp_path)
+    earlier = os.open(folder / "from-agent", os.O_RDWR)
+    closing = threading.Timer(0.2, os.close, [earlier])
+    with FakeAgent(folder, well_behaved(b"ours")):
+        closing.start()
+        sink = io.BytesIO()
+        run(tmp_path, sink, big_file())
+    assert sink.getvalue() == b"ours"
+
+
+def test_an_agent_that_never_says_hello_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session_module, "GREETING_SECONDS", 0.3)
+    folder = make_slot(tmp_path)
+    silent = os.open(folder / "to-agent", os.O_RDWR)
+    try:
+        with pytest.raises(SessionError, match="did not answer") as failed:
+            run(tmp_path, io.BytesIO(), big_file())
+        assert failed.value.reason == "AgentDied"
+    finally:
+        os.close(silent)
+
+
+def test_an_agent_that_dies_after_the_last_byte_is_noticed(tmp_path: Path) -> None:
+    folder = make_slot(tmp_path)
+
+    def vanishing(agent: FakeAgent, incoming: int) -> None:
+        agent.read_until(incoming, FrameType.END)
+        agent.vanish()
+
+    begun = time.monotonic()
+    with FakeAgent(folder, vanishing), pytest.raises(SessionError) as failed:
+        run(tmp_path, io.BytesIO(), big_file())
+    assert failed.value.reason == "AgentDied"
+    assert time.monotonic() - begun < 5
 
 
 @pytest.mark.parametrize("changed", [{"digest": 1}, {"bytes": 4}, {"files": 2}])
@@ -94,7 +146,7 @@ def test_an_agent_that_never_answers_ends_at_the_deadline(tmp_path: Path) -> Non
         begun = time.monotonic()
         with pytest.raises(SessionError) as failed:
             run(tmp_path, io.BytesIO(), big_file(), seconds=0.3)
-        assert failed.value.reason == "CaseDeadlineExceeded"
+        assert failed.value.reason == "AgentDied"
         assert time.monotonic() - begun < 5
     finally:
         os.close(silent)

@@ -14,9 +14,12 @@ from typing import Any, BinaryIO
 
 import bagpipe
 from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType, ProtocolError
+from bagpipe.pipe.greeting import Greeting
 from bagpipe.pipe.slot import Ends
 
 PROTOCOL = 1
+# Longer than an agent needs to end the case of a worker that died before us.
+GREETING_SECONDS = 30.0
 _READ_BYTES = 256 * 1024
 
 
@@ -61,53 +64,80 @@ def run_session(
     `deadline` is on the monotonic clock, in seconds. Raises SessionError.
     """
     session = uuid.uuid4().hex
-    outgoing = _outgoing(session, case, files)
     receiver = _Receiver(session, sink)
-    poller = select.poll()
-    poller.register(ends.read, select.POLLIN)
-    poller.register(ends.write, select.POLLOUT)
-    pending: list[memoryview] = []
-    writing = True
+    sender = _Sender(_outgoing(session, case, files))
+    greeting_deadline = min(deadline, time.monotonic() + GREETING_SECONDS)
     while not receiver.answer.finished:
-        events = dict(poller.poll(_left_milliseconds(deadline)))
-        if ends.read in events:
-            _receive(ends.read, receiver)
-        elif writing and ends.write in events:
-            writing = _send(ends.write, outgoing, pending)
-            if not writing:
-                poller.unregister(ends.write)
+        left = (deadline if receiver.answer.hello else greeting_deadline) - time.monotonic()
+        if left <= 0:
+            raise _too_late(receiver)
+        readable, writable = _await_either(ends, sender, left)
+        if readable:
+            _receive(ends, receiver, sender.peer_gone)
+        elif writable:
+            sender.send(ends.write)
+        elif sender.peer_gone:
+            raise _agent_died(receiver)
     return receiver.answer
 
 
-def _left_milliseconds(deadline: float) -> int:
-    left = deadline - time.monotonic()
-    if left <= 0:
-        raise SessionError(
-            "CaseDeadlineExceeded", "the agent sent no result before the case's deadline"
+def _await_either(ends: Ends, sender: "_Sender", seconds: float) -> tuple[bool, bool]:
+    """Whether there is something to read, and whether the sender can go on or must look."""
+    poller = select.poll()
+    poller.register(ends.read, select.POLLIN)
+    if not sender.peer_gone:
+        # Without POLLOUT the hang-up of the other side is still told.
+        poller.register(ends.write, select.POLLOUT if sender.active else 0)
+    events = dict(poller.poll(0 if sender.peer_gone else int(seconds * 1000) + 1))
+    return ends.read in events, ends.write in events
+
+
+def _too_late(receiver: "_Receiver") -> SessionError:
+    if not receiver.answer.hello:
+        return SessionError(
+            "AgentDied", f"the agent did not answer within {GREETING_SECONDS:.0f} s of HELLO"
         )
-    return int(left * 1000) + 1
+    return SessionError(
+        "CaseDeadlineExceeded", "the agent sent no result before the case's deadline"
+    )
 
 
-def _send(
-    descriptor: int, outgoing: Iterator[bytes | memoryview], pending: list[memoryview]
-) -> bool:
-    """Write once; False when everything has been sent or nobody reads any more."""
-    if not pending:
-        piece = next(outgoing, None)
-        if piece is None:
-            return False
-        pending.append(memoryview(piece))
-    try:
-        written = os.write(descriptor, pending[0])
-    except BlockingIOError:
-        return True
-    except BrokenPipeError:
-        # Why the agent left is told by its ABORT or the end of its stream, which are read next.
-        return False
-    rest = pending.pop()[written:]
-    if len(rest):
-        pending.append(rest)
-    return True
+def _agent_died(receiver: "_Receiver") -> SessionError:
+    return SessionError(
+        "AgentDied",
+        "the agent left the pipe without a result: its container ended or was killed"
+        f" (got {receiver.answer.bytes} recorded bytes, {receiver.pending} of a cut frame)",
+    )
+
+
+class _Sender:
+    """Writes the worker's frames as the pipe takes them."""
+
+    def __init__(self, outgoing: Iterator[bytes | memoryview]) -> None:
+        self._outgoing = outgoing
+        self._rest = memoryview(b"")
+        self.active = True
+        self.peer_gone = False
+
+    def send(self, descriptor: int) -> None:
+        """Write once, or note that nobody reads any more."""
+        if not self.active:
+            self.peer_gone = True
+            return
+        if not self._rest:
+            piece = next(self._outgoing, None)
+            if piece is None:
+                self.active = False
+                return
+            self._rest = memoryview(piece)
+        try:
+            self._rest = self._rest[os.write(descriptor, self._rest) :]
+        except BlockingIOError:
+            return
+        except BrokenPipeError:
+            # Why the agent left is told by its ABORT or the end of its stream, read next.
+            self.active = False
+            self.peer_gone = True
 
 
 def _outgoing(
@@ -128,18 +158,21 @@ def _outgoing(
     yield encoder.encode_fields(FrameType.END, end)
 
 
-def _receive(descriptor: int, receiver: "_Receiver") -> None:
+def _receive(ends: Ends, receiver: "_Receiver", peer_gone: bool) -> None:
     try:
-        data = os.read(descriptor, _READ_BYTES)
+        data = os.read(ends.read, _READ_BYTES)
     except BlockingIOError:
         return
-    if not data:
-        receiver.closed()
-        return
-    try:
-        receiver.feed(data)
-    except ProtocolError as error:
-        raise SessionError("ProtocolError", str(error)) from error
+    if data:
+        try:
+            receiver.feed(data)
+        except ProtocolError as error:
+            raise SessionError("ProtocolError", str(error)) from error
+    elif receiver.answer.hello or peer_gone:
+        raise _agent_died(receiver)
+    else:
+        # An earlier session has ended; ours has not been answered yet.
+        ends.reopen_read()
 
 
 class _Receiver:
@@ -147,23 +180,26 @@ class _Receiver:
 
     def __init__(self, session: str, sink: BinaryIO) -> None:
         self.answer = Answer()
-        self._session = session
+        self._greeting = Greeting(session)
+        self._greeted = False
         self._sink = sink
         self._decoder = Decoder()
         self._expected = 0
 
+    @property
+    def pending(self) -> int:
+        """Bytes of a frame that is not whole."""
+        return self._decoder.pending
+
     def feed(self, data: bytes) -> None:
-        for frame in self._decoder.feed(data):
+        stream: bytes | None = data
+        if not self._greeted:
+            stream = self._greeting.feed(data)
+            self._greeted = stream is not None
+        for frame in self._decoder.feed(stream or b""):
             if self.answer.finished:
                 raise ProtocolError(0, f"{frame.type.name} after END")
             self._take(frame)
-
-    def closed(self) -> None:
-        raise SessionError(
-            "AgentDied",
-            "the agent closed the pipe without a result: its container ended or was killed"
-            f" (got {self.answer.bytes} recorded bytes, {self._decoder.pending} of a cut frame)",
-        )
 
     def _take(self, frame: Frame) -> None:
         match frame.type:
@@ -171,8 +207,6 @@ class _Receiver:
                 raise _aborted(frame.fields())
             case FrameType.HELLO:
                 self._greet(frame.fields())
-            case _ if not self.answer.hello:
-                raise ProtocolError(0, f"{frame.type.name} before HELLO")
             case FrameType.METRIC:
                 pass
             case FrameType.RESULT:
@@ -187,10 +221,6 @@ class _Receiver:
                 self._finish(frame.fields())
 
     def _greet(self, fields: dict[str, Any]) -> None:
-        if fields.get("session") != self._session:
-            raise SessionError(
-                "StaleSession", f"the pipe still holds the session {fields.get('session')}"
-            )
         if fields.get("protocol") != PROTOCOL:
             raise SessionError(
                 "ProtocolError",
@@ -214,4 +244,12 @@ class _Receiver:
 def _aborted(fields: dict[str, Any]) -> SessionError:
     message = str(fields.get("message", "the agent gave no message"))
     stderr = [str(line) for line in fields.get("stderr") or []]
+    for kind, value in (
+        ("exit status", fields.get("exit_status")),
+        ("signal", fields.get("signal")),
+    ):
+        if value is not None:
+            message += f" ({kind} {value})"
+    if stderr:
+        message += f"; its last words: {stderr[-1]}"
     return SessionError(str(fields.get("reason", "Internal")), message, stderr)

@@ -38,13 +38,20 @@ class Slot:
         return self.folder / "from-agent"
 
 
-@dataclass(frozen=True)
+@dataclass
 class Ends:
     """The worker's two open ends; both are non-blocking."""
 
+    slot: Slot
     read: int
     write: int
     pipe_bytes: int
+
+    def reopen_read(self) -> None:
+        """Leave an earlier session's end of the stream behind, without a moment unopened."""
+        old, self.read = self.read, _open_for_reading(self.slot.from_agent)
+        os.close(old)
+        _widen(self.read)
 
 
 @contextlib.contextmanager
@@ -77,13 +84,23 @@ def open_ends(slot: Slot, deadline: float) -> Iterator[Ends]:
 
     Raises SlotUnavailableError when no agent opens its end before `deadline`.
     """
-    with contextlib.ExitStack() as closing:
-        read = os.open(slot.from_agent, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        closing.callback(os.close, read)
+    read = _open_for_reading(slot.from_agent)
+    try:
         write = _open_for_writing(slot.to_agent, deadline)
-        closing.callback(_await_hang_up, read)
-        closing.callback(os.close, write)
-        yield Ends(read, write, min(_widen(read), _widen(write)))
+    except BaseException:
+        os.close(read)
+        raise
+    ends = Ends(slot, read, write, min(_widen(read), _widen(write)))
+    try:
+        yield ends
+    finally:
+        os.close(ends.write)
+        _await_hang_up(ends.read)
+        os.close(ends.read)
+
+
+def _open_for_reading(path: Path) -> int:
+    return os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
 
 
 def _await_hang_up(read: int) -> None:

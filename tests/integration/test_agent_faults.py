@@ -1,0 +1,183 @@
+"""What the worker reads when the stack, the agent or the worker itself fails; nothing is left."""
+
+import io
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.pipe.frames import Encoder, FrameType
+from bagpipe.pipe.session import SessionError, run_session
+from bagpipe.pipe.slot import lease, open_ends
+from bagpipe.plan.cases import plan
+from bagpipe.run.case_run import Row, RunContext, case_map, run_case
+from bagpipe.run.fragment_stream import fragment_file
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
+from tests.integration.conftest import RunningAgent
+from tests.integration.stacks import folders_with_recording, spec_with
+
+pytestmark = pytest.mark.integration
+
+Start = Callable[..., RunningAgent]
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> dict[str, str]:
+    return folders_with_recording(tmp_path)
+
+
+def run_one(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> Row:
+    case = plan(spec, Storage(folders)).cases[0]
+    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    return run_case(case, context)
+
+
+SH = ["sh", "-c"]
+STACKS: list[tuple[dict[str, Any], str, str]] = [
+    ({"command": ["flyby", "--fast"]}, "CommandNotFound", "flyby"),
+    ({"command": [*SH, "echo the laser is on fire >&2; exit 3"]}, "StackExited", "exit status 3"),
+    ({"command": [*SH, "kill -SEGV $$"]}, "StackExited", "signal 11"),
+    ({"command": [*SH, "exit 0"]}, "StackExited", "exit status 0"),
+    ({"command": ["sleep", "100"]}, "NeverSubscribed", "/joint_states"),
+]
+
+
+@pytest.mark.parametrize(("stack", "reason", "words"), STACKS, ids=[s[1] + s[2] for s in STACKS])
+def test_a_stack_that_fails_is_an_error_with_a_sentence(
+    stack: dict[str, Any],
+    reason: str,
+    words: str,
+    folders: dict[str, str],
+    start_agent: Start,
+) -> None:
+    agent = start_agent()
+    begun = time.monotonic()
+    row = run_one(spec_with({"subscribeTimeout": "2s"}, **stack), folders, agent)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", reason, 1)
+    assert words in row["message"]
+    if "laser" in stack["command"][-1]:
+        assert "the laser is on fire" in row["stderr"]
+    assert time.monotonic() - begun < 20
+    agent.await_no_descendants()
+
+
+def test_no_rosmaster_on_the_path_is_told(folders: dict[str, str], start_agent: Start) -> None:
+    row = run_one(spec_with(), folders, start_agent(path="/usr/lib/robot_state_publisher"))
+    assert (row["outcome"], row["reason"]) == ("errored", "RosMasterNotFound")
+    assert "python3-rosmaster" in row["message"]
+
+
+def test_the_cases_deadline_ends_a_stack_that_never_gets_ready(
+    folders: dict[str, str], start_agent: Start
+) -> None:
+    agent = start_agent()
+    timing = {"caseTimeout": "3s", "subscribeTimeout": "60s"}
+    row = run_one(spec_with(timing, command=["sleep", "100"]), folders, agent)
+    assert row["reason"] == "CaseDeadlineExceeded"
+    agent.await_no_descendants()
+
+
+def test_a_stack_that_ignores_sigterm_and_leaves_a_daemon_is_ended_whole(
+    folders: dict[str, str], start_agent: Start
+) -> None:
+    agent = start_agent()
+    stubborn = "trap '' TERM INT; setsid sleep 300 & exec robot_state_publisher"
+    spec = spec_with({"rate": 20.0}, command=[*SH, stubborn])
+    row = run_one(spec, folders, agent)
+    assert row["reason"] in {"", "DeliveryIncomplete"}
+    agent.await_no_descendants()
+
+
+def test_a_worker_that_dies_frees_the_slot_and_ends_the_stack(
+    folders: dict[str, str], start_agent: Start
+) -> None:
+    agent = start_agent()
+    spec = spec_with({"rate": 0.5})
+    case = plan(spec, Storage(folders)).cases[0]
+    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    worker = os.fork()
+    if worker == 0:
+        run_case(case, context)
+        os._exit(0)
+    pause = threading.Event()
+    deadline = time.monotonic() + 20
+    while not any(_is_stack(pid) for pid in agent.descendants()):
+        assert time.monotonic() < deadline, "the stack never started"
+        pause.wait(0.05)
+    os.kill(worker, signal.SIGKILL)
+    os.waitpid(worker, 0)
+    agent.await_no_descendants()
+    row = run_one(spec_with(), folders, agent)
+    assert row["outcome"] == "passed"
+
+
+def _is_stack(pid: int) -> bool:
+    try:
+        return b"robot_state_publisher" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def test_a_damaged_frame_is_refused_and_the_next_session_is_served(
+    folders: dict[str, str], start_agent: Start
+) -> None:
+    agent = start_agent()
+    deadline = time.monotonic() + 20
+    with lease(agent.shared, deadline) as slot, open_ends(slot, deadline) as ends:
+        hello = bytearray(Encoder().encode_fields(FrameType.HELLO, {"session": "0" * 32}))
+        hello[-1] ^= 1
+        os.write(ends.write, hello)
+    row = run_one(spec_with(), folders, agent)
+    assert (row["outcome"], row["attempts"]) == ("passed", 1)
+
+
+def test_a_chunk_damaged_on_the_way_names_the_users_own_byte_offset(
+    folders: dict[str, str], start_agent: Start
+) -> None:
+    bag = Path(folders["recordings"]) / "pr2/joint_states.bag"
+    data = bytearray(bag.resolve().read_bytes())
+    data[180_000] ^= 0xFF
+    bag.unlink()
+    bag.write_bytes(data)
+    agent = start_agent()
+    spec = spec_with()
+    storage = Storage(folders)
+    case = next(c for c in plan(spec, storage).cases if c.id.endswith("0001"))
+    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    deadline = time.monotonic() + 30
+    with (
+        lease(agent.shared, deadline) as slot,
+        open_ends(slot, deadline) as ends,
+        pytest.raises(SessionError) as failed,
+    ):
+        files = [fragment_file(case, storage)]
+        run_session(ends, case_map(case, context), files, io.BytesIO(), deadline)
+    assert failed.value.reason == "BagUnreadable"
+    assert "joint_states.bag" in str(failed.value)
+    assert "1787" in str(failed.value)
+
+
+def test_a_killed_slot_is_met_again_by_the_next_attempt(
+    folders: dict[str, str], start_agent: Start
+) -> None:
+    agent = start_agent()
+    spec = spec_with({"rate": 2.0})
+    rows: list[Row] = []
+    runner = threading.Thread(target=lambda: rows.append(run_one(spec, folders, agent)))
+    runner.start()
+    pause = threading.Event()
+    deadline = time.monotonic() + 20
+    while not any(_is_stack(pid) for pid in agent.descendants()):
+        assert time.monotonic() < deadline, "the stack never started"
+        pause.wait(0.05)
+    os.kill(agent.slot_processes()[0], signal.SIGKILL)
+    runner.join(timeout=90)
+    assert not runner.is_alive()
+    assert rows[0]["outcome"] in {"passed", "errored"}
+    assert rows[0]["attempts"] >= 2

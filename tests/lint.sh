@@ -1,0 +1,27 @@
+#!/bin/bash
+# Style, types, direction of dependencies, in every language of the project.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export PATH="$PWD/.venv/bin:${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/bin/tools:$PATH"
+
+step() {
+  echo "--- $1"
+  shift
+  "$@"
+}
+
+step "ruff" ruff check .
+step "ruff format" ruff format --check .
+step "mypy, the packages" mypy --package bagpipe --package bagpipe_operator
+step "mypy, the tests" mypy tests/unit tests/integration tests/e2e
+step "mypy, the cluster" env -C tests/cluster mypy --config-file ../../pyproject.toml cluster.py step.py
+step "mypy, the images" env -C images mypy --config-file ../pyproject.toml build.py
+step "import-linter" lint-imports
+step "rustfmt" env -C images/ros cargo fmt --all --check
+step "clippy" env -C images/ros CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/cargo-debug" \
+  cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
+mapfile -t scripts < <(git ls-files '*.sh' .ci/run)
+step "shellcheck" shellcheck "${scripts[@]}"
+step "helm lint" helm lint --quiet charts/bagpipe
+step "gofmt" test -z "$(gofmt -l tests/cluster)"
+echo "lint: all clean"
