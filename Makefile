@@ -44,7 +44,7 @@ help: ## List the verbs
 
 .PHONY: demo
 demo: cluster install ## Set everything up, run the main job, show the result
-	$(STEP) "Running the demonstration" -- .venv/bin/python tests/demo.py
+	$(STEP) "Running the demonstration" -- .venv/bin/python -m tests.e2e.demo
 
 .PHONY: test
 test: preflight-all venv cluster install ## Set everything up, run all tests

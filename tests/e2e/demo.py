@@ -22,7 +22,8 @@ JOB = "robot-state-publisher"
 EXAMPLE = Path(__file__).parents[2] / "docs/examples" / JOB
 _JOB_SECONDS = 300
 
-console = Console()
+# A log has no width: the table needs about this much to say its words whole.
+console = Console(width=None if sys.stdout.isatty() else 140)
 
 
 def main() -> int:
@@ -103,7 +104,8 @@ def _show(job: k.Object) -> int:
     first = next(row["recorded"] for row in rows if row["recorded"])
     command = ["rosbag", "info", f"{folder}/{first}"]
     console.print(f"\n$ kubectl exec {k.TOOLBOX} -- {' '.join(command)}", soft_wrap=True)
-    console.print(k.in_toolbox(NAMESPACE, *command), markup=False, highlight=False)
+    info = k.in_toolbox(NAMESPACE, *command)
+    console.print(info, markup=False, highlight=False, soft_wrap=True)
     console.print(
         "The cluster stays up: export KUBECONFIG="
         f"{k.EMBEDDED_KUBECONFIG}; kubectl get simjob,pods -A. make down removes it.",

@@ -95,6 +95,17 @@ def test_the_termination_message_stays_whole_json_below_four_kibibytes() -> None
     assert json.loads(message)["cases"]["errored"] == 100
 
 
+def test_no_more_cases_run_than_there_are_slots_or_cases_left() -> None:
+    progress = Progress("pvc://results/r", slots=2)
+    progress.begin(3, [])
+    progress.set_running(3)
+    assert progress.snapshot()["cases"]["running"] == 2
+    progress.add(row("a"))
+    progress.add(row("b"))
+    progress.set_running(3)
+    assert progress.snapshot()["cases"]["running"] == 1
+
+
 def test_progress_and_metrics_are_served() -> None:
     progress = Progress("pvc://results/r")
     progress.begin(3, [])

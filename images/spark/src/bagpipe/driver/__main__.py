@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
     job = JobFile.model_validate_json(options.job.read_bytes())
-    progress = Progress(results_uri(job))
+    progress = Progress(results_uri(job), slots=job.spec.spark.executors * job.spec.spark.slots)
     server = serve_progress(progress, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
     try:
         complete = run(job, progress)

@@ -23,6 +23,7 @@ class Progress:
     phase: Phase = "Planning"
     reason: str = "Planning"
     message: str = "reading the bags' indexes"
+    slots: int = 1
     planned: int = 0
     running: int = 0
     verdict: str = ""
@@ -53,10 +54,11 @@ class Progress:
             if row["outcome"] != "passed":
                 self._fail(row["case"], row["reason"], row["message"])
 
-    def set_running(self, running: int) -> None:
-        """How many cases are running this moment."""
+    def set_running(self, tasks: int) -> None:
+        """How many cases are running: Spark's count of tasks lags behind, ours of rows does not."""
         with self._lock:
-            self.running = running
+            done = sum(self._outcomes[outcome] for outcome in _OUTCOMES)
+            self.running = max(0, min(tasks, self.slots, self.planned - done))
 
     def finish(self) -> bool:
         """Decide how the job ended; True when it is Complete."""
