@@ -47,15 +47,32 @@ demo: cluster install ## Set everything up, run the main job, show the result
 	$(STEP) "Running the demonstration" -- .venv/bin/python -m tests.e2e.demo
 
 .PHONY: test
-test: preflight-all venv cluster install ## Set everything up, run all tests
-	$(STEP) "Testing" -- .venv/bin/python -m pytest tests
+test: preflight-all venv test-python test-rust test-integration test-e2e ## Set everything up, run all tests
+
+.PHONY: test-python
+test-python: venv ## Run the Python unit tests (part of test)
+	$(STEP) "Testing the Python packages and the cluster's parts" -- .venv/bin/python -m pytest tests/unit tests/cluster
+
+.PHONY: test-rust
+test-rust: preflight-all ## Run the agent's tests, against Debian's ROS (part of test)
+	$(STEP) "Testing the agent" -- env -C images/ros CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" \
+	  cargo test --locked --workspace --no-fail-fast
+
+.PHONY: test-integration
+test-integration: preflight-all venv ## Run worker, agent and real nodes together (part of test)
+	$(STEP) "Testing worker, agent and real nodes" -- .venv/bin/python -m pytest tests/integration
+
+.PHONY: test-e2e
+test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
+	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e
 
 .PHONY: bench
 bench: preflight-all venv ## Measure (see tests/bench)
-	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py
+	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: lint
-lint: venv ## Check style and types of everything
+lint: preflight-all venv ## Check style and types of everything
+	$(STEP) "Getting helm" -- $(CLUSTER_PY) tools
 	$(STEP) "Linting" -- tests/lint.sh
 
 .PHONY: preflight

@@ -36,7 +36,7 @@ def _driver_rights(namespace: str) -> str:
     return subprocess.run(
         [
             *("helm", "template", "bagpipe", str(ROOT / "charts/bagpipe")),
-            *("--show-only", "templates/driver-rights.yaml"),
+            *("--show-only", "templates/driver-rights.yaml", "--kube-version", "1.34"),
             *("--set-json", f"jobNamespaces={json.dumps([namespace])}"),
         ],
         capture_output=True,

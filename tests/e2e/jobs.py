@@ -59,7 +59,7 @@ def delete(namespace: str, name: str) -> None:
 
 def objects_of(namespace: str) -> list[str]:
     """Every pod, ConfigMap and job of a namespace but the tests' own toolbox and the cluster's."""
-    found = k.items(namespace, "simjobs,pods,configmaps")
+    found = k.items(namespace, "simulationjobs,pods,configmaps")
     names = [f"{each['kind']}/{each['metadata']['name']}" for each in found]
     own = {f"Pod/{k.TOOLBOX}", "ConfigMap/kube-root-ca.crt"}
     return sorted(set(names) - own)
