@@ -107,3 +107,14 @@ def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
         "joint_states-0000": "passed",
     }
     jobs.delete(namespace, name)
+
+
+def test_a_stack_that_answers_nothing_is_invalid_and_not_passed(namespace: str) -> None:
+    name = "answers-nothing"
+    listens = {"image": "bagpipe.local/ros:0.1.0", "command": ["rostopic", "echo", "/joint_states"]}
+    jobs.apply(namespace, jobs.make_job(name, **stack(**listens)))
+    status = jobs.ended(namespace, name, 180)["status"]
+    assert (status["phase"], status["verdict"]) == ("Complete", "Invalid")
+    assert status["cases"]["invalid"] == 1
+    assert status["failures"][0]["reason"] == "NothingRecorded"
+    jobs.delete(namespace, name)

@@ -83,7 +83,7 @@ class Progress(_Model):
     message: Sentence = ""
     cases: Cases = Cases()
     ledger: Ledger = Ledger()
-    verdict: Literal["Passed", "Failed", ""] = ""
+    verdict: Literal["Passed", "Failed", "Invalid", ""] = ""
     results: Annotated[str, BeforeValidator(_cut(2048))] = ""
     failures: Annotated[list[Failure], BeforeValidator(_last_failures)] = []
 

@@ -1,0 +1,75 @@
+"""What the driver says is what the operator understands and what the API server accepts."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from bagpipe.driver.progress import Progress
+from bagpipe.plan.cases import Unplanned
+from bagpipe_operator.progress import parse
+
+CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
+
+
+def status_schema() -> dict[str, Any]:
+    crd = yaml.safe_load(CRD.read_text())
+    schema: dict[str, Any] = crd["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
+    fields: dict[str, Any] = schema["properties"]["status"]["properties"]
+    return fields
+
+
+def ended_with(*outcomes: str) -> Progress:
+    progress = Progress("pvc://results/r")
+    progress.begin(len(outcomes), [])
+    for number, outcome in enumerate(outcomes):
+        progress.add(
+            {
+                "case": f"case-{number}",
+                "outcome": outcome,
+                "reason": "" if outcome == "passed" else "NothingRecorded",
+                "message": "why",
+                "attempts": 2,
+                "result": {"ledger": {"sent": 5, "received": 5, "dropped": 0, "lead_in": 2}},
+            }
+        )
+    progress.finish()
+    return progress
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "phase", "verdict"),
+    [
+        (["passed", "passed"], "Complete", "Passed"),
+        (["passed", "failed"], "Complete", "Failed"),
+        (["passed", "invalid"], "Complete", "Invalid"),
+        (["passed", "errored"], "Failed", ""),
+    ],
+)
+def test_every_end_is_understood_and_fits_the_schema(
+    outcomes: list[str], phase: str, verdict: str
+) -> None:
+    told = ended_with(*outcomes)
+    understood = parse(told.termination_message())
+    assert understood is not None
+    assert (understood.phase, understood.verdict) == (phase, verdict)
+    status = understood.as_status()
+    schema = status_schema()
+    assert status["verdict"] in schema["verdict"]["enum"]
+    assert status["cases"] == told.snapshot()["cases"]
+    assert status["ledger"] == {"sent": 10, "received": 10, "dropped": 0, "leadIn": 4}
+    assert set(status["cases"]) <= set(schema["cases"]["properties"])
+    assert set(status) <= set(schema)
+
+
+def test_the_beginning_and_a_refused_bag_are_understood() -> None:
+    progress = Progress("pvc://results/r")
+    planning = parse(progress.termination_message())
+    assert planning is not None
+    assert planning.phase == "Planning"
+    progress.begin(0, [Unplanned("cut", "pvc://r/cut.bag", "BagCut", "x" * 5000)])
+    progress.finish()
+    refused = parse(progress.termination_message())
+    assert refused is not None
+    assert (refused.reason, refused.cases.errored, len(refused.failures)) == ("BagCut", 1, 1)
