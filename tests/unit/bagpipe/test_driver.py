@@ -1,6 +1,8 @@
 """The driver's parts: what it tells, what it commits, and the cases over a real local Spark."""
 
 import json
+import os
+import sys
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -175,6 +177,8 @@ def test_spark_settings_that_decide() -> None:
 
 @pytest.fixture(scope="module")
 def spark() -> Iterator[SparkContext]:
+    # Spark's Python workers are to be the Python that runs the tests, whatever PATH says.
+    os.environ["PYSPARK_PYTHON"] = sys.executable
     conf = SparkConf().setMaster("local[2]").set("spark.ui.enabled", "false")
     conf.set("spark.driver.host", "127.0.0.1").set("spark.driver.bindAddress", "127.0.0.1")
     context = SparkContext(conf=conf)
