@@ -25,14 +25,18 @@ IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
 ifeq ($(origin CLUSTER),undefined)
 CLUSTER := $(if $(filter-out $(EMBEDDED_KUBECONFIG) $(KIND_KUBECONFIG),$(wildcard $(KUBECONFIG))),existing,embedded)
 endif
+# A rebuilt operator keeps its tag: what it holds, said in its pod, makes Kubernetes start it anew.
 ifeq ($(CLUSTER),embedded)
 export KUBECONFIG := $(EMBEDDED_KUBECONFIG)
 PREFLIGHT := cluster images tools
+OPERATOR_CONTENT = $$(sha256sum < $(BAGPIPE_CACHE)/images/operator.oci.json | cut -c1-16)
 else ifeq ($(CLUSTER),kind)
 export KUBECONFIG := $(KIND_KUBECONFIG)
 PREFLIGHT := tools
+OPERATOR_CONTENT = $$(docker image inspect --format '{{.Id}}' bagpipe.local/operator:0.1.0)
 else ifeq ($(CLUSTER),existing)
 PREFLIGHT := tools images
+OPERATOR_CONTENT = none
 else
 $(error CLUSTER is $(CLUSTER); it can be embedded, kind or existing)
 endif
@@ -121,7 +125,8 @@ endif
 .PHONY: install
 install: cluster ## Install the CRD and the chart with Helm
 	$(STEP) "Installing the chart" --if-it-fails "See 'kubectl -n $(NAMESPACE) describe pods'." -- \
-	  helm upgrade --install bagpipe charts/bagpipe --namespace $(NAMESPACE) --create-namespace --wait --timeout 3m
+	  helm upgrade --install bagpipe charts/bagpipe --namespace $(NAMESPACE) --create-namespace --wait --timeout 3m \
+	  --set-string "operator.podAnnotations.sim\.bagpipe\.io/image-content=$(OPERATOR_CONTENT)"
 
 .PHONY: uninstall
 uninstall: ## Remove the chart

@@ -1,6 +1,8 @@
 """SimulationJobs for the end-to-end tests: the example's job, small and fast, changed as told."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,17 @@ def apply(namespace: str, job: k.Object) -> None:
     k.kubectl("-n", namespace, "apply", "-f", "-", given=json.dumps(job))
 
 
+@contextmanager
+def applied(namespace: str, job: k.Object) -> Iterator[str]:
+    """A job's name while it exists; it is deleted however the block ends."""
+    apply(namespace, job)
+    name: str = job["metadata"]["name"]
+    try:
+        yield name
+    finally:
+        delete(namespace, name)
+
+
 def ended(namespace: str, name: str, seconds: float) -> k.Object:
     """The job once it is Complete or Failed."""
 
@@ -54,7 +67,8 @@ def condition(job: k.Object, kind: str) -> k.Object:
 
 def delete(namespace: str, name: str) -> None:
     """kubectl delete a job and wait until it is gone."""
-    k.kubectl("-n", namespace, "delete", "simjob", name, "--wait=true", "--timeout=60s")
+    what = ("simjob", name, "--ignore-not-found", "--wait=true", "--timeout=60s")
+    k.kubectl("-n", namespace, "delete", *what)
 
 
 def objects_of(namespace: str) -> list[str]:

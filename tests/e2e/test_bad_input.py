@@ -1,6 +1,7 @@
 """Bad input: each ends its job as Failed in bounded time, with a reason and a sentence."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
@@ -61,11 +62,11 @@ STACKS = [
 @pytest.fixture(scope="module")
 def ended(namespace: str) -> Iterator[dict[str, k.Object]]:
     """All bad jobs, run side by side, and how each ended."""
-    for bad in BAGS + STACKS:
-        jobs.apply(namespace, jobs.make_job(bad.name, **bad.changed))
-    yield {bad.name: jobs.ended(namespace, bad.name, 240) for bad in BAGS + STACKS}
-    for bad in BAGS + STACKS:
-        jobs.delete(namespace, bad.name)
+    with ExitStack() as existing:
+        for bad in BAGS + STACKS:
+            job = jobs.make_job(bad.name, **bad.changed)
+            existing.enter_context(jobs.applied(namespace, job))
+        yield {bad.name: jobs.ended(namespace, bad.name, 240) for bad in BAGS + STACKS}
     k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 90)
 
 
@@ -93,28 +94,23 @@ def test_a_crashed_stacks_stderr_is_in_the_result(
 
 
 def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
-    name = "cut-beside-whole"
-    job = jobs.make_job(name, **bags("bad/cut.bag", "pr2/joint_states.bag"))
-    jobs.apply(namespace, job)
-    status = jobs.ended(namespace, name, 180)["status"]
-    assert (status["cases"]["passed"], status["cases"]["errored"]) == (1, 1)
-    assert status["failures"] == [
-        {"case": "cut", "reason": "BagCut", "message": status["failures"][0]["message"]}
-    ]
-    manifest, _ = k.results(namespace, status["results"])
-    assert {case["case"]: case["outcome"] for case in manifest["cases"]} == {
-        "cut": "errored",
-        "joint_states-0000": "passed",
-    }
-    jobs.delete(namespace, name)
+    job = jobs.make_job("cut-beside-whole", **bags("bad/cut.bag", "pr2/joint_states.bag"))
+    with jobs.applied(namespace, job) as name:
+        status = jobs.ended(namespace, name, 180)["status"]
+        assert (status["cases"]["passed"], status["cases"]["errored"]) == (1, 1)
+        (failure,) = status["failures"]
+        assert (failure["case"], failure["reason"]) == ("cut", "BagCut")
+        manifest, _ = k.results(namespace, status["results"])
+        assert {case["case"]: case["outcome"] for case in manifest["cases"]} == {
+            "cut": "errored",
+            "joint_states-0000": "passed",
+        }
 
 
 def test_a_stack_that_answers_nothing_is_invalid_and_not_passed(namespace: str) -> None:
-    name = "answers-nothing"
     listens = {"image": "bagpipe.local/ros:0.1.0", "command": ["rostopic", "echo", "/joint_states"]}
-    jobs.apply(namespace, jobs.make_job(name, **stack(**listens)))
-    status = jobs.ended(namespace, name, 180)["status"]
-    assert (status["phase"], status["verdict"]) == ("Complete", "Invalid")
-    assert status["cases"]["invalid"] == 1
-    assert status["failures"][0]["reason"] == "NothingRecorded"
-    jobs.delete(namespace, name)
+    with jobs.applied(namespace, jobs.make_job("answers-nothing", **stack(**listens))) as name:
+        status = jobs.ended(namespace, name, 180)["status"]
+        assert (status["phase"], status["verdict"]) == ("Complete", "Invalid")
+        assert status["cases"]["invalid"] == 1
+        assert status["failures"][0]["reason"] == "NothingRecorded"

@@ -20,8 +20,12 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
 
 
 def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
-    jobs.apply(namespace, jobs.example())
-    name = "robot-state-publisher"
+    with jobs.applied(namespace, jobs.example()) as name:
+        _check_the_examples_job(namespace, name)
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)
+
+
+def _check_the_examples_job(namespace: str, name: str) -> None:
 
     def both_executors() -> list[k.Object] | None:
         pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor")
@@ -63,18 +67,14 @@ def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
     table = k.kubectl("-n", namespace, "get", "simjob", name)
     assert table.splitlines()[0].split()[:5] == ["NAME", "PHASE", "CASES", "PASSED", "FAILED"]
     assert table.splitlines()[1].split()[:4] == [name, "Complete", "4", "4"]
-    jobs.delete(namespace, name)
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)
 
 
 def test_deleting_a_running_job_leaves_nothing_behind(namespace: str) -> None:
-    job = jobs.make_job("deleted-midway", playback={"rate": 0.2})
-    jobs.apply(namespace, job)
+    with jobs.applied(namespace, jobs.make_job("deleted-midway", playback={"rate": 0.2})) as name:
 
-    def running() -> bool:
-        status = k.get(namespace, "simjob", "deleted-midway").get("status", {})
-        return bool(status.get("cases", {}).get("running", 0) == 1)
+        def running() -> bool:
+            status = k.get(namespace, "simjob", name).get("status", {})
+            return bool(status.get("cases", {}).get("running", 0) == 1)
 
-    k.await_that("its case to run", running, 120)
-    jobs.delete(namespace, "deleted-midway")
+        k.await_that("its case to run", running, 120)
     k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)

@@ -31,6 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--job", type=Path, required=True, help="the job.json of the operator")
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
+    logging.getLogger("py4j").setLevel(logging.WARNING)
     job = JobFile.model_validate_json(options.job.read_bytes())
     progress = Progress(results_uri(job), slots=job.spec.spark.executors * job.spec.spark.slots)
     server = serve_progress(progress, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address

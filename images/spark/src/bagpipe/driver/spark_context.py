@@ -70,6 +70,7 @@ def _where(job: JobFile, pod: DriverPod) -> dict[str, str]:
         "spark.driver.bindAddress": pod.address,
         "spark.driver.host": pod.address,
         "spark.ui.enabled": "false",
+        "spark.ui.showConsoleProgress": "false",
         # The driver made no Services and no claims, and has no right to look for any.
         "spark.kubernetes.driver.service.deleteOnTermination": "false",
         "spark.kubernetes.driver.ownPersistentVolumeClaim": "false",
