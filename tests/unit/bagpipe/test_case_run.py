@@ -1,6 +1,7 @@
 """A case from lease to row, against an agent that fails in every way it can."""
 
 import copy
+import errno
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from bagpipe.run import case_run
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.judge import DeliveryIncompleteError, judge
-from bagpipe.storage import Storage
+from bagpipe.storage import NewFile, Storage, _told_as_unwritable
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import (
     RESULT,
@@ -161,3 +162,41 @@ def test_any_mismatch_in_the_ledger_is_no_delivery(change: dict[str, int]) -> No
     result["ledger"]["topics"][0]["subscribers"][0] |= change
     with pytest.raises(DeliveryIncompleteError, match="/stack processed"):
         judge(result)
+
+
+def test_a_full_volume_is_named_as_such(run: Run, context: RunContext) -> None:
+    (Path(context.volumes["results"]) / "r/cases").mkdir(parents=True)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("bagpipe.storage.NewFile.write", _no_space)
+        row, _ = run(well_behaved(b"recorded"))
+    assert (row["reason"], row["attempts"]) == ("StorageFailed", 1)
+    assert row["message"].endswith("can't be written: No space left on device")
+    assert kept(context) == []
+
+
+def _no_space(file: NewFile, _data: bytes) -> None:
+    with _told_as_unwritable(file.uri):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_a_slot_that_vanishes_is_tried_again_and_not_blamed_on_storage(
+    case: Case, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_slot(Path(context.shared))
+    (folder / "lease").unlink()
+    monkeypatch.setattr(case_run, "_MEETING_SECONDS", 0.05)
+    row = run_case(case, context)
+    assert (row["reason"], row["attempts"]) == ("SlotUnavailable", 3)
+    assert "lease" in row["message"]
+
+
+def test_a_fault_of_ours_costs_one_case(
+    case: Case, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> Row:
+        raise KeyError("ledger")
+
+    monkeypatch.setattr(case_run, "_played", broken)
+    row = run_case(case, context)
+    assert (row["outcome"], row["reason"]) == ("errored", "Internal")
+    assert row["message"] == "KeyError: 'ledger'"

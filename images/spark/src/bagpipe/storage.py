@@ -63,17 +63,24 @@ class Storage:
                     at += len(piece)
 
     @contextmanager
-    def create(self, uri: str) -> Iterator[BinaryIO]:
-        """A new file that appears under its name only when the block ends well."""
+    def create(self, uri: str) -> Iterator["NewFile"]:
+        """A new file that appears under its name only when the block ends well.
+
+        Raises StorageError for its own faults; what the block raises passes unchanged.
+        """
         files, path = self._locate(uri)
         part = f"{path}.part"
         try:
-            files.makedirs(posixpath.dirname(path), exist_ok=True)
-            with files.open(part, "wb") as file:
-                yield cast("BinaryIO", file)
-            files.mv(part, path)
-        except OSError as error:
-            raise StorageError(f"{uri} can't be written: {error.strerror or error}") from error
+            with _told_as_unwritable(uri):
+                files.makedirs(posixpath.dirname(path), exist_ok=True)
+                file = files.open(part, "wb")
+            try:
+                yield NewFile(uri, file)
+            finally:
+                with _told_as_unwritable(uri):
+                    file.close()
+            with _told_as_unwritable(uri):
+                files.mv(part, path)
         finally:
             if files.exists(part):
                 files.rm_file(part)
@@ -116,6 +123,27 @@ class Storage:
             return f"{scheme}://{path}"
         claim = rest.split("/", 1)[0]
         return f"pvc://{claim}/{posixpath.relpath(path, self.volumes[claim])}"
+
+
+@dataclass(frozen=True)
+class NewFile:
+    """A file that is being written; its faults name the URI."""
+
+    uri: str
+    _file: BinaryIO
+
+    def write(self, data: bytes) -> None:
+        """Append. Raises StorageError, for example on a full volume."""
+        with _told_as_unwritable(self.uri):
+            self._file.write(data)
+
+
+@contextmanager
+def _told_as_unwritable(uri: str) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(f"{uri} can't be written: {error.strerror or error}") from error
 
 
 def read_fully(file: BinaryIO, offset: int, length: int) -> bytes:

@@ -10,7 +10,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, BinaryIO
+from typing import Any, Protocol
 
 import bagpipe
 from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType, ProtocolError
@@ -45,6 +45,13 @@ class InputFile:
     pieces: Callable[[], Iterator[bytes]]
 
 
+class Sink(Protocol):
+    """Where recorded bytes go as they come."""
+
+    def write(self, data: bytes, /) -> object:
+        """Append."""
+
+
 @dataclass
 class Answer:
     """What the agent sent: the RESULT map and how many bytes went into the sink."""
@@ -57,7 +64,7 @@ class Answer:
 
 
 def run_session(
-    ends: Ends, case: dict[str, Any], files: list[InputFile], sink: BinaryIO, deadline: float
+    ends: Ends, case: dict[str, Any], files: list[InputFile], sink: Sink, deadline: float
 ) -> Answer:
     """Feed one case and receive its answer; recorded bytes are written to `sink` as they come.
 
@@ -178,7 +185,7 @@ def _receive(ends: Ends, receiver: "_Receiver", peer_gone: bool) -> None:
 class _Receiver:
     """The agent's half of the protocol."""
 
-    def __init__(self, session: str, sink: BinaryIO) -> None:
+    def __init__(self, session: str, sink: Sink) -> None:
         self.answer = Answer()
         self._greeting = Greeting(session)
         self._greeted = False

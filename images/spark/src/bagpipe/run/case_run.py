@@ -4,12 +4,13 @@ The recorded bag is stored under a name of this attempt's own, so that two attem
 case can never meet; which one counts is decided by the driver's manifest alone.
 """
 
+import logging
 import posixpath
 import time
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from bagpipe.pipe.session import Answer, SessionError, run_session
 from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
@@ -17,7 +18,7 @@ from bagpipe.plan.cases import Case
 from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.judge import DeliveryIncompleteError, judge
 from bagpipe.spec import SimulationJobSpec, duration_seconds
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import NewFile, Storage, StorageError
 
 ATTEMPTS = 3
 # A node with a short queue loses messages while its machine is busy, which passes.
@@ -36,7 +37,17 @@ _WORTH_ANOTHER_TRY = {
     "SlotUnavailable",
 }
 
+_REASONS: list[tuple[type[Exception], str]] = [
+    (DeliveryIncompleteError, "DeliveryIncomplete"),
+    (SlotUnavailableError, "SlotUnavailable"),
+    (StorageError, "StorageFailed"),
+    # The pipes and locks of the shared volume: an agent that starts anew makes them again.
+    (OSError, "SlotUnavailable"),
+]
+
 Row = dict[str, Any]
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -76,14 +87,14 @@ def _attempts_allowed(reason: str) -> int:
 def _attempt(case: Case, context: RunContext) -> Row:
     try:
         return _played(case, context)
-    except DeliveryIncompleteError as error:
-        return _errored("DeliveryIncomplete", str(error))
-    except SlotUnavailableError as error:
-        return _errored("SlotUnavailable", str(error))
     except SessionError as error:
         return _errored(error.reason, str(error), error.stderr)
-    except StorageError as error:
-        return _errored("StorageFailed", str(error))
+    except Exception as error:  # a fault of ours costs one case, never the whole job
+        for kind, reason in _REASONS:
+            if isinstance(error, kind):
+                return _errored(reason, str(error))
+        log.exception("case %s", case.id)
+        return _errored("Internal", f"{type(error).__name__}: {error}")
 
 
 def _errored(reason: str, message: str, stderr: list[str] | None = None) -> Row:
@@ -118,7 +129,7 @@ def _played(case: Case, context: RunContext) -> Row:
     }
 
 
-def _answered(case: Case, context: RunContext, storage: Storage, sink: BinaryIO) -> Answer:
+def _answered(case: Case, context: RunContext, storage: Storage, sink: NewFile) -> Answer:
     meeting = time.monotonic() + _MEETING_SECONDS
     with lease(Path(context.shared), meeting) as slot, open_ends(slot, meeting) as ends:
         deadline = time.monotonic() + _case_seconds(context.spec) + _GRACE_SECONDS
