@@ -98,6 +98,10 @@ GOOD_VARIATIONS = {
     "a whole number of CPUs": ("spec.spark.driver.resources", {"cpu": 1, "memory": "2Gi"}),
     "patterns to record": ("spec.record.topics", [".*", "(/tf|/tf_static)", "/lane/.*"]),
     "an integer rate": ("spec.playback.rate", 2),
+    "lock-step": (
+        "spec.playback",
+        {"mode": "lockstep", "steps": [{"trigger": "/scan", "answer": "/out", "by": "stamp"}]},
+    ),
     "any parameters": ("spec.stack.parameters", {"/a": 1.5, "/b": [1, "x"], "/c": {"d": True}}),
     "forty characters": ("metadata.name", "a" * 40),
 }
@@ -126,7 +130,24 @@ REFUSED: dict[str, tuple[str, object, str]] = {
     ),
     "unknown mode": (
         "spec.playback.mode", "fast",
-        'spec.playback.mode: Unsupported value: "fast": supported values: "realtime", "max"',
+        'spec.playback.mode: Unsupported value: "fast": supported values: "realtime", "max", "loc',
+    ),
+    "lock-step without steps": (
+        "spec.playback", {"mode": "lockstep"},
+        "playback.steps and playback.mode: lockstep belong together: write for example",
+    ),
+    "steps without lock-step": (
+        "spec.playback", {"steps": [{"trigger": "/scan", "answer": "/out"}]},
+        "playback.steps and playback.mode: lockstep belong together: write for example",
+    ),
+    "a step's deadline of nothing": (
+        "spec.playback",
+        {"mode": "lockstep", "steps": [{"trigger": "/a", "answer": "/b", "deadline": "0s"}]},
+        "a deadline in playback.steps must be a duration above zero with its unit",
+    ),
+    "a trigger without slash": (
+        "spec.playback", {"mode": "lockstep", "steps": [{"trigger": "scan", "answer": "/b"}]},
+        "a trigger in playback.steps must begin with a slash: write for example /camera/image",
     ),
     "topic without slash": (
         "spec.source.topics", ["imu/data"],

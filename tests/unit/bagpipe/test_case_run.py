@@ -1,6 +1,7 @@
 """A case from lease to row, against an agent that fails in every way it can."""
 
 import copy
+import dataclasses
 import errno
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +11,7 @@ import pytest
 from bagpipe.pipe.frames import FrameType
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run import case_run
-from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.judge import DeliveryIncompleteError, judge
 from bagpipe.storage import NewFile, Storage, _told_as_unwritable
@@ -200,3 +201,15 @@ def test_a_fault_of_ours_costs_one_case(
     row = run_case(case, context)
     assert (row["outcome"], row["reason"]) == ("errored", "Internal")
     assert row["message"] == "KeyError: 'ledger'"
+
+
+def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
+    case: Case, context: RunContext
+) -> None:
+    step = {"trigger": "/scan", "answer": "/out", "deadline": "500ms"}
+    spec = make_spec(playback={"mode": "lockstep", "steps": [step]})
+    playback = case_map(case, dataclasses.replace(context, spec=spec))["playback"]
+    assert playback["mode"] == "lockstep"
+    assert playback["steps"] == [
+        {"trigger": "/scan", "answer": "/out", "deadline": 0.5, "by": "count", "optional": False}
+    ]

@@ -38,6 +38,9 @@ def test_defaults() -> None:
         ({"source": {"bags": ["pvc://a/b"], "topics": ["scan"]}}, "write /scan"),
         ({"playback": {"rate": 0}}, "greater than 0"),
         ({"playback": {"caseTimeout": "0s"}}, "above zero"),
+        ({"playback": {"mode": "lockstep"}}, "belong together"),
+        ({"playback": {"steps": [{"trigger": "/a", "answer": "/b"}]}}, "belong together"),
+        ({"playback": {"mode": "lockstep", "steps": [{"trigger": "a", "answer": "/b"}]}}, "/a"),
         ({"stack": {"image": "x", "command": []}}, "at least 1 item"),
     ],
 )

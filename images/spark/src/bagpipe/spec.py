@@ -6,9 +6,16 @@ refuses, so that a job read from a file on a laptop meets the same rules.
 """
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    model_validator,
+)
 from pydantic.alias_generators import to_camel
 
 _DURATION = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h)")
@@ -98,13 +105,30 @@ class Stack(_Model):
     resources: dict[str, JsonValue] = {}
 
 
+class Step(_Model):
+    """An input topic of lock-step and the answer that the next input waits for."""
+
+    trigger: Name
+    answer: Name
+    deadline: PositiveDuration = "2s"
+    by: Literal["count", "stamp"] = "count"
+    optional: bool = False
+
+
 class Playback(_Model):
     """How the messages are released."""
 
-    mode: Literal["realtime", "max"] = "realtime"
+    mode: Literal["realtime", "max", "lockstep"] = "realtime"
+    steps: list[Step] = []
     rate: float = Field(default=1.0, gt=0, le=100)
     subscribe_timeout: PositiveDuration = "20s"
     case_timeout: PositiveDuration = "10m"
+
+    @model_validator(mode="after")
+    def _steps_belong_to_lockstep(self) -> Self:
+        if (self.mode == "lockstep") != bool(self.steps):
+            raise ValueError("playback.steps and playback.mode: lockstep belong together")
+        return self
 
 
 class Record(_Model):

@@ -163,7 +163,14 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
             "parameters": spec.stack.parameters,
             "remap": spec.stack.remap,
         },
-        "playback": {"mode": spec.playback.mode, "rate": spec.playback.rate},
+        "playback": {
+            "mode": spec.playback.mode,
+            "rate": spec.playback.rate,
+            "steps": [
+                step.model_dump() | {"deadline": duration_seconds(step.deadline)}
+                for step in spec.playback.steps
+            ],
+        },
         "record": {"topics": spec.record.topics, "byte_budget": _RECORD_BYTES},
         "deadlines": {
             "start": 30.0,
