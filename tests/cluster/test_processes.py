@@ -49,7 +49,7 @@ def test_remembers_a_process_across_programs(sleeper: subprocess.Popen[bytes], p
 @pytest.mark.usefixtures("pids")
 def test_stop_ends_the_process_and_its_pid_file(sleeper: subprocess.Popen[bytes]) -> None:
     kept = processes.remember("sleeper", sleeper.pid)
-    processes.stop("sleeper")
+    processes.stop(["sleeper"])
     assert not kept.alive
     assert processes.names() == []
     assert sleeper.wait(timeout=10) == -signal.SIGTERM

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -50,8 +51,9 @@ def stop_processes() -> None:
     """The kubelet first, so that nobody restarts a container; etcd last, so that nobody waits."""
     running = processes.names()
     order = {"kubelet": 0, "kube-apiserver": 2, "etcd": 3}
-    for name in sorted(running, key=lambda n: order.get(n.rsplit("-0", 1)[0], 1)):
-        processes.stop(name)
+    ranks = {name: order.get(name.rsplit("-0", 1)[0], 1) for name in running}
+    for rank in sorted(set(ranks.values())):
+        processes.stop([name for name in running if ranks[name] == rank])
     cgroups.kill_all()
 
 
@@ -68,9 +70,22 @@ def remove_strays(node: Node) -> None:
     remove_shim_sockets(node)
     for result in Path("/var/lib/cni/results").glob(f"{NAME}-*"):
         result.unlink(missing_ok=True)
+    # containerd 1.6 never takes back what it noted of a pod's loopback; a live pod's is kept.
+    for result in Path("/var/lib/cni/results").glob("cni-loopback-*"):
+        if not any(path.exists() for path in sandboxes(result.read_text())):
+            result.unlink(missing_ok=True)
     for link in Path("/var/log/containers").glob("*.log"):
         if link.is_symlink() and STATE in link.readlink().parents:
             link.unlink(missing_ok=True)
+
+
+def sandboxes(result: str) -> list[Path]:
+    """The network namespaces that a CNI result names; none where it can't be read."""
+    try:
+        interfaces = json.loads(result)["result"]["interfaces"]
+        return [Path(interface["sandbox"]) for interface in interfaces]
+    except (ValueError, KeyError, TypeError):
+        return []
 
 
 def remove_netns_mount() -> None:

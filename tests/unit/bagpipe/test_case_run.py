@@ -11,7 +11,7 @@ import pytest
 from bagpipe.pipe.frames import FrameType
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run import case_run
-from bagpipe.run.case_run import Row, RunContext, case_map, run_case
+from bagpipe.run.case_run import Row, RunContext, attempts_allowed, case_map, run_case
 from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.judge import DeliveryIncompleteError, judge
 from bagpipe.storage import NewFile, Storage, _told_as_unwritable
@@ -101,7 +101,7 @@ def test_a_lost_message_runs_the_case_again_and_its_bag_never_counts(
     assert len(kept(context)) == 1
 
 
-def test_five_losses_are_an_error_that_names_the_node(
+def test_ten_losses_are_an_error_that_names_the_node(
     context: RunContext, case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def losing(*_: object) -> Row:
@@ -109,7 +109,7 @@ def test_five_losses_are_an_error_that_names_the_node(
 
     monkeypatch.setattr(case_run, "_played", losing)
     row = run_case(case, context)
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "DeliveryIncomplete", 5)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "DeliveryIncomplete", 10)
     assert "/stack processed 2 of 3" in row["message"]
 
 
@@ -213,3 +213,17 @@ def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
     assert playback["steps"] == [
         {"trigger": "/scan", "answer": "/out", "deadline": 0.5, "by": "count", "optional": False}
     ]
+
+
+@pytest.mark.parametrize(
+    ("reason", "mode", "attempts"),
+    [
+        ("DeliveryIncomplete", "realtime", 10),
+        ("DeliveryIncomplete", "max", 3),
+        ("AgentDied", "realtime", 3),
+        ("StackExited", "realtime", 1),
+        ("", "realtime", 1),
+    ],
+)
+def test_only_what_may_pass_is_tried_again(reason: str, mode: str, attempts: int) -> None:
+    assert attempts_allowed(reason, mode) == attempts

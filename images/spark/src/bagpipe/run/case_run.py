@@ -22,7 +22,7 @@ from bagpipe.storage import NewFile, Storage, StorageError
 
 ATTEMPTS = 3
 # A node with a short queue loses messages while its machine is busy, which passes.
-DELIVERY_ATTEMPTS = 5
+REALTIME_ATTEMPTS = 10
 # The agent ends a case at its deadline; the worker allows this much more for the answer.
 _GRACE_SECONDS = 30.0
 # A slot is free for every task; longer than this means that the agent is gone.
@@ -32,6 +32,7 @@ _RECORD_BYTES = 1 << 30
 # Faults of the machinery or of timing, where the same case may well succeed the next time.
 _WORTH_ANOTHER_TRY = {
     "AgentDied",
+    "DeliveryIncomplete",
     "ProtocolError",
     "RosMasterFailed",
     "SlotUnavailable",
@@ -66,7 +67,7 @@ def run_case(case: Case, context: RunContext) -> Row:
     begun = time.monotonic()
     attempts = 1
     row = _attempt(case, context)
-    while attempts < _attempts_allowed(row["reason"]):
+    while attempts < attempts_allowed(row["reason"], context.spec.playback.mode):
         attempts += 1
         row = _attempt(case, context)
     return row | {
@@ -78,9 +79,10 @@ def run_case(case: Case, context: RunContext) -> Row:
     }
 
 
-def _attempts_allowed(reason: str) -> int:
-    if reason == "DeliveryIncomplete":
-        return DELIVERY_ATTEMPTS
+def attempts_allowed(reason: str, mode: str) -> int:
+    """How often a case that ended with `reason` may be run in all."""
+    if reason == "DeliveryIncomplete" and mode == "realtime":
+        return REALTIME_ATTEMPTS
     return ATTEMPTS if reason in _WORTH_ANOTHER_TRY else 1
 
 
