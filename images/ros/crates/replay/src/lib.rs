@@ -8,9 +8,12 @@
 //! Not for: starting the stack or its master (the agent does), or judging the recording.
 #![forbid(unsafe_code)]
 
+mod answers;
 mod clock;
 mod error;
 mod ledger;
+mod lockstep;
+mod ordered;
 mod outcome;
 mod plan;
 mod play;
@@ -20,12 +23,15 @@ mod replay;
 mod request;
 mod rostime;
 mod spacing;
+mod stamp;
+mod step;
 mod subscribe;
 mod watch;
 
 pub use error::ReplayError;
 pub use outcome::{
-    Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, Timings,
+    Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, StepReport,
+    Timings,
 };
 pub use replay::replay;
-pub use request::{Cancellation, Mode, Progress, ReplayRequest, Stage, Window};
+pub use request::{AnswerBy, Cancellation, Mode, Progress, ReplayRequest, Stage, Step, Window};

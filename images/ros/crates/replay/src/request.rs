@@ -23,6 +23,46 @@ pub enum Mode {
     Realtime,
     /// As fast as the slowest subscriber's socket takes it.
     Max,
+    /// The next message goes out when the subscribers have read the last one and the stack
+    /// has answered it, as [`Step`]s say.
+    Lockstep,
+}
+
+/// An input that the stack answers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// The input's topic, as published to the stack.
+    pub trigger: String,
+    /// The topic of the answer. Steps with the same answer are inputs that are fused: one
+    /// answer is expected once all of them have come.
+    pub answer: String,
+    /// How long to wait for the answer; when it has passed there is "no output".
+    pub deadline: Duration,
+    /// How an answer is told to be the one.
+    pub by: AnswerBy,
+    /// Whether the stack may skip the input: nothing waits for it, and its answer's absence
+    /// is counted apart.
+    pub optional: bool,
+}
+
+/// How an answer is told to be the one that is waited for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AnswerBy {
+    /// One more message than there was.
+    #[default]
+    Count,
+    /// A header stamp not before the input's own.
+    Stamp,
+}
+
+impl AnswerBy {
+    /// Its name in cases and results.
+    pub fn name(self) -> &'static str {
+        match self {
+            AnswerBy::Count => "count",
+            AnswerBy::Stamp => "stamp",
+        }
+    }
 }
 
 /// A replay to be done.
@@ -39,6 +79,8 @@ pub struct ReplayRequest {
     pub remap: BTreeMap<String, String>,
     /// How fast.
     pub mode: Mode,
+    /// What to wait for in lock-step; without meaning in other modes.
+    pub steps: Vec<Step>,
     /// Bag seconds per second, in realtime; above 0.
     pub rate: f64,
     /// Regular expressions that a topic's whole name must match to be recorded.

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 use bagpipe_ros::{Node, Publication, RosError, SystemState};
 use regex::Regex;
 
+use crate::lockstep::Lockstep;
 use crate::play::Player;
+use crate::recorder::Recorder;
 use crate::request::resolved;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
@@ -27,6 +29,8 @@ const FAILURES: u32 = 3;
 pub(crate) struct Discovery<'a> {
     node: &'a Node,
     patterns: Vec<Regex>,
+    /// Topics whose publishers must be there before the play begins.
+    expected: Vec<String>,
     failures: Mutex<u32>,
 }
 
@@ -41,7 +45,31 @@ impl<'a> Discovery<'a> {
                 patterns.push(whole(text)?);
             }
         }
-        Ok(Discovery { node, patterns, failures: Mutex::new(0) })
+        Ok(Discovery { node, patterns, expected: Vec::new(), failures: Mutex::new(0) })
+    }
+
+    /// Subscribes to the answers of a lock-step play, which need not be recorded, and expects
+    /// those that it can't do without.
+    pub(crate) fn listen_for(
+        &mut self,
+        lockstep: &Lockstep,
+        recorder: &Recorder,
+    ) -> Result<(), ReplayError> {
+        for answer in lockstep.answers() {
+            let named = self.node.subscribed_topics().iter().any(|topic| topic == answer);
+            if !named && !self.patterns.iter().any(|pattern| pattern.is_match(answer)) {
+                recorder.only_listen_to(answer);
+            }
+            self.node.subscribe(answer).map_err(ReplayError::RosMasterFailed)?;
+        }
+        self.expected = lockstep.required().map(str::to_owned).collect();
+        Ok(())
+    }
+
+    /// Expected topics that nobody publishes yet.
+    fn unanswered(&self) -> Vec<&str> {
+        let expected = self.expected.iter().map(String::as_str);
+        expected.filter(|topic| self.node.publishers_of(topic) == 0).collect()
     }
 
     /// Subscribes to what others publish and a pattern matches; answers the graph's state.
@@ -107,10 +135,14 @@ pub(crate) fn wait_for_stack(
             discovery.look()?;
             player.show_clock(watch)?;
         }
-        if waiting.is_over(player.publications(), now, deadline) {
+        let unanswered = discovery.unanswered();
+        if unanswered.is_empty() && waiting.is_over(player.publications(), now, deadline) {
             break;
         }
         if now >= deadline {
+            if !unanswered.is_empty() && waiting.is_over(player.publications(), now, deadline) {
+                return Err(never_advertised(&unanswered, request));
+            }
             let missing = waiting.missing(player.publications());
             return Err(never_subscribed(discovery, player, &missing, request));
         }
@@ -193,6 +225,15 @@ fn others<'n>(
     ourselves: &'n str,
 ) -> impl Iterator<Item = &'n String> {
     nodes.into_iter().flatten().filter(move |node| *node != ourselves)
+}
+
+fn never_advertised(answers: &[&str], request: &ReplayRequest) -> ReplayError {
+    ReplayError::NeverSubscribed(format!(
+        "nobody published {} within {:.1} s, which the steps name as an answer; is the name \
+         right? Let the step be optional if its node appears only during the play",
+        answers.join(", "),
+        request.subscribe_deadline.as_secs_f64()
+    ))
 }
 
 fn never_subscribed(

@@ -143,7 +143,7 @@ fn realtime_keeps_the_bags_times_at_the_asked_rate() {
     let replayed = run(&bag, &request).unwrap();
     eprintln!("{:?}", replayed.playback);
     // 49 intervals of 20 ms at twice the speed: 0.49 s.
-    let playback = replayed.playback;
+    let playback = &replayed.playback;
     assert!((playback.played_seconds - 0.49).abs() < 0.1, "{playback:?}");
     assert!((playback.achieved_rate - 2.0).abs() < 0.35, "{playback:?}");
     assert!(playback.late_max_seconds < 0.1, "{playback:?}");

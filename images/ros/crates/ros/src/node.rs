@@ -178,6 +178,12 @@ impl Node {
         self.graph.subscribed_topics()
     }
 
+    /// Waits until everything that lies in our sockets now has been handed to the sink, at
+    /// most for `limit`.
+    pub fn sweep(&self, limit: Duration) {
+        self.inbox.sweep(limit);
+    }
+
     /// How many publishers of a topic we read from.
     pub fn publishers_of(&self, topic: &str) -> usize {
         lock(&self.graph.subscriptions).get(topic).map_or(0, |s| s.connections())

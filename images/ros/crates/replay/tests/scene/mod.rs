@@ -42,6 +42,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         topics: Vec::new(),
         remap: BTreeMap::new(),
         mode: Mode::Max,
+        steps: Vec::new(),
         rate: 1.0,
         record_topics: Vec::new(),
         byte_budget: 1 << 30,
