@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_pipe::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 use bagpipe_replay::{
-    AnswerBy, Cancellation, Mode, Progress, ReplayRequest, Replayed, Step, Window, replay,
+    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Replayed, StartWhen, Step,
+    Window, replay,
 };
 
 use crate::case::{self, Case, seconds};
@@ -128,6 +129,8 @@ impl Runner<'_> {
             drain_deadline: seconds(deadlines.drain),
             case_deadline: self.deadline,
             use_sim_time: self.case.use_sim_time(),
+            clock_rate: CLOCK_RATE,
+            start: StartWhen::default(),
         }
     }
 

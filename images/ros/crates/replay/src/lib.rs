@@ -18,6 +18,7 @@ mod outcome;
 mod plan;
 mod play;
 mod prove;
+mod record;
 mod recorder;
 mod replay;
 mod request;
@@ -33,5 +34,9 @@ pub use outcome::{
     Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, StepReport,
     Timings,
 };
+pub use record::{Keep, RecordRequest, RecordedLive, record};
 pub use replay::replay;
-pub use request::{AnswerBy, Cancellation, Mode, Progress, ReplayRequest, Stage, Step, Window};
+pub use request::{
+    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Stage, StartWhen, Step,
+    Window,
+};

@@ -15,9 +15,6 @@ use crate::step::{Stepper, await_read};
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
-/// /clock advances at least this often, in nanoseconds of bag time: 100 Hz.
-const TICK: u64 = 10_000_000;
-
 /// Messages that go out in one system call at most, and their bytes: at full speed.
 const RUN: usize = 1024;
 const RUN_BYTES: usize = 1 << 20;
@@ -38,6 +35,8 @@ pub(crate) struct Player<'a> {
     /// Messages played per topic: lead-in and counted.
     played: Vec<Played>,
     last_tick: u64,
+    /// /clock advances at least this often, in nanoseconds of bag time.
+    tick: u64,
     /// In lock-step.
     stepper: Option<Stepper<'a>>,
 }
@@ -86,6 +85,7 @@ impl<'a> Player<'a> {
             rate: request.rate,
             played: vec![Played::default(); plan.topics.len()],
             last_tick: request.window.lead_in_start,
+            tick: (1e9 / request.clock_rate).max(1.0) as u64,
             stepper,
         })
     }
@@ -270,8 +270,8 @@ impl<'a> Player<'a> {
         schedule: Schedule,
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
-        while self.clock_topic.is_some() && self.last_tick.saturating_add(TICK) < time {
-            let next = self.last_tick + TICK;
+        while self.clock_topic.is_some() && self.last_tick.saturating_add(self.tick) < time {
+            let next = self.last_tick + self.tick;
             watch.sleep_until(schedule.due(next))?;
             self.tick(next, watch)?;
         }

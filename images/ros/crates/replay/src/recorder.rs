@@ -268,7 +268,7 @@ impl Sink for Recorder {
     }
 }
 
-fn connection_of(incoming: &Incoming<'_>) -> Connection {
+pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
     let header = incoming.header;
     Connection {
         id: 0,

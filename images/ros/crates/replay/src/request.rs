@@ -96,7 +96,26 @@ pub struct ReplayRequest {
     pub case_deadline: Instant,
     /// Whether to publish /clock.
     pub use_sim_time: bool,
+    /// How often /clock ticks in realtime, per second of bag time; above 0. In `max` and in
+    /// lock-step it steps with each message.
+    pub clock_rate: f64,
+    /// What to wait for before the first message, beside a subscriber for each topic.
+    pub start: StartWhen,
 }
+
+/// What else must be so before the first message goes out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StartWhen {
+    /// These nodes have each connected to one of the played topics.
+    pub nodes: Vec<String>,
+    /// These topics have so many subscribers.
+    pub subscribers: BTreeMap<String, usize>,
+    /// So much time has passed since all of that.
+    pub delay: Duration,
+}
+
+/// /clock's usual rate in Hz.
+pub const CLOCK_RATE: f64 = 100.0;
 
 /// Why a replay should stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -161,6 +180,12 @@ impl ReplayRequest {
             return Err(ReplayError::BadRequest(format!(
                 "the rate must be a number above 0, not {}",
                 self.rate
+            )));
+        }
+        if !(self.clock_rate.is_finite() && self.clock_rate > 0.0) {
+            return Err(ReplayError::BadRequest(format!(
+                "/clock's rate must be a number of Hz above 0, not {}",
+                self.clock_rate
             )));
         }
         Ok(())

@@ -1,7 +1,7 @@
 //! Before the first input: the recorder finds its topics, the stack finds ours.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros::{Node, Publication, RosError, SystemState};
@@ -136,10 +136,17 @@ pub(crate) fn wait_for_stack(
             player.show_clock(watch)?;
         }
         let unanswered = discovery.unanswered();
-        if unanswered.is_empty() && waiting.is_over(player.publications(), now, deadline) {
+        let absent = absent(player.publications(), request);
+        if absent.is_empty()
+            && unanswered.is_empty()
+            && waiting.is_over(player.publications(), now, deadline)
+        {
             break;
         }
         if now >= deadline {
+            if !absent.is_empty() {
+                return Err(still_waiting(&absent, request));
+            }
             if !unanswered.is_empty() && waiting.is_over(player.publications(), now, deadline) {
                 return Err(never_advertised(&unanswered, request));
             }
@@ -148,7 +155,38 @@ pub(crate) fn wait_for_stack(
         }
         watch.sleep_until(now + LOOK)?;
     }
-    settle(discovery, player, watch)
+    settle(discovery, player, watch)?;
+    let begin = Instant::now() + request.start.delay;
+    while Instant::now() < begin {
+        watch.sleep_until(begin.min(Instant::now() + LOOK))?;
+        player.show_clock(watch)?;
+    }
+    Ok(())
+}
+
+/// What the request wants to wait for and is not there, in words.
+fn absent(topics: &[Arc<Publication>], request: &ReplayRequest) -> Vec<String> {
+    let connected: Vec<(&str, BTreeSet<String>)> =
+        topics.iter().map(|topic| (topic.info().topic.as_str(), open_subscribers(topic))).collect();
+    let nodes = request.start.nodes.iter().map(|node| resolved(node));
+    let mut absent: Vec<String> =
+        nodes.filter(|node| !connected.iter().any(|(_, there)| there.contains(node))).collect();
+    for (topic, wanted) in &request.start.subscribers {
+        let topic = resolved(topic);
+        let there = connected.iter().find(|(name, _)| *name == topic).map_or(0, |(_, n)| n.len());
+        if there < *wanted {
+            absent.push(format!("{wanted} subscribers of {topic} (there are {there})"));
+        }
+    }
+    absent
+}
+
+fn still_waiting(absent: &[String], request: &ReplayRequest) -> ReplayError {
+    ReplayError::NeverSubscribed(format!(
+        "waited in vain for {} for {:.1} s",
+        absent.join(", "),
+        request.subscribe_deadline.as_secs_f64()
+    ))
 }
 
 /// Waits until the connections stand that the master knows of: several nodes may
@@ -191,12 +229,7 @@ impl Waiting {
         Waiting { required, any, links: 0, since: Instant::now() }
     }
 
-    fn is_over(
-        &mut self,
-        topics: &[std::sync::Arc<Publication>],
-        now: Instant,
-        deadline: Instant,
-    ) -> bool {
+    fn is_over(&mut self, topics: &[Arc<Publication>], now: Instant, deadline: Instant) -> bool {
         if !self.any {
             return self.missing(topics).is_empty();
         }
@@ -208,7 +241,7 @@ impl Waiting {
     }
 
     /// The required topics that nobody subscribes to.
-    fn missing(&self, topics: &[std::sync::Arc<Publication>]) -> Vec<String> {
+    fn missing(&self, topics: &[Arc<Publication>]) -> Vec<String> {
         let required = self.required.iter().map(|at| &topics[*at]);
         let missing = required.filter(|publication| open_subscribers(publication).is_empty());
         missing.map(|publication| publication.info().topic.clone()).collect()
@@ -277,7 +310,7 @@ fn is_plain(pattern: &str) -> bool {
 }
 
 /// A pattern that must match a whole name.
-fn whole(pattern: &str) -> Result<Regex, ReplayError> {
+pub(crate) fn whole(pattern: &str) -> Result<Regex, ReplayError> {
     Regex::new(&format!("^(?:{pattern})$")).map_err(|error| {
         ReplayError::BadRequest(format!("\"{pattern}\" is not a regular expression: {error}"))
     })
