@@ -4,6 +4,7 @@
 
 use std::io::{ErrorKind, Read};
 use std::net::TcpStream;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
@@ -47,6 +48,14 @@ pub(crate) struct InLink {
     pub(crate) uri: String,
     pub(crate) header: ConnectionHeader,
     pub(crate) stream: TcpStream,
+    pub(crate) counts: Arc<Counts>,
+}
+
+/// What a connection has handed over, for whoever asks for our statistics.
+#[derive(Debug, Default)]
+pub(crate) struct Counts {
+    pub(crate) messages: AtomicU64,
+    pub(crate) bytes: AtomicU64,
 }
 
 /// The way into the inbox for connectors.
@@ -217,8 +226,10 @@ impl Stream {
             let Some(data) = rest.get(..length) else {
                 return true;
             };
-            let InLink { topic, header, id, .. } = &self.link;
+            let InLink { topic, header, id, counts, .. } = &self.link;
             sink.message(Incoming { topic, header, link: *id, data });
+            counts.messages.fetch_add(1, Ordering::Relaxed);
+            counts.bytes.fetch_add(length as u64, Ordering::Relaxed);
             self.start += 4 + length;
         }
     }
