@@ -3,12 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_bag::{Bag, ChunkedFile, MemoryChunkedFile};
 use bagpipe_replay::{
-    AnswerBy, Cancellation, Mode, Progress, ReplayRequest, Replayed, StartWhen, Step, Window,
-    replay,
+    AnswerBy, Cancellation, Mode, Pause, Progress, ReplayRequest, Replayed, Resumed, StartWhen,
+    Step, Window, replay,
 };
 use clap::Args;
 
@@ -59,6 +61,9 @@ pub struct PlayOptions {
     #[arg(long, value_name = "HZ", num_args = 0..=1, default_missing_value = "100",
           value_parser = positive)]
     clock: Option<f64>,
+    /// Stop before each message of this (published) topic until Enter is pressed.
+    #[arg(long, value_name = "TOPIC")]
+    pause: Vec<String>,
     /// Wait so long after the subscribers are there.
     #[arg(short, long, value_name = "SECONDS", default_value = "0.2", value_parser = seconds)]
     delay: Duration,
@@ -117,6 +122,31 @@ fn describe(error: &bagpipe_replay::ReplayError, path: &std::path::Display<'_>) 
     }
 }
 
+/// Goes on once a line has come on stdin, or its end.
+fn enter() -> Resumed {
+    let waiting: Mutex<Option<Receiver<()>>> = Mutex::new(None);
+    Arc::new(move |topic| {
+        let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        let line = waiting.get_or_insert_with(|| {
+            eprintln!("paused before a message of {topic}; Enter goes on");
+            let (said, line) = channel();
+            std::thread::spawn(move || {
+                let mut text = String::new();
+                // An end of input or an error is nobody who could ever press Enter.
+                let _ended = std::io::stdin().read_line(&mut text);
+                // Without a receiver the play is over.
+                let _over = said.send(());
+            });
+            line
+        });
+        let resumed = !matches!(line.try_recv(), Err(TryRecvError::Empty));
+        if resumed {
+            *waiting = None;
+        }
+        resumed
+    })
+}
+
 /// Writes a file so that it is there as a whole or not at all.
 pub fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
     let mut active = path.as_os_str().to_owned();
@@ -158,6 +188,8 @@ impl PlayOptions {
                 subscribers: self.subscribers.iter().cloned().collect(),
                 delay: self.delay,
             },
+            pause: (!self.pause.is_empty())
+                .then(|| Pause { topics: self.pause.clone(), resumed: enter() }),
         })
     }
 

@@ -131,6 +131,7 @@ impl Runner<'_> {
             use_sim_time: self.case.use_sim_time(),
             clock_rate: CLOCK_RATE,
             start: StartWhen::default(),
+            pause: None,
         }
     }
 

@@ -15,6 +15,7 @@ mod ledger;
 mod lockstep;
 mod ordered;
 mod outcome;
+mod pause;
 mod plan;
 mod play;
 mod prove;
@@ -34,6 +35,7 @@ pub use outcome::{
     Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, StepReport,
     Timings,
 };
+pub use pause::{Pause, Resumed};
 pub use record::{Keep, RecordRequest, RecordedLive, record};
 pub use replay::replay;
 pub use request::{

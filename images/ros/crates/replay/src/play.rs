@@ -8,7 +8,8 @@ use bagpipe_ros::{Node, Publication, SendError, Share};
 
 use crate::clock::{BagClock, Schedule};
 use crate::outcome::StepReport;
-use crate::plan::Plan;
+use crate::pause::Pause;
+use crate::plan::{Plan, Route};
 use crate::rostime::{clock_frame, clock_topic};
 use crate::spacing::Spacing;
 use crate::step::{Stepper, await_read};
@@ -20,8 +21,8 @@ const RUN: usize = 1024;
 const RUN_BYTES: usize = 1 << 20;
 /// What the slowest subscriber may have left unread before it is waited for, at full speed:
 /// bytes and messages, whichever is less.
-const WINDOW_BYTES: u64 = 4 << 20;
-const WINDOW_MESSAGES: u64 = 8192;
+const WINDOW_BYTES: u64 = 16 << 20;
+const WINDOW_MESSAGES: u64 = 16_384;
 
 /// Plays a plan on a node.
 pub(crate) struct Player<'a> {
@@ -39,6 +40,7 @@ pub(crate) struct Player<'a> {
     tick: u64,
     /// In lock-step.
     stepper: Option<Stepper<'a>>,
+    pause: Option<Pause>,
 }
 
 /// How many messages of a topic were played.
@@ -87,6 +89,7 @@ impl<'a> Player<'a> {
             last_tick: request.window.lead_in_start,
             tick: (1e9 / request.clock_rate).max(1.0) as u64,
             stepper,
+            pause: request.pause.clone(),
         })
     }
 
@@ -141,14 +144,14 @@ impl<'a> Player<'a> {
     pub(crate) fn play(
         &mut self,
         range: Range<usize>,
-        schedule: Schedule,
+        mut schedule: Schedule,
         share: Share,
         watch: &mut Watch<'_>,
     ) -> Result<Pace, ReplayError> {
         let from = schedule.bag;
         match self.mode {
             Mode::Realtime => self.clock.run(schedule.epoch, from, self.rate),
-            Mode::Max if self.clock_topic.is_none() => {
+            Mode::Max if self.clock_topic.is_none() && self.pause.is_none() => {
                 self.clock.stand(from);
                 let last = self.play_in_runs(range, share, watch)?;
                 return Ok(Pace { last, took: schedule.epoch.elapsed(), ..Pace::default() });
@@ -160,6 +163,7 @@ impl<'a> Player<'a> {
         self.last_tick = from;
         for place in range {
             let Some((message, route)) = self.plan.message(place) else { continue };
+            self.pause_before(message.time, route, &mut schedule, watch)?;
             match self.mode {
                 Mode::Realtime => {
                     self.wait_for(message.time, schedule, watch)?;
@@ -177,6 +181,32 @@ impl<'a> Player<'a> {
         }
         pace.took = schedule.epoch.elapsed();
         Ok(pace)
+    }
+
+    /// Stops before a message, if that is wanted; bag time stands meanwhile.
+    fn pause_before(
+        &mut self,
+        time: u64,
+        route: &Route,
+        schedule: &mut Schedule,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let Some(pause) = self.pause.clone() else { return Ok(()) };
+        for &at in &route.topics {
+            let topic = Arc::clone(&self.publications[at]);
+            if !pause.stops_at(&topic.info().topic) {
+                continue;
+            }
+            if self.mode == Mode::Realtime {
+                self.wait_for(time, *schedule, watch)?;
+            }
+            self.clock.stand(self.clock.now());
+            schedule.epoch += pause.wait(&topic.info().topic, watch)?;
+            if self.mode == Mode::Realtime {
+                self.clock.run(schedule.epoch, schedule.bag, self.rate);
+            }
+        }
+        Ok(())
     }
 
     /// Simulated time stands at `time` from now on.

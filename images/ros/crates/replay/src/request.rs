@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::ReplayError;
+use crate::{Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,6 +101,8 @@ pub struct ReplayRequest {
     pub clock_rate: f64,
     /// What to wait for before the first message, beside a subscriber for each topic.
     pub start: StartWhen,
+    /// Where to stop until somebody says to go on.
+    pub pause: Option<Pause>,
 }
 
 /// What else must be so before the first message goes out.

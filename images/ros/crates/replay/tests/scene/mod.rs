@@ -54,6 +54,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         use_sim_time: false,
         clock_rate: CLOCK_RATE,
         start: StartWhen::default(),
+        pause: None,
     }
 }
 
