@@ -49,6 +49,7 @@ pub enum Mode {
     #[default]
     Realtime,
     Max,
+    Lockstep,
 }
 
 impl TryFrom<String> for Mode {
@@ -58,7 +59,8 @@ impl TryFrom<String> for Mode {
         match name.as_str() {
             "realtime" => Ok(Self::Realtime),
             "max" => Ok(Self::Max),
-            _ => Err(format!("playback.mode is {name:?}, not realtime or max")),
+            "lockstep" => Ok(Self::Lockstep),
+            _ => Err(format!("playback.mode is {name:?}, not realtime, max or lockstep")),
         }
     }
 }
@@ -68,11 +70,46 @@ impl TryFrom<String> for Mode {
 pub struct Playback {
     pub mode: Mode,
     pub rate: f64,
+    /// What to wait for in lock-step.
+    pub steps: Vec<Step>,
+}
+
+/// An input, and the answer that the next one waits for.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Step {
+    pub trigger: String,
+    pub answer: String,
+    /// Seconds.
+    pub deadline: f64,
+    #[serde(default)]
+    pub by: By,
+    #[serde(default)]
+    pub optional: bool,
+}
+
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum By {
+    #[default]
+    Count,
+    Stamp,
+}
+
+impl TryFrom<String> for By {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "count" => Ok(Self::Count),
+            "stamp" => Ok(Self::Stamp),
+            _ => Err(format!("by is {name:?} in playback.steps, not count or stamp")),
+        }
+    }
 }
 
 impl Default for Playback {
     fn default() -> Self {
-        Self { mode: Mode::Realtime, rate: 1.0 }
+        Self { mode: Mode::Realtime, rate: 1.0, steps: Vec::new() }
     }
 }
 
@@ -138,6 +175,15 @@ impl Case {
                 ));
             }
         }
+        for (at, step) in case.playback.steps.iter().enumerate() {
+            if !(0.0..=LONGEST).contains(&step.deadline) {
+                return Err(format!(
+                    "case {}: the deadline of playback.steps[{at}] ({} to {}) is {}, not 0 to \
+                     {LONGEST} seconds",
+                    case.id, step.trigger, step.answer, step.deadline
+                ));
+            }
+        }
         Ok(case)
     }
 
@@ -182,6 +228,29 @@ mod tests {
         assert_eq!(case.record.byte_budget, 1 << 30);
         assert_eq!(case.window.end, u64::MAX);
         assert!(!case.use_sim_time());
+    }
+
+    #[test]
+    fn steps_name_their_topics_and_have_a_deadline() {
+        let step = |deadline: f64, by: &str| {
+            let words = [("trigger", "/a"), ("answer", "/b"), ("by", by)];
+            let mut step: Vec<_> = words.iter().map(|(k, v)| (*k, Value::from(*v))).collect();
+            step.push(("deadline", deadline.into()));
+            let steps = Value::Array(vec![map(&step)]);
+            map(&[("mode", "lockstep".into()), ("steps", steps)])
+        };
+        let with = |playback: Value| {
+            let Value::Map(mut case) = minimal(vec!["talker".into()], map(&[])) else { panic!() };
+            case.retain(|(key, _)| key.as_str() != Some("playback"));
+            case.push(("playback".into(), playback));
+            Case::from_value(Value::Map(case))
+        };
+        let playback = with(step(0.5, "stamp")).unwrap().playback;
+        assert_eq!((playback.mode, playback.steps[0].by), (Mode::Lockstep, By::Stamp));
+        assert!(!playback.steps[0].optional);
+        let never = with(step(-1.0, "count")).unwrap_err();
+        assert!(never.contains("playback.steps[0] (/a to /b) is -1, not 0 to"), "{never}");
+        assert!(with(step(1.0, "luck")).unwrap_err().contains("not count or stamp"));
     }
 
     #[test]

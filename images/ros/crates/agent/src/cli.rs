@@ -4,6 +4,9 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::play::PlayOptions;
+use crate::record::RecordOptions;
+
 /// Replays recorded ROS 1 data into the software under test, beside it in its own container.
 #[derive(Debug, Parser)]
 #[command(
@@ -45,6 +48,21 @@ pub enum Verb {
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
+    /// Play a bag into a running ROS 1 graph and prove what each node received.
+    #[command(after_help = "Examples:\n  \
+        bagpipe-agent play drive.bag --clock\n  \
+        bagpipe-agent play drive.bag --immediate --topics /camera/image_raw\n  \
+        bagpipe-agent play drive.bag --step /camera/image_raw=/lane/markings,1.5,stamp \\\n    \
+          --record '/lane/.*' --output answers.bag\n\n\
+        The master must run already. Nothing is sent before every named topic has a\n\
+        subscriber; what each of them received is asked of the nodes themselves.")]
+    Play(Box<PlayOptions>),
+    /// Record topics of a running ROS 1 graph until Ctrl-C, without dropping any message.
+    #[command(after_help = "Examples:\n  \
+        bagpipe-agent record --output drive.bag '/camera/.*' /tf /tf_static\n  \
+        bagpipe-agent record --output all.bag --exclude '.*/compressed' --split-duration 60\n\n\
+        Bags are made in memory and written whole, the last one after Ctrl-C or SIGTERM.")]
+    Record(RecordOptions),
     /// One slot's process; started by `serve`.
     #[command(hide = true)]
     Slot {
@@ -75,7 +93,7 @@ pub struct ServeOptions {
     pub memory_budget: u64,
 }
 
-fn bytes(text: &str) -> Result<u64, String> {
+pub fn bytes(text: &str) -> Result<u64, String> {
     let digits = text.trim_end_matches(|letter: char| letter.is_ascii_alphabetic());
     let factor = match &text[digits.len()..] {
         "" | "B" => 1,

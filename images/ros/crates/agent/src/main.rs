@@ -9,12 +9,15 @@ mod cli;
 mod command;
 mod failure;
 mod feed;
+mod graph_options;
 mod info;
 mod install;
 mod layout;
 mod outcome;
 mod parameters;
+mod play;
 mod processes;
+mod record;
 mod rosmaster;
 mod run;
 mod serve;
@@ -34,6 +37,8 @@ fn main() -> ExitCode {
         cli::Verb::Serve(options) => serve::serve(&options),
         cli::Verb::Ready { shared } => layout::Shared::new(&shared).check_ready(),
         cli::Verb::Info { file } => info::info(&file),
+        cli::Verb::Play(options) => play::play(&options),
+        cli::Verb::Record(options) => record::record(&options),
         cli::Verb::Slot { slot, port, serve } => slot::run(&serve, slot, port),
     };
     match outcome {

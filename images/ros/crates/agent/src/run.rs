@@ -7,7 +7,10 @@ use std::time::{Duration, Instant};
 
 use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_pipe::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
-use bagpipe_replay::{Cancellation, Mode, Progress, ReplayRequest, Replayed, Window, replay};
+use bagpipe_replay::{
+    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Replayed, StartWhen, Step,
+    Window, replay,
+};
 
 use crate::case::{self, Case, seconds};
 use crate::failure::Failure;
@@ -116,7 +119,9 @@ impl Runner<'_> {
             mode: match playback.mode {
                 case::Mode::Realtime => Mode::Realtime,
                 case::Mode::Max => Mode::Max,
+                case::Mode::Lockstep => Mode::Lockstep,
             },
+            steps: playback.steps.iter().map(step).collect(),
             rate: playback.rate,
             record_topics: record.topics.clone(),
             byte_budget: record.byte_budget,
@@ -124,6 +129,9 @@ impl Runner<'_> {
             drain_deadline: seconds(deadlines.drain),
             case_deadline: self.deadline,
             use_sim_time: self.case.use_sim_time(),
+            clock_rate: CLOCK_RATE,
+            start: StartWhen::default(),
+            pause: None,
         }
     }
 
@@ -234,6 +242,19 @@ fn explain(mut abort: Abort, stack: Option<StackEnd>, master: Ending) -> Abort {
     abort.stderr = stack.stderr;
     abort.stdout = stack.stdout;
     abort
+}
+
+fn step(step: &case::Step) -> Step {
+    Step {
+        trigger: step.trigger.clone(),
+        answer: step.answer.clone(),
+        deadline: seconds(step.deadline),
+        by: match step.by {
+            case::By::Count => AnswerBy::Count,
+            case::By::Stamp => AnswerBy::Stamp,
+        },
+        optional: step.optional,
+    }
 }
 
 fn silent(why: Cancellation) -> Failure {

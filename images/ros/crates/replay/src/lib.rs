@@ -8,24 +8,37 @@
 //! Not for: starting the stack or its master (the agent does), or judging the recording.
 #![forbid(unsafe_code)]
 
+mod answers;
 mod clock;
 mod error;
 mod ledger;
+mod lockstep;
+mod ordered;
 mod outcome;
+mod pause;
 mod plan;
 mod play;
 mod prove;
+mod record;
 mod recorder;
 mod replay;
 mod request;
 mod rostime;
 mod spacing;
+mod stamp;
+mod step;
 mod subscribe;
 mod watch;
 
 pub use error::ReplayError;
 pub use outcome::{
-    Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, Timings,
+    Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, StepReport,
+    Timings,
 };
+pub use pause::{Pause, Resumed};
+pub use record::{Keep, RecordRequest, RecordedLive, record};
 pub use replay::replay;
-pub use request::{Cancellation, Mode, Progress, ReplayRequest, Stage, Window};
+pub use request::{
+    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Stage, StartWhen, Step,
+    Window,
+};

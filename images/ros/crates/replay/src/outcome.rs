@@ -89,7 +89,7 @@ pub struct RecordedTopic {
 }
 
 /// How the window was played.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Playback {
     /// The rate that was asked for; without meaning in `max`.
     pub asked_rate: f64,
@@ -100,6 +100,35 @@ pub struct Playback {
     pub late_max_seconds: f64,
     /// How long playing the window took, in seconds.
     pub played_seconds: f64,
+    /// In lock-step, what came of each answer, the lead-in included.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub steps: Vec<StepReport>,
+    /// What the user should know of the way it was played, as sentences.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
+}
+
+/// What came of the steps with one answer: `released == answered + no_output + skipped`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StepReport {
+    /// The inputs that lead to the answer.
+    pub triggers: Vec<String>,
+    /// The answer's topic.
+    pub answer: String,
+    /// `count` or `stamp`.
+    pub by: &'static str,
+    /// How often the inputs were complete, so that an answer was due.
+    pub released: u64,
+    /// How often it came in time.
+    pub answered: u64,
+    /// How often it did not.
+    pub no_output: u64,
+    /// How often it did not, where the input may be skipped.
+    pub skipped: u64,
+    /// The time from the inputs' release to the answer, summed over those that came.
+    pub waited_seconds: f64,
+    /// The longest of these times.
+    pub slowest_seconds: f64,
 }
 
 /// How long each part took, in seconds.

@@ -73,6 +73,16 @@ impl<'a> Plan<'a> {
         self.latched.is_empty() && self.lead_in.is_empty() && self.counted.is_empty()
     }
 
+    /// A message alone.
+    pub(crate) fn bare_message(&self, place: usize) -> Option<Message<'a>> {
+        self.timeline.get(place)
+    }
+
+    /// Where the messages of a connection go.
+    pub(crate) fn route(&self, connection: u32) -> Option<&Route> {
+        self.routes.get(&connection)
+    }
+
     /// A message and where it goes.
     pub(crate) fn message(&self, place: usize) -> Option<(Message<'a>, &Route)> {
         let message = self.timeline.get(place)?;

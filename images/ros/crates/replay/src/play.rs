@@ -7,14 +7,22 @@ use std::time::{Duration, Instant};
 use bagpipe_ros::{Node, Publication, SendError, Share};
 
 use crate::clock::{BagClock, Schedule};
-use crate::plan::Plan;
+use crate::outcome::StepReport;
+use crate::pause::Pause;
+use crate::plan::{Plan, Route};
 use crate::rostime::{clock_frame, clock_topic};
 use crate::spacing::Spacing;
+use crate::step::{Stepper, await_read};
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
-/// /clock advances at least this often, in nanoseconds of bag time: 100 Hz.
-const TICK: u64 = 10_000_000;
+/// Messages that go out in one system call at most, and their bytes: at full speed.
+const RUN: usize = 1024;
+const RUN_BYTES: usize = 1 << 20;
+/// What the slowest subscriber may have left unread before it is waited for, at full speed:
+/// bytes and messages, whichever is less.
+const WINDOW_BYTES: u64 = 16 << 20;
+const WINDOW_MESSAGES: u64 = 16_384;
 
 /// Plays a plan on a node.
 pub(crate) struct Player<'a> {
@@ -28,6 +36,11 @@ pub(crate) struct Player<'a> {
     /// Messages played per topic: lead-in and counted.
     played: Vec<Played>,
     last_tick: u64,
+    /// /clock advances at least this often, in nanoseconds of bag time.
+    tick: u64,
+    /// In lock-step.
+    stepper: Option<Stepper<'a>>,
+    pause: Option<Pause>,
 }
 
 /// How many messages of a topic were played.
@@ -55,6 +68,7 @@ impl<'a> Player<'a> {
         plan: &'a Plan<'a>,
         clock: &'a BagClock,
         request: &ReplayRequest,
+        stepper: Option<Stepper<'a>>,
     ) -> Result<Player<'a>, ReplayError> {
         let failed = ReplayError::RosMasterFailed;
         let clock_topic = if request.use_sim_time {
@@ -73,6 +87,9 @@ impl<'a> Player<'a> {
             rate: request.rate,
             played: vec![Played::default(); plan.topics.len()],
             last_tick: request.window.lead_in_start,
+            tick: (1e9 / request.clock_rate).max(1.0) as u64,
+            stepper,
+            pause: request.pause.clone(),
         })
     }
 
@@ -106,7 +123,7 @@ impl<'a> Player<'a> {
     ) -> Result<(), ReplayError> {
         match self.mode {
             Mode::Realtime => self.wait_for(until, schedule, watch),
-            Mode::Max => Ok(()),
+            Mode::Max | Mode::Lockstep => Ok(()),
         }
     }
 
@@ -127,20 +144,26 @@ impl<'a> Player<'a> {
     pub(crate) fn play(
         &mut self,
         range: Range<usize>,
-        schedule: Schedule,
+        mut schedule: Schedule,
         share: Share,
         watch: &mut Watch<'_>,
     ) -> Result<Pace, ReplayError> {
         let from = schedule.bag;
         match self.mode {
             Mode::Realtime => self.clock.run(schedule.epoch, from, self.rate),
-            Mode::Max => self.clock.stand(from),
+            Mode::Max if self.clock_topic.is_none() && self.pause.is_none() => {
+                self.clock.stand(from);
+                let last = self.play_in_runs(range, share, watch)?;
+                return Ok(Pace { last, took: schedule.epoch.elapsed(), ..Pace::default() });
+            }
+            Mode::Max | Mode::Lockstep => self.move_to(from),
         }
         let mut pace = Pace::default();
         let mut spacing = self.spacing(range.clone(), schedule);
         self.last_tick = from;
         for place in range {
             let Some((message, route)) = self.plan.message(place) else { continue };
+            self.pause_before(message.time, route, &mut schedule, watch)?;
             match self.mode {
                 Mode::Realtime => {
                     self.wait_for(message.time, schedule, watch)?;
@@ -150,7 +173,7 @@ impl<'a> Player<'a> {
                     spacing.sent(&route.topics, now);
                     pace.late = pace.late.max(now.saturating_duration_since(due));
                 }
-                Mode::Max => self.clock.stand(message.time),
+                Mode::Max | Mode::Lockstep => self.move_to(message.time),
             }
             self.tick(message.time, watch)?;
             self.send(place, share, watch)?;
@@ -158,6 +181,105 @@ impl<'a> Player<'a> {
         }
         pace.took = schedule.epoch.elapsed();
         Ok(pace)
+    }
+
+    /// Stops before a message, if that is wanted; bag time stands meanwhile.
+    fn pause_before(
+        &mut self,
+        time: u64,
+        route: &Route,
+        schedule: &mut Schedule,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let Some(pause) = self.pause.clone() else { return Ok(()) };
+        for &at in &route.topics {
+            let topic = Arc::clone(&self.publications[at]);
+            if !pause.stops_at(&topic.info().topic) {
+                continue;
+            }
+            if self.mode == Mode::Realtime {
+                self.wait_for(time, *schedule, watch)?;
+            }
+            self.clock.stand(self.clock.now());
+            schedule.epoch += pause.wait(&topic.info().topic, watch)?;
+            if self.mode == Mode::Realtime {
+                self.clock.run(schedule.epoch, schedule.bag, self.rate);
+            }
+        }
+        Ok(())
+    }
+
+    /// Simulated time stands at `time` from now on.
+    fn move_to(&mut self, time: u64) {
+        if let Some(stepper) = &mut self.stepper {
+            stepper.leave(time);
+        }
+        self.clock.stand(time);
+    }
+
+    /// Plays a range at full speed: consecutive messages of one connection go out together,
+    /// straight from the bag's memory. The time of the last message played.
+    fn play_in_runs(
+        &mut self,
+        range: Range<usize>,
+        share: Share,
+        watch: &mut Watch<'_>,
+    ) -> Result<Option<u64>, ReplayError> {
+        let plan = self.plan;
+        let mut run = Run::default();
+        let mut last = None;
+        for place in range {
+            let Some(message) = plan.bare_message(place) else { continue };
+            if !run.takes(message.connection, message.frame.len()) {
+                self.send_run(&run, share, watch)?;
+                run.frames.clear();
+                run.bytes = 0;
+            }
+            run.connection = message.connection;
+            run.bytes += message.frame.len();
+            run.time = message.time;
+            run.frames.push(message.frame);
+            last = Some(message.time);
+        }
+        self.send_run(&run, share, watch)?;
+        Ok(last)
+    }
+
+    fn send_run(
+        &mut self,
+        run: &Run<'_>,
+        share: Share,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        watch.check()?;
+        let (Some(frame), Some(route)) = (run.frames.last(), self.plan.route(run.connection))
+        else {
+            return Ok(());
+        };
+        // What answers the run is not older than any message of it.
+        self.clock.stand(run.time);
+        let messages = run.frames.len() as u64;
+        let window = WINDOW_BYTES.min(WINDOW_MESSAGES * run.bytes as u64 / messages);
+        for &at in &route.topics {
+            let topic = &self.publications[at];
+            if route.latching {
+                topic.latch(&route.caller_id, share, frame);
+            }
+            topic
+                .await_unread(window, &mut || watch.must_stop())
+                .and_then(|()| topic.send(share, &run.frames, &mut || watch.must_stop()))
+                .map_err(|error| failed(error, watch))?;
+            self.count(at, share, messages, watch);
+        }
+        Ok(())
+    }
+
+    fn count(&mut self, at: usize, share: Share, messages: u64, watch: &mut Watch<'_>) {
+        match share {
+            Share::LeadIn => self.played[at].lead_in += messages,
+            Share::Counted => self.played[at].counted += messages,
+        }
+        watch.sent += messages;
     }
 
     /// The distances to keep in a range, which takes until its last message is due.
@@ -178,8 +300,8 @@ impl<'a> Player<'a> {
         schedule: Schedule,
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
-        while self.clock_topic.is_some() && self.last_tick.saturating_add(TICK) < time {
-            let next = self.last_tick + TICK;
+        while self.clock_topic.is_some() && self.last_tick.saturating_add(self.tick) < time {
+            let next = self.last_tick + self.tick;
             watch.sleep_until(schedule.due(next))?;
             self.tick(next, watch)?;
         }
@@ -198,7 +320,11 @@ impl<'a> Player<'a> {
         let frame = clock_frame(time);
         topic.latch("", Share::LeadIn, &frame);
         let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
-        sent.map_err(|error| failed(error, watch))
+        sent.map_err(|error| failed(error, watch))?;
+        match self.stepper {
+            Some(_) => await_read(topic, watch),
+            None => Ok(()),
+        }
     }
 
     fn send(
@@ -214,20 +340,43 @@ impl<'a> Player<'a> {
             if route.latching {
                 topic.latch(&route.caller_id, share, message.frame);
             }
+            let due = self.stepper.as_mut().map(|stepper| stepper.release(at, message.data));
             topic
                 .send(share, &[message.frame], &mut || watch.must_stop())
                 .map_err(|error| failed(error, watch))?;
-            match share {
-                Share::LeadIn => self.played[at].lead_in += 1,
-                Share::Counted => self.played[at].counted += 1,
+            if let (Some(stepper), Some(due)) = (&mut self.stepper, due) {
+                stepper.complete(due, topic, watch)?;
             }
-            watch.sent += 1;
+            self.count(at, share, 1, watch);
         }
         Ok(())
     }
+
+    /// What came of the steps, once the play is over.
+    pub(crate) fn end_steps(&mut self) -> Vec<StepReport> {
+        self.stepper.take().map(Stepper::reports).unwrap_or_default()
+    }
 }
 
-fn failed(error: SendError, watch: &mut Watch<'_>) -> ReplayError {
+/// Consecutive messages of one connection.
+#[derive(Default)]
+struct Run<'a> {
+    connection: u32,
+    frames: Vec<&'a [u8]>,
+    bytes: usize,
+    /// Bag time of the last one.
+    time: u64,
+}
+
+impl Run<'_> {
+    /// Whether a frame may join.
+    fn takes(&self, connection: u32, bytes: usize) -> bool {
+        let room = self.frames.len() < RUN && self.bytes + bytes <= RUN_BYTES;
+        self.frames.is_empty() || (self.connection == connection && room)
+    }
+}
+
+pub(crate) fn failed(error: SendError, watch: &mut Watch<'_>) -> ReplayError {
     match error {
         SendError::Stalled { node, topic, waited } => {
             ReplayError::StackStoppedReading { node, topic, waited }

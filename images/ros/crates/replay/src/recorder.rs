@@ -1,6 +1,6 @@
 //! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,7 +9,9 @@ use bagpipe_bag::{BagError, BagWriter, Compression, Connection, WriterOptions};
 use bagpipe_ros::{Incoming, Sink};
 
 use crate::ReplayError;
+use crate::answers::Answers;
 use crate::clock::BagClock;
+use crate::ordered::{Hold, settled_name};
 use crate::outcome::{Recorded, RecordedTopic};
 
 /// A recorder; its clones write into the same bag.
@@ -20,6 +22,8 @@ pub(crate) struct Recorder {
 
 struct Shared {
     clock: Arc<BagClock>,
+    answers: Arc<Answers>,
+    byte_budget: u64,
     born: Instant,
     /// Nanoseconds from `born` to the last arrival; 0 before the first one.
     last: AtomicU64,
@@ -29,6 +33,12 @@ struct Shared {
 
 struct State {
     writer: BagWriter,
+    /// In lock-step: what waits to be written in an order of its own.
+    hold: Option<Hold>,
+    /// By TCPROS connection, what [`Hold`] needs to know of it.
+    publishers: HashMap<u64, Arc<Connection>>,
+    /// Topics that are heard for the sake of a step and not recorded.
+    unrecorded: BTreeSet<String>,
     /// Whether the counted part has begun; before it only latched messages are kept.
     counting: bool,
     latched: BTreeMap<(String, String), (Connection, Vec<u8>)>,
@@ -48,8 +58,13 @@ enum Failure {
 }
 
 impl Recorder {
-    /// An empty recording of at most `byte_budget` bytes.
-    pub(crate) fn new(clock: Arc<BagClock>, byte_budget: u64) -> Recorder {
+    /// An empty recording of at most `byte_budget` bytes; `ordered`, as lock-step wants it.
+    pub(crate) fn new(
+        clock: Arc<BagClock>,
+        byte_budget: u64,
+        answers: Arc<Answers>,
+        ordered: bool,
+    ) -> Recorder {
         let options = WriterOptions {
             compression: Compression::Lz4,
             byte_budget: Some(byte_budget),
@@ -57,6 +72,9 @@ impl Recorder {
         };
         let state = State {
             writer: BagWriter::new(options),
+            hold: ordered.then(Hold::default),
+            publishers: HashMap::new(),
+            unrecorded: BTreeSet::new(),
             counting: false,
             latched: BTreeMap::new(),
             connections: HashMap::new(),
@@ -68,6 +86,8 @@ impl Recorder {
         Recorder {
             shared: Arc::new(Shared {
                 clock,
+                answers,
+                byte_budget,
                 born: Instant::now(),
                 last: AtomicU64::new(0),
                 messages: AtomicU64::new(0),
@@ -80,10 +100,30 @@ impl Recorder {
     pub(crate) fn count_from(&self, start: u64) {
         let mut state = self.state();
         for ((topic, _), (connection, data)) in std::mem::take(&mut state.latched) {
+            if let Some(hold) = &mut state.hold {
+                hold.push(Arc::new(connection), &data);
+                continue;
+            }
             let id = state.connection(connection);
             self.write(&mut state, id, &topic, start, &data);
         }
         state.counting = true;
+    }
+
+    /// Does not record a topic, although it is subscribed to.
+    pub(crate) fn only_listen_to(&self, topic: &str) {
+        self.state().unrecorded.insert(topic.to_owned());
+    }
+
+    /// Writes what is held with the present time, before that moves on.
+    pub(crate) fn end_step(&self) {
+        let mut state = self.state();
+        let Some(hold) = &mut state.hold else { return };
+        let now = self.shared.clock.now();
+        for held in hold.release() {
+            let id = state.connection((*held.connection).clone());
+            self.write(&mut state, id, &held.connection.topic, now, &held.data);
+        }
     }
 
     /// Messages in the bag.
@@ -108,6 +148,7 @@ impl Recorder {
 
     /// The figures and the bag. What arrives later is not in it.
     pub(crate) fn finish(&self) -> Result<(Recorded, Vec<u8>), ReplayError> {
+        self.end_step();
         let mut state = self.state();
         let writer = std::mem::replace(&mut state.writer, BagWriter::new(WriterOptions::default()));
         state.counting = false;
@@ -118,6 +159,57 @@ impl Recorder {
             topics: std::mem::take(&mut state.topics).into_values().collect(),
         };
         Ok((recorded, writer.finish()?))
+    }
+
+    /// Keeps a message.
+    fn take(&self, incoming: &Incoming<'_>) {
+        let mut state = self.state();
+        if state.failure.is_some() || state.unrecorded.contains(incoming.topic) {
+            return;
+        }
+        if !state.counting {
+            if incoming.header.latching() {
+                let caller = incoming.header.text("callerid").to_owned();
+                let mut connection = connection_of(incoming);
+                if state.hold.is_some() {
+                    connection.caller_id = connection.caller_id.as_deref().map(settled_name);
+                }
+                let kept = (connection, incoming.data.to_vec());
+                state.latched.insert((incoming.topic.to_owned(), caller), kept);
+            }
+            return;
+        }
+        if state.hold.is_some() {
+            return self.hold(&mut state, incoming);
+        }
+        let id = match state.links.get(&incoming.link) {
+            Some(&id) => id,
+            None => {
+                let id = state.connection(connection_of(incoming));
+                state.links.insert(incoming.link, id);
+                id
+            }
+        };
+        let now = self.shared.clock.now();
+        self.write(&mut state, id, incoming.topic, now, incoming.data);
+    }
+
+    fn hold(&self, state: &mut State, incoming: &Incoming<'_>) {
+        let publisher = state.publishers.entry(incoming.link).or_insert_with(|| {
+            let mut connection = connection_of(incoming);
+            connection.caller_id = connection.caller_id.as_deref().map(settled_name);
+            Arc::new(connection)
+        });
+        let publisher = Arc::clone(publisher);
+        let Some(hold) = &mut state.hold else { return };
+        hold.push(publisher, incoming.data);
+        if hold.bytes() > self.shared.byte_budget {
+            let why = format!(
+                "the outputs of one step are larger than the recording may be, {} bytes",
+                self.shared.byte_budget
+            );
+            state.failure = Some(Failure::Budget(why));
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -164,28 +256,9 @@ impl Sink for Recorder {
     fn message(&mut self, incoming: Incoming<'_>) {
         let since = self.shared.born.elapsed().as_nanos() as u64;
         self.shared.last.store(since, Ordering::Relaxed);
-        let mut state = self.state();
-        if state.failure.is_some() {
-            return;
-        }
-        if !state.counting {
-            if incoming.header.latching() {
-                let caller = incoming.header.text("callerid").to_owned();
-                let kept = (connection_of(&incoming), incoming.data.to_vec());
-                state.latched.insert((incoming.topic.to_owned(), caller), kept);
-            }
-            return;
-        }
-        let id = match state.links.get(&incoming.link) {
-            Some(&id) => id,
-            None => {
-                let id = state.connection(connection_of(&incoming));
-                state.links.insert(incoming.link, id);
-                id
-            }
-        };
-        let now = self.shared.clock.now();
-        self.write(&mut state, id, incoming.topic, now, incoming.data);
+        self.take(&incoming);
+        // After it is kept: what is awaited is recorded in the step that it ends.
+        self.shared.answers.hear(&incoming);
     }
 
     fn too_large(&mut self, topic: &str, length: u64) {
@@ -195,7 +268,7 @@ impl Sink for Recorder {
     }
 }
 
-fn connection_of(incoming: &Incoming<'_>) -> Connection {
+pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
     let header = incoming.header;
     Connection {
         id: 0,

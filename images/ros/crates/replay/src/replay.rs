@@ -8,13 +8,16 @@ use bagpipe_bag::{Bag, ChunkedFile};
 use bagpipe_ros::audit::Audit;
 use bagpipe_ros::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
 
+use crate::answers::Answers;
 use crate::clock::BagClock;
 use crate::ledger::{ledger, present};
-use crate::outcome::{Playback, Replayed, Timings};
+use crate::lockstep::Lockstep;
+use crate::outcome::{Ledger, Playback, Replayed, Timings};
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::prove::{Patience, Proof, Settled};
 use crate::recorder::Recorder;
+use crate::step::Stepper;
 use crate::subscribe::{Discovery, wait_for_stack};
 use crate::watch::Watch;
 use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
@@ -52,14 +55,20 @@ pub fn replay<F: ChunkedFile>(
     let plan = Plan::new(bag, request)?;
     let limit = request.window.end.saturating_add(nanoseconds(request.drain_deadline));
     let clock = Arc::new(BagClock::new(request.window.lead_in_start, limit));
-    let recorder = Recorder::new(Arc::clone(&clock), request.byte_budget);
+    let ordered = request.mode == Mode::Lockstep;
+    let steps = if ordered { request.steps.as_slice() } else { &[] };
+    let lockstep = Lockstep::new(steps, &plan.topics)?;
+    let answers = Arc::new(Answers::new(lockstep.answers()));
+    let recorder =
+        Recorder::new(Arc::clone(&clock), request.byte_budget, Arc::clone(&answers), ordered);
     if plan.is_empty() {
         return finish(&recorder, Replayed::default());
     }
     let node = Node::start(node_options(request), Box::new(recorder.clone()))
         .map_err(ReplayError::RosMasterFailed)?;
     let mut watch = Watch::new(request, &recorder, &clock, progress, cancelled);
-    let outcome = perform(&node, &plan, request, &recorder, &clock, &mut watch)?;
+    let scene = Scene { node: &node, plan: &plan, request, recorder: &recorder, clock: &clock };
+    let outcome = perform(&scene, lockstep, answers, &mut watch)?;
     drop(node);
     if let Some(failure) = recorder.failure() {
         return Err(failure);
@@ -84,19 +93,30 @@ fn node_options(request: &ReplayRequest) -> NodeOptions {
     }
 }
 
+/// What a replay works with.
+struct Scene<'a> {
+    node: &'a Node,
+    plan: &'a Plan<'a>,
+    request: &'a ReplayRequest,
+    recorder: &'a Recorder,
+    clock: &'a BagClock,
+}
+
 /// Everything between the first registration and the last proof.
 fn perform(
-    node: &Node,
-    plan: &Plan<'_>,
-    request: &ReplayRequest,
-    recorder: &Recorder,
-    clock: &BagClock,
+    scene: &Scene<'_>,
+    lockstep: Lockstep,
+    answers: Arc<Answers>,
     watch: &mut Watch<'_>,
 ) -> Result<Replayed, ReplayError> {
+    let &Scene { node, plan, request, recorder, clock } = scene;
     let mut laps = Laps::start();
     watch.enter(Stage::Subscribe);
-    let discovery = Discovery::start(node, &request.record_topics)?;
-    let mut player = Player::advertise(node, plan, clock, request)?;
+    let mut discovery = Discovery::start(node, &request.record_topics)?;
+    discovery.listen_for(&lockstep, recorder)?;
+    let stepper =
+        (request.mode == Mode::Lockstep).then(|| Stepper::new(node, lockstep, answers, recorder));
+    let mut player = Player::advertise(node, plan, clock, request, stepper)?;
     wait_for_stack(&discovery, &mut player, request, watch)?;
     let subscribe = laps.lap();
 
@@ -111,6 +131,10 @@ fn perform(
         let lead_in = laps.lap();
         watch.enter(Stage::Play);
         clock.stand(window.start);
+        if request.mode == Mode::Lockstep {
+            // What was said before the window is before it in every run.
+            node.sweep(PAUSE);
+        }
         recorder.count_from(window.start);
         let schedule = player.schedule(window.start);
         let pace = player.play(plan.counted.clone(), schedule, Share::Counted, watch)?;
@@ -125,12 +149,11 @@ fn perform(
     drain.prove(&mut proof, &mut player, watch)?;
     drain.listen(&mut player, watch)?;
     let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
-    Ok(Replayed {
-        ledger: ledger(player.publications(), player.played(), &there, &proof),
-        playback: playback(request, pace),
-        timings,
-        ..Replayed::default()
-    })
+    let ledger = ledger(player.publications(), player.played(), &there, &proof);
+    let mut playback = playback(request, pace);
+    playback.warnings = warnings(&ledger, request.mode);
+    playback.steps = player.end_steps();
+    Ok(Replayed { ledger, playback, timings, ..Replayed::default() })
 }
 
 /// Plays what is latched, and then the lead-in; each is received before the next thing
@@ -268,10 +291,34 @@ fn playback(request: &ReplayRequest, pace: Pace) -> Playback {
         achieved_rate: if bag > 0.0 && played > 0.0 { bag / played } else { request.rate },
         late_max_seconds: match request.mode {
             Mode::Realtime => pace.late.as_secs_f64(),
-            Mode::Max => 0.0,
+            Mode::Max | Mode::Lockstep => 0.0,
         },
         played_seconds: played,
+        ..Playback::default()
     }
+}
+
+/// What the losses mean, in words.
+fn warnings(ledger: &Ledger, mode: Mode) -> Vec<String> {
+    let advice = match mode {
+        Mode::Max => {
+            "its queue is shorter than what arrives while its callback runs; play in lockstep \
+             or realtime, or give it a longer queue"
+        }
+        Mode::Realtime => {
+            "its callback takes longer than the messages' distance and its queue is short"
+        }
+        Mode::Lockstep => {
+            "its queue is shorter than what arrives between two answers; declare a step for it"
+        }
+    };
+    let lines = ledger.topics.iter().flat_map(|topic| {
+        topic.subscribers.iter().filter(|line| line.dropped > 0).map(move |line| {
+            let (node, name, dropped, sent) = (&line.node, &topic.topic, line.dropped, topic.sent);
+            format!("{node} lost {dropped} of {sent} messages of {name}: {advice}")
+        })
+    });
+    lines.collect()
 }
 
 /// Seconds of consecutive parts.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use crate::ReplayError;
+use crate::{Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,6 +23,46 @@ pub enum Mode {
     Realtime,
     /// As fast as the slowest subscriber's socket takes it.
     Max,
+    /// The next message goes out when the subscribers have read the last one and the stack
+    /// has answered it, as [`Step`]s say.
+    Lockstep,
+}
+
+/// An input that the stack answers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Step {
+    /// The input's topic, as published to the stack.
+    pub trigger: String,
+    /// The topic of the answer. Steps with the same answer are inputs that are fused: one
+    /// answer is expected once all of them have come.
+    pub answer: String,
+    /// How long to wait for the answer; when it has passed there is "no output".
+    pub deadline: Duration,
+    /// How an answer is told to be the one.
+    pub by: AnswerBy,
+    /// Whether the stack may skip the input: nothing waits for it, and its answer's absence
+    /// is counted apart.
+    pub optional: bool,
+}
+
+/// How an answer is told to be the one that is waited for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum AnswerBy {
+    /// One more message than there was.
+    #[default]
+    Count,
+    /// A header stamp not before the input's own.
+    Stamp,
+}
+
+impl AnswerBy {
+    /// Its name in cases and results.
+    pub fn name(self) -> &'static str {
+        match self {
+            AnswerBy::Count => "count",
+            AnswerBy::Stamp => "stamp",
+        }
+    }
 }
 
 /// A replay to be done.
@@ -39,6 +79,8 @@ pub struct ReplayRequest {
     pub remap: BTreeMap<String, String>,
     /// How fast.
     pub mode: Mode,
+    /// What to wait for in lock-step; without meaning in other modes.
+    pub steps: Vec<Step>,
     /// Bag seconds per second, in realtime; above 0.
     pub rate: f64,
     /// Regular expressions that a topic's whole name must match to be recorded.
@@ -54,7 +96,28 @@ pub struct ReplayRequest {
     pub case_deadline: Instant,
     /// Whether to publish /clock.
     pub use_sim_time: bool,
+    /// How often /clock ticks in realtime, per second of bag time; above 0. In `max` and in
+    /// lock-step it steps with each message.
+    pub clock_rate: f64,
+    /// What to wait for before the first message, beside a subscriber for each topic.
+    pub start: StartWhen,
+    /// Where to stop until somebody says to go on.
+    pub pause: Option<Pause>,
 }
+
+/// What else must be so before the first message goes out.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StartWhen {
+    /// These nodes have each connected to one of the played topics.
+    pub nodes: Vec<String>,
+    /// These topics have so many subscribers.
+    pub subscribers: BTreeMap<String, usize>,
+    /// So much time has passed since all of that.
+    pub delay: Duration,
+}
+
+/// /clock's usual rate in Hz.
+pub const CLOCK_RATE: f64 = 100.0;
 
 /// Why a replay should stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -119,6 +182,12 @@ impl ReplayRequest {
             return Err(ReplayError::BadRequest(format!(
                 "the rate must be a number above 0, not {}",
                 self.rate
+            )));
+        }
+        if !(self.clock_rate.is_finite() && self.clock_rate > 0.0) {
+            return Err(ReplayError::BadRequest(format!(
+                "/clock's rate must be a number of Hz above 0, not {}",
+                self.clock_rate
             )));
         }
         Ok(())

@@ -1,13 +1,15 @@
 //! Before the first input: the recorder finds its topics, the stack finds ours.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros::{Node, Publication, RosError, SystemState};
 use regex::Regex;
 
+use crate::lockstep::Lockstep;
 use crate::play::Player;
+use crate::recorder::Recorder;
 use crate::request::resolved;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
@@ -27,6 +29,8 @@ const FAILURES: u32 = 3;
 pub(crate) struct Discovery<'a> {
     node: &'a Node,
     patterns: Vec<Regex>,
+    /// Topics whose publishers must be there before the play begins.
+    expected: Vec<String>,
     failures: Mutex<u32>,
 }
 
@@ -41,7 +45,31 @@ impl<'a> Discovery<'a> {
                 patterns.push(whole(text)?);
             }
         }
-        Ok(Discovery { node, patterns, failures: Mutex::new(0) })
+        Ok(Discovery { node, patterns, expected: Vec::new(), failures: Mutex::new(0) })
+    }
+
+    /// Subscribes to the answers of a lock-step play, which need not be recorded, and expects
+    /// those that it can't do without.
+    pub(crate) fn listen_for(
+        &mut self,
+        lockstep: &Lockstep,
+        recorder: &Recorder,
+    ) -> Result<(), ReplayError> {
+        for answer in lockstep.answers() {
+            let named = self.node.subscribed_topics().iter().any(|topic| topic == answer);
+            if !named && !self.patterns.iter().any(|pattern| pattern.is_match(answer)) {
+                recorder.only_listen_to(answer);
+            }
+            self.node.subscribe(answer).map_err(ReplayError::RosMasterFailed)?;
+        }
+        self.expected = lockstep.required().map(str::to_owned).collect();
+        Ok(())
+    }
+
+    /// Expected topics that nobody publishes yet.
+    fn unanswered(&self) -> Vec<&str> {
+        let expected = self.expected.iter().map(String::as_str);
+        expected.filter(|topic| self.node.publishers_of(topic) == 0).collect()
     }
 
     /// Subscribes to what others publish and a pattern matches; answers the graph's state.
@@ -107,16 +135,58 @@ pub(crate) fn wait_for_stack(
             discovery.look()?;
             player.show_clock(watch)?;
         }
-        if waiting.is_over(player.publications(), now, deadline) {
+        let unanswered = discovery.unanswered();
+        let absent = absent(player.publications(), request);
+        if absent.is_empty()
+            && unanswered.is_empty()
+            && waiting.is_over(player.publications(), now, deadline)
+        {
             break;
         }
         if now >= deadline {
+            if !absent.is_empty() {
+                return Err(still_waiting(&absent, request));
+            }
+            if !unanswered.is_empty() && waiting.is_over(player.publications(), now, deadline) {
+                return Err(never_advertised(&unanswered, request));
+            }
             let missing = waiting.missing(player.publications());
             return Err(never_subscribed(discovery, player, &missing, request));
         }
         watch.sleep_until(now + LOOK)?;
     }
-    settle(discovery, player, watch)
+    settle(discovery, player, watch)?;
+    let begin = Instant::now() + request.start.delay;
+    while Instant::now() < begin {
+        watch.sleep_until(begin.min(Instant::now() + LOOK))?;
+        player.show_clock(watch)?;
+    }
+    Ok(())
+}
+
+/// What the request wants to wait for and is not there, in words.
+fn absent(topics: &[Arc<Publication>], request: &ReplayRequest) -> Vec<String> {
+    let connected: Vec<(&str, BTreeSet<String>)> =
+        topics.iter().map(|topic| (topic.info().topic.as_str(), open_subscribers(topic))).collect();
+    let nodes = request.start.nodes.iter().map(|node| resolved(node));
+    let mut absent: Vec<String> =
+        nodes.filter(|node| !connected.iter().any(|(_, there)| there.contains(node))).collect();
+    for (topic, wanted) in &request.start.subscribers {
+        let topic = resolved(topic);
+        let there = connected.iter().find(|(name, _)| *name == topic).map_or(0, |(_, n)| n.len());
+        if there < *wanted {
+            absent.push(format!("{wanted} subscribers of {topic} (there are {there})"));
+        }
+    }
+    absent
+}
+
+fn still_waiting(absent: &[String], request: &ReplayRequest) -> ReplayError {
+    ReplayError::NeverSubscribed(format!(
+        "waited in vain for {} for {:.1} s",
+        absent.join(", "),
+        request.subscribe_deadline.as_secs_f64()
+    ))
 }
 
 /// Waits until the connections stand that the master knows of: several nodes may
@@ -159,12 +229,7 @@ impl Waiting {
         Waiting { required, any, links: 0, since: Instant::now() }
     }
 
-    fn is_over(
-        &mut self,
-        topics: &[std::sync::Arc<Publication>],
-        now: Instant,
-        deadline: Instant,
-    ) -> bool {
+    fn is_over(&mut self, topics: &[Arc<Publication>], now: Instant, deadline: Instant) -> bool {
         if !self.any {
             return self.missing(topics).is_empty();
         }
@@ -176,7 +241,7 @@ impl Waiting {
     }
 
     /// The required topics that nobody subscribes to.
-    fn missing(&self, topics: &[std::sync::Arc<Publication>]) -> Vec<String> {
+    fn missing(&self, topics: &[Arc<Publication>]) -> Vec<String> {
         let required = self.required.iter().map(|at| &topics[*at]);
         let missing = required.filter(|publication| open_subscribers(publication).is_empty());
         missing.map(|publication| publication.info().topic.clone()).collect()
@@ -193,6 +258,15 @@ fn others<'n>(
     ourselves: &'n str,
 ) -> impl Iterator<Item = &'n String> {
     nodes.into_iter().flatten().filter(move |node| *node != ourselves)
+}
+
+fn never_advertised(answers: &[&str], request: &ReplayRequest) -> ReplayError {
+    ReplayError::NeverSubscribed(format!(
+        "nobody published {} within {:.1} s, which the steps name as an answer; is the name \
+         right? Let the step be optional if its node appears only during the play",
+        answers.join(", "),
+        request.subscribe_deadline.as_secs_f64()
+    ))
 }
 
 fn never_subscribed(
@@ -236,7 +310,7 @@ fn is_plain(pattern: &str) -> bool {
 }
 
 /// A pattern that must match a whole name.
-fn whole(pattern: &str) -> Result<Regex, ReplayError> {
+pub(crate) fn whole(pattern: &str) -> Result<Regex, ReplayError> {
     Regex::new(&format!("^(?:{pattern})$")).map_err(|error| {
         ReplayError::BadRequest(format!("\"{pattern}\" is not a regular expression: {error}"))
     })

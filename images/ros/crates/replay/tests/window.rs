@@ -143,7 +143,7 @@ fn realtime_keeps_the_bags_times_at_the_asked_rate() {
     let replayed = run(&bag, &request).unwrap();
     eprintln!("{:?}", replayed.playback);
     // 49 intervals of 20 ms at twice the speed: 0.49 s.
-    let playback = replayed.playback;
+    let playback = &replayed.playback;
     assert!((playback.played_seconds - 0.49).abs() < 0.1, "{playback:?}");
     assert!((playback.achieved_rate - 2.0).abs() < 0.35, "{playback:?}");
     assert!(playback.late_max_seconds < 0.1, "{playback:?}");
@@ -171,4 +171,41 @@ fn the_time_between_the_last_warm_up_message_and_the_window_passes_too() {
     assert!((0.5..0.9).contains(&timings.lead_in), "{timings:?}");
     assert!((0.05..0.3).contains(&timings.play), "{timings:?}");
     assert_eq!((replayed.ledger.lead_in, replayed.ledger.received), (1, 1));
+}
+
+#[test]
+fn a_pause_at_a_topic_stops_bag_time_until_it_is_over() {
+    let bag = bag_of_words(
+        &[words("/a", "/t", false), words("/b", "/t", false)],
+        &[(0, 1_000, "a1"), (1, 1_100, "b1"), (0, 1_200, "a2"), (1, 1_300, "b2")],
+    );
+    let graph = Graph::start(TMP);
+    let _words = graph.python(&node("words.py"), &["/a", "/b"]);
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    request.topics = vec!["/a".to_owned(), "/b".to_owned()];
+    request.record_topics = vec!["/answer".to_owned()];
+    let asked = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
+    let resumed = {
+        let asked = std::sync::Arc::clone(&asked);
+        move |topic: &str| {
+            let mut asked = asked.lock().unwrap();
+            asked.push(topic.to_owned());
+            // Each pause is over when it has been asked about 40 times.
+            asked.len() % 40 == 0
+        }
+    };
+    let resumed = std::sync::Arc::new(resumed);
+    request.pause = Some(bagpipe_replay::Pause { topics: vec!["b".to_owned()], resumed });
+    let began = std::time::Instant::now();
+    let replayed = run(&bag, &request).unwrap();
+    assert!(began.elapsed() > std::time::Duration::from_millis(2 * 39 * 10));
+    assert_eq!(asked.lock().unwrap().len(), 80);
+    assert!(asked.lock().unwrap().iter().all(|topic| topic == "/b"));
+    assert_eq!((replayed.ledger.sent, replayed.ledger.received), (4, 4));
+    // The answers come right after their inputs in bag time, however long the pause was.
+    for ((_, time, _), due) in read_back(&replayed).iter().zip([1_000, 1_100, 1_200, 1_300]) {
+        let late = time / 1_000_000 - due;
+        assert!(late < 90, "{late} ms after its input");
+    }
 }

@@ -4,8 +4,9 @@
 
 use std::io::{ErrorKind, Read};
 use std::net::TcpStream;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
@@ -47,12 +48,23 @@ pub(crate) struct InLink {
     pub(crate) uri: String,
     pub(crate) header: ConnectionHeader,
     pub(crate) stream: TcpStream,
+    pub(crate) counts: Arc<Counts>,
+}
+
+/// What a connection has handed over, for whoever asks for our statistics.
+#[derive(Debug, Default)]
+pub(crate) struct Counts {
+    pub(crate) messages: AtomicU64,
+    pub(crate) bytes: AtomicU64,
 }
 
 /// The way into the inbox for connectors.
 pub(crate) struct Inbox {
     new: Mutex<Option<Sender<InLink>>>,
     waker: Waker,
+    /// How often every socket has been looked at.
+    rounds: Mutex<u64>,
+    another: Condvar,
 }
 
 impl Inbox {
@@ -65,7 +77,12 @@ impl Inbox {
     ) -> Result<(Arc<Inbox>, JoinHandle<()>), RosError> {
         let (new, incoming) = channel();
         let waker = Waker::new().map_err(RosError::io("the recorder can't be woken"))?;
-        let inbox = Arc::new(Inbox { new: Mutex::new(Some(new)), waker });
+        let inbox = Arc::new(Inbox {
+            new: Mutex::new(Some(new)),
+            waker,
+            rounds: Mutex::new(0),
+            another: Condvar::new(),
+        });
         let reader = Reader { inbox: Arc::clone(&inbox), sink, max_message, closed };
         let thread = std::thread::Builder::new()
             .name("inbox".into())
@@ -81,6 +98,23 @@ impl Inbox {
             let _stopped = new.send(link);
         }
         self.waker.wake();
+    }
+
+    /// Waits until everything that lies in our sockets now has been handed to the sink, at
+    /// most for `limit`.
+    pub(crate) fn sweep(&self, limit: Duration) {
+        let rounds = lock(&self.rounds);
+        // The present round may have passed a socket by before it got its bytes.
+        let enough = *rounds + 2;
+        self.waker.wake();
+        let before = |rounds: &mut u64| {
+            if *rounds < enough {
+                self.waker.wake();
+            }
+            *rounds < enough
+        };
+        // A poisoned lock means that the reader is gone: nothing more will be handed over.
+        let _swept = self.another.wait_timeout_while(rounds, limit, before);
     }
 
     /// Ends the thread.
@@ -128,6 +162,8 @@ impl<C: Fn(&str, &str)> Reader<C> {
                     (self.closed)(&gone.link.topic, &gone.link.uri);
                 }
             }
+            *lock(&self.inbox.rounds) += 1;
+            self.inbox.another.notify_all();
         }
     }
 }
@@ -190,8 +226,10 @@ impl Stream {
             let Some(data) = rest.get(..length) else {
                 return true;
             };
-            let InLink { topic, header, id, .. } = &self.link;
+            let InLink { topic, header, id, counts, .. } = &self.link;
             sink.message(Incoming { topic, header, link: *id, data });
+            counts.messages.fetch_add(1, Ordering::Relaxed);
+            counts.bytes.fetch_add(length as u64, Ordering::Relaxed);
             self.start += 4 + length;
         }
     }

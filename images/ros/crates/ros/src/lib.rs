@@ -27,6 +27,7 @@ mod inbox;
 mod listener;
 mod master;
 mod node;
+mod peer_queue;
 mod publisher;
 mod slave;
 mod sockets;

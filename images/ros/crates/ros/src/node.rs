@@ -14,7 +14,7 @@ use crate::listener::Listener;
 use crate::master::Master;
 use crate::publisher::{Publication, TopicInfo};
 use crate::sockets::lock;
-use crate::subscriber::{self, Subscription};
+use crate::subscriber::{self, ReadLink, Subscription};
 use crate::{RosError, hosts, http, slave};
 
 /// Threads that connect to publishers: a stale registration must not hold the others up.
@@ -178,6 +178,12 @@ impl Node {
         self.graph.subscribed_topics()
     }
 
+    /// Waits until everything that lies in our sockets now has been handed to the sink, at
+    /// most for `limit`.
+    pub fn sweep(&self, limit: Duration) {
+        self.inbox.sweep(limit);
+    }
+
     /// How many publishers of a topic we read from.
     pub fn publishers_of(&self, topic: &str) -> usize {
         lock(&self.graph.subscriptions).get(topic).map_or(0, |s| s.connections())
@@ -215,12 +221,10 @@ impl Graph {
         lock(&self.subscriptions).keys().cloned().collect()
     }
 
-    pub(crate) fn connected_publishers(&self) -> Vec<(String, String)> {
+    /// By subscribed topic: the publishers' slave URIs, connections and counts.
+    pub(crate) fn incoming_links(&self) -> Vec<(String, Vec<ReadLink>)> {
         let subscriptions = lock(&self.subscriptions);
-        let pairs = subscriptions.iter().flat_map(|(topic, subscription)| {
-            subscription.uris().into_iter().map(|uri| (topic.clone(), uri))
-        });
-        pairs.collect()
+        subscriptions.iter().map(|(topic, s)| (topic.clone(), s.links())).collect()
     }
 
     /// Takes in the master's list of a topic's publishers.
@@ -259,7 +263,7 @@ impl Graph {
                 break;
             }
             if let Ok(link) = subscriber::connect(&self.name, topic, uri, self.deadline) {
-                subscription.connected(uri);
+                subscription.connected(uri, &link);
                 inbox.add(link);
                 return;
             }

@@ -12,10 +12,16 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use crate::header::ConnectionHeader;
+use crate::peer_queue;
 use crate::sockets::{lock, peer_has_closed, unsent, wait_writable};
 
-/// Frames gathered into one system call, far below the kernel's limit of 1,024.
-const GATHER: usize = 64;
+/// Frames gathered into one system call: the kernel's limit (UIO_MAXIOV).
+const GATHER: usize = 1024;
+/// Looks at a subscriber's socket that only let other threads run in between; then it
+/// sleeps, so that a node that takes its time has the processor for itself.
+const YIELDS: u32 = 20;
+/// The sleep between two looks at a subscriber's socket.
+const NAP: Duration = Duration::from_micros(50);
 /// The longest wait between two looks at `cancelled`.
 const LOOK: Duration = Duration::from_millis(20);
 
@@ -149,6 +155,65 @@ impl Publication {
         open.map(|link| unsent(&link.stream).unwrap_or(0)).sum()
     }
 
+    /// Bytes that the slowest subscriber has not read: in our sockets, or in its own where it is
+    /// on this machine.
+    pub fn unread(&self) -> u64 {
+        let links = lock(&self.links);
+        let open = links.all.iter().filter(|link| link.state.open);
+        open.map(Link::unread).max().unwrap_or(0)
+    }
+
+    /// Waits until every subscriber has read everything that was sent. For subscribers on
+    /// other machines: until their kernels have it.
+    ///
+    /// # Errors
+    /// As [`Publication::send`].
+    pub fn await_read(&self, cancelled: &mut dyn FnMut() -> bool) -> Result<(), SendError> {
+        self.await_unread(0, cancelled)
+    }
+
+    /// Waits until no more than `window` bytes of what was sent are unread.
+    ///
+    /// # Errors
+    /// As [`Publication::send`].
+    pub fn await_unread(
+        &self,
+        window: u64,
+        cancelled: &mut dyn FnMut() -> bool,
+    ) -> Result<(), SendError> {
+        let (mut before, mut progress, mut looks) = (u64::MAX, Instant::now(), 0);
+        loop {
+            let left = self.unread();
+            if left <= window {
+                return Ok(());
+            }
+            if left != before {
+                (before, progress) = (left, Instant::now());
+            }
+            let waited = progress.elapsed();
+            if waited >= self.stall {
+                // Whoever has left since has nothing more to read.
+                let links = self.subscribers();
+                let open = links.into_iter().find(|link| link.open);
+                let Some(LinkState { node, .. }) = open else { return Ok(()) };
+                return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
+            }
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+            looks += 1;
+            if looks < YIELDS {
+                std::thread::yield_now();
+            } else {
+                if looks % YIELDS == 0 {
+                    // Marks the connections that were closed with bytes in them.
+                    self.subscribers();
+                }
+                std::thread::sleep(NAP);
+            }
+        }
+    }
+
     /// Subscribers that were refused, as sentences: they wanted another type.
     pub fn refused(&self) -> Vec<String> {
         lock(&self.links).refused.clone()
@@ -253,6 +318,12 @@ impl Publication {
         }
         link.state.count(share, &frames[..frames.len() - unsent.len()]);
         Ok(())
+    }
+}
+
+impl Link {
+    fn unread(&self) -> u64 {
+        unsent(&self.stream).unwrap_or(0) + peer_queue::unread(&self.stream).unwrap_or(0)
     }
 }
 

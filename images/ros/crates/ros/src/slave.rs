@@ -1,5 +1,7 @@
 //! The Slave API (<https://wiki.ros.org/ROS/Slave_API>): what a node answers to others.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use dxr::{Fault, FaultResponse, MethodCall, MethodResponse};
 
 use crate::Value;
@@ -81,7 +83,8 @@ fn request_topic(graph: &Graph, params: &[Value]) -> (String, Result<Value, ()>)
     (format!("ready on {address}"), Ok(place.into()))
 }
 
-/// `[publish, subscribe, service]`; of the links we publish on, what was written to them.
+/// `[publish, subscribe, service]`: what was written to the links that we publish on, and
+/// what was taken from those that we read, of which nothing is ever dropped.
 fn bus_stats(graph: &Graph) -> Value {
     let published = graph.publications().into_iter().map(|publication| {
         let links = publication.subscribers().into_iter().map(|link| {
@@ -91,8 +94,16 @@ fn bus_stats(graph: &Graph) -> Value {
         let links = Value::List(links.collect());
         vec![publication.info().topic.as_str().into(), Value::Int(0), links].into()
     });
-    let nothing = || Value::List(Vec::new());
-    vec![Value::List(published.collect()), nothing(), nothing()].into()
+    let subscribed = graph.incoming_links().into_iter().map(|(topic, links)| {
+        let links = links.into_iter().map(|(_, id, counts)| {
+            let count = |count: &AtomicU64| clamp(count.load(Ordering::Relaxed));
+            let (bytes, messages) = (count(&counts.bytes), count(&counts.messages));
+            vec![clamp(id), bytes, messages, Value::Int(0), true.into()].into()
+        });
+        vec![topic.into(), Value::List(links.collect())].into()
+    });
+    let subscribed = Value::List(subscribed.collect());
+    vec![Value::List(published.collect()), subscribed, Value::List(Vec::new())].into()
 }
 
 fn bus_info(graph: &Graph) -> Value {
@@ -103,8 +114,10 @@ fn bus_info(graph: &Graph) -> Value {
             rows.push(row(clamp(link.id), link.node, "o", &topic));
         }
     }
-    for (topic, uri) in graph.connected_publishers() {
-        rows.push(row(Value::Int(0), uri, "i", &topic));
+    for (topic, links) in graph.incoming_links() {
+        for (uri, id, _) in links {
+            rows.push(row(clamp(id), uri, "i", &topic));
+        }
     }
     rows.into()
 }

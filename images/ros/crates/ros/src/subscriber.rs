@@ -1,6 +1,6 @@
 //! Connecting to publishers: requestTopic, TCP, header exchange.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -9,13 +9,16 @@ use std::time::Duration;
 
 use crate::header::ConnectionHeader;
 use crate::hosts;
-use crate::inbox::InLink;
+use crate::inbox::{Counts, InLink};
 use crate::sockets::lock;
 use crate::xmlrpc::Client;
 use crate::{RosError, Value};
 
 /// Attempts to connect to one publisher; a node may register before it listens.
 pub(crate) const ATTEMPTS: u32 = 4;
+
+/// A publisher that we read: its slave URI, the connection, what that has handed over.
+pub(crate) type ReadLink = (String, u64, Arc<Counts>);
 
 /// A subscribed topic: which publishers there are and which of them we read.
 #[derive(Default)]
@@ -29,8 +32,8 @@ struct Publishers {
     registered: BTreeSet<String>,
     /// Those that a connection exists to or is being made.
     taken: BTreeSet<String>,
-    /// Those that a connection stands to.
-    connected: BTreeSet<String>,
+    /// Those that a connection stands to: its number and what it has handed over.
+    connected: BTreeMap<String, (u64, Arc<Counts>)>,
 }
 
 impl Subscription {
@@ -48,8 +51,9 @@ impl Subscription {
         lock(&self.state).registered.contains(uri)
     }
 
-    pub(crate) fn connected(&self, uri: &str) {
-        lock(&self.state).connected.insert(uri.to_owned());
+    pub(crate) fn connected(&self, uri: &str, link: &InLink) {
+        let counts = (link.id, Arc::clone(&link.counts));
+        lock(&self.state).connected.insert(uri.to_owned(), counts);
     }
 
     /// The connection has ended or could not be made; the next update may try again.
@@ -64,9 +68,13 @@ impl Subscription {
         lock(&self.state).connected.len()
     }
 
-    /// The publishers that we read.
-    pub(crate) fn uris(&self) -> Vec<String> {
-        lock(&self.state).connected.iter().cloned().collect()
+    /// The publishers that we read: slave URI, connection, what it has handed over.
+    pub(crate) fn links(&self) -> Vec<ReadLink> {
+        let state = lock(&self.state);
+        let link = |(uri, (id, counts)): (&String, &(u64, Arc<Counts>))| {
+            (uri.clone(), *id, Arc::clone(counts))
+        };
+        state.connected.iter().map(link).collect()
     }
 }
 
@@ -87,7 +95,8 @@ pub(crate) fn connect(
         RosError::Handshake { peer: format!("the publisher of {topic} at {host}:{port}"), why }
     })?;
     let id = NEXT.fetch_add(1, Ordering::Relaxed);
-    Ok(InLink { id, topic: Arc::clone(topic), uri: uri.to_owned(), header, stream })
+    let (topic, uri, counts) = (Arc::clone(topic), uri.to_owned(), Arc::default());
+    Ok(InLink { id, topic, uri, header, stream, counts })
 }
 
 fn request_topic(

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
-use bagpipe_replay::{Mode, Progress, ReplayError, ReplayRequest, Replayed, Window, replay};
+use bagpipe_replay::{
+    CLOCK_RATE, Mode, Progress, ReplayError, ReplayRequest, Replayed, StartWhen, Window, replay,
+};
 
 /// Where compiled nodes and the graphs' folders lie.
 pub const TMP: &str = env!("CARGO_TARGET_TMPDIR");
@@ -42,6 +44,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         topics: Vec::new(),
         remap: BTreeMap::new(),
         mode: Mode::Max,
+        steps: Vec::new(),
         rate: 1.0,
         record_topics: Vec::new(),
         byte_budget: 1 << 30,
@@ -49,6 +52,9 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         drain_deadline: Duration::from_secs(10),
         case_deadline: Instant::now() + Duration::from_secs(120),
         use_sim_time: false,
+        clock_rate: CLOCK_RATE,
+        start: StartWhen::default(),
+        pause: None,
     }
 }
 

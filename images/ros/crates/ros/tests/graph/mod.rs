@@ -38,6 +38,15 @@ impl Graph {
         graph
     }
 
+    /// Ends the master at once and starts another one in its place, which knows nothing.
+    pub fn restart_master(&mut self) {
+        self.master.take();
+        let port = self.uri.trim_end_matches('/').rsplit(':').next().unwrap().to_owned();
+        self.master = Some(self.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]));
+        let master = self.client();
+        wait_until("rosmaster answers again", || master.get_pid().is_ok());
+    }
+
     /// A client of the master.
     pub fn client(&self) -> Master {
         Master::new(&self.uri, "/test", Duration::from_secs(5)).unwrap()

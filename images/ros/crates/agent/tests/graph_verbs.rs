@@ -1,0 +1,152 @@
+//! `play` and `record` against Debian's rosmaster, rospy, rosbag and each other.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+#[path = "../../ros/tests/graph/mod.rs"]
+mod graph;
+mod worker;
+
+use std::path::{Path, PathBuf};
+
+use bagpipe_bag::{Bag, MemoryChunkedFile};
+use graph::{Graph, Process, wait_until};
+use worker::without_ros;
+
+const TMP: &str = env!("CARGO_TARGET_TMPDIR");
+const AGENT: &str = env!("CARGO_BIN_EXE_bagpipe-agent");
+
+fn bag_of_chatter(graph: &Graph, count: u64) -> PathBuf {
+    let path = graph.folder.join("chatter.bag");
+    std::fs::write(&path, worker::chatter(count)).unwrap();
+    path
+}
+
+fn read(path: &Path) -> Bag<MemoryChunkedFile> {
+    let bytes = std::fs::read(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    Bag::open(MemoryChunkedFile::new(bytes)).unwrap()
+}
+
+fn words(graph: &Graph, topic: &str) -> Process {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../replay/tests/nodes/words.py");
+    graph.python(&script, &[topic])
+}
+
+fn interrupt(process: &mut Process) {
+    let pid = rustix::process::Pid::from_raw(process.id() as i32).unwrap();
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    wait_until("it has ended", || process.has_ended());
+}
+
+#[test]
+fn play_selects_renames_steps_and_records_the_answers() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let bag = bag_of_chatter(&graph, 200);
+    let bag = bag.to_str().unwrap();
+    let _words = words(&graph, "/robot/talk");
+    let names = ["--topics", "/chatter", "--remap", "/chatter:=/talk", "--prefix", "robot"];
+    let window = ["--start", "0.5", "--duration", "1"];
+    let answers = ["--record", "/answer", "--output", "answers.bag", "--json"];
+    for way in [&["--immediate"][..], &["--step", "/robot/talk=/answer,10"], &["--rate", "4"]] {
+        let mut all = vec!["play", bag, "--wait-for", "words", "--subscribers", "/robot/talk=1"];
+        for more in [&names[..], &window, &answers, way] {
+            all.extend_from_slice(more);
+        }
+        let text = graph.run(AGENT, &all);
+        let ledger = r#""ledger":{"sent":100,"lead_in":0,"received":100,"dropped":0"#;
+        assert!(text.contains(ledger), "{way:?}: {text}");
+        let recorded = read(&graph.folder.join("answers.bag"));
+        let timeline = recorded.timeline(|_| true).unwrap();
+        assert_eq!(timeline.len(), 100, "{way:?}");
+        assert_eq!(&timeline.get(0).unwrap().data[4..], b"message 50");
+    }
+}
+
+#[test]
+fn play_says_what_it_waited_for_in_vain() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let bag = bag_of_chatter(&graph, 3);
+    let _words = words(&graph, "/chatter");
+    let arguments = ["--wait-for", "/judge", "--subscribers", "/chatter=2"];
+    let mut command = graph.command(AGENT, &["play", bag.to_str().unwrap()]);
+    let output = command.args(arguments).args(["--subscribe-timeout", "3"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    let text = String::from_utf8(output.stderr).unwrap();
+    let expected = "waited in vain for /judge, 2 subscribers of /chatter (there are 1) for 3.0 s";
+    assert!(text.contains(expected), "{text}");
+}
+
+#[test]
+fn what_play_sends_record_has_and_both_say_so() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let bag = bag_of_chatter(&graph, 3_000);
+    let out = graph.folder.join("live.bag");
+    let arguments = ["record", "--output", out.to_str().unwrap(), "--exclude", "/rosout.*"];
+    let mut recorder = graph.spawn(AGENT, &arguments);
+    let played = graph.run(AGENT, &["play", bag.to_str().unwrap(), "--immediate"]);
+    assert!(played.contains("/bagpipe_recorder_"), "{played}");
+    assert!(played.contains("3000 received, 0 dropped"), "{played}");
+    interrupt(&mut recorder);
+    recorder.wait_for("3000 messages, ");
+    let recorded = read(&out);
+    assert_eq!((recorded.message_count(), recorded.loss()), (3_000, None));
+    let connection = &recorded.connections()[0];
+    assert_eq!(
+        (connection.topic.as_str(), connection.datatype.as_str()),
+        ("/chatter", "std_msgs/String")
+    );
+    assert!(connection.caller_id.as_ref().unwrap().starts_with("/bagpipe_player_"));
+    graph.run("/usr/bin/rosbag", &["check", out.to_str().unwrap()]);
+    let info = graph.run("/usr/bin/rosbag", &["info", "--yaml", out.to_str().unwrap()]);
+    assert!(info.contains("messages: 3000\n") && info.contains("indexed: True"), "{info}");
+}
+
+#[test]
+fn record_splits_compresses_and_takes_only_what_a_node_subscribes_to() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let bag = bag_of_chatter(&graph, 1_000);
+    let _words = words(&graph, "/chatter");
+    let out = graph.folder.join("part.bag");
+    let mut arguments = vec!["record", "--output", out.to_str().unwrap(), "--node", "words"];
+    arguments.extend(["--compression", "lz4", "--split-size", "5000B"]);
+    let mut recorder = graph.spawn(AGENT, &arguments);
+    graph
+        .run(AGENT, &["play", bag.to_str().unwrap(), "--immediate", "--subscribers", "/chatter=2"]);
+    interrupt(&mut recorder);
+    recorder.wait_for("1000 messages, ");
+    let mut texts = Vec::new();
+    for part in 0.. {
+        let path = graph.folder.join(format!("part_{part}.bag"));
+        if !path.exists() {
+            break;
+        }
+        let bag = read(&path);
+        assert_eq!(bag.chunks()[0].compression.name(), "lz4");
+        let timeline = bag.timeline(|_| true).unwrap();
+        texts.extend(timeline.iter().map(|m| String::from_utf8(m.data[4..].to_vec()).unwrap()));
+    }
+    let expected: Vec<String> = (0..1_000).map(|number| format!("message {number}")).collect();
+    assert_eq!(texts, expected);
+}
+
+#[test]
+fn without_a_master_both_say_which_one_they_wanted() {
+    let mut command = std::process::Command::new(AGENT);
+    command.args(["record", "--output", "/tmp/never.bag"]).env_remove("ROS_MASTER_URI");
+    let text = String::from_utf8(command.output().unwrap().stderr).unwrap();
+    assert!(text.contains("Set ROS_MASTER_URI"), "{text}");
+    let gone = "http://127.0.0.1:1/";
+    let output = command.args(["--master", gone]).output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert!(text.contains("the ROS master failed") && text.contains("127.0.0.1:1"), "{text}");
+}

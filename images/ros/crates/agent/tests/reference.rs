@@ -1,0 +1,33 @@
+//! docs/reference/agent.md is what the program itself says; BAGPIPE_WRITE_REFERENCE=1 writes it.
+#![allow(clippy::unwrap_used)]
+
+use std::path::Path;
+use std::process::Command;
+
+const VERBS: [&str; 6] = ["install", "serve", "ready", "info", "play", "record"];
+const HEAD: &str = "# bagpipe-agent\n\n\
+    One static binary: the sidecar's supervisor, and a player and recorder for any ROS 1 graph.\n\
+    This page is the program's own help; a test compares them \
+    (`BAGPIPE_WRITE_REFERENCE=1 cargo test -p bagpipe-agent --test reference` writes it).\n\
+    What each mode guarantees is in [playback](../concepts/playback.md).\n";
+
+fn help(arguments: &[&str]) -> String {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_bagpipe-agent"));
+    let text = String::from_utf8(command.args(arguments).output().unwrap().stdout).unwrap();
+    let lines: Vec<&str> = text.lines().map(str::trim_end).collect();
+    lines.join("\n")
+}
+
+#[test]
+fn the_reference_page_is_the_program_s_own_help() {
+    let mut page = format!("{HEAD}\n```\n{}\n```\n", help(&["--help"]));
+    for verb in VERBS {
+        page.push_str(&format!("\n## {verb}\n\n```\n{}\n```\n", help(&[verb, "--help"])));
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../docs/reference/agent.md");
+    if std::env::var_os("BAGPIPE_WRITE_REFERENCE").is_some() {
+        std::fs::write(&path, &page).unwrap();
+    }
+    let written = std::fs::read_to_string(&path).unwrap_or_default();
+    assert!(written == page, "{} is not what the program says", path.display());
+}

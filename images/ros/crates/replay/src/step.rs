@@ -1,0 +1,82 @@
+//! A lock-step player's hold on everything that could come in another order next time.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros::{Node, Publication};
+
+use crate::ReplayError;
+use crate::answers::Answers;
+use crate::lockstep::{Due, Lockstep};
+use crate::outcome::StepReport;
+use crate::play::failed;
+use crate::recorder::Recorder;
+use crate::watch::Watch;
+
+/// How long outputs that nobody waits for may take from our sockets into the recording.
+const SWEEP: Duration = Duration::from_millis(100);
+
+/// The player's side of a lock-step play.
+pub(crate) struct Stepper<'a> {
+    node: &'a Node,
+    lockstep: Lockstep,
+    answers: Arc<Answers>,
+    recorder: &'a Recorder,
+    /// The simulated time of the step, once there is one.
+    now: Option<u64>,
+}
+
+impl<'a> Stepper<'a> {
+    pub(crate) fn new(
+        node: &'a Node,
+        lockstep: Lockstep,
+        answers: Arc<Answers>,
+        recorder: &'a Recorder,
+    ) -> Stepper<'a> {
+        Stepper { node, lockstep, answers, recorder, now: None }
+    }
+
+    /// Before simulated time becomes `time`: what has come belongs to the time before.
+    pub(crate) fn leave(&mut self, time: u64) {
+        if self.now.replace(time).is_some_and(|now| now != time) {
+            self.sweep();
+            self.recorder.end_step();
+        }
+    }
+
+    /// Takes in what the sockets hold, if anything is recorded beside the answers.
+    fn sweep(&self) {
+        let others = |topic: &String| !self.lockstep.answers().any(|answer| answer == topic);
+        if self.node.subscribed_topics().iter().any(others) {
+            self.node.sweep(SWEEP);
+        }
+    }
+
+    /// A message goes out next: the answers that are due to it.
+    pub(crate) fn release(&mut self, topic: usize, data: &[u8]) -> (Vec<Due>, Instant) {
+        (self.lockstep.release(topic, data, &self.answers), Instant::now())
+    }
+
+    /// Waits until the message has been answered, and read by all of its subscribers.
+    pub(crate) fn complete(
+        &mut self,
+        (dues, released): (Vec<Due>, Instant),
+        topic: &Publication,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        for due in dues {
+            self.lockstep.wait(due, released, &self.answers, || watch.check())?;
+        }
+        await_read(topic, watch)
+    }
+
+    /// What came of the steps.
+    pub(crate) fn reports(self) -> Vec<StepReport> {
+        self.lockstep.reports()
+    }
+}
+
+/// Waits until every subscriber has read everything from its socket.
+pub(crate) fn await_read(topic: &Publication, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+    topic.await_read(&mut || watch.must_stop()).map_err(|error| failed(error, watch))
+}

@@ -1,0 +1,136 @@
+//! What real recordings and graphs have that a demonstration has not.
+#![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
+#[path = "../../ros/tests/graph/mod.rs"]
+mod graph;
+mod scene;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_replay::{Mode, replay};
+use graph::{Graph, Process, compile, wait_until};
+use scene::{TMP, bag_of_words, node, read_back, request, run, words};
+
+/// A bag of (connection, data), a millisecond apart.
+fn bag_of(
+    connections: &[Connection],
+    messages: impl Iterator<Item = (usize, Vec<u8>)>,
+) -> Bag<MemoryChunkedFile> {
+    let mut writer = BagWriter::new(WriterOptions::default());
+    let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
+    for (number, (connection, data)) in messages.enumerate() {
+        writer.write(ids[connection], 1_000_000 * number as u64, &data).unwrap();
+    }
+    Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
+}
+
+#[test]
+fn a_type_that_nobody_here_has_ever_seen_is_played_and_its_answer_recorded() {
+    let mut odd = words("/odd", "/t", false);
+    odd.datatype = "nowhere_msgs/Odd".to_owned();
+    odd.md5sum = "00112233445566778899aabbccddeeff".to_owned();
+    odd.definition = "# of a package that is not installed\nfloat32[3] a\nint8 b\n".to_owned();
+    let data = |n: u8| vec![n; 13];
+    let bag = bag_of(&[odd.clone()], (0..50).map(|n| (0, data(n))));
+    let graph = Graph::start(TMP);
+    let _relay = graph.python(&node("anything.py"), &["/odd", "/relayed"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/odd".to_owned()];
+    request.record_topics = vec!["/relayed".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (50, 0));
+    let answers: Vec<Vec<u8>> = read_back(&replayed).into_iter().map(|(_, _, d)| d).collect();
+    assert_eq!(answers, (0..50).map(data).collect::<Vec<_>>());
+    let recorded = Bag::open(MemoryChunkedFile::new(replayed.recorded_bag)).unwrap();
+    let kept = &recorded.connections()[0];
+    assert_eq!((&kept.datatype, &kept.md5sum), (&odd.datatype, &odd.md5sum));
+    assert_eq!(kept.definition, odd.definition);
+}
+
+#[test]
+fn a_message_of_80_megabytes_goes_both_ways() {
+    let length = 80_000_000;
+    let data = [&(length as u32).to_le_bytes()[..], &vec![b'x'; length]].concat();
+    let bag = bag_of(&[words("/big", "/t", false)], (0..2).map(|_| (0, data.clone())));
+    let graph = Graph::start(TMP);
+    let _relay = graph.python(&node("anything.py"), &["/big", "/relayed"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/big".to_owned()];
+    request.record_topics = vec!["/relayed".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (2, 0));
+    assert_eq!(replayed.recorded.messages, 2);
+    assert!(read_back(&replayed).iter().all(|(_, _, answer)| *answer == data));
+}
+
+#[test]
+fn a_thousand_topics_arrive_whole() {
+    let names: Vec<String> = (0..1_000).map(|n| format!("/many/t{n}")).collect();
+    let connections: Vec<Connection> = names.iter().map(|name| words(name, "/t", false)).collect();
+    let messages = (0..3_000).map(|n: usize| (n % 1_000, vec![1, 0, 0, 0, b'a']));
+    let bag = bag_of(&connections, messages);
+    let graph = Graph::start(TMP);
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let listener = graph.python(&node("any.py"), &names);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = names.iter().map(|name| (*name).to_owned()).collect();
+    request.subscribe_deadline = graph::PATIENCE * 2;
+    let replayed = run(&bag, &request).unwrap();
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (3_000, 3_000, 0));
+    assert!(ledger.topics.iter().all(|topic| topic.sent == 3 && topic.subscribers.len() == 1));
+    wait_until("the last one was printed", || listener.last_number("seen ") == 3_000);
+    eprintln!("{:?}", replayed.timings);
+}
+
+/// Plays 3 s of words in realtime; `at_half` is called once in the middle.
+fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_replay::Replayed {
+    let messages: Vec<(usize, u64, &str)> = (0..300).map(|n| (0, 1_000 + n * 10, "w")).collect();
+    let bag = bag_of_words(&[words("/words", "/t", false)], &messages);
+    let mut request = request(&bag, &graph.uri);
+    request.mode = Mode::Realtime;
+    request.topics = vec!["/words".to_owned()];
+    request.record_topics = vec!["/answer".to_owned()];
+    let sent = AtomicU64::new(0);
+    std::thread::scope(|scope| {
+        let playing = scope.spawn(|| {
+            let mut progress =
+                |told: bagpipe_replay::Progress| sent.store(told.sent, Ordering::Relaxed);
+            replay(&bag, &request, &mut progress, &|| None)
+        });
+        wait_until("half of it is played", || sent.load(Ordering::Relaxed) > 100);
+        at_half(graph);
+        playing.join().unwrap().unwrap()
+    })
+}
+
+#[test]
+fn a_master_that_restarts_loses_nothing_that_flows_already() {
+    let mut graph = Graph::start(TMP);
+    let _words = graph.python(&node("words.py"), &["/words"]);
+    let replayed = disturbed(&mut graph, &mut |graph| graph.restart_master());
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (300, 300, 0));
+    assert_eq!(replayed.recorded.messages, 300);
+}
+
+#[test]
+fn subscribers_come_and_go_and_each_has_its_own_line() {
+    let mut graph = Graph::start(TMP);
+    let _words = graph.python(&node("words.py"), &["/words"]);
+    let mut late: Option<Process> = None;
+    let counter = compile(TMP, &node("clock_of.cpp"));
+    let replayed = disturbed(&mut graph, &mut |graph| {
+        // Comes in the middle, hears ten words and leaves.
+        let leaver = graph.python(&node("leaver.py"), &["/words", "10"]);
+        late = Some(graph.spawn(counter.to_str().unwrap(), &["/words", "/late_answer"]));
+        leaver.wait_for("leaving 10");
+    });
+    let lines = &replayed.ledger.topics[0].subscribers;
+    let line = |node: &str| lines.iter().find(|line| line.node == node).unwrap();
+    assert_eq!((line("/words").received, line("/words").dropped), (300, 0));
+    assert!(lines.iter().all(|line| line.received + line.dropped == 300), "{lines:?}");
+    assert!(line("/clock_of").received > 0 && line("/clock_of").received < 300, "{lines:?}");
+    assert!(line("/leaver").dropped >= 290, "{lines:?}");
+    assert_eq!(replayed.recorded.messages, 300);
+}
