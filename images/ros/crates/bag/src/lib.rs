@@ -13,12 +13,14 @@
 mod bag;
 mod chunk;
 mod compression;
+mod compressor;
 mod error;
 mod file;
 mod model;
 mod record;
 mod scan;
 mod timeline;
+mod unpack;
 mod writer;
 
 pub use bag::{Bag, Limits};

@@ -45,12 +45,18 @@ pub(crate) fn scan<F: ChunkedFile>(
 /// Reads one record of the top level and returns where the next begins.
 fn scan_record<F: ChunkedFile>(bag: &mut Bag<F>, at: u64) -> Result<u64, BagError> {
     let record = FileRecord::read(&bag.file, at)?;
+    let end = record.end();
     match record.op {
-        OP_CHUNK => scan_chunk(bag, at, &record)?,
+        OP_CHUNK => {
+            let (compression, size) = chunk_header(&record)?;
+            let place = (record.data_position, record.data_length);
+            scan_chunk(bag, at, place, (compression, size))?;
+        }
         OP_CONNECTION => {
             let data = record.data(&bag.file)?;
             let found =
                 connection(&record.header, &data).map_err(|defect| record.in_header(defect))?;
+            drop(data);
             bag.add_connection(found);
         }
         OP_INDEX | OP_CHUNK_INFO => {
@@ -65,44 +71,45 @@ fn scan_record<F: ChunkedFile>(bag: &mut Bag<F>, at: u64) -> Result<u64, BagErro
             return Err(BagError::damaged(record.header_position, expected));
         }
     }
-    Ok(record.end())
+    Ok(end)
 }
 
+/// `place` is where the chunk's data begins in the file and how long it says that it is.
 fn scan_chunk<F: ChunkedFile>(
     bag: &mut Bag<F>,
     position: u64,
-    record: &FileRecord,
+    (data_position, declared): (u64, u32),
+    (compression, size): (Compression, u32),
 ) -> Result<(), BagError> {
-    let (compression, size) = chunk_header(record)?;
-    let available = bag.file.len().saturating_sub(record.data_position);
-    let length = available.min(u64::from(record.data_length)) as u32;
+    let available = bag.file.len().saturating_sub(data_position);
+    let length = available.min(u64::from(declared)) as u32;
     let mut chunk = ChunkInfo {
         position,
         start: u64::MAX,
         end: 0,
         counts: Vec::new(),
         compression,
-        data_position: record.data_position,
+        data_position,
         data_length: length,
         size,
         usable: 0,
     };
-    let missing = u64::from(record.data_length - length);
+    let missing = u64::from(declared - length);
     let (data, mut wrong) =
         load(&bag.file, &chunk, bag.limits.decompressed_bytes, bag.made_bytes())?;
     if missing > 0 {
-        let what = format!("{} bytes of a chunk's data, found the file's end", record.data_length);
+        let what = format!("{declared} bytes of a chunk's data, found the file's end");
         wrong = Some(what);
     }
     let (walked, defect) = walk(bag, &mut chunk, &data);
     // Uncompressed data's offsets are the file's own; others can only name the chunk's data.
     let in_file = |inside: u64| match compression {
-        Compression::None => record.data_position + inside,
-        _ => record.data_position,
+        Compression::None => data_position + inside,
+        _ => data_position,
     };
     let damage = match (wrong, defect) {
         (Some(expected), _) if missing > 0 => Some((bag.file.len(), expected)),
-        (Some(expected), _) => Some((record.data_position, expected)),
+        (Some(expected), _) => Some((data_position, expected)),
         (None, Some((inside, expected))) => Some((in_file(inside), expected)),
         (None, None) => None,
     };
@@ -135,7 +142,7 @@ pub(crate) fn load<'a, F: ChunkedFile>(
     let ChunkInfo { data_position, data_length, .. } = *chunk;
     let raw = match file.slice(data_position, data_length as usize) {
         Some(bytes) => Cow::Borrowed(bytes),
-        None => Cow::Owned(read_bytes(file, data_position, data_length, "a chunk's data")?),
+        None => read_bytes(file, data_position, data_length, "a chunk's data")?,
     };
     if chunk.compression == Compression::None {
         return Ok((raw, None));
