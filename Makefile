@@ -51,8 +51,8 @@ test: preflight-all venv cluster install ## Set everything up, run all tests
 	$(STEP) "Testing" -- .venv/bin/python -m pytest tests
 
 .PHONY: bench
-bench: preflight-all venv ## Measure (see tests/bench)
-	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py
+bench: preflight-all venv ## Measure beside the peers (BENCH=bag: only that)
+	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: lint
 lint: venv ## Check style and types of everything

@@ -103,7 +103,7 @@ fn usual_header(header: &[u8; MESSAGE_HEADER]) -> Option<Header> {
 }
 
 /// How many records ahead memory is asked for.
-const AHEAD: usize = 4;
+const AHEAD: usize = 16;
 
 /// Each record's length says where the next one is, so that the processor would wait for
 /// memory at every one. Messages of a topic are mostly of one length: a load from where a later

@@ -14,8 +14,14 @@ const LEAST_BYTES: usize = 64 << 10;
 #[derive(Debug)]
 enum Work {
     Done(Vec<u8>),
-    /// Gives back the buffer that it read from, to be filled again.
-    Running(JoinHandle<(Vec<u8>, io::Result<Vec<u8>>)>),
+    Running(JoinHandle<Job>),
+}
+
+/// A chunk before and after, and whether it went well; the buffers are used again.
+struct Job {
+    raw: Vec<u8>,
+    small: Vec<u8>,
+    outcome: io::Result<()>,
 }
 
 #[derive(Debug)]
@@ -40,15 +46,22 @@ pub(crate) struct Compressor<T> {
     compression: Compression,
     flights: VecDeque<Flight<T>>,
     most: usize,
-    spare: Vec<Vec<u8>>,
+    spare_raw: Vec<Vec<u8>>,
+    spare_small: Vec<Vec<u8>>,
     /// Bytes before compression of all that is in the queue.
     bytes: u64,
 }
 
 impl<T> Compressor<T> {
     pub fn new(compression: Compression) -> Self {
-        let (flights, spare) = (VecDeque::new(), Vec::new());
-        Self { compression, flights, most: threads() + 1, spare, bytes: 0 }
+        Self {
+            compression,
+            flights: VecDeque::new(),
+            most: threads() + 1,
+            spare_raw: Vec::new(),
+            spare_small: Vec::new(),
+            bytes: 0,
+        }
     }
 
     /// Bytes before compression of what has not come out yet.
@@ -59,15 +72,16 @@ impl<T> Compressor<T> {
     /// Takes the chunk out of `chunk`, which is empty then and may be filled again.
     pub fn push(&mut self, chunk: &mut Vec<u8>, rest: T) -> Result<(), BagError> {
         let (compression, length) = (self.compression, chunk.len() as u32);
+        let mut small = self.spare_small.pop().unwrap_or_default();
         let work = if chunk.len() < LEAST_BYTES {
-            let small = compression.compress(chunk).map_err(BagError::Compress)?;
+            compression.compress(chunk, &mut small).map_err(BagError::Compress)?;
             chunk.clear();
             Work::Done(small)
         } else {
-            let raw = mem::replace(chunk, self.spare.pop().unwrap_or_default());
+            let raw = mem::replace(chunk, self.spare_raw.pop().unwrap_or_default());
             let job = move || {
-                let small = compression.compress(&raw);
-                (raw, small)
+                let outcome = compression.compress(&raw, &mut small);
+                Job { raw, small, outcome }
             };
             let spawned = thread::Builder::new().name("compress".to_owned()).spawn(job);
             Work::Running(spawned.map_err(BagError::Compress)?)
@@ -96,12 +110,18 @@ impl<T> Compressor<T> {
             Work::Done(bytes) => bytes,
             Work::Running(job) => {
                 let died = |_| BagError::Compress(io::Error::other("its thread died"));
-                let (mut raw, small) = job.join().map_err(died)?;
+                let Job { mut raw, small, outcome } = job.join().map_err(died)?;
                 raw.clear();
-                self.spare.push(raw);
-                small.map_err(BagError::Compress)?
+                self.spare_raw.push(raw);
+                outcome.map_err(BagError::Compress)?;
+                small
             }
         };
         Ok(Some(Compressed { bytes, length, rest }))
+    }
+
+    /// Takes back the bytes of a chunk that came out, to be used again.
+    pub fn give_back(&mut self, bytes: Vec<u8>) {
+        self.spare_small.push(bytes);
     }
 }

@@ -16,6 +16,7 @@ mod compression;
 mod compressor;
 mod error;
 mod file;
+mod lz4;
 mod model;
 mod record;
 mod scan;

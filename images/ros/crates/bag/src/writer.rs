@@ -284,6 +284,7 @@ impl BagWriter {
             let position = self.out.len();
             let header = chunk_header(self.options.compression, length);
             header.record_into(&bytes, &mut self.out);
+            self.compressor.give_back(bytes);
             self.append_index(position, rest);
         }
         Ok(())
