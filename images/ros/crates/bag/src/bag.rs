@@ -284,6 +284,7 @@ fn read_chunk_info(
         data_length: chunk.data_length,
         size,
         usable: size,
+        damaged: false,
     })
 }
 

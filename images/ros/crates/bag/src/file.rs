@@ -24,6 +24,20 @@ pub trait ChunkedFile: Sync {
     }
 }
 
+impl<F: ChunkedFile> ChunkedFile for &F {
+    fn len(&self) -> u64 {
+        (*self).len()
+    }
+
+    fn read_at(&self, offset: u64, into: &mut [u8]) -> io::Result<()> {
+        (*self).read_at(offset, into)
+    }
+
+    fn slice(&self, offset: u64, length: usize) -> Option<&[u8]> {
+        (*self).slice(offset, length)
+    }
+}
+
 /// A bag that lies in memory as a whole: reads are borrows.
 #[derive(Debug, Clone, Default)]
 pub struct MemoryChunkedFile {

@@ -11,24 +11,33 @@
 #![forbid(unsafe_code)]
 
 mod bag;
+mod check;
 mod chunk;
 mod compression;
 mod compressor;
+mod copy;
 mod error;
 mod file;
 mod lz4;
+mod merge;
 mod model;
 mod record;
+mod reindex;
 mod scan;
+mod slice;
 mod timeline;
 mod unpack;
 mod writer;
 
 pub use bag::{Bag, Limits};
+pub use check::{Checked, check};
 pub use compression::Compression;
 pub use error::BagError;
 pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
+pub use merge::merge;
 pub use model::{ChunkInfo, Connection, Loss, Message};
+pub use reindex::{Reindexed, reindex};
+pub use slice::{Sliced, Window, slice};
 pub use timeline::{Timeline, TimelineIter};
 pub use writer::{BagWriter, WriterOptions};
 

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::bag::chunk_header;
 use crate::chunk::{ChunkRecord, ChunkWalk};
 use crate::record::{
-    FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_INDEX, connection, read_bytes,
+    Fields, FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_INDEX, connection, read_bytes,
 };
 use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Compression, Loss};
 
@@ -19,38 +19,73 @@ pub(crate) fn scan<F: ChunkedFile>(
 ) -> Result<Bag<F>, BagError> {
     let mut at = first;
     let end = bag.file.len();
+    let mut tally = Tally::default();
     if at > end {
         note_damage(&mut bag, end, at - end, "the rest of the file header record");
+        tally.unknown = true;
     }
     while at < end {
-        match scan_record(&mut bag, at) {
+        match scan_record(&mut bag, at, &mut tally) {
             Ok(next) => at = next,
             Err(error @ (BagError::MemoryLimit { .. } | BagError::Io { .. })) => return Err(error),
             Err(error) => {
                 // Without this record's length, nothing says where the next one begins.
                 let offset = error.offset().unwrap_or(at);
                 note_damage(&mut bag, offset, end - at, &expectation(&error));
+                tally.unknown = true;
                 break;
             }
         }
     }
+    tally.settle(&bag);
     if let (None, Some(error)) = (&bag.loss, damage) {
         // All messages are there; the index that should say so is not.
         let offset = error.offset().unwrap_or(first);
         note_damage(&mut bag, offset, end.abs_diff(offset).max(1), &expectation(&error));
     }
+    if let Some(loss) = &mut bag.loss {
+        loss.messages = (!tally.unknown).then_some(tally.lost);
+    }
     Ok(bag)
 }
 
+/// Counts lost messages: the INDEX records behind a damaged chunk say how many it had.
+#[derive(Default)]
+struct Tally {
+    /// Messages that the INDEX records since the last chunk promise.
+    promised: u64,
+    damaged: bool,
+    lost: u64,
+    /// True when something was lost that no record counts.
+    unknown: bool,
+}
+
+impl Tally {
+    /// Closes the account of the last chunk.
+    fn settle<F: ChunkedFile>(&mut self, bag: &Bag<F>) {
+        if self.damaged {
+            let kept = bag.chunks.last().map_or(0, ChunkInfo::messages);
+            self.unknown |= self.promised == 0;
+            self.lost += self.promised.saturating_sub(kept);
+        }
+        (self.promised, self.damaged) = (0, false);
+    }
+}
+
 /// Reads one record of the top level and returns where the next begins.
-fn scan_record<F: ChunkedFile>(bag: &mut Bag<F>, at: u64) -> Result<u64, BagError> {
+fn scan_record<F: ChunkedFile>(
+    bag: &mut Bag<F>,
+    at: u64,
+    tally: &mut Tally,
+) -> Result<u64, BagError> {
     let record = FileRecord::read(&bag.file, at)?;
     let end = record.end();
     match record.op {
         OP_CHUNK => {
             let (compression, size) = chunk_header(&record)?;
             let place = (record.data_position, record.data_length);
-            scan_chunk(bag, at, place, (compression, size))?;
+            tally.settle(bag);
+            tally.damaged = scan_chunk(bag, at, place, (compression, size))?;
         }
         OP_CONNECTION => {
             let data = record.data(&bag.file)?;
@@ -64,6 +99,10 @@ fn scan_record<F: ChunkedFile>(bag: &mut Bag<F>, at: u64) -> Result<u64, BagErro
                 let expected = format!("{} bytes of an index record", record.data_length);
                 return Err(BagError::damaged(record.data_position, expected));
             }
+            if record.op == OP_INDEX {
+                let count = Fields::require_u32(&record.header, "count").unwrap_or(0);
+                tally.promised += u64::from(count);
+            }
         }
         op => {
             let expected =
@@ -75,12 +114,13 @@ fn scan_record<F: ChunkedFile>(bag: &mut Bag<F>, at: u64) -> Result<u64, BagErro
 }
 
 /// `place` is where the chunk's data begins in the file and how long it says that it is.
+/// True when it is damaged.
 fn scan_chunk<F: ChunkedFile>(
     bag: &mut Bag<F>,
     position: u64,
     (data_position, declared): (u64, u32),
     (compression, size): (Compression, u32),
-) -> Result<(), BagError> {
+) -> Result<bool, BagError> {
     let available = bag.file.len().saturating_sub(data_position);
     let length = available.min(u64::from(declared)) as u32;
     let mut chunk = ChunkInfo {
@@ -93,6 +133,7 @@ fn scan_chunk<F: ChunkedFile>(
         data_length: length,
         size,
         usable: 0,
+        damaged: false,
     };
     let missing = u64::from(declared - length);
     let (data, mut wrong) =
@@ -121,12 +162,14 @@ fn scan_chunk<F: ChunkedFile>(
     for connection in walked {
         bag.add_connection(connection);
     }
+    chunk.damaged = damage.is_some();
+    let damaged = chunk.damaged;
     if let Some((offset, expected)) = damage {
         let lost = u64::from(size.saturating_sub(chunk.usable)).max(missing).max(1);
         note_damage(bag, offset, lost, &expected);
     }
     bag.add_chunk(chunk, keep);
-    Ok(())
+    Ok(damaged)
 }
 
 /// Bytes, and what was wrong with what they were made of.
@@ -200,7 +243,10 @@ pub(crate) fn unknown_connection(id: u32) -> String {
 fn note_damage<F: ChunkedFile>(bag: &mut Bag<F>, offset: u64, bytes: u64, description: &str) {
     match &mut bag.loss {
         Some(loss) => loss.bytes = loss.bytes.saturating_add(bytes),
-        None => bag.loss = Some(Loss { offset, bytes, description: description.to_owned() }),
+        None => {
+            let description = description.to_owned();
+            bag.loss = Some(Loss { offset, bytes, messages: None, description });
+        }
     }
 }
 

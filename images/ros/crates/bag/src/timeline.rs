@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::chunk::{ChunkRecord, ChunkWalk, LEAST_MESSAGE};
 use crate::scan::unknown_connection;
 use crate::unpack::{chunk_bytes, unpack};
-use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Compression, Connection, Message};
+use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Connection, Message};
 
 /// One message: 24 bytes, so that a bag of millions stays small.
 #[derive(Debug, Clone, Copy)]
@@ -98,13 +98,7 @@ impl<'a> Timeline<'a> {
         let index = self.chunks.len() as u32;
         let bytes = bytes.get(..chunk.usable as usize).unwrap_or(bytes);
         let mut walk = ChunkWalk::new(bytes);
-        let damaged = |at: u64, expected: String| match chunk.compression {
-            Compression::None => BagError::damaged(chunk.data_position + at, expected),
-            _ => BagError::damaged(
-                chunk.data_position,
-                format!("{expected}, at byte {at} of the uncompressed chunk"),
-            ),
-        };
+        let damaged = |at: u64, expected: String| chunk.damaged(at, &expected);
         loop {
             let before = walk.at as u64;
             let found = walk.next_record().map_err(|bad| damaged(bad.at as u64, bad.expected))?;

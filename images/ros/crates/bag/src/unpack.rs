@@ -80,7 +80,7 @@ pub(crate) fn chunk_bytes<F: ChunkedFile>(bag: &Bag<F>, at: usize) -> Result<&[u
         return Ok(bytes);
     }
     let (bytes, wrong) = load(&bag.file, chunk, bag.limits.decompressed_bytes, bag.made_bytes())?;
-    if let (Some(expected), true) = (wrong, chunk.usable == chunk.size) {
+    if let (Some(expected), false) = (wrong, chunk.damaged) {
         return Err(BagError::damaged(chunk.data_position, expected));
     }
     Ok(keep(bag, at, bytes.into_owned()))

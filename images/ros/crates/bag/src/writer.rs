@@ -2,7 +2,7 @@
 
 use crate::compressor::{Compressed, Compressor};
 use crate::record::{OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, OP_INDEX, OP_MESSAGE};
-use crate::{BagError, Compression, Connection, MAGIC};
+use crate::{BagError, ChunkInfo, Compression, Connection, MAGIC};
 
 /// rosbag pads its file header record to this many bytes, so that it can be patched.
 const FILE_HEADER_LENGTH: usize = 4096;
@@ -125,6 +125,13 @@ impl BagWriter {
         id
     }
 
+    /// Leaves ids out, so that the next connection gets `next` at the least.
+    pub(crate) fn skip_ids(&mut self, next: u32) {
+        while self.connections.len() < next as usize {
+            self.add_connection(&Connection::default());
+        }
+    }
+
     /// Appends a message. On `BudgetExceeded` nothing was written, and the bag so far can
     /// still be finished.
     pub fn write(&mut self, connection: u32, time_ns: u64, data: &[u8]) -> Result<(), BagError> {
@@ -155,6 +162,39 @@ impl BagWriter {
         if self.chunk_length() >= self.options.chunk_threshold {
             self.close_chunk()?;
         }
+        Ok(())
+    }
+
+    /// True once a reader that goes from front to back knows the connection here.
+    pub(crate) fn declares(&self, connection: u32) -> bool {
+        self.connections.get(connection as usize).is_some_and(|written| written.declared)
+    }
+
+    /// Appends a chunk of another bag as it is, with its INDEX records. Its connections must
+    /// have the same ids here, and be declared here before or by the chunk itself.
+    pub(crate) fn append_chunk(
+        &mut self,
+        chunk: &ChunkInfo,
+        data: &[u8],
+        index: &[u8],
+    ) -> Result<(), BagError> {
+        self.close_chunk()?;
+        self.collect(true)?;
+        let tail = CHUNK_OVERHEAD + chunk.counts.len() * 8;
+        self.check_budget((tail + data.len() + index.len()) as u64)?;
+        self.index_bytes += tail;
+        let position = self.out.len() as u64;
+        chunk_header(chunk.compression, chunk.size).record_into(data, &mut self.out);
+        self.out.extend_from_slice(index);
+        for (id, _) in &chunk.counts {
+            if let Some(written) = self.connections.get_mut(*id as usize) {
+                written.declared = true;
+            }
+        }
+        self.messages += chunk.messages();
+        self.high_water = self.high_water.max(self.size());
+        let (start, end, counts) = (chunk.start, chunk.end, chunk.counts.clone());
+        self.chunks.push((position, Closed { start, end, counts }));
         Ok(())
     }
 
@@ -305,18 +345,23 @@ impl BagWriter {
         let mut records = Vec::new();
         for id in self.touched.drain(..) {
             let index = &mut self.connections[id as usize].index;
-            let count = (index.len() / INDEX_ENTRY) as u32;
-            counts.push((id, count));
-            let header = Header::new(OP_INDEX)
-                .field("ver", &1u32.to_le_bytes())
-                .field("conn", &id.to_le_bytes())
-                .field("count", &count.to_le_bytes());
-            header.record_into(index, &mut records);
+            counts.push((id, index_record(id, index, &mut records)));
             index.clear();
         }
         let (start, end) = self.times;
         Full { index: records, closed: Closed { start, end, counts } }
     }
+}
+
+/// One connection's INDEX record for one chunk.
+pub(crate) fn index_record(connection: u32, entries: &[u8], out: &mut Vec<u8>) -> u32 {
+    let count = (entries.len() / INDEX_ENTRY) as u32;
+    Header::new(OP_INDEX)
+        .field("ver", &1u32.to_le_bytes())
+        .field("conn", &connection.to_le_bytes())
+        .field("count", &count.to_le_bytes())
+        .record_into(entries, out);
+    count
 }
 
 /// A record's header under construction.
@@ -347,7 +392,7 @@ fn push_field(out: &mut Vec<u8>, name: &str, value: &[u8]) {
     out.extend_from_slice(value);
 }
 
-fn ros_time(nanoseconds: u64) -> [u8; 8] {
+pub(crate) fn ros_time(nanoseconds: u64) -> [u8; 8] {
     // Seconds of a bag are 32 bits; a later time is written as the last one.
     let seconds = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
     let mut bytes = [0; 8];
