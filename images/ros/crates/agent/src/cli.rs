@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::{check, merge, reindex, slice};
+
 /// Replays recorded ROS 1 data into the software under test, beside it in its own container.
 #[derive(Debug, Parser)]
 #[command(
@@ -45,6 +47,14 @@ pub enum Verb {
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
+    /// Write a part of a bag, by time and topic, as a bag of its own.
+    Slice(slice::Options),
+    /// Write several bags as one.
+    Merge(merge::Options),
+    /// Save what is whole of a bag without an index, or with a damaged one.
+    Reindex(reindex::Options),
+    /// Read every record of a bag and say whether it is whole.
+    Check(check::Options),
     /// One slot's process; started by `serve`.
     #[command(hide = true)]
     Slot {
