@@ -9,8 +9,9 @@ use crate::unpack::chunk_bytes;
 use crate::writer::{index_record, ros_time};
 use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression};
 
-/// Ids below this are kept; a bag's publishers are never so many.
-const MOST_KEPT: u32 = 1 << 16;
+/// Ids below this, and below eight times as many as there are connections, are kept: recorders
+/// count from 0. A damaged id must not make room for all ids before it.
+const MOST_KEPT: u32 = 1024;
 
 /// Carries chunks of one bag into a writer.
 pub(crate) struct Carrier<'b, F: ChunkedFile> {
@@ -28,9 +29,10 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
     pub fn new(bag: &'b Bag<F>, mut writer: BagWriter) -> Self {
         let mut connections: Vec<_> = bag.connections.iter().collect();
         connections.sort_by_key(|each| each.id);
+        let most = MOST_KEPT.max(connections.len().saturating_mul(8).min(1 << 24) as u32);
         let mut ids = HashMap::new();
         for each in connections {
-            if each.id < MOST_KEPT {
+            if each.id < most {
                 writer.skip_ids(each.id);
             }
             ids.insert(each.id, writer.add_connection(each));
