@@ -137,7 +137,7 @@ fn read(bytes: Vec<u8>, way: usize) -> u64 {
 fn main() {
     let mut arguments = std::env::args().skip(1).map(|word| word.parse::<u64>().unwrap());
     let rounds = arguments.next().unwrap_or(100_000);
-    let mut random = Random(arguments.next().unwrap_or(1) * 0x9e37_79b9_7f4a_7c15 | 1);
+    let mut random = Random(arguments.next().unwrap_or(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
     let kinds = [Compression::None, Compression::Lz4, Compression::Bz2];
     let samples = kinds.map(|kind| sample(kind, if kind == Compression::Bz2 { 12 } else { 60 }));
     let (mut slowest, mut most, mut kept) = (Duration::ZERO, (0, 0), 0);

@@ -10,6 +10,7 @@ use crate::record::{
     read_bytes, time_at, u32_at, u64_at,
 };
 use crate::scan::scan;
+use crate::upgrade::OLD_MAGIC;
 use crate::{BagError, ChunkInfo, ChunkedFile, Compression, Connection, Loss, MAGIC, Timeline};
 
 /// How much memory reading a bag may take beside the bag's own bytes.
@@ -181,6 +182,9 @@ impl<F: ChunkedFile> Bag<F> {
     fn read_file_header(&self) -> Result<Start, BagError> {
         let length = self.file.len().min(MAGIC.len() as u64) as u32;
         let line = read_bytes(&self.file, 0, length, "the first line")?;
+        if *line == OLD_MAGIC[..] {
+            return Err(BagError::OldFormat);
+        }
         if *line != MAGIC[..] {
             let found = format!("{:?}", String::from_utf8_lossy(&line));
             return Err(BagError::NotABag { found });

@@ -3,10 +3,10 @@
 
 use std::collections::HashMap;
 
+use crate::build::{index_record, ros_time};
 use crate::chunk::{ChunkRecord, ChunkWalk};
 use crate::record::{Fields, FileRecord, OP_INDEX, read_bytes};
 use crate::unpack::chunk_bytes;
-use crate::writer::{index_record, ros_time};
 use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression};
 
 /// Ids below this, and below eight times as many as there are connections, are kept: recorders

@@ -5,12 +5,16 @@
 //! ([`DiskChunkedFile`]). Reading never copies an uncompressed message, and a message's
 //! bytes come with the length before them, which together are its TCPROS frame.
 //!
-//! Not for: deserialising messages, or bags of format 1.2 (refused with a sentence).
+//! Beside that: [`slice`], [`merge`], [`reindex`] (which also writes bags of format 1.2 as 2.0)
+//! and [`check`].
+//!
+//! Not for: deserialising messages, or encrypted bags (refused with a sentence).
 //! Input is not trusted: every length is checked before it is believed, and errors name
 //! the byte offset and what was expected there.
 #![forbid(unsafe_code)]
 
 mod bag;
+mod build;
 mod check;
 mod chunk;
 mod compression;
@@ -27,6 +31,7 @@ mod scan;
 mod slice;
 mod timeline;
 mod unpack;
+mod upgrade;
 mod writer;
 
 pub use bag::{Bag, Limits};

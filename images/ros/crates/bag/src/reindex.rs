@@ -1,6 +1,7 @@
 //! An index for a bag that has none, or a wrong one.
 
 use crate::copy::Carrier;
+use crate::upgrade::{is_old, upgrade};
 use crate::{Bag, BagError, BagWriter, ChunkedFile, Loss, WriterOptions};
 
 /// A bag with a new index, and what could not be saved.
@@ -19,8 +20,11 @@ pub struct Reindexed {
 
 /// Reads every record from the front and writes the whole messages with an index. Whole
 /// chunks keep their bytes; messages of damaged ones are written anew, compressed as
-/// `options` say.
+/// `options` say. A bag of format 1.2 becomes one of format 2.0.
 pub fn reindex<F: ChunkedFile>(file: F, options: WriterOptions) -> Result<Reindexed, BagError> {
+    if is_old(&file) {
+        return upgrade(&file, options);
+    }
     let bag = Bag::open_unindexed(file)?;
     let mut carrier = Carrier::new(&bag, BagWriter::new(options));
     for at in 0..bag.chunks.len() {

@@ -1,15 +1,12 @@
 //! Writing a bag 2.0 into memory, within a byte budget.
 
+use crate::build::{
+    FILE_HEADER_LENGTH, INDEX_ENTRY, MESSAGE_OVERHEAD, TIME_IN_HEADER, chunk_header, chunk_info,
+    connection_record, file_header, index_record, message_header,
+};
 use crate::compressor::{Compressed, Compressor};
-use crate::record::{OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, OP_INDEX, OP_MESSAGE};
 use crate::{BagError, ChunkInfo, Compression, Connection, MAGIC};
 
-/// rosbag pads its file header record to this many bytes, so that it can be patched.
-const FILE_HEADER_LENGTH: usize = 4096;
-/// A MESSAGE record without its data: header length, op, conn, time, data length.
-const MESSAGE_OVERHEAD: usize = 4 + (4 + 4) + (4 + 9) + (4 + 13) + 4;
-/// One entry of an INDEX record.
-const INDEX_ENTRY: usize = 12;
 /// INDEX record and CHUNK_INFO count of one connection in one chunk.
 const INDEX_OVERHEAD: usize = 55 + 8;
 /// CHUNK and CHUNK_INFO records of one chunk, without what they hold.
@@ -219,18 +216,7 @@ impl BagWriter {
             declared += 1;
         }
         for (position, chunk) in &self.chunks {
-            let counts: Vec<u8> = chunk
-                .counts
-                .iter()
-                .flat_map(|(id, count)| [id.to_le_bytes(), count.to_le_bytes()].concat())
-                .collect();
-            let header = Header::new(OP_CHUNK_INFO)
-                .field("ver", &1u32.to_le_bytes())
-                .field("chunk_pos", &position.to_le_bytes())
-                .field("start_time", &ros_time(chunk.start))
-                .field("end_time", &ros_time(chunk.end))
-                .field("count", &(chunk.counts.len() as u32).to_le_bytes());
-            header.record_into(&counts, &mut self.out);
+            chunk_info(*position, (chunk.start, chunk.end), &chunk.counts, &mut self.out);
         }
         let header = file_header(index_position, declared, self.chunks.len() as u32);
         self.out[MAGIC.len()..MAGIC.len() + FILE_HEADER_LENGTH].copy_from_slice(&header);
@@ -351,106 +337,4 @@ impl BagWriter {
         let (start, end) = self.times;
         Full { index: records, closed: Closed { start, end, counts } }
     }
-}
-
-/// One connection's INDEX record for one chunk.
-pub(crate) fn index_record(connection: u32, entries: &[u8], out: &mut Vec<u8>) -> u32 {
-    let count = (entries.len() / INDEX_ENTRY) as u32;
-    Header::new(OP_INDEX)
-        .field("ver", &1u32.to_le_bytes())
-        .field("conn", &connection.to_le_bytes())
-        .field("count", &count.to_le_bytes())
-        .record_into(entries, out);
-    count
-}
-
-/// A record's header under construction.
-struct Header(Vec<u8>);
-
-impl Header {
-    fn new(op: u8) -> Self {
-        Self(Vec::with_capacity(96)).field("op", &[op])
-    }
-
-    fn field(mut self, name: &str, value: &[u8]) -> Self {
-        push_field(&mut self.0, name, value);
-        self
-    }
-
-    fn record_into(&self, data: &[u8], out: &mut Vec<u8>) {
-        out.extend_from_slice(&(self.0.len() as u32).to_le_bytes());
-        out.extend_from_slice(&self.0);
-        out.extend_from_slice(&(data.len() as u32).to_le_bytes());
-        out.extend_from_slice(data);
-    }
-}
-
-fn push_field(out: &mut Vec<u8>, name: &str, value: &[u8]) {
-    out.extend_from_slice(&((name.len() + 1 + value.len()) as u32).to_le_bytes());
-    out.extend_from_slice(name.as_bytes());
-    out.push(b'=');
-    out.extend_from_slice(value);
-}
-
-pub(crate) fn ros_time(nanoseconds: u64) -> [u8; 8] {
-    // Seconds of a bag are 32 bits; a later time is written as the last one.
-    let seconds = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
-    let mut bytes = [0; 8];
-    bytes[..4].copy_from_slice(&seconds.to_le_bytes());
-    bytes[4..].copy_from_slice(&((nanoseconds % 1_000_000_000) as u32).to_le_bytes());
-    bytes
-}
-
-/// Where a MESSAGE record's time stands in it.
-const TIME_IN_HEADER: usize = 34;
-
-/// A MESSAGE record up to its data, built on the stack: once for every message.
-fn message_header(connection: u32, time: u64, length: u32) -> [u8; MESSAGE_OVERHEAD] {
-    const LENGTH: u32 = (MESSAGE_OVERHEAD - 8) as u32;
-    let mut bytes = [0; MESSAGE_OVERHEAD];
-    bytes[..4].copy_from_slice(&LENGTH.to_le_bytes());
-    bytes[4..12].copy_from_slice(&[4, 0, 0, 0, b'o', b'p', b'=', OP_MESSAGE]);
-    bytes[12..21].copy_from_slice(b"\x09\0\0\0conn=");
-    bytes[21..25].copy_from_slice(&connection.to_le_bytes());
-    bytes[25..34].copy_from_slice(b"\x0d\0\0\0time=");
-    bytes[TIME_IN_HEADER..42].copy_from_slice(&ros_time(time));
-    bytes[42..].copy_from_slice(&length.to_le_bytes());
-    bytes
-}
-
-fn chunk_header(compression: Compression, size: u32) -> Header {
-    Header::new(OP_CHUNK)
-        .field("compression", compression.name().as_bytes())
-        .field("size", &size.to_le_bytes())
-}
-
-fn connection_record(connection: &Connection) -> Vec<u8> {
-    let mut data = Vec::new();
-    push_field(&mut data, "topic", connection.topic.as_bytes());
-    push_field(&mut data, "type", connection.datatype.as_bytes());
-    push_field(&mut data, "md5sum", connection.md5sum.as_bytes());
-    push_field(&mut data, "message_definition", connection.definition.as_bytes());
-    if let Some(caller_id) = &connection.caller_id {
-        push_field(&mut data, "callerid", caller_id.as_bytes());
-    }
-    if connection.latching {
-        push_field(&mut data, "latching", b"1");
-    }
-    let header = Header::new(OP_CONNECTION)
-        .field("conn", &connection.id.to_le_bytes())
-        .field("topic", connection.topic.as_bytes());
-    let mut record = Vec::new();
-    header.record_into(&data, &mut record);
-    record
-}
-
-fn file_header(index_position: u64, connections: u32, chunks: u32) -> Vec<u8> {
-    let header = Header::new(OP_FILE_HEADER)
-        .field("index_pos", &index_position.to_le_bytes())
-        .field("conn_count", &connections.to_le_bytes())
-        .field("chunk_count", &chunks.to_le_bytes());
-    let padding = FILE_HEADER_LENGTH - 8 - header.0.len();
-    let mut record = Vec::with_capacity(FILE_HEADER_LENGTH);
-    header.record_into(&vec![b' '; padding], &mut record);
-    record
 }
