@@ -21,6 +21,14 @@ pub(crate) enum ChunkRecord {
     },
 }
 
+/// A message, as in [`ChunkRecord::Message`].
+pub(crate) struct Usual {
+    pub connection: u32,
+    pub time: u64,
+    pub start: u32,
+    pub end: u32,
+}
+
 /// Walks a chunk's records without copying them.
 pub(crate) struct ChunkWalk<'a> {
     bytes: &'a [u8],
@@ -33,8 +41,32 @@ impl<'a> ChunkWalk<'a> {
         Self { bytes, at: 0 }
     }
 
+    /// The next record if it is a message as everybody writes it: nearly all are.
+    #[inline]
+    pub fn next_usual(&mut self) -> Option<Usual> {
+        let rest = self.bytes.get(self.at..)?;
+        let (head, data) = rest.split_first_chunk::<{ LEAST_MESSAGE as usize }>()?;
+        if head[..4] != (MESSAGE_HEADER as u32).to_le_bytes() {
+            return None;
+        }
+        let header = head[4..4 + MESSAGE_HEADER].try_into().ok()?;
+        let (connection, time) = usual_header(header)?;
+        let length = u32_at(head, 4 + MESSAGE_HEADER)? as usize;
+        if length > data.len() {
+            return None;
+        }
+        let start = self.at + 4 + MESSAGE_HEADER;
+        self.at = start + 4 + length;
+        ask_ahead(data, length, length + LEAST_MESSAGE as usize);
+        // Chunks end below 4 GiB because their size is a u32.
+        Some(Usual { connection, time, start: start as u32, end: self.at as u32 })
+    }
+
     /// The next record, or `None` at the end.
     pub fn next_record(&mut self) -> Result<Option<ChunkRecord>, Defect> {
+        if let Some(Usual { connection, time, start, end }) = self.next_usual() {
+            return Ok(Some(ChunkRecord::Message { connection, time, start, end }));
+        }
         let at = self.at;
         if at == self.bytes.len() {
             return Ok(None);
@@ -52,14 +84,7 @@ impl<'a> ChunkWalk<'a> {
             .filter(|end| *end <= self.bytes.len())
             .ok_or_else(|| cut("its data"))?;
         let shift = |defect: Defect| Defect::new(at + 4 + defect.at, defect.expected);
-        let found = match header.try_into().ok().and_then(usual_header) {
-            Some(found) => {
-                ask_ahead(self.bytes, end, end - at);
-                found
-            }
-            None => message_header(header).map_err(shift)?,
-        };
-        let record = match found {
+        let record = match message_header(header).map_err(shift)? {
             Header::Message { connection, time } => ChunkRecord::Message {
                 connection,
                 time,
@@ -85,7 +110,8 @@ enum Header {
 
 /// The two orders of fields that recorders write: rosbag's C++ sorts them by name, its Python
 /// and this crate put the op first.
-fn usual_header(header: &[u8; MESSAGE_HEADER]) -> Option<Header> {
+#[inline]
+fn usual_header(header: &[u8; MESSAGE_HEADER]) -> Option<(u32, u64)> {
     const OP: &[u8; 8] = &[4, 0, 0, 0, b'o', b'p', b'=', OP_MESSAGE];
     const CONN: &[u8; 9] = b"\x09\0\0\0conn=";
     const TIME: &[u8; 9] = b"\x0d\0\0\0time=";
@@ -99,7 +125,7 @@ fn usual_header(header: &[u8; MESSAGE_HEADER]) -> Option<Header> {
     } else {
         return None;
     };
-    Some(Header::Message { connection, time: time_at(header, 30)? })
+    Some((connection, time_at(header, 30)?))
 }
 
 /// How many records ahead memory is asked for.
@@ -108,6 +134,7 @@ const AHEAD: usize = 16;
 /// Each record's length says where the next one is, so that the processor would wait for
 /// memory at every one. Messages of a topic are mostly of one length: a load from where a later
 /// one should be starts early and is waited for by nobody.
+#[inline]
 fn ask_ahead(bytes: &[u8], end: usize, length: usize) {
     if let Some(byte) = length.checked_mul(AHEAD - 1).and_then(|far| bytes.get(end + far)) {
         std::hint::black_box(*byte);

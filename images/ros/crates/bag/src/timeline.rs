@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::chunk::{ChunkRecord, ChunkWalk, LEAST_MESSAGE};
+use crate::chunk::{ChunkRecord, ChunkWalk, LEAST_MESSAGE, Usual};
 use crate::scan::unknown_connection;
 use crate::unpack::{chunk_bytes, unpack};
 use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Connection, Message};
@@ -101,17 +101,23 @@ impl<'a> Timeline<'a> {
         let damaged = |at: u64, expected: String| chunk.damaged(at, &expected);
         loop {
             let before = walk.at as u64;
-            let found = walk.next_record().map_err(|bad| damaged(bad.at as u64, bad.expected))?;
-            match found {
-                None => break,
-                Some(ChunkRecord::Connection(_)) => {}
-                Some(ChunkRecord::Message { connection, time, start, end }) => {
-                    if wanted.has(connection) {
-                        self.entries.push(Entry { time, chunk: index, start, end, connection });
-                    } else if !bag.by_id.contains_key(&connection) {
-                        return Err(damaged(before, unknown_connection(connection)));
+            // Most records by the short way, which keeps them out of memory.
+            let (connection, time, start, end) = match walk.next_usual() {
+                Some(Usual { connection, time, start, end }) => (connection, time, start, end),
+                None => {
+                    match walk.next_record().map_err(|bad| damaged(bad.at as u64, bad.expected))? {
+                        None => break,
+                        Some(ChunkRecord::Connection(_)) => continue,
+                        Some(ChunkRecord::Message { connection, time, start, end }) => {
+                            (connection, time, start, end)
+                        }
                     }
                 }
+            };
+            if wanted.has(connection) {
+                self.entries.push(Entry { time, chunk: index, start, end, connection });
+            } else if !bag.by_id.contains_key(&connection) {
+                return Err(damaged(before, unknown_connection(connection)));
             }
         }
         self.chunks.push(bytes);
