@@ -71,7 +71,7 @@ test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e
 
 .PHONY: bench
-bench: preflight-all venv ## Measure (see tests/bench)
+bench: preflight-all venv ## Measure beside the peers (BENCH=bag or play: only that)
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: lint

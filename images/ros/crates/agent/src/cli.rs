@@ -6,6 +6,7 @@ use clap::{Args, Parser, Subcommand};
 
 use crate::play::PlayOptions;
 use crate::record::RecordOptions;
+use crate::{check, merge, reindex, slice};
 
 /// Replays recorded ROS 1 data into the software under test, beside it in its own container.
 #[derive(Debug, Parser)]
@@ -63,6 +64,14 @@ pub enum Verb {
         bagpipe-agent record --output all.bag --exclude '.*/compressed' --split-duration 60\n\n\
         Bags are made in memory and written whole, the last one after Ctrl-C or SIGTERM.")]
     Record(RecordOptions),
+    /// Write a part of a bag, by time and topic, as a bag of its own.
+    Slice(slice::Options),
+    /// Write several bags as one.
+    Merge(merge::Options),
+    /// Save what is whole of a bag without an index, or with a damaged one.
+    Reindex(reindex::Options),
+    /// Read every record of a bag and say whether it is whole.
+    Check(check::Options),
     /// One slot's process; started by `serve`.
     #[command(hide = true)]
     Slot {

@@ -33,10 +33,7 @@ fn describe(path: &Path, bag: &Bag<impl ChunkedFile>) -> String {
     lines.push(format!("compressed {}", names.join(", ")));
     lines.push(format!("messages   {}", bag.message_count()));
     if let Some(loss) = bag.loss() {
-        lines.push(format!(
-            "damaged    at byte {}: expected {}; {} bytes are lost",
-            loss.offset, loss.description, loss.bytes
-        ));
+        lines.push(crate::bagfile::loss(loss).replacen("damaged ", "damaged    ", 1));
     }
     lines.push(String::new());
     lines.extend(topics(bag));

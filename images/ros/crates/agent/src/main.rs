@@ -3,8 +3,10 @@
 //! named pipes for each slot; docs/reference/binpipe.md is what they say.
 #![forbid(unsafe_code)]
 
+mod bagfile;
 mod case;
 mod case_folder;
+mod check;
 mod cli;
 mod command;
 mod failure;
@@ -13,15 +15,18 @@ mod graph_options;
 mod info;
 mod install;
 mod layout;
+mod merge;
 mod outcome;
 mod parameters;
 mod play;
 mod processes;
 mod record;
+mod reindex;
 mod rosmaster;
 mod run;
 mod serve;
 mod session;
+mod slice;
 mod slot;
 mod stack;
 mod tail;
@@ -39,6 +44,10 @@ fn main() -> ExitCode {
         cli::Verb::Info { file } => info::info(&file),
         cli::Verb::Play(options) => play::play(&options),
         cli::Verb::Record(options) => record::record(&options),
+        cli::Verb::Slice(options) => slice::slice(&options),
+        cli::Verb::Merge(options) => merge::merge(&options),
+        cli::Verb::Reindex(options) => reindex::reindex(&options),
+        cli::Verb::Check(options) => check::check(&options),
         cli::Verb::Slot { slot, port, serve } => slot::run(&serve, slot, port),
     };
     match outcome {

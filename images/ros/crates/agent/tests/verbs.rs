@@ -60,8 +60,69 @@ fn info_shows_a_bag_and_its_damage() {
 #[test]
 fn help_teaches_the_way_of_a_case() {
     let text = String::from_utf8(agent(&["--help"]).stdout).unwrap();
-    for word in ["install", "serve", "ready", "info", "startup probe", "python3-rosmaster"] {
+    for word in ["install", "serve", "ready", "info", "slice", "merge", "reindex", "check"] {
+        assert!(text.contains(word), "{word} is not in:\n{text}");
+    }
+    for word in ["startup probe", "python3-rosmaster"] {
         assert!(text.contains(word), "{word} is not in:\n{text}");
     }
     assert!(!text.contains("slot process"));
+}
+
+/// Writes a bag of `count` messages, 10 ms apart, and returns its path and those beside it.
+fn folder_with(count: u64) -> (tempfile::TempDir, impl Fn(&str) -> String) {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().to_str().unwrap().to_owned();
+    let path = move |name: &str| format!("{root}/{name}");
+    std::fs::write(path("chatter.bag"), worker::chatter(count)).unwrap();
+    (folder, path)
+}
+
+fn said(arguments: &[&str]) -> String {
+    let output = agent(arguments);
+    assert!(output.status.success(), "{arguments:?}: {output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn complaint(arguments: &[&str]) -> String {
+    let output = agent(arguments);
+    assert_eq!(output.status.code(), Some(1), "{arguments:?}: {output:?}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn slices_merge_into_a_bag_that_checks() {
+    let (_folder, path) = folder_with(50);
+    let (from, early, late, both) =
+        (path("chatter.bag"), path("early.bag"), path("late.bag"), path("both.bag"));
+    let text = said(&["slice", &from, "--end", "0.25", "-o", &early]);
+    assert_eq!(
+        text,
+        format!("{early}: 25 messages, 0 latched before them, 0 chunks as they were\n")
+    );
+    said(&["slice", &from, "--start", "0.25", "--topic", "/chatter", "-o", &late]);
+    let text = said(&["merge", &late, &early, "--compression", "lz4", "-o", &both]);
+    assert_eq!(text, format!("{both}: 50 messages of 2 bags\n"));
+    assert_eq!(said(&["check", &both]), format!("{both}: 50 whole messages\n"));
+    assert!(said(&["info", &both]).contains("time       100.000000000 to 100.490000000\n"));
+    let again = complaint(&["merge", &late, "-o", &both]);
+    assert!(again.contains("both.bag is there already; choose another name"), "{again}");
+    let none = complaint(&["slice", &from, "--topic", "/none", "-o", &path("none.bag")]);
+    assert!(none.contains("chatter.bag has no topic /none"), "{none}");
+}
+
+#[test]
+fn reindex_saves_what_check_complains_about() {
+    let (_folder, path) = folder_with(50);
+    let (from, saved) = (path("chatter.bag"), path("saved.bag"));
+    let bytes = std::fs::read(&from).unwrap();
+    std::fs::write(&from, &bytes[..6000]).unwrap();
+    let text = complaint(&["check", &from]);
+    assert!(text.contains("damaged at byte 6000: expected "), "{text}");
+    assert!(text.contains("nobody can say how many messages are lost"), "{text}");
+    let text = complaint(&["slice", &from, "-o", &saved]);
+    assert!(text.contains("`bagpipe-agent reindex` saves what is whole"), "{text}");
+    let text = said(&["reindex", &from, "-o", &saved]);
+    assert!(text.contains("damaged at byte 6000"), "{text}");
+    assert!(said(&["check", &saved]).contains("whole messages"));
 }

@@ -2,12 +2,15 @@
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::file::ReadAhead;
 use crate::record::{
     Fields, FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, connection,
-    read_bytes, time_at, u32_at,
+    read_bytes, time_at, u32_at, u64_at,
 };
 use crate::scan::scan;
+use crate::upgrade::OLD_MAGIC;
 use crate::{BagError, ChunkInfo, ChunkedFile, Compression, Connection, Loss, MAGIC, Timeline};
 
 /// How much memory reading a bag may take beside the bag's own bytes.
@@ -23,6 +26,11 @@ impl Default for Limits {
         Self { decompressed_bytes: u64::MAX }
     }
 }
+
+/// The index is read in pieces of this many bytes.
+const INDEX_WINDOW: usize = 1 << 20;
+/// A CHUNK record's header is shorter than this as everybody writes it.
+const CHUNK_WINDOW: usize = 128;
 
 /// What the file header record says.
 struct Start {
@@ -44,6 +52,8 @@ pub struct Bag<F: ChunkedFile> {
     /// Uncompressed chunks that had to be made, each once; those that lie in memory as they
     /// are stay empty.
     pub(crate) made: Vec<OnceLock<Vec<u8>>>,
+    /// The bytes of all of them.
+    pub(crate) made_bytes: AtomicU64,
     pub(crate) limits: Limits,
     pub(crate) loss: Option<Loss>,
 }
@@ -124,6 +134,11 @@ impl<F: ChunkedFile> Bag<F> {
         &self.file
     }
 
+    /// Gives the file back.
+    pub fn into_file(self) -> F {
+        self.file
+    }
+
     /// All messages of the connections that `filter` keeps, in one total and stable order:
     /// by time, then chunk, then offset. Chunks without such a connection are not touched.
     /// Damage that [`Bag::loss`] does not already tell is an error.
@@ -138,6 +153,7 @@ impl<F: ChunkedFile> Bag<F> {
             by_id: HashMap::new(),
             chunks: Vec::new(),
             made: Vec::new(),
+            made_bytes: AtomicU64::new(0),
             limits,
             loss: None,
         }
@@ -153,18 +169,23 @@ impl<F: ChunkedFile> Bag<F> {
 
     pub(crate) fn add_chunk(&mut self, chunk: ChunkInfo, data: Option<Vec<u8>>) {
         self.chunks.push(chunk);
+        let made = data.as_ref().map_or(0, Vec::len) as u64;
+        self.made_bytes.fetch_add(made, Ordering::Relaxed);
         self.made.push(data.map(OnceLock::from).unwrap_or_default());
     }
 
     /// Uncompressed bytes that the bag holds beside the file's own.
     pub(crate) fn made_bytes(&self) -> u64 {
-        self.made.iter().filter_map(OnceLock::get).map(|made| made.len() as u64).sum()
+        self.made_bytes.load(Ordering::Relaxed)
     }
 
     fn read_file_header(&self) -> Result<Start, BagError> {
         let length = self.file.len().min(MAGIC.len() as u64) as u32;
         let line = read_bytes(&self.file, 0, length, "the first line")?;
-        if line != MAGIC {
+        if *line == OLD_MAGIC[..] {
+            return Err(BagError::OldFormat);
+        }
+        if *line != MAGIC[..] {
             let found = format!("{:?}", String::from_utf8_lossy(&line));
             return Err(BagError::NotABag { found });
         }
@@ -193,19 +214,19 @@ impl<F: ChunkedFile> Bag<F> {
             let expected = format!("the index here, found the file's end at {}", self.file.len());
             return Err(BagError::damaged(at, expected));
         }
+        let (mut connections, mut infos) = (Vec::new(), Vec::new());
+        let (tail, heads) =
+            (ReadAhead::new(&self.file, INDEX_WINDOW), ReadAhead::new(&self.file, CHUNK_WINDOW));
         while at < self.file.len() {
-            let record = FileRecord::read(&self.file, at)?;
-            let data = record.data(&self.file)?;
+            let record = FileRecord::read(&tail, at)?;
+            let data = record.data(&tail)?;
             match record.op {
                 OP_CONNECTION => {
                     let found = connection(&record.header, &data)
                         .map_err(|defect| record.in_header(defect))?;
-                    self.add_connection(found);
+                    connections.push(found);
                 }
-                OP_CHUNK_INFO => {
-                    let chunk = self.read_chunk_info(&record, &data)?;
-                    self.add_chunk(chunk, None);
-                }
+                OP_CHUNK_INFO => infos.push(read_chunk_info(&heads, &record, &data)?),
                 op => {
                     let expected = format!("a CONNECTION (7) or CHUNK_INFO (6), found op {op}");
                     return Err(BagError::damaged(record.header_position, expected));
@@ -213,50 +234,66 @@ impl<F: ChunkedFile> Bag<F> {
             }
             at = record.end();
         }
+        for found in connections {
+            self.add_connection(found);
+        }
+        infos.sort_by_key(|chunk| chunk.position);
+        for chunk in infos {
+            self.add_chunk(chunk, None);
+        }
         // A tail that was cut between two records looks whole but for the count.
         if self.chunks.len() as u64 != u64::from(chunks) {
             let expected = format!("{chunks} CHUNK_INFO records, found {}", self.chunks.len());
             return Err(BagError::damaged(self.file.len(), expected));
         }
-        self.chunks.sort_by_key(|chunk| chunk.position);
         Ok(())
-    }
-
-    fn read_chunk_info(&self, record: &FileRecord, data: &[u8]) -> Result<ChunkInfo, BagError> {
-        let fail = |defect| record.in_header(defect);
-        let position = Fields::require_u64(&record.header, "chunk_pos").map_err(fail)?;
-        let time = |name| {
-            let value = Fields::require(&record.header, name).map_err(fail)?;
-            let expected = format!("8 bytes in the field {name:?}");
-            time_at(value, 0).ok_or_else(|| BagError::damaged(record.header_position, expected))
-        };
-        let (start, end) = (time("start_time")?, time("end_time")?);
-        let counts = data
-            .chunks_exact(8)
-            .filter_map(|pair| Some((u32_at(pair, 0)?, u32_at(pair, 4)?)))
-            .collect();
-        let chunk = FileRecord::read(&self.file, position)?;
-        let (compression, size) = chunk_header(&chunk)?;
-        if chunk.end() > self.file.len() {
-            let expected = format!("{} bytes of a chunk's data", chunk.data_length);
-            return Err(BagError::damaged(chunk.data_position, expected));
-        }
-        Ok(ChunkInfo {
-            position,
-            start,
-            end,
-            counts,
-            compression,
-            data_position: chunk.data_position,
-            data_length: chunk.data_length,
-            size,
-            usable: size,
-        })
     }
 }
 
+/// A CHUNK_INFO record, and the CHUNK record's header that it points to.
+fn read_chunk_info(
+    file: &impl ChunkedFile,
+    record: &FileRecord<'_>,
+    data: &[u8],
+) -> Result<ChunkInfo, BagError> {
+    let fail = |defect| record.in_header(defect);
+    let (mut position, mut start, mut end) = (None, None, None);
+    let mut fields = Fields::new(&record.header);
+    while let Some((name, value)) = fields.next_field().map_err(fail)? {
+        match (name, value.len()) {
+            (b"chunk_pos", 8) => position = u64_at(value, 0),
+            (b"start_time", 8) => start = time_at(value, 0),
+            (b"end_time", 8) => end = time_at(value, 0),
+            _ => {}
+        }
+    }
+    let (Some(position), Some(start), Some(end)) = (position, start, end) else {
+        let expected = "fields chunk_pos, start_time and end_time of 8 bytes each";
+        return Err(BagError::damaged(record.header_position, expected));
+    };
+    let counts = data.chunks_exact(8).filter_map(|pair| Some((u32_at(pair, 0)?, u32_at(pair, 4)?)));
+    let chunk = FileRecord::read(file, position)?;
+    let (compression, size) = chunk_header(&chunk)?;
+    if chunk.end() > file.len() {
+        let expected = format!("{} bytes of a chunk's data", chunk.data_length);
+        return Err(BagError::damaged(chunk.data_position, expected));
+    }
+    Ok(ChunkInfo {
+        position,
+        start,
+        end,
+        counts: counts.collect(),
+        compression,
+        data_position: chunk.data_position,
+        data_length: chunk.data_length,
+        size,
+        usable: size,
+        damaged: false,
+    })
+}
+
 /// The compression and the uncompressed size that a CHUNK record declares.
-pub(crate) fn chunk_header(record: &FileRecord) -> Result<(Compression, u32), BagError> {
+pub(crate) fn chunk_header(record: &FileRecord<'_>) -> Result<(Compression, u32), BagError> {
     let fail = |defect| record.in_header(defect);
     if record.op != OP_CHUNK {
         let expected = format!("a CHUNK record (5), found op {}", record.op);

@@ -2,6 +2,8 @@
 
 use std::io::{self, Read, Write};
 
+use crate::lz4;
+
 /// How a chunk is compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Compression {
@@ -38,7 +40,10 @@ impl Compression {
         let (bytes, failed) = match self {
             Self::None => (data.to_vec(), None),
             Self::Bz2 => drain(bzip2::read::BzDecoder::new(data), size),
-            Self::Lz4 => drain(lz4_flex::frame::FrameDecoder::new(data), size),
+            Self::Lz4 => match lz4::whole(data, size) {
+                Some(bytes) => (bytes, None),
+                None => drain(lz4_flex::frame::FrameDecoder::new(data), size),
+            },
         };
         let wrong = match failed {
             Some(error) => Some(format!("whole {} data of {size} bytes ({error})", self.name())),
@@ -50,28 +55,20 @@ impl Compression {
         (bytes, wrong)
     }
 
-    /// Compresses a whole chunk.
-    pub(crate) fn compress(self, data: &[u8]) -> io::Result<Vec<u8>> {
+    /// Compresses a whole chunk into `out`, in place of what it holds.
+    pub(crate) fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
+        out.clear();
         match self {
-            Self::None => Ok(data.to_vec()),
+            Self::None => out.extend_from_slice(data),
             Self::Bz2 => {
                 // Level 9 is what rosbag writes.
-                let mut encoder =
-                    bzip2::write::BzEncoder::new(Vec::new(), bzip2::Compression::best());
+                let mut encoder = bzip2::write::BzEncoder::new(out, bzip2::Compression::best());
                 encoder.write_all(data)?;
-                encoder.finish()
+                encoder.finish()?;
             }
-            Self::Lz4 => {
-                // roslz4 reads only independent blocks; it writes a content checksum as well.
-                let frame = lz4_flex::frame::FrameInfo::new()
-                    .block_mode(lz4_flex::frame::BlockMode::Independent)
-                    .block_size(lz4_flex::frame::BlockSize::Max1MB)
-                    .content_checksum(true);
-                let mut encoder = lz4_flex::frame::FrameEncoder::with_frame_info(frame, Vec::new());
-                encoder.write_all(data)?;
-                encoder.finish().map_err(io::Error::other)
-            }
+            Self::Lz4 => lz4::frame_into(data, out)?,
         }
+        Ok(())
     }
 }
 

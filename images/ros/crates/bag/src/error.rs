@@ -19,6 +19,11 @@ pub enum BagError {
         /// What stands there, printable.
         found: String,
     },
+    /// A bag of the format before chunks.
+    #[error(
+        "byte 0: a bag of format 1.2; write it as 2.0 first: bagpipe-agent reindex FILE -o NEW"
+    )]
+    OldFormat,
     /// The bag is encrypted.
     #[error("the bag is encrypted with {encryptor:?}; decrypt it with `rosbag encrypt` first")]
     Encrypted {
@@ -71,7 +76,7 @@ impl BagError {
             Self::Io { offset, .. }
             | Self::Damaged { offset, .. }
             | Self::MemoryLimit { offset, .. } => Some(*offset),
-            Self::NotABag { .. } => Some(0),
+            Self::NotABag { .. } | Self::OldFormat => Some(0),
             _ => None,
         }
     }

@@ -5,27 +5,44 @@
 //! ([`DiskChunkedFile`]). Reading never copies an uncompressed message, and a message's
 //! bytes come with the length before them, which together are its TCPROS frame.
 //!
-//! Not for: deserialising messages, or bags of format 1.2 (refused with a sentence).
+//! Beside that: [`slice`], [`merge`], [`reindex`] (which also writes bags of format 1.2 as 2.0)
+//! and [`check`].
+//!
+//! Not for: deserialising messages, or encrypted bags (refused with a sentence).
 //! Input is not trusted: every length is checked before it is believed, and errors name
 //! the byte offset and what was expected there.
 #![forbid(unsafe_code)]
 
 mod bag;
+mod build;
+mod check;
 mod chunk;
 mod compression;
+mod compressor;
+mod copy;
 mod error;
 mod file;
+mod lz4;
+mod merge;
 mod model;
 mod record;
+mod reindex;
 mod scan;
+mod slice;
 mod timeline;
+mod unpack;
+mod upgrade;
 mod writer;
 
 pub use bag::{Bag, Limits};
+pub use check::{Checked, check};
 pub use compression::Compression;
 pub use error::BagError;
 pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
+pub use merge::merge;
 pub use model::{ChunkInfo, Connection, Loss, Message};
+pub use reindex::{Reindexed, reindex};
+pub use slice::{Sliced, Window, slice};
 pub use timeline::{Timeline, TimelineIter};
 pub use writer::{BagWriter, WriterOptions};
 

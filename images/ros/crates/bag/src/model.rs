@@ -3,7 +3,7 @@
 use crate::Compression;
 
 /// One publisher of one topic, as it was recorded.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Connection {
     /// The number that the bag's messages refer to.
     pub id: u32,
@@ -55,6 +55,8 @@ pub struct ChunkInfo {
     pub size: u32,
     /// Bytes of its uncompressed data that are whole records: `size` unless it is damaged.
     pub usable: u32,
+    /// True when a scan found it damaged: even where all came out, its bytes are not whole.
+    pub damaged: bool,
 }
 
 impl ChunkInfo {
@@ -72,6 +74,9 @@ pub struct Loss {
     /// Bytes that could not be used: unreadable ones, and ones that a record declares and
     /// the file lacks.
     pub bytes: u64,
+    /// Messages that are lost, where the records behind the damage still say how many there
+    /// were; `None` when nobody can know.
+    pub messages: Option<u64>,
     /// What was expected there.
     pub description: String,
 }

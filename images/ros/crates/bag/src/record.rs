@@ -1,5 +1,7 @@
 //! Records: a header of `name=value` fields, then data.
 
+use std::borrow::Cow;
+
 use crate::{BagError, ChunkedFile, Connection};
 
 pub(crate) const OP_MESSAGE: u8 = 2;
@@ -120,22 +122,22 @@ impl<'a> Fields<'a> {
 }
 
 /// A record of the file's top level: its header, and where its data lies.
-pub(crate) struct FileRecord {
-    pub header: Vec<u8>,
+pub(crate) struct FileRecord<'a> {
+    pub header: Cow<'a, [u8]>,
     pub header_position: u64,
     pub op: u8,
     pub data_position: u64,
     pub data_length: u32,
 }
 
-impl FileRecord {
+impl<'a> FileRecord<'a> {
     /// The offset just behind the record; may lie behind the file's end.
     pub fn end(&self) -> u64 {
         self.data_position + u64::from(self.data_length)
     }
 
     /// Reads the record's header at `position`; its data may be cut off.
-    pub fn read(file: &impl ChunkedFile, position: u64) -> Result<Self, BagError> {
+    pub fn read(file: &'a impl ChunkedFile, position: u64) -> Result<Self, BagError> {
         let header_length = read_u32(file, position, "a record's header length")?;
         if header_length > MAX_HEADER {
             let expected = format!("a header of at most {MAX_HEADER} bytes, found {header_length}");
@@ -151,7 +153,7 @@ impl FileRecord {
     }
 
     /// Reads the record's data, which must be there as a whole.
-    pub fn data(&self, file: &impl ChunkedFile) -> Result<Vec<u8>, BagError> {
+    pub fn data<'f>(&self, file: &'f impl ChunkedFile) -> Result<Cow<'f, [u8]>, BagError> {
         read_bytes(file, self.data_position, self.data_length, "a record's data")
     }
 
@@ -161,29 +163,52 @@ impl FileRecord {
 }
 
 fn read_u32(file: &impl ChunkedFile, offset: u64, what: &str) -> Result<u32, BagError> {
-    let bytes = read_bytes(file, offset, 4, what)?;
-    u32_at(&bytes, 0).ok_or_else(|| BagError::damaged(offset, what))
+    if let Some(bytes) = file.slice(offset, 4) {
+        return u32_at(bytes, 0).ok_or_else(|| BagError::damaged(offset, what));
+    }
+    check_room(file, offset, 4, what)?;
+    let mut bytes = [0; 4];
+    file.read_at(offset, &mut bytes).map_err(|source| BagError::Io {
+        offset,
+        length: 4,
+        source,
+    })?;
+    Ok(u32::from_le_bytes(bytes))
 }
 
-/// Reads bytes after checking that the file has them, so that a length is never believed.
-pub(crate) fn read_bytes(
+fn check_room(
     file: &impl ChunkedFile,
     offset: u64,
     length: u32,
     what: &str,
-) -> Result<Vec<u8>, BagError> {
+) -> Result<(), BagError> {
     let available = file.len().saturating_sub(offset);
     if u64::from(length) > available {
         let expected = format!("{length} bytes of {what}, found the end after {available}");
         return Err(BagError::damaged(offset, expected));
     }
+    Ok(())
+}
+
+/// Bytes, borrowed where they lie in memory. Reads only after checking that the file has
+/// them, so that a length is never believed.
+pub(crate) fn read_bytes<'f>(
+    file: &'f impl ChunkedFile,
+    offset: u64,
+    length: u32,
+    what: &str,
+) -> Result<Cow<'f, [u8]>, BagError> {
+    if let Some(bytes) = file.slice(offset, length as usize) {
+        return Ok(Cow::Borrowed(bytes));
+    }
+    check_room(file, offset, length, what)?;
     let mut bytes = vec![0; length as usize];
     file.read_at(offset, &mut bytes).map_err(|source| BagError::Io {
         offset,
         length: bytes.len(),
         source,
     })?;
-    Ok(bytes)
+    Ok(Cow::Owned(bytes))
 }
 
 /// A CONNECTION record's two headers as a [`Connection`].

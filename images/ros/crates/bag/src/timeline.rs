@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use crate::chunk::{ChunkRecord, ChunkWalk};
-use crate::scan::{load, unknown_connection};
-use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Compression, Connection, Message};
+use crate::chunk::{ChunkRecord, ChunkWalk, LEAST_MESSAGE, Usual};
+use crate::scan::unknown_connection;
+use crate::unpack::{chunk_bytes, unpack};
+use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Connection, Message};
 
 /// One message: 24 bytes, so that a bag of millions stays small.
 #[derive(Debug, Clone, Copy)]
@@ -14,6 +15,44 @@ struct Entry {
     start: u32,
     end: u32,
     connection: u32,
+}
+
+/// The connections whose messages are asked for; looked up once for every message.
+struct Wanted {
+    /// By id, for the small ids that recorders give.
+    dense: Vec<bool>,
+    /// The others, in order.
+    sparse: Vec<u32>,
+}
+
+/// Ids below this are looked up in a table.
+const DENSE: u32 = 1 << 16;
+
+impl Wanted {
+    fn new<'c>(connections: impl Iterator<Item = &'c Connection>) -> Self {
+        let (small, mut sparse): (Vec<u32>, Vec<u32>) =
+            connections.map(|each| each.id).partition(|id| *id < DENSE);
+        sparse.sort_unstable();
+        let mut dense = vec![false; small.iter().max().map_or(0, |most| *most as usize + 1)];
+        for id in small {
+            dense[id as usize] = true;
+        }
+        Self { dense, sparse }
+    }
+
+    fn has(&self, id: u32) -> bool {
+        match self.dense.get(id as usize) {
+            Some(wanted) => *wanted,
+            None => self.sparse.binary_search(&id).is_ok(),
+        }
+    }
+}
+
+/// How many wanted messages the index promises, but no more than there can be in the bytes.
+fn expected(chunk: &ChunkInfo, wanted: &Wanted) -> u64 {
+    let counts = chunk.counts.iter().filter(|(id, _)| wanted.has(*id));
+    let promised: u64 = counts.map(|(_, count)| u64::from(*count)).sum();
+    promised.min(u64::from(chunk.data_length.max(chunk.usable)) / LEAST_MESSAGE)
 }
 
 /// The messages of some connections by (time, chunk, offset), borrowed from the bag.
@@ -28,16 +67,19 @@ impl<'a> Timeline<'a> {
         bag: &'a Bag<F>,
         filter: impl Fn(&Connection) -> bool,
     ) -> Result<Self, BagError> {
-        let mut wanted: Vec<u32> =
-            bag.connections.iter().filter(|each| filter(each)).map(|each| each.id).collect();
-        wanted.sort_unstable();
-        let mut timeline = Self { chunks: Vec::new(), entries: Vec::new() };
-        for at in 0..bag.chunks.len() {
-            let chunk = &bag.chunks[at];
-            if chunk.counts.iter().any(|(id, _)| wanted.binary_search(id).is_ok()) {
-                let bytes = chunk_bytes(bag, at)?;
-                timeline.add_chunk(bag, chunk, bytes, &wanted)?;
-            }
+        let wanted = Wanted::new(bag.connections.iter().filter(|each| filter(each)));
+        let chunks: Vec<usize> = (0..bag.chunks.len())
+            .filter(|at| bag.chunks[*at].counts.iter().any(|(id, _)| wanted.has(*id)))
+            .collect();
+        unpack(bag, &chunks);
+        let expected: u64 = chunks.iter().map(|at| expected(&bag.chunks[*at], &wanted)).sum();
+        let mut timeline = Self {
+            chunks: Vec::with_capacity(chunks.len()),
+            entries: Vec::with_capacity(expected as usize),
+        };
+        for at in chunks {
+            let bytes = chunk_bytes(bag, at)?;
+            timeline.add_chunk(bag, &bag.chunks[at], bytes, &wanted)?;
         }
         // Entries come by (chunk, offset); a stable sort by time alone keeps that order.
         if !timeline.entries.is_sorted_by_key(|entry| entry.time) {
@@ -51,31 +93,31 @@ impl<'a> Timeline<'a> {
         bag: &Bag<F>,
         chunk: &ChunkInfo,
         bytes: &'a [u8],
-        wanted: &[u32],
+        wanted: &Wanted,
     ) -> Result<(), BagError> {
         let index = self.chunks.len() as u32;
         let bytes = bytes.get(..chunk.usable as usize).unwrap_or(bytes);
         let mut walk = ChunkWalk::new(bytes);
-        let damaged = |at: u64, expected: String| match chunk.compression {
-            Compression::None => BagError::damaged(chunk.data_position + at, expected),
-            _ => BagError::damaged(
-                chunk.data_position,
-                format!("{expected}, at byte {at} of the uncompressed chunk"),
-            ),
-        };
+        let damaged = |at: u64, expected: String| chunk.damaged(at, &expected);
         loop {
             let before = walk.at as u64;
-            let found = walk.next_record().map_err(|bad| damaged(bad.at as u64, bad.expected))?;
-            match found {
-                None => break,
-                Some(ChunkRecord::Connection(_)) => {}
-                Some(ChunkRecord::Message { connection, time, start, end }) => {
-                    if wanted.binary_search(&connection).is_ok() {
-                        self.entries.push(Entry { time, chunk: index, start, end, connection });
-                    } else if !bag.by_id.contains_key(&connection) {
-                        return Err(damaged(before, unknown_connection(connection)));
+            // Most records by the short way, which keeps them out of memory.
+            let (connection, time, start, end) = match walk.next_usual() {
+                Some(Usual { connection, time, start, end }) => (connection, time, start, end),
+                None => {
+                    match walk.next_record().map_err(|bad| damaged(bad.at as u64, bad.expected))? {
+                        None => break,
+                        Some(ChunkRecord::Connection(_)) => continue,
+                        Some(ChunkRecord::Message { connection, time, start, end }) => {
+                            (connection, time, start, end)
+                        }
                     }
                 }
+            };
+            if wanted.has(connection) {
+                self.entries.push(Entry { time, chunk: index, start, end, connection });
+            } else if !bag.by_id.contains_key(&connection) {
+                return Err(damaged(before, unknown_connection(connection)));
             }
         }
         self.chunks.push(bytes);
@@ -148,22 +190,4 @@ impl<'a> IntoIterator for &'a Timeline<'a> {
     fn into_iter(self) -> TimelineIter<'a> {
         self.iter()
     }
-}
-
-/// A chunk's uncompressed bytes: the file's own, or made once and kept by the bag.
-fn chunk_bytes<F: ChunkedFile>(bag: &Bag<F>, at: usize) -> Result<&[u8], BagError> {
-    let chunk = &bag.chunks[at];
-    if let Some(made) = bag.made[at].get() {
-        return Ok(made);
-    }
-    if chunk.compression == Compression::None
-        && let Some(bytes) = bag.file.slice(chunk.data_position, chunk.data_length as usize)
-    {
-        return Ok(bytes);
-    }
-    let (bytes, wrong) = load(&bag.file, chunk, bag.limits.decompressed_bytes, bag.made_bytes())?;
-    if let (Some(expected), true) = (wrong, chunk.usable == chunk.size) {
-        return Err(BagError::damaged(chunk.data_position, expected));
-    }
-    Ok(bag.made[at].get_or_init(|| bytes.into_owned()))
 }

@@ -1,14 +1,12 @@
 //! Writing a bag 2.0 into memory, within a byte budget.
 
-use crate::record::{OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, OP_INDEX, OP_MESSAGE};
-use crate::{BagError, Compression, Connection, MAGIC};
+use crate::build::{
+    FILE_HEADER_LENGTH, INDEX_ENTRY, MESSAGE_OVERHEAD, TIME_IN_HEADER, chunk_header, chunk_info,
+    connection_record, file_header, index_record, message_header,
+};
+use crate::compressor::{Compressed, Compressor};
+use crate::{BagError, ChunkInfo, Compression, Connection, MAGIC};
 
-/// rosbag pads its file header record to this many bytes, so that it can be patched.
-const FILE_HEADER_LENGTH: usize = 4096;
-/// A MESSAGE record without its data: header length, op, conn, time, data length.
-const MESSAGE_OVERHEAD: usize = 4 + (4 + 4) + (4 + 9) + (4 + 13) + 4;
-/// One entry of an INDEX record.
-const INDEX_ENTRY: usize = 12;
 /// INDEX record and CHUNK_INFO count of one connection in one chunk.
 const INDEX_OVERHEAD: usize = 55 + 8;
 /// CHUNK and CHUNK_INFO records of one chunk, without what they hold.
@@ -36,16 +34,23 @@ struct Written {
     connection: Connection,
     /// True once the bag holds its CONNECTION record.
     declared: bool,
-    /// (time, offset in the chunk) of its messages in the open chunk.
-    index: Vec<(u64, u32)>,
+    /// The data of its INDEX record: time and offset of each message in the open chunk.
+    index: Vec<u8>,
 }
 
+/// What the tail says of a chunk.
 #[derive(Debug)]
 struct Closed {
-    position: u64,
     start: u64,
     end: u64,
     counts: Vec<(u32, u32)>,
+}
+
+/// A chunk that is full: what follows it in the file, and what the tail will say.
+#[derive(Debug)]
+struct Full {
+    index: Vec<u8>,
+    closed: Closed,
 }
 
 /// Writes messages into a bag in memory.
@@ -56,13 +61,16 @@ pub struct BagWriter {
     out: Vec<u8>,
     /// The open chunk, when it must be compressed first.
     pending: Vec<u8>,
+    /// Full chunks that other threads compress.
+    compressor: Compressor<Full>,
     /// Where the open chunk's CHUNK record (not compressed) and its data begin in `out`.
     open: Option<(usize, usize)>,
     connections: Vec<Written>,
     /// Connections with messages in the open chunk.
     touched: Vec<u32>,
     times: (u64, u64),
-    chunks: Vec<Closed>,
+    /// Each with its position in the file.
+    chunks: Vec<(u64, Closed)>,
     /// Bytes that the index of everything written so far will take.
     index_bytes: usize,
     messages: u64,
@@ -70,13 +78,27 @@ pub struct BagWriter {
 }
 
 impl BagWriter {
-    /// An empty bag.
+    /// An empty bag. An uncompressed one with a budget reserves it: memory that is reserved and
+    /// not written to costs nothing, and a bag that grows does not move.
     pub fn new(options: WriterOptions) -> Self {
-        let mut out = Vec::with_capacity(MAGIC.len() + FILE_HEADER_LENGTH);
+        let mut memory = Vec::new();
+        if let (Compression::None, Some(budget)) = (options.compression, options.byte_budget) {
+            // Where the system refuses, the bag grows as it must.
+            let _ = memory.try_reserve_exact(usize::try_from(budget).unwrap_or(0));
+        }
+        Self::with_buffer(options, memory)
+    }
+
+    /// An empty bag in the memory of an earlier one: memory that was written to before is
+    /// several times faster than fresh memory, which the system must clear first.
+    pub fn with_buffer(options: WriterOptions, memory: Vec<u8>) -> Self {
+        let mut out = memory;
+        out.clear();
         out.extend_from_slice(MAGIC);
         out.resize(MAGIC.len() + FILE_HEADER_LENGTH, 0);
         let high_water = out.len() as u64;
         Self {
+            compressor: Compressor::new(options.compression),
             options,
             out,
             pending: Vec::new(),
@@ -98,6 +120,13 @@ impl BagWriter {
         let connection = Connection { id, ..connection.clone() };
         self.connections.push(Written { connection, declared: false, index: Vec::new() });
         id
+    }
+
+    /// Leaves ids out, so that the next connection gets `next` at the least.
+    pub(crate) fn skip_ids(&mut self, next: u32) {
+        while self.connections.len() < next as usize {
+            self.add_connection(&Connection::default());
+        }
     }
 
     /// Appends a message. On `BudgetExceeded` nothing was written, and the bag so far can
@@ -122,7 +151,7 @@ impl BagWriter {
         } else if self.chunk_length() + grown > u32::MAX as usize {
             self.close_chunk()?;
         }
-        self.check_budget(grown + index)?;
+        self.check_budget((grown + index) as u64)?;
         self.index_bytes += index;
         self.begin_chunk();
         self.append_message(at, time_ns, length, data);
@@ -130,6 +159,39 @@ impl BagWriter {
         if self.chunk_length() >= self.options.chunk_threshold {
             self.close_chunk()?;
         }
+        Ok(())
+    }
+
+    /// True once a reader that goes from front to back knows the connection here.
+    pub(crate) fn declares(&self, connection: u32) -> bool {
+        self.connections.get(connection as usize).is_some_and(|written| written.declared)
+    }
+
+    /// Appends a chunk of another bag as it is, with its INDEX records. Its connections must
+    /// have the same ids here, and be declared here before or by the chunk itself.
+    pub(crate) fn append_chunk(
+        &mut self,
+        chunk: &ChunkInfo,
+        data: &[u8],
+        index: &[u8],
+    ) -> Result<(), BagError> {
+        self.close_chunk()?;
+        self.collect(true)?;
+        let tail = CHUNK_OVERHEAD + chunk.counts.len() * 8;
+        self.check_budget((tail + data.len() + index.len()) as u64)?;
+        self.index_bytes += tail;
+        let position = self.out.len() as u64;
+        chunk_header(chunk.compression, chunk.size).record_into(data, &mut self.out);
+        self.out.extend_from_slice(index);
+        for (id, _) in &chunk.counts {
+            if let Some(written) = self.connections.get_mut(*id as usize) {
+                written.declared = true;
+            }
+        }
+        self.messages += chunk.messages();
+        self.high_water = self.high_water.max(self.size());
+        let (start, end, counts) = (chunk.start, chunk.end, chunk.counts.clone());
+        self.chunks.push((position, Closed { start, end, counts }));
         Ok(())
     }
 
@@ -146,25 +208,15 @@ impl BagWriter {
     /// Writes the index, completes the file header and returns the bag.
     pub fn finish(mut self) -> Result<Vec<u8>, BagError> {
         self.close_chunk()?;
+        self.collect(true)?;
         let index_position = self.out.len() as u64;
         let mut declared = 0;
         for written in self.connections.iter().filter(|written| written.declared) {
             self.out.extend_from_slice(&connection_record(&written.connection));
             declared += 1;
         }
-        for chunk in &self.chunks {
-            let counts: Vec<u8> = chunk
-                .counts
-                .iter()
-                .flat_map(|(id, count)| [id.to_le_bytes(), count.to_le_bytes()].concat())
-                .collect();
-            let header = Header::new(OP_CHUNK_INFO)
-                .field("ver", &1u32.to_le_bytes())
-                .field("chunk_pos", &chunk.position.to_le_bytes())
-                .field("start_time", &ros_time(chunk.start))
-                .field("end_time", &ros_time(chunk.end))
-                .field("count", &(chunk.counts.len() as u32).to_le_bytes());
-            header.record_into(&counts, &mut self.out);
+        for (position, chunk) in &self.chunks {
+            chunk_info(*position, (chunk.start, chunk.end), &chunk.counts, &mut self.out);
         }
         let header = file_header(index_position, declared, self.chunks.len() as u32);
         self.out[MAGIC.len()..MAGIC.len() + FILE_HEADER_LENGTH].copy_from_slice(&header);
@@ -173,15 +225,19 @@ impl BagWriter {
 
     /// Bytes that the bag would have if it were finished now (before compression).
     fn size(&self) -> u64 {
-        (self.out.len() + self.pending.len() + self.index_bytes) as u64
+        (self.out.len() + self.pending.len() + self.index_bytes) as u64 + self.compressor.bytes()
     }
 
-    fn check_budget(&self, more: usize) -> Result<(), BagError> {
-        let needed = self.size() + more as u64;
-        match self.options.byte_budget {
-            Some(budget) if needed > budget => Err(BagError::BudgetExceeded { budget, needed }),
-            _ => Ok(()),
+    fn check_budget(&mut self, more: u64) -> Result<(), BagError> {
+        let Some(budget) = self.options.byte_budget else {
+            return Ok(());
+        };
+        if self.size() + more > budget {
+            // Refused only for what is left once all is compressed: the same on every run.
+            self.collect(true)?;
         }
+        let needed = self.size() + more;
+        if needed > budget { Err(BagError::BudgetExceeded { budget, needed }) } else { Ok(()) }
     }
 
     fn chunk_length(&self) -> usize {
@@ -218,9 +274,11 @@ impl BagWriter {
         if written.index.is_empty() {
             self.touched.push(at as u32);
         }
-        written.index.push((time, (chunk.len() - base) as u32));
-        chunk.extend_from_slice(&message_header(at as u32, time));
-        chunk.extend_from_slice(&length.to_le_bytes());
+        let header = message_header(at as u32, time, length);
+        written.index.extend_from_slice(&header[TIME_IN_HEADER..TIME_IN_HEADER + 8]);
+        written.index.extend_from_slice(&((chunk.len() - base) as u32).to_le_bytes());
+        chunk.reserve(header.len() + data.len());
+        chunk.extend_from_slice(&header);
         chunk.extend_from_slice(data);
         self.times = (self.times.0.min(time), self.times.1.max(time));
         self.messages += 1;
@@ -231,6 +289,7 @@ impl BagWriter {
             return Ok(());
         };
         let compression = self.options.compression;
+        let full = self.index_of_chunk();
         if compression == Compression::None {
             let length = (self.out.len() - data) as u32;
             let mut record = Vec::new();
@@ -238,118 +297,44 @@ impl BagWriter {
             // The record ends in its data's length, which is the chunk's as well.
             self.out[position..data].copy_from_slice(&record);
             self.out[data - 4..data].copy_from_slice(&length.to_le_bytes());
-        } else {
-            let length = self.pending.len() as u32;
-            let small = compression.compress(&self.pending).map_err(BagError::Compress)?;
-            chunk_header(compression, length).record_into(&small, &mut self.out);
-            self.pending.clear();
+            self.append_index(position, full);
+            return Ok(());
         }
-        self.touched.sort_unstable();
-        let mut counts = Vec::with_capacity(self.touched.len());
-        for id in std::mem::take(&mut self.touched) {
-            let index = std::mem::take(&mut self.connections[id as usize].index);
-            counts.push((id, index.len() as u32));
-            let mut entries = Vec::with_capacity(index.len() * INDEX_ENTRY);
-            for (time, offset) in index {
-                entries.extend_from_slice(&ros_time(time));
-                entries.extend_from_slice(&offset.to_le_bytes());
-            }
-            let header = Header::new(OP_INDEX)
-                .field("ver", &1u32.to_le_bytes())
-                .field("conn", &id.to_le_bytes())
-                .field("count", &counts.last().map_or(0, |(_, count)| *count).to_le_bytes());
-            self.index_bytes = self.index_bytes.saturating_sub(entries.len() + INDEX_OVERHEAD - 8);
-            header.record_into(&entries, &mut self.out);
+        self.compressor.push(&mut self.pending, full)?;
+        self.collect(false)
+    }
+
+    /// Appends the chunks that have been compressed by now, or all.
+    fn collect(&mut self, all: bool) -> Result<(), BagError> {
+        while let Some(Compressed { bytes, length, rest }) = self.compressor.pop(all)? {
+            let position = self.out.len();
+            let header = chunk_header(self.options.compression, length);
+            header.record_into(&bytes, &mut self.out);
+            self.compressor.give_back(bytes);
+            self.append_index(position, rest);
         }
-        let (start, end) = self.times;
-        self.chunks.push(Closed { position: position as u64, start, end, counts });
         Ok(())
     }
-}
 
-/// A record's header under construction.
-struct Header(Vec<u8>);
-
-impl Header {
-    fn new(op: u8) -> Self {
-        Self(Vec::with_capacity(96)).field("op", &[op])
+    fn append_index(&mut self, position: usize, full: Full) {
+        let record = (INDEX_OVERHEAD - 8) * full.closed.counts.len();
+        let entries: u64 = full.closed.counts.iter().map(|(_, count)| u64::from(*count)).sum();
+        self.index_bytes = self.index_bytes.saturating_sub(entries as usize * INDEX_ENTRY + record);
+        self.out.extend_from_slice(&full.index);
+        self.chunks.push((position as u64, full.closed));
     }
 
-    fn field(mut self, name: &str, value: &[u8]) -> Self {
-        push_field(&mut self.0, name, value);
-        self
+    /// The INDEX records of the open chunk, which is empty then.
+    fn index_of_chunk(&mut self) -> Full {
+        self.touched.sort_unstable();
+        let mut counts = Vec::with_capacity(self.touched.len());
+        let mut records = Vec::new();
+        for id in self.touched.drain(..) {
+            let index = &mut self.connections[id as usize].index;
+            counts.push((id, index_record(id, index, &mut records)));
+            index.clear();
+        }
+        let (start, end) = self.times;
+        Full { index: records, closed: Closed { start, end, counts } }
     }
-
-    fn record_into(&self, data: &[u8], out: &mut Vec<u8>) {
-        out.extend_from_slice(&(self.0.len() as u32).to_le_bytes());
-        out.extend_from_slice(&self.0);
-        out.extend_from_slice(&(data.len() as u32).to_le_bytes());
-        out.extend_from_slice(data);
-    }
-}
-
-fn push_field(out: &mut Vec<u8>, name: &str, value: &[u8]) {
-    out.extend_from_slice(&((name.len() + 1 + value.len()) as u32).to_le_bytes());
-    out.extend_from_slice(name.as_bytes());
-    out.push(b'=');
-    out.extend_from_slice(value);
-}
-
-fn ros_time(nanoseconds: u64) -> [u8; 8] {
-    // Seconds of a bag are 32 bits; a later time is written as the last one.
-    let seconds = u32::try_from(nanoseconds / 1_000_000_000).unwrap_or(u32::MAX);
-    let mut bytes = [0; 8];
-    bytes[..4].copy_from_slice(&seconds.to_le_bytes());
-    bytes[4..].copy_from_slice(&((nanoseconds % 1_000_000_000) as u32).to_le_bytes());
-    bytes
-}
-
-/// A MESSAGE record up to its data length, built on the stack: once for every message.
-fn message_header(connection: u32, time: u64) -> [u8; MESSAGE_OVERHEAD - 4] {
-    const LENGTH: u32 = (MESSAGE_OVERHEAD - 8) as u32;
-    let mut bytes = [0; MESSAGE_OVERHEAD - 4];
-    bytes[..4].copy_from_slice(&LENGTH.to_le_bytes());
-    bytes[4..12].copy_from_slice(&[4, 0, 0, 0, b'o', b'p', b'=', OP_MESSAGE]);
-    bytes[12..21].copy_from_slice(b"\x09\0\0\0conn=");
-    bytes[21..25].copy_from_slice(&connection.to_le_bytes());
-    bytes[25..34].copy_from_slice(b"\x0d\0\0\0time=");
-    bytes[34..42].copy_from_slice(&ros_time(time));
-    bytes
-}
-
-fn chunk_header(compression: Compression, size: u32) -> Header {
-    Header::new(OP_CHUNK)
-        .field("compression", compression.name().as_bytes())
-        .field("size", &size.to_le_bytes())
-}
-
-fn connection_record(connection: &Connection) -> Vec<u8> {
-    let mut data = Vec::new();
-    push_field(&mut data, "topic", connection.topic.as_bytes());
-    push_field(&mut data, "type", connection.datatype.as_bytes());
-    push_field(&mut data, "md5sum", connection.md5sum.as_bytes());
-    push_field(&mut data, "message_definition", connection.definition.as_bytes());
-    if let Some(caller_id) = &connection.caller_id {
-        push_field(&mut data, "callerid", caller_id.as_bytes());
-    }
-    if connection.latching {
-        push_field(&mut data, "latching", b"1");
-    }
-    let header = Header::new(OP_CONNECTION)
-        .field("conn", &connection.id.to_le_bytes())
-        .field("topic", connection.topic.as_bytes());
-    let mut record = Vec::new();
-    header.record_into(&data, &mut record);
-    record
-}
-
-fn file_header(index_position: u64, connections: u32, chunks: u32) -> Vec<u8> {
-    let header = Header::new(OP_FILE_HEADER)
-        .field("index_pos", &index_position.to_le_bytes())
-        .field("conn_count", &connections.to_le_bytes())
-        .field("chunk_count", &chunks.to_le_bytes());
-    let padding = FILE_HEADER_LENGTH - 8 - header.0.len();
-    let mut record = Vec::with_capacity(FILE_HEADER_LENGTH);
-    header.record_into(&vec![b' '; padding], &mut record);
-    record
 }

@@ -140,7 +140,9 @@ fn a_chunk_that_claims_gigabytes_is_refused_before_it_is_made() {
 #[test]
 fn other_formats_are_named() {
     let error = scan(b"#ROSBAG V1.2\n rest of it".to_vec()).unwrap_err();
-    let expected = "byte 0: expected the line \"#ROSBAG V2.0\", found \"#ROSBAG V1.2\\n\"";
+    assert!(error.to_string().starts_with("byte 0: a bag of format 1.2; "), "{error}");
+    let error = scan(b"#ROSBAG V3.0\n rest of it".to_vec()).unwrap_err();
+    let expected = "byte 0: expected the line \"#ROSBAG V2.0\", found \"#ROSBAG V3.0\\n\"";
     assert_eq!(error.to_string(), expected);
     assert!(matches!(scan(Vec::new()), Err(BagError::NotABag { .. })));
 }
@@ -200,4 +202,22 @@ proptest! {
             let _ = bag.timeline(|_| true).map(|timeline| timeline.iter().count());
         }
     }
+}
+
+#[test]
+fn an_encrypted_bag_is_refused_by_name() {
+    let mut bytes = sample(Compression::None);
+    // In the header record, before its padding: one more field.
+    let mut fields = bytes[17..17 + 69].to_vec();
+    let more = b"encryptor=rosbag/AesCbcEncryptor";
+    fields.extend_from_slice(&(more.len() as u32).to_le_bytes());
+    fields.extend_from_slice(more);
+    let mut record = (fields.len() as u32).to_le_bytes().to_vec();
+    let padding = 4096 - 8 - fields.len();
+    record.extend_from_slice(&fields);
+    record.extend_from_slice(&(padding as u32).to_le_bytes());
+    bytes[13..13 + record.len()].copy_from_slice(&record);
+    let error = Bag::open(MemoryChunkedFile::new(bytes)).unwrap_err();
+    let expected = "the bag is encrypted with \"rosbag/AesCbcEncryptor\"; decrypt it with";
+    assert!(error.to_string().starts_with(expected), "{error}");
 }

@@ -1,0 +1,139 @@
+//! LZ4 frames as bags hold them, uncompressed straight into their place: one block after
+//! the other, without the decoder's own buffers. Whatever is unusual or damaged is left to
+//! the general decoder, which also keeps what came out before the damage. Written the same
+//! way, into a buffer that is used again.
+
+use std::io;
+
+use crate::record::u32_at;
+
+const MAGIC: u32 = 0x184d_2204;
+/// Set in a block's size when the block is stored as it is.
+const STORED: u32 = 1 << 31;
+/// No LZ4 block grows more than this many times: a larger claim is not believed.
+const MOST_GROWTH: usize = 255;
+/// Flags: version 1, independent blocks.
+const VERSION_MASK: u8 = 0b1110_0000;
+const USUAL_VERSION: u8 = 0b0110_0000;
+const BLOCK_CHECKSUM: u8 = 0b0001_0000;
+const CONTENT_SIZE: u8 = 0b0000_1000;
+const CONTENT_CHECKSUM: u8 = 0b0000_0100;
+
+/// The `size` bytes of a whole and undamaged frame; `None` leaves it to the general decoder.
+pub(crate) fn whole(frame: &[u8], size: u32) -> Option<Vec<u8>> {
+    let size = size as usize;
+    if size > frame.len().checked_mul(MOST_GROWTH)? || u32_at(frame, 0)? != MAGIC {
+        return None;
+    }
+    let flags = *frame.get(4)?;
+    if flags & (VERSION_MASK | BLOCK_CHECKSUM | 0b11) != USUAL_VERSION {
+        return None;
+    }
+    let header = if flags & CONTENT_SIZE == 0 { 2 } else { 10 };
+    let descriptor = frame.get(4..4 + header)?;
+    if *frame.get(4 + header)? != (hash(descriptor) >> 8) as u8 {
+        return None;
+    }
+    let mut at = 4 + header + 1;
+    let mut bytes = vec![0; size];
+    let mut filled = 0;
+    loop {
+        let word = u32_at(frame, at)?;
+        at += 4;
+        if word == 0 {
+            break;
+        }
+        let block = frame.get(at..at.checked_add((word & !STORED) as usize)?)?;
+        at += block.len();
+        let room = bytes.get_mut(filled..)?;
+        if word & STORED != 0 {
+            room.get_mut(..block.len())?.copy_from_slice(block);
+            filled += block.len();
+        } else {
+            filled += lz4_flex::block::decompress_into(block, room).ok()?;
+        }
+    }
+    let checked = flags & CONTENT_CHECKSUM == 0 || u32_at(frame, at)? == hash(&bytes);
+    (checked && filled == size).then_some(bytes)
+}
+
+/// roslz4 reads only independent blocks behind a content checksum, and wants no more.
+const WRITTEN: u8 = USUAL_VERSION | CONTENT_CHECKSUM;
+/// Blocks of at most 1 MiB.
+const WRITTEN_BLOCKS: u8 = 6 << 4;
+const BLOCK: usize = 1 << 20;
+
+/// Appends `data` to `out` as a frame.
+pub(crate) fn frame_into(data: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
+    out.extend_from_slice(&MAGIC.to_le_bytes());
+    let descriptor = [WRITTEN, WRITTEN_BLOCKS];
+    out.extend_from_slice(&descriptor);
+    out.push((hash(&descriptor) >> 8) as u8);
+    for block in data.chunks(BLOCK) {
+        let at = out.len() + 4;
+        out.resize(at + lz4_flex::block::get_maximum_output_size(block.len()), 0);
+        let length =
+            lz4_flex::block::compress_into(block, &mut out[at..]).map_err(io::Error::other)?;
+        let word = if length < block.len() {
+            out.truncate(at + length);
+            length as u32
+        } else {
+            out.truncate(at);
+            out.extend_from_slice(block);
+            block.len() as u32 | STORED
+        };
+        out[at - 4..at].copy_from_slice(&word.to_le_bytes());
+    }
+    out.extend_from_slice(&0u32.to_le_bytes());
+    out.extend_from_slice(&hash(data).to_le_bytes());
+    Ok(())
+}
+
+fn hash(bytes: &[u8]) -> u32 {
+    twox_hash::XxHash32::oneshot(0, bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::Compression;
+
+    #[test]
+    fn other_decoders_read_what_is_written() {
+        let mut state = 7u32;
+        let noise = std::iter::repeat_with(|| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 24) as u8
+        });
+        // Compressible, then not: stored blocks as well.
+        let bytes: Vec<u8> =
+            std::iter::repeat_n(5, 1_500_000).chain(noise.take(1_500_000)).collect();
+        for length in [0, 1, 100, 1 << 20, (1 << 20) + 1, bytes.len()] {
+            let mut frame = vec![9; 10];
+            Compression::Lz4.compress(&bytes[..length], &mut frame).unwrap();
+            let mut decoder = lz4_flex::frame::FrameDecoder::new(&frame[..]);
+            let mut back = Vec::new();
+            std::io::Read::read_to_end(&mut decoder, &mut back).unwrap();
+            assert!(back == bytes[..length], "{length} bytes");
+            assert_eq!(super::whole(&frame, length as u32), Some(back));
+        }
+    }
+
+    #[test]
+    fn whole_frames_come_out_and_others_are_left() {
+        let bytes: Vec<u8> = (0..3_000_000u32).map(|at| (at >> 7) as u8 ^ at as u8).collect();
+        let mut frame = Vec::new();
+        Compression::Lz4.compress(&bytes, &mut frame).unwrap();
+        assert_eq!(super::whole(&frame, 3_000_000), Some(bytes));
+        for wrong in [2_999_999, 3_000_001, u32::MAX, 0] {
+            assert_eq!(super::whole(&frame, wrong), None, "{wrong}");
+        }
+        for at in [0, 4, 5, 6, 9, 1000, frame.len() - 1] {
+            let mut damaged = frame.clone();
+            damaged[at] ^= 0x40;
+            assert_eq!(super::whole(&damaged, 3_000_000), None, "byte {at}");
+        }
+        for cut in [0, 3, 6, 10, 2000, frame.len() - 1] {
+            assert_eq!(super::whole(&frame[..cut], 3_000_000), None, "cut at {cut}");
+        }
+    }
+}

@@ -1,0 +1,98 @@
+//! A part of a bag as a bag of its own.
+
+use std::collections::BTreeMap;
+use std::collections::HashSet;
+
+use crate::copy::Carrier;
+use crate::unpack::unpack;
+use crate::{Bag, BagError, BagWriter, ChunkedFile, Connection, WriterOptions};
+
+/// The times that a slice holds: `start <= time < end`, in nanoseconds.
+#[derive(Debug, Clone, Copy)]
+pub struct Window {
+    /// The first time that is in it.
+    pub start: u64,
+    /// The first time that is behind it.
+    pub end: u64,
+}
+
+impl Default for Window {
+    fn default() -> Self {
+        Self { start: 0, end: u64::MAX }
+    }
+}
+
+/// A slice, and how it was made.
+#[derive(Debug)]
+pub struct Sliced {
+    /// The bag.
+    pub bytes: Vec<u8>,
+    /// Messages in the window.
+    pub messages: u64,
+    /// Latched messages from before the window that were in force at its start; they stand
+    /// first in the slice, at the time of its start.
+    pub latched: u64,
+    /// Chunks that were carried as they are, without being uncompressed.
+    pub whole_chunks: usize,
+}
+
+/// The messages of a window and of the connections that `filter` keeps, in the bag's own
+/// order; before them each publisher's last latched message, because a subscriber that
+/// joined at the window's start would have got it.
+pub fn slice<F: ChunkedFile>(
+    bag: &Bag<F>,
+    window: Window,
+    filter: impl Fn(&Connection) -> bool,
+    options: WriterOptions,
+) -> Result<Sliced, BagError> {
+    let wanted: HashSet<u32> =
+        bag.connections.iter().filter(|each| filter(each)).map(|each| each.id).collect();
+    let mut carrier = Carrier::new(bag, BagWriter::new(options));
+    let latched = carry_latched(&mut carrier, bag, window.start, &wanted)?;
+    let inside = |time: u64| window.start <= time && time < window.end;
+    let mut parts = Vec::new();
+    for (at, chunk) in bag.chunks.iter().enumerate() {
+        let overlaps = chunk.start < window.end && window.start <= chunk.end;
+        if overlaps && chunk.counts.iter().any(|(id, _)| wanted.contains(id)) {
+            let all = inside(chunk.start)
+                && inside(chunk.end)
+                && chunk.counts.iter().all(|(id, _)| wanted.contains(id));
+            parts.push((at, all));
+        }
+    }
+    let cut: Vec<usize> = parts.iter().filter(|(_, all)| !all).map(|(at, _)| *at).collect();
+    unpack(bag, &cut);
+    for (at, all) in parts {
+        if !(all && carrier.whole(at)?) {
+            carrier.messages(at, |id, time| inside(time) && wanted.contains(&id))?;
+        }
+    }
+    let messages = carrier.writer.messages() - latched;
+    let whole_chunks = carrier.whole;
+    Ok(Sliced { bytes: carrier.writer.finish()?, messages, latched, whole_chunks })
+}
+
+/// Writes the latched messages that are in force at `start`; returns how many.
+fn carry_latched<F: ChunkedFile>(
+    carrier: &mut Carrier<'_, F>,
+    bag: &Bag<F>,
+    start: u64,
+    wanted: &HashSet<u32>,
+) -> Result<u64, BagError> {
+    if bag.time_range().is_none_or(|(first, _)| first >= start) {
+        return Ok(0);
+    }
+    let timeline = bag.timeline(|each| each.latching && wanted.contains(&each.id))?;
+    let mut last = BTreeMap::new();
+    for place in timeline.between(0, start) {
+        if let Some(message) = timeline.get(place)
+            && let Some(connection) = bag.connection(message.connection)
+        {
+            last.insert((&connection.topic, &connection.caller_id), message);
+        }
+    }
+    for message in last.values() {
+        carrier.message(message.connection, start, message.data)?;
+    }
+    Ok(last.len() as u64)
+}
