@@ -1,8 +1,8 @@
 """`make bench [BENCH=name]`: runs the benches, prints each one's table, keeps its rows.
 
 A bench is a module beside this file with `measure() -> (rows, versions, note)`; rows.py says
-what a row is. Results lie in results/<name>.json. No name runs all. Exit status 1 says that a
-row fell short of its target.
+what a row is. Results lie in results/<name>.json. No name runs all. With --gate the exit status
+is 1 when a row fell short of its target; without, a busy machine fails nothing.
 """
 
 import importlib
@@ -21,6 +21,8 @@ def benches() -> list[str]:
 
 
 def main(asked: list[str]) -> int:
+    gate = "--gate" in asked
+    asked = [word for word in asked if word != "--gate"]
     unknown = set(asked) - set(benches())
     if unknown:
         print(f"no bench {', '.join(sorted(unknown))}; there are: {', '.join(benches())}")
@@ -28,7 +30,7 @@ def main(asked: list[str]) -> int:
     missed = False
     for name in asked or benches():
         missed |= run(name)
-    return int(missed)
+    return int(missed and gate)
 
 
 def run(name: str) -> bool:
