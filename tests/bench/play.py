@@ -70,8 +70,8 @@ def spread(runs: list[float]) -> str:
 
 
 def beside(ours: Measure, theirs: Measure) -> tuple[list[float], list[float]]:
-    """Both, in turns."""
-    pairs = [(ours(), theirs()) for _ in range(RUNS)]
+    """Both, in turns, and oftener than the rest: they take a second and vary most."""
+    pairs = [(ours(), theirs()) for _ in range(5)]
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 
 
@@ -160,6 +160,27 @@ def steps(bench: cases.Bench, table: Table) -> None:
         table.add(Row(f"lock-step {name}", "per step", "us", over, peer, budget, better, target))
 
 
+def footprint(bench: cases.Bench, table: Table) -> None:
+    """What the agent itself needs."""
+    measures: list[tuple[str, str, float | None, Measure]] = [
+        ("agent start to ready", "ms", 20.0, lambda: cases.start_to_ready(bench)),
+        (
+            "memory beyond 1 MB x 200",
+            "MiB",
+            16.0,
+            lambda: cases.memory_beyond_bag(bench, MB, 200),
+        ),
+    ]
+    for case, unit, budget, measure in measures:
+        runs = [measure() for _ in range(RUNS)]
+        theirs, target = ([budget], 1.0) if budget else ([], None)
+        better = budget / statistics.median(runs) if budget else None
+        peer = "budget" if budget else ""
+        table.add(
+            Row(case, "most" if unit == "MiB" else "time", unit, runs, peer, theirs, better, target)
+        )
+
+
 def machine() -> dict[str, str]:
     """Where and with what it was measured."""
 
@@ -181,7 +202,13 @@ def machine() -> dict[str, str]:
     }
 
 
-PARTS = {"sinks": sinks, "nodes": nodes, "recorders": recorders, "steps": steps}
+PARTS = {
+    "sinks": sinks,
+    "nodes": nodes,
+    "recorders": recorders,
+    "steps": steps,
+    "footprint": footprint,
+}
 
 
 def main(arguments: list[str] | None = None) -> int:

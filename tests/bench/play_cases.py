@@ -1,8 +1,11 @@
 """What the play bench measures: one function for each case, one call for each run."""
 
 import json
+import os
 import re
+import shutil
 import signal
+import subprocess
 import threading
 import time
 from dataclasses import dataclass
@@ -138,6 +141,39 @@ def _await_sent(scene: Graph, talker: Node, recorder: Node) -> None:
         calm, before = (calm + 1 if now - before <= 1 else 0), now
         pause.wait(0.2)
     assert scene.nodes, "the graph is gone"
+
+
+def start_to_ready(bench: Bench) -> float:
+    """From starting `serve` until `ready` says so, in milliseconds, without its own time."""
+    shared = bench.folder / "shared"
+    shared.mkdir(exist_ok=True)
+    check = [str(bench.agent), "ready", "--shared", str(shared)]
+    begun = time.perf_counter()
+    serve = subprocess.Popen(
+        [str(bench.agent), "serve", "--shared", str(shared)], stderr=subprocess.DEVNULL
+    )
+    try:
+        deadline = begun + 10
+        while True:
+            asked = time.perf_counter()
+            if subprocess.run(check, capture_output=True, check=False).returncode == 0:
+                return (asked - begun) * 1e3
+            assert asked < deadline, "serve is not ready after 10 s"
+    finally:
+        serve.terminate()
+        serve.wait(10)
+        shutil.rmtree(shared)
+
+
+def memory_beyond_bag(bench: Bench, size: int, messages: int) -> float:
+    """The player's largest resident memory less the bag's own size, in MiB."""
+    source = bag(bench.folder, size, messages)
+    with graph(bench.folder) as scene:
+        _counter(scene, "roscpp", messages)
+        player = scene.start(bench.agent, "play", source, "--immediate", "--topics", "/data")
+        _pid, status, usage = os.wait4(player.process.pid, 0)
+        assert status == 0, player.said
+    return (usage.ru_maxrss * 1024 - source.stat().st_size) / (1 << 20)
 
 
 @dataclass(frozen=True)

@@ -58,6 +58,43 @@ fn a_case_is_played_recorded_and_proved() {
 }
 
 #[test]
+fn in_lockstep_two_cases_record_the_same_bytes_and_say_what_came_of_the_steps() {
+    if without_ros() {
+        return;
+    }
+    let agent = Agent::start(1);
+    let step = |answer: &str, deadline: f64| {
+        map(&[
+            ("trigger", "/chatter".into()),
+            ("answer", answer.into()),
+            ("deadline", deadline.into()),
+        ])
+    };
+    let case = |steps: Vec<Value>| {
+        let Value::Map(mut case) = agent.case(ECHO, &[]) else { panic!("a case is a map") };
+        case.retain(|(key, _)| key.as_str() != Some("playback"));
+        let steps = Value::Array(steps);
+        case.push(("playback".into(), map(&[("mode", "lockstep".into()), ("steps", steps)])));
+        Value::Map(case)
+    };
+    let mut bags = Vec::new();
+    for _ in 0..2 {
+        let all = case(vec![step("/echo", 5.0)]);
+        let (result, bag) = agent.run(0, all, &chatter(150)).result();
+        let steps = at(&result, "playback.steps.0");
+        let number = |key| at(steps, key).as_u64().unwrap();
+        assert_eq!((number("released"), number("answered"), number("no_output")), (150, 150, 0));
+        assert_eq!(at(steps, "triggers.0").as_str(), Some("/chatter"));
+        bags.push(bag);
+    }
+    assert_eq!(bags[0], bags[1]);
+    let abort = agent.run(0, case(vec![step("/echo", -1.0)]), &chatter(1)).abort();
+    assert_eq!(abort.reason, "ProtocolError");
+    assert!(abort.message.contains("the deadline of playback.steps[0]"), "{}", abort.message);
+    assert_eq!(agent.left(), []);
+}
+
+#[test]
 fn two_slots_run_at_once() {
     if without_ros() {
         return;

@@ -12,7 +12,7 @@ use crate::pause::Pause;
 use crate::plan::{Plan, Route};
 use crate::rostime::{clock_frame, clock_topic};
 use crate::spacing::Spacing;
-use crate::step::{Stepper, await_read};
+use crate::step::Stepper;
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
@@ -321,8 +321,8 @@ impl<'a> Player<'a> {
         topic.latch("", Share::LeadIn, &frame);
         let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
         sent.map_err(|error| failed(error, watch))?;
-        match self.stepper {
-            Some(_) => await_read(topic, watch),
+        match &self.stepper {
+            Some(stepper) => stepper.settle_clock(topic, &frame, watch),
             None => Ok(()),
         }
     }

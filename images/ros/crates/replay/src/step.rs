@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Publication};
+use bagpipe_ros::{Node, Publication, Share};
 
 use crate::ReplayError;
 use crate::answers::Answers;
@@ -34,6 +34,21 @@ impl<'a> Stepper<'a> {
         recorder: &'a Recorder,
     ) -> Stepper<'a> {
         Stepper { node, lockstep, answers, recorder, now: None }
+    }
+
+    /// After a /clock was sent: waits until the nodes have read it, and tells them once more.
+    /// rospy reads and sets its time on one thread: when it has read the second, the first
+    /// has been set. roscpp sets it on another thread, which nobody can see from outside.
+    pub(crate) fn settle_clock(
+        &self,
+        topic: &Publication,
+        frame: &[u8],
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        await_read(topic, watch)?;
+        let again = topic.send(Share::LeadIn, &[frame], &mut || watch.must_stop());
+        again.map_err(|error| failed(error, watch))?;
+        await_read(topic, watch)
     }
 
     /// Before simulated time becomes `time`: what has come belongs to the time before.
@@ -77,6 +92,6 @@ impl<'a> Stepper<'a> {
 }
 
 /// Waits until every subscriber has read everything from its socket.
-pub(crate) fn await_read(topic: &Publication, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+fn await_read(topic: &Publication, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
     topic.await_read(&mut || watch.must_stop()).map_err(|error| failed(error, watch))
 }
