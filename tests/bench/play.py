@@ -4,21 +4,17 @@ Each case runs beside its peer, in turns, in one run of this program; a ratio is
 medians. Writes tests/bench/results/play.json and prints a table.
 """
 
-import json
 import platform
 import shutil
 import statistics
 import subprocess
-import sys
 import tempfile
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-import play_cases as cases
-from play_graph import HERE, ROOT, agent
+from tests.bench import play_cases as cases
+from tests.bench.play_graph import agent
+from tests.bench.rows import Row
 
 RUNS = 3
 KB, MB = 1024, 1 << 20
@@ -27,42 +23,19 @@ RATES = (2_500, 5_000, 10_000, 20_000, 80_000)
 Measure = Callable[[], float]
 
 
-@dataclass(frozen=True)
-class Row:
-    """A line of the results, in the form that all benches share."""
-
-    case: str
-    metric: str
-    unit: str
-    ours: list[float]
-    peer: str
-    theirs: list[float]
-    ratio: float | None
-    target: float | None
-
-
 class Table:
-    """Rows, printed as they come."""
+    """Rows, told as they come."""
 
     def __init__(self) -> None:
         self.rows: list[Row] = []
-        titles = ("case", "unit", "ours (min-max)", "theirs (min-max)", "ratio", "target")
-        print("{:<46} {:<8} {:>27} {:>27} {:>6} {:>6}  peer".format(*titles), flush=True)
 
     def add(self, row: Row) -> None:
-        """Keeps and prints a row."""
+        """Keeps and tells a row."""
         self.rows.append(row)
-        ratio = "" if row.ratio is None else f"{row.ratio:.2f}"
-        target = "" if row.target is None else f"{row.target:g}"
-        name = f"{row.case}, {row.metric}"
-        print(
-            f"{name:<46} {row.unit:<8} {spread(row.ours):>27} {spread(row.theirs):>27} "
-            f"{ratio:>6} {target:>6}  {row.peer}",
-            flush=True,
-        )
+        print(f"  {row.case}, {row.metric}: {spread(row.ours)} beside {spread(row.theirs)}")
 
 
-def spread(runs: list[float]) -> str:
+def spread(runs: Sequence[float]) -> str:
     """Median and extremes."""
     if not runs:
         return "-"
@@ -75,12 +48,6 @@ def beside(ours: Measure, theirs: Measure) -> tuple[list[float], list[float]]:
     return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
 
 
-def ratio(ours: list[float], theirs: list[float]) -> float | None:
-    """Of the medians; larger is better."""
-    base = statistics.median(theirs)
-    return statistics.median(ours) / base if base > 0 else None
-
-
 def sinks(bench: cases.Bench, table: Table) -> None:
     """To a program that only reads its socket."""
     for name, size, messages in (("1 KB", KB, 4 * SMALL), ("1 MB", MB, LARGE)):
@@ -89,8 +56,7 @@ def sinks(bench: cases.Bench, table: Table) -> None:
             lambda s=size, n=messages: cases.sink_bare(bench, s, n).rate(),  # type: ignore[misc]
         )
         peer = "bare writev loop"
-        row = Row(f"play {name} to a sink", "rate", "msg/s", ours, peer, theirs, None, 0.8)
-        table.add(Row(**{**asdict(row), "ratio": ratio(ours, theirs)}))
+        table.add(Row(f"play {name} to a sink", "rate", "msg/s", ours, peer, theirs, 0.8))
 
 
 def nodes(bench: cases.Bench, table: Table) -> None:
@@ -116,9 +82,9 @@ def nodes(bench: cases.Bench, table: Table) -> None:
             label = f"rosbag play --immediate{peer}"
             rates = [run.rate() for run in ours], [run.rate() for run in theirs]
             wanted = target if peer == "" else None
-            table.add(Row(case, "rate", "msg/s", rates[0], label, rates[1], ratio(*rates), wanted))
+            table.add(Row(case, "rate", "msg/s", rates[0], label, rates[1], wanted))
             gone = [float(messages - run.received) for run in theirs]
-            table.add(Row(case, "lost", "messages", lost, label, gone, None, None))
+            table.add(Row(case, "lost", "messages", lost, label, gone))
 
 
 def recorders(bench: cases.Bench, table: Table) -> None:
@@ -133,9 +99,7 @@ def recorders(bench: cases.Bench, table: Table) -> None:
         lost = {k: [float(messages - run.received) for run in v] for k, v in runs.items()}
         name = f"{rate:,}/s" if rate else "no pause"
         case = f"record 1 KB at {name}"
-        table.add(
-            Row(case, "lost", "messages", lost[True], "rosbag record", lost[False], None, None)
-        )
+        table.add(Row(case, "lost", "messages", lost[True], "rosbag record", lost[False]))
         for ours, losses in lost.items():
             if not any(losses):
                 lossless[ours].append(statistics.median(run.rate() for run in runs[ours]))
@@ -145,8 +109,7 @@ def recorders(bench: cases.Bench, table: Table) -> None:
         lossless[False] = [float(min(RATES))]
         peer += f" (lost some even at {min(RATES):,}/s)"
     best, base = [max(lossless[True])], [max(lossless[False])]
-    row = Row("record 1 KB", "lossless rate", "msg/s", best, peer, base, None, 10.0)
-    table.add(Row(**{**asdict(row), "ratio": ratio(best, base)}))
+    table.add(Row("record 1 KB", "lossless rate", "msg/s", best, peer, base, 10.0))
 
 
 def steps(bench: cases.Bench, table: Table) -> None:
@@ -155,9 +118,8 @@ def steps(bench: cases.Bench, table: Table) -> None:
         runs = [cases.lockstep(bench, size, 2_000 if size == KB else 500) for _ in range(RUNS)]
         over = [run.whole - run.own for run in runs]
         budget, target = ([300.0], 1.0) if size == KB else ([], None)
-        better = budget[0] / statistics.median(over) if budget else None
         peer = "budget" if budget else ""
-        table.add(Row(f"lock-step {name}", "per step", "us", over, peer, budget, better, target))
+        table.add(Row(f"lock-step {name}", "per step", "us", over, peer, budget, target))
 
 
 def footprint(bench: cases.Bench, table: Table) -> None:
@@ -174,31 +136,22 @@ def footprint(bench: cases.Bench, table: Table) -> None:
     for case, unit, budget, measure in measures:
         runs = [measure() for _ in range(RUNS)]
         theirs, target = ([budget], 1.0) if budget else ([], None)
-        better = budget / statistics.median(runs) if budget else None
         peer = "budget" if budget else ""
-        table.add(
-            Row(case, "most" if unit == "MiB" else "time", unit, runs, peer, theirs, better, target)
-        )
+        metric = "most" if unit == "MiB" else "time"
+        table.add(Row(case, metric, unit, runs, peer, theirs, target))
 
 
-def machine() -> dict[str, str]:
-    """Where and with what it was measured."""
+def versions() -> dict[str, str]:
+    """What the peers are."""
 
-    def version(*command: str) -> str:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-        return done.stdout.strip().splitlines()[0] if done.stdout.strip() else "unknown"
+    def of(package: str) -> str:
+        command = ["dpkg-query", "-W", "-f", "${Version}", package]
+        return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
 
-    model = [
-        line for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
-    ]
     return {
-        "processors": str(len(model)),
-        "model": model[0].split(":", 1)[1].strip() if model else "unknown",
-        "kernel": platform.release(),
         "python": platform.python_version(),
-        "roscpp": version("dpkg-query", "-W", "-f", "${Version}", "libroscpp-dev"),
-        "rosbag": version("dpkg-query", "-W", "-f", "${Version}", "rosbag"),
-        "commit": version("git", "rev-parse", "HEAD"),
+        "roscpp": of("libroscpp-dev"),
+        "rosbag": of("librosbag4d"),
     }
 
 
@@ -211,30 +164,16 @@ PARTS = {
 }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measures all parts, or those that are named; the exit status tells of missed targets."""
-    chosen = (sys.argv[1:] if arguments is None else arguments) or list(PARTS)
-    unknown = [name for name in chosen if name not in PARTS]
-    if unknown:
-        print(f"no part {unknown[0]!r}; there are {', '.join(PARTS)}", file=sys.stderr)
-        return 2
+def measure() -> tuple[list[Row], dict[str, str], str]:
+    """All parts: rows, the peers' versions, and a note on how it was measured."""
     # In memory: what is measured is no disk.
     folder = Path(tempfile.mkdtemp(prefix="bagpipe-play-", dir="/dev/shm"))
+    table = Table()
     try:
-        bench, table = cases.Bench(agent(), folder), Table()
-        for name in chosen:
-            PARTS[name](bench, table)
+        bench = cases.Bench(agent(), folder)
+        for part in PARTS.values():
+            part(bench, table)
     finally:
         shutil.rmtree(folder)
-    results = HERE / "results" / "play.json"
-    results.parent.mkdir(exist_ok=True)
-    rows = [asdict(row) for row in table.rows]
-    results.write_text(json.dumps({"machine": machine(), "rows": rows}, indent=1) + "\n")
-    missed = [r for r in table.rows if r.target and (r.ratio is None or r.ratio < r.target)]
-    for row in missed:
-        print(f"below its target: {row.case}, {row.metric}")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    note = f"Each case beside its peer in turns, {RUNS} runs, bags in memory; medians."
+    return table.rows, versions(), note

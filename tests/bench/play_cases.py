@@ -11,7 +11,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from play_graph import NODES, PYTHON, Graph, Node, bag, compiled, graph
+from tests.bench.play_graph import NODES, PYTHON, Graph, Node, bag, compiled, graph
 
 
 @dataclass(frozen=True)

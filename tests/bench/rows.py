@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 RESULTS = Path(__file__).parent / "results"
-LESS_IS_BETTER = frozenset({"s", "ms", "us", "MB"})
+LESS_IS_BETTER = frozenset({"s", "ms", "us", "MB", "MiB", "messages"})
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,8 @@ class Row:
         if not self.ours or not self.theirs:
             return None
         ours, theirs = statistics.median(self.ours), statistics.median(self.theirs)
-        return theirs / ours if self.unit in LESS_IS_BETTER else ours / theirs
+        better, worse = (theirs, ours) if self.unit in LESS_IS_BETTER else (ours, theirs)
+        return better / worse if worse else None
 
     @property
     def missed(self) -> bool:

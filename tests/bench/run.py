@@ -12,7 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-NOT_BENCHES = {"run", "rows", "__init__"}
+NOT_BENCHES = {"run", "rows", "play_cases", "play_graph"}
 
 
 def benches() -> list[str]:
