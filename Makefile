@@ -43,7 +43,7 @@ endif
 
 .PHONY: help
 help: ## List the verbs
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "  make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  CLUSTER=embedded|kind|existing chooses the Kubernetes; it is $(CLUSTER) now."
 
 .PHONY: demo
@@ -54,7 +54,7 @@ demo: cluster install ## Set everything up, run the main job, show the result
 test: preflight-all venv test-python test-rust test-integration test-e2e ## Set everything up, run all tests
 
 .PHONY: test-python
-test-python: venv ## Run the Python unit tests (part of test)
+test-python: venv tools ## Run the Python unit tests (part of test)
 	$(STEP) "Testing the Python packages and the cluster's parts" -- .venv/bin/python -m pytest tests/unit tests/cluster
 
 .PHONY: test-rust
@@ -75,9 +75,12 @@ bench: preflight-all venv ## Measure beside the peers (BENCH=bag or play: only t
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: lint
-lint: preflight-all venv ## Check style and types of everything
-	$(STEP) "Getting helm" -- $(CLUSTER_PY) tools
+lint: preflight-all venv tools ## Check style and types of everything
 	$(STEP) "Linting" -- tests/lint.sh
+
+.PHONY: tools
+tools: preflight ## Get kubectl and helm, built where the machine's are too old
+	$(STEP) "Getting kubectl and helm" -- $(CLUSTER_PY) tools
 
 .PHONY: preflight
 preflight:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.e2e import kubectl as k
-from tests.e2e.recording import fetch
+from tests.recording import fetch
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "docs/examples/robot-state-publisher"

@@ -15,7 +15,7 @@ from rich.live import Live
 from rich.table import Table
 
 from tests.e2e import kubectl as k
-from tests.e2e.recording import RecordingError, fetch
+from tests.recording import RecordingError, fetch
 
 NAMESPACE = "default"
 JOB = "robot-state-publisher"

@@ -7,7 +7,7 @@ import yaml
 
 from tests.e2e import jobs
 from tests.e2e import kubectl as k
-from tests.e2e.recording import MESSAGES
+from tests.recording import MESSAGES
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 

@@ -6,8 +6,8 @@ from typing import Any
 import yaml
 
 from bagpipe.spec import SimulationJobSpec
-from tests.e2e.recording import fetch
 from tests.integration.conftest import ROOT
+from tests.recording import fetch
 
 EXAMPLE = ROOT / "docs/examples/robot-state-publisher/job.yaml"
 

@@ -13,9 +13,9 @@ from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests.e2e.recording import MESSAGES
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording, spec_with
+from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
 

@@ -8,9 +8,6 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-SHARED_DATA = Path(__file__).parents[4] / "shared" / "data"
-PR2 = SHARED_DATA / "pr2_joint_states_bz2.bag"
-
 _STORE = get_typestore(Stores.ROS1_NOETIC)
 
 

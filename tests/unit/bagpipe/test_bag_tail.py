@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
-from tests.unit.bagpipe.bags import PR2, Recorded, steady, write_bag
+from tests.recording import fetch
+from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
 
 def tail_of(data: bytes) -> BagTail:
@@ -52,9 +53,8 @@ def test_reads_only_the_head_and_the_tail(two_topics: bytes) -> None:
     assert read[1][0] == tail.chunks[-1].end
 
 
-@pytest.mark.skipif(not PR2.exists(), reason="needs ../shared/data, which only some machines have")
 def test_the_real_pr2_recording() -> None:
-    tail = tail_of(PR2.read_bytes())
+    tail = tail_of(fetch().read_bytes())
     assert [c.topic for c in tail.connections] == ["/joint_states"]
     assert [chunk.counts[0] for chunk in tail.chunks] == [365, 365, 365, 365, 138]
 

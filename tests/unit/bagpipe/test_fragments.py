@@ -2,13 +2,12 @@
 
 import itertools
 
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, read_tail
 from bagpipe.plan.fragments import cut
-from tests.unit.bagpipe.bags import PR2
+from tests.recording import fetch
 
 SECOND = 1_000_000_000
 
@@ -29,9 +28,8 @@ def tail_with(chunks: list[tuple[float, float, dict[int, int]]], *topics: Connec
 SCAN = connection(0, "/scan")
 
 
-@pytest.mark.skipif(not PR2.exists(), reason="needs ../shared/data, which only some machines have")
 def test_the_real_pr2_recording_gives_four_fragments_of_four_seconds() -> None:
-    data = PR2.read_bytes()
+    data = fetch().read_bytes()
     tail = read_tail(lambda offset, length: data[offset : offset + length], len(data))
     fragments = cut(tail, ["/joint_states"], 4 * SECOND, SECOND)
     lengths = [round((f.window.end - f.window.start) / SECOND, 2) for f in fragments]

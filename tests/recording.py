@@ -1,6 +1,6 @@
 """The real PR2 recording, out of Debian's source package ros-robot-state-publisher.
 
-`python -m tests.e2e.recording` prints where it lies. It is fetched by apt from the mirror
+`python -m tests.recording` prints where it lies. It is fetched by apt from the mirror
 that the machine uses anyway, kept in Bagpipe's cache, and never becomes part of the project.
 """
 
