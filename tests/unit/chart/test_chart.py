@@ -5,8 +5,8 @@ Helm renders without a cluster; where the machine has no helm, tests/cluster bui
 
 import json
 import os
-import shutil
 import re
+import shutil
 import subprocess
 from pathlib import Path
 from typing import Any
