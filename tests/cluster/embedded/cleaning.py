@@ -70,13 +70,16 @@ def remove_strays(node: Node) -> None:
     remove_shim_sockets(node)
     for result in Path("/var/lib/cni/results").glob(f"{NAME}-*"):
         result.unlink(missing_ok=True)
-    # containerd 1.6 never takes back what it noted of a pod's loopback; a live pod's is kept.
-    for result in Path("/var/lib/cni/results").glob("cni-loopback-*"):
-        if not any(path.exists() for path in sandboxes(result.read_text())):
-            result.unlink(missing_ok=True)
     for link in Path("/var/log/containers").glob("*.log"):
         if link.is_symlink() and STATE in link.readlink().parents:
             link.unlink(missing_ok=True)
+
+
+def remove_loopback_results() -> None:
+    """containerd 1.6 never takes back what it noted of a pod's loopback; a live pod's is kept."""
+    for result in Path("/var/lib/cni/results").glob("cni-loopback-*"):
+        if not any(path.exists() for path in sandboxes(result.read_text())):
+            result.unlink(missing_ok=True)
 
 
 def sandboxes(result: str) -> list[Path]:
@@ -134,6 +137,7 @@ def down() -> None:
             shutil.rmtree(root)
         if root.exists():
             raise ClusterError(f"{root} can't be removed; see `ls -R {root}`.")
+    remove_loopback_results()
     remove_empty_folders()
     remove_netns_mount()
     remove_discovery_cache()
