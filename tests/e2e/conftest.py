@@ -1,7 +1,6 @@
 """A namespace of the run's own, on the cluster of KUBECONFIG with the operator installed."""
 
 import json
-import os
 import subprocess
 import uuid
 from collections.abc import Iterator
@@ -30,9 +29,6 @@ def namespace() -> Iterator[str]:
 
 def _driver_rights(namespace: str) -> str:
     """What the chart gives the drivers of a job namespace, for this one."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    environment = dict(os.environ)
-    environment["PATH"] = f"{cache / 'bin/tools'}:{environment['PATH']}"
     return subprocess.run(
         [
             *("helm", "template", "bagpipe", str(ROOT / "charts/bagpipe")),
@@ -43,7 +39,7 @@ def _driver_rights(namespace: str) -> str:
         text=True,
         timeout=60,
         check=True,
-        env=environment,
+        env=k.tool_environment(),
     ).stdout
 
 

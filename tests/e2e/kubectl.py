@@ -21,19 +21,23 @@ class KubectlError(Exception):
     """kubectl ended with an error; the text is what it said."""
 
 
+def tool_environment() -> dict[str, str]:
+    """The environment in which the project's own kubectl and helm are found, and the cluster."""
+    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
+    environment = {"KUBECONFIG": EMBEDDED_KUBECONFIG, **os.environ}
+    environment["PATH"] = f"{cache / 'bin/tools'}:{environment['PATH']}"
+    return environment
+
+
 def kubectl(*arguments: str, given: str | None = None, seconds: float = _COMMAND_SECONDS) -> str:
     """What kubectl prints. Raises KubectlError."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    environment = dict(os.environ)
-    environment["PATH"] = f"{cache / 'bin/tools'}:{environment['PATH']}"
-    environment.setdefault("KUBECONFIG", EMBEDDED_KUBECONFIG)
     done = subprocess.run(
         ["kubectl", *arguments],
         input=given,
         capture_output=True,
         text=True,
         timeout=seconds,
-        env=environment,
+        env=tool_environment(),
         check=False,
     )
     if done.returncode:

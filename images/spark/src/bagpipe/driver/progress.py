@@ -57,15 +57,14 @@ class Progress:
     def set_running(self, tasks: int) -> None:
         """How many cases are running: Spark's count of tasks lags behind, ours of rows does not."""
         with self._lock:
-            done = sum(self._outcomes[outcome] for outcome in _OUTCOMES)
-            self.running = max(0, min(tasks, self.slots, self.planned - done))
+            self.running = max(0, min(tasks, self.slots, self.planned - self._done()))
 
     def finish(self) -> bool:
         """Decide how the job ended; True when it is Complete."""
         with self._lock:
             self.running = 0
             errored = self._outcomes["errored"]
-            done = sum(self._outcomes[outcome] for outcome in _OUTCOMES)
+            done = self._done()
             if errored or done < self.planned or not done:
                 self.phase, self.verdict = "Failed", ""
                 self.reason, self.message = self._why_failed(errored, self.planned - done)
@@ -107,6 +106,9 @@ class Progress:
         while len(text := json.dumps(snapshot)) > 4096 and snapshot["failures"]:
             snapshot["failures"].pop()
         return text
+
+    def _done(self) -> int:
+        return sum(self._outcomes[outcome] for outcome in _OUTCOMES)
 
     def _fail(self, case: str, reason: str, message: str) -> None:
         if len(self._failures) < MAX_FAILURES:

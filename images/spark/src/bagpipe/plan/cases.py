@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
-from bagpipe.plan.fragments import FragmentPlan, Window, cut
+from bagpipe.plan.fragments import Window, cut
 from bagpipe.spec import SimulationJobSpec, duration_seconds
 from bagpipe.storage import Storage, StorageError
 
@@ -90,15 +90,16 @@ def _cases_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage) ->
         )
     connections = _connection_ranges(tail)
     return [
-        _case(f"{name}-{number:04d}", uri, fragment, connections)
+        Case(
+            id=f"{name}-{number:04d}",
+            bag=uri,
+            window=fragment.window,
+            connections=connections,
+            ranges=fragment.ranges,
+            messages=fragment.messages,
+        )
         for number, fragment in enumerate(fragments)
     ]
-
-
-def _case(
-    identity: str, uri: str, fragment: FragmentPlan, connections: list[tuple[int, int]]
-) -> Case:
-    return Case(identity, uri, fragment.window, connections, fragment.ranges, fragment.messages)
 
 
 def _connection_ranges(tail: BagTail) -> list[tuple[int, int]]:
