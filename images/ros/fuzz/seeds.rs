@@ -1,27 +1,62 @@
-//! Writes the seed corpus: small bags of each compression, whole, cut and reindexed, and the
-//! pipe's test vectors. `cargo run --bin seeds -- corpus`.
+//! Writes the seed corpus, each input by our own code: small bags of each format and
+//! compression, whole and cut; chunks; the pipe's test vectors and maps; what nodes and masters
+//! say. `cargo run --bin seeds -- corpus`.
 
 use std::error::Error;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use bagpipe_bag::fuzzing::pack;
 use bagpipe_bag::{BagWriter, Compression, Connection, WriterOptions};
+use bagpipe_pipe::{Abort, AgentHello, End, FileHeader, Metric, WorkerHello, to_map};
+use bagpipe_ros::Value;
+use bagpipe_ros::fuzzing::{write_answer, write_call, write_header};
 
-fn main() -> Result<(), Box<dyn Error>> {
+type Outcome = Result<(), Box<dyn Error>>;
+
+/// Writes inputs of one target.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(root: &Path, target: &str) -> std::io::Result<Self> {
+        let folder = root.join(target);
+        fs::create_dir_all(&folder)?;
+        Ok(Self(folder))
+    }
+
+    /// The input, and its first half.
+    fn add(&self, name: &str, bytes: &[u8]) -> std::io::Result<()> {
+        fs::write(self.0.join(format!("{name}-cut")), &bytes[..bytes.len() / 2])?;
+        fs::write(self.0.join(name), bytes)
+    }
+}
+
+fn main() -> Outcome {
     let root = std::env::args().nth(1).unwrap_or_else(|| "corpus".to_owned());
     let root = Path::new(&root);
     for target in ["open", "scan", "parts"] {
-        fs::create_dir_all(root.join(target))?;
+        let folder = Folder::new(root, target)?;
         for compression in [Compression::None, Compression::Lz4, Compression::Bz2] {
             for messages in [0, 1, 8] {
-                let bag = bag(compression, messages)?;
-                let name = format!("{}-{messages}", compression.name());
-                fs::write(root.join(target).join(format!("{name}-cut")), &bag[..bag.len() / 2])?;
-                fs::write(root.join(target).join(name), bag)?;
+                folder.add(
+                    &format!("{}-{messages}", compression.name()),
+                    &bag(compression, messages)?,
+                )?;
             }
         }
+        folder.add("format-1.2", &[b"#ROSBAG V1.2\n", &old_bag(8)[..]].concat())?;
     }
-    frames(&root.join("frames"))
+    let old = Folder::new(root, "old")?;
+    for messages in [0, 1, 8] {
+        old.add(&format!("old-{messages}"), &old_bag(messages))?;
+    }
+    chunks(&Folder::new(root, "chunks")?)?;
+    frames(&Folder::new(root, "frames")?)?;
+    greetings(&Folder::new(root, "greetings")?)?;
+    headers(&Folder::new(root, "headers")?)?;
+    messages(&Folder::new(root, "messages")?)?;
+    http(&Folder::new(root, "http")?)?;
+    xmlrpc(&Folder::new(root, "xmlrpc")?)
 }
 
 fn bag(compression: Compression, messages: u64) -> Result<Vec<u8>, Box<dyn Error>> {
@@ -43,9 +78,62 @@ fn bag(compression: Compression, messages: u64) -> Result<Vec<u8>, Box<dyn Error
     Ok(writer.finish()?)
 }
 
+fn record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {
+    let mut header = Vec::new();
+    for (name, value) in fields {
+        header.extend_from_slice(&((name.len() + 1 + value.len()) as u32).to_le_bytes());
+        header.extend_from_slice(&[name.as_bytes(), b"=", value].concat());
+    }
+    let length = (header.len() as u32).to_le_bytes();
+    [&length[..], &header, &(data.len() as u32).to_le_bytes(), data].concat()
+}
+
+/// A bag of format 1.2 behind its first line; its header is not padded, so that damage finds
+/// the rest.
+fn old_bag(messages: u32) -> Vec<u8> {
+    let head = |index: u64| {
+        let index = index.to_le_bytes();
+        record(&[("op", &[3]), ("index_pos", &index)], b"    ")
+    };
+    let kind: [(&str, &[u8]); 2] =
+        [("type", b"std_msgs/String"), ("md5", b"992ce8a1687cec8c8bd883ec73ca41d1")];
+    let (mut records, mut index) = (Vec::new(), Vec::new());
+    for (topic, latching) in [("/a", "0"), ("/map", "1")] {
+        let topic: (&str, &[u8]) = ("topic", topic.as_bytes());
+        let [datatype, md5] = kind;
+        let fields = [("op", &[1][..]), topic, md5, datatype, ("def", b"string data\n")];
+        records.extend(record(&fields, &[]));
+        for number in 0..messages {
+            let (sec, nsec) = (number.to_le_bytes(), 500u32.to_le_bytes());
+            index.extend([&sec[..], &nsec, &(records.len() as u64).to_le_bytes()].concat());
+            let (sec, nsec) = (("sec", &sec[..]), ("nsec", &nsec[..]));
+            let caller: (&str, &[u8]) = ("callerid", b"/talker");
+            let latching = ("latching", latching.as_bytes());
+            let fields = [("op", &[2][..]), topic, md5, datatype, sec, nsec, caller, latching];
+            records.extend(record(&fields, &[number as u8; 40]));
+        }
+    }
+    let position = (b"#ROSBAG V1.2\n".len() + head(0).len() + records.len()) as u64;
+    let count = (2 * messages).to_le_bytes();
+    let fields = [("op", &[4][..]), ("ver", &[0; 4]), ("topic", b"/a"), ("count", &count)];
+    [head(position), records, record(&fields, &index)].concat()
+}
+
+fn chunks(folder: &Folder) -> Outcome {
+    let noise = (0..3000u32).map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8);
+    let texts = [Vec::new(), vec![7; 5000], noise.collect(), b"number 1 number 2".repeat(9)];
+    for (kind, compression) in [(0, Compression::Lz4), (1, Compression::Bz2)] {
+        for (number, text) in texts.iter().enumerate() {
+            let [low, high] = (text.len() as u16).to_le_bytes();
+            let input = [&[kind, low, high][..], &pack(compression, text)?].concat();
+            folder.add(&format!("{}-{number}", compression.name()), &input)?;
+        }
+    }
+    Ok(())
+}
+
 /// The frames of docs/reference/binpipe-vectors.json: every run of hexadecimal digits in it.
-fn frames(folder: &Path) -> Result<(), Box<dyn Error>> {
-    fs::create_dir_all(folder)?;
+fn frames(folder: &Folder) -> Outcome {
     let vectors =
         concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/reference/binpipe-vectors.json");
     let text = fs::read_to_string(vectors)?;
@@ -55,7 +143,167 @@ fn frames(folder: &Path) -> Result<(), Box<dyn Error>> {
     {
         let digits = (0..word.len()).step_by(2).map(|at| u8::from_str_radix(&word[at..at + 2], 16));
         let bytes: Vec<u8> = std::iter::once(Ok(7)).chain(digits).collect::<Result<_, _>>()?;
-        fs::write(folder.join(format!("vector-{number}")), bytes)?;
+        folder.add(&format!("vector-{number}"), &bytes)?;
     }
+    Ok(())
+}
+
+fn map(entries: &[(&str, rmpv::Value)]) -> rmpv::Value {
+    rmpv::Value::Map(entries.iter().map(|(key, value)| ((*key).into(), value.clone())).collect())
+}
+
+/// A case with everything that a worker may say.
+fn case() -> rmpv::Value {
+    let list =
+        |words: &[&str]| rmpv::Value::Array(words.iter().map(|word| (*word).into()).collect());
+    let window = map(&[("lead_in_start", 1.into()), ("start", 2.into()), ("end", u64::MAX.into())]);
+    let stack = map(&[
+        ("command", list(&["roslaunch", "lane", "lane.launch"])),
+        ("environment", map(&[("A", "b".into())])),
+        ("parameters", map(&[("/gain", 0.5.into()), ("/names", list(&["a", "b"]))])),
+        ("remap", map(&[("/image", "/camera/image".into())])),
+    ]);
+    let step = map(&[
+        ("trigger", "/image".into()),
+        ("answer", "/lane".into()),
+        ("deadline", 2.0.into()),
+        ("by", "stamp".into()),
+        ("optional", true.into()),
+    ]);
+    let steps = rmpv::Value::Array(vec![step]);
+    map(&[
+        ("id", "pr2-0003".into()),
+        ("window", window),
+        ("topics", list(&["/image"])),
+        ("stack", stack),
+        ("playback", map(&[("mode", "lockstep".into()), ("rate", 1.0.into()), ("steps", steps)])),
+        ("record", map(&[("topics", list(&["/lane/.*"])), ("byte_budget", 1000.into())])),
+        ("deadlines", map(&[("start", 30.0.into()), ("case", 600.0.into())])),
+    ])
+}
+
+fn greetings(folder: &Folder) -> Outcome {
+    let session = "0123456789abcdef0123456789abcdef".to_owned();
+    let software = "bagpipe 0.1.0".to_owned();
+    let hello = WorkerHello {
+        session: session.clone(),
+        protocol: 1,
+        software: software.clone(),
+        case: case(),
+    };
+    let answer = AgentHello { session: session.clone(), protocol: 1, software, pipe_bytes: 65536 };
+    let ranges = vec![(0, 100, 4096), (4096, 9000, 10)];
+    let file = FileHeader { name: "case.bag".to_owned(), size: 4106, ranges };
+    let metric = Metric { stage: "play".to_owned(), sent: 10, recorded: 3, bag_seconds: 1.5 };
+    let abort = Abort {
+        reason: "StackExited".to_owned(),
+        message: "the stack ended".to_owned(),
+        exit_status: Some(1),
+        stderr: vec!["no".to_owned()],
+        session,
+        ..Abort::default()
+    };
+    let maps = [
+        to_map(&hello)?,
+        to_map(&answer)?,
+        to_map(&file)?,
+        to_map(&metric)?,
+        to_map(&End { files: 1, bytes: 4106, digest: 0xdead_beef })?,
+        to_map(&abort)?,
+    ];
+    for (kind, payload) in maps.iter().enumerate() {
+        folder.add(&format!("map-{kind}"), &[&[kind as u8][..], payload].concat())?;
+    }
+    // Lists in lists, each of which claims to be as long as the format can say.
+    let mut deep = maps[0][..maps[0].len() / 2].to_vec();
+    for _ in 0..200 {
+        deep.extend_from_slice(&[0xdd, 0xff, 0xff, 0xff, 0xff]);
+    }
+    folder.add("deep", &[&[0], &deep[..]].concat())?;
+    Ok(())
+}
+
+fn headers(folder: &Folder) -> Outcome {
+    let subscriber = [
+        ("callerid", "/listener"),
+        ("md5sum", "992ce8a1687cec8c8bd883ec73ca41d1"),
+        ("message_definition", "int8 A=1\nstring data\n"),
+        ("tcp_nodelay", "1"),
+        ("topic", "/chatter"),
+        ("type", "std_msgs/String"),
+    ];
+    folder.add("subscriber", &write_header(&subscriber))?;
+    folder.add("latching", &write_header(&[("latching", "1"), ("md5sum", "*")]))?;
+    folder.add("empty", &write_header(&[]))?;
+    folder.add("error", &write_header(&[("error", "topic is not published here")]))?;
+    Ok(())
+}
+
+fn messages(folder: &Folder) -> Outcome {
+    for size in [1u8, 7, 255] {
+        let mut bytes = vec![size];
+        for length in [0usize, 1, 12, 300] {
+            bytes.extend_from_slice(&(length as u32).to_le_bytes());
+            bytes.extend(std::iter::repeat_n(length as u8, length));
+        }
+        folder.add(&format!("pieces-{size}"), &bytes)?;
+        bytes.extend_from_slice(&u32::MAX.to_le_bytes());
+        folder.add(&format!("too-large-{size}"), &bytes)?;
+    }
+    Ok(())
+}
+
+fn http(folder: &Folder) -> Outcome {
+    let post = |version: &str, more: &str, body: &str| {
+        let length = body.len();
+        format!("POST /RPC2 HTTP/{version}\r\nContent-Length: {length}\r\n{more}\r\n{body}")
+    };
+    let call = write_call("getPid", &["/me".into()])?;
+    let one = post("1.1", "Host: robot:1234\r\nUser-Agent: x\r\n", &call);
+    let two =
+        post("1.0", "Connection: keep-alive\r\n", "x") + &post("1.1", "Connection: close\r\n", "");
+    for (name, text) in [("one", &one), ("two", &two), ("both", &(one.clone() + &two))] {
+        folder.add(name, &[&[3], text.as_bytes()].concat())?;
+    }
+    folder.add("get", b"\x05GET / HTTP/1.1\r\n\r\n")?;
+    Ok(())
+}
+
+fn xmlrpc(folder: &Folder) -> Outcome {
+    let uris: Value = vec!["http://a:1/".into(), "http://b:2/".into()].into();
+    let parameters = Value::Map(
+        [
+            ("gain".to_owned(), 0.5.into()),
+            ("on".to_owned(), true.into()),
+            ("names".to_owned(), vec!["a <b> & \"c\"".into(), Value::Int(-3)].into()),
+        ]
+        .into(),
+    );
+    let calls = [
+        ("publisherUpdate", vec!["/master".into(), "/chatter".into(), uris.clone()]),
+        (
+            "requestTopic",
+            vec!["/me".into(), "/a".into(), vec![vec!["TCPROS".into()].into()].into()],
+        ),
+        ("setParam", vec!["/me".into(), "/gains".into(), parameters.clone()]),
+        ("getPid", Vec::new()),
+    ];
+    for (method, params) in calls {
+        let xml = write_call(method, &params)?;
+        folder.add(method, &[&[0], xml.as_bytes()].concat())?;
+    }
+    for (number, value) in [uris, parameters, Value::Int(7)].into_iter().enumerate() {
+        let triple = vec![Value::Int(1), "fine".into(), value].into();
+        let xml = write_answer(&triple)?;
+        folder.add(&format!("answer-{number}"), &[&[1], xml.as_bytes()].concat())?;
+    }
+    let fault = "<?xml version=\"1.0\"?><methodResponse><fault><value><struct><member>\
+        <name>faultCode</name><value><int>4</int></value></member><member>\
+        <name>faultString</name><value><string>no</string></value></member></struct></value>\
+        </fault></methodResponse>";
+    folder.add("fault", &[&[1], fault.as_bytes()].concat())?;
+    let bare =
+        "<methodResponse><params><param><value>bare</value></param></params></methodResponse>";
+    folder.add("bare", &[&[1], bare.as_bytes()].concat())?;
     Ok(())
 }

@@ -2,19 +2,22 @@
 #![no_main]
 
 use bagpipe_bag::{
-    Bag, Limits, MemoryChunkedFile, Window, WriterOptions, check, merge, reindex, slice,
+    Bag, Limits, MemoryChunkedFile, Window, WriterOptions, check, check_limited, merge,
+    reindex_limited, slice,
 };
+use bagpipe_fuzz::{LIMIT, bag_bound, bounded};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     let file = MemoryChunkedFile::new(bytes.to_vec());
-    let limits = Limits { decompressed_bytes: 1 << 20 };
-    // Larger claims than the limit are no input for the unlimited functions below.
-    let Ok(scanned) = Bag::open_unindexed_limited(file.clone(), limits) else {
+    let limits = Limits { decompressed_bytes: LIMIT };
+    let bound = bag_bound(bytes.len());
+    let checked = bounded(bound, || check_limited(&file, limits));
+    let made = bounded(bound, || reindex_limited(file.clone(), WriterOptions::default(), limits));
+    let (Ok(checked), Ok(made)) = (checked, made) else {
         return;
     };
-    let made = reindex(file, WriterOptions::default()).expect("a bag that scans");
-    assert_eq!(made.messages, scanned.message_count());
+    assert_eq!((made.messages, &made.loss), (checked.messages, &checked.loss));
     let again = MemoryChunkedFile::new(made.bytes);
     let bag = Bag::open(again.clone()).expect("a bag of ours opens");
     assert!(bag.loss().is_none(), "{:?}", bag.loss());

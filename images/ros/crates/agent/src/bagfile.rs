@@ -3,8 +3,12 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use bagpipe_bag::{Bag, Compression, DiskChunkedFile, WriterOptions};
+use bagpipe_bag::{
+    Bag, BagError, ChunkedFile, Compression, DiskChunkedFile, Limits, WriterOptions,
+};
 use clap::{Args, ValueEnum};
+
+use crate::cli::bytes;
 
 /// Where the new bag goes, and how.
 #[derive(Debug, Clone, Args)]
@@ -15,6 +19,51 @@ pub struct Output {
     /// How chunks that are written anew are compressed; whole chunks stay as they are.
     #[arg(long, value_enum, default_value = "none")]
     pub compression: Packing,
+}
+
+/// How much memory a bag may take.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Memory {
+    /// The most memory that what a bag holds compressed, or in format 1.2, may take, for each
+    /// bag: bytes, or a number with KiB, MiB or GiB.
+    #[arg(long, value_name = "SIZE", default_value = "4GiB", value_parser = bytes)]
+    pub memory_budget: u64,
+}
+
+impl Memory {
+    /// The same for the reader.
+    pub fn limits(self) -> Limits {
+        Limits { decompressed_bytes: self.memory_budget }
+    }
+
+    /// Opens a bag in whatever state it is.
+    pub fn open<F: ChunkedFile>(self, path: &Path, file: F) -> Result<Bag<F>, String> {
+        Bag::open_limited(file, self.limits()).map_err(|error| unreadable(path, &error))
+    }
+
+    /// Opens a bag; damage is an error, because a part of a part would look whole.
+    pub fn open_whole(self, path: &Path) -> Result<Bag<DiskChunkedFile>, String> {
+        let bag = self.open(path, file(path)?)?;
+        match bag.loss() {
+            None => Ok(bag),
+            Some(lost) => Err(format!(
+                "{}: {}; `bagpipe-agent reindex` saves what is whole",
+                path.display(),
+                loss(lost)
+            )),
+        }
+    }
+}
+
+/// Why a bag could not be read or made, and what to do.
+pub fn unreadable(path: &Path, error: &BagError) -> String {
+    let advice = match error {
+        BagError::MemoryLimit { .. } | BagError::BudgetExceeded { .. } => {
+            "; --memory-budget allows more"
+        }
+        _ => "",
+    };
+    format!("{}: {error}{advice}", path.display())
 }
 
 /// The three compressions by the names that `rosbag` uses.
@@ -54,20 +103,6 @@ impl Output {
 /// Opens the file, without reading it whole.
 pub fn file(path: &Path) -> Result<DiskChunkedFile, String> {
     DiskChunkedFile::open(path).map_err(|error| format!("{}: {error}", path.display()))
-}
-
-/// Opens a bag; damage is an error, because a part of a part would look whole.
-pub fn whole_bag(path: &Path) -> Result<Bag<DiskChunkedFile>, String> {
-    let bag = Bag::open(file(path)?).map_err(|error| format!("{}: {error}", path.display()))?;
-    match bag.loss() {
-        None => Ok(bag),
-        Some(loss) => Err(format!(
-            "{}: byte {}: expected {}; `bagpipe-agent reindex` saves what is whole",
-            path.display(),
-            loss.offset,
-            loss.description
-        )),
-    }
 }
 
 /// What was lost, as a sentence.

@@ -10,6 +10,8 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Deserialize)]
 pub struct Case {
     pub id: String,
+    #[serde(default)]
+    pub engine: Engine,
     pub window: Window,
     /// Topics to play; empty: all of the bag's.
     #[serde(default)]
@@ -17,10 +19,62 @@ pub struct Case {
     pub stack: Stack,
     #[serde(default)]
     pub playback: Playback,
+    /// What a simulator speaks on, in place of a bag.
+    #[serde(default)]
+    pub simulator: Option<Simulator>,
     #[serde(default)]
     pub record: Record,
     #[serde(default)]
     pub deadlines: Deadlines,
+}
+
+/// A simulator at the worker's end of the pipe.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Simulator {
+    /// By these places STEP names its topics.
+    pub publications: Vec<Advertised>,
+}
+
+/// A topic that a simulator speaks on.
+#[derive(Debug, Clone, Deserialize)]
+pub struct Advertised {
+    pub topic: String,
+    #[serde(rename = "type")]
+    pub datatype: String,
+    pub md5sum: String,
+    pub definition: String,
+    #[serde(default)]
+    pub latching: bool,
+    /// Whether what is said on it is recorded.
+    #[serde(default = "yes")]
+    pub recorded: bool,
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// What runs the case.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum Engine {
+    /// A rosmaster, a player and a recorder around the stack's nodes.
+    #[default]
+    Ros1,
+    /// The user's program alone, fed on stdin.
+    Exec,
+}
+
+impl TryFrom<String> for Engine {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "ros1" => Ok(Self::Ros1),
+            "exec" => Ok(Self::Exec),
+            _ => Err(format!("engine is {name:?}, not ros1 or exec")),
+        }
+    }
 }
 
 /// Nanoseconds of bag time.
@@ -155,6 +209,11 @@ const LONGEST: f64 = 31.0 * 24.0 * 3600.0;
 impl Case {
     /// Reads the map of HELLO; the error is a sentence.
     pub fn from_value(value: Value) -> Result<Self, String> {
+        if value.is_nil() {
+            return Err("HELLO has no case, and an agent's slot runs the cases of a job: the \
+                        fifo= of bin_piped is for a program that serves records"
+                .to_owned());
+        }
         let case: Self = rmpv::ext::from_value(value)
             .map_err(|error| format!("the case in HELLO cannot be understood: {error}"))?;
         if case.stack.command.first().is_none_or(String::is_empty) {
@@ -184,12 +243,16 @@ impl Case {
                 ));
             }
         }
+        if case.simulator.is_some() && case.playback.mode != Mode::Lockstep {
+            return Err(format!("case {}: a simulator plays in lock-step only", case.id));
+        }
         Ok(case)
     }
 
     /// True when the stack runs on the bag's time.
     pub fn use_sim_time(&self) -> bool {
-        self.stack.parameters.get("/use_sim_time") == Some(&Value::Boolean(true))
+        self.simulator.is_some()
+            || self.stack.parameters.get("/use_sim_time") == Some(&Value::Boolean(true))
     }
 }
 
@@ -228,6 +291,7 @@ mod tests {
         assert_eq!(case.record.byte_budget, 1 << 30);
         assert_eq!(case.window.end, u64::MAX);
         assert!(!case.use_sim_time());
+        assert_eq!(case.engine, Engine::Ros1);
     }
 
     #[test]
@@ -260,6 +324,11 @@ mod tests {
         let never = map(&[("start", f64::INFINITY.into())]);
         let endless = Case::from_value(minimal(vec!["x".into()], never)).unwrap_err();
         assert_eq!(endless, "case a: deadlines.start is inf, not 0 to 2678400 seconds");
-        assert!(Case::from_value(Value::Nil).unwrap_err().starts_with("the case in HELLO"));
+        let Value::Map(mut other) = minimal(vec!["x".into()], map(&[])) else { panic!() };
+        other.push(("engine".into(), "ros2".into()));
+        let other = Case::from_value(Value::Map(other)).unwrap_err();
+        assert!(other.contains("engine is \"ros2\", not ros1 or exec"), "{other}");
+        assert!(Case::from_value(7.into()).unwrap_err().starts_with("the case in HELLO"));
+        assert!(Case::from_value(Value::Nil).unwrap_err().starts_with("HELLO has no case"));
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::bagfile::{file, loss};
+use crate::bagfile::{Memory, file, loss, unreadable};
 
 #[derive(Debug, Args)]
 #[command(
@@ -13,16 +13,18 @@ use crate::bagfile::{file, loss};
     Example: bagpipe-agent check drive.bag"
 )]
 pub struct Options {
-    /// A bag of format 2.0.
+    /// A bag of format 2.0 or 1.2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 /// Prints what was found; anything wrong is the error.
 pub fn check(options: &Options) -> Result<(), String> {
     let path = options.file.display();
-    let found =
-        bagpipe_bag::check(&file(&options.file)?).map_err(|error| format!("{path}: {error}"))?;
+    let found = bagpipe_bag::check_limited(&file(&options.file)?, options.memory.limits())
+        .map_err(|error| unreadable(&options.file, &error))?;
     println!("{path}: {} whole messages", found.messages);
     if found.sound() {
         return Ok(());

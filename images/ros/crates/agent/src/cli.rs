@@ -1,9 +1,11 @@
 //! The command line, and the help that teaches it.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::bagfile::Memory;
 use crate::play::PlayOptions;
 use crate::record::RecordOptions;
 use crate::{check, merge, reindex, slice};
@@ -20,7 +22,8 @@ use crate::{check, merge, reindex, slice};
            rosmaster and the user's command, plays, records, proves the delivery and\n     \
            answers through slots/N/from-agent.\n\n\
         The image needs a rosmaster (package python3-rosmaster or ros-noetic-rosmaster) and\n\
-        the user's nodes; nothing of Bagpipe."
+        the user's nodes; nothing of Bagpipe. For cases of the engine `exec` it needs only the\n\
+        user's program, which gets the frames on stdin and answers with frames on stdout."
 )]
 pub struct Cli {
     #[command(subcommand)]
@@ -45,24 +48,30 @@ pub enum Verb {
     },
     /// Show what is in a bag: times, topics, types, counts, and damage.
     Info {
-        /// A bag of format 2.0.
+        /// A bag of format 2.0 or 1.2.
         #[arg(value_name = "FILE")]
         file: PathBuf,
+        #[command(flatten)]
+        memory: Memory,
     },
-    /// Play a bag into a running ROS 1 graph and prove what each node received.
+    /// Play bags into a running ROS 1 graph and prove what each node received.
     #[command(after_help = "Examples:\n  \
         bagpipe-agent play drive.bag --clock\n  \
+        bagpipe-agent play front.bag rear.bag --repeat 3 --json\n  \
         bagpipe-agent play drive.bag --immediate --topics /camera/image_raw\n  \
         bagpipe-agent play drive.bag --step /camera/image_raw=/lane/markings,1.5,stamp \\\n    \
           --record '/lane/.*' --output answers.bag\n\n\
         The master must run already. Nothing is sent before every named topic has a\n\
-        subscriber; what each of them received is asked of the nodes themselves.")]
+        subscriber; what each of them received is asked of the nodes themselves. The exit\n\
+        status is 1 if any of them lost a message in any round. A master that is started\n\
+        anew on the way is registered with again.")]
     Play(Box<PlayOptions>),
     /// Record topics of a running ROS 1 graph until Ctrl-C, without dropping any message.
     #[command(after_help = "Examples:\n  \
         bagpipe-agent record --output drive.bag '/camera/.*' /tf /tf_static\n  \
         bagpipe-agent record --output all.bag --exclude '.*/compressed' --split-duration 60\n\n\
-        Bags are made in memory and written whole, the last one after Ctrl-C or SIGTERM.")]
+        Bags are made in memory and written whole, the last one after Ctrl-C or SIGTERM.\n\
+        A master that is started anew on the way is registered with again.")]
     Record(RecordOptions),
     /// Write a part of a bag, by time and topic, as a bag of its own.
     Slice(slice::Options),
@@ -97,9 +106,20 @@ pub struct ServeOptions {
     #[arg(long, value_name = "PORT", default_value_t = 11311)]
     pub master_port: u16,
     /// The most memory that one case's input may take, as received plus uncompressed: bytes,
-    /// or a number with KiB, MiB or GiB.
+    /// or a number with KiB, MiB or GiB. The engine `exec` keeps no input.
     #[arg(long, value_name = "SIZE", default_value = "4GiB", value_parser = bytes)]
     pub memory_budget: u64,
+    /// Answer GET /metrics there, in Prometheus' text format: what the slots do and have done.
+    /// HOST is an address; 0.0.0.0 means every one. Cases run also if it can't be had.
+    #[arg(long, value_name = "HOST:PORT")]
+    pub metrics: Option<SocketAddr>,
+    /// The way without the cache, which `make bench BENCH=cache` measures it beside: a case's
+    /// bag and its recording are files in this folder.
+    #[arg(long, value_name = "DIR", hide = true)]
+    pub on_disk: Option<PathBuf>,
+    /// With --on-disk: the page cache forgets a file before it is read.
+    #[arg(long, hide = true, requires = "on_disk")]
+    pub cold: bool,
 }
 
 pub fn bytes(text: &str) -> Result<u64, String> {

@@ -1,20 +1,51 @@
-//! Receiving a case's bag into memory.
+//! Receiving a case's bag into memory; or into a file, which is measured beside it.
 
+use std::io::Write;
 use std::time::Instant;
 
-use bagpipe_bag::{Bag, BagError, Limits, MemoryChunkedFile};
+use bagpipe_bag::{Bag, BagError, ChunkedFile, DiskChunkedFile, Limits, MemoryChunkedFile};
 use bagpipe_pipe::{Duplex, End, FileHeader, FrameType, from_map};
 
 use crate::failure::Failure;
+use crate::on_disk::{OnDisk, failed};
 
-/// Receives FILE, its DATA and END, and opens the bag. Memory grows with what really comes,
-/// and never past `budget`.
+/// Receives FILE, its DATA and END into memory, and opens the bag. Memory grows with what
+/// really comes, and never past `budget`.
 pub fn receive_bag(
     link: &mut Duplex,
     budget: u64,
     deadline: Instant,
     stop: &dyn Fn() -> bool,
 ) -> Result<(FileHeader, Bag<MemoryChunkedFile>), Failure> {
+    let header = receive_header(link, budget, deadline, stop)?;
+    let mut bytes = Vec::new();
+    receive_data(link, &header, &mut bytes, deadline, stop)?;
+    let bag = opened(MemoryChunkedFile::new(bytes), &header, budget)?;
+    Ok((header, bag))
+}
+
+/// The same into a file.
+pub fn receive_bag_on_disk(
+    link: &mut Duplex,
+    budget: u64,
+    (deadline, stop): (Instant, &dyn Fn() -> bool),
+    disk: &OnDisk,
+) -> Result<(FileHeader, Bag<DiskChunkedFile>), Failure> {
+    let header = receive_header(link, budget, deadline, stop)?;
+    disk.write(|file| receive_data(link, &header, file, deadline, stop))?;
+    let path = disk.input();
+    disk.settle(&path)?;
+    let file = DiskChunkedFile::open(&path).map_err(|error| failed(&path, &error))?;
+    let bag = opened(file, &header, budget)?;
+    Ok((header, bag))
+}
+
+fn receive_header(
+    link: &mut Duplex,
+    budget: u64,
+    deadline: Instant,
+    stop: &dyn Fn() -> bool,
+) -> Result<FileHeader, Failure> {
     let frame = link.receive(deadline, stop)?;
     let header: FileHeader = match frame.kind {
         FrameType::File => understood(&frame.payload, "FILE")?,
@@ -31,42 +62,50 @@ pub fn receive_bag(
             ),
         ));
     }
-    let bytes = receive_data(link, &header, deadline, stop)?;
+    Ok(header)
+}
+
+fn opened<F: ChunkedFile>(file: F, header: &FileHeader, budget: u64) -> Result<Bag<F>, Failure> {
     let limits = Limits { decompressed_bytes: budget - header.size };
-    let bag = Bag::open_unindexed_limited(MemoryChunkedFile::new(bytes), limits)
-        .map_err(|error| unreadable(&header, &error))?;
-    if let Some(loss) = bag.loss() {
-        let place = place(&header, Some(loss.offset));
-        let message =
-            format!("{place}: expected {}; {} bytes are lost", loss.description, loss.bytes);
-        return Err(Failure::new("BagUnreadable", message));
+    let bag =
+        Bag::open_unindexed_limited(file, limits).map_err(|error| unreadable(header, &error))?;
+    match bag.loss() {
+        None => Ok(bag),
+        Some(loss) => {
+            let place = place(header, Some(loss.offset));
+            let message =
+                format!("{place}: expected {}; {} bytes are lost", loss.description, loss.bytes);
+            Err(Failure::new("BagUnreadable", message))
+        }
     }
-    Ok((header, bag))
 }
 
 fn receive_data(
     link: &mut Duplex,
     header: &FileHeader,
+    into: &mut dyn Write,
     deadline: Instant,
     stop: &dyn Fn() -> bool,
-) -> Result<Vec<u8>, Failure> {
-    let mut bytes = Vec::new();
+) -> Result<(), Failure> {
+    let mut length = 0;
     loop {
         let frame = link.receive(deadline, stop)?;
         match frame.kind {
             FrameType::Data => {
-                let room = header.size - bytes.len() as u64;
-                if frame.payload.len() as u64 > room {
+                let more = frame.payload.len() as u64;
+                if more > header.size - length {
                     let message =
                         format!("{} sends more than its {} bytes", header.name, header.size);
                     return Err(Failure::protocol(message));
                 }
-                bytes.extend_from_slice(&frame.payload);
+                length += more;
+                into.write_all(&frame.payload).map_err(|error| {
+                    Failure::new("Internal", format!("the bag's file takes no more: {error}"))
+                })?;
             }
             FrameType::End => {
                 let said: End = understood(&frame.payload, "END")?;
-                check_end(link, header, bytes.len() as u64, said)?;
-                return Ok(bytes);
+                return check_end(link, header, length, said);
             }
             FrameType::Abort => return Err(aborted()),
             FrameType::File => {

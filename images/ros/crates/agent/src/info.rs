@@ -3,13 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use bagpipe_bag::{Bag, ChunkedFile, DiskChunkedFile};
+use bagpipe_bag::{Bag, ChunkedFile};
+
+use crate::bagfile::{Memory, file};
 
 /// Prints the bag's times, sizes and topics.
-pub fn info(path: &Path) -> Result<(), String> {
-    let fail = |error: &dyn std::fmt::Display| format!("{}: {error}", path.display());
-    let file = DiskChunkedFile::open(path).map_err(|error| fail(&error))?;
-    let bag = Bag::open(file).map_err(|error| fail(&error))?;
+pub fn info(path: &Path, memory: Memory) -> Result<(), String> {
+    let bag = memory.open(path, file(path)?)?;
     print!("{}", describe(path, &bag));
     Ok(())
 }
@@ -17,6 +17,7 @@ pub fn info(path: &Path) -> Result<(), String> {
 fn describe(path: &Path, bag: &Bag<impl ChunkedFile>) -> String {
     let mut lines = vec![
         format!("path       {}", path.display()),
+        format!("format     {}", bag.format()),
         format!("size       {} bytes in {} chunks", bag.file().len(), bag.chunks().len()),
     ];
     if let Some((start, end)) = bag.time_range() {

@@ -9,6 +9,8 @@ mod case_folder;
 mod check;
 mod cli;
 mod command;
+mod delivery_table;
+mod exec;
 mod failure;
 mod feed;
 mod graph_options;
@@ -16,6 +18,8 @@ mod info;
 mod install;
 mod layout;
 mod merge;
+mod metrics;
+mod on_disk;
 mod outcome;
 mod parameters;
 mod play;
@@ -26,10 +30,12 @@ mod rosmaster;
 mod run;
 mod serve;
 mod session;
+mod simulator;
 mod slice;
 mod slot;
 mod stack;
 mod tail;
+mod usage;
 mod watchdog;
 
 use std::process::ExitCode;
@@ -41,7 +47,7 @@ fn main() -> ExitCode {
         cli::Verb::Install { directory } => install::install(&directory),
         cli::Verb::Serve(options) => serve::serve(&options),
         cli::Verb::Ready { shared } => layout::Shared::new(&shared).check_ready(),
-        cli::Verb::Info { file } => info::info(&file),
+        cli::Verb::Info { file, memory } => info::info(&file, memory),
         cli::Verb::Play(options) => play::play(&options),
         cli::Verb::Record(options) => record::record(&options),
         cli::Verb::Slice(options) => slice::slice(&options),

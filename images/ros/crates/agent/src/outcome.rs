@@ -1,7 +1,10 @@
 //! RESULT: what came of a case.
 
+use bagpipe_pipe::Abort;
 use bagpipe_replay::{Ledger, Playback, Recorded, Replayed};
 use serde::Serialize;
+
+use crate::usage::Usage;
 
 /// The map of RESULT.
 #[derive(Debug, Serialize)]
@@ -22,6 +25,26 @@ pub struct StackEnd {
     pub stdout: Vec<String>,
     /// `agent` or `itself`.
     pub ended_by: &'static str,
+    /// None for a program that nobody measured.
+    pub usage: Option<Usage>,
+}
+
+impl StackEnd {
+    /// Adds what the program said and how it ended.
+    pub fn explain(self, mut abort: Abort) -> Abort {
+        let itself = self.ended_by == "itself";
+        if abort.reason == "StackExited" && matches!(self.exit_status, Some(126 | 127)) {
+            // A shell or the image's entrypoint was found; what it should run was not.
+            let last = self.stderr.last().map_or("", String::as_str);
+            abort.message =
+                format!("{} (a shell's sign of a missing command: {last})", abort.message);
+        }
+        abort.exit_status = self.exit_status.filter(|_| itself);
+        abort.signal = self.signal.filter(|_| itself);
+        abort.stderr = self.stderr;
+        abort.stdout = self.stdout;
+        abort
+    }
 }
 
 /// Seconds of each part of the case.

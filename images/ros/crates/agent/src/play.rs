@@ -1,20 +1,23 @@
-//! `play`: a bag into any ROS 1 graph.
+//! `play`: bags into any ROS 1 graph.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_bag::{Bag, ChunkedFile, MemoryChunkedFile};
 use bagpipe_replay::{
-    AnswerBy, Cancellation, Mode, Pause, Progress, ReplayRequest, Replayed, Resumed, StartWhen,
-    Step, Window, replay,
+    AnswerBy, Cancellation, Mode, Pause, Progress, ReplayError, ReplayRequest, Replayed, Resumed,
+    StartWhen, Step, Window, replay_together,
 };
 use clap::Args;
 
+use crate::bagfile::{Memory, loss};
+use crate::delivery_table::table;
 use crate::graph_options::{interrupted, master_uri, positive, seconds};
+use crate::record::of_part;
 
 /// What a case may take when nobody says how long: a month.
 const ENDLESS: Duration = Duration::from_secs(31 * 24 * 3600);
@@ -22,9 +25,9 @@ const ENDLESS: Duration = Duration::from_secs(31 * 24 * 3600);
 /// The options of `play`.
 #[derive(Debug, Args)]
 pub struct PlayOptions {
-    /// A bag of format 2.0. To play several as one, merge them first.
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// Bags of format 2.0 or 1.2. Several are played as one, by the times of their messages.
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
     /// The ROS master; without it, ROS_MASTER_URI.
     #[arg(long, value_name = "URI")]
     master: Option<String>,
@@ -56,10 +59,11 @@ pub struct PlayOptions {
     /// Publish the recorded topic OLD as NEW.
     #[arg(long, value_name = "OLD:=NEW", value_parser = renaming)]
     remap: Vec<(String, String)>,
-    /// Publish /clock; with a number, so many times per second of bag time in real time.
-    /// Otherwise it steps with each message. Set /use_sim_time before the nodes start.
-    #[arg(long, value_name = "HZ", num_args = 0..=1, default_missing_value = "100",
-          value_parser = positive)]
+    /// Publish /clock: in real time so many times per second of bag time (100), or with `step`
+    /// only with each message, as it always is with --immediate and --step. Set /use_sim_time
+    /// before the nodes start.
+    #[arg(long, value_name = "HZ|step", num_args = 0..=1, default_missing_value = "100",
+          value_parser = clock_rate)]
     clock: Option<f64>,
     /// Stop before each message of this (published) topic until Enter is pressed.
     #[arg(long, value_name = "TOPIC")]
@@ -85,41 +89,56 @@ pub struct PlayOptions {
     /// Where the recorded answers go.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Print the ledger and all figures as JSON instead of a table.
+    /// Play all of it so many times, one after the other. Each round registers anew and has a
+    /// ledger of its own; its answers go to FILE_0.bag, FILE_1.bag and so on.
+    #[arg(long, value_name = "N", default_value_t = 1,
+          value_parser = clap::value_parser!(u32).range(1..))]
+    repeat: u32,
+    /// Print the ledger and all figures as JSON instead of a table, a line for each round.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    memory: Memory,
 }
 
-/// Plays, and tells what was delivered.
+/// Plays, round after round, and tells what was delivered in each.
+///
+/// # Errors
+/// A sentence: something can't be read, played or written, or messages were lost.
 pub fn play(options: &PlayOptions) -> Result<(), String> {
-    let path = options.file.display();
-    let bytes = std::fs::read(&options.file).map_err(|error| format!("{path}: {error}"))?;
-    let bag =
-        Bag::open(MemoryChunkedFile::new(bytes)).map_err(|error| format!("{path}: {error}"))?;
-    let request = options.request(&bag)?;
+    let open = |path: &PathBuf| bag(path, options.memory);
+    let bags: Vec<_> = options.files.iter().map(open).collect::<Result<_, _>>()?;
     let interrupted = interrupted()?;
-    let cancelled = || interrupted.load(Ordering::Relaxed).then_some(Cancellation::Terminated);
-    let mut silent = |_: Progress| ();
-    let replayed =
-        replay(&bag, &request, &mut silent, &cancelled).map_err(|error| describe(&error, &path))?;
-    if let Some(output) = &options.output {
-        write(output, &replayed.recorded_bag)?;
+    let mut losses = Vec::new();
+    for round in 0..options.repeat {
+        let replayed = options.play_round(&bags, &interrupted).map_err(|error| {
+            if options.repeat > 1 { format!("{}: {error}", options.name(round)) } else { error }
+        })?;
+        let output = options.output_of(round);
+        if let Some(output) = &output {
+            write(output, &replayed.recorded_bag)?;
+        }
+        options.tell(round, output.as_deref(), &replayed)?;
+        if replayed.ledger.dropped > 0 {
+            let lost = replayed.ledger.dropped.to_string();
+            let several = options.repeat > 1;
+            losses.push(if several { format!("{lost} in {}", options.name(round)) } else { lost });
+        }
     }
-    if options.json {
-        let json = serde_json::to_string(&replayed).map_err(|error| error.to_string())?;
-        println!("{json}");
-    } else {
-        print!("{}", table(&replayed));
+    if losses.is_empty() {
+        return Ok(());
     }
-    Ok(())
+    Err(format!("not every subscriber received every message: lost were {}", losses.join(", ")))
 }
 
-fn describe(error: &bagpipe_replay::ReplayError, path: &std::path::Display<'_>) -> String {
-    match error.reason() {
-        "Terminated" => "interrupted".to_owned(),
-        "BagUnreadable" => format!("{path}: {error}"),
-        _ => error.to_string(),
+fn bag(path: &Path, memory: Memory) -> Result<Bag<MemoryChunkedFile>, String> {
+    let name = path.display();
+    let bytes = std::fs::read(path).map_err(|error| format!("{name}: {error}"))?;
+    let bag = memory.open(path, MemoryChunkedFile::new(bytes))?;
+    if let Some(lost) = bag.loss() {
+        eprintln!("{name}: {}; the rest is played", loss(lost));
     }
+    Ok(bag)
 }
 
 /// Goes on once a line has come on stdin, or its end.
@@ -157,8 +176,54 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
 }
 
 impl PlayOptions {
-    fn request<F: ChunkedFile>(&self, bag: &Bag<F>) -> Result<ReplayRequest, String> {
-        let (first, last) = bag.time_range().unwrap_or((0, 0));
+    /// Everything once, with registrations of its own.
+    fn play_round<F: ChunkedFile>(
+        &self,
+        bags: &[Bag<F>],
+        interrupted: &AtomicBool,
+    ) -> Result<Replayed, String> {
+        let request = self.request(bags)?;
+        let cancelled = || interrupted.load(Ordering::Relaxed).then_some(Cancellation::Terminated);
+        let mut silent = |_: Progress| ();
+        let played = replay_together(bags, &request, &mut silent, &cancelled);
+        played.map_err(|error| match &error {
+            ReplayError::Cancelled(_) => "interrupted".to_owned(),
+            ReplayError::BagUnreadable { bag, .. } => match self.files.get(*bag) {
+                Some(path) => format!("{}: {error}", path.display()),
+                None => error.to_string(),
+            },
+            _ => error.to_string(),
+        })
+    }
+
+    fn name(&self, round: u32) -> String {
+        format!("round {} of {}", round + 1, self.repeat)
+    }
+
+    /// Where a round's answers go.
+    fn output_of(&self, round: u32) -> Option<PathBuf> {
+        let output = self.output.as_ref()?;
+        Some(if self.repeat > 1 { of_part(output, round) } else { output.clone() })
+    }
+
+    fn tell(&self, round: u32, output: Option<&Path>, replayed: &Replayed) -> Result<(), String> {
+        if self.json {
+            let json = serde_json::to_string(replayed).map_err(|error| error.to_string())?;
+            println!("{json}");
+            return Ok(());
+        }
+        if self.repeat > 1 {
+            let into = output.map(|path| format!(", answers in {}", path.display()));
+            println!("{}{}", self.name(round), into.unwrap_or_default());
+        }
+        print!("{}", table(replayed));
+        Ok(())
+    }
+
+    fn request<F: ChunkedFile>(&self, bags: &[Bag<F>]) -> Result<ReplayRequest, String> {
+        let ranges: Vec<(u64, u64)> = bags.iter().filter_map(Bag::time_range).collect();
+        let first = ranges.iter().map(|(first, _)| *first).min().unwrap_or(0);
+        let last = ranges.iter().map(|(_, last)| *last).max().unwrap_or(0);
         let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
         let start = first.saturating_add(nanoseconds(self.start));
         let rest = last.saturating_add(1).max(start);
@@ -172,12 +237,13 @@ impl PlayOptions {
             master_uri: master_uri(self.master.as_deref())?,
             window: Window { lead_in_start: start, start, end: end.min(rest) },
             topics: self.topics.clone(),
-            remap: self.names(bag),
+            remap: self.names(bags),
             mode,
             steps: self.step.clone(),
             rate: self.rate,
             record_topics: self.record.clone(),
             byte_budget: u64::MAX,
+            record_to: None,
             subscribe_deadline: self.subscribe_timeout,
             drain_deadline: self.drain_timeout,
             case_deadline: Instant::now() + ENDLESS,
@@ -190,52 +256,24 @@ impl PlayOptions {
             },
             pause: (!self.pause.is_empty())
                 .then(|| Pause { topics: self.pause.clone(), resumed: enter() }),
+            meter: Arc::default(),
         })
     }
 
     /// The published name of each recorded topic that has another one.
-    fn names<F: ChunkedFile>(&self, bag: &Bag<F>) -> BTreeMap<String, String> {
+    fn names<F: ChunkedFile>(&self, bags: &[Bag<F>]) -> BTreeMap<String, String> {
         let slash = |name: &str| format!("/{}", name.trim_matches('/'));
         let renamed: BTreeMap<String, String> =
             self.remap.iter().map(|(old, new)| (slash(old), slash(new))).collect();
         let prefix = self.prefix.as_deref().map(slash).unwrap_or_default();
-        let recorded = bag.connections().iter().map(|connection| slash(&connection.topic));
+        let connections = bags.iter().flat_map(Bag::connections);
+        let recorded = connections.map(|connection| slash(&connection.topic));
         let named = recorded.map(|old| {
             let new = renamed.get(&old).unwrap_or(&old);
             (format!("{prefix}{new}"), old.clone())
         });
         named.filter(|(new, old)| new != old).collect()
     }
-}
-
-fn table(replayed: &Replayed) -> String {
-    let ledger = &replayed.ledger;
-    let mut lines = vec![format!(
-        "{} messages in {:.3} s, {} received by every subscriber, {} dropped",
-        ledger.sent, replayed.playback.played_seconds, ledger.received, ledger.dropped
-    )];
-    for topic in &ledger.topics {
-        lines.push(format!("{}  {} sent", topic.topic, topic.sent));
-        for line in &topic.subscribers {
-            let (node, received, dropped) = (&line.node, line.received, line.dropped);
-            lines.push(format!("  {node}  {received} received, {dropped} dropped"));
-        }
-        if topic.subscribers.is_empty() {
-            lines.push("  nobody subscribed".to_owned());
-        }
-    }
-    for step in &replayed.playback.steps {
-        lines.push(format!(
-            "{} -> {}  {} answered, {} without output, {} skipped",
-            step.triggers.join(" + "),
-            step.answer,
-            step.answered,
-            step.no_output,
-            step.skipped
-        ));
-    }
-    lines.extend(replayed.playback.warnings.iter().cloned());
-    lines.join("\n") + "\n"
 }
 
 fn step(text: &str) -> Result<Step, String> {
@@ -262,6 +300,10 @@ fn step(text: &str) -> Result<Step, String> {
 fn renaming(text: &str) -> Result<(String, String), String> {
     let (old, new) = text.split_once(":=").ok_or("write it as OLD:=NEW")?;
     Ok((old.to_owned(), new.to_owned()))
+}
+
+fn clock_rate(text: &str) -> Result<f64, String> {
+    if text == "step" { Ok(0.0) } else { positive(text) }
 }
 
 fn count(text: &str) -> Result<(String, usize), String> {

@@ -80,6 +80,10 @@ pub fn record(options: &RecordOptions) -> Result<(), String> {
         .map_err(|error| error.to_string())?;
     let (messages, bytes, bags) = (recorded.messages, recorded.bytes, recorded.bags);
     println!("{messages} messages, {bytes} bytes, {bags} bags");
+    if recorded.again > 0 {
+        let again = recorded.again;
+        eprintln!("the master was started anew: {again} subscriptions were made again");
+    }
     if recorded.master_lost {
         eprintln!("the master did not answer at the end: topics new since then are missing");
     }
@@ -87,7 +91,7 @@ pub fn record(options: &RecordOptions) -> Result<(), String> {
 }
 
 /// `drive.bag` becomes `drive_0.bag`.
-fn of_part(path: &Path, number: u32) -> PathBuf {
+pub fn of_part(path: &Path, number: u32) -> PathBuf {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
     let extension = path.extension().map_or("bag".into(), |end| end.to_string_lossy());
     path.with_file_name(format!("{stem}_{number}.{extension}"))

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::bagfile::{Output, file, loss};
+use crate::bagfile::{Memory, Output, file, loss, unreadable};
 
 #[derive(Debug, Args)]
 #[command(
@@ -14,17 +14,20 @@ use crate::bagfile::{Output, file, loss};
     Example: bagpipe-agent reindex drive.bag.active --output drive.bag"
 )]
 pub struct Options {
-    /// A bag of format 2.0, with a damaged index or none.
+    /// A bag of format 2.0 with a damaged index or none, or one of format 1.2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
     output: Output,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 /// Writes the bag with its new index and says what was lost.
 pub fn reindex(options: &Options) -> Result<(), String> {
-    let made = bagpipe_bag::reindex(file(&options.file)?, options.output.options())
-        .map_err(|error| format!("{}: {error}", options.file.display()))?;
+    let (old, settings) = (file(&options.file)?, options.output.options());
+    let made = bagpipe_bag::reindex_limited(old, settings, options.memory.limits())
+        .map_err(|error| unreadable(&options.file, &error))?;
     options.output.write(&made.bytes)?;
     println!(
         "{}: {} messages, {} chunks as they were",

@@ -2,38 +2,51 @@
 //! that was started.
 
 use std::cell::{Cell, RefCell};
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
+use bagpipe_bag::{Bag, ChunkedFile};
 use bagpipe_pipe::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 use bagpipe_replay::{
-    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Replayed, StartWhen, Step,
-    Window, replay,
+    AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, StartWhen,
+    Step, Window, replay, simulate,
 };
 
-use crate::case::{self, Case, seconds};
+use crate::case::{self, Case, Simulator, seconds};
 use crate::failure::Failure;
 use crate::outcome::{Outcome, StackEnd, Timings};
 use crate::processes::{Children, Ended};
-use crate::stack::{Program, Surroundings};
+use crate::simulator::{PipeWorld, topics, unrecorded};
+use crate::stack::{HURRY, Program, Surroundings};
 use crate::{parameters, rosmaster};
 
 /// How often the pipe and the processes are looked at, at most: replay asks much oftener.
 const GLANCE: Duration = Duration::from_millis(5);
-/// How long a stack may take to stop when the agent itself must end within 5 s.
-const HURRY: Duration = Duration::from_secs(2);
 
 /// What a case runs with.
 pub struct Runner<'a> {
     pub port: u16,
+    /// A new file for the recording, which else is kept in memory.
+    pub record_to: Option<PathBuf>,
     pub case: &'a Case,
+    pub master_uri: &'a str,
     pub surroundings: Surroundings<'a>,
     pub deadline: Instant,
     pub stop: &'a AtomicBool,
     pub link: &'a RefCell<Duplex>,
+    pub meter: &'a Arc<Meter>,
     pub children: &'a RefCell<Children>,
     pub glanced: Cell<Option<Instant>>,
+}
+
+/// What the stack hears.
+pub enum Input<'a, F: ChunkedFile> {
+    /// A bag, with what its sender said of it.
+    Bag(&'a FileHeader, &'a Bag<F>),
+    /// The worker's simulator.
+    Simulator(&'a Simulator),
 }
 
 /// The programs of a case.
@@ -45,14 +58,13 @@ struct Programs {
 
 impl Runner<'_> {
     /// Runs the case; when it returns, nothing that it started is left.
-    pub fn run(
+    pub fn run<F: ChunkedFile>(
         &self,
-        header: &FileHeader,
-        bag: &Bag<MemoryChunkedFile>,
+        input: &Input<'_, F>,
         mut timings: Timings,
     ) -> Result<(Outcome, Vec<u8>), Failure> {
         let mut programs = Programs::default();
-        let played = self.play(header, bag, &mut programs, &mut timings);
+        let played = self.play(input, &mut programs, &mut timings);
         let begun = Instant::now();
         let stack = self.end_everything(programs);
         timings.stop = begun.elapsed().as_secs_f64();
@@ -67,10 +79,9 @@ impl Runner<'_> {
         }
     }
 
-    fn play(
+    fn play<F: ChunkedFile>(
         &self,
-        header: &FileHeader,
-        bag: &Bag<MemoryChunkedFile>,
+        input: &Input<'_, F>,
         programs: &mut Programs,
         timings: &mut Timings,
     ) -> Result<Replayed, Failure> {
@@ -81,7 +92,7 @@ impl Runner<'_> {
         let started = begun + seconds(self.case.deadlines.start);
         let master = rosmaster::await_answer(
             program,
-            self.surroundings.master_uri,
+            self.master_uri,
             &mut self.children.borrow_mut(),
             started.min(self.deadline),
             &|| self.interruption().map(silent),
@@ -89,22 +100,35 @@ impl Runner<'_> {
         parameters::set(&master, &self.case.stack.parameters).map_err(Failure::protocol)?;
         timings.master = begun.elapsed().as_secs_f64();
         let begun = Instant::now();
-        let stack = self
+        let spared = [program.pid];
+        let mut stack = self
             .surroundings
             .start(&self.case.stack.command, "stack", &mut self.children.borrow_mut())
             .map_err(|wrong| Failure::new("CommandNotFound", wrong.0))?;
+        stack.measure(&spared);
         let stack = programs.stack.insert(stack);
         timings.stack = begun.elapsed().as_secs_f64();
         let cancelled = || self.cancellation(stack);
         let mut progress = |progress: Progress| self.tell(progress);
-        replay(bag, &self.request(), &mut progress, &cancelled).map_err(|error| {
-            match (error.reason(), self.interruption()) {
-                ("Terminated", why) => silent(why.unwrap_or(Cancellation::PeerGone)),
-                ("BagUnreadable", _) => {
-                    Failure::new("BagUnreadable", format!("{}: {error}", header.name))
-                }
-                (reason, _) => Failure::new(reason, error.to_string()),
+        let request = self.request();
+        let played = match *input {
+            Input::Bag(_, bag) => replay(bag, &request, &mut progress, &cancelled),
+            Input::Simulator(simulator) => {
+                let mut world = PipeWorld {
+                    link: self.link,
+                    deadline: self.deadline,
+                    unrecorded: unrecorded(simulator),
+                };
+                let topics = topics(simulator);
+                simulate(topics, &request, &mut world, &mut progress, &cancelled)
             }
+        };
+        played.map_err(|error| match (error.reason(), input) {
+            ("Terminated", _) => silent(self.interruption().unwrap_or(Cancellation::PeerGone)),
+            ("BagUnreadable", Input::Bag(header, _)) => {
+                Failure::new("BagUnreadable", format!("{}: {error}", header.name))
+            }
+            (reason, _) => Failure::new(reason, error.to_string()),
         })
     }
 
@@ -112,7 +136,7 @@ impl Runner<'_> {
         let Case { window, topics, stack, playback, record, deadlines, .. } = self.case;
         let case::Window { lead_in_start, start, end } = *window;
         ReplayRequest {
-            master_uri: self.surroundings.master_uri.to_owned(),
+            master_uri: self.master_uri.to_owned(),
             window: Window { lead_in_start, start, end },
             topics: topics.clone(),
             remap: stack.remap.clone(),
@@ -125,6 +149,7 @@ impl Runner<'_> {
             rate: playback.rate,
             record_topics: record.topics.clone(),
             byte_budget: record.byte_budget,
+            record_to: self.record_to.clone(),
             subscribe_deadline: seconds(deadlines.subscribe),
             drain_deadline: seconds(deadlines.drain),
             case_deadline: self.deadline,
@@ -132,6 +157,7 @@ impl Runner<'_> {
             clock_rate: CLOCK_RATE,
             start: StartWhen::default(),
             pause: None,
+            meter: Arc::clone(self.meter),
         }
     }
 
@@ -154,7 +180,9 @@ impl Runner<'_> {
         if self.stop.load(Ordering::Relaxed) {
             return Some(Cancellation::Terminated);
         }
-        match self.link.borrow_mut().glance() {
+        // While a simulator's turn is awaited, whoever waits sees what comes.
+        let Ok(mut link) = self.link.try_borrow_mut() else { return None };
+        match link.glance() {
             Ok(None) => None,
             // After END the worker has nothing to say but ABORT.
             Ok(Some(_)) | Err(_) => Some(Cancellation::PeerGone),
@@ -166,7 +194,8 @@ impl Runner<'_> {
         let Progress { stage, sent, recorded, bag_seconds } = progress;
         let metric = Metric { stage: stage.name().to_owned(), sent, recorded, bag_seconds };
         let Ok(payload) = to_map(&metric) else { return };
-        if let Err(error) = self.link.borrow_mut().offer(FrameType::Metric, &payload) {
+        let Ok(mut link) = self.link.try_borrow_mut() else { return };
+        if let Err(error) = link.offer(FrameType::Metric, &payload) {
             eprintln!("[{}] progress cannot be told: {error}", self.surroundings.label);
         }
     }
@@ -175,35 +204,21 @@ impl Runner<'_> {
     fn end_everything(&self, programs: Programs) -> Result<(Option<StackEnd>, Ending), String> {
         let Programs { master, stack } = programs;
         let mut children = self.children.borrow_mut();
-        let by_itself = stack.as_ref().and_then(|stack| children.ended(stack.pid));
         let master_ended = master.as_ref().and_then(|master| children.ended(master.pid));
-        if let Some(stack) = &stack {
+        let mut ending = None;
+        if let Some(stack) = stack {
             let patience = seconds(self.case.deadlines.stop);
             let hurry = self.stop.load(Ordering::Relaxed);
             let patience = if hurry { patience.min(HURRY) } else { patience };
             let spared: Vec<_> = master.iter().map(|master| master.pid).collect();
-            let killed = children.stop(Some(stack.pid), &spared, patience)?;
-            if killed > 0 {
-                let label = &self.surroundings.label;
-                eprintln!("[{label}] {killed} processes did not end within {patience:?}: killed");
-            }
+            let label = &self.surroundings.label;
+            ending = Some(stack.end(&mut children, &spared, patience, label)?);
         }
         // A rosmaster keeps nothing, so it need not be asked.
         children.kill(&[])?;
-        let stack = stack.map(|stack| {
-            let ended = children.ended(stack.pid);
-            let (stdout, stderr) = stack.output();
-            StackEnd {
-                exit_status: ended.and_then(|ended| ended.exit_status),
-                signal: ended.and_then(|ended| ended.signal),
-                stderr,
-                stdout,
-                ended_by: if by_itself.is_some() { "itself" } else { "agent" },
-            }
-        });
         let master_stderr = master.map(|master| master.output().1).unwrap_or_default();
         children.forget_all();
-        Ok((stack, Ending { ended: master_ended, stderr: master_stderr }))
+        Ok((ending, Ending { ended: master_ended, stderr: master_stderr }))
     }
 }
 
@@ -230,18 +245,10 @@ fn explain(mut abort: Abort, stack: Option<StackEnd>, master: Ending) -> Abort {
     if abort.reason.starts_with("RosMaster") {
         return Abort { stderr: master.stderr, ..abort };
     }
-    let Some(stack) = stack else { return abort };
-    let itself = stack.ended_by == "itself";
-    if abort.reason == "StackExited" && matches!(stack.exit_status, Some(126 | 127)) {
-        // A shell or the image's entrypoint was found; what it should run was not.
-        let last = stack.stderr.last().map_or("", String::as_str);
-        abort.message = format!("{} (a shell's sign of a missing command: {last})", abort.message);
+    match stack {
+        Some(stack) => stack.explain(abort),
+        None => abort,
     }
-    abort.exit_status = stack.exit_status.filter(|_| itself);
-    abort.signal = stack.signal.filter(|_| itself);
-    abort.stderr = stack.stderr;
-    abort.stdout = stack.stdout;
-    abort
 }
 
 fn step(step: &case::Step) -> Step {

@@ -10,6 +10,7 @@ use rustix::process::{Pid, Signal};
 
 use crate::cli::ServeOptions;
 use crate::layout::Shared;
+use crate::metrics::Metrics;
 use crate::processes::{Children, Ended, pause, signal};
 use crate::slot::{become_reaper, stop_flag};
 
@@ -34,12 +35,14 @@ pub fn serve(options: &ServeOptions) -> Result<(), String> {
     become_reaper()?;
     Shared::new(&options.shared).make(options.slots)?;
     let mut children = Children::default();
+    let metrics = options.metrics.and_then(|address| Metrics::start(address, options.slots));
     let mut keepers: Vec<Keeper> = (0..options.slots).map(Keeper::new).collect();
     while !stop.load(Ordering::Relaxed) {
         let mut died = false;
         for keeper in &mut keepers {
-            died |= keeper.look(options, &mut children)?;
+            died |= keeper.look(options, &mut children, metrics.as_ref())?;
         }
+        metrics.iter().for_each(Metrics::take_in);
         if died {
             end_orphans(&keepers, &mut children)?;
         }
@@ -62,10 +65,15 @@ impl Keeper {
     }
 
     /// Starts the process if it is time to; returns whether it has ended.
-    fn look(&mut self, options: &ServeOptions, children: &mut Children) -> Result<bool, String> {
+    fn look(
+        &mut self,
+        options: &ServeOptions,
+        children: &mut Children,
+        metrics: Option<&Metrics>,
+    ) -> Result<bool, String> {
         let Some((pid, since)) = self.process else {
             if Instant::now() >= self.again {
-                let pid = start(self.slot, options)?;
+                let pid = start(self.slot, options, metrics)?;
                 children.watch(pid);
                 self.process = Some((pid, Instant::now()));
             }
@@ -75,6 +83,7 @@ impl Keeper {
             None => Ok(false),
             Some(ended) => {
                 self.note_death(ended, since);
+                metrics.iter().for_each(|metrics| metrics.ended(self.slot));
                 Ok(true)
             }
         }
@@ -89,19 +98,29 @@ impl Keeper {
     }
 }
 
-fn start(slot: u32, options: &ServeOptions) -> Result<Pid, String> {
+fn start(slot: u32, options: &ServeOptions, metrics: Option<&Metrics>) -> Result<Pid, String> {
+    let refused = |error| format!("slot {slot} cannot be started: {error}");
     // serve() checked that the port exists.
     let port = options.master_port + slot as u16;
-    let child = Command::new("/proc/self/exe")
+    let mut command = Command::new("/proc/self/exe");
+    command
         .arg0("bagpipe-agent")
         .arg("slot")
         .args(["--slot", &slot.to_string(), "--port", &port.to_string()])
         .args(["--memory-budget", &options.memory_budget.to_string()])
         .arg("--shared")
-        .arg(&options.shared)
-        .stdin(Stdio::null())
-        .spawn()
-        .map_err(|error| format!("slot {slot} cannot be started: {error}"))?;
+        .arg(&options.shared);
+    if let Some(folder) = &options.on_disk {
+        command.arg("--on-disk").arg(folder).args(options.cold.then_some("--cold"));
+    }
+    if let (Some(metrics), Some(address)) = (metrics, options.metrics) {
+        // It tells its figures on its stdin.
+        command.args(["--metrics", &address.to_string()]);
+        command.stdin(metrics.listen_to(slot).map_err(refused)?);
+    } else {
+        command.stdin(Stdio::null());
+    }
+    let child = command.spawn().map_err(refused)?;
     Ok(Pid::from_child(&child))
 }
 

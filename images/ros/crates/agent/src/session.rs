@@ -1,23 +1,31 @@
 //! One session: HELLO, the bag, the case, and its answer.
 
 use std::cell::{Cell, RefCell};
+use std::fs::File;
+use std::io::Read;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use bagpipe_bag::{ChunkedFile, MemoryChunkedFile};
 use bagpipe_pipe::{
     Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, Next, PROTOCOL, PipeError,
     WorkerHello, fifo, from_map, to_map,
 };
+use rmpv::Value;
 
-use crate::case::{Case, seconds};
+use crate::case::{Case, Engine, seconds};
 use crate::case_folder::CaseFolder;
+use crate::exec::{ExecOutcome, ExecRunner};
 use crate::failure::Failure;
-use crate::feed::receive_bag;
+use crate::feed::{receive_bag, receive_bag_on_disk};
 use crate::layout::SlotFolder;
+use crate::metrics::SlotFigures;
+use crate::on_disk::{OnDisk, failed};
 use crate::outcome::{Outcome, Timings};
 use crate::processes::Children;
-use crate::run::Runner;
-use crate::stack::Surroundings;
+use crate::run::{Input, Runner};
+use crate::stack::{Ros, Surroundings};
 use crate::watchdog::Watchdog;
 
 /// A worker that opened the pipe writes HELLO at once.
@@ -31,22 +39,34 @@ const CLOSE: Duration = Duration::from_secs(30);
 /// What the watchdog allows beyond all other deadlines.
 const GRACE: Duration = Duration::from_secs(15);
 
+/// A finished recording.
+enum Recording {
+    InMemory(Vec<u8>),
+    /// With its length.
+    OnDisk(File, u64),
+}
+
 /// A slot's lasting state.
 pub struct Slot<'a> {
     pub number: u32,
     pub port: u16,
     pub memory_budget: u64,
+    /// Where bags lie that are not to lie in memory.
+    pub on_disk: Option<OnDisk>,
     pub folder: SlotFolder,
     pub stop: &'a AtomicBool,
+    pub figures: Arc<SlotFigures>,
     pub children: RefCell<Children>,
 }
 
 impl Slot<'_> {
     /// Runs one session, and returns what comes next when the slot is free.
-    pub fn session(&self, link: Duplex, pipe_bytes: usize) -> Result<Next, String> {
+    pub fn session(&self, mut link: Duplex, pipe_bytes: usize) -> Result<Next, String> {
+        link.count_data(Arc::clone(&self.figures.received_bytes));
         let link = RefCell::new(link);
         let mut session = String::new();
         let ended = self.answer(&link, pipe_bytes, &mut session);
+        self.figures.end(&ended);
         let mut link = link.into_inner();
         match ended {
             Ok(()) => {}
@@ -71,6 +91,7 @@ impl Slot<'_> {
         session: &mut String,
     ) -> Result<(), Failure> {
         let (hello, begun) = self.receive_hello(&mut link.borrow_mut(), session)?;
+        self.figures.begin(pipe_bytes as u64);
         self.open_output(&mut link.borrow_mut())?;
         let answer = AgentHello {
             session: hello.session,
@@ -79,14 +100,26 @@ impl Slot<'_> {
             pipe_bytes: pipe_bytes as u64,
         };
         self.send(&mut link.borrow_mut(), FrameType::Hello, &map(&answer)?)?;
-        let case = Case::from_value(hello.case).map_err(Failure::protocol)?;
+        let case = Case::from_value(hello.case.clone()).map_err(Failure::protocol)?;
         let deadline = begun + seconds(case.deadlines.case);
         let beyond = GRACE + seconds(case.deadlines.stop);
-        let (outcome, bag) = {
+        if case.engine == Engine::Exec {
+            let outcome = {
+                let _watchdog = Watchdog::start(self.number, deadline, beyond);
+                self.run_program(link, &case, (session, hello.case), deadline)?
+            };
+            // Its files went out as they came; what is said of them comes last.
+            let mut link = link.borrow_mut();
+            self.send(&mut link, FrameType::Result, &map(&outcome)?)?;
+            let end = link.encoder().end();
+            return self.send(&mut link, FrameType::End, &map(&end)?);
+        }
+        let (outcome, recording) = {
             let _watchdog = Watchdog::start(self.number, deadline, beyond);
             self.run(link, &case, deadline)?
         };
-        self.send_outcome(&mut link.borrow_mut(), &case, &outcome, &bag)
+        self.figures.proved(&outcome.ledger);
+        self.send_outcome(&mut link.borrow_mut(), &case, &outcome, recording)
     }
 
     fn receive_hello(
@@ -131,31 +164,85 @@ impl Slot<'_> {
         link: &RefCell<Duplex>,
         case: &Case,
         deadline: Instant,
-    ) -> Result<(Outcome, Vec<u8>), Failure> {
+    ) -> Result<(Outcome, Recording), Failure> {
         let begun = Instant::now();
-        let stopping = || self.stopping();
-        let (header, bag) =
-            receive_bag(&mut link.borrow_mut(), self.memory_budget, deadline, &stopping)?;
+        let (budget, stopping) = (self.memory_budget, || self.stopping());
+        if let Some(simulator) = &case.simulator {
+            let input = Input::<MemoryChunkedFile>::Simulator(simulator);
+            let (outcome, bytes) = self.run_on(link, (case, deadline), &input, begun)?;
+            return Ok((outcome, Recording::InMemory(bytes)));
+        }
+        if let Some(disk) = &self.on_disk {
+            let until: (Instant, &dyn Fn() -> bool) = (deadline, &stopping);
+            let (header, bag) = receive_bag_on_disk(&mut link.borrow_mut(), budget, until, disk)?;
+            let path = disk.recording()?;
+            let input = Input::Bag(&header, &bag);
+            let (outcome, _) = self.run_on(link, (case, deadline), &input, begun)?;
+            disk.settle(&path)?;
+            let file = File::open(&path).map_err(|error| failed(&path, &error))?;
+            let length = file.metadata().map_err(|error| failed(&path, &error))?.len();
+            return Ok((outcome, Recording::OnDisk(file, length)));
+        }
+        let (header, bag) = receive_bag(&mut link.borrow_mut(), budget, deadline, &stopping)?;
+        let input = Input::Bag(&header, &bag);
+        let (outcome, bytes) = self.run_on(link, (case, deadline), &input, begun)?;
+        Ok((outcome, Recording::InMemory(bytes)))
+    }
+
+    /// Runs a case whose input is there; the recording, where it is kept in memory.
+    fn run_on<F: ChunkedFile>(
+        &self,
+        link: &RefCell<Duplex>,
+        (case, deadline): (&Case, Instant),
+        input: &Input<'_, F>,
+        begun: Instant,
+    ) -> Result<(Outcome, Vec<u8>), Failure> {
         let timings = Timings { assemble: begun.elapsed().as_secs_f64(), ..Timings::default() };
         let folder = CaseFolder::make(self.number, self.folder.path())
             .map_err(|message| Failure::new("Internal", message))?;
         let master_uri = format!("http://127.0.0.1:{}", self.port);
         let runner = Runner {
             port: self.port,
+            record_to: self.on_disk.as_ref().map(OnDisk::recording).transpose()?,
             case,
+            master_uri: &master_uri,
             surroundings: Surroundings {
                 environment: &case.stack.environment,
-                master_uri: &master_uri,
-                folder: folder.path(),
+                ros: Some(Ros { master_uri: &master_uri, folder: folder.path() }),
+                label: format!("slot {} case {}", self.number, case.id),
+            },
+            deadline,
+            stop: self.stop,
+            link,
+            meter: &self.figures.meter,
+            children: &self.children,
+            glanced: Cell::new(None),
+        };
+        runner.run(input, timings)
+    }
+
+    fn run_program(
+        &self,
+        link: &RefCell<Duplex>,
+        case: &Case,
+        (session, described): (&str, Value),
+        deadline: Instant,
+    ) -> Result<ExecOutcome, Failure> {
+        let runner = ExecRunner {
+            case,
+            session,
+            described,
+            surroundings: Surroundings {
+                environment: &case.stack.environment,
+                ros: None,
                 label: format!("slot {} case {}", self.number, case.id),
             },
             deadline,
             stop: self.stop,
             link,
             children: &self.children,
-            glanced: Cell::new(None),
         };
-        runner.run(&header, &bag, timings)
+        runner.run()
     }
 
     fn send_outcome(
@@ -163,17 +250,39 @@ impl Slot<'_> {
         link: &mut Duplex,
         case: &Case,
         outcome: &Outcome,
-        bag: &[u8],
+        recording: Recording,
     ) -> Result<(), Failure> {
         self.send(link, FrameType::Result, &map(outcome)?)?;
         let name = format!("{}.bag", case.id);
-        let header = FileHeader { name, size: bag.len() as u64, ranges: Vec::new() };
+        let size = match &recording {
+            Recording::InMemory(bytes) => bytes.len() as u64,
+            Recording::OnDisk(_, length) => *length,
+        };
+        let header = FileHeader { name, size, ranges: Vec::new() };
         self.send(link, FrameType::File, &map(&header)?)?;
-        for piece in bag.chunks(MAX_PAYLOAD) {
-            self.send(link, FrameType::Data, piece)?;
+        match recording {
+            Recording::InMemory(bytes) => {
+                for piece in bytes.chunks(MAX_PAYLOAD) {
+                    self.send(link, FrameType::Data, piece)?;
+                }
+            }
+            Recording::OnDisk(file, _) => self.send_file(link, &file)?,
         }
         let end = link.encoder().end();
         self.send(link, FrameType::End, &map(&end)?)
+    }
+
+    fn send_file(&self, link: &mut Duplex, file: &File) -> Result<(), Failure> {
+        let mut piece = Vec::with_capacity(MAX_PAYLOAD);
+        loop {
+            piece.clear();
+            let read = file.take(MAX_PAYLOAD as u64).read_to_end(&mut piece);
+            read.map_err(|error| Failure::new("Internal", format!("the recording: {error}")))?;
+            if piece.is_empty() {
+                return Ok(());
+            }
+            self.send(link, FrameType::Data, &piece)?;
+        }
     }
 
     fn send(&self, link: &mut Duplex, kind: FrameType, payload: &[u8]) -> Result<(), Failure> {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use bagpipe_bag::Window;
 use clap::Args;
 
-use crate::bagfile::{Output, whole_bag};
+use crate::bagfile::{Memory, Output, unreadable};
 
 #[derive(Debug, Args)]
 #[command(after_help = "Times are seconds after the bag's first message, such as 12.5; messages\n\
@@ -14,7 +14,7 @@ use crate::bagfile::{Output, whole_bag};
     Chunks that lie in the window as a whole are copied as they are.\n\n\
     Example: bagpipe-agent slice drive.bag --start 60 --end 80 --topic /imu --output part.bag")]
 pub struct Options {
-    /// A bag of format 2.0.
+    /// A bag of format 2.0 or 1.2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Where the slice starts; without it, at the first message.
@@ -28,11 +28,13 @@ pub struct Options {
     topics: Vec<String>,
     #[command(flatten)]
     output: Output,
+    #[command(flatten)]
+    memory: Memory,
 }
 
 /// Writes the slice and says what is in it.
 pub fn slice(options: &Options) -> Result<(), String> {
-    let bag = whole_bag(&options.file)?;
+    let bag = options.memory.open_whole(&options.file)?;
     let first = bag.time_range().map_or(0, |(first, _)| first);
     let at = |offset: Option<u64>| offset.map(|offset| first.saturating_add(offset));
     let start = at(options.start).unwrap_or(0);
@@ -48,7 +50,7 @@ pub fn slice(options: &Options) -> Result<(), String> {
     let wanted = |topic: &String| options.topics.is_empty() || options.topics.contains(topic);
     let settings = options.output.options();
     let made = bagpipe_bag::slice(&bag, window, |each| wanted(&each.topic), settings)
-        .map_err(|error| format!("{}: {error}", options.file.display()))?;
+        .map_err(|error| unreadable(&options.file, &error))?;
     options.output.write(&made.bytes)?;
     println!(
         "{}: {} messages, {} latched before them, {} chunks as they were",

@@ -12,6 +12,8 @@ use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_sign
 
 use crate::cli::ServeOptions;
 use crate::layout::Shared;
+use crate::metrics::{SlotFigures, Teller};
+use crate::on_disk::OnDisk;
 use crate::processes::Children;
 use crate::session::Slot;
 
@@ -25,12 +27,17 @@ pub fn run(options: &ServeOptions, number: u32, port: u16) -> Result<(), String>
     // Without serve there is nobody to start this slot again.
     set_parent_process_death_signal(Some(Signal::TERM)).map_err(|error| error.to_string())?;
     let folder = Shared::new(&options.shared).slot(number);
+    let figures = Arc::new(SlotFigures::default());
+    let telling = options.metrics.map(|_| Teller::start(&figures)).transpose();
+    let _teller = telling.map_err(|error| format!("serve cannot be told figures: {error}"))?;
     let slot = Slot {
         number,
         port,
         memory_budget: options.memory_budget,
+        on_disk: options.on_disk.as_ref().map(|folder| OnDisk::new(folder, number, options.cold)),
         folder,
         stop: &stop,
+        figures,
         children: RefCell::new(Children::default()),
     };
     let path = slot.folder.requests();

@@ -1,21 +1,30 @@
 //! Starting programs of the user's image for one case.
 
 use std::collections::BTreeMap;
+use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
+use bagpipe_pipe::fifo;
+use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Pid;
 
 use crate::command::{ENTRYPOINT, NotRunnable, not_started, prepare};
+use crate::outcome::StackEnd;
 use crate::processes::Children;
 use crate::tail::Tail;
+use crate::usage::{Meter, Sampled};
+
+/// How long a stack may take to stop when the agent itself must end within 5 s.
+pub const HURRY: Duration = Duration::from_secs(2);
 
 /// A started program, its output followed.
 #[derive(Debug)]
 pub struct Program {
     pub pid: Pid,
+    meter: Option<Meter>,
     stdout: Option<Tail>,
     stderr: Option<Tail>,
 }
@@ -25,11 +34,18 @@ pub struct Program {
 pub struct Surroundings<'a> {
     /// The case's own variables.
     pub environment: &'a BTreeMap<String, String>,
+    /// None for the engine that has none.
+    pub ros: Option<Ros<'a>>,
+    /// What goes before each line of output: slot and case.
+    pub label: String,
+}
+
+/// What ROS nodes find in their environment.
+#[derive(Debug)]
+pub struct Ros<'a> {
     pub master_uri: &'a str,
     /// Where ROS may write.
     pub folder: &'a Path,
-    /// What goes before each line of output: slot and case.
-    pub label: String,
 }
 
 impl Surroundings<'_> {
@@ -53,9 +69,13 @@ impl Surroundings<'_> {
         name: &str,
         children: &mut Children,
     ) -> Result<Program, NotRunnable> {
-        let entrypoint = (!self.has_ros()).then_some(Path::new(ENTRYPOINT));
-        let command = prepare(command, &self.path(), entrypoint)?;
+        let command = self.prepare(command)?;
         self.start_prepared(command, name, children)
+    }
+
+    fn prepare(&self, command: &[String]) -> Result<Command, NotRunnable> {
+        let entrypoint = (!self.has_ros()).then_some(Path::new(ENTRYPOINT));
+        prepare(command, &self.path(), entrypoint)
     }
 
     /// The same with a command whose program was found already.
@@ -65,31 +85,99 @@ impl Surroundings<'_> {
         name: &str,
         children: &mut Children,
     ) -> Result<Program, NotRunnable> {
-        command
-            .envs(self.environment)
-            .env("ROS_MASTER_URI", self.master_uri)
-            .env("ROS_IP", "127.0.0.1")
-            .env_remove("ROS_HOSTNAME")
-            .env("ROS_HOME", self.folder)
-            .env("ROS_LOG_DIR", self.folder.join("log"))
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .process_group(0);
-        let mut child = command.spawn().map_err(|error| not_started(&command, &error))?;
-        let pid = Pid::from_child(&child);
-        children.watch(pid);
+        let (pid, mut child) = self.spawn(command.stdin(Stdio::null()), children)?;
         let prefix = format!("[{} {name}]", self.label);
         let stdout = child.stdout.take().map(|stream| Tail::follow(stream, prefix.clone()));
         let stderr = child.stderr.take().map(|stream| Tail::follow(stream, prefix));
-        Ok(Program { pid, stdout, stderr })
+        Ok(Program { pid, meter: None, stdout, stderr })
+    }
+
+    /// Starts the command with our ends of its stdin and stdout, which do not block.
+    pub fn start_piped(
+        &self,
+        command: &[String],
+        children: &mut Children,
+    ) -> Result<(Program, OwnedFd, OwnedFd), NotRunnable> {
+        let mut command = self.prepare(command)?;
+        // It tells a program that its stdin holds frames, as a BinPipedRDD's.
+        command.stdin(Stdio::piped()).env("BAGPIPE_BINPIPE", "1");
+        let (pid, mut child) = self.spawn(&mut command, children)?;
+        let stderr = child.stderr.take();
+        let stderr = stderr.map(|stream| Tail::follow(stream, format!("[{}]", self.label)));
+        let ends =
+            child.stdin.take().map(OwnedFd::from).zip(child.stdout.take().map(OwnedFd::from));
+        let (stdin, stdout) = ends.ok_or_else(|| NotRunnable("it has no pipes".to_owned()))?;
+        for end in [&stdin, &stdout] {
+            fifo::grow(end);
+            fcntl_getfl(end)
+                .and_then(|flags| fcntl_setfl(end, flags | OFlags::NONBLOCK))
+                .map_err(|error| NotRunnable(format!("its pipes cannot be used: {error}")))?;
+        }
+        Ok((Program { pid, meter: None, stdout: None, stderr }, stdin, stdout))
+    }
+
+    fn spawn(
+        &self,
+        command: &mut Command,
+        children: &mut Children,
+    ) -> Result<(Pid, Child), NotRunnable> {
+        command
+            .envs(self.environment)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .process_group(0);
+        if let Some(ros) = &self.ros {
+            command
+                .env("ROS_MASTER_URI", ros.master_uri)
+                .env("ROS_IP", "127.0.0.1")
+                .env_remove("ROS_HOSTNAME")
+                .env("ROS_HOME", ros.folder)
+                .env("ROS_LOG_DIR", ros.folder.join("log"));
+        }
+        let child = command.spawn().map_err(|error| not_started(command, &error))?;
+        let pid = Pid::from_child(&child);
+        children.watch(pid);
+        Ok((pid, child))
     }
 }
 
 impl Program {
+    /// Measures from now on what it and all that it starts use; `spared` processes do not count.
+    pub fn measure(&mut self, spared: &[Pid]) {
+        self.meter = Some(Meter::start(spared));
+    }
+
     /// The last lines on stderr so far.
     pub fn stderr(&self) -> Vec<String> {
         self.stderr.as_ref().map(Tail::lines).unwrap_or_default()
+    }
+
+    /// Asks it and all that it started to end, waits, ends what is left, and says how it
+    /// went; `spared` processes are left alone. An error names what outlived even that.
+    pub fn end(
+        mut self,
+        children: &mut Children,
+        spared: &[Pid],
+        patience: Duration,
+        label: &str,
+    ) -> Result<StackEnd, String> {
+        let itself = children.ended(self.pid).is_some();
+        let sampled = self.meter.take().map(|meter| meter.stop_sampling(spared));
+        let killed = children.stop(Some(self.pid), spared, patience)?;
+        if killed > 0 {
+            eprintln!("[{label}] {killed} processes did not end within {patience:?}: killed");
+        }
+        let ended = children.ended(self.pid);
+        let usage = sampled.map(Sampled::finish);
+        let (stdout, stderr) = self.output();
+        Ok(StackEnd {
+            exit_status: ended.and_then(|ended| ended.exit_status),
+            signal: ended.and_then(|ended| ended.signal),
+            stderr,
+            stdout,
+            ended_by: if itself { "itself" } else { "agent" },
+            usage,
+        })
     }
 
     /// The last lines of stdout and stderr, once the program is gone.

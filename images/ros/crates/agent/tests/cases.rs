@@ -11,17 +11,6 @@ use bagpipe_bag::{Bag, MemoryChunkedFile};
 use rmpv::Value;
 use worker::*;
 
-/// A rospy node that answers every /chatter with an /echo.
-const ECHO: &str = r#"exec /usr/bin/python3 -u -c '
-import rospy, sys, os
-from std_msgs.msg import String
-rospy.init_node("echo")
-out = rospy.Publisher("/echo", String, queue_size=1000)
-rospy.Subscriber("/chatter", String, lambda m: out.publish("echo of " + m.data), queue_size=1000)
-print("gain is", rospy.get_param("/echo/gain", None), file=sys.stderr)
-rospy.spin()
-'"#;
-
 /// Ignores everything, and starts a daemon that does so too.
 const STUBBORN: &str = r#"
 trap '' INT TERM

@@ -64,6 +64,32 @@ fn play_selects_renames_steps_and_records_the_answers() {
 }
 
 #[test]
+fn play_reads_bags_without_an_index_damaged_and_of_format_1_2() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let _words = words(&graph, "/chatter");
+    let mut damaged = worker::bags::unindexed(50);
+    // The index of the chunk, and the end of its last message.
+    damaged.truncate(damaged.len() - (55 + 12 * 50) - 5);
+    for (name, bytes, count) in [
+        ("active", worker::bags::unindexed(50), 50),
+        ("old", worker::bags::old_format(50), 50),
+        ("damaged", damaged, 49),
+    ] {
+        let path = graph.folder.join(format!("{name}.bag"));
+        std::fs::write(&path, &bytes).unwrap();
+        let mut command = graph.command(AGENT, &["play", path.to_str().unwrap(), "--immediate"]);
+        let output = command.output().unwrap();
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(text.contains(&format!("{count} received, 0 dropped")), "{name}: {text}");
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(said.contains("are lost; the rest is played"), name == "damaged", "{said}");
+    }
+}
+
+#[test]
 fn play_says_what_it_waited_for_in_vain() {
     if without_ros() {
         return;
@@ -125,18 +151,96 @@ fn record_splits_compresses_and_takes_only_what_a_node_subscribes_to() {
     interrupt(&mut recorder);
     recorder.wait_for("1000 messages, ");
     let mut texts = Vec::new();
-    for part in 0.. {
-        let path = graph.folder.join(format!("part_{part}.bag"));
-        if !path.exists() {
-            break;
-        }
-        let bag = read(&path);
+    let parts = parts(&graph);
+    let info = rosbag_info(&graph, &parts);
+    assert_eq!(info.matches("compression: lz4\n").count(), parts.len(), "{info}");
+    for part in &parts {
+        let bag = read(Path::new(part));
         assert_eq!(bag.chunks()[0].compression.name(), "lz4");
         let timeline = bag.timeline(|_| true).unwrap();
         texts.extend(timeline.iter().map(|m| String::from_utf8(m.data[4..].to_vec()).unwrap()));
     }
     let expected: Vec<String> = (0..1_000).map(|number| format!("message {number}")).collect();
     assert_eq!(texts, expected);
+}
+
+/// The parts of part.bag, in order.
+fn parts(graph: &Graph) -> Vec<String> {
+    let path = |part| graph.folder.join(format!("part_{part}.bag"));
+    (0..).map(path).take_while(|path| path.exists()).map(|p| p.display().to_string()).collect()
+}
+
+/// What Debian's rosbag says of bags.
+fn rosbag_info(graph: &Graph, bags: &[String]) -> String {
+    let bags = bags.iter().map(String::as_str);
+    let arguments: Vec<&str> = ["info", "--yaml"].into_iter().chain(bags).collect();
+    graph.run("/usr/bin/rosbag", &arguments)
+}
+
+/// The sum of the numbers behind a key of rosbag's, where it is no topic's.
+fn sum(info: &str, key: &str) -> u64 {
+    info.lines()
+        .filter_map(|line| line.strip_prefix(key))
+        .map(|n| n.trim().parse::<u64>().unwrap())
+        .sum()
+}
+
+#[test]
+fn record_chooses_by_expression_and_splits_by_time_as_debian_s_rosbag_reads() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let bag = bag_of_chatter(&graph, 100);
+    let bag = bag.to_str().unwrap();
+    let out = graph.folder.join("part.bag");
+    let mut arguments = vec!["record", "/robot/.*", "--output", out.to_str().unwrap()];
+    arguments.extend(["--exclude", ".*/noise", "--compression", "bz2", "--split-duration", "0.3"]);
+    let mut recorder = graph.spawn(AGENT, &arguments);
+    let noise = ["play", bag, "--remap", "/chatter:=/robot/noise", "--subscribe-timeout", "2"];
+    let output = graph.command(AGENT, &noise).output().unwrap();
+    assert!(!output.status.success(), "somebody heard what is excluded");
+    graph.run(AGENT, &["play", bag, "--prefix", "robot"]);
+    interrupt(&mut recorder);
+    recorder.wait_for("100 messages, ");
+    let parts = parts(&graph);
+    assert!(parts.len() >= 3, "{parts:?}");
+    let info = rosbag_info(&graph, &parts);
+    assert_eq!(sum(&info, "messages: "), 100, "{info}");
+    assert_eq!(info.matches("compression: bz2\n").count(), parts.len(), "{info}");
+    assert_eq!(info.matches("topic: /robot/chatter\n").count(), parts.len(), "{info}");
+    assert_eq!(info.matches("topic: ").count(), parts.len(), "{info}");
+}
+
+#[test]
+fn debian_s_rosbag_records_what_we_play_and_we_record_what_it_plays() {
+    if without_ros() {
+        return;
+    }
+    let graph = Graph::start(TMP);
+    let bag = bag_of_chatter(&graph, 200);
+    let theirs = graph.folder.join("theirs.bag");
+    // The program behind `rosbag record`: it ends with its own Ctrl-C, not with its parent's.
+    let arguments = ["--output-name", theirs.to_str().unwrap(), "/chatter"];
+    let mut recorder = graph.spawn("/usr/lib/rosbag/record", &arguments);
+    // It subscribes with queues of 100: at full speed it would lose some, and be told of.
+    let played = graph.run(AGENT, &["play", bag.to_str().unwrap(), "--rate", "4"]);
+    assert!(played.contains("200 received, 0 dropped"), "{played}");
+    interrupt(&mut recorder);
+    wait_until("its bag is whole", || theirs.exists());
+    assert_eq!(read(&theirs).message_count(), 200);
+
+    let ours = graph.folder.join("ours.bag");
+    let arguments = ["record", "/again", "--output", ours.to_str().unwrap(), "--limit", "200"];
+    let mut recorder = graph.spawn(AGENT, &arguments);
+    let mut arguments = vec!["play", "--quiet", "--wait-for-subscribers", "--rate", "4"];
+    arguments.extend([theirs.to_str().unwrap(), "/chatter:=/again"]);
+    graph.run("/usr/bin/rosbag", &arguments);
+    wait_until("it has its 200", || recorder.has_ended());
+    let recorded = read(&ours);
+    let timeline = recorded.timeline(|_| true).unwrap();
+    let texts = timeline.iter().map(|m| String::from_utf8(m.data[4..].to_vec()).unwrap());
+    assert!(texts.eq((0..200).map(|number| format!("message {number}"))));
 }
 
 #[test]

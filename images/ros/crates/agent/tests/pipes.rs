@@ -108,11 +108,11 @@ fn damage_in_a_frame_is_named_by_its_offset() {
     };
     let path = agent.slot(0).join("to-agent");
     let raw = bagpipe_pipe::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
-    rustix::io::write(&raw, b"BPIP\x01\x09\0\0\x10\0\0\0\x01\0\0\0abcd").unwrap();
+    rustix::io::write(&raw, b"BPIP\x01\x0a\0\0\x10\0\0\0\x01\0\0\0abcd").unwrap();
     let abort = answer(link).abort();
     assert_eq!(abort.reason, "ProtocolError");
     let expected = format!(
-        "the frame at byte {sent} of the stream has a wrong type: expected 1 to 7, found 9"
+        "the frame at byte {sent} of the stream has a wrong type: expected 1 to 9, found 10"
     );
     assert_eq!(abort.message, expected);
     assert_eq!(abort.session, format!("{:032x}", 1));
@@ -176,6 +176,12 @@ fn a_hello_that_cannot_be_is_refused_with_a_sentence() {
     let abort: bagpipe_pipe::Abort = from_map(&first_frame(&mut link).unwrap().payload).unwrap();
     assert_eq!(abort.message, "a session is 32 hexadecimal digits, and \"short\" came");
     assert_eq!(abort.session, "short");
+    drop(link);
+
+    let mut link = agent.greet(0, rmpv::Value::Nil);
+    let abort = answer(&mut link).abort();
+    assert_eq!(abort.reason, "ProtocolError");
+    assert!(abort.message.starts_with("HELLO has no case, and an agent's slot runs"), "{abort:?}");
     drop(link);
 
     let mut link = agent.greet(0, map(&[("id", "x".into())]));

@@ -6,6 +6,8 @@ mod worker;
 use std::os::unix::fs::PermissionsExt;
 use std::process::{Command, Output};
 
+use worker::bags::{old_format, unindexed};
+
 fn agent(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_bagpipe-agent")).args(arguments).output().unwrap()
 }
@@ -125,4 +127,69 @@ fn reindex_saves_what_check_complains_about() {
     let text = said(&["reindex", &from, "-o", &saved]);
     assert!(text.contains("damaged at byte 6000"), "{text}");
     assert!(said(&["check", &saved]).contains("whole messages"));
+}
+
+#[test]
+fn bags_without_an_index_and_of_format_1_2_are_read_by_every_verb() {
+    let (_folder, path) = folder_with(1);
+    // In 2.0 the last chunk's index stands behind the last message: 55 bytes, 12 for each.
+    for (name, bytes, format, behind) in
+        [("active", unindexed(50), "2.0", 55 + 12 * 50), ("old", old_format(50), "1.2", 0)]
+    {
+        let file = |suffix: &str| path(&format!("{name}{suffix}"));
+        let (from, part, both) = (file(".bag"), file("-part.bag"), file("-both.bag"));
+        std::fs::write(&from, &bytes).unwrap();
+        let text = said(&["info", &from]);
+        for line in [
+            format!("format     {format}\n"),
+            "time       100.000000000 to 100.490000000\n".to_owned(),
+            "messages   50\n".to_owned(),
+            "/chatter          50  std_msgs/String".to_owned(),
+        ] {
+            assert!(text.contains(&line), "{name}: {text}");
+        }
+        assert_eq!(said(&["check", &from]), format!("{from}: 50 whole messages\n"));
+        let text = said(&["slice", &from, "--end", "0.25", "-o", &part]);
+        assert!(text.contains(": 25 messages, "), "{name}: {text}");
+        let text = said(&["merge", &from, &part, "-o", &both]);
+        assert_eq!(text, format!("{both}: 75 messages of 2 bags\n"));
+        assert_eq!(said(&["check", &both]), format!("{both}: 75 whole messages\n"));
+        // Cut, both say how much is lost.
+        std::fs::write(&from, &bytes[..bytes.len() - behind - 5]).unwrap();
+        let text = complaint(&["check", &from]);
+        assert!(text.contains("damaged at byte "), "{name}: {text}");
+        assert!(text.contains(" bytes and ") && text.contains("are lost"), "{name}: {text}");
+        let text = complaint(&["slice", &from, "-o", &file("-never.bag")]);
+        assert!(text.contains("are lost; `bagpipe-agent reindex` saves"), "{name}: {text}");
+        let saved = file("-saved.bag");
+        assert!(said(&["reindex", &from, "-o", &saved]).contains(": 49 messages, "));
+        assert_eq!(said(&["check", &saved]), format!("{saved}: 49 whole messages\n"));
+    }
+}
+
+#[test]
+fn a_memory_budget_holds_for_every_verb_that_reads() {
+    let (_folder, path) = folder_with(2_000);
+    let (plain, packed, out) = (path("chatter.bag"), path("packed.bag"), path("out.bag"));
+    said(&["slice", &plain, "--end", "19", "--compression", "bz2", "-o", &packed]);
+    let small = ["--memory-budget", "1KiB"];
+    for arguments in [
+        &["check", &packed][..],
+        &["reindex", &packed, "-o", &out],
+        &["slice", &packed, "--end", "1", "-o", &out],
+        &["merge", &packed, &packed, "-o", &out],
+    ] {
+        let text = complaint(&[arguments, &small].concat());
+        let expected = "bytes of memory, and the limit leaves 1024; --memory-budget allows more";
+        assert!(text.contains(expected), "{arguments:?}: {text}");
+        let enough = [arguments, &["--memory-budget", "1MiB"]].concat();
+        said(&enough);
+        if arguments.contains(&"-o") {
+            std::fs::remove_file(&out).unwrap();
+        }
+    }
+    let old = path("old.bag");
+    std::fs::write(&old, old_format(50)).unwrap();
+    let text = complaint(&[&["info", &old][..], &small].concat());
+    assert!(text.contains("--memory-budget allows more"), "{text}");
 }

@@ -10,8 +10,12 @@ use crate::record::{
     read_bytes, time_at, u32_at, u64_at,
 };
 use crate::scan::scan;
-use crate::upgrade::OLD_MAGIC;
-use crate::{BagError, ChunkInfo, ChunkedFile, Compression, Connection, Loss, MAGIC, Timeline};
+use crate::unpack::chunk_bytes;
+use crate::upgrade::{Old, is_old, read_old};
+use crate::{
+    BagError, ChunkInfo, ChunkedFile, Compression, Connection, Loss, MAGIC, Messages, Timeline,
+    Window,
+};
 
 /// How much memory reading a bag may take beside the bag's own bytes.
 #[derive(Debug, Clone, Copy)]
@@ -42,7 +46,7 @@ struct Start {
     chunks: u32,
 }
 
-/// A bag 2.0 over any [`ChunkedFile`].
+/// A bag 2.0, or 1.2, over any [`ChunkedFile`].
 #[derive(Debug)]
 pub struct Bag<F: ChunkedFile> {
     pub(crate) file: F,
@@ -56,12 +60,15 @@ pub struct Bag<F: ChunkedFile> {
     pub(crate) made_bytes: AtomicU64,
     pub(crate) limits: Limits,
     pub(crate) loss: Option<Loss>,
+    /// Set for a bag of format 1.2: its chunks are made, and lie nowhere in the file.
+    pub(crate) old: Option<Old>,
 }
 
 impl<F: ChunkedFile> Bag<F> {
     /// Opens a bag by its index (only its tail and its chunks' headers are read). Without
     /// an index, or with one that is damaged, its records are scanned as by
-    /// [`Bag::open_unindexed`].
+    /// [`Bag::open_unindexed`]. A bag of format 1.2 is read into memory as what it would be
+    /// in 2.0.
     pub fn open(file: F) -> Result<Self, BagError> {
         Self::open_limited(file, Limits::default())
     }
@@ -69,6 +76,9 @@ impl<F: ChunkedFile> Bag<F> {
     /// [`Bag::open`] with bounded memory.
     pub fn open_limited(file: F, limits: Limits) -> Result<Self, BagError> {
         let mut bag = Self::empty(file, limits);
+        if is_old(&bag.file) {
+            return read_old(bag);
+        }
         let Start { index_position, first, chunks } = bag.read_file_header()?;
         if index_position == 0 {
             return scan(bag, first, None);
@@ -82,6 +92,17 @@ impl<F: ChunkedFile> Bag<F> {
         }
     }
 
+    /// By the index alone: `None` when there is none, and damage is an error.
+    pub(crate) fn open_by_index(file: F, limits: Limits) -> Result<Option<Self>, BagError> {
+        let mut bag = Self::empty(file, limits);
+        let Start { index_position, chunks, .. } = bag.read_file_header()?;
+        if index_position == 0 {
+            return Ok(None);
+        }
+        bag.read_index(index_position, chunks)?;
+        Ok(Some(bag))
+    }
+
     /// Reads every record from the front and never trusts the index: every whole message
     /// before damage is kept, and [`Bag::loss`] says what was lost.
     pub fn open_unindexed(file: F) -> Result<Self, BagError> {
@@ -91,6 +112,9 @@ impl<F: ChunkedFile> Bag<F> {
     /// [`Bag::open_unindexed`] with bounded memory.
     pub fn open_unindexed_limited(file: F, limits: Limits) -> Result<Self, BagError> {
         let bag = Self::empty(file, limits);
+        if is_old(&bag.file) {
+            return read_old(bag);
+        }
         let Start { first, .. } = bag.read_file_header()?;
         scan(bag, first, None)
     }
@@ -108,6 +132,11 @@ impl<F: ChunkedFile> Bag<F> {
     /// All chunks, in file order.
     pub fn chunks(&self) -> &[ChunkInfo] {
         &self.chunks
+    }
+
+    /// The format of the file: `2.0`, or `1.2`, whose chunks are made when it is opened.
+    pub fn format(&self) -> &'static str {
+        if self.old.is_some() { "1.2" } else { "2.0" }
     }
 
     /// What was lost to damage; `None` when the bag is whole as far as it has been read.
@@ -143,7 +172,32 @@ impl<F: ChunkedFile> Bag<F> {
     /// by time, then chunk, then offset. Chunks without such a connection are not touched.
     /// Damage that [`Bag::loss`] does not already tell is an error.
     pub fn timeline(&self, filter: impl Fn(&Connection) -> bool) -> Result<Timeline<'_>, BagError> {
-        Timeline::build(self, filter)
+        Timeline::build(self, Window::default(), filter)
+    }
+
+    /// The same without touching chunks that lie outside the window as a whole, by the times
+    /// that the index tells. Messages of the others are all there: [`Timeline::between`] cuts
+    /// exactly.
+    pub fn timeline_near(
+        &self,
+        window: Window,
+        filter: impl Fn(&Connection) -> bool,
+    ) -> Result<Timeline<'_>, BagError> {
+        Timeline::build(self, window, filter)
+    }
+
+    /// A chunk's uncompressed data, by its place in [`Bag::chunks`]: the file's own bytes where
+    /// they lie in memory uncompressed, else made once and kept for as long as the bag. `None`
+    /// when there is no such chunk.
+    pub fn chunk_data(&self, at: usize) -> Option<Result<&[u8], BagError>> {
+        (at < self.chunks.len()).then(|| chunk_bytes(self, at))
+    }
+
+    /// The same messages in the same order, one pass through the bag: for whoever needs each
+    /// once and neither their number nor their places. An error of a chunk comes when its
+    /// turn comes.
+    pub fn messages(&self, filter: impl Fn(&Connection) -> bool) -> Messages<'_, F> {
+        Messages::new(self, filter)
     }
 
     fn empty(file: F, limits: Limits) -> Self {
@@ -156,6 +210,7 @@ impl<F: ChunkedFile> Bag<F> {
             made_bytes: AtomicU64::new(0),
             limits,
             loss: None,
+            old: None,
         }
     }
 
@@ -182,9 +237,6 @@ impl<F: ChunkedFile> Bag<F> {
     fn read_file_header(&self) -> Result<Start, BagError> {
         let length = self.file.len().min(MAGIC.len() as u64) as u32;
         let line = read_bytes(&self.file, 0, length, "the first line")?;
-        if *line == OLD_MAGIC[..] {
-            return Err(BagError::OldFormat);
-        }
         if *line != MAGIC[..] {
             let found = format!("{:?}", String::from_utf8_lossy(&line));
             return Err(BagError::NotABag { found });
@@ -239,6 +291,14 @@ impl<F: ChunkedFile> Bag<F> {
         }
         infos.sort_by_key(|chunk| chunk.position);
         for chunk in infos {
+            // By these numbers chunks are passed over: a wrong one would hide messages.
+            if let Some((id, _)) = chunk.counts.iter().find(|(id, _)| !self.by_id.contains_key(id))
+            {
+                let at = chunk.position;
+                let expected =
+                    format!("declared connections in the chunk at byte {at}, found {id}");
+                return Err(BagError::damaged(position, expected));
+            }
             self.add_chunk(chunk, None);
         }
         // A tail that was cut between two records looks whole but for the count.

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::{Bag, BagError, ChunkedFile, Connection, Loss};
+use crate::{Bag, BagError, ChunkedFile, Connection, Limits, Loss};
 
 /// What a look at every record has found.
 #[derive(Debug)]
@@ -25,19 +25,29 @@ impl Checked {
 /// Reads every record of the bag, uncompresses every chunk, and compares what it finds with
 /// what the index says.
 pub fn check<F: ChunkedFile>(file: &F) -> Result<Checked, BagError> {
-    let scanned = Bag::open_unindexed(file)?;
+    check_limited(file, Limits::default())
+}
+
+/// [`check`] with bounded memory; what needs more is an error.
+pub fn check_limited<F: ChunkedFile>(file: &F, limits: Limits) -> Result<Checked, BagError> {
+    let scanned = Bag::open_unindexed_limited(file, limits)?;
     let mut problems = Vec::new();
-    match Bag::open(file) {
-        Ok(indexed) if indexed.loss().is_none() => compare(&indexed, &scanned, &mut problems),
-        Ok(indexed) => {
-            let loss = indexed.loss().map(|loss| (loss.offset, &*loss.description));
-            let (offset, expected) = loss.unwrap_or_default();
-            problems.push(format!("the index is unusable: byte {offset}: expected {expected}"));
+    let messages = scanned.message_count();
+    if let Some(old) = &scanned.old {
+        // Where something is lost, its end and so the index may be.
+        let counted = old.indexed.filter(|_| scanned.loss().is_none()).unwrap_or(messages);
+        if counted != messages {
+            problems
+                .push(format!("the index counts {counted} messages, and the bag holds {messages}"));
         }
-        Err(error) => problems.push(format!("the index is unusable: {error}")),
+    } else {
+        match Bag::open_by_index(file, limits) {
+            Ok(Some(indexed)) => compare(&indexed, &scanned, &mut problems),
+            Ok(None) => {}
+            Err(error) => problems.push(format!("the index is unusable: {error}")),
+        }
     }
     types(scanned.connections(), &mut problems);
-    let messages = scanned.message_count();
     Ok(Checked { messages, loss: scanned.loss().cloned(), problems })
 }
 

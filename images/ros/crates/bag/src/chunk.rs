@@ -1,12 +1,14 @@
 //! The records inside a chunk's uncompressed data.
 
-use crate::Connection;
 use crate::record::{self, Defect, Fields, MAX_HEADER, OP_CONNECTION, OP_MESSAGE, time_at, u32_at};
+use crate::{Connection, ahead};
 
 /// Bytes of a MESSAGE record without data: no message takes less.
 pub(crate) const LEAST_MESSAGE: u64 = 46;
 /// Bytes of a MESSAGE record's header as everybody writes it.
 const MESSAGE_HEADER: usize = 38;
+/// How many records ahead memory is asked for.
+pub(crate) const AHEAD: usize = 16;
 
 /// One record of a chunk.
 #[derive(Debug)]
@@ -57,7 +59,10 @@ impl<'a> ChunkWalk<'a> {
         }
         let start = self.at + 4 + MESSAGE_HEADER;
         self.at = start + 4 + length;
-        ask_ahead(data, length, length + LEAST_MESSAGE as usize);
+        // Messages of a topic are mostly of one length, so this is where a later one should be.
+        if let Some(far) = (length + LEAST_MESSAGE as usize).checked_mul(AHEAD) {
+            ahead::ask(rest, far, LEAST_MESSAGE as usize);
+        }
         // Chunks end below 4 GiB because their size is a u32.
         Some(Usual { connection, time, start: start as u32, end: self.at as u32 })
     }
@@ -126,19 +131,6 @@ fn usual_header(header: &[u8; MESSAGE_HEADER]) -> Option<(u32, u64)> {
         return None;
     };
     Some((connection, time_at(header, 30)?))
-}
-
-/// How many records ahead memory is asked for.
-const AHEAD: usize = 16;
-
-/// Each record's length says where the next one is, so that the processor would wait for
-/// memory at every one. Messages of a topic are mostly of one length: a load from where a later
-/// one should be starts early and is waited for by nobody.
-#[inline]
-fn ask_ahead(bytes: &[u8], end: usize, length: usize) {
-    if let Some(byte) = length.checked_mul(AHEAD - 1).and_then(|far| bytes.get(end + far)) {
-        std::hint::black_box(*byte);
-    }
 }
 
 /// One pass over the fields, in whatever order they come.

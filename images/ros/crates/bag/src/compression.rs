@@ -55,20 +55,24 @@ impl Compression {
         (bytes, wrong)
     }
 
-    /// Compresses a whole chunk into `out`, in place of what it holds.
-    pub(crate) fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
-        out.clear();
+    /// Compresses a whole chunk into `out`, in place of what it holds, and returns how many
+    /// of its bytes the chunk takes: what lies behind them is left, not to be cleared again.
+    pub(crate) fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
         match self {
-            Self::None => out.extend_from_slice(data),
+            Self::None => {
+                out.clear();
+                out.extend_from_slice(data);
+                Ok(data.len())
+            }
             Self::Bz2 => {
+                out.clear();
                 // Level 9 is what rosbag writes.
                 let mut encoder = bzip2::write::BzEncoder::new(out, bzip2::Compression::best());
                 encoder.write_all(data)?;
-                encoder.finish()?;
+                Ok(encoder.finish()?.len())
             }
-            Self::Lz4 => lz4::frame_into(data, out)?,
+            Self::Lz4 => lz4::frame_into(data, out),
         }
-        Ok(())
     }
 }
 

@@ -1,32 +1,48 @@
 //! Compressing chunks beside the thread that fills them.
 
 use std::collections::VecDeque;
-use std::thread::{self, JoinHandle};
-use std::{io, mem};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::{io, mem, thread};
 
 use crate::unpack::threads;
 use crate::{BagError, Compression};
 
-/// Smaller chunks are compressed sooner than a thread starts.
+/// Smaller chunks are compressed sooner than another thread takes them over.
 const LEAST_BYTES: usize = 64 << 10;
+/// So many chunks more than processors may be under way, so that a thread that has finished one
+/// finds the next while the caller fills another.
+const EXTRA: usize = 1;
 
-/// A chunk on its way: compressed, or being so.
+/// A chunk to be compressed; the buffers are used again.
 #[derive(Debug)]
-enum Work {
-    Done(Vec<u8>),
-    Running(JoinHandle<Job>),
+struct Task {
+    compression: Compression,
+    raw: Vec<u8>,
+    small: Vec<u8>,
+    done: SyncSender<Job>,
 }
 
-/// A chunk before and after, and whether it went well; the buffers are used again.
+/// A chunk before and after; `used` are the bytes of `small` that it takes now.
+#[derive(Debug)]
 struct Job {
     raw: Vec<u8>,
     small: Vec<u8>,
-    outcome: io::Result<()>,
+    used: io::Result<usize>,
+}
+
+impl Task {
+    fn run(self) {
+        let Self { compression, raw, mut small, done } = self;
+        let used = compression.compress(&raw, &mut small);
+        // Who no longer waits for it has dropped the whole bag.
+        let _ = done.send(Job { raw, small, used });
+    }
 }
 
 #[derive(Debug)]
 struct Flight<T> {
-    work: Work,
+    job: Receiver<Job>,
     /// Bytes before compression.
     length: u32,
     rest: T,
@@ -34,18 +50,25 @@ struct Flight<T> {
 
 /// A compressed chunk, in the order in which it was given.
 pub(crate) struct Compressed<T> {
-    pub bytes: Vec<u8>,
+    /// Its bytes are the first `used` ones.
+    pub buffer: Vec<u8>,
+    pub used: usize,
+    /// Bytes before compression.
     pub length: u32,
     /// What was given along with it.
     pub rest: T,
 }
 
-/// A bounded queue of chunks; each comes out compressed, in order.
+/// A bounded queue of chunks; each comes out compressed, in order. As many threads as there
+/// are processors work at it: the caller is one of them, once the queue is full.
 #[derive(Debug)]
 pub(crate) struct Compressor<T> {
     compression: Compression,
     flights: VecDeque<Flight<T>>,
-    most: usize,
+    tasks: Sender<Task>,
+    waiting: Arc<Mutex<Receiver<Task>>>,
+    /// How many threads have been asked for.
+    workers: usize,
     spare_raw: Vec<Vec<u8>>,
     spare_small: Vec<Vec<u8>>,
     /// Bytes before compression of all that is in the queue.
@@ -54,10 +77,13 @@ pub(crate) struct Compressor<T> {
 
 impl<T> Compressor<T> {
     pub fn new(compression: Compression) -> Self {
+        let (tasks, waiting) = channel();
         Self {
             compression,
             flights: VecDeque::new(),
-            most: threads() + 1,
+            tasks,
+            waiting: Arc::new(Mutex::new(waiting)),
+            workers: 0,
             spare_raw: Vec::new(),
             spare_small: Vec::new(),
             bytes: 0,
@@ -71,57 +97,125 @@ impl<T> Compressor<T> {
 
     /// Takes the chunk out of `chunk`, which is empty then and may be filled again.
     pub fn push(&mut self, chunk: &mut Vec<u8>, rest: T) -> Result<(), BagError> {
-        let (compression, length) = (self.compression, chunk.len() as u32);
-        let mut small = self.spare_small.pop().unwrap_or_default();
-        let work = if chunk.len() < LEAST_BYTES {
-            compression.compress(chunk, &mut small).map_err(BagError::Compress)?;
-            chunk.clear();
-            Work::Done(small)
+        let length = chunk.len() as u32;
+        let raw = mem::replace(chunk, self.spare_raw.pop().unwrap_or_default());
+        let small = self.spare_small.pop().unwrap_or_default();
+        let (done, job) = sync_channel(1);
+        let task = Task { compression: self.compression, raw, small, done };
+        if length < LEAST_BYTES as u32 {
+            task.run();
         } else {
-            let raw = mem::replace(chunk, self.spare_raw.pop().unwrap_or_default());
-            let job = move || {
-                let outcome = compression.compress(&raw, &mut small);
-                Job { raw, small, outcome }
-            };
-            let spawned = thread::Builder::new().name("compress".to_owned()).spawn(job);
-            Work::Running(spawned.map_err(BagError::Compress)?)
-        };
+            self.start_worker();
+            let gone = |_| BagError::Compress(io::Error::other("its queue is gone"));
+            self.tasks.send(task).map_err(gone)?;
+        }
         self.bytes += u64::from(length);
-        self.flights.push_back(Flight { work, length, rest });
+        self.flights.push_back(Flight { job, length, rest });
         Ok(())
+    }
+
+    /// Starts one more thread, up to as many as there are other processors.
+    fn start_worker(&mut self) {
+        if self.workers >= threads().saturating_sub(1).max(1) {
+            return;
+        }
+        self.workers += 1;
+        let waiting = Arc::clone(&self.waiting);
+        let work = move || {
+            loop {
+                // The lock is given back before the work begins, and the end of the bag ends
+                // the wait.
+                let task = waiting.lock().unwrap_or_else(PoisonError::into_inner).recv();
+                match task {
+                    Ok(task) => task.run(),
+                    Err(_) => return,
+                }
+            }
+        };
+        // A thread that can't start leaves its part to the others, and to the caller.
+        let _ = thread::Builder::new().name("compress".to_owned()).spawn(work);
+    }
+
+    /// Compresses a chunk that no thread has taken yet; false when there is none.
+    fn help(&self) -> bool {
+        let task = match self.waiting.try_lock() {
+            Ok(waiting) => waiting.try_recv().ok(),
+            Err(TryLockError::Poisoned(waiting)) => waiting.into_inner().try_recv().ok(),
+            // A thread waits there for a chunk: there is none, or that thread takes it.
+            Err(TryLockError::WouldBlock) => None,
+        };
+        task.map(Task::run).is_some()
     }
 
     /// The next chunk if it is ready; waits for it when the queue is full, or `all` must come.
     pub fn pop(&mut self, all: bool) -> Result<Option<Compressed<T>>, BagError> {
-        let full = self.flights.len() >= self.most;
-        let ready = match self.flights.front() {
-            None => return Ok(None),
-            Some(Flight { work: Work::Running(job), .. }) => job.is_finished(),
-            Some(_) => true,
+        let must = all || self.flights.len() > threads() + EXTRA;
+        let died = || BagError::Compress(io::Error::other("its thread died"));
+        let job = loop {
+            let Some(first) = self.flights.front() else { return Ok(None) };
+            match first.job.try_recv() {
+                Ok(job) => break job,
+                Err(TryRecvError::Disconnected) => return Err(died()),
+                Err(TryRecvError::Empty) if !must => return Ok(None),
+                Err(TryRecvError::Empty) => {}
+            }
+            if !self.help() {
+                break first.job.recv().map_err(|_| died())?;
+            }
         };
-        if !(ready || full || all) {
-            return Ok(None);
-        }
-        let Some(Flight { work, length, rest }) = self.flights.pop_front() else {
+        let Some(Flight { length, rest, .. }) = self.flights.pop_front() else {
             return Ok(None);
         };
         self.bytes -= u64::from(length);
-        let bytes = match work {
-            Work::Done(bytes) => bytes,
-            Work::Running(job) => {
-                let died = |_| BagError::Compress(io::Error::other("its thread died"));
-                let Job { mut raw, small, outcome } = job.join().map_err(died)?;
-                raw.clear();
-                self.spare_raw.push(raw);
-                outcome.map_err(BagError::Compress)?;
-                small
-            }
-        };
-        Ok(Some(Compressed { bytes, length, rest }))
+        let Job { mut raw, small: buffer, used } = job;
+        raw.clear();
+        self.spare_raw.push(raw);
+        Ok(Some(Compressed { used: used.map_err(BagError::Compress)?, buffer, length, rest }))
     }
 
-    /// Takes back the bytes of a chunk that came out, to be used again.
-    pub fn give_back(&mut self, bytes: Vec<u8>) {
-        self.spare_small.push(bytes);
+    /// Takes back the buffer of a chunk that came out, to be used again.
+    pub fn give_back(&mut self, buffer: Vec<u8>) {
+        self.spare_small.push(buffer);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Compressed, Compressor, EXTRA, LEAST_BYTES};
+    use crate::Compression;
+    use crate::unpack::threads;
+
+    #[test]
+    fn chunks_of_all_sizes_come_out_whole_and_in_order() {
+        let chunk = |number: usize| -> Vec<u8> {
+            let length = [10, LEAST_BYTES, 3 * LEAST_BYTES + number][number % 3];
+            (0..length).map(|at| (at / 9 * (number + 1)) as u8).collect()
+        };
+        for compression in [Compression::Lz4, Compression::Bz2] {
+            let mut compressor = Compressor::new(compression);
+            let mut next = 0;
+            let mut check = |out: Compressed<usize>, compressor: &mut Compressor<usize>| {
+                assert_eq!(out.rest, next);
+                let (bytes, wrong) = compression.decompress(&out.buffer[..out.used], out.length);
+                assert!(wrong.is_none() && bytes == chunk(next), "{wrong:?} in chunk {next}");
+                compressor.give_back(out.buffer);
+                next += 1;
+            };
+            for number in 0..40 {
+                let mut filled = chunk(number);
+                compressor.push(&mut filled, number).unwrap();
+                assert!(filled.is_empty());
+                while let Some(out) = compressor.pop(false).unwrap() {
+                    check(out, &mut compressor);
+                }
+                // A fast writer does not fill memory with what waits.
+                assert!(compressor.flights.len() <= threads() + EXTRA);
+            }
+            while let Some(out) = compressor.pop(true).unwrap() {
+                check(out, &mut compressor);
+            }
+            assert_eq!((next, compressor.bytes()), (40, 0));
+            assert!(compressor.spare_small.len() <= threads() + EXTRA + 1);
+        }
     }
 }

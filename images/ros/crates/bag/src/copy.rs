@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use crate::build::{index_record, ros_time};
 use crate::chunk::{ChunkRecord, ChunkWalk};
 use crate::record::{Fields, FileRecord, OP_INDEX, read_bytes};
-use crate::unpack::chunk_bytes;
+use crate::unpack::passing_bytes;
 use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression};
 
 /// Ids below this, and below eight times as many as there are connections, are kept: recorders
@@ -49,8 +49,8 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
     /// Writes those messages of a chunk that `keep` says of (connection, time).
     pub fn messages(&mut self, at: usize, keep: impl Fn(u32, u64) -> bool) -> Result<(), BagError> {
         let chunk = &self.bag.chunks[at];
-        let bytes = chunk_bytes(self.bag, at)?;
-        let mut walk = ChunkWalk::new(bytes.get(..chunk.usable as usize).unwrap_or(bytes));
+        let bytes = passing_bytes(self.bag, at)?;
+        let mut walk = ChunkWalk::new(bytes.get(..chunk.usable as usize).unwrap_or(&bytes));
         while let Some(record) =
             walk.next_record().map_err(|bad| chunk.damaged(bad.at as u64, &bad.expected))?
         {
@@ -69,7 +69,7 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
         let known = |(id, _): &(u32, u32)| {
             self.ids.get(id).is_some_and(|here| here == id && self.writer.declares(*id))
         };
-        if chunk.damaged || !chunk.counts.iter().all(known) {
+        if chunk.damaged || self.bag.old.is_some() || !chunk.counts.iter().all(known) {
             return Ok(false);
         }
         let Some(index) = kept_index(&self.bag.file, chunk) else {
@@ -81,11 +81,11 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
     /// The same without the file's own INDEX records: they are made from the chunk's messages.
     pub fn whole_with_new_index(&mut self, at: usize) -> Result<bool, BagError> {
         let chunk = &self.bag.chunks[at];
-        if chunk.damaged {
+        if chunk.damaged || self.bag.old.is_some() {
             return Ok(false);
         }
-        let bytes = chunk_bytes(self.bag, at)?;
-        let mut walk = ChunkWalk::new(bytes);
+        let bytes = passing_bytes(self.bag, at)?;
+        let mut walk = ChunkWalk::new(&bytes);
         let mut entries: HashMap<u32, Vec<u8>> = HashMap::new();
         let mut declared: Vec<u32> = Vec::new();
         let mut offset = 0u32;

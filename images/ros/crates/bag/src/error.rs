@@ -13,17 +13,20 @@ pub enum BagError {
         /// What the system said.
         source: std::io::Error,
     },
+    /// The file that a bag is spilled to could not be written.
+    #[error("the bag cannot be written on from byte {offset}: {source}")]
+    Unwritten {
+        /// Byte offset in the file.
+        offset: u64,
+        /// What the system said.
+        source: std::io::Error,
+    },
     /// The first line is not that of a bag that this crate reads.
     #[error("byte 0: expected the line \"#ROSBAG V2.0\", found {found}")]
     NotABag {
         /// What stands there, printable.
         found: String,
     },
-    /// A bag of the format before chunks.
-    #[error(
-        "byte 0: a bag of format 1.2; write it as 2.0 first: bagpipe-agent reindex FILE -o NEW"
-    )]
-    OldFormat,
     /// The bag is encrypted.
     #[error("the bag is encrypted with {encryptor:?}; decrypt it with `rosbag encrypt` first")]
     Encrypted {
@@ -40,18 +43,19 @@ pub enum BagError {
     },
     /// Reading on would need more memory than the caller allowed.
     #[error(
-        "byte {offset}: the chunk needs {needed} bytes of memory, and the limit leaves {allowed}"
+        "byte {offset}: what lies there needs {needed} bytes of memory, and the limit leaves \
+         {allowed}"
     )]
     MemoryLimit {
-        /// Byte offset of the chunk in the file.
+        /// Byte offset of the chunk, or the record, in the file.
         offset: u64,
-        /// Bytes that the chunk declares.
+        /// Bytes that it declares.
         needed: u64,
         /// Bytes that are left of the limit.
         allowed: u64,
     },
     /// Writing on would exceed the writer's byte budget.
-    #[error("the recording would grow to {needed} bytes, over its budget of {budget}")]
+    #[error("the bag would grow to {needed} bytes, over its budget of {budget}")]
     BudgetExceeded {
         /// The budget in bytes.
         budget: u64,
@@ -76,7 +80,7 @@ impl BagError {
             Self::Io { offset, .. }
             | Self::Damaged { offset, .. }
             | Self::MemoryLimit { offset, .. } => Some(*offset),
-            Self::NotABag { .. } | Self::OldFormat => Some(0),
+            Self::NotABag { .. } => Some(0),
             _ => None,
         }
     }

@@ -1,4 +1,4 @@
-//! ROS 1 bags (format 2.0) in memory: open, order, write.
+//! ROS 1 bags (format 2.0; 1.2 is read as well) in memory: open, order, write.
 //!
 //! Two layers: [`Bag`] understands records, chunks and connections; below it a
 //! [`ChunkedFile`] hands out bytes, from memory ([`MemoryChunkedFile`]) or from a file
@@ -6,13 +6,13 @@
 //! bytes come with the length before them, which together are its TCPROS frame.
 //!
 //! Beside that: [`slice`], [`merge`], [`reindex`] (which also writes bags of format 1.2 as 2.0)
-//! and [`check`].
+//! and [`check`]. Each has a twin whose memory is bounded by [`Limits`].
 //!
 //! Not for: deserialising messages, or encrypted bags (refused with a sentence).
 //! Input is not trusted: every length is checked before it is believed, and errors name
 //! the byte offset and what was expected there.
-#![forbid(unsafe_code)]
 
+mod ahead;
 mod bag;
 mod build;
 mod check;
@@ -22,8 +22,11 @@ mod compressor;
 mod copy;
 mod error;
 mod file;
+#[cfg(feature = "fuzzing")]
+pub mod fuzzing;
 mod lz4;
 mod merge;
+mod messages;
 mod model;
 mod record;
 mod reindex;
@@ -35,15 +38,16 @@ mod upgrade;
 mod writer;
 
 pub use bag::{Bag, Limits};
-pub use check::{Checked, check};
+pub use check::{Checked, check, check_limited};
 pub use compression::Compression;
 pub use error::BagError;
 pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
 pub use merge::merge;
+pub use messages::Messages;
 pub use model::{ChunkInfo, Connection, Loss, Message};
-pub use reindex::{Reindexed, reindex};
+pub use reindex::{Reindexed, reindex, reindex_limited};
 pub use slice::{Sliced, Window, slice};
-pub use timeline::{Timeline, TimelineIter};
+pub use timeline::{Place, Timeline, TimelineIter};
 pub use writer::{BagWriter, WriterOptions};
 
 /// The line that every bag 2.0 begins with.

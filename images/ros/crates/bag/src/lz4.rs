@@ -63,30 +63,38 @@ const WRITTEN: u8 = USUAL_VERSION | CONTENT_CHECKSUM;
 const WRITTEN_BLOCKS: u8 = 6 << 4;
 const BLOCK: usize = 1 << 20;
 
-/// Appends `data` to `out` as a frame.
-pub(crate) fn frame_into(data: &[u8], out: &mut Vec<u8>) -> io::Result<()> {
-    out.extend_from_slice(&MAGIC.to_le_bytes());
+/// Magic, flags, largest block, and their checksum.
+const HEADER: usize = 7;
+
+/// Writes `data` as a frame into the first bytes of `out`, which grows where it must, and
+/// returns how many these are.
+pub(crate) fn frame_into(data: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
+    // A block is stored where it would grow: only one at a time needs more room than it has.
+    let sizes = 4 * data.len().div_ceil(BLOCK);
+    let most = HEADER + sizes + lz4_flex::block::get_maximum_output_size(data.len()) + 8;
+    if out.len() < most {
+        out.resize(most, 0);
+    }
     let descriptor = [WRITTEN, WRITTEN_BLOCKS];
-    out.extend_from_slice(&descriptor);
-    out.push((hash(&descriptor) >> 8) as u8);
+    out[..4].copy_from_slice(&MAGIC.to_le_bytes());
+    out[4..6].copy_from_slice(&descriptor);
+    out[6] = (hash(&descriptor) >> 8) as u8;
+    let mut at = HEADER;
     for block in data.chunks(BLOCK) {
-        let at = out.len() + 4;
-        out.resize(at + lz4_flex::block::get_maximum_output_size(block.len()), 0);
-        let length =
-            lz4_flex::block::compress_into(block, &mut out[at..]).map_err(io::Error::other)?;
+        let room = &mut out[at + 4..];
+        let length = lz4_flex::block::compress_into(block, room).map_err(io::Error::other)?;
         let word = if length < block.len() {
-            out.truncate(at + length);
             length as u32
         } else {
-            out.truncate(at);
-            out.extend_from_slice(block);
+            room[..block.len()].copy_from_slice(block);
             block.len() as u32 | STORED
         };
-        out[at - 4..at].copy_from_slice(&word.to_le_bytes());
+        out[at..at + 4].copy_from_slice(&word.to_le_bytes());
+        at += 4 + (word & !STORED) as usize;
     }
-    out.extend_from_slice(&0u32.to_le_bytes());
-    out.extend_from_slice(&hash(data).to_le_bytes());
-    Ok(())
+    out[at..at + 4].copy_from_slice(&0u32.to_le_bytes());
+    out[at + 4..at + 8].copy_from_slice(&hash(data).to_le_bytes());
+    Ok(at + 8)
 }
 
 fn hash(bytes: &[u8]) -> u32 {
@@ -109,7 +117,8 @@ mod tests {
             std::iter::repeat_n(5, 1_500_000).chain(noise.take(1_500_000)).collect();
         for length in [0, 1, 100, 1 << 20, (1 << 20) + 1, bytes.len()] {
             let mut frame = vec![9; 10];
-            Compression::Lz4.compress(&bytes[..length], &mut frame).unwrap();
+            let used = Compression::Lz4.compress(&bytes[..length], &mut frame).unwrap();
+            frame.truncate(used);
             let mut decoder = lz4_flex::frame::FrameDecoder::new(&frame[..]);
             let mut back = Vec::new();
             std::io::Read::read_to_end(&mut decoder, &mut back).unwrap();
@@ -122,7 +131,8 @@ mod tests {
     fn whole_frames_come_out_and_others_are_left() {
         let bytes: Vec<u8> = (0..3_000_000u32).map(|at| (at >> 7) as u8 ^ at as u8).collect();
         let mut frame = Vec::new();
-        Compression::Lz4.compress(&bytes, &mut frame).unwrap();
+        let used = Compression::Lz4.compress(&bytes, &mut frame).unwrap();
+        frame.truncate(used);
         assert_eq!(super::whole(&frame, 3_000_000), Some(bytes));
         for wrong in [2_999_999, 3_000_001, u32::MAX, 0] {
             assert_eq!(super::whole(&frame, wrong), None, "{wrong}");

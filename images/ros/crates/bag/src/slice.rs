@@ -5,7 +5,7 @@ use std::collections::HashSet;
 
 use crate::copy::Carrier;
 use crate::unpack::unpack;
-use crate::{Bag, BagError, BagWriter, ChunkedFile, Connection, WriterOptions};
+use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Connection, WriterOptions};
 
 /// The times that a slice holds: `start <= time < end`, in nanoseconds.
 #[derive(Debug, Clone, Copy)]
@@ -19,6 +19,13 @@ pub struct Window {
 impl Default for Window {
     fn default() -> Self {
         Self { start: 0, end: u64::MAX }
+    }
+}
+
+impl Window {
+    /// True when a message of the chunk may lie in it.
+    pub(crate) fn overlaps(&self, chunk: &ChunkInfo) -> bool {
+        chunk.start < self.end && self.start <= chunk.end
     }
 }
 
@@ -52,8 +59,7 @@ pub fn slice<F: ChunkedFile>(
     let inside = |time: u64| window.start <= time && time < window.end;
     let mut parts = Vec::new();
     for (at, chunk) in bag.chunks.iter().enumerate() {
-        let overlaps = chunk.start < window.end && window.start <= chunk.end;
-        if overlaps && chunk.counts.iter().any(|(id, _)| wanted.contains(id)) {
+        if window.overlaps(chunk) && chunk.counts.iter().any(|(id, _)| wanted.contains(id)) {
             let all = inside(chunk.start)
                 && inside(chunk.end)
                 && chunk.counts.iter().all(|(id, _)| wanted.contains(id));

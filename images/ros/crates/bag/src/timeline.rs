@@ -1,24 +1,31 @@
 //! All messages of a bag in one order.
 
+use std::collections::HashMap;
 use std::ops::Range;
 
-use crate::chunk::{ChunkRecord, ChunkWalk, LEAST_MESSAGE, Usual};
+use crate::chunk::{AHEAD, ChunkRecord, ChunkWalk, LEAST_MESSAGE, Usual};
 use crate::scan::unknown_connection;
 use crate::unpack::{chunk_bytes, unpack};
-use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Connection, Message};
+use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Connection, Message, Window, ahead};
 
-/// One message: 24 bytes, so that a bag of millions stays small.
-#[derive(Debug, Clone, Copy)]
-struct Entry {
-    time: u64,
-    chunk: u32,
-    start: u32,
-    end: u32,
-    connection: u32,
+/// Where one message lies: 24 bytes, so that a bag of millions stays small.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// When it was received by the recorder, in nanoseconds.
+    pub time: u64,
+    /// Its chunk's place in [`Bag::chunks`].
+    pub chunk: u32,
+    /// Where its frame begins in the chunk's uncompressed data; its data begins 4 bytes on.
+    pub start: u32,
+    /// Where both end.
+    pub end: u32,
+    /// The id of its connection.
+    pub connection: u32,
 }
 
 /// The connections whose messages are asked for; looked up once for every message.
-struct Wanted {
+#[derive(Debug)]
+pub(crate) struct Wanted {
     /// By id, for the small ids that recorders give.
     dense: Vec<bool>,
     /// The others, in order.
@@ -29,7 +36,7 @@ struct Wanted {
 const DENSE: u32 = 1 << 16;
 
 impl Wanted {
-    fn new<'c>(connections: impl Iterator<Item = &'c Connection>) -> Self {
+    pub fn new<'c>(connections: impl Iterator<Item = &'c Connection>) -> Self {
         let (small, mut sparse): (Vec<u32>, Vec<u32>) =
             connections.map(|each| each.id).partition(|id| *id < DENSE);
         sparse.sort_unstable();
@@ -40,11 +47,18 @@ impl Wanted {
         Self { dense, sparse }
     }
 
+    #[inline]
     fn has(&self, id: u32) -> bool {
         match self.dense.get(id as usize) {
             Some(wanted) => *wanted,
             None => self.sparse.binary_search(&id).is_ok(),
         }
+    }
+
+    /// The chunks that hold such messages, in file order.
+    pub fn chunks<F: ChunkedFile>(&self, bag: &Bag<F>) -> Vec<usize> {
+        let holds = |at: &usize| bag.chunks[*at].counts.iter().any(|(id, _)| self.has(*id));
+        (0..bag.chunks.len()).filter(holds).collect()
     }
 }
 
@@ -56,46 +70,75 @@ fn expected(chunk: &ChunkInfo, wanted: &Wanted) -> u64 {
 }
 
 /// The messages of some connections by (time, chunk, offset), borrowed from the bag.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Timeline<'a> {
+    /// Each of the bag's chunks; those that hold nothing wanted are empty.
     chunks: Vec<&'a [u8]>,
-    entries: Vec<Entry>,
+    entries: Vec<Place>,
 }
 
 impl<'a> Timeline<'a> {
     pub(crate) fn build<F: ChunkedFile>(
         bag: &'a Bag<F>,
+        window: Window,
         filter: impl Fn(&Connection) -> bool,
     ) -> Result<Self, BagError> {
         let wanted = Wanted::new(bag.connections.iter().filter(|each| filter(each)));
-        let chunks: Vec<usize> = (0..bag.chunks.len())
-            .filter(|at| bag.chunks[*at].counts.iter().any(|(id, _)| wanted.has(*id)))
-            .collect();
+        let mut chunks = wanted.chunks(bag);
+        chunks.retain(|at| window.overlaps(&bag.chunks[*at]));
         unpack(bag, &chunks);
         let expected: u64 = chunks.iter().map(|at| expected(&bag.chunks[*at], &wanted)).sum();
         let mut timeline = Self {
-            chunks: Vec::with_capacity(chunks.len()),
+            chunks: vec![&[]; bag.chunks.len()],
             entries: Vec::with_capacity(expected as usize),
         };
         for at in chunks {
-            let bytes = chunk_bytes(bag, at)?;
-            timeline.add_chunk(bag, &bag.chunks[at], bytes, &wanted)?;
+            timeline.chunks[at] = timeline.add_chunk(bag, at, at as u32, &wanted)?;
         }
-        // Entries come by (chunk, offset); a stable sort by time alone keeps that order.
-        if !timeline.entries.is_sorted_by_key(|entry| entry.time) {
-            timeline.entries.sort_by_key(|entry| entry.time);
-        }
+        timeline.order();
         Ok(timeline)
     }
 
-    fn add_chunk<F: ChunkedFile>(
+    /// Entries come by (chunk, offset); a stable sort by time alone keeps that order.
+    pub(crate) fn order(&mut self) {
+        if !self.entries.is_sorted_by_key(|entry| entry.time) {
+            self.entries.sort_by_key(|entry| entry.time);
+        }
+    }
+
+    /// Forgets all messages, and keeps the memory.
+    pub(crate) fn clear(&mut self) {
+        self.chunks.clear();
+        self.entries.clear();
+    }
+
+    /// The time of the last message in order.
+    pub(crate) fn last_time(&self) -> Option<u64> {
+        self.entries.last().map(|entry| entry.time)
+    }
+
+    /// Adds the next chunk of a run, whose messages count chunks from the run's beginning.
+    pub(crate) fn add_next<F: ChunkedFile>(
         &mut self,
-        bag: &Bag<F>,
-        chunk: &ChunkInfo,
-        bytes: &'a [u8],
+        bag: &'a Bag<F>,
+        at: usize,
         wanted: &Wanted,
     ) -> Result<(), BagError> {
-        let index = self.chunks.len() as u32;
+        let bytes = self.add_chunk(bag, at, self.chunks.len() as u32, wanted)?;
+        self.chunks.push(bytes);
+        Ok(())
+    }
+
+    /// Adds the messages of chunk `at` under the number `index`, and gives its data.
+    fn add_chunk<F: ChunkedFile>(
+        &mut self,
+        bag: &'a Bag<F>,
+        at: usize,
+        index: u32,
+        wanted: &Wanted,
+    ) -> Result<&'a [u8], BagError> {
+        let chunk = &bag.chunks[at];
+        let bytes = chunk_bytes(bag, at)?;
         let bytes = bytes.get(..chunk.usable as usize).unwrap_or(bytes);
         let mut walk = ChunkWalk::new(bytes);
         let damaged = |at: u64, expected: String| chunk.damaged(at, &expected);
@@ -115,13 +158,31 @@ impl<'a> Timeline<'a> {
                 }
             };
             if wanted.has(connection) {
-                self.entries.push(Entry { time, chunk: index, start, end, connection });
+                self.entries.push(Place { time, chunk: index, start, end, connection });
             } else if !bag.by_id.contains_key(&connection) {
                 return Err(damaged(before, unknown_connection(connection)));
             }
         }
-        self.chunks.push(bytes);
-        Ok(())
+        Ok(bytes)
+    }
+
+    /// Several timelines as one; messages of the same time keep the order of the parts. Their
+    /// bytes stay where they are. Each part comes with the numbers that its connections have in
+    /// the whole, since every bag counts its own; a message of any other connection is left out.
+    pub fn join(parts: Vec<(Timeline<'a>, HashMap<u32, u32>)>) -> Self {
+        let mut whole = Self { chunks: Vec::new(), entries: Vec::new() };
+        for (part, numbers) in parts {
+            let before = whole.chunks.len() as u32;
+            whole.entries.extend(part.entries.into_iter().filter_map(|entry| {
+                let connection = *numbers.get(&entry.connection)?;
+                Some(Place { connection, chunk: before + entry.chunk, ..entry })
+            }));
+            whole.chunks.extend(part.chunks);
+        }
+        if !whole.entries.is_sorted_by_key(|entry| entry.time) {
+            whole.entries.sort_by_key(|entry| entry.time);
+        }
+        whole
     }
 
     /// How many messages there are.
@@ -135,6 +196,7 @@ impl<'a> Timeline<'a> {
     }
 
     /// The message at that place in the order.
+    #[inline]
     pub fn get(&self, index: usize) -> Option<Message<'a>> {
         self.entries.get(index).map(|entry| self.message(entry))
     }
@@ -156,7 +218,14 @@ impl<'a> Timeline<'a> {
         TimelineIter { timeline: self, range: 0..self.entries.len() }
     }
 
-    fn message(&self, entry: &Entry) -> Message<'a> {
+    /// Where each message lies, in order: for those who can't keep a borrow of the bag, and
+    /// get the bytes by [`Bag::chunk_data`].
+    pub fn into_places(self) -> Vec<Place> {
+        self.entries
+    }
+
+    #[inline]
+    fn message(&self, entry: &Place) -> Message<'a> {
         let frame = &self.chunks[entry.chunk as usize][entry.start as usize..entry.end as usize];
         Message { connection: entry.connection, time: entry.time, data: &frame[4..], frame }
     }
@@ -172,8 +241,13 @@ pub struct TimelineIter<'a> {
 impl<'a> Iterator for TimelineIter<'a> {
     type Item = Message<'a>;
 
+    #[inline]
     fn next(&mut self) -> Option<Message<'a>> {
-        self.range.next().and_then(|at| self.timeline.get(at))
+        let at = self.range.next()?;
+        if let Some(later) = self.timeline.entries.get(at + AHEAD) {
+            ahead::ask(self.timeline.chunks[later.chunk as usize], later.start as usize, 4);
+        }
+        self.timeline.get(at)
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {

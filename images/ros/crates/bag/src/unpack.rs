@@ -1,5 +1,6 @@
 //! Uncompressing many chunks side by side, ahead of the walk that needs them.
 
+use std::borrow::Cow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
@@ -70,18 +71,24 @@ fn keep<F: ChunkedFile>(bag: &Bag<F>, at: usize, bytes: Vec<u8>) -> &[u8] {
 
 /// A chunk's uncompressed bytes: the file's own, or made once and kept by the bag.
 pub(crate) fn chunk_bytes<F: ChunkedFile>(bag: &Bag<F>, at: usize) -> Result<&[u8], BagError> {
+    match passing_bytes(bag, at)? {
+        Cow::Borrowed(bytes) => Ok(bytes),
+        Cow::Owned(made) => Ok(keep(bag, at, made)),
+    }
+}
+
+/// The same for who needs them only once: what is made for it is not kept.
+pub(crate) fn passing_bytes<F: ChunkedFile>(
+    bag: &Bag<F>,
+    at: usize,
+) -> Result<Cow<'_, [u8]>, BagError> {
     let chunk = &bag.chunks[at];
     if let Some(made) = bag.made[at].get() {
-        return Ok(made);
-    }
-    if chunk.compression == Compression::None
-        && let Some(bytes) = bag.file.slice(chunk.data_position, chunk.data_length as usize)
-    {
-        return Ok(bytes);
+        return Ok(Cow::Borrowed(made));
     }
     let (bytes, wrong) = load(&bag.file, chunk, bag.limits.decompressed_bytes, bag.made_bytes())?;
     if let (Some(expected), false) = (wrong, chunk.damaged) {
         return Err(BagError::damaged(chunk.data_position, expected));
     }
-    Ok(keep(bag, at, bytes.into_owned()))
+    Ok(bytes)
 }

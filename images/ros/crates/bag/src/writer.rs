@@ -1,4 +1,6 @@
-//! Writing a bag 2.0 into memory, within a byte budget.
+//! Writing a bag 2.0 into memory, within a byte budget; or, chunk by chunk, into a file.
+
+use std::io::{Seek, SeekFrom, Write};
 
 use crate::build::{
     FILE_HEADER_LENGTH, INDEX_ENTRY, MESSAGE_OVERHEAD, TIME_IN_HEADER, chunk_header, chunk_info,
@@ -59,6 +61,8 @@ pub struct BagWriter {
     options: WriterOptions,
     /// The bag so far; an uncompressed chunk is written straight into it.
     out: Vec<u8>,
+    /// Bytes of the bag that went before `out` into a file.
+    spilled: u64,
     /// The open chunk, when it must be compressed first.
     pending: Vec<u8>,
     /// Full chunks that other threads compress.
@@ -101,6 +105,7 @@ impl BagWriter {
             compressor: Compressor::new(options.compression),
             options,
             out,
+            spilled: 0,
             pending: Vec::new(),
             open: None,
             connections: Vec::new(),
@@ -180,7 +185,7 @@ impl BagWriter {
         let tail = CHUNK_OVERHEAD + chunk.counts.len() * 8;
         self.check_budget((tail + data.len() + index.len()) as u64)?;
         self.index_bytes += tail;
-        let position = self.out.len() as u64;
+        let position = self.position();
         chunk_header(chunk.compression, chunk.size).record_into(data, &mut self.out);
         self.out.extend_from_slice(index);
         for (id, _) in &chunk.counts {
@@ -206,10 +211,43 @@ impl BagWriter {
     }
 
     /// Writes the index, completes the file header and returns the bag.
+    ///
+    /// Not for a bag that was spilled: its beginning is elsewhere.
     pub fn finish(mut self) -> Result<Vec<u8>, BagError> {
+        let header = self.complete()?;
+        self.out[MAGIC.len()..MAGIC.len() + FILE_HEADER_LENGTH].copy_from_slice(&header);
+        Ok(self.out)
+    }
+
+    /// Appends the chunks that are whole to `file` and lets go of them: the way without a bag
+    /// in memory. Once begun, the same file takes all of them and [`BagWriter::finish_spilled`].
+    pub fn spill(&mut self, file: &mut impl Write) -> Result<(), BagError> {
+        if self.open.is_some() && self.options.compression == Compression::None {
+            return Ok(());
+        }
+        let (offset, length) = (self.spilled, self.out.len());
+        file.write_all(&self.out).map_err(|source| BagError::Unwritten { offset, source })?;
+        self.spilled += length as u64;
+        self.out.clear();
+        Ok(())
+    }
+
+    /// [`BagWriter::finish`] of a bag that lies in `file`, whose length in bytes is returned.
+    pub fn finish_spilled(mut self, file: &mut (impl Write + Seek)) -> Result<u64, BagError> {
+        let header = self.complete()?;
+        self.spill(file)?;
+        let offset = MAGIC.len() as u64;
+        file.seek(SeekFrom::Start(offset))
+            .and_then(|_| file.write_all(&header))
+            .map_err(|source| BagError::Unwritten { offset, source })?;
+        Ok(self.spilled)
+    }
+
+    /// Writes all but the file header record, which is returned.
+    fn complete(&mut self) -> Result<Vec<u8>, BagError> {
         self.close_chunk()?;
         self.collect(true)?;
-        let index_position = self.out.len() as u64;
+        let index_position = self.position();
         let mut declared = 0;
         for written in self.connections.iter().filter(|written| written.declared) {
             self.out.extend_from_slice(&connection_record(&written.connection));
@@ -218,14 +256,18 @@ impl BagWriter {
         for (position, chunk) in &self.chunks {
             chunk_info(*position, (chunk.start, chunk.end), &chunk.counts, &mut self.out);
         }
-        let header = file_header(index_position, declared, self.chunks.len() as u32);
-        self.out[MAGIC.len()..MAGIC.len() + FILE_HEADER_LENGTH].copy_from_slice(&header);
-        Ok(self.out)
+        Ok(file_header(index_position, declared, self.chunks.len() as u32))
+    }
+
+    /// Where in the bag its next byte will lie.
+    fn position(&self) -> u64 {
+        self.spilled + self.out.len() as u64
     }
 
     /// Bytes that the bag would have if it were finished now (before compression).
     fn size(&self) -> u64 {
-        (self.out.len() + self.pending.len() + self.index_bytes) as u64 + self.compressor.bytes()
+        let made = self.pending.len() + self.index_bytes;
+        self.position() + made as u64 + self.compressor.bytes()
     }
 
     fn check_budget(&mut self, more: u64) -> Result<(), BagError> {
@@ -306,11 +348,11 @@ impl BagWriter {
 
     /// Appends the chunks that have been compressed by now, or all.
     fn collect(&mut self, all: bool) -> Result<(), BagError> {
-        while let Some(Compressed { bytes, length, rest }) = self.compressor.pop(all)? {
+        while let Some(Compressed { buffer, used, length, rest }) = self.compressor.pop(all)? {
             let position = self.out.len();
             let header = chunk_header(self.options.compression, length);
-            header.record_into(&bytes, &mut self.out);
-            self.compressor.give_back(bytes);
+            header.record_into(&buffer[..used], &mut self.out);
+            self.compressor.give_back(buffer);
             self.append_index(position, rest);
         }
         Ok(())
@@ -321,7 +363,7 @@ impl BagWriter {
         let entries: u64 = full.closed.counts.iter().map(|(_, count)| u64::from(*count)).sum();
         self.index_bytes = self.index_bytes.saturating_sub(entries as usize * INDEX_ENTRY + record);
         self.out.extend_from_slice(&full.index);
-        self.chunks.push((position as u64, full.closed));
+        self.chunks.push((self.spilled + position as u64, full.closed));
     }
 
     /// The INDEX records of the open chunk, which is empty then.

@@ -3,6 +3,7 @@
 
 use bagpipe_bag::{
     Bag, BagError, BagWriter, Compression, Connection, Limits, MemoryChunkedFile, WriterOptions,
+    check_limited, reindex_limited,
 };
 use proptest::prelude::*;
 
@@ -128,8 +129,8 @@ fn a_chunk_that_claims_gigabytes_is_refused_before_it_is_made() {
     let at = bytes.windows(5).position(|window| window == b"size=").unwrap() + 5;
     bytes[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
     let error = scan(bytes.clone()).unwrap_err();
-    let expected = "byte 4109: the chunk needs 4294967295 bytes of memory, and the limit leaves \
-                    67108864";
+    let expected = "byte 4109: what lies there needs 4294967295 bytes of memory, and the limit \
+                    leaves 67108864";
     assert_eq!(error.to_string(), expected);
     // Without a limit it is read as far as it goes, and called damaged.
     let bag = Bag::open_unindexed(MemoryChunkedFile::new(bytes)).unwrap();
@@ -138,13 +139,42 @@ fn a_chunk_that_claims_gigabytes_is_refused_before_it_is_made() {
 }
 
 #[test]
+fn check_and_reindex_refuse_a_bomb_before_it_goes_off() {
+    let options = WriterOptions { compression: Compression::Bz2, ..WriterOptions::default() };
+    let mut writer = BagWriter::new(options.clone());
+    writer.add_connection(&Connection { topic: "/a".to_owned(), ..Connection::default() });
+    writer.write(0, 1, &vec![0; 30 << 20]).unwrap();
+    let bytes = writer.finish().unwrap();
+    assert!(bytes.len() < 20_000, "{} bytes", bytes.len());
+    let size = scan(bytes.clone()).unwrap().chunks()[0].size;
+    let limits = Limits { decompressed_bytes: u64::from(size) - 1 };
+    let file = MemoryChunkedFile::new(bytes);
+    let expected = format!("needs {size} bytes of memory, and the limit leaves {}", size - 1);
+    let error = check_limited(&file, limits).unwrap_err().to_string();
+    assert!(error.ends_with(&expected), "{error}");
+    let error = reindex_limited(file.clone(), options.clone(), limits).unwrap_err().to_string();
+    assert!(error.ends_with(&expected), "{error}");
+    let enough = Limits { decompressed_bytes: u64::from(size) };
+    assert!(check_limited(&file, enough).unwrap().sound());
+    assert_eq!(reindex_limited(file, options, enough).unwrap().messages, 1);
+}
+
+#[test]
 fn other_formats_are_named() {
-    let error = scan(b"#ROSBAG V1.2\n rest of it".to_vec()).unwrap_err();
-    assert!(error.to_string().starts_with("byte 0: a bag of format 1.2; "), "{error}");
     let error = scan(b"#ROSBAG V3.0\n rest of it".to_vec()).unwrap_err();
     let expected = "byte 0: expected the line \"#ROSBAG V2.0\", found \"#ROSBAG V3.0\\n\"";
     assert_eq!(error.to_string(), expected);
     assert!(matches!(scan(Vec::new()), Err(BagError::NotABag { .. })));
+}
+
+/// The least offset that an error about damage at `first` may name: compressed chunks name
+/// where they or their data begin.
+fn nearest(intact: &Bag<MemoryChunkedFile>, first: u64) -> u64 {
+    let inside = |chunk: &&bagpipe_bag::ChunkInfo| {
+        let end = chunk.data_position + u64::from(chunk.data_length);
+        chunk.position <= first && first < end
+    };
+    intact.chunks().iter().find(inside).map_or(first.saturating_sub(4096), |chunk| chunk.position)
 }
 
 type Sample = (Vec<u8>, Bag<MemoryChunkedFile>, Vec<(u64, Vec<u8>)>);
@@ -157,7 +187,6 @@ proptest! {
         which in 0usize..3,
         changes in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6),
     ) {
-        let compression = [Compression::None, Compression::Bz2, Compression::Lz4][which];
         let (bytes, intact, all) = &SAMPLES.get_or_init(|| {
             [Compression::None, Compression::Bz2, Compression::Lz4].map(|compression| {
                 let bytes = sample(compression);
@@ -174,23 +203,32 @@ proptest! {
         let whole = whole_before(intact, first as u64);
         match scan(damaged.clone()) {
             Ok(bag) => {
-                let kept = bag.timeline(|_| true);
-                // Damage that no checksum covers may move a message in time, but those
-                // before it are there, the same.
-                if let Ok(kept) = kept {
-                    let kept: Vec<_> =
-                        kept.iter().map(|each| (each.time, each.data.to_vec())).collect();
-                    for message in &all[..whole] {
-                        prop_assert!(kept.contains(message));
-                    }
+                // What a scan has kept is readable. Damage that no checksum covers may move a
+                // message in time, but those before it are there, the same.
+                let kept = messages(&bag);
+                for message in &all[..whole] {
+                    prop_assert!(kept.contains(message), "damage at {first}: {message:?}");
+                }
+                if let Some(loss) = bag.loss() {
+                    prop_assert!(loss.offset >= nearest(intact, first as u64), "{first}: {loss:?}");
                 }
             }
-            Err(_) => prop_assert!(whole == 0 || first < 4109 || compression != Compression::None),
+            // Without its header, or past the memory limit, there is no bag.
+            Err(BagError::MemoryLimit { offset, .. }) => {
+                prop_assert!(offset >= nearest(intact, first as u64), "{first}: {offset}");
+            }
+            Err(error) => prop_assert!(first < 4109, "damage at {first}: {error}"),
         }
         // By the index: whatever it says, an answer and not a panic.
         let limits = Limits { decompressed_bytes: 64 << 20 };
         if let Ok(bag) = Bag::open_limited(MemoryChunkedFile::new(damaged), limits) {
-            let _ = bag.timeline(|_| true).map(|timeline| timeline.iter().count());
+            let ordered = bag.timeline(|_| true);
+            let pass: Result<Vec<_>, _> = bag.messages(|_| true).collect();
+            match (ordered, pass) {
+                // Of one pass more is asked: the index must say the right times.
+                (Ok(ordered), Ok(pass)) => prop_assert!(ordered.iter().eq(pass)),
+                (ordered, pass) => prop_assert!(pass.is_err(), "{ordered:?}"),
+            }
         }
     }
 
@@ -220,4 +258,18 @@ fn an_encrypted_bag_is_refused_by_name() {
     let error = Bag::open(MemoryChunkedFile::new(bytes)).unwrap_err();
     let expected = "the bag is encrypted with \"rosbag/AesCbcEncryptor\"; decrypt it with";
     assert!(error.to_string().starts_with(expected), "{error}");
+}
+
+#[test]
+fn an_index_that_names_a_strange_connection_hides_no_message() {
+    let bytes = sample(Compression::None);
+    let whole = scan(bytes.clone()).unwrap();
+    let mut bent = bytes.clone();
+    // The last chunk's first count, at the file's end, is (connection, messages).
+    let counts = whole.chunks().last().unwrap().counts.len();
+    let at = bent.len() - counts * 8;
+    bent[at..at + 4].copy_from_slice(&77u32.to_le_bytes());
+    let bag = Bag::open(MemoryChunkedFile::new(bent)).unwrap();
+    assert_eq!(messages(&bag), messages(&whole));
+    assert!(bag.loss().unwrap().description.contains("found 77"), "{:?}", bag.loss());
 }

@@ -3,7 +3,7 @@
 
 use std::process::Command;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile, WriterOptions, check, reindex};
+use bagpipe_bag::{Bag, Limits, MemoryChunkedFile, Window, WriterOptions, check, reindex, slice};
 
 type Fields<'a> = &'a [(&'a str, &'a [u8])];
 
@@ -87,6 +87,71 @@ fn a_bag_of_format_1_2_becomes_one_of_2_0() {
         let back = Bag::open(MemoryChunkedFile::new(made.bytes)).unwrap();
         assert_eq!(back.message_count(), made.messages);
     }
+}
+
+#[test]
+fn a_bag_of_format_1_2_is_read_as_it_is() {
+    let bytes = old(30);
+    let bag = Bag::open(MemoryChunkedFile::new(bytes.clone())).unwrap();
+    assert_eq!((bag.format(), bag.message_count(), bag.loss()), ("1.2", 30, None));
+    assert_eq!(bag.time_range(), Some((100_000_000_500, 129_000_000_500)));
+    let timeline = bag.timeline(|each| each.topic == "/chatter").unwrap();
+    let texts: Vec<_> = timeline.iter().map(|each| each.data[4..].to_vec()).collect();
+    let expected: Vec<_> = (0..30).map(|number| format!("number {number}").into_bytes()).collect();
+    assert_eq!(texts, expected);
+    assert_eq!(timeline.get(7).unwrap().frame[..4], 12u32.to_le_bytes());
+    let window = Window { start: 110_000_000_500, end: 120_000_000_500 };
+    let part = slice(&bag, window, |_| true, WriterOptions::default()).unwrap();
+    assert_eq!((part.messages, part.whole_chunks), (10, 0));
+    let file = MemoryChunkedFile::new(bytes.clone());
+    assert!(check(&file).unwrap().sound());
+    // An index that says otherwise is a problem.
+    let mut wrong = bytes.clone();
+    let at = wrong.windows(6).rposition(|window| window == b"count=").unwrap() + 6;
+    wrong[at] = 29;
+    let problems = check(&MemoryChunkedFile::new(wrong)).unwrap().problems;
+    assert_eq!(problems, ["the index counts 29 messages, and the bag holds 30"]);
+    // The messages, and the one definition for their publisher.
+    let needed = 10 * (46 + 12) + 20 * (46 + 13) + 8 + 15 + 12;
+    let limited =
+        |bytes| Bag::open_limited(file.clone(), Limits { decompressed_bytes: bytes }).map(|_| ());
+    assert!(limited(needed).is_ok(), "{:?}", limited(needed));
+    let error = limited(needed - 1).unwrap_err().to_string();
+    assert!(error.ends_with("bytes of memory, and the limit leaves 58"), "{error}");
+}
+
+#[test]
+fn damage_in_a_bag_of_format_1_2_is_told_in_bytes_and_messages() {
+    let mut bytes = old(30);
+    // The header length of the record behind the twelfth message.
+    let at = end(12);
+    bytes[at..at + 4].copy_from_slice(&u32::MAX.to_le_bytes());
+    let length = bytes.len();
+    let bag = Bag::open(MemoryChunkedFile::new(bytes.clone())).unwrap();
+    let loss = bag.loss().unwrap();
+    assert_eq!((bag.message_count(), loss.offset), (12, at as u64));
+    // Its index is whole and still says how many there were.
+    assert_eq!((loss.bytes, loss.messages), ((length - at) as u64, Some(18)));
+    let cut = Bag::open(MemoryChunkedFile::new(bytes[..length - 1].to_vec())).unwrap();
+    assert_eq!(cut.loss().unwrap().messages, None);
+}
+
+#[test]
+fn one_definition_for_many_publishers_takes_no_more_than_allowed() {
+    let definition = vec![b'#'; 100_000];
+    let topic: (&str, &[u8]) = ("topic", b"/a");
+    let mut bytes = b"#ROSBAG V1.2\n".to_vec();
+    bytes.extend(record(&[("op", &[3]), ("index_pos", &[0; 8])], &[]));
+    let fields = [("op", &[1][..]), topic, ("type", b"a/B"), ("md5", MD5), ("def", &definition)];
+    bytes.extend(record(&fields, &[]));
+    for number in 0..1000u32 {
+        let caller = format!("/{number}");
+        let (time, caller) = (number.to_le_bytes(), ("callerid", caller.as_bytes()));
+        bytes.extend(record(&[("op", &[2]), topic, ("sec", &time), ("nsec", &time), caller], b"x"));
+    }
+    let limits = Limits { decompressed_bytes: 16 * bytes.len() as u64 };
+    let error = Bag::open_limited(MemoryChunkedFile::new(bytes), limits).unwrap_err();
+    assert!(error.to_string().contains("bytes of memory, and the limit leaves"), "{error}");
 }
 
 #[test]

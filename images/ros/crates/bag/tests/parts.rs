@@ -253,3 +253,23 @@ fn a_chunk_that_came_out_whole_from_damaged_bytes_is_not_carried_as_it_is() {
     assert_eq!(from_memory.whole_chunks, bag.chunks().len() - 1);
     assert_eq!(from_disk.unwrap().bytes, from_memory.bytes);
 }
+
+#[test]
+fn a_window_touches_only_chunks_near_it_and_places_name_the_bytes() {
+    let messages: Vec<_> = (0..100u8).map(|each| (0, u64::from(each), vec![each; 100])).collect();
+    for compression in ALL {
+        let bag = open(&written(&messages, options(compression, 1000)));
+        let near = Window { start: 40, end: 50 };
+        let timeline = bag.timeline_near(near, |_| true).unwrap();
+        let inside = timeline.between(near.start, near.end);
+        assert!(inside.len() == 10 && timeline.len() < 30, "{} of {inside:?}", timeline.len());
+        let places = timeline.into_places();
+        for (place, time) in places[inside].iter().zip(40u8..) {
+            assert_eq!((place.time, place.connection), (u64::from(time), 0));
+            let chunk = bag.chunk_data(place.chunk as usize).unwrap().unwrap();
+            let frame = &chunk[place.start as usize..place.end as usize];
+            assert_eq!((&frame[..4], &frame[4..]), (&[100, 0, 0, 0][..], &[time; 100][..]));
+        }
+        assert!(bag.chunk_data(bag.chunks().len()).is_none());
+    }
+}

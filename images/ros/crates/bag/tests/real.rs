@@ -30,6 +30,7 @@ fn count<F: ChunkedFile>(bag: &Bag<F>) -> BTreeMap<String, usize> {
         *counts.entry(topic.clone()).or_default() += 1;
     }
     assert_eq!(timeline.len() as u64, bag.message_count());
+    assert!(timeline.iter().eq(bag.messages(|_| true).map(Result::unwrap)));
     counts
 }
 

@@ -41,6 +41,42 @@ fn read(bytes: Vec<u8>, indexed: bool) -> Vec<Plain> {
     timeline.iter().map(plain).collect()
 }
 
+#[test]
+fn a_bag_that_goes_into_a_file_chunk_by_chunk_is_the_one_that_is_made_in_memory() {
+    for compression in ALL {
+        let [mut kept, mut spilled] =
+            [(); 2].map(|()| BagWriter::new(options(compression, 10_000)));
+        let mut file = tempfile::tempfile().unwrap();
+        for writer in [&mut kept, &mut spilled] {
+            writer.add_connection(&connection("/a"));
+            writer.add_connection(&connection("/b"));
+        }
+        for number in 0..500u32 {
+            let data = number.to_le_bytes().repeat(1 + number as usize % 60);
+            kept.write(number % 2, u64::from(number) * 1_000, &data).unwrap();
+            spilled.write(number % 2, u64::from(number) * 1_000, &data).unwrap();
+            spilled.spill(&mut file).unwrap();
+        }
+        let (most, expected) = (kept.high_water(), kept.finish().unwrap());
+        assert_eq!(spilled.high_water(), most);
+        let length = spilled.finish_spilled(&mut file).unwrap();
+        let mut found = Vec::new();
+        std::io::Seek::rewind(&mut file).unwrap();
+        std::io::Read::read_to_end(&mut file, &mut found).unwrap();
+        assert_eq!((length, found), (expected.len() as u64, expected));
+    }
+}
+
+#[test]
+fn a_file_that_takes_no_more_is_told_with_the_place() {
+    let mut writer = BagWriter::new(options(Compression::None, 1_000));
+    writer.add_connection(&connection("/a"));
+    writer.write(0, 1, &[7; 2_000]).unwrap();
+    let mut full = &mut [0u8; 100][..];
+    let error = writer.spill(&mut full).unwrap_err();
+    assert!(error.to_string().starts_with("the bag cannot be written on from byte 0: "), "{error}");
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 200, failure_persistence: None, ..ProptestConfig::default() })]
     #[test]

@@ -73,6 +73,12 @@ impl Decoder {
         if self.handed_out { &[] } else { &self.frame }
     }
 
+    /// Offset of the frame that is being received.
+    pub fn offset(&self) -> u64 {
+        let done = if self.handed_out { self.frame.len() as u64 } else { 0 };
+        self.offset + done
+    }
+
     /// CRC-32C over the checksums of all frames before END.
     pub fn digest(&self) -> u32 {
         self.digest
@@ -105,7 +111,7 @@ impl Decoder {
             return Err(self.wrong("version", format!("{VERSION}, found {}", header[4])));
         }
         let Some(kind) = FrameType::from_number(header[5]) else {
-            return Err(self.wrong("type", format!("1 to 7, found {}", header[5])));
+            return Err(self.wrong("type", format!("1 to 9, found {}", header[5])));
         };
         let flags = u16::from_le_bytes([header[6], header[7]]);
         if flags != 0 {
@@ -134,7 +140,7 @@ impl Decoder {
         }
         let number = self.frame[5];
         let kind = FrameType::from_number(number)
-            .ok_or_else(|| self.wrong("type", format!("1 to 7, found {number}")))?;
+            .ok_or_else(|| self.wrong("type", format!("1 to 9, found {number}")))?;
         match kind {
             FrameType::File => self.files += 1,
             FrameType::Data => self.data_bytes += (self.frame.len() - HEADER_BYTES) as u64,

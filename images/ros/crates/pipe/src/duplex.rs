@@ -3,6 +3,8 @@
 use std::collections::VecDeque;
 use std::io::IoSlice;
 use std::os::fd::OwnedFd;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -59,6 +61,8 @@ pub struct Duplex {
     ended: bool,
     /// END or ABORT was received.
     complete: bool,
+    /// Where bytes of DATA are counted as they come.
+    count: Option<Arc<AtomicU64>>,
 }
 
 impl Duplex {
@@ -75,7 +79,13 @@ impl Duplex {
             received: 0,
             ended: false,
             complete: false,
+            count: None,
         }
+    }
+
+    /// Adds the bytes of each DATA that is received to `count`, for whoever looks on.
+    pub fn count_data(&mut self, count: Arc<AtomicU64>) {
+        self.count = Some(count);
     }
 
     /// The pipe that is read, to wait for its first bytes.
@@ -225,6 +235,9 @@ impl Duplex {
             if let Some(frame) = frame {
                 self.received += 1;
                 self.complete |= matches!(frame.kind, FrameType::End | FrameType::Abort);
+                if let (FrameType::Data, Some(count)) = (frame.kind, &self.count) {
+                    count.fetch_add(frame.payload.len() as u64, Ordering::Relaxed);
+                }
                 return Ok(Some(frame));
             }
             if self.ended || !self.fill()? {
@@ -285,7 +298,12 @@ impl Duplex {
         }
     }
 
-    /// True when nobody reads what we write: `poll` reports an error on our end.
+    /// True when nobody reads what we write, whatever there still is to read.
+    pub fn is_peer_deaf(&self) -> Result<bool, PipeError> {
+        Ok(self.output_is_dead()?)
+    }
+
+    /// `poll` reports an error on our end.
     fn output_is_dead(&self) -> Result<bool, Errno> {
         let Some(output) = &self.output else { return Ok(false) };
         let mut one = [PollFd::new(output, PollFlags::empty())];

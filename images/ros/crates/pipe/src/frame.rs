@@ -27,13 +27,17 @@ pub enum FrameType {
     End = 6,
     /// Why there will be no END.
     Abort = 7,
+    /// A simulator's next moment.
+    Step = 8,
+    /// What the stack said to it.
+    Answer = 9,
 }
 
 impl FrameType {
     /// The type of that number.
     pub fn from_number(number: u8) -> Option<Self> {
-        use FrameType::{Abort, Data, End, File, Hello, Metric, Result};
-        [Hello, File, Data, Result, Metric, End, Abort]
+        use FrameType::{Abort, Answer, Data, End, File, Hello, Metric, Result, Step};
+        [Hello, File, Data, Result, Metric, End, Abort, Step, Answer]
             .into_iter()
             .find(|each| *each as u8 == number)
     }
@@ -48,6 +52,8 @@ impl FrameType {
             Self::Metric => "METRIC",
             Self::End => "END",
             Self::Abort => "ABORT",
+            Self::Step => "STEP",
+            Self::Answer => "ANSWER",
         }
     }
 }

@@ -17,8 +17,13 @@ pub struct WorkerHello {
     /// Name and version of the program.
     #[serde(default)]
     pub software: String,
-    /// What to do; the agent's own matter.
+    /// What to do; the agent's own matter. Nil where HELLO names none.
+    #[serde(default = "nil")]
     pub case: Value,
+}
+
+fn nil() -> Value {
+    Value::Nil
 }
 
 /// HELLO from the agent.

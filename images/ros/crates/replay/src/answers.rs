@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use bagpipe_ros::Incoming;
 
+use crate::simulate::Said;
 use crate::stamp::{has_header, stamp};
 
 /// The answers, shared by the recorder, which hears them, and the player, which waits.
@@ -15,6 +16,8 @@ pub(crate) struct Answers {
     places: BTreeMap<String, usize>,
     heard: Mutex<Vec<Heard>>,
     more: Condvar,
+    /// The latest message on each topic since somebody asked, if anybody ever does.
+    latest: Option<Mutex<BTreeMap<String, Said>>>,
 }
 
 /// What was heard on one topic.
@@ -32,12 +35,33 @@ impl Answers {
         let places: BTreeMap<_, _> =
             topics.enumerate().map(|(place, topic)| (topic.to_owned(), place)).collect();
         let heard = Mutex::new(vec![Heard::default(); places.values().max().map_or(0, |n| n + 1)]);
-        Answers { places, heard, more: Condvar::new() }
+        Answers { places, heard, more: Condvar::new(), latest: None }
+    }
+
+    /// Keeps the latest message on each topic as well, for a simulator.
+    pub(crate) fn keeping(self) -> Answers {
+        Answers { latest: Some(Mutex::default()), ..self }
+    }
+
+    /// What was said last on each topic since this was asked before, by topic.
+    pub(crate) fn take_latest(&self) -> Vec<Said> {
+        let Some(latest) = &self.latest else { return Vec::new() };
+        let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
+        std::mem::take(&mut *latest).into_values().collect()
     }
 
     /// Takes a message in; others than answers are none of its business.
     pub(crate) fn hear(&self, incoming: &Incoming<'_>) {
         let Some(&place) = self.places.get(incoming.topic) else { return };
+        if let Some(latest) = &self.latest {
+            let said = Said {
+                topic: incoming.topic.to_owned(),
+                datatype: incoming.header.text("type").to_owned(),
+                data: incoming.data.to_vec(),
+            };
+            let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
+            latest.insert(said.topic.clone(), said);
+        }
         let mut all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
         all[place].count += 1;
         if has_header(incoming.header.text("message_definition")) {

@@ -41,9 +41,15 @@ pub enum ReplayError {
         /// When, as the end of a clause.
         during: &'static str,
     },
-    /// The bag can't be read.
-    #[error("{0}")]
-    BagUnreadable(#[from] BagError),
+    /// A bag can't be read.
+    #[error("{error}")]
+    BagUnreadable {
+        /// Its place among those that are played, from 0.
+        bag: usize,
+        /// Why.
+        #[source]
+        error: BagError,
+    },
     /// The bag has one topic with two types, which no node can receive.
     #[error(
         "the topic {topic} was recorded with two types, {first} and {second}; name the topics to be played without it"
@@ -80,7 +86,7 @@ impl ReplayError {
             ReplayError::StackStoppedReading { .. } => "StackStoppedReading",
             ReplayError::RecorderBudgetExceeded(_) => "RecorderBudgetExceeded",
             ReplayError::CaseDeadlineExceeded { .. } => "CaseDeadlineExceeded",
-            ReplayError::BagUnreadable(_) | ReplayError::TwoTypes { .. } => "BagUnreadable",
+            ReplayError::BagUnreadable { .. } | ReplayError::TwoTypes { .. } => "BagUnreadable",
             ReplayError::RosMasterFailed(_) => "RosMasterFailed",
             ReplayError::BadRequest(_) => "ProtocolError",
             ReplayError::Cancelled(_) => "Terminated",

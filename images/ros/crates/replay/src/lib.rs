@@ -11,8 +11,10 @@
 mod answers;
 mod clock;
 mod error;
+mod laps;
 mod ledger;
 mod lockstep;
+mod meter;
 mod ordered;
 mod outcome;
 mod pause;
@@ -24,6 +26,8 @@ mod recorder;
 mod replay;
 mod request;
 mod rostime;
+mod run;
+mod simulate;
 mod spacing;
 mod stamp;
 mod step;
@@ -31,14 +35,16 @@ mod subscribe;
 mod watch;
 
 pub use error::ReplayError;
+pub use meter::{Meter, Reading, WAIT_BOUNDS};
 pub use outcome::{
     Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, StepReport,
     Timings,
 };
 pub use pause::{Pause, Resumed};
 pub use record::{Keep, RecordRequest, RecordedLive, record};
-pub use replay::replay;
+pub use replay::{replay, replay_together};
 pub use request::{
     AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Stage, StartWhen, Step,
     Window,
 };
+pub use simulate::{Moment, Said, World, simulate};

@@ -10,6 +10,7 @@
 //! - by stamp: a message whose header stamp has reached the stamp that every input of the
 //!   group has reached. A late answer to an earlier input does not count.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros::TopicInfo;
@@ -18,12 +19,13 @@ use crate::answers::{Answers, Heard};
 use crate::outcome::StepReport;
 use crate::request::resolved;
 use crate::stamp::{has_header, stamp};
-use crate::{AnswerBy, ReplayError, Step};
+use crate::{AnswerBy, Meter, ReplayError, Step};
 
 /// The steps of a play.
 #[derive(Debug, Default)]
 pub(crate) struct Lockstep {
     groups: Vec<Group>,
+    meter: Arc<Meter>,
 }
 
 #[derive(Debug)]
@@ -82,7 +84,12 @@ impl Lockstep {
             group.skippable &= input.optional;
             group.inputs.push(input);
         }
-        Ok(Lockstep { groups })
+        Ok(Lockstep { groups, meter: Arc::default() })
+    }
+
+    /// Tells its waits to `meter` too.
+    pub(crate) fn metered(self, meter: &Arc<Meter>) -> Lockstep {
+        Lockstep { meter: Arc::clone(meter), ..self }
     }
 
     /// The topics of the answers.
@@ -132,7 +139,9 @@ impl Lockstep {
         loop {
             let left = due.deadline.saturating_sub(released.elapsed());
             if answers.wait(&group.answer, left.min(LOOK), come) {
-                let waited = released.elapsed().as_secs_f64();
+                let waited = released.elapsed();
+                self.meter.answered(waited);
+                let waited = waited.as_secs_f64();
                 group.report.answered += 1;
                 group.report.waited_seconds += waited;
                 group.report.slowest_seconds = group.report.slowest_seconds.max(waited);
@@ -143,6 +152,7 @@ impl Lockstep {
                 return Err(no_stamp("answer", &group.answer));
             }
             if left.is_zero() {
+                self.meter.unanswered();
                 match group.skippable {
                     true => group.report.skipped += 1,
                     false => group.report.no_output += 1,

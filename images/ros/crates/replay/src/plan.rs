@@ -13,7 +13,7 @@ use crate::{ReplayError, ReplayRequest};
 pub(crate) struct Plan<'a> {
     /// Published topics.
     pub(crate) topics: Vec<TopicInfo>,
-    /// By connection of the bag: where its messages go.
+    /// By connection, as the timeline numbers them: where its messages go.
     routes: HashMap<u32, Route>,
     timeline: Timeline<'a>,
     /// Latched messages in force at the lead-in's start, as places in the timeline.
@@ -35,37 +35,44 @@ pub(crate) struct Route {
 }
 
 impl<'a> Plan<'a> {
-    /// Selects from a bag.
+    /// Selects from bags, which make one timeline.
     ///
     /// # Errors
     /// The bag can't be read, or a topic was recorded with two types.
     pub(crate) fn new<F: ChunkedFile>(
-        bag: &'a Bag<F>,
+        bags: &'a [Bag<F>],
         request: &ReplayRequest,
     ) -> Result<Plan<'a>, ReplayError> {
-        let names = Names::new(request);
-        let mut topics = Vec::new();
-        let mut places = BTreeMap::new();
-        let mut routes = HashMap::new();
-        for connection in bag.connections() {
-            let mut route = Route {
-                topics: Vec::new(),
-                caller_id: connection.caller_id.clone().unwrap_or_default(),
-                latching: connection.latching,
-            };
-            for name in names.published_as(&connection.topic) {
-                route.topics.push(place(&mut topics, &mut places, &name, connection)?);
-            }
-            if !route.topics.is_empty() {
-                routes.insert(connection.id, route);
-            }
+        let mut draft = Draft::new(request);
+        let mut parts = Vec::with_capacity(bags.len());
+        for (at, bag) in bags.iter().enumerate() {
+            let numbers = draft.add(bag, bags.len() == 1)?;
+            let timeline = bag.timeline(|connection| numbers.contains_key(&connection.id));
+            let unreadable = |error| ReplayError::BagUnreadable { bag: at, error };
+            parts.push((timeline.map_err(unreadable)?, numbers));
         }
-        let timeline = bag.timeline(|connection| routes.contains_key(&connection.id))?;
+        let Draft { topics, routes, latching, .. } = draft;
+        let timeline = match <[_; 1]>::try_from(parts) {
+            Ok([(alone, _)]) => alone,
+            Err(parts) => Timeline::join(parts),
+        };
         let window = request.window;
         let lead_in = timeline.between(window.lead_in_start, window.start);
         let counted = timeline.between(window.start, window.end);
-        let latched = latched_before(bag, &timeline, lead_in.start);
+        let latched = latched_before(&latching, &timeline, lead_in.start);
         Ok(Plan { topics, routes, timeline, latched, lead_in, counted })
+    }
+
+    /// Topics that somebody else speaks on, message by message; nothing of a bag.
+    pub(crate) fn of_topics(topics: Vec<TopicInfo>) -> Plan<'static> {
+        Plan {
+            topics,
+            routes: HashMap::new(),
+            timeline: Timeline::join(Vec::new()),
+            latched: Vec::new(),
+            lead_in: 0..0,
+            counted: 0..0,
+        }
     }
 
     /// Whether there is nothing to play.
@@ -91,6 +98,10 @@ impl<'a> Plan<'a> {
 
     /// The topics that have a message to be played, as places in [`Plan::topics`].
     pub(crate) fn spoken(&self) -> Vec<usize> {
+        if self.timeline.is_empty() {
+            // Nobody knows beforehand what is said without a bag.
+            return (0..self.topics.len()).collect();
+        }
         let mut spoken = vec![false; self.topics.len()];
         let mut seen = HashSet::new();
         let latched = self.latched.iter().copied();
@@ -101,6 +112,55 @@ impl<'a> Plan<'a> {
             }
         }
         (0..spoken.len()).filter(|at| spoken[*at]).collect()
+    }
+}
+
+/// The part of a plan that comes of the bags' connections.
+struct Draft<'a> {
+    names: Names,
+    topics: Vec<TopicInfo>,
+    places: BTreeMap<String, usize>,
+    routes: HashMap<u32, Route>,
+    /// Topic and publisher of the latching connections.
+    latching: HashMap<u32, (&'a str, String)>,
+}
+
+impl<'a> Draft<'a> {
+    fn new(request: &ReplayRequest) -> Draft<'a> {
+        Draft {
+            names: Names::new(request),
+            topics: Vec::new(),
+            places: BTreeMap::new(),
+            routes: HashMap::new(),
+            latching: HashMap::new(),
+        }
+    }
+
+    /// Takes a bag's connections in; answers the numbers that those to be played have in the
+    /// play: their own ones if the bag is `alone`.
+    fn add<F: ChunkedFile>(
+        &mut self,
+        bag: &'a Bag<F>,
+        alone: bool,
+    ) -> Result<HashMap<u32, u32>, ReplayError> {
+        let mut numbers = HashMap::new();
+        for connection in bag.connections() {
+            let mut topics = Vec::new();
+            for name in self.names.published_as(&connection.topic) {
+                topics.push(place(&mut self.topics, &mut self.places, &name, connection)?);
+            }
+            if topics.is_empty() {
+                continue;
+            }
+            let number = if alone { connection.id } else { self.routes.len() as u32 };
+            numbers.insert(connection.id, number);
+            let caller_id = connection.caller_id.clone().unwrap_or_default();
+            if connection.latching {
+                self.latching.insert(number, (connection.topic.as_str(), caller_id.clone()));
+            }
+            self.routes.insert(number, Route { topics, caller_id, latching: connection.latching });
+        }
+        Ok(numbers)
     }
 }
 
@@ -134,15 +194,13 @@ fn place(
     Ok(at)
 }
 
-/// The last message of each latching connection before `end`, per topic and publisher, in
-/// the bag's order.
-fn latched_before<F: ChunkedFile>(bag: &Bag<F>, timeline: &Timeline<'_>, end: usize) -> Vec<usize> {
-    let latching: HashMap<u32, (&str, Option<&str>)> = bag
-        .connections()
-        .iter()
-        .filter(|connection| connection.latching)
-        .map(|c| (c.id, (c.topic.as_str(), c.caller_id.as_deref())))
-        .collect();
+/// The last message of each latching publisher before `end`, per topic and publisher, in
+/// the timeline's order. `latching` has them by connection.
+fn latched_before(
+    latching: &HashMap<u32, (&str, String)>,
+    timeline: &Timeline<'_>,
+    end: usize,
+) -> Vec<usize> {
     if latching.is_empty() {
         return Vec::new();
     }

@@ -11,18 +11,18 @@ use crate::outcome::StepReport;
 use crate::pause::Pause;
 use crate::plan::{Plan, Route};
 use crate::rostime::{clock_frame, clock_topic};
+use crate::run::Run;
 use crate::spacing::Spacing;
 use crate::step::Stepper;
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
-/// Messages that go out in one system call at most, and their bytes: at full speed.
-const RUN: usize = 1024;
-const RUN_BYTES: usize = 1 << 20;
 /// What the slowest subscriber may have left unread before it is waited for, at full speed:
 /// bytes and messages, whichever is less.
 const WINDOW_BYTES: u64 = 16 << 20;
 const WINDOW_MESSAGES: u64 = 16_384;
+/// The tick of a /clock that does not advance between two messages.
+const STEPPED: u64 = u64::MAX;
 
 /// Plays a plan on a node.
 pub(crate) struct Player<'a> {
@@ -36,7 +36,8 @@ pub(crate) struct Player<'a> {
     /// Messages played per topic: lead-in and counted.
     played: Vec<Played>,
     last_tick: u64,
-    /// /clock advances at least this often, in nanoseconds of bag time.
+    /// /clock advances at least this often, in nanoseconds of bag time; `STEPPED` if it only
+    /// steps with the messages.
     tick: u64,
     /// In lock-step.
     stepper: Option<Stepper<'a>>,
@@ -87,6 +88,7 @@ impl<'a> Player<'a> {
             rate: request.rate,
             played: vec![Played::default(); plan.topics.len()],
             last_tick: request.window.lead_in_start,
+            // A rate of 0 gives infinity, which saturates at `STEPPED`.
             tick: (1e9 / request.clock_rate).max(1.0) as u64,
             stepper,
             pause: request.pause.clone(),
@@ -177,6 +179,7 @@ impl<'a> Player<'a> {
             }
             self.tick(message.time, watch)?;
             self.send(place, share, watch)?;
+            watch.reached = message.time;
             pace.last = Some(message.time);
         }
         pace.took = schedule.epoch.elapsed();
@@ -271,6 +274,7 @@ impl<'a> Player<'a> {
                 .map_err(|error| failed(error, watch))?;
             self.count(at, share, messages, watch);
         }
+        watch.reached = run.time;
         Ok(())
     }
 
@@ -311,7 +315,8 @@ impl<'a> Player<'a> {
     /// Publishes the time that /clock shows when it is not advanced by messages: before the
     /// play, where a node may wait for a valid time, and during the drain.
     pub(crate) fn show_clock(&mut self, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
-        self.tick(self.clock.now(), watch)
+        let time = if self.tick == STEPPED { self.last_tick } else { self.clock.now() };
+        self.tick(time, watch)
     }
 
     fn tick(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
@@ -336,43 +341,43 @@ impl<'a> Player<'a> {
         watch.check()?;
         let Some((message, route)) = self.plan.message(place) else { return Ok(()) };
         for &at in &route.topics {
-            let topic = &self.publications[at];
             if route.latching {
-                topic.latch(&route.caller_id, share, message.frame);
+                self.publications[at].latch(&route.caller_id, share, message.frame);
             }
-            let due = self.stepper.as_mut().map(|stepper| stepper.release(at, message.data));
-            topic
-                .send(share, &[message.frame], &mut || watch.must_stop())
-                .map_err(|error| failed(error, watch))?;
-            if let (Some(stepper), Some(due)) = (&mut self.stepper, due) {
-                stepper.complete(due, topic, watch)?;
-            }
-            self.count(at, share, 1, watch);
+            self.say(at, message.frame, share, watch)?;
         }
         Ok(())
+    }
+
+    /// Sends a frame on a topic; in lock-step, until it was read and answered.
+    pub(crate) fn say(
+        &mut self,
+        at: usize,
+        frame: &[u8],
+        share: Share,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let topic = &self.publications[at];
+        let due = self.stepper.as_mut().map(|stepper| stepper.release(at, &frame[4..]));
+        topic
+            .send(share, &[frame], &mut || watch.must_stop())
+            .map_err(|error| failed(error, watch))?;
+        if let (Some(stepper), Some(due)) = (&mut self.stepper, due) {
+            stepper.complete(due, topic, watch)?;
+        }
+        self.count(at, share, 1, watch);
+        Ok(())
+    }
+
+    /// Simulated time is `time` from now on, and everybody has read so.
+    pub(crate) fn advance(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+        self.move_to(time);
+        self.tick(time, watch)
     }
 
     /// What came of the steps, once the play is over.
     pub(crate) fn end_steps(&mut self) -> Vec<StepReport> {
         self.stepper.take().map(Stepper::reports).unwrap_or_default()
-    }
-}
-
-/// Consecutive messages of one connection.
-#[derive(Default)]
-struct Run<'a> {
-    connection: u32,
-    frames: Vec<&'a [u8]>,
-    bytes: usize,
-    /// Bag time of the last one.
-    time: u64,
-}
-
-impl Run<'_> {
-    /// Whether a frame may join.
-    fn takes(&self, connection: u32, bytes: usize) -> bool {
-        let room = self.frames.len() < RUN && self.bytes + bytes <= RUN_BYTES;
-        self.frames.is_empty() || (self.connection == connection && room)
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use bagpipe_bag::{BagWriter, Compression, WriterOptions};
-use bagpipe_ros::{Incoming, MAX_MESSAGE, Node, NodeOptions, Sink, SystemState};
+use bagpipe_ros::{Incoming, MAX_MESSAGE, Node, NodeOptions, RosError, Sink, SystemState};
 use regex::Regex;
 
 use crate::ReplayError;
@@ -55,9 +55,12 @@ pub struct RecordedLive {
     pub bytes: u64,
     /// Bags that were handed over.
     pub bags: u64,
-    /// Whether the master stopped answering on the way: known publishers were still heard,
-    /// new ones could not be found.
+    /// Whether the master did not answer any more at the end: known publishers were still
+    /// heard, new ones could not be found.
     pub master_lost: bool,
+    /// Subscriptions that were made again, since a master that was started anew knew nothing
+    /// of them.
+    pub again: u64,
 }
 
 /// Takes finished bags; an error ends the recording.
@@ -85,21 +88,24 @@ pub fn record(
     let node =
         Node::start(options, Box::new(tape.clone())).map_err(ReplayError::RosMasterFailed)?;
     let begun = Instant::now();
-    let mut failures = 0;
+    let (mut failures, mut again) = (0, 0);
     choice.subscribe(&node).map_err(ReplayError::RosMasterFailed)?;
     let mut looked = Instant::now();
     while !(stop() || tape.is_over() || request.duration.is_some_and(|d| begun.elapsed() >= d)) {
         if looked.elapsed() >= LOOK {
             looked = Instant::now();
-            // A master that restarts forgets us; whoever publishes already goes on.
-            failures = if choice.subscribe(&node).is_ok() { 0 } else { failures + 1 };
+            // While a master is away, whoever publishes already is heard.
+            match choice.subscribe(&node) {
+                Ok(made) => (failures, again) = (0, again + made),
+                Err(_) => failures += 1,
+            }
         }
         std::thread::sleep(NAP);
     }
     // What has been sent to us by now is recorded.
     node.sweep(CALL);
     drop(node);
-    tape.finish(failures >= FAILURES)
+    Ok(RecordedLive { master_lost: failures >= FAILURES, again, ..tape.finish()? })
 }
 
 /// Which topics are recorded.
@@ -130,15 +136,17 @@ impl Choice {
         named && of_node && !self.exclude.as_ref().is_some_and(matches)
     }
 
-    fn subscribe(&self, node: &Node) -> Result<(), bagpipe_ros::RosError> {
+    /// Subscribes to what is new; how many subscriptions a new master had to be told again.
+    fn subscribe(&self, node: &Node) -> Result<u64, RosError> {
         let state = node.master().get_system_state()?;
+        let again = node.register_missing(&state)?;
         let known: BTreeSet<String> = node.subscribed_topics().into_iter().collect();
         for topic in state.publishers.keys() {
             if !known.contains(topic) && self.takes(topic, &state) {
                 node.subscribe(topic)?;
             }
         }
-        Ok(())
+        Ok(again)
     }
 }
 
@@ -194,14 +202,14 @@ impl Tape {
         state.failure.is_some() || state.total.messages >= state.limit
     }
 
-    fn finish(&self, master_lost: bool) -> Result<RecordedLive, ReplayError> {
+    fn finish(&self) -> Result<RecordedLive, ReplayError> {
         let mut state = self.state();
         if state.failure.is_none() {
             state.hand_over();
         }
         match &state.failure {
             Some(failure) => Err(ReplayError::Internal(failure.clone())),
-            None => Ok(RecordedLive { master_lost, ..state.total }),
+            None => Ok(state.total),
         }
     }
 }

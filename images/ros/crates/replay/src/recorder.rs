@@ -1,6 +1,7 @@
 //! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -25,14 +26,34 @@ struct Shared {
     answers: Arc<Answers>,
     byte_budget: u64,
     born: Instant,
-    /// Nanoseconds from `born` to the last arrival; 0 before the first one.
+    /// Nanoseconds from `born` to the last arrival, of a part of a message too; 0 before the
+    /// first one.
     last: AtomicU64,
     messages: AtomicU64,
     state: Mutex<State>,
 }
 
+/// What a recording may take, and where.
+pub(crate) struct Room {
+    /// The finished bag's largest size.
+    pub(crate) bytes: u64,
+    /// An empty file that it goes into chunk by chunk; else it stays in memory.
+    pub(crate) file: Option<File>,
+}
+
+/// A recording's figures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Figures {
+    pub(crate) messages: u64,
+    /// Bytes of the messages.
+    pub(crate) bytes: u64,
+    /// The most bytes that the bag has had.
+    pub(crate) held: u64,
+}
+
 struct State {
     writer: BagWriter,
+    file: Option<File>,
     /// In lock-step: what waits to be written in an order of its own.
     hold: Option<Hold>,
     /// By TCPROS connection, what [`Hold`] needs to know of it.
@@ -58,13 +79,14 @@ enum Failure {
 }
 
 impl Recorder {
-    /// An empty recording of at most `byte_budget` bytes; `ordered`, as lock-step wants it.
+    /// An empty recording; `ordered`, as lock-step wants it.
     pub(crate) fn new(
         clock: Arc<BagClock>,
-        byte_budget: u64,
+        room: Room,
         answers: Arc<Answers>,
         ordered: bool,
     ) -> Recorder {
+        let Room { bytes: byte_budget, file } = room;
         let options = WriterOptions {
             compression: Compression::Lz4,
             byte_budget: Some(byte_budget),
@@ -72,6 +94,7 @@ impl Recorder {
         };
         let state = State {
             writer: BagWriter::new(options),
+            file,
             hold: ordered.then(Hold::default),
             publishers: HashMap::new(),
             unrecorded: BTreeSet::new(),
@@ -126,9 +149,22 @@ impl Recorder {
         }
     }
 
+    /// Keeps a message of our own beside what the stack says, in the present step.
+    pub(crate) fn keep(&self, connection: &Arc<Connection>, data: &[u8]) {
+        let mut state = self.state();
+        self.hold_back(&mut state, Arc::clone(connection), data);
+    }
+
     /// Messages in the bag.
     pub(crate) fn messages(&self) -> u64 {
         self.shared.messages.load(Ordering::Relaxed)
+    }
+
+    /// What it has done so far.
+    pub(crate) fn figures(&self) -> Figures {
+        let state = self.state();
+        let (messages, held) = (self.messages(), state.writer.high_water());
+        Figures { messages, bytes: state.bytes, held }
     }
 
     /// How long nothing has arrived, counted from `since` at the earliest.
@@ -158,7 +194,17 @@ impl Recorder {
             high_water_bytes: writer.high_water(),
             topics: std::mem::take(&mut state.topics).into_values().collect(),
         };
-        Ok((recorded, writer.finish()?))
+        let finished = match &mut state.file {
+            None => writer.finish(),
+            Some(file) => writer.finish_spilled(file).map(|_| Vec::new()),
+        };
+        let bag = finished.map_err(|error| match error {
+            BagError::BudgetExceeded { .. } => {
+                ReplayError::RecorderBudgetExceeded(error.to_string())
+            }
+            other => ReplayError::Internal(other.to_string()),
+        })?;
+        Ok((recorded, bag))
     }
 
     /// Keeps a message.
@@ -201,8 +247,12 @@ impl Recorder {
             Arc::new(connection)
         });
         let publisher = Arc::clone(publisher);
+        self.hold_back(state, publisher, incoming.data);
+    }
+
+    fn hold_back(&self, state: &mut State, publisher: Arc<Connection>, data: &[u8]) {
         let Some(hold) = &mut state.hold else { return };
-        hold.push(publisher, incoming.data);
+        hold.push(publisher, data);
         if hold.bytes() > self.shared.byte_budget {
             let why = format!(
                 "the outputs of one step are larger than the recording may be, {} bytes",
@@ -217,7 +267,12 @@ impl Recorder {
     }
 
     fn write(&self, state: &mut State, id: u32, topic: &str, time: u64, data: &[u8]) {
-        match state.writer.write(id, time, data) {
+        let written = state.writer.write(id, time, data);
+        let spilled = written.and_then(|()| match &mut state.file {
+            None => Ok(()),
+            Some(file) => state.writer.spill(file),
+        });
+        match spilled {
             Ok(()) => {
                 state.bytes += data.len() as u64;
                 if let Some(topic) = state.topics.get_mut(topic) {
@@ -254,11 +309,15 @@ impl State {
 
 impl Sink for Recorder {
     fn message(&mut self, incoming: Incoming<'_>) {
-        let since = self.shared.born.elapsed().as_nanos() as u64;
-        self.shared.last.store(since, Ordering::Relaxed);
+        self.part();
         self.take(&incoming);
         // After it is kept: what is awaited is recorded in the step that it ends.
         self.shared.answers.hear(&incoming);
+    }
+
+    fn part(&mut self) {
+        let since = self.shared.born.elapsed().as_nanos() as u64;
+        self.shared.last.store(since, Ordering::Relaxed);
     }
 
     fn too_large(&mut self, topic: &str, length: u64) {

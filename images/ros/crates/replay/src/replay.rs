@@ -1,5 +1,8 @@
 //! The way of a replay, from the first registration to the finished recording.
 
+use std::collections::BTreeSet;
+use std::fs::File;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -10,13 +13,15 @@ use bagpipe_ros::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
 
 use crate::answers::Answers;
 use crate::clock::BagClock;
+use crate::laps::Laps;
 use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
 use crate::outcome::{Ledger, Playback, Replayed, Timings};
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::prove::{Patience, Proof, Settled};
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, Room};
+use crate::simulate::{Turns, World};
 use crate::step::Stepper;
 use crate::subscribe::{Discovery, wait_for_stack};
 use crate::watch::Watch;
@@ -39,41 +44,76 @@ const STABLE: Duration = Duration::from_secs(2);
 /// Outputs are over when none came for this time.
 const QUIET: Duration = Duration::from_millis(300);
 
-/// Plays, records and proves. Blocks; every thread that it starts ends before it returns.
-/// `progress` is called when a stage begins and twice a second; `cancelled` is asked at
-/// least every 50 ms.
+/// [`replay_together`] of a single bag.
 ///
 /// # Errors
-/// See [`ReplayError`]; a window without messages is not an error.
+/// As that.
 pub fn replay<F: ChunkedFile>(
     bag: &Bag<F>,
     request: &ReplayRequest,
     progress: &mut dyn FnMut(Progress),
     cancelled: &dyn Fn() -> Option<Cancellation>,
 ) -> Result<Replayed, ReplayError> {
+    replay_together(std::slice::from_ref(bag), request, progress, cancelled)
+}
+
+/// Plays bags as one timeline, records and proves. Messages of the same time keep the order of
+/// the bags, whose bytes are not copied. Blocks; every thread that it starts ends before it returns.
+/// `progress` is called when a stage begins and twice a second; `cancelled` is asked at
+/// least every 50 ms.
+///
+/// # Errors
+/// See [`ReplayError`]; a window without messages is not an error.
+pub fn replay_together<F: ChunkedFile>(
+    bags: &[Bag<F>],
+    request: &ReplayRequest,
+    progress: &mut dyn FnMut(Progress),
+    cancelled: &dyn Fn() -> Option<Cancellation>,
+) -> Result<Replayed, ReplayError> {
     request.validate()?;
-    let plan = Plan::new(bag, request)?;
+    let plan = Plan::new(bags, request)?;
+    carry_out(&plan, request, None, progress, cancelled)
+}
+
+/// Plays a plan, or a world's turns on the plan's topics.
+pub(crate) fn carry_out(
+    plan: &Plan<'_>,
+    request: &ReplayRequest,
+    world: Option<&mut dyn World>,
+    progress: &mut dyn FnMut(Progress),
+    cancelled: &dyn Fn() -> Option<Cancellation>,
+) -> Result<Replayed, ReplayError> {
     let limit = request.window.end.saturating_add(nanoseconds(request.drain_deadline));
     let clock = Arc::new(BagClock::new(request.window.lead_in_start, limit));
     let ordered = request.mode == Mode::Lockstep;
     let steps = if ordered { request.steps.as_slice() } else { &[] };
-    let lockstep = Lockstep::new(steps, &plan.topics)?;
-    let answers = Arc::new(Answers::new(lockstep.answers()));
-    let recorder =
-        Recorder::new(Arc::clone(&clock), request.byte_budget, Arc::clone(&answers), ordered);
-    if plan.is_empty() {
+    let lockstep = Lockstep::new(steps, &plan.topics)?.metered(&request.meter);
+    let answers = Answers::new(lockstep.answers());
+    let answers = Arc::new(if world.is_some() { answers.keeping() } else { answers });
+    let file = request.record_to.as_deref().map(recording_file).transpose()?;
+    let room = Room { bytes: request.byte_budget, file };
+    let recorder = Recorder::new(Arc::clone(&clock), room, Arc::clone(&answers), ordered);
+    if plan.is_empty() && world.is_none() {
         return finish(&recorder, Replayed::default());
     }
     let node = Node::start(node_options(request), Box::new(recorder.clone()))
         .map_err(ReplayError::RosMasterFailed)?;
     let mut watch = Watch::new(request, &recorder, &clock, progress, cancelled);
-    let scene = Scene { node: &node, plan: &plan, request, recorder: &recorder, clock: &clock };
-    let outcome = perform(&scene, lockstep, answers, &mut watch)?;
+    let scene = Scene { node: &node, plan, request, recorder: &recorder, clock: &clock };
+    let outcome = perform(&scene, (lockstep, answers), world, &mut watch)?;
     drop(node);
     if let Some(failure) = recorder.failure() {
         return Err(failure);
     }
-    finish(&recorder, outcome)
+    let replayed = finish(&recorder, outcome)?;
+    request.meter.held(replayed.recorded.high_water_bytes);
+    Ok(replayed)
+}
+
+fn recording_file(path: &Path) -> Result<File, ReplayError> {
+    File::create_new(path).map_err(|error| {
+        ReplayError::Internal(format!("cannot record into {}: {error}", path.display()))
+    })
 }
 
 fn finish(recorder: &Recorder, mut outcome: Replayed) -> Result<Replayed, ReplayError> {
@@ -105,8 +145,8 @@ struct Scene<'a> {
 /// Everything between the first registration and the last proof.
 fn perform(
     scene: &Scene<'_>,
-    lockstep: Lockstep,
-    answers: Arc<Answers>,
+    (lockstep, answers): (Lockstep, Arc<Answers>),
+    world: Option<&mut dyn World>,
     watch: &mut Watch<'_>,
 ) -> Result<Replayed, ReplayError> {
     let &Scene { node, plan, request, recorder, clock } = scene;
@@ -114,14 +154,17 @@ fn perform(
     watch.enter(Stage::Subscribe);
     let mut discovery = Discovery::start(node, &request.record_topics)?;
     discovery.listen_for(&lockstep, recorder)?;
-    let stepper =
-        (request.mode == Mode::Lockstep).then(|| Stepper::new(node, lockstep, answers, recorder));
+    let turns = world.map(|world| Turns::new(world, &answers, recorder, &plan.topics));
+    let stepper = (request.mode == Mode::Lockstep)
+        .then(|| Stepper::new(node, lockstep, Arc::clone(&answers), recorder));
     let mut player = Player::advertise(node, plan, clock, request, stepper)?;
     wait_for_stack(&discovery, &mut player, request, watch)?;
-    let subscribe = laps.lap();
-
     let audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
     let rounds = Rounds::new(Proof::new(audit), player.publications().to_vec());
+    // Once now: where the nodes are, a master that is started anew could not say.
+    rounds.ask();
+    let subscribe = laps.lap();
+
     let window = request.window;
     let (lead_in, pace) = std::thread::scope(|scope| {
         scope.spawn(|| rounds.run(&discovery));
@@ -137,7 +180,10 @@ fn perform(
         }
         recorder.count_from(window.start);
         let schedule = player.schedule(window.start);
-        let pace = player.play(plan.counted.clone(), schedule, Share::Counted, watch)?;
+        let pace = match turns {
+            Some(turns) => turns.play(&mut player, watch)?,
+            None => player.play(plan.counted.clone(), schedule, Share::Counted, watch)?,
+        };
         Ok::<_, ReplayError>((lead_in, pace))
     })?;
     let play = laps.lap();
@@ -150,9 +196,7 @@ fn perform(
     drain.listen(&mut player, watch)?;
     let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
     let ledger = ledger(player.publications(), player.played(), &there, &proof);
-    let mut playback = playback(request, pace);
-    playback.warnings = warnings(&ledger, request.mode);
-    playback.steps = player.end_steps();
+    let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     Ok(Replayed { ledger, playback, timings, ..Replayed::default() })
 }
 
@@ -228,8 +272,10 @@ impl Drain<'_> {
 
     /// Until the outputs have ended.
     fn listen(&self, player: &mut Player<'_>, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
-        let deadline = (self.since + self.request.drain_deadline).max(Instant::now() + QUIET);
-        while self.recorder.quiet_for(self.since) < QUIET && Instant::now() < deadline {
+        // Quiet counts from here: what was received last is not answered yet.
+        let received = Instant::now();
+        let deadline = (self.since + self.request.drain_deadline).max(received + QUIET);
+        while self.recorder.quiet_for(received) < QUIET && Instant::now() < deadline {
             watch.sleep_until(Instant::now() + PAUSE)?;
             player.show_clock(watch)?;
             if watch.stack_has_exited() {
@@ -264,8 +310,12 @@ impl Rounds {
             }
             // A master that fails now fails the case only if a figure will be missing.
             let _master_busy = discovery.look();
-            self.proof.lock().unwrap_or_else(PoisonError::into_inner).ask(&self.topics);
+            self.ask();
         }
+    }
+
+    fn ask(&self) {
+        self.proof.lock().unwrap_or_else(PoisonError::into_inner).ask(&self.topics);
     }
 
     fn into_proof(self) -> Proof {
@@ -298,6 +348,23 @@ fn playback(request: &ReplayRequest, pace: Pace) -> Playback {
     }
 }
 
+/// Adds what the user should know of the play.
+fn report(
+    player: &mut Player<'_>,
+    discovery: &Discovery<'_>,
+    mut playback: Playback,
+    ledger: &Ledger,
+    mode: Mode,
+) -> Playback {
+    playback.warnings = warnings(ledger, mode);
+    let topics = player.publications().iter();
+    let refused: BTreeSet<String> = topics.flat_map(|topic| topic.refused()).collect();
+    playback.warnings.extend(refused);
+    playback.warnings.extend(discovery.restarted());
+    playback.steps = player.end_steps();
+    playback
+}
+
 /// What the losses mean, in words.
 fn warnings(ledger: &Ledger, mode: Mode) -> Vec<String> {
     let advice = match mode {
@@ -319,22 +386,6 @@ fn warnings(ledger: &Ledger, mode: Mode) -> Vec<String> {
         })
     });
     lines.collect()
-}
-
-/// Seconds of consecutive parts.
-struct Laps(Instant);
-
-impl Laps {
-    fn start() -> Laps {
-        Laps(Instant::now())
-    }
-
-    fn lap(&mut self) -> f64 {
-        let now = Instant::now();
-        let lap = now.duration_since(self.0).as_secs_f64();
-        self.0 = now;
-        lap
-    }
 }
 
 fn nanoseconds(duration: Duration) -> u64 {

@@ -1,9 +1,11 @@
 //! What a replay is asked to do.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::{Pause, ReplayError};
+use crate::{Meter, Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -87,6 +89,9 @@ pub struct ReplayRequest {
     pub record_topics: Vec<String>,
     /// The recorded bag may not be larger, in bytes.
     pub byte_budget: u64,
+    /// A new file that the recording is written to chunk by chunk, instead of being kept in
+    /// memory: [`crate::Replayed::recorded_bag`] is empty then.
+    pub record_to: Option<PathBuf>,
     /// How long to wait for the subscribers.
     pub subscribe_deadline: Duration,
     /// How long to wait for the last messages to be received and the outputs to end; also
@@ -96,13 +101,15 @@ pub struct ReplayRequest {
     pub case_deadline: Instant,
     /// Whether to publish /clock.
     pub use_sim_time: bool,
-    /// How often /clock ticks in realtime, per second of bag time; above 0. In `max` and in
-    /// lock-step it steps with each message.
+    /// How often /clock ticks in realtime, per second of bag time; 0 lets it step with each
+    /// message, as it does in `max` and in lock-step.
     pub clock_rate: f64,
     /// What to wait for before the first message, beside a subscriber for each topic.
     pub start: StartWhen,
     /// Where to stop until somebody says to go on.
     pub pause: Option<Pause>,
+    /// Where others may see how far it is.
+    pub meter: Arc<Meter>,
 }
 
 /// What else must be so before the first message goes out.
@@ -184,9 +191,9 @@ impl ReplayRequest {
                 self.rate
             )));
         }
-        if !(self.clock_rate.is_finite() && self.clock_rate > 0.0) {
+        if !(self.clock_rate.is_finite() && self.clock_rate >= 0.0) {
             return Err(ReplayError::BadRequest(format!(
-                "/clock's rate must be a number of Hz above 0, not {}",
+                "/clock's rate must be a number of Hz, or 0 to step with each message, not {}",
                 self.clock_rate
             )));
         }

@@ -22,8 +22,8 @@ const LOOK: Duration = Duration::from_millis(10);
 const STABLE: Duration = Duration::from_millis(500);
 /// How long to wait for connections that the master already knows of.
 const SETTLE: Duration = Duration::from_secs(2);
-/// Calls to the master that may fail in a row.
-const FAILURES: u32 = 3;
+/// How long the master may not answer: one that is started anew needs a second or two.
+const GONE: Duration = Duration::from_secs(5);
 
 /// Which topics to record, and the search for them.
 pub(crate) struct Discovery<'a> {
@@ -31,7 +31,16 @@ pub(crate) struct Discovery<'a> {
     patterns: Vec<Regex>,
     /// Topics whose publishers must be there before the play begins.
     expected: Vec<String>,
-    failures: Mutex<u32>,
+    master: Mutex<MasterSeen>,
+}
+
+/// How the master was found.
+#[derive(Default)]
+struct MasterSeen {
+    /// Since when it has not answered.
+    silent: Option<Instant>,
+    /// Registrations that it had lost and that were made again.
+    again: u64,
 }
 
 impl<'a> Discovery<'a> {
@@ -45,7 +54,7 @@ impl<'a> Discovery<'a> {
                 patterns.push(whole(text)?);
             }
         }
-        Ok(Discovery { node, patterns, expected: Vec::new(), failures: Mutex::new(0) })
+        Ok(Discovery { node, patterns, expected: Vec::new(), master: Mutex::default() })
     }
 
     /// Subscribes to the answers of a lock-step play, which need not be recorded, and expects
@@ -72,21 +81,26 @@ impl<'a> Discovery<'a> {
         expected.filter(|topic| self.node.publishers_of(topic) == 0).collect()
     }
 
-    /// Subscribes to what others publish and a pattern matches; answers the graph's state.
+    /// Registers again what the master has forgotten, and subscribes to what others publish
+    /// and a pattern matches; answers the graph's state.
     ///
     /// # Errors
-    /// The master failed several times in a row; a single failure answers `None`.
+    /// The master has failed for a while; a passing failure answers `None`.
     pub(crate) fn look(&self) -> Result<Option<SystemState>, ReplayError> {
-        let looked = self.subscribe_to_matches();
-        let mut failures = self.failures.lock().unwrap_or_else(|e| e.into_inner());
+        let looked = self.node.master().get_system_state().and_then(|state| {
+            let again = self.node.register_missing(&state)?;
+            self.subscribe_to_matches(&state)?;
+            Ok((state, again))
+        });
+        let mut master = self.master.lock().unwrap_or_else(|e| e.into_inner());
         match looked {
-            Ok(state) => {
-                *failures = 0;
+            Ok((state, again)) => {
+                *master = MasterSeen { silent: None, again: master.again + again };
                 Ok(Some(state))
             }
             Err(error) => {
-                *failures += 1;
-                if *failures >= FAILURES {
+                let since = *master.silent.get_or_insert_with(Instant::now);
+                if since.elapsed() >= GONE {
                     return Err(ReplayError::RosMasterFailed(error));
                 }
                 Ok(None)
@@ -94,15 +108,25 @@ impl<'a> Discovery<'a> {
         }
     }
 
-    fn subscribe_to_matches(&self) -> Result<SystemState, RosError> {
-        let state = self.node.master().get_system_state()?;
+    /// What the user should know of a master that was started anew.
+    pub(crate) fn restarted(&self) -> Option<String> {
+        let again = self.master.lock().unwrap_or_else(|e| e.into_inner()).again;
+        (again > 0).then(|| {
+            format!(
+                "the ROS master was started anew: {again} registrations were made again, and \
+                 nodes that came before that were found late"
+            )
+        })
+    }
+
+    fn subscribe_to_matches(&self, state: &SystemState) -> Result<(), RosError> {
         for (topic, publishers) in &state.publishers {
             let others = publishers.iter().any(|node| node != self.node.name());
             if others && self.patterns.iter().any(|pattern| pattern.is_match(topic)) {
                 self.node.subscribe(topic)?;
             }
         }
-        Ok(state)
+        Ok(())
     }
 
     /// Whether every publisher of a recorded topic that the master knows is connected.

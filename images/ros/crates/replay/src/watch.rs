@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use crate::clock::BagClock;
+use crate::meter::{Seen, Tally};
 use crate::recorder::Recorder;
 use crate::{Cancellation, Progress, ReplayError, ReplayRequest, Stage};
 
@@ -26,8 +27,12 @@ pub(crate) struct Watch<'a> {
     told: Instant,
     failure: Option<ReplayError>,
     stack_exited: bool,
+    window_start: u64,
+    tally: Tally,
     /// Messages played so far.
     pub(crate) sent: u64,
+    /// Bag time of the last one, in nanoseconds.
+    pub(crate) reached: u64,
 }
 
 impl<'a> Watch<'a> {
@@ -51,12 +56,17 @@ impl<'a> Watch<'a> {
             told: now,
             failure: None,
             stack_exited: false,
+            window_start: request.window.start,
+            tally: Tally::new(request),
             sent: 0,
+            reached: 0,
         }
     }
 
     /// Enters a stage and tells so.
     pub(crate) fn enter(&mut self, stage: Stage) {
+        self.note();
+        self.tally.enter(stage, self.window_start, Instant::now());
         self.stage = stage;
         self.tell();
     }
@@ -131,6 +141,7 @@ impl<'a> Watch<'a> {
     }
 
     fn tell(&mut self) {
+        self.note();
         self.told = Instant::now();
         let bag = self.clock.now().saturating_sub(self.lead_in_start);
         (self.progress)(Progress {
@@ -139,5 +150,18 @@ impl<'a> Watch<'a> {
             recorded: self.recorder.messages(),
             bag_seconds: bag as f64 / 1e9,
         });
+    }
+
+    /// Brings the meter up to date.
+    fn note(&mut self) {
+        let (sent, reached, recorded) = (self.sent, self.reached, self.recorder.figures());
+        self.tally.note(Seen { sent, reached, recorded }, Instant::now());
+    }
+}
+
+impl Drop for Watch<'_> {
+    /// However the replay ends, what it did counts.
+    fn drop(&mut self) {
+        self.note();
     }
 }

@@ -50,7 +50,17 @@ fn a_subscriber_of_another_type_is_refused_and_named() {
     let error = run(&bag, &request).unwrap_err();
     assert_eq!(error.reason(), "NeverSubscribed");
     let sentence = error.to_string();
-    assert!(sentence.contains("/words subscribes to /talk with md5sum 992ce8a1"), "{sentence}");
+    let refusal = "/words subscribes to /talk as std_msgs/String (md5sum \
+                   992ce8a1687cec8c8bd883ec73ca41d1), but it was recorded as my_msgs/Word (md5sum \
+                   0123456789abcdef0123456789abcdef): build the node with the recording's message \
+                   definition";
+    assert!(sentence.contains(refusal), "{sentence}");
+    // Beside a subscriber that takes any type the play goes on, and says who was left out.
+    let _any = graph.python(&scene::node("anything.py"), &["/talk", "/relayed"]);
+    request.subscribe_deadline = graph::PATIENCE;
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!((replayed.ledger.sent, replayed.ledger.received), (1, 1));
+    assert_eq!(replayed.playback.warnings, [refusal]);
 }
 
 /// A subscriber made by hand: it shakes hands with the player and then reads nothing.
@@ -117,6 +127,31 @@ fn a_subscriber_that_stops_reading_is_named_and_nothing_hangs() {
     let sentence = error.to_string();
     assert!(sentence.contains("the node /deaf has read nothing from /talk"), "{sentence}");
     assert!(began.elapsed() < Duration::from_secs(15), "{:?}", began.elapsed());
+}
+
+#[test]
+fn a_real_node_that_is_stopped_in_the_middle_is_named_and_nothing_hangs() {
+    let large = "x".repeat(1 << 20);
+    let messages: Vec<(usize, u64, &str)> = (0..60).map(|at| (0, at, large.as_str())).collect();
+    let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let node = graph.python(&node("words.py"), &["/talk"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/talk".to_owned()];
+    request.drain_deadline = Duration::from_millis(500);
+    let stopped = std::cell::Cell::new(None);
+    let mut progress = |progress: bagpipe_replay::Progress| {
+        if progress.stage == Stage::Play && stopped.get().is_none() {
+            graph.run("/bin/kill", &["-STOP", &node.id().to_string()]);
+            stopped.set(Some(Instant::now()));
+        }
+    };
+    let error = replay(&bag, &request, &mut progress, &|| None).unwrap_err();
+    assert_eq!(error.reason(), "StackStoppedReading");
+    let sentence = error.to_string();
+    assert!(sentence.contains("the node /words has read nothing from /talk"), "{sentence}");
+    let took = stopped.get().unwrap().elapsed();
+    assert!(took < Duration::from_secs(10), "{took:?}");
 }
 
 #[test]

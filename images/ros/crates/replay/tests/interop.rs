@@ -6,23 +6,10 @@ mod scene;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_bag::{Bag, Connection, MemoryChunkedFile};
 use bagpipe_replay::{Mode, replay};
 use graph::{Graph, Process, compile, wait_until};
-use scene::{TMP, bag_of_words, node, read_back, request, run, words};
-
-/// A bag of (connection, data), a millisecond apart.
-fn bag_of(
-    connections: &[Connection],
-    messages: impl Iterator<Item = (usize, Vec<u8>)>,
-) -> Bag<MemoryChunkedFile> {
-    let mut writer = BagWriter::new(WriterOptions::default());
-    let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
-    for (number, (connection, data)) in messages.enumerate() {
-        writer.write(ids[connection], 1_000_000 * number as u64, &data).unwrap();
-    }
-    Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
-}
+use scene::{TMP, bag_of, bag_of_words, node, read_back, request, run, words};
 
 #[test]
 fn a_type_that_nobody_here_has_ever_seen_is_played_and_its_answer_recorded() {
@@ -102,16 +89,6 @@ fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_
         at_half(graph);
         playing.join().unwrap().unwrap()
     })
-}
-
-#[test]
-fn a_master_that_restarts_loses_nothing_that_flows_already() {
-    let mut graph = Graph::start(TMP);
-    let _words = graph.python(&node("words.py"), &["/words"]);
-    let replayed = disturbed(&mut graph, &mut |graph| graph.restart_master());
-    let ledger = &replayed.ledger;
-    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (300, 300, 0));
-    assert_eq!(replayed.recorded.messages, 300);
 }
 
 #[test]

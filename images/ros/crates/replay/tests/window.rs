@@ -6,7 +6,7 @@ mod scene;
 
 use std::collections::BTreeMap;
 
-use bagpipe_replay::{Mode, Window};
+use bagpipe_replay::{Mode, Window, replay_together};
 use graph::{Graph, Process, wait_until};
 use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
 
@@ -113,6 +113,60 @@ fn a_remapped_topic_goes_out_under_the_stacks_name_and_nothing_of_ours_is_record
     topics.retain(|topic| *topic != "/rosout");
     assert_eq!(topics, ["/answer", "/state"]);
     assert_eq!(replayed.ledger.dropped, 0);
+}
+
+#[test]
+fn a_queue_shorter_than_the_window_is_reported_with_its_figure() {
+    let texts: Vec<String> = (0..500).map(|number| format!("{number}")).collect();
+    let messages: Vec<(usize, u64, &str)> =
+        texts.iter().zip(0..).map(|(text, at)| (0, at, text.as_str())).collect();
+    let bag = bag_of_words(&[words("/words", "/t", false)], &messages);
+    let graph = Graph::start(TMP);
+    let slow = graph.python(&node("slow.py"), &["/words", "3", "0.002"]);
+    let mut request = request(&bag, &graph.uri);
+    request.topics = vec!["/words".to_owned()];
+    let replayed = run(&bag, &request).unwrap();
+    let ledger = &replayed.ledger;
+    wait_until("the last callback has run", || slow.last_number("seen ") >= ledger.received);
+    let lost = 500 - slow.last_number("seen ");
+    assert!(lost > 0, "nothing was lost: the test shows nothing");
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (500, 500 - lost, lost));
+    let expected = format!(
+        "/slow lost {lost} of 500 messages of /words: its queue is shorter than what arrives \
+         while its callback runs; play in lockstep or realtime, or give it a longer queue"
+    );
+    assert_eq!(replayed.playback.warnings, [expected]);
+}
+
+#[test]
+fn several_bags_are_one_timeline_after_the_delay() {
+    // Each bag counts its own connections, and both say what is latched on /map.
+    let front = bag_of_words(
+        &[words("/a", "/t", false), words("/map", "/front", true)],
+        &[(1, 500, "front map"), (0, 1_000, "a0"), (0, 1_002, "a2"), (0, 1_004, "a4")],
+    );
+    let rear = bag_of_words(
+        &[words("/map", "/rear", true), words("/a", "/t", false)],
+        &[(0, 600, "rear map"), (1, 1_001, "b1"), (1, 1_002, "b2"), (1, 1_003, "b3")],
+    );
+    let graph = Graph::start(TMP);
+    let listener = graph.python(&node("words.py"), &["/a", "/map"]);
+    let mut request = request(&front, &graph.uri);
+    request.window = Window { lead_in_start: 900 * MS, start: 900 * MS, end: 2_000 * MS };
+    request.topics = vec!["/a".to_owned(), "/map".to_owned()];
+    request.start.delay = std::time::Duration::from_millis(700);
+    let bags = [front, rear];
+    let replayed = replay_together(&bags, &request, &mut |_| (), &|| None).unwrap();
+    wait_until("all are heard", || heard(&listener).len() == 8);
+    let mut latched = heard(&listener);
+    let played = latched.split_off(2);
+    latched.sort();
+    assert_eq!(latched, ["front map", "rear map"]);
+    assert_eq!(played, ["a0", "b1", "a2", "b2", "b3", "a4"]);
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (6, 6, 0));
+    assert_eq!(ledger.lead_in, 2);
+    assert!(replayed.timings.subscribe >= 0.7, "{:?}", replayed.timings);
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The little of HTTP/1.1 that an XML-RPC server of a ROS node needs: POST with a
-//! Content-Length, answers with a Content-Length, connections that stay open.
+//! Content-Length, answers with a Content-Length, connections that stay open. [`crate::Pages`]
+//! reads its requests with the same code.
 //! The heads are parsed by `httparse`; roscpp, rospy, rosmaster and ureq are its clients.
 
 use std::io::{Read, Write};
@@ -8,7 +9,10 @@ use std::time::Duration;
 
 /// The largest request accepted, in bytes: a publisherUpdate with 1,000 URIs is 60 KB.
 const MAX_REQUEST: usize = 16 << 20;
+/// Its head alone; it is parsed again with every piece that comes.
+const MAX_HEAD: usize = 64 << 10;
 const MAX_FIELDS: usize = 64;
+const XML: &str = "text/xml";
 /// An idle connection is closed after this time; roscpp keeps one per node.
 const IDLE: Duration = Duration::from_secs(60);
 
@@ -23,13 +27,13 @@ pub(crate) fn serve(mut stream: TcpStream, answer: impl Fn(&str) -> String) {
         let written = match read_request(&mut stream, &mut buffer) {
             Ok(Some(request)) => {
                 let xml = answer(&request.body);
-                let wrote = respond(&mut stream, "200 OK", &xml, request.keep_alive);
+                let wrote = respond(&mut stream, "200 OK", XML, &xml, request.keep_alive);
                 wrote.is_ok() && request.keep_alive
             }
             Ok(None) => false,
             Err(why) => {
                 // The peer may already be gone; the connection ends either way.
-                let _peer_gone = respond(&mut stream, "400 Bad Request", &why, false);
+                let _peer_gone = respond(&mut stream, "400 Bad Request", XML, &why, false);
                 false
             }
         };
@@ -40,28 +44,33 @@ pub(crate) fn serve(mut stream: TcpStream, answer: impl Fn(&str) -> String) {
 }
 
 #[derive(Debug)]
-struct Request {
-    body: String,
+pub(crate) struct Request {
+    pub(crate) body: String,
     keep_alive: bool,
 }
 
-struct Head {
-    length: usize,
+/// What a request begins with.
+pub(crate) struct Head {
+    pub(crate) method: String,
+    pub(crate) path: String,
+    length: Option<usize>,
     body_start: usize,
     keep_alive: bool,
 }
 
 /// The next request, or `None` when the connection has ended or idled out.
-fn read_request(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<Option<Request>, String> {
-    let head = loop {
-        if let Some(head) = parse_head(buffer)? {
-            break head;
-        }
-        if !fill(stream, buffer)? {
-            return Ok(None);
-        }
-    };
-    let end = head.body_start + head.length;
+pub(crate) fn read_request(
+    stream: &mut impl Read,
+    buffer: &mut Vec<u8>,
+) -> Result<Option<Request>, String> {
+    let Some(head) = read_head(stream, buffer, MAX_HEAD)? else { return Ok(None) };
+    if head.method != "POST" {
+        return Err("XML-RPC is called with POST".to_owned());
+    }
+    let length = head.length.filter(|length| *length <= MAX_REQUEST);
+    let length =
+        length.ok_or_else(|| format!("a Content-Length of at most {MAX_REQUEST} is needed"))?;
+    let end = head.body_start + length;
     while buffer.len() < end {
         if !fill(stream, buffer)? {
             return Ok(None);
@@ -70,6 +79,27 @@ fn read_request(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<Option<R
     let body = String::from_utf8_lossy(&buffer[head.body_start..end]).into_owned();
     buffer.drain(..end);
     Ok(Some(Request { body, keep_alive: head.keep_alive }))
+}
+
+/// The head of the next request, or `None` when the connection has ended or idled out. `buffer`
+/// never holds more than `limit` bytes and one read.
+pub(crate) fn read_head(
+    stream: &mut impl Read,
+    buffer: &mut Vec<u8>,
+    limit: usize,
+) -> Result<Option<Head>, String> {
+    loop {
+        let head = parse_head(buffer)?;
+        if head.as_ref().map_or(buffer.len(), |head| head.body_start) > limit {
+            return Err(format!("the head of a request may have {limit} bytes"));
+        }
+        if head.is_some() {
+            return Ok(head);
+        }
+        if !fill(stream, buffer)? {
+            return Ok(None);
+        }
+    }
 }
 
 fn fill(stream: &mut impl Read, buffer: &mut Vec<u8>) -> Result<bool, String> {
@@ -93,35 +123,32 @@ fn parse_head(buffer: &[u8]) -> Result<Option<Head>, String> {
     let httparse::Status::Complete(body_start) = status else {
         return Ok(None);
     };
-    if request.method != Some("POST") {
-        return Err("XML-RPC is called with POST".to_owned());
-    }
     let field = |name: &str| {
         let found = request.headers.iter().find(|field| field.name.eq_ignore_ascii_case(name));
         found.and_then(|field| std::str::from_utf8(field.value).ok()).map(str::trim)
     };
-    let length = field("content-length")
-        .and_then(|text| text.parse().ok())
-        .filter(|length| *length <= MAX_REQUEST)
-        .ok_or_else(|| format!("a Content-Length of at most {MAX_REQUEST} is needed"))?;
+    let length = field("content-length").and_then(|text| text.parse().ok());
     let keep_alive = match field("connection") {
         Some(word) if word.eq_ignore_ascii_case("close") => false,
         Some(word) if word.eq_ignore_ascii_case("keep-alive") => true,
         _ => request.version == Some(1),
     };
-    Ok(Some(Head { length, body_start, keep_alive }))
+    let [method, path] = [request.method, request.path].map(|word| word.unwrap_or_default());
+    let (method, path) = (method.to_owned(), path.to_owned());
+    Ok(Some(Head { method, path, length, body_start, keep_alive }))
 }
 
-fn respond(
+pub(crate) fn respond(
     stream: &mut impl Write,
     status: &str,
+    content_type: &str,
     body: &str,
     keep_alive: bool,
 ) -> std::io::Result<()> {
     let connection = if keep_alive { "keep-alive" } else { "close" };
     // roscpp's client looks for exactly this spelling of Content-length.
     let head = format!(
-        "HTTP/1.1 {status}\r\nServer: bagpipe\r\nContent-Type: text/xml\r\n\
+        "HTTP/1.1 {status}\r\nServer: bagpipe\r\nContent-Type: {content_type}\r\n\
          Content-length: {}\r\nConnection: {connection}\r\n\r\n",
         body.len()
     );
@@ -146,7 +173,9 @@ mod tests {
 
     #[test]
     fn nonsense_is_refused_with_a_sentence() {
+        let endless = [b"POST / HTTP/1.1\r\nX: ", &[b'x'; 100_000][..]].concat();
         for (bytes, why) in [
+            (&endless[..], "may have 65536 bytes"),
             (&b"GET / HTTP/1.1\r\n\r\n"[..], "POST"),
             (&b"POST / HTTP/1.1\r\nContent-Length: 99999999999\r\n\r\n"[..], "Content-Length"),
             (&b"\x00\x01\x02\r\n\r\n"[..], "not HTTP"),

@@ -2,7 +2,7 @@
 //! order of arrival, to one sink. While the sink works nothing is read, so TCP holds the
 //! publishers back: messages wait, none is dropped here.
 
-use std::io::{ErrorKind, Read};
+use std::io::ErrorKind;
 use std::net::TcpStream;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -13,13 +13,12 @@ use std::time::Duration;
 use rustix::event::{PollFd, PollFlags};
 
 use crate::RosError;
+use crate::frames::{Frame, Frames};
 use crate::header::ConnectionHeader;
 use crate::sockets::{Waker, lock, wait};
 
 /// What one connection may hand over before the next one has its turn, in bytes.
 const TURN: usize = 1 << 20;
-/// The least room for a read, in bytes.
-const ROOM: usize = 256 << 10;
 
 /// A received message.
 pub struct Incoming<'a> {
@@ -37,6 +36,8 @@ pub struct Incoming<'a> {
 pub trait Sink: Send {
     /// A whole message.
     fn message(&mut self, incoming: Incoming<'_>);
+    /// A part of a message, of which more is to come.
+    fn part(&mut self) {}
     /// A message longer than accepted was announced; its connection is closed.
     fn too_large(&mut self, topic: &str, length: u64);
 }
@@ -134,9 +135,7 @@ struct Reader<C> {
 /// A connection with the bytes that do not yet make a message.
 struct Stream {
     link: InLink,
-    buffer: Vec<u8>,
-    start: usize,
-    end: usize,
+    frames: Frames,
 }
 
 impl<C: Fn(&str, &str)> Reader<C> {
@@ -185,7 +184,7 @@ fn wait_for_any(
 
 impl Stream {
     fn new(link: InLink) -> Stream {
-        Stream { link, buffer: vec![0; ROOM], start: 0, end: 0 }
+        Stream { link, frames: Frames::new() }
     }
 
     /// Reads and hands over until the socket is empty or the turn is over; `false` when
@@ -193,11 +192,9 @@ impl Stream {
     fn turn(&mut self, sink: &mut dyn Sink, max_message: usize) -> bool {
         let mut handed = 0;
         while handed < TURN {
-            self.make_room();
-            match self.link.stream.read(&mut self.buffer[self.end..]) {
+            match self.frames.fill(&mut self.link.stream) {
                 Ok(0) => return false,
                 Ok(read) => {
-                    self.end += read;
                     handed += read;
                     if !self.hand_over(sink, max_message) {
                         return false;
@@ -213,37 +210,23 @@ impl Stream {
 
     /// Hands whole messages to the sink; `false` if a message is larger than accepted.
     fn hand_over(&mut self, sink: &mut dyn Sink, max_message: usize) -> bool {
+        let InLink { topic, header, id, counts, .. } = &self.link;
         loop {
-            let bytes = &self.buffer[self.start..self.end];
-            let Some((length, rest)) = bytes.split_first_chunk::<4>() else {
-                return true;
+            let data = match self.frames.next(max_message) {
+                Frame::Whole(data) => data,
+                Frame::Unfinished => return true,
+                Frame::Part => {
+                    sink.part();
+                    return true;
+                }
+                Frame::TooLarge(length) => {
+                    sink.too_large(topic, length as u64);
+                    return false;
+                }
             };
-            let length = u32::from_le_bytes(*length) as usize;
-            if length > max_message {
-                sink.too_large(&self.link.topic, length as u64);
-                return false;
-            }
-            let Some(data) = rest.get(..length) else {
-                return true;
-            };
-            let InLink { topic, header, id, counts, .. } = &self.link;
             sink.message(Incoming { topic, header, link: *id, data });
             counts.messages.fetch_add(1, Ordering::Relaxed);
-            counts.bytes.fetch_add(length as u64, Ordering::Relaxed);
-            self.start += 4 + length;
-        }
-    }
-
-    /// Moves what is left to the front and grows by doubling as bytes really arrive: a
-    /// length that lies costs no memory.
-    fn make_room(&mut self) {
-        if self.start > 0 && (self.start == self.end || self.buffer.len() - self.end < ROOM / 2) {
-            self.buffer.copy_within(self.start..self.end, 0);
-            self.end -= self.start;
-            self.start = 0;
-        }
-        if self.end == self.buffer.len() {
-            self.buffer.resize(self.buffer.len() * 2, 0);
+            counts.bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         }
     }
 }

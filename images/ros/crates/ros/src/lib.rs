@@ -12,6 +12,7 @@
 //! - [`audit::Audit`] asks the subscribing nodes what they received, over `getBusStats`.
 //!
 //! It is not a general client library: no services, no UDPROS, no message classes.
+//! [`Pages`] is not ROS: a small web server over the HTTP of the slave API.
 //!
 //! [Master API]: https://wiki.ros.org/ROS/Master_API
 //! [Slave API]: https://wiki.ros.org/ROS/Slave_API
@@ -20,6 +21,9 @@
 
 pub mod audit;
 mod error;
+mod frames;
+#[cfg(feature = "fuzzing")]
+pub mod fuzzing;
 mod header;
 mod hosts;
 mod http;
@@ -27,6 +31,7 @@ mod inbox;
 mod listener;
 mod master;
 mod node;
+mod pages;
 mod peer_queue;
 mod publisher;
 mod slave;
@@ -40,6 +45,7 @@ pub use header::ConnectionHeader;
 pub use inbox::{Incoming, Sink};
 pub use master::{Master, SystemState};
 pub use node::{Node, NodeOptions};
+pub use pages::{Page, Pages};
 pub use publisher::{LinkState, Publication, SendError, Share, TopicInfo};
 pub use value::Value;
 

@@ -1,7 +1,7 @@
 //! A listening socket with one short thread per connection, which all end on drop.
 
 use std::collections::HashMap;
-use std::net::{IpAddr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
@@ -12,8 +12,6 @@ use rustix::event::{PollFd, PollFlags};
 use crate::RosError;
 use crate::sockets::{Waker, lock, wait};
 
-/// Connections that are served at once; more wait in the kernel's backlog.
-const MAX_SERVED: usize = 256;
 /// How long the end waits for the serving threads, whose sockets are shut down first.
 const END: Duration = Duration::from_secs(5);
 
@@ -32,15 +30,17 @@ struct Served {
 }
 
 impl Listener {
-    /// Listens on a free port of `ip`; `serve` runs on a thread of its own for each
-    /// connection and must end when its stream is shut down.
+    /// Listens on `address`, whose port 0 means a free one; `serve` runs on a thread of its own
+    /// for each connection and must end when its stream is shut down. `limit` connections are
+    /// served at once; more wait in the kernel's backlog.
     pub(crate) fn start(
         name: &str,
-        ip: IpAddr,
+        address: SocketAddr,
+        limit: usize,
         serve: impl Fn(TcpStream) + Send + Sync + 'static,
     ) -> Result<Listener, RosError> {
-        let failed = || format!("{name} can't listen on {ip}");
-        let listener = TcpListener::bind((ip, 0)).map_err(RosError::io(failed()))?;
+        let failed = || format!("{name} can't listen on {address}");
+        let listener = TcpListener::bind(address).map_err(RosError::io(failed()))?;
         listener.set_nonblocking(true).map_err(RosError::io(failed()))?;
         let address = listener.local_addr().map_err(RosError::io(failed()))?;
         let shared = Arc::new(Served {
@@ -53,7 +53,7 @@ impl Listener {
             .name(name.to_owned())
             .spawn({
                 let shared = Arc::clone(&shared);
-                move || shared.accept(&listener, &Arc::new(serve))
+                move || shared.accept(&listener, limit, &Arc::new(serve))
             })
             .map_err(RosError::io(failed()))?;
         Ok(Listener { address, shared, accepting: Some(accepting) })
@@ -66,20 +66,22 @@ impl Listener {
 }
 
 impl Served {
-    fn accept<F>(self: &Arc<Self>, listener: &TcpListener, serve: &Arc<F>)
+    fn accept<F>(self: &Arc<Self>, listener: &TcpListener, limit: usize, serve: &Arc<F>)
     where
         F: Fn(TcpStream) + Send + Sync + 'static,
     {
         let mut next = 0;
         while !self.stop.load(Ordering::Acquire) {
-            let room = lock(&self.streams).len() < MAX_SERVED;
+            let room = || lock(&self.streams).len() < limit;
             let mut fds = [self.waker.poll_fd(), PollFd::new(listener, PollFlags::IN)];
-            let watched = if room { 2 } else { 1 };
+            let watched = if room() { 2 } else { 1 };
             if wait(&mut fds[..watched], Duration::from_millis(100)).is_err() {
                 return;
             }
             self.waker.clear();
-            while let Ok((stream, _)) = listener.accept() {
+            while room()
+                && let Ok((stream, _)) = listener.accept()
+            {
                 next += 1;
                 self.serve(next, stream, Arc::clone(serve));
             }

@@ -11,7 +11,7 @@ use std::time::Duration;
 use crate::header::ConnectionHeader;
 use crate::inbox::{Inbox, Sink};
 use crate::listener::Listener;
-use crate::master::Master;
+use crate::master::{Master, SystemState};
 use crate::publisher::{Publication, TopicInfo};
 use crate::sockets::lock;
 use crate::subscriber::{self, ReadLink, Subscription};
@@ -19,6 +19,9 @@ use crate::{RosError, hosts, http, slave};
 
 /// Threads that connect to publishers: a stale registration must not hold the others up.
 const CONNECTORS: usize = 4;
+
+/// Connections that each of a node's ports serves at once.
+const MAX_SERVED: usize = 256;
 
 /// How a node is made.
 #[derive(Clone, Debug)]
@@ -73,7 +76,7 @@ impl Node {
         let (host, port) = hosts::split_uri(&options.master_uri)?;
         let ip = hosts::local_address_towards(host, port)?;
         let publications: Arc<Publications> = Arc::default();
-        let data = Listener::start("tcpros", ip, {
+        let data = Listener::start("tcpros", (ip, 0).into(), MAX_SERVED, {
             let (publications, name) = (Arc::clone(&publications), options.name.clone());
             let deadline = options.call_deadline;
             move |stream| receive_subscriber(&publications, &name, stream, deadline)
@@ -92,7 +95,7 @@ impl Node {
             stopped: AtomicBool::new(false),
             pause: (Mutex::new(()), Condvar::new()),
         });
-        let slave = Listener::start("slave", ip, {
+        let slave = Listener::start("slave", (ip, 0).into(), MAX_SERVED, {
             let graph = Arc::clone(&graph);
             move |stream| http::serve(stream, |body| slave::answer(&graph, body))
         })?;
@@ -171,6 +174,33 @@ impl Node {
             self.graph.update_publishers(topic, uris);
         }
         Ok(())
+    }
+
+    /// Registers again what the master's state lacks of ours, as a master does that was started
+    /// anew. Connections that stand are left as they are. How many registrations it took.
+    ///
+    /// # Errors
+    /// The master does not answer or refuses; the rest is left for the next time.
+    pub fn register_missing(&self, state: &SystemState) -> Result<u64, RosError> {
+        let lacks = |nodes: Option<&Vec<String>>| {
+            nodes.is_none_or(|nodes| !nodes.contains(&self.graph.name))
+        };
+        let mut made = 0;
+        for publication in self.graph.publications() {
+            let info = publication.info();
+            if lacks(state.publishers.get(&info.topic)) {
+                self.master().register_publisher(&info.topic, &info.datatype, self.slave_uri())?;
+                made += 1;
+            }
+        }
+        for topic in self.subscribed_topics() {
+            if lacks(state.subscribers.get(&topic)) {
+                let uris = self.master().register_subscriber(&topic, "*", self.slave_uri())?;
+                self.graph.update_publishers(&topic, uris);
+                made += 1;
+            }
+        }
+        Ok(made)
     }
 
     /// The topics subscribed to.

@@ -231,7 +231,7 @@ impl Publication {
             let answer = ConnectionHeader::new().with("error", &why).encode();
             // The refusal holds whether or not the peer still listens.
             let _peer_gone = stream.write_all(&answer);
-            lock(&self.links).refused.push(format!("{} {why}", header.text("callerid")));
+            lock(&self.links).refused.push(why.clone());
             return Err(why);
         }
         let io = |error: std::io::Error| error.to_string();
@@ -258,16 +258,19 @@ impl Publication {
     }
 
     fn agrees(&self, header: &ConnectionHeader) -> Result<(), String> {
-        let topic = &self.info.topic;
-        for (name, ours) in [("md5sum", &self.info.md5sum), ("type", &self.info.datatype)] {
-            let theirs = header.get(name).unwrap_or("*");
-            if theirs != "*" && ours != "*" && theirs != ours {
-                return Err(format!(
-                    "subscribes to {topic} with {name} {theirs}, but the recording's is {ours}"
-                ));
-            }
+        let TopicInfo { topic, datatype, md5sum, .. } = &self.info;
+        let said = |name| header.get(name).unwrap_or("*");
+        let differ = |ours: &str, theirs: &str| theirs != "*" && ours != "*" && theirs != ours;
+        if !differ(md5sum, said("md5sum")) && !differ(datatype, said("type")) {
+            return Ok(());
         }
-        Ok(())
+        Err(format!(
+            "{} subscribes to {topic} as {} (md5sum {}), but it was recorded as {datatype} \
+             (md5sum {md5sum}): build the node with the recording's message definition",
+            said("callerid"),
+            said("type"),
+            said("md5sum")
+        ))
     }
 
     fn greeting(&self, node_name: &str) -> Vec<u8> {

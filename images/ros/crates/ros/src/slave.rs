@@ -6,16 +6,16 @@ use dxr::{Fault, FaultResponse, MethodCall, MethodResponse};
 
 use crate::Value;
 use crate::node::Graph;
+use crate::xmlrpc::no_xml_rpc;
 
 /// Answers one XML-RPC call.
 pub(crate) fn answer(graph: &Graph, body: &str) -> String {
-    let call = match MethodCall::from_xml(body) {
+    let (name, params) = match parse(body) {
         Ok(call) => call,
-        Err(error) => return fault(&format!("this is not an XML-RPC call: {error}")),
+        Err(why) => return fault(&format!("this is not an XML-RPC call: {why}")),
     };
-    let params: Vec<_> = call.params.into_iter().map(Value::from_wire).collect();
-    let Some((message, value)) = dispatch(graph, &call.name, &params) else {
-        return fault(&format!("the method {} does not exist here", call.name));
+    let Some((message, value)) = dispatch(graph, &name, &params) else {
+        return fault(&format!("the method {name} does not exist here"));
     };
     let (code, value) = match value {
         Ok(value) => (1, value),
@@ -27,6 +27,12 @@ pub(crate) fn answer(graph: &Graph, body: &str) -> String {
         Ok(Err(error)) => fault(&error.to_string()),
         Err(error) => fault(&error.to_string()),
     }
+}
+
+/// A call's method and parameters, or what is wrong.
+pub(crate) fn parse(body: &str) -> Result<(String, Vec<Value>), String> {
+    let call = MethodCall::from_xml(body).map_err(|error| no_xml_rpc(&error))?;
+    Ok((call.name.into_owned(), call.params.into_iter().map(Value::from_wire).collect()))
 }
 
 /// The message and the value, or the refusal (`Err`) of a method; `None` if there is none.

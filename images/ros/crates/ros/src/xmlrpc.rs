@@ -76,7 +76,7 @@ impl Client {
 
     /// An error that names the method, the server and what was expected.
     pub(crate) fn bad_answer(&self, method: &str, why: &str) -> RosError {
-        RosError::BadAnswer { method: method.into(), uri: self.uri.clone(), why: why.into() }
+        bad_answer(method, &self.uri, why)
     }
 
     fn exchange(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
@@ -104,20 +104,67 @@ impl Client {
             .limit(MAX_ANSWER)
             .read_to_string()
             .map_err(|error| unreachable(error.to_string()))?;
-        self.parse(method, &text)
+        parse(method, &self.uri, &text)
+    }
+}
+
+fn bad_answer(method: &str, uri: &str, why: &str) -> RosError {
+    RosError::BadAnswer { method: method.into(), uri: uri.into(), why: why.into() }
+}
+
+/// The parser's errors repeat the document, which may have megabytes.
+const MOST_QUOTED: usize = 200;
+
+/// What the parser says, no longer than a sentence.
+pub(crate) fn no_xml_rpc(error: &dxr::Error) -> String {
+    let text = error.to_string();
+    match text.char_indices().nth(MOST_QUOTED) {
+        Some((end, _)) => format!("{}... ({} bytes)", &text[..end], text.len()),
+        None => text,
+    }
+}
+
+/// The value of an answer to `method` from the server at `uri`; a fault is an error.
+pub(crate) fn parse(method: &str, uri: &str, text: &str) -> Result<Value, RosError> {
+    match MethodResponse::from_xml(text) {
+        Ok(response) => Ok(Value::from_wire(response.value)),
+        Err(error) => match FaultResponse::from_xml(text) {
+            Ok(response) => Err(RosError::Refused {
+                method: method.into(),
+                uri: uri.into(),
+                why: response.fault.string().to_owned(),
+            }),
+            Err(_) => Err(bad_answer(method, uri, &no_xml_rpc(&error))),
+        },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An answer of lists in lists.
+    fn nested(times: usize) -> String {
+        let (open, close) = ("<value><array><data>", "</data></array></value>");
+        let (open, close) = (open.repeat(times), close.repeat(times));
+        format!("<methodResponse><params><param>{open}{close}</param></params></methodResponse>")
     }
 
-    fn parse(&self, method: &str, text: &str) -> Result<Value, RosError> {
-        match MethodResponse::from_xml(text) {
-            Ok(response) => Ok(Value::from_wire(response.value)),
-            Err(error) => match FaultResponse::from_xml(text) {
-                Ok(response) => Err(RosError::Refused {
-                    method: method.into(),
-                    uri: self.uri.clone(),
-                    why: response.fault.string().to_owned(),
-                }),
-                Err(_) => Err(self.bad_answer(method, &error.to_string())),
-            },
+    #[test]
+    fn lists_in_lists_are_read_but_not_without_end() {
+        let mut value = parse("getParam", "http://robot:1/", &nested(30)).unwrap();
+        let mut depth = 1;
+        while let Value::List(mut items) = value {
+            let Some(inner) = items.pop() else { break };
+            value = inner;
+            depth += 1;
+        }
+        assert_eq!(depth, 30);
+        // Enough to use up the stack of any thread, were it parsed to its end.
+        for deep in [nested(100_000), nested(100_000).replace("<data>", "<data><!--</data>-->")] {
+            let error = parse("getParam", "http://robot:1/", &deep).unwrap_err().to_string();
+            assert!(error.contains("Failed to parse XML data: <methodResponse>"), "{error}");
+            assert!(error.len() < 400, "{} bytes of error", error.len());
         }
     }
 }

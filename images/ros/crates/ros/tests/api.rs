@@ -80,6 +80,9 @@ fn parameters_of_every_kind_survive_the_real_master() {
     let gain = graph
         .run("/usr/bin/python3", &["-c", "import rospy; print(rospy.get_param('/lane/gain'))"]);
     assert_eq!(gain.trim(), "0.1");
+    assert_eq!(graph.run("/usr/bin/rosparam", &["get", "/lane/count"]).trim(), "-7");
+    graph.run("/usr/bin/rosparam", &["set", "/lane/gain", "2.5"]);
+    assert_eq!(master.get_param("/lane/gain").unwrap(), Value::Double(2.5));
     master.delete_param("/lane").unwrap();
     let error = master.get_param("/lane").unwrap_err();
     assert!(matches!(error, RosError::Refused { .. }), "{error}");
@@ -107,19 +110,22 @@ fn rostopic_hears_us_and_we_hear_rostopic() {
     node.subscribe("/answer").unwrap();
     let publication = node.advertise(chatter(true)).unwrap();
     let hello = frame("hello");
+    publication.latch("/recorded", Share::LeadIn, &frame("older"));
     publication.latch("/recorded", Share::LeadIn, &hello);
-    // A latched message reaches a subscriber that comes later.
+    publication.latch("/recorded_too", Share::LeadIn, &hello);
+    // The last one that each publisher latched reaches a subscriber that comes later.
     let echo = graph.spawn("/usr/bin/rostopic", &["echo", "/chatter"]);
     echo.wait_for("data: \"hello\"");
     let world = frame("world");
     publication.send(Share::Counted, &[&world, &world], &mut || false).unwrap();
     echo.wait_for("data: \"world\"");
     let links = publication.subscribers();
-    assert_eq!((links[0].lead_in, links[0].counted, links[0].counted_bytes), (1, 2, 18));
+    assert_eq!((links[0].lead_in, links[0].counted, links[0].counted_bytes), (2, 2, 18));
+    assert!(!echo.lines().iter().any(|line| line.contains("older")));
     let mut audit = Audit::new(node.master().clone(), node.slave_uri(), Duration::from_secs(5));
     let topics = ["/chatter".to_owned()];
     let received = audit.ask(&links[0].node, &topics).unwrap()["/chatter"];
-    assert_eq!((received.messages, received.drops), (3, None));
+    assert_eq!((received.messages, received.drops), (4, None));
     drop(echo);
     wait_until("the subscriber has left", || !publication.subscribers()[0].open);
     publication.send(Share::Counted, &[&world], &mut || false).unwrap();
@@ -132,6 +138,30 @@ fn rostopic_hears_us_and_we_hear_rostopic() {
     assert_eq!(topic, "/answer");
     assert!(caller.starts_with("/rostopic_"), "{caller}");
     assert_eq!(data, frame("back")[4..]);
+}
+
+#[test]
+fn rostopic_describes_our_topics_and_measures_their_rate() {
+    let graph = Graph::start(TMP);
+    let (node, _) = start_node(&graph, "/bagpipe_test", 1 << 20);
+    node.subscribe("/answer").unwrap();
+    let publication = node.advertise(chatter(false)).unwrap();
+    let hz = graph.spawn("/usr/bin/rostopic", &["hz", "/chatter"]);
+    wait_until("it has subscribed", || publication.subscribers().iter().any(|link| link.open));
+    let measured = || hz.lines().iter().any(|line| line.starts_with("average rate: "));
+    let hello = frame("hello");
+    wait_until("it has measured", || {
+        publication.send(Share::Counted, &[&hello], &mut || false).unwrap();
+        measured()
+    });
+    let info = graph.run("/usr/bin/rostopic", &["info", "/chatter"]);
+    assert!(info.contains("Type: std_msgs/String"), "{info}");
+    let (_, publishers) = info.split_once("Publishers:").unwrap();
+    let (publishers, subscribers) = publishers.split_once("Subscribers:").unwrap();
+    let ours = format!("* /bagpipe_test ({})", node.slave_uri());
+    assert!(publishers.contains(&ours) && subscribers.contains("* /rostopic_"), "{info}");
+    let info = graph.run("/usr/bin/rostopic", &["info", "/answer"]);
+    assert!(info.contains("Publishers: None") && info.contains(&ours), "{info}");
 }
 
 #[test]

@@ -1,6 +1,9 @@
 //! The worker's side of the pipe, as Spark's Python has it, and an agent to talk to.
 #![allow(dead_code, clippy::unwrap_used, clippy::expect_used)]
 
+pub mod bags;
+pub mod exec;
+
 use std::cell::Cell;
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -13,6 +16,17 @@ use bagpipe_pipe::{
     WorkerHello, fifo, from_map, to_map,
 };
 use rmpv::Value;
+
+/// A rospy node that answers every /chatter with an /echo.
+pub const ECHO: &str = r#"exec /usr/bin/python3 -u -c '
+import rospy, sys, os
+from std_msgs.msg import String
+rospy.init_node("echo")
+out = rospy.Publisher("/echo", String, queue_size=1000)
+rospy.Subscriber("/chatter", String, lambda m: out.publish("echo of " + m.data), queue_size=1000)
+print("gain is", rospy.get_param("/echo/gain", None), file=sys.stderr)
+rospy.spin()
+'"#;
 
 pub const SESSION: &str = "0123456789abcdef0123456789abcdef";
 
@@ -330,7 +344,9 @@ pub fn answer(link: &mut Duplex) -> Answer {
                 return Answer::Result { result, bag, metrics };
             }
             FrameType::Abort => return Answer::Abort(from_map(&frame.payload).unwrap()),
-            FrameType::Hello => panic!("a second HELLO"),
+            kind @ (FrameType::Hello | FrameType::Step | FrameType::Answer) => {
+                panic!("{} before the result", kind.name())
+            }
         }
     }
 }
@@ -356,7 +372,7 @@ pub fn chatter(count: u64) -> Vec<u8> {
 }
 
 /// A first port such that it and the next ones are free now.
-fn free_ports(count: u32) -> u16 {
+pub fn free_ports(count: u32) -> u16 {
     (0..100)
         .find_map(|_| {
             let first = TcpListener::bind("127.0.0.1:0").unwrap();

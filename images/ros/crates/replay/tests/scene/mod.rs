@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
@@ -48,6 +49,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         rate: 1.0,
         record_topics: Vec::new(),
         byte_budget: 1 << 30,
+        record_to: None,
         subscribe_deadline: Duration::from_secs(20),
         drain_deadline: Duration::from_secs(10),
         case_deadline: Instant::now() + Duration::from_secs(120),
@@ -55,6 +57,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         clock_rate: CLOCK_RATE,
         start: StartWhen::default(),
         pause: None,
+        meter: Arc::default(),
     }
 }
 
@@ -86,6 +89,19 @@ pub fn bag_of_words(
     for (connection, milliseconds, text) in messages {
         let data = [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
         writer.write(ids[*connection], milliseconds * 1_000_000, &data).unwrap();
+    }
+    Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
+}
+
+/// A bag of (connection, data), a millisecond apart.
+pub fn bag_of(
+    connections: &[Connection],
+    messages: impl Iterator<Item = (usize, Vec<u8>)>,
+) -> Bag<MemoryChunkedFile> {
+    let mut writer = BagWriter::new(WriterOptions::default());
+    let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
+    for (number, (connection, data)) in messages.enumerate() {
+        writer.write(ids[connection], 1_000_000 * number as u64, &data).unwrap();
     }
     Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
 }

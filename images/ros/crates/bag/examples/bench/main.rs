@@ -1,7 +1,10 @@
 //! Times the bag's hot paths beside plain copies, one run of each, as JSON lines:
 //! `{"case", "metric", "unit", "by", "value"}`. `tests/bench/run.py bag` runs it in turn
 //! with the peers; alone: `cargo run --release -p bagpipe-bag --example bench -- [case...]`.
+//! `payload FILE` and `shapes FOLDER` make what all programs read, `again LIST` reads bags.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)]
+
+mod shapes;
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -27,15 +30,17 @@ impl Asked {
 
 fn main() {
     let mut words: Vec<String> = std::env::args().skip(1).collect();
-    if words.first().is_some_and(|word| word == "payload") {
-        // The same bytes for every program of the comparison.
-        std::fs::write(&words[1], payload()).unwrap();
-        return;
-    }
     let scale = match words.iter().position(|word| word == "--scale") {
         Some(at) => words.drain(at..at + 2).nth(1).unwrap().parse().unwrap(),
         None => 1.0,
     };
+    match words.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        // The same bytes for every program of the comparison.
+        ["payload", path] => return std::fs::write(path, payload()).unwrap(),
+        ["shapes", folder] => return shapes::make(folder.as_ref(), &payload(), scale),
+        ["again", list] => return shapes::again(list.as_ref()),
+        _ => {}
+    }
     let asked = Asked(words);
     let payload = payload();
     let count = |base: f64| (base * scale).max(1.0) as usize;
@@ -47,7 +52,7 @@ fn main() {
         ("1 KB bz2", 1 << 10, 10_000.0, Compression::Bz2),
     ] {
         if asked.wants(name) {
-            messages(name, size, count(base), compression, &payload);
+            Case { name, size, count: count(base), compression, payload: &payload }.measure();
         }
     }
     if asked.wants("memcpy") {
@@ -61,17 +66,21 @@ fn main() {
     }
 }
 
-/// Bytes that compress to about 55 %, as a real AV bag does.
+/// Bytes that LZ4 compresses to about 55 %, as it does a real AV bag's: 8 random ones and 12
+/// that were there before.
 fn payload() -> Vec<u8> {
     let mut state: u64 = 0x9e37_79b9_7f4a_7c15;
-    let mut bytes = Vec::with_capacity(PAYLOAD);
+    let mut bytes = Vec::with_capacity(PAYLOAD + 20);
     while bytes.len() < PAYLOAD {
         state ^= state << 13;
         state ^= state >> 7;
         state ^= state << 17;
+        let page = (bytes.len() as u64) >> 12;
         bytes.extend_from_slice(&state.to_le_bytes());
-        bytes.extend_from_slice(&((bytes.len() as u64) >> 12).to_le_bytes());
+        bytes.extend_from_slice(&page.to_le_bytes());
+        bytes.extend_from_slice(&[0; 4]);
     }
+    bytes.truncate(PAYLOAD);
     bytes
 }
 
@@ -104,53 +113,90 @@ fn connection(topic: &str) -> Connection {
     }
 }
 
-/// Writes and reads `count` messages of `size` bytes; small ones by number, large by bytes.
-fn messages(name: &str, size: usize, count: usize, compression: Compression, payload: &[u8]) {
-    let (unit, amount) = match size {
-        1024 => ("msg/s", count as f64),
-        _ => ("MB/s", (count * size) as f64 / 1e6),
-    };
-    let write = |memory: Vec<u8>| {
-        let options = WriterOptions { compression, ..WriterOptions::default() };
+/// What is measured of messages of one size.
+struct Case<'p> {
+    name: &'static str,
+    size: usize,
+    count: usize,
+    compression: Compression,
+    payload: &'p [u8],
+}
+
+impl Case<'_> {
+    /// Small messages by number, large ones by bytes.
+    fn say(&self, metric: &str, took: f64) {
+        let (unit, amount) = match self.size {
+            1024 => ("msg/s", self.count as f64),
+            _ => ("MB/s", (self.count * self.size) as f64 / 1e6),
+        };
+        say(self.name, metric, unit, "bagpipe", amount / took);
+    }
+
+    fn write(&self, memory: Vec<u8>) -> Vec<u8> {
+        let options = WriterOptions { compression: self.compression, ..WriterOptions::default() };
         let mut writer = BagWriter::with_buffer(options, memory);
         let id = writer.add_connection(&connection("/chatter"));
-        for number in 0..count {
+        for number in 0..self.count {
             let time = START + number as u64 * STEP;
-            writer.write(id, time, message(payload, number, size)).unwrap();
+            writer.write(id, time, message(self.payload, number, self.size)).unwrap();
         }
         writer.finish().unwrap()
-    };
-    // As much as the agent reserves for a recording: its budget.
-    let (bytes, took) = timed(|| write(Vec::with_capacity(count * (size + 128) + (1 << 20))));
-    say(name, "write", unit, "bagpipe", amount / took);
-    let (bag, took) = timed(|| {
-        let bag = Bag::open(MemoryChunkedFile::new(bytes)).unwrap();
-        let timeline = bag.timeline(|_| true).unwrap();
-        let mut sum = 0u64;
-        for message in &timeline {
-            sum += message.time + u64::from(message.data[0]);
+    }
+
+    /// Writes and reads the messages.
+    fn measure(&self) {
+        // As much as the agent reserves for a recording: its budget.
+        let room = self.count * (self.size + 128) + (1 << 20);
+        let (bytes, took) = timed(|| self.write(Vec::with_capacity(room)));
+        self.say("write", took);
+        if self.compression != Compression::None {
+            say(self.name, "size of the bag", "MB", "bagpipe", bytes.len() as f64 / 1e6);
         }
-        black_box(sum);
-        assert_eq!(timeline.len(), count);
-        drop(timeline);
-        bag
-    });
-    say(name, "read", unit, "bagpipe", amount / took);
-    let bytes = bag.into_file().into_inner();
-    let mut copy = vec![1; size];
-    let (bag, took) = timed(|| {
-        let bag = Bag::open(MemoryChunkedFile::new(bytes)).unwrap();
-        for message in &bag.timeline(|_| true).unwrap() {
-            copy.copy_from_slice(message.data);
-            black_box(&copy);
+        let memory = self.read(bytes);
+        if self.compression == Compression::None {
+            let (_, took) = timed(|| self.write(memory));
+            self.say("write, memory reused", took);
         }
-        bag
-    });
-    say(name, "read and copy out", unit, "bagpipe", amount / took);
-    let memory = bag.into_file().into_inner();
-    if compression == Compression::None {
-        let (_, took) = timed(|| write(memory));
-        say(name, "write, memory reused", unit, "bagpipe", amount / took);
+    }
+
+    /// Reads the bag in each way, and gives its memory back.
+    fn read(&self, bytes: Vec<u8>) -> Vec<u8> {
+        let (bag, took) = timed(|| {
+            let bag = Bag::open(MemoryChunkedFile::new(bytes)).unwrap();
+            let (mut sum, mut found) = (0u64, 0);
+            for message in bag.messages(|_| true) {
+                let message = message.unwrap();
+                sum += message.time + u64::from(message.data[0]);
+                found += 1;
+            }
+            black_box(sum);
+            assert_eq!(found, self.count);
+            bag
+        });
+        self.say("read", took);
+        let bytes = bag.into_file().into_inner();
+        let (bag, took) = timed(|| {
+            let bag = Bag::open(MemoryChunkedFile::new(bytes)).unwrap();
+            let timeline = bag.timeline(|_| true).unwrap();
+            let sum: u64 = timeline.iter().map(|each| each.time + u64::from(each.data[0])).sum();
+            black_box(sum);
+            assert_eq!(timeline.len(), self.count);
+            drop(timeline);
+            bag
+        });
+        self.say("read, all ordered first", took);
+        let bytes = bag.into_file().into_inner();
+        let mut copy = vec![1; self.size];
+        let (bag, took) = timed(|| {
+            let bag = Bag::open(MemoryChunkedFile::new(bytes)).unwrap();
+            for message in bag.messages(|_| true) {
+                copy.copy_from_slice(message.unwrap().data);
+                black_box(&copy);
+            }
+            bag
+        });
+        self.say("read and copy out", took);
+        bag.into_file().into_inner()
     }
 }
 

@@ -1,0 +1,176 @@
+"""The agent's bag in memory; use it as `bagpipe.MemoryBag`."""
+
+from collections.abc import Iterator, Sequence
+from os import PathLike
+from typing import Literal, final
+
+from typing_extensions import Buffer
+
+Compression = Literal["none", "lz4", "bz2"]
+
+class BagError(ValueError):
+    """A bag can't be read or written; the text names the byte offset and what was expected."""
+
+@final
+class Connection:
+    """One publisher of one topic, as it was recorded."""
+
+    @property
+    def id(self) -> int: ...
+    @property
+    def topic(self) -> str: ...
+    @property
+    def type(self) -> str:
+        """Such as sensor_msgs/Imu; rosbags calls it sensor_msgs/msg/Imu."""
+    @property
+    def md5sum(self) -> str: ...
+    @property
+    def definition(self) -> str: ...
+    @property
+    def callerid(self) -> str | None: ...
+    @property
+    def latching(self) -> bool: ...
+
+@final
+class Damage:
+    """What a damaged or truncated bag has lost."""
+
+    @property
+    def offset(self) -> int:
+        """Byte offset of the first damage in the file."""
+    @property
+    def bytes(self) -> int:
+        """Bytes that could not be used."""
+    @property
+    def messages(self) -> int | None:
+        """Messages that are lost; None when nobody can know."""
+    @property
+    def description(self) -> str: ...
+
+@final
+class Checked:
+    """What a look at every record has found."""
+
+    @property
+    def sound(self) -> bool:
+        """True when nothing is lost and nothing contradicts itself."""
+    @property
+    def messages(self) -> int:
+        """Whole messages."""
+    @property
+    def damage(self) -> Damage | None: ...
+    @property
+    def problems(self) -> list[str]:
+        """Sentences about what contradicts itself."""
+
+@final
+class Messages(Iterator[tuple[Connection, int, memoryview]]):
+    """Messages of a bag, as (connection, time in ns, raw)."""
+
+    def __iter__(self) -> Messages: ...
+    def __next__(self) -> tuple[Connection, int, memoryview]: ...
+    def __length_hint__(self) -> int:
+        """How many messages are left."""
+
+@final
+class MemoryBag:
+    """A ROS 1 bag (format 2.0) in memory. Threads may share it."""
+
+    def __new__(cls, data: Buffer, *, decompressed_bytes: int | None = None) -> MemoryBag:
+        """Opens the bag that lies in `data`. `bytes` are not copied; any other buffer is,
+        because it may change. Of a damaged bag what is whole is kept, see `damage`.
+        `decompressed_bytes` bounds the memory of all uncompressed chunks together.
+        Raises BagError."""
+    @staticmethod
+    def open(path: str | PathLike[str], *, decompressed_bytes: int | None = None) -> MemoryBag:
+        """Reads a file into memory and opens it. Raises OSError and BagError."""
+    @staticmethod
+    def writer(
+        *, compression: Compression = "none", byte_budget: int | None = None
+    ) -> MemoryBagWriter:
+        """A new bag to write into; the finished bag has at most `byte_budget` bytes."""
+    @staticmethod
+    def merge(
+        bags: Sequence[MemoryBag],
+        *,
+        compression: Compression = "none",
+        byte_budget: int | None = None,
+    ) -> MemoryBag:
+        """All messages of all bags by time; those of the same time in the bags' order.
+        Raises BagError, also for a damaged bag."""
+    def slice(
+        self,
+        start: int | None = None,
+        end: int | None = None,
+        topics: Sequence[str] | None = None,
+        *,
+        compression: Compression = "none",
+        byte_budget: int | None = None,
+    ) -> MemoryBag:
+        """Messages with start <= time < end (ns), and before them, at `start`, each publisher's
+        last latched message from before. Chunks that lie inside as a whole stay as they are.
+        Raises BagError, also for a damaged bag or a topic that the bag does not have."""
+    def messages(
+        self,
+        topics: Sequence[str] | None = None,
+        start: int | None = None,
+        end: int | None = None,
+    ) -> Messages:
+        """Messages with start <= time < end (ns), by time, then chunk, then offset. Each raw
+        message is a read-only view of the bag's memory, which lives as long as the view.
+        Raises BagError, also for a topic that the bag does not have."""
+    def check(self) -> Checked:
+        """Reads every record and compares what it finds with the index. Raises BagError."""
+    @property
+    def connections(self) -> list[Connection]: ...
+    @property
+    def topics(self) -> list[str]:
+        """The topics' names, sorted."""
+    @property
+    def start(self) -> int | None:
+        """The time of the first message in ns; None without messages."""
+    @property
+    def end(self) -> int | None:
+        """The time of the last message in ns; None without messages."""
+    @property
+    def message_count(self) -> int:
+        """Whole messages."""
+    @property
+    def chunk_count(self) -> int: ...
+    @property
+    def compressions(self) -> list[str]:
+        """The compressions of its chunks, sorted: none, lz4, bz2."""
+    @property
+    def damage(self) -> Damage | None:
+        """What was lost to damage; None when the bag is whole as far as it has been read."""
+    def view(self) -> memoryview:
+        """The bag's file as it lies in memory, not copied."""
+    def to_bytes(self) -> bytes:
+        """The bag's file: a copy, but for a bag that was opened from bytes."""
+
+@final
+class MemoryBagWriter:
+    """Writes messages into a bag in memory. Made by MemoryBag.writer."""
+
+    def write(
+        self,
+        topic: str,
+        time_ns: int,
+        raw: Buffer,
+        *,
+        type: str,  # noqa: A002 (the name that bags give it)
+        md5sum: str,
+        definition: str,
+        callerid: str | None = None,
+        latching: bool = False,
+    ) -> None:
+        """Appends a serialised message; what is said beside it decides its connection.
+        Raises BagError when the bag would exceed its budget; it can still be finished then."""
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+    @property
+    def high_water(self) -> int:
+        """The most bytes that the bag, finished then, would have had at any time."""
+    def finish(self) -> MemoryBag:
+        """Writes the index and gives the bag; nothing can be written after that."""

@@ -1,0 +1,30 @@
+//! The agent's bag for Python: `bagpipe.MemoryBag`.
+//!
+//! Thin: each file gives one thing of the crate `bagpipe-bag` to Python. What takes long runs
+//! without Python's lock; what Python gets of messages are views of the bag's own memory, and
+//! [`view`] is the only file with `unsafe`, which the buffer protocol demands.
+
+mod bag;
+mod error;
+mod memory;
+mod messages;
+mod model;
+mod view;
+mod writer;
+
+use pyo3::prelude::*;
+
+/// Native part of `bagpipe`; use `bagpipe.MemoryBag`.
+#[pymodule]
+mod bagpipe_bag {
+    #[pymodule_export]
+    use crate::bag::MemoryBag;
+    #[pymodule_export]
+    use crate::error::BagError;
+    #[pymodule_export]
+    use crate::messages::Messages;
+    #[pymodule_export]
+    use crate::model::{Checked, Connection, Damage};
+    #[pymodule_export]
+    use crate::writer::MemoryBagWriter;
+}

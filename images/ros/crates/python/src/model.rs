@@ -1,0 +1,115 @@
+//! What a bag is made of, as Python sees it.
+
+use pyo3::prelude::*;
+
+/// One publisher of one topic, as it was recorded.
+#[pyclass(frozen, eq, get_all, module = "bagpipe_bag")]
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Connection {
+    /// The number that the bag's messages refer to.
+    id: u32,
+    /// The topic's resolved name.
+    topic: String,
+    /// The message type, such as `sensor_msgs/Imu`.
+    r#type: String,
+    /// The type's MD5 sum, 32 hexadecimal digits.
+    md5sum: String,
+    /// The type's full definition.
+    definition: String,
+    /// The publishing node's name, or None.
+    callerid: Option<String>,
+    /// True when the publisher latched its last message.
+    latching: bool,
+}
+
+#[pymethods]
+impl Connection {
+    fn __repr__(&self) -> String {
+        let Self { id, topic, r#type, .. } = self;
+        format!("Connection(id={id}, topic={topic:?}, type={type:?})")
+    }
+}
+
+impl From<&bagpipe_bag::Connection> for Connection {
+    fn from(each: &bagpipe_bag::Connection) -> Self {
+        Self {
+            id: each.id,
+            topic: each.topic.clone(),
+            r#type: each.datatype.clone(),
+            md5sum: each.md5sum.clone(),
+            definition: each.definition.clone(),
+            callerid: each.caller_id.clone(),
+            latching: each.latching,
+        }
+    }
+}
+
+/// What a damaged or truncated bag has lost.
+#[pyclass(frozen, eq, get_all, module = "bagpipe_bag")]
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Damage {
+    /// Byte offset of the first damage in the file.
+    offset: u64,
+    /// Bytes that could not be used.
+    bytes: u64,
+    /// Messages that are lost, or None when nobody can know.
+    messages: Option<u64>,
+    /// What was expected there.
+    description: String,
+}
+
+#[pymethods]
+impl Damage {
+    fn __repr__(&self) -> String {
+        let Self { offset, bytes, description, .. } = self;
+        let messages = self.messages.map_or("None".to_owned(), |count| count.to_string());
+        format!(
+            "Damage(offset={offset}, bytes={bytes}, messages={messages}, \
+             description={description:?})"
+        )
+    }
+}
+
+impl From<&bagpipe_bag::Loss> for Damage {
+    fn from(loss: &bagpipe_bag::Loss) -> Self {
+        Self {
+            offset: loss.offset,
+            bytes: loss.bytes,
+            messages: loss.messages,
+            description: loss.description.clone(),
+        }
+    }
+}
+
+/// What a look at every record has found.
+#[pyclass(frozen, get_all, module = "bagpipe_bag")]
+#[derive(Debug, Clone)]
+pub struct Checked {
+    /// True when nothing is lost and nothing contradicts itself.
+    sound: bool,
+    /// Whole messages.
+    messages: u64,
+    /// What is lost, or None.
+    damage: Option<Damage>,
+    /// Sentences about what contradicts itself.
+    problems: Vec<String>,
+}
+
+#[pymethods]
+impl Checked {
+    fn __repr__(&self) -> String {
+        let sound = if self.sound { "True" } else { "False" };
+        format!("Checked(sound={sound}, messages={})", self.messages)
+    }
+}
+
+impl From<bagpipe_bag::Checked> for Checked {
+    fn from(found: bagpipe_bag::Checked) -> Self {
+        Self {
+            sound: found.sound(),
+            messages: found.messages,
+            damage: found.loss.as_ref().map(Damage::from),
+            problems: found.problems,
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! A simulated world in place of a bag: it says what is heard next, and hears what is answered.
+//!
+//! Turn by turn: the world is told what the stack said, and gives the next moment of simulated
+//! time with the messages that belong to it. They go out as a lock-step play's do: everybody has
+//! read the time before the first message, each message before the next, and the answers that
+//! the steps ask for have come, or their deadline has passed, before the world has its turn again.
+
+use std::cell::RefCell;
+use std::sync::Arc;
+use std::time::Instant;
+
+use bagpipe_bag::Connection;
+use bagpipe_ros::{Share, TopicInfo};
+
+use crate::answers::Answers;
+use crate::plan::Plan;
+use crate::play::{Pace, Player};
+use crate::recorder::Recorder;
+use crate::replay::carry_out;
+use crate::watch::Watch;
+use crate::{Cancellation, Progress, ReplayError, ReplayRequest, Replayed};
+
+/// The publisher of the world's messages in the recording.
+const PUBLISHER: &str = "/bagpipe_simulator";
+
+/// What the stack said last on a topic.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Said {
+    /// The topic.
+    pub topic: String,
+    /// The message's type, as its publisher names it.
+    pub datatype: String,
+    /// The serialised message.
+    pub data: Vec<u8>,
+}
+
+/// A moment of simulated time.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Moment {
+    /// Nanoseconds; later than the moment before.
+    pub time: u64,
+    /// In the order in which they go out: a place among the world's topics, and a frame of
+    /// `u32` little-endian length and the serialised message.
+    pub messages: Vec<(usize, Vec<u8>)>,
+}
+
+/// What moves on in answer to the stack.
+pub trait World {
+    /// The moment after `said`, which is the latest message on each answer's topic since the
+    /// last turn; `None` when the world ends. May wait, and then asks `stop` now and then.
+    ///
+    /// # Errors
+    /// Whatever ends the case; [`ReplayError::Cancelled`] after `stop` said so.
+    fn next(
+        &mut self,
+        said: Vec<Said>,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Option<Moment>, ReplayError>;
+
+    /// The topics whose messages stay out of the recording.
+    fn unrecorded(&self) -> &[String] {
+        &[]
+    }
+}
+
+/// Plays a world's topics as [`crate::replay`] plays a bag's: lock-stepped, recorded and proved.
+/// The world's own messages are recorded too, as said by `/bagpipe_simulator`, but for those of
+/// [`World::unrecorded`].
+///
+/// # Errors
+/// As [`crate::replay_together`], and what the world's turns end with.
+pub fn simulate(
+    topics: Vec<TopicInfo>,
+    request: &ReplayRequest,
+    world: &mut dyn World,
+    progress: &mut dyn FnMut(Progress),
+    cancelled: &dyn Fn() -> Option<Cancellation>,
+) -> Result<Replayed, ReplayError> {
+    request.validate()?;
+    carry_out(&Plan::of_topics(topics), request, Some(world), progress, cancelled)
+}
+
+/// A topic of the world.
+struct Spoken {
+    connection: Arc<Connection>,
+    recorded: bool,
+}
+
+/// One world's turns with the stack.
+pub(crate) struct Turns<'a> {
+    world: &'a mut dyn World,
+    answers: &'a Answers,
+    recorder: &'a Recorder,
+    connections: Vec<Spoken>,
+    before: Option<u64>,
+}
+
+impl<'a> Turns<'a> {
+    pub(crate) fn new(
+        world: &'a mut dyn World,
+        answers: &'a Answers,
+        recorder: &'a Recorder,
+        topics: &[TopicInfo],
+    ) -> Turns<'a> {
+        let hidden = world.unrecorded();
+        let connections = topics.iter().map(|info| Spoken {
+            connection: Arc::new(own_connection(info)),
+            recorded: !hidden.contains(&info.topic),
+        });
+        let connections = connections.collect();
+        Turns { world, answers, recorder, connections, before: None }
+    }
+
+    /// Takes turns until the world ends.
+    pub(crate) fn play(
+        mut self,
+        player: &mut Player<'_>,
+        watch: &mut Watch<'_>,
+    ) -> Result<Pace, ReplayError> {
+        let begun = Instant::now();
+        while let Some(moment) = self.next(watch)? {
+            self.show(&moment, player, watch)?;
+        }
+        Ok(Pace { last: self.before, took: begun.elapsed(), ..Pace::default() })
+    }
+
+    fn next(&mut self, watch: &mut Watch<'_>) -> Result<Option<Moment>, ReplayError> {
+        watch.check()?;
+        let said = self.answers.take_latest();
+        let watch = RefCell::new(watch);
+        let next = self.world.next(said, &|| watch.borrow_mut().must_stop());
+        match next {
+            // The watch knows why.
+            Err(ReplayError::Cancelled(_)) if watch.borrow_mut().must_stop() => {
+                Err(watch.borrow_mut().failure())
+            }
+            other => other,
+        }
+    }
+
+    fn show(
+        &mut self,
+        moment: &Moment,
+        player: &mut Player<'_>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        if self.before.is_some_and(|before| before >= moment.time) {
+            let before = self.before.unwrap_or_default();
+            return Err(ReplayError::BadRequest(format!(
+                "the simulator's time must advance: {} ns came after {before} ns",
+                moment.time
+            )));
+        }
+        self.before = Some(moment.time);
+        player.advance(moment.time, watch)?;
+        for (at, frame) in &moment.messages {
+            let spoken = self.connections.get(*at).filter(|_| frame.len() >= 4);
+            let Some(Spoken { connection, recorded }) = spoken else {
+                return Err(ReplayError::BadRequest(format!(
+                    "the simulator speaks on topic number {at}, and it has {}",
+                    self.connections.len()
+                )));
+            };
+            // Before it goes out: what answers it comes later in the recording's own order.
+            if *recorded {
+                self.recorder.keep(connection, &frame[4..]);
+            }
+            if connection.latching {
+                player.publications()[*at].latch("", Share::Counted, frame);
+            }
+            player.say(*at, frame, Share::Counted, watch)?;
+        }
+        watch.reached = moment.time;
+        Ok(())
+    }
+}
+
+fn own_connection(info: &TopicInfo) -> Connection {
+    Connection {
+        id: 0,
+        topic: info.topic.clone(),
+        datatype: info.datatype.clone(),
+        md5sum: info.md5sum.clone(),
+        definition: info.definition.clone(),
+        caller_id: Some(PUBLISHER.to_owned()),
+        latching: info.latching,
+    }
+}
