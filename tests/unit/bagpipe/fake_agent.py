@@ -4,6 +4,7 @@ can't be made to show on demand. What it sends is a script; what it received is 
 """
 
 import os
+import select
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -11,7 +12,10 @@ from typing import Any, Self
 
 from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType
 
-Script = Callable[["FakeAgent", int], None]
+# How the first frame of every session begins.
+HELLO = b"BPIP\x01\x01\x00\x00"
+
+Script = Callable[["FakeAgent"], None]
 
 RESULT: dict[str, Any] = {
     "stack": {"exit_status": None, "signal": 15, "stderr": [], "ended_by": "agent"},
@@ -90,14 +94,32 @@ class FakeAgent:
         for script in self._scripts:
             self._encoder = Encoder()
             self.received = []
-            self._incoming = os.open(self._folder / "to-agent", os.O_RDONLY)
             self._outgoing = -1
+            if self._incoming < 0:
+                self._incoming = self._fresh()
             try:
-                script(self, self._incoming)
-                while self._incoming >= 0 and os.read(self._incoming, 65536):
+                script(self)
+                while self._incoming >= 0 and self._rest():
                     continue
-            finally:
+                self._open_anew()
+                self.hang_up()
+            except BaseException:
                 self.vanish()
+                raise
+        self.vanish()
+
+    def _rest(self) -> bytes:
+        self._await_bytes()
+        return os.read(self._incoming, 65536)
+
+    def _fresh(self) -> int:
+        return os.open(self._folder / "to-agent", os.O_RDONLY | os.O_NONBLOCK)
+
+    def _open_anew(self) -> None:
+        """As the real agent does: the next session's end is open before the old one is closed."""
+        if self._incoming >= 0:
+            old, self._incoming = self._incoming, self._fresh()
+            os.close(old)
 
     def vanish(self) -> None:
         """Close both ends at once, as the kernel does for a killed process."""
@@ -111,13 +133,29 @@ class FakeAgent:
             os.close(self._outgoing)
             self._outgoing = -1
 
-    def read_until(self, incoming: int, kind: FrameType) -> None:
-        decoder = Decoder()
+    def read_until(self, kind: FrameType) -> None:
+        """Read frames up to one of a kind, past what an earlier worker may have left behind."""
+        decoder, before = Decoder(), b""
         while all(frame.type != kind for frame in self.received):
-            data = os.read(incoming, 65536)
-            if not data:
+            self._await_bytes()
+            data = os.read(self._incoming, 65536)
+            if data and not self.received:
+                before += data
+                hello = before.rfind(HELLO)
+                decoder = Decoder()
+                self.received += decoder.feed(before[hello:]) if hello >= 0 else []
+            elif data:
+                self.received += decoder.feed(data)
+            elif self.received:
                 return
-            self.received += decoder.feed(data)
+            else:
+                self._open_anew()
+
+    def _await_bytes(self) -> None:
+        # Nobody may have opened the other end yet, which a read would take for its end.
+        poll = select.poll()
+        poll.register(self._incoming, select.POLLIN)
+        assert poll.poll(20_000), "no worker within 20 s"
 
     def open_outgoing(self) -> int:
         self._outgoing = os.open(self._folder / "from-agent", os.O_WRONLY)
@@ -127,8 +165,8 @@ class FakeAgent:
 def well_behaved(recorded: bytes = b"bytes", before: bytes = b"", **changed: Any) -> Script:
     """Reads everything, answers, ends; `before` is a dead session's bytes."""
 
-    def script(agent: FakeAgent, incoming: int) -> None:
-        agent.read_until(incoming, FrameType.END)
+    def script(agent: FakeAgent) -> None:
+        agent.read_until(FrameType.END)
         outgoing = agent.open_outgoing()
         os.write(outgoing, before)
         agent.greet(outgoing)
@@ -140,8 +178,8 @@ def well_behaved(recorded: bytes = b"bytes", before: bytes = b"", **changed: Any
 def aborting(reason: str, message: str, stderr: list[str]) -> Script:
     """Reads HELLO only, then ABORT: the worker is still writing."""
 
-    def script(agent: FakeAgent, incoming: int) -> None:
-        agent.read_until(incoming, FrameType.HELLO)
+    def script(agent: FakeAgent) -> None:
+        agent.read_until(FrameType.HELLO)
         outgoing = agent.open_outgoing()
         agent.greet(outgoing)
         abort = {"reason": reason, "message": message, "exit_status": 3, "stderr": stderr}
@@ -150,10 +188,10 @@ def aborting(reason: str, message: str, stderr: list[str]) -> Script:
     return script
 
 
-def dying(agent: FakeAgent, incoming: int) -> None:
+def dying(agent: FakeAgent) -> None:
     """Greets, sends a piece of a frame, and is gone."""
-    agent.read_until(incoming, FrameType.HELLO)
+    agent.read_until(FrameType.HELLO)
     outgoing = agent.open_outgoing()
     agent.greet(outgoing)
     os.write(outgoing, b"BPIP\x01")
-    agent.hang_up()
+    agent.vanish()

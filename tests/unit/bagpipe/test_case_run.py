@@ -10,11 +10,14 @@ import pytest
 
 from bagpipe.pipe.frames import FrameType
 from bagpipe.plan.cases import Case, plan
+from bagpipe.run import attempts as attempts_module
 from bagpipe.run import case_run
-from bagpipe.run.case_run import Row, RunContext, attempts_allowed, case_map, run_case
+from bagpipe.run.attempts import Again, next_attempt, quarantine_attempt
+from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.judge import DeliveryIncompleteError, judge
-from bagpipe.storage import NewFile, Storage, _told_as_unwritable
+from bagpipe.storage import NewFile, Storage
+from bagpipe.storage.faults import told
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import (
     RESULT,
@@ -91,10 +94,10 @@ def test_a_lost_message_runs_the_case_again_and_its_bag_never_counts(
     lossy = copy.deepcopy(RESULT)
     lossy["ledger"]["topics"][0]["subscribers"][0] |= {"received": 2, "dropped": 1}
 
-    def losing(agent: FakeAgent, incoming: int) -> None:
+    def losing(agent: FakeAgent) -> None:
         with monkeypatch.context() as patched:
             patched.setattr("tests.unit.bagpipe.fake_agent.RESULT", lossy)
-            well_behaved(b"lossy")(agent, incoming)
+            well_behaved(b"lossy")(agent)
 
     row, _ = run(losing, well_behaved(b"whole"))
     assert (row["outcome"], row["attempts"]) == ("passed", 2)
@@ -116,6 +119,7 @@ def test_ten_losses_are_an_error_that_names_the_node(
 def test_a_dead_agent_is_met_again(run: Run) -> None:
     row, _ = run(dying, well_behaved())
     assert (row["outcome"], row["attempts"]) == ("passed", 2)
+    assert (row["discarded"], row["starts"]) == (["AgentDied"], 1)
 
 
 def test_a_crashed_stack_is_an_error_with_its_stderr_and_is_not_repeated(
@@ -140,8 +144,8 @@ def test_no_agent_at_all_is_an_error_in_bounded_time(
 def test_a_bag_that_vanished_is_a_storage_error(context: RunContext, run: Run) -> None:
     (Path(context.volumes["recordings"]) / "a.bag").unlink()
 
-    def listening(agent: FakeAgent, incoming: int) -> None:
-        agent.read_until(incoming, FrameType.END)
+    def listening(agent: FakeAgent) -> None:
+        agent.read_until(FrameType.END)
 
     row, _ = run(listening)
     assert (row["reason"], row["attempts"]) == ("StorageFailed", 1)
@@ -165,18 +169,19 @@ def test_any_mismatch_in_the_ledger_is_no_delivery(change: dict[str, int]) -> No
         judge(result)
 
 
-def test_a_full_volume_is_named_as_such(run: Run, context: RunContext) -> None:
-    (Path(context.volumes["results"]) / "r/cases").mkdir(parents=True)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("bagpipe.storage.NewFile.write", _no_space)
-        row, _ = run(well_behaved(b"recorded"))
-    assert (row["reason"], row["attempts"]) == ("StorageFailed", 1)
+def test_a_volume_that_stays_full_is_named_as_such(
+    run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(attempts_module, "FULL_VOLUME_PAUSES", (0.0,))
+    monkeypatch.setattr(NewFile, "write", _no_space)
+    row, _ = run(well_behaved(b"recorded"), well_behaved(b"recorded"))
+    assert (row["reason"], row["attempts"]) == ("StorageFull", 2)
     assert row["message"].endswith("can't be written: No space left on device")
     assert kept(context) == []
 
 
 def _no_space(file: NewFile, _data: bytes) -> None:
-    with _told_as_unwritable(file.uri):
+    with told(file.uri, "written"):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
@@ -222,8 +227,78 @@ def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
         ("DeliveryIncomplete", "max", 3),
         ("AgentDied", "realtime", 3),
         ("StackExited", "realtime", 1),
+        ("StorageFailed", "realtime", 1),
         ("", "realtime", 1),
     ],
 )
 def test_only_what_may_pass_is_tried_again(reason: str, mode: str, attempts: int) -> None:
-    assert attempts_allowed(reason, mode) == attempts
+    tries = [next_attempt(reason, [reason] * before, mode) for before in range(attempts)]
+    assert tries == [Again()] * (attempts - 1) + [None]
+
+
+def test_each_fault_has_an_allowance_of_its_own() -> None:
+    earlier = ["DeliveryIncomplete"] * 9 + ["AgentDied"] * 2
+    assert next_attempt("SlotUnavailable", earlier, "realtime") == Again()
+    assert next_attempt("AgentDied", earlier, "realtime") is None
+    assert next_attempt("DeliveryIncomplete", earlier, "realtime") is None
+    assert next_attempt("StorageFull", earlier, "realtime") == Again(1.0)
+
+
+@pytest.mark.parametrize(
+    ("reason", "limit", "attempts"),
+    [
+        ("DeliveryIncomplete", 0, 1),
+        ("DeliveryIncomplete", 4, 5),
+        ("AgentDied", 1, 2),
+        ("StackExited", 2, 3),
+        ("NeverSubscribed", 1, 2),
+        ("CaseDeadlineExceeded", 1, 2),
+        ("BagUnreadable", 5, 1),
+        ("StorageFailed", 5, 1),
+    ],
+)
+def test_the_stack_s_backoff_limit_is_the_number_of_further_tries(
+    reason: str, limit: int, attempts: int
+) -> None:
+    tried = [next_attempt(reason, [reason] * n, "realtime", limit) for n in range(attempts)]
+    assert tried == [*[Again()] * (attempts - 1), None]
+
+
+def test_the_limit_reaches_the_executors(context: RunContext, case: Case) -> None:
+    limited = dataclasses.replace(context, spec=make_spec(stackBackoffLimit=2))
+    crashes = [aborting("StackExited", "the stack ended with status 3", ["boom"])] * 3
+    with FakeAgent(make_slot(Path(context.shared)), *crashes):
+        row = run_case(case, limited)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 3)
+
+
+@pytest.mark.parametrize(("limit", "number"), [(None, 4), (0, 2), (2, 4), (20, 22)])
+def test_a_case_is_given_up_after_one_lost_executor_more_than_the_limit(
+    limit: int | None, number: int
+) -> None:
+    assert quarantine_attempt(limit) == number
+
+
+def test_a_full_volume_gets_a_minute() -> None:
+    pauses = [next_attempt("StorageFull", ["StorageFull"] * n, "realtime") for n in range(7)]
+    assert sum(again.seconds for again in pauses if again) == 61
+    assert pauses[-1] is None
+
+
+def test_a_full_volume_is_tried_again_and_then_passes(
+    run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = NewFile.write
+    said = [OSError(errno.ENOSPC, "No space left on device")]
+
+    def write(file: NewFile, data: bytes) -> None:
+        if said:
+            with told(file.uri, "written"):
+                raise said.pop()
+        real(file, data)
+
+    monkeypatch.setattr(attempts_module, "FULL_VOLUME_PAUSES", (0.0,) * 6)
+    monkeypatch.setattr(NewFile, "write", write)
+    row, _ = run(well_behaved(), well_behaved())
+    assert (row["outcome"], row["attempts"]) == ("passed", 2)
+    assert len(kept(context)) == 1

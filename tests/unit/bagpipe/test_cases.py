@@ -1,5 +1,6 @@
 """Planning: the exact cases of given bags, and a sentence for each bag that yields none."""
 
+import dataclasses
 from pathlib import Path
 
 from bagpipe.plan.cases import plan
@@ -31,6 +32,32 @@ def test_every_fragment_of_every_bag_is_a_case(tmp_path: Path) -> None:
     ]  # fmt: skip
     assert made.unplanned == []
     assert [c.bytes for c in made.cases] == sorted((c.bytes for c in made.cases), reverse=True)
+
+
+def test_a_repeated_fragment_is_so_many_cases_alike_but_for_their_names(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "a.bag")
+    once = {case.id: case for case in plan(make_spec(source=source("a.bag")), storage).cases}
+    assert sorted(once) == ["a-0000", "a-0001", "a-0002"]
+    spec = make_spec(source=source("a.bag"), playback={"repeat": 2})
+    twice = plan(spec, storage).cases
+    assert sorted(case.id for case in twice) == [
+        "a-0000-r0", "a-0000-r1", "a-0001-r0", "a-0001-r1", "a-0002-r0", "a-0002-r1",
+    ]  # fmt: skip
+    for case in twice:
+        original = once[case.id.rpartition("-r")[0]]
+        assert case.fragment == original.id
+        plain = dataclasses.replace(case, id=original.id, conditions=original.conditions)
+        assert plain == original
+
+
+def test_the_names_of_many_rounds_sort_by_round(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "a.bag")
+    spec = make_spec(source=source("a.bag", length="60s"), playback={"repeat": 100})
+    names = [case.id for case in plan(spec, storage).cases]
+    assert names == sorted(names)
+    assert (len(names), names[0], names[9], names[99]) == (
+        100, "a-0000-r00", "a-0000-r09", "a-0000-r99",
+    )  # fmt: skip
 
 
 def test_bags_of_one_name_stay_apart(tmp_path: Path) -> None:

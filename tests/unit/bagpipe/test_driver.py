@@ -1,62 +1,39 @@
 """The driver's parts: what it tells, what it commits, and the cases over a real local Spark."""
 
 import json
-import os
-import sys
 import urllib.request
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
-from pyspark import SparkConf, SparkContext
 
+from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
-from bagpipe.driver.results import commit, first_rows, results_uri
-from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import DriverPod, memory_split, quantity, spark_settings
-from bagpipe.plan.cases import Unplanned, plan
-from bagpipe.run.case_run import Row, RunContext
+from bagpipe.plan.cases import Unplanned
+from bagpipe.run.case_run import Row, unplanned_row
 from bagpipe.spec import PodResources
-from bagpipe.storage import Storage
-from tests.unit.bagpipe.bags import steady, write_bag
-from tests.unit.bagpipe.fake_agent import RESULT, FakeAgent, make_slot, well_behaved
-from tests.unit.bagpipe.jobs import make_job, make_spec
-
-
-def row(case: str, outcome: str = "passed", reason: str = "", **changed: Any) -> Row:
-    made: Row = {
-        "case": case,
-        "bag": "pvc://recordings/a.bag",
-        "outcome": outcome,
-        "reason": reason,
-        "message": f"why {case}" if reason else "",
-        "recorded": f"cases/{case}.bag" if outcome == "passed" else None,
-        "result": RESULT if outcome == "passed" else None,
-        "attempts": 1,
-    }
-    return made | changed
-
+from tests.unit.bagpipe.jobs import make_job
+from tests.unit.bagpipe.jobs import make_row as row
 
 MISSING = Unplanned("lost", "pvc://recordings/lost.bag", "BagMissing", "no file at lost.bag")
 
 
 def finished(planned: int, rows: list[Row], unplanned: list[Unplanned]) -> dict[str, Any]:
     progress = Progress("pvc://results/r")
-    progress.begin(planned, unplanned)
-    for each in rows:
+    progress.begin(planned + len(unplanned))
+    for each in [*map(unplanned_row, unplanned), *rows]:
         progress.add(each)
     progress.finish()
     return progress.snapshot()
 
 
 def test_a_job_whose_cases_all_passed_is_complete() -> None:
-    told = finished(2, [row("a"), row("b", attempts=2)], [])
+    told = finished(2, [row("a", attempts=3, starts=2), row("b", attempts=2)], [])
     assert (told["phase"], told["verdict"], told["reason"]) == ("Complete", "Passed", "AllCasesRan")
     assert told["cases"] == {
         "planned": 2, "running": 0, "passed": 2, "failed": 0, "invalid": 0, "errored": 0,
-        "retried": 1,
+        "retried": 4,
     }  # fmt: skip
     assert told["ledger"] == {"sent": 6, "received": 6, "dropped": 0, "leadIn": 2}
 
@@ -88,7 +65,7 @@ def test_a_case_without_a_row_fails_the_job() -> None:
 
 def test_the_termination_message_stays_whole_json_below_four_kibibytes() -> None:
     progress = Progress("pvc://results/r")
-    progress.begin(100, [])
+    progress.begin(100)
     for number in range(100):
         progress.add(row(f"case-{number}" * 9, "errored", "X", message='"\n' * 4000))
     progress.finish()
@@ -97,9 +74,31 @@ def test_the_termination_message_stays_whole_json_below_four_kibibytes() -> None
     assert json.loads(message)["cases"]["errored"] == 100
 
 
+def test_a_job_that_was_stopped_says_why() -> None:
+    progress = Progress("pvc://results/r")
+    progress.begin(9)
+    progress.add(row("a", "errored", "StackExited"))
+    assert progress.failed() == 1
+    progress.stop("TooManyFailedCases", "enough")
+    assert not progress.finish()
+    told = progress.snapshot()
+    assert (told["phase"], told["reason"], told["message"]) == (
+        "Failed", "TooManyFailedCases", "enough",
+    )  # fmt: skip
+
+
+def test_a_warning_is_told_until_it_has_passed() -> None:
+    progress = Progress("pvc://results/r")
+    progress.begin(9)
+    progress.warn("the volume is full")
+    assert progress.snapshot()["warning"] == "the volume is full"
+    progress.warn("")
+    assert progress.snapshot()["warning"] == ""
+
+
 def test_no_more_cases_run_than_there_are_slots_or_cases_left() -> None:
     progress = Progress("pvc://results/r", slots=2)
-    progress.begin(3, [])
+    progress.begin(3)
     progress.set_running(3)
     assert progress.snapshot()["cases"]["running"] == 2
     progress.add(row("a"))
@@ -110,9 +109,10 @@ def test_no_more_cases_run_than_there_are_slots_or_cases_left() -> None:
 
 def test_progress_and_metrics_are_served() -> None:
     progress = Progress("pvc://results/r")
-    progress.begin(3, [])
+    progress.begin(3)
     progress.add(row("a"))
-    server = serve_progress(progress, "127.0.0.1", 0)
+    registry = DriverMetrics(progress, make_job({})).registry
+    server = serve_progress(progress, registry, "127.0.0.1", 0)
     try:
         address = f"http://127.0.0.1:{server.server_address[1]}"
         with urllib.request.urlopen(f"{address}/progress", timeout=5) as answer:  # noqa: S310
@@ -124,28 +124,6 @@ def test_progress_and_metrics_are_served() -> None:
     finally:
         server.shutdown()
         server.server_close()
-
-
-def test_the_manifest_names_what_counts_and_the_rest_is_removed(tmp_path: Path) -> None:
-    job = make_job({"results": str(tmp_path)})
-    storage = Storage(job.volumes)
-    folder = tmp_path / "out/drive/uid-1"
-    for name in ("a.bag", "b.bag", "stale.bag"):
-        with storage.create(f"{results_uri(job)}/cases/{name}") as file:
-            file.write(b"bag")
-    rows = first_rows([row("b"), row("a"), row("a", recorded="cases/stale.bag")])
-    progress = Progress(results_uri(job))
-    progress.begin(2, [MISSING])
-    commit(job, rows, [MISSING], progress, storage)
-    assert sorted(p.name for p in (folder / "cases").iterdir()) == ["a.bag", "b.bag"]
-    manifest = json.loads((folder / "manifest.json").read_text())
-    assert [(c["case"], c["outcome"], c["recorded"]) for c in manifest["cases"]] == [
-        ("a", "passed", "cases/a.bag"),
-        ("b", "passed", "cases/b.bag"),
-        ("lost", "errored", None),
-    ]
-    lines = (folder / "results.jsonl").read_text().splitlines()
-    assert [json.loads(line)["case"] for line in lines] == ["a", "b", "lost"]
 
 
 @pytest.mark.parametrize(
@@ -171,33 +149,17 @@ def test_spark_settings_that_decide() -> None:
         "spark.kubernetes.driver.pod.name": "pod",
         "spark.kubernetes.resource.type": "python",
         "spark.kubernetes.executor.podNamePrefix": "drive-1",
+        "spark.authenticate": "true",
+        "spark.network.crypto.enabled": "true",
     }
     assert {key: settings[key] for key in chosen} == chosen
 
 
-@pytest.fixture(scope="module")
-def spark() -> Iterator[SparkContext]:
-    # Spark's Python workers are to be the Python that runs the tests, whatever PATH says.
-    os.environ["PYSPARK_PYTHON"] = sys.executable
-    conf = SparkConf().setMaster("local[2]").set("spark.ui.enabled", "false")
-    conf.set("spark.driver.host", "127.0.0.1").set("spark.driver.bindAddress", "127.0.0.1")
-    context = SparkContext(conf=conf)
-    yield context
-    context.stop()
-
-
-def test_cases_over_spark_come_back_once_each(spark: SparkContext, tmp_path: Path) -> None:
-    volumes = {name: str(tmp_path / name) for name in ("recordings", "results")}
-    (tmp_path / "recordings").mkdir()
-    for name in "abcdef":
-        write_bag(tmp_path / f"recordings/{name}.bag", steady("/scan", 20, 10_000_000))
-    planned = plan(make_spec(), Storage(volumes)).cases
-    context = RunContext("lab/drive", make_spec(), volumes, "pvc://results/r", str(tmp_path / "s"))
-    progress = Progress("pvc://results/r")
-    progress.begin(6, [])
-    with FakeAgent(make_slot(tmp_path / "s"), *[well_behaved()] * 6):
-        rows = simulate(spark, planned, context, progress)
-    assert sorted(each["case"] for each in rows) == [f"{name}-0000" for name in "abcdef"]
-    assert {each["outcome"] for each in rows} == {"passed"}
-    assert progress.finish()
-    assert progress.snapshot()["cases"]["passed"] == 6
+@pytest.mark.parametrize(("timeout", "threshold"), [("10m", "300s"), ("61s", "60s"), ("3m", "90s")])
+def test_a_case_with_none_to_compare_with_is_slow_after_half_of_its_timeout(
+    timeout: str, threshold: str
+) -> None:
+    job = make_job({}, playback={"caseTimeout": timeout})
+    settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"))
+    assert settings["spark.speculation.task.duration.threshold"] == threshold
+    assert settings["spark.speculation.minTaskRuntime"] == "60s"

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagpipe.pipe.frames import Decoder, Encoder, FrameType, ProtocolError
@@ -100,3 +100,80 @@ def test_a_map_that_is_not_messagepack_is_a_protocol_error() -> None:
     (frame,) = Decoder().feed(encoded([(FrameType.RESULT, b"\x01")]))
     with pytest.raises(ProtocolError, match="expected a map"):
         frame.fields()
+
+
+LARGE = 300_000
+
+
+def received(stream: bytes, reads: list[int]) -> tuple[list[tuple[FrameType, bytes]], Decoder]:
+    """The frames of a stream as a worker reads it: what is missing of a large one as it is."""
+    decoder, found, at, number = Decoder(), [], 0, 0
+    while at < len(stream):
+        most = reads[number % len(reads)]
+        number += 1
+        if missing := decoder.missing:
+            piece = stream[at : at + min(most, missing)]
+            at += len(piece)
+            if pieces := decoder.rest(piece):
+                assert all(pieces)
+                found.append((FrameType.DATA, b"".join(pieces)))
+            continue
+        space = decoder.space()
+        count = min(len(space), most, len(stream) - at)
+        space[:count] = stream[at : at + count]
+        at += count
+        found += [(frame.type, frame.payload) for frame in decoder.received(count)]
+    return found, decoder
+
+
+LARGE_ONES = st.sampled_from([1, 20, 4_000, 262_143, 262_144, 262_145, LARGE, 1 << 20])
+
+
+@settings(deadline=None)
+@given(
+    lengths=st.lists(st.tuples(LARGE_ONES, st.booleans()), max_size=5),
+    reads=st.lists(
+        st.sampled_from([7, 3_000, 65_536, 200_000, 1 << 20]), min_size=1, max_size=4
+    ).filter(lambda reads: max(reads) > 7),
+)
+def test_large_frames_come_without_a_copy_and_are_the_same(
+    lengths: list[tuple[int, bool]], reads: list[int]
+) -> None:
+    payloads = [
+        (FrameType.DATA if data else FrameType.FILE, bytes([n + 1]) * length)
+        for n, (length, data) in enumerate(lengths)
+    ]
+    encoder = Encoder()
+    stream = b"".join(b"".join(encoder.encode(*payload)) for payload in payloads)
+    digest = encoder.digest
+    stream += encoder.encode_fields(FrameType.END, {"digest": digest})
+    found, decoder = received(stream, reads)
+    assert found[:-1] == payloads
+    assert (decoder.pending, decoder.missing) == (0, 0)
+    assert decoder.digest_before_last == digest
+
+
+@pytest.mark.parametrize("at", [16, 20, 70_000, LARGE + 19])
+def test_a_large_frame_that_is_damaged_gives_none_of_its_pieces(at: int) -> None:
+    whole = encoded([(FrameType.DATA, b"a"), (FrameType.DATA, bytes(LARGE))])
+    stream = bytearray(whole)
+    stream[21 + at] ^= 1
+    with pytest.raises(ProtocolError, match="crc32c") as refused:
+        received(bytes(stream), [65_536])
+    assert refused.value.offset == 21
+    cut, decoder = received(whole[:-1], [65_536])
+    assert cut == [(FrameType.DATA, b"a")]
+    assert (decoder.pending, decoder.missing) == (LARGE + 19, 1)
+
+
+def test_a_large_frame_in_tiny_parts_takes_no_object_for_each() -> None:
+    stream = encoded([(FrameType.DATA, bytes(LARGE))])
+    decoder = Decoder()
+    decoder.space()[:30] = stream[:30]
+    assert list(decoder.received(30)) == []
+    assert decoder.missing == len(stream) - 30
+    assert decoder.rest(stream[30:-20_000]) == []
+    for at in range(len(stream) - 20_000, len(stream) - 1):
+        assert decoder.rest(stream[at : at + 1]) == []
+    pieces = decoder.rest(stream[-1:])
+    assert [len(piece) for piece in pieces] == [10, LARGE - 20_010, 20_000]

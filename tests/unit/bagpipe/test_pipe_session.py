@@ -121,8 +121,8 @@ def test_an_agent_that_never_says_hello_is_given_up(
 def test_an_agent_that_dies_after_the_last_byte_is_noticed(tmp_path: Path) -> None:
     folder = make_slot(tmp_path)
 
-    def vanishing(agent: FakeAgent, incoming: int) -> None:
-        agent.read_until(incoming, FrameType.END)
+    def vanishing(agent: FakeAgent) -> None:
+        agent.read_until(FrameType.END)
         agent.vanish()
 
     begun = time.monotonic()

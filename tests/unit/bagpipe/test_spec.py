@@ -5,8 +5,11 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from bagpipe.spec import claims, duration_seconds
+from bagpipe.spec import claims
+from bagpipe.texts import duration_seconds
 from tests.unit.bagpipe.jobs import make_spec
+
+EXEC = {"image": "x", "command": ["run"], "engine": "exec"}
 
 
 @pytest.mark.parametrize(
@@ -32,11 +35,27 @@ def test_defaults() -> None:
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"source": {"bags": ["s3://fleet/a.bag"]}}, "pvc://<claim>/<path>"),
+        ({"source": {"bags": ["ftp://fleet/a.bag"]}}, "pvc://<claim>/<path>, s3://<bucket>/"),
+        ({"source": {"bags": ["s3://fleet"]}}, "has no known scheme"),
+        ({"source": {"bags": ["https://fleet.example/*.bag"]}}, "without wildcards"),
+        ({"output": {"uri": "https://fleet.example/r"}}, "only be read from"),
+        ({"storage": {"secrets": ["S3_Login"]}}, "can't be the name of a Secret"),
+        ({"storage": {"secrets": list("abcdefghi")}}, "at most 8 items"),
         ({"source": {"bags": ["pvc://a/../b.bag"]}}, "leaves its volume"),
-        ({"source": {"bags": []}}, "at least 1 item"),
+        ({"source": {"bags": []}}, "source.sequence and source.files, with at least one"),
+        ({"source": {"bags": ["pvc://a/b"], "files": ["pvc://a/c"]}}, "write one of source.bags"),
+        ({"source": {"files": ["pvc://a/c"], "topics": ["/t"]}}, "leave them out"),
+        ({"source": {"files": ["pvc://a/c"]}}, "need stack.engine: exec"),
+        ({"record": None}, "write for example record"),
+        ({"stack": EXEC}, "record has no meaning"),
+        ({"stack": EXEC | {"remap": {"/a": "/b"}}, "record": None}, "stack.env"),
+        ({"stack": EXEC | {"parameters": {"/a": 1}}, "record": None}, "stack.env"),
+        ({"stack": EXEC, "record": None, "playback": {"mode": "max"}}, "caseTimeout"),
+        ({"stack": EXEC, "record": None, "playback": {"rate": 2}}, "caseTimeout"),
         ({"source": {"bags": ["pvc://a/b"], "topics": ["scan"]}}, "write /scan"),
         ({"playback": {"rate": 0}}, "greater than 0"),
+        ({"playback": {"repeat": 0}}, "greater than or equal to 1"),
+        ({"playback": {"repeat": 101}}, "less than or equal to 100"),
         ({"playback": {"caseTimeout": "0s"}}, "above zero"),
         ({"playback": {"mode": "lockstep"}}, "belong together"),
         ({"playback": {"steps": [{"trigger": "/a", "answer": "/b"}]}}, "belong together"),
@@ -49,6 +68,40 @@ def test_refusals_say_what_to_write(changed: dict[str, Any], words: str) -> None
         make_spec(**changed)
 
 
+@pytest.mark.parametrize(
+    "uri",
+    [
+        "s3://key:hidden@fleet/a.bag",
+        "hdfs://user:hidden@namenode:8020/a.bag",
+        "https://fleet.example/a.bag?X-Amz-Signature=hidden",
+        "az://fleet/a.bag?sig=hidden",
+    ],
+)
+def test_a_uri_with_a_credential_is_refused_without_repeating_it(uri: str) -> None:
+    with pytest.raises(ValidationError, match="put it into a Secret") as told:
+        make_spec(source={"bags": [uri]})
+    assert all("hidden" not in error["msg"] for error in told.value.errors())
+    assert "hidden" not in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "uri",
+    ["s3://b/x/*.bag", "gs://b_1/x", "az://c/x", "hdfs://nn.lab:8020/x", "hdfs://nn/x",
+     "https://h.example:8443/x.bag", "file:///x"],
+)  # fmt: skip
+def test_all_schemes_are_known(uri: str) -> None:
+    assert make_spec(source={"bags": [uri]}).source.bags == [uri]
+
+
 def test_claims_are_read_only_unless_they_take_the_output() -> None:
     bags = {"bags": ["pvc://recordings/a.bag", "pvc://results/b.bag", "file:///c.bag"]}
     assert claims(make_spec(source=bags)) == {"recordings": True, "results": False}
+
+
+def test_a_program_of_another_engine_reads_bags_or_files() -> None:
+    bags = make_spec(stack=EXEC, record=None)
+    assert (bags.stack.engine, bags.source.uris) == ("exec", ["pvc://recordings/*.bag"])
+    source = {"files": ["pvc://scenarios/*.json"]}
+    files = make_spec(stack=EXEC, record=None, source=source, playback={"caseTimeout": "1m"})
+    assert files.source.uris == ["pvc://scenarios/*.json"]
+    assert claims(files) == {"scenarios": True, "results": False}

@@ -1,5 +1,6 @@
 """Storage on a real folder: globs, ranges, whole-or-nothing writes."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -56,3 +57,37 @@ def test_removing_twice_is_no_error(storage: Storage) -> None:
     storage.remove("pvc://claim/a/note.txt")
     storage.remove("pvc://claim/a/note.txt")
     assert storage.names("pvc://claim/a") == ["one.bag", "two.bag"]
+
+
+def test_a_whole_file_is_read_up_to_a_limit(storage: Storage) -> None:
+    assert storage.read_all("pvc://claim/a/one.bag", 100) == bytes(range(100))
+    with pytest.raises(StorageError, match="has 100 bytes where at most 99 are expected"):
+        storage.read_all("pvc://claim/a/one.bag", 99)
+
+
+def test_existing_means_a_file_and_not_a_folder(storage: Storage) -> None:
+    assert storage.exists("pvc://claim/a/one.bag")
+    assert not storage.exists("pvc://claim/a")
+    assert not storage.exists("pvc://claim/a/none.bag")
+
+
+def test_one_of_many_writers_puts_a_file_and_leaves_nothing_else(storage: Storage) -> None:
+    uri = "pvc://claim/out/manifest.json"
+    with ThreadPoolExecutor(8) as writers:
+        won = list(writers.map(lambda n: storage.put_once(uri, bytes([n]) * 100_000), range(8)))
+    assert won.count(True) == 1
+    assert storage.read_all(uri, 100_000) == bytes([won.index(True)]) * 100_000
+    assert storage.names("pvc://claim/out") == ["manifest.json"]
+    assert not storage.put_once(uri, b"later")
+
+
+def test_a_bag_that_changed_since_it_was_planned_is_refused(
+    storage: Storage, tmp_path: Path
+) -> None:
+    version = storage.stat("pvc://claim/a/one.bag").version
+    assert b"".join(storage.pieces("pvc://claim/a/one.bag", [(0, 9)], 9, version)) == bytes(
+        range(9)
+    )
+    (tmp_path / "a/one.bag").write_bytes(bytes(101))
+    with pytest.raises(StorageError, match=r"a/one\.bag is no longer the file that was planned"):
+        list(storage.pieces("pvc://claim/a/one.bag", [(0, 9)], 9, version))

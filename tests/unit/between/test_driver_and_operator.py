@@ -8,6 +8,7 @@ import yaml
 
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import Unplanned
+from bagpipe.run.case_run import unplanned_row
 from bagpipe_operator.progress import parse
 
 CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
@@ -22,7 +23,7 @@ def status_schema() -> dict[str, Any]:
 
 def ended_with(*outcomes: str) -> Progress:
     progress = Progress("pvc://results/r")
-    progress.begin(len(outcomes), [])
+    progress.begin(len(outcomes))
     for number, outcome in enumerate(outcomes):
         progress.add(
             {
@@ -68,7 +69,8 @@ def test_the_beginning_and_a_refused_bag_are_understood() -> None:
     planning = parse(progress.termination_message())
     assert planning is not None
     assert planning.phase == "Planning"
-    progress.begin(0, [Unplanned("cut", "pvc://r/cut.bag", "BagCut", "x" * 5000)])
+    progress.begin(1)
+    progress.add(unplanned_row(Unplanned("cut", "pvc://r/cut.bag", "BagCut", "x" * 5000)))
     progress.finish()
     refused = parse(progress.termination_message())
     assert refused is not None

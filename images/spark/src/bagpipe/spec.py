@@ -6,69 +6,40 @@ refuses, so that a job read from a file on a laptop meets the same rules.
 """
 
 import re
-from typing import Annotated, Literal, Self
+from typing import Literal, Self
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    ConfigDict,
-    Field,
-    JsonValue,
-    model_validator,
+from pydantic import BaseModel, Field, JsonValue, field_validator, model_validator
+
+from bagpipe.evaluate.model import Criterion, topics_of
+from bagpipe.matrix.model import Matrix
+from bagpipe.pieces import SequencePart
+from bagpipe.pod_spec import (
+    SPEC_CONFIG,
+    EnvironmentSource,
+    PodSettings,
+    Resources,
+    SparkMount,
+    StackMount,
+    StackSecurity,
+    ValueSource,
 )
-from pydantic.alias_generators import to_camel
+from bagpipe.simulator.model import Simulator
+from bagpipe.texts import (
+    BagUri,
+    Duration,
+    Name,
+    OutputUri,
+    PositiveDuration,
+    SecretName,
+)
 
-_DURATION = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h)")
-_UNIT_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
-
-
-def duration_seconds(text: str) -> float:
-    """Seconds of a duration such as `20s`, `1m30s` or `500ms`.
-
-    Raises ValueError for anything else.
-    """
-    if not re.fullmatch(rf"(?:{_DURATION.pattern})+", text):
-        raise ValueError(f"{text!r} is not a duration: write for example 20s, 1m30s or 500ms")
-    return sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
-
-
-def _known_scheme(uri: str) -> str:
-    if not re.match(r"^(pvc://[a-z0-9][a-z0-9.-]*/|file:///)", uri):
-        raise ValueError(
-            f"{uri!r} has no known scheme: write pvc://<claim>/<path> or file:///<path>"
-        )
-    if ".." in uri.split("/"):
-        raise ValueError(f"{uri!r} leaves its volume: write the path without '..'")
-    return uri
-
-
-def _positive_duration(text: str) -> str:
-    if duration_seconds(text) <= 0:
-        raise ValueError(f"{text!r} must be above zero")
-    return text
-
-
-def _any_duration(text: str) -> str:
-    duration_seconds(text)
-    return text
-
-
-def _absolute_name(name: str) -> str:
-    if not name.startswith("/"):
-        raise ValueError(f"{name!r} must begin with a slash: write /{name}")
-    return name
-
-
-Uri = Annotated[str, AfterValidator(_known_scheme)]
-Name = Annotated[str, AfterValidator(_absolute_name)]
-Duration = Annotated[str, AfterValidator(_any_duration)]
-PositiveDuration = Annotated[str, AfterValidator(_positive_duration)]
+# Where the operator mounts the ConfigMaps of users' evaluators, in the executors alone.
+EVALUATORS_PATH = "/etc/bagpipe/evaluators"
+DEFAULT_BACKOFF_LIMIT = 3
 
 
 class _Model(BaseModel):
-    model_config = ConfigDict(
-        alias_generator=to_camel, populate_by_name=True, frozen=True, extra="ignore"
-    )
+    model_config = SPEC_CONFIG
 
 
 class Fragment(_Model):
@@ -79,18 +50,53 @@ class Fragment(_Model):
 
 
 class Source(_Model):
-    """The recordings that are played."""
+    """Recordings to play, whole or as a sequence of pieces, files for a program of the exec
+    engine, or a simulated drive.
+    """
 
-    bags: list[Uri] = Field(min_length=1)
+    bags: list[BagUri] = []
+    sequence: list[SequencePart] = Field(default=[], max_length=100)
+    files: list[BagUri] = []
+    simulator: Simulator | None = None
     topics: list[Name] = []
     fragment: Fragment = Fragment()
 
+    @property
+    def uris(self) -> list[str]:
+        """The bags or the files, or what the pieces are of, whose names may hold templates."""
+        pieces = [*self.sequence, *(self.simulator.recorded if self.simulator else [])]
+        return self.bags or self.files or list(dict.fromkeys(piece.bag for piece in pieces))
 
-class EnvironmentVariable(_Model):
-    """One environment variable of the stack."""
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if [bool(self.bags), bool(self.sequence), bool(self.files), bool(self.simulator)].count(
+            True
+        ) != 1:
+            raise ValueError(
+                "write one of source.bags, source.sequence and source.files, with at least one URI,"
+                " or source.simulator"
+            )
+        if self.simulator and self.topics:
+            raise ValueError(
+                "source.topics select from bags: leave them out with source.simulator, whose own"
+                " names are in source.simulator.topics"
+            )
+        if self.files and self.topics:
+            raise ValueError("source.topics select from bags: leave them out with source.files")
+        return self
+
+
+class PlainVariable(_Model):
+    """One environment variable with its value."""
 
     name: str
     value: str = ""
+
+
+class EnvironmentVariable(PlainVariable):
+    """One environment variable of the stack, which may come from the cluster."""
+
+    value_from: ValueSource | None = None
 
 
 class Stack(_Model):
@@ -98,11 +104,26 @@ class Stack(_Model):
 
     image: str = Field(min_length=1)
     command: list[str] = Field(min_length=1)
+    engine: Literal["ros1", "exec"] = "ros1"
     env: list[EnvironmentVariable] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] = "IfNotPresent"
-    resources: dict[str, JsonValue] = {}
+    resources: Resources = Resources()
+    env_from: list[EnvironmentSource] = []
+    volume_mounts: list[StackMount] = []
+    security_context: StackSecurity = StackSecurity()
+
+
+class Variant(_Model):
+    """One version or configuration of the stack: what differs from `stack`."""
+
+    name: str = Field(pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", max_length=40)
+    image: str = ""
+    command: list[str] = []
+    env: list[PlainVariable] = []
+    parameters: dict[Name, JsonValue] = {}
+    remap: dict[Name, Name] = {}
 
 
 class Step(_Model):
@@ -121,6 +142,7 @@ class Playback(_Model):
     mode: Literal["realtime", "max", "lockstep"] = "realtime"
     steps: list[Step] = []
     rate: float = Field(default=1.0, gt=0, le=100)
+    repeat: int = Field(default=1, ge=1, le=100)
     subscribe_timeout: PositiveDuration = "20s"
     case_timeout: PositiveDuration = "10m"
 
@@ -148,6 +170,8 @@ class SparkRole(_Model):
     """The driver's or the executors' size."""
 
     resources: PodResources = PodResources()
+    volume_mounts: list[SparkMount] = []
+    pod: PodSettings = PodSettings()
 
 
 class Spark(_Model):
@@ -162,7 +186,19 @@ class Spark(_Model):
 class Output(_Model):
     """Where the recorded bags and the results go."""
 
-    uri: Uri
+    uri: OutputUri
+
+
+class Baseline(_Model):
+    """An earlier job that this one is compared with."""
+
+    results: BagUri
+
+
+class StorageAccess(_Model):
+    """Secrets of the job's namespace that hold credentials; the values are never in a spec."""
+
+    secrets: list[SecretName] = Field(default=[], max_length=8)
 
 
 class SimulationJobSpec(_Model):
@@ -170,10 +206,138 @@ class SimulationJobSpec(_Model):
 
     source: Source
     stack: Stack
+    variants: list[Variant] = Field(default=[], max_length=16)
+    matrix: Matrix | None = None
     playback: Playback = Playback()
-    record: Record
+    record: Record | None = None
     spark: Spark = Spark()
+    storage: StorageAccess = StorageAccess()
     output: Output
+    baseline: Baseline | None = None
+    evaluate: list[Criterion] = Field(default=[], max_length=100)
+    max_failed_cases: int | None = Field(default=None, ge=0)
+    backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
+    stack_backoff_limit: int | None = Field(default=None, ge=0, le=20)
+    suspend: bool = False
+    queue_name: str | None = None
+    start_deadline_seconds: int | None = Field(default=None, ge=1)
+    active_deadline_seconds: int | None = Field(default=None, ge=1)
+    ttl_seconds_after_finished: int | None = Field(default=None, ge=0)
+    resume_from: str | None = None
+
+    @field_validator("variants")
+    @classmethod
+    def _each_variant_once(cls, variants: list[Variant]) -> list[Variant]:
+        names = [variant.name for variant in variants]
+        if len(set(names)) != len(names):
+            raise ValueError("two variants have one name: give each a name of its own")
+        return variants
+
+    @field_validator("evaluate")
+    @classmethod
+    def _each_criterion_once(cls, criteria: list[Criterion]) -> list[Criterion]:
+        names = [criterion.name for criterion in criteria]
+        if len(set(names)) != len(names):
+            raise ValueError("two criteria have one name: give each a name of its own")
+        return criteria
+
+    @model_validator(mode="after")
+    def _evaluators_see_no_credentials(self) -> Self:
+        """A user's evaluator runs as the worker's own user, who could read its environment."""
+        if self.storage.secrets and evaluator_config_maps(self):
+            raise ValueError(
+                "an own evaluator runs beside the worker and could read what storage.secrets give"
+                " it: leave one of them out"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _criteria_read_what_is_recorded(self) -> Self:
+        """A criterion over a topic that is never recorded could only ever be invalid."""
+        patterns = list(self.record.topics) if self.record else []
+        if self.source.simulator:
+            patterns += self.source.simulator.topics.spoken
+        for criterion in self.evaluate:
+            for topic in topics_of(criterion)[0]:
+                if not any(records(pattern, topic) for pattern in patterns):
+                    raise ValueError(
+                        f"evaluate[{criterion.name}] reads {topic}, which record.topics does not"
+                        " have: add it there"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _a_simulator_is_steered(self) -> Self:
+        simulator = self.source.simulator
+        if simulator is None:
+            return self
+        if self.stack.engine != "ros1":
+            raise ValueError("source.simulator speaks ROS 1: leave out stack.engine")
+        if self.playback.mode != "lockstep":
+            raise ValueError(
+                "source.simulator waits for the stack: write playback.mode: lockstep, and"
+                " playback.steps with the topics that it answers"
+            )
+        if simulator.topics.control not in {step.answer for step in self.playback.steps}:
+            raise ValueError(
+                f"no step of playback.steps has the answer {simulator.topics.control}, by which"
+                " the simulated car is steered: write for example {trigger:"
+                f" {simulator.topics.odometry}, answer: {simulator.topics.control}}}"
+            )
+        heard = simulator.topics.spoken + simulator.recorded_topics
+        for step in self.playback.steps:
+            if step.trigger not in heard:
+                raise ValueError(
+                    f"the step's trigger {step.trigger} is no topic of the simulator: it has"
+                    f" {', '.join(heard)}"
+                )
+        if self.stack.remap or any(variant.remap for variant in self.variants):
+            raise ValueError(
+                "remap joins a stack's names to a recording's: with source.simulator write the"
+                " stack's names into source.simulator.topics"
+            )
+        if any(c.error and c.error.recording for c in self.evaluate):
+            raise ValueError(
+                "evaluate[].error.recording compares with a bag's own output, and"
+                " source.simulator has no bag: name a truth, such as"
+                f" {simulator.topics.odometry}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _engine_s_own_fields(self) -> Self:
+        if self.stack.engine == "ros1":
+            if self.record is None:
+                raise ValueError("record is missing: write for example record: {topics: [/tf]}")
+            if self.source.files:
+                raise ValueError("source.files need stack.engine: exec: write source.bags")
+            return self
+        if self.evaluate:
+            raise ValueError(
+                "evaluate has no meaning with stack.engine: exec, whose program judges itself:"
+                " leave it out"
+            )
+        if self.record is not None:
+            raise ValueError("record has no meaning with stack.engine: exec: leave it out")
+        if self.stack.parameters or self.stack.remap:
+            raise ValueError(
+                "stack.parameters and stack.remap have no meaning with stack.engine: exec:"
+                " write stack.env or words of stack.command"
+            )
+        if self.playback.mode != "realtime" or self.playback.rate != 1.0:
+            raise ValueError(
+                "playback.mode, steps and rate have no meaning with stack.engine: exec:"
+                " write only playback.caseTimeout"
+            )
+        return self
+
+
+def records(pattern: str, topic: str) -> bool:
+    """Whether a pattern of `record.topics` is for a topic."""
+    try:
+        return re.fullmatch(pattern, topic) is not None
+    except re.error:
+        return True  # Rust's expressions differ a little; the agent has the last word
 
 
 class Images(_Model):
@@ -181,6 +345,14 @@ class Images(_Model):
 
     spark: str
     agent: str
+
+
+class EarlierResults(_Model):
+    """The results of the job that spec.resumeFrom names: their folder, and its planned cases."""
+
+    job: str
+    results: OutputUri
+    cases: int = Field(ge=1)
 
 
 class JobFile(_Model):
@@ -193,11 +365,36 @@ class JobFile(_Model):
     spec: SimulationJobSpec
     images: Images
     volumes: dict[str, str] = {}
+    resume: EarlierResults | None = None
+    # Where the results are kept, if not below spec.output.uri: `bagpipe run` has a folder.
+    results: str = ""
+
+
+def stack_images(spec: SimulationJobSpec) -> list[str]:
+    """The images that a job's cases need, each once, the baseline's first.
+
+    Image n runs in a container of its own in every executor, whose agent has the shared volume's
+    folder `shared_folder(n)`.
+    """
+    images = [variant.image or spec.stack.image for variant in spec.variants]
+    return list(dict.fromkeys(images or [spec.stack.image]))
+
+
+def shared_folder(shared: str, number: int) -> str:
+    """The folder that the agent beside image `number` makes its slots in."""
+    return shared if number == 0 else f"{shared}/image-{number}"
+
+
+def evaluator_config_maps(spec: SimulationJobSpec) -> list[str]:
+    """The ConfigMaps with users' evaluators, each once."""
+    return sorted({c.own.config_map for c in spec.evaluate if c.own is not None})
 
 
 def claims(spec: SimulationJobSpec) -> dict[str, bool]:
     """The volume claims that a spec's URIs name, each with whether it may be mounted read-only."""
-    found = {_claim(uri): True for uri in spec.source.bags if uri.startswith("pvc://")}
+    found = {_claim(uri): True for uri in spec.source.uris if uri.startswith("pvc://")}
+    if spec.baseline is not None and spec.baseline.results.startswith("pvc://"):
+        found[_claim(spec.baseline.results)] = True
     if spec.output.uri.startswith("pvc://"):
         found[_claim(spec.output.uri)] = False
     return found

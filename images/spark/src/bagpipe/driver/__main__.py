@@ -4,29 +4,69 @@ import argparse
 import json
 import logging
 import os
+import signal
 import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from types import FrameType
 
 from pyspark import SparkConf, SparkContext
 
+from bagpipe.driver.baseline import check_baseline
+from bagpipe.driver.chosen import NoCaseError
+from bagpipe.driver.earlier import CannotResumeError, passed_rows
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.keep import Keeper
+from bagpipe.driver.metrics import DriverMetrics
+from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
-from bagpipe.driver.results import commit, first_rows, results_uri
+from bagpipe.driver.results import Manifest, Results, results_uri
+from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import DriverPod, spark_settings
-from bagpipe.plan.cases import Plan, plan
+from bagpipe.evaluate.judge import faults
+from bagpipe.matrix.faults import MatrixError
+from bagpipe.plan.cases import Case, Plan, plan
 from bagpipe.run.case_run import Row, RunContext
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 
 PROGRESS_PORT = 8080
 _TERMINATION_LOG = Path("/dev/termination-log")
+# What a shell says of a process that SIGTERM ended; the account tells that it was in order.
+_INTERRUPTED_STATUS = 128 + signal.SIGTERM
+_REASONS: list[tuple[type[Exception], str]] = [
+    (CannotResumeError, "ResumeRefused"),
+    (StorageError, "StorageFailed"),
+    (MatrixError, "MatrixInvalid"),
+    (NoCaseError, "NoCaseChosen"),
+]
 
 log = logging.getLogger("bagpipe.driver")
 
 
+class Interruption:
+    """SIGTERM, which the kubelet sends when the pod is deleted: suspended, drained, evicted."""
+
+    def __init__(self) -> None:
+        self.keeper: Keeper | None = None
+
+    def __call__(self, _signal: int, _frame: FrameType | None) -> None:
+        """The signal's handler; before there are rows to keep, the driver ends at once."""
+        if self.keeper is None:
+            sys.exit(_INTERRUPTED_STATUS)
+        self.keeper.interrupt()
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Run a job to its end; 0 when it is Complete, 1 when it Failed."""
+    """Run a job to its end; 0 when it is Complete, 1 when it Failed.
+
+    Raises SystemExit with status 143 when SIGTERM has interrupted it.
+    """
     parser = argparse.ArgumentParser(prog="bagpipe.driver", description=__doc__)
     parser.add_argument("--job", type=Path, required=True, help="the job.json of the operator")
     options = parser.parse_args(arguments)
@@ -34,16 +74,12 @@ def main(arguments: list[str] | None = None) -> int:
     logging.getLogger("py4j").setLevel(logging.WARNING)
     job = JobFile.model_validate_json(options.job.read_bytes())
     progress = Progress(results_uri(job), slots=job.spec.spark.executors * job.spec.spark.slots)
-    server = serve_progress(progress, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
+    metrics = DriverMetrics(progress, job)
+    server = serve_progress(progress, metrics.registry, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
+    interruption = Interruption()
+    signal.signal(signal.SIGTERM, interruption)
     try:
-        complete = run(job, progress)
-    except StorageError as error:
-        progress.fail("StorageFailed", str(error))
-        complete = False
-    except Exception as error:  # the last word of a driver must be a reason
-        log.exception("the driver failed")
-        progress.fail("DriverFailed", f"{type(error).__name__}: {error}")
-        complete = False
+        complete = ended(progress, lambda: run(job, progress, interruption, metrics.count))
     finally:
         message = progress.termination_message()
         log.info("%s", message)
@@ -53,19 +89,111 @@ def main(arguments: list[str] | None = None) -> int:
     return 0 if complete else 1
 
 
-def run(job: JobFile, progress: Progress) -> bool:
-    """Plan, simulate and commit; True when the job is Complete."""
+def ended(progress: Progress, work: Callable[[], bool]) -> bool:
+    """Do a job's work; what it raises becomes the progress' last word. True when Complete.
+
+    Raises SystemExit after an interruption.
+    """
+    try:
+        return work()
+    except SystemExit:
+        progress.interrupt()
+        raise
+    except Exception as error:  # the last word of a driver must be a reason
+        for kind, reason in _REASONS:
+            if isinstance(error, kind):
+                progress.fail(reason, str(error))
+                return False
+        log.exception("the driver failed")
+        progress.fail("DriverFailed", f"{type(error).__name__}: {error}")
+        return False
+
+
+class Cluster:
+    """Where a job's cases run: in executors of Kubernetes. Another place overrides this."""
+
+    def planned(self, job: JobFile, storage: Storage) -> Plan:
+        """The cases that are to run. Raises MatrixError and NoCaseError."""
+        return plan(job.spec, storage)
+
+    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+        """Run the cases; their rows go to the keeper."""
+        _simulate(job, cases, keeper)
+
+
+def run(
+    job: JobFile,
+    progress: Progress,
+    interruption: Interruption | None = None,
+    counted: Callable[[Row], None] = lambda _row: None,
+    place: Cluster | None = None,
+) -> bool:
+    """Plan, simulate what the journal does not have, and commit; True when the job is Complete.
+
+    Raises CannotResumeError, StorageError, and SystemExit after an interruption.
+    """
+    place = place or Cluster()
     storage = Storage(job.volumes)
-    planned = plan(job.spec, storage)
+    results = Results(job, storage)
+    journal = Journal(storage, results.folder, job.attempt)
+    if manifest := results.committed():
+        return _adopted(results, manifest, journal, progress)
+    if wrong := faults(job.spec.evaluate):
+        progress.fail("CriteriaInvalid", "; ".join(wrong))
+        return False
+    if job.spec.baseline is not None:
+        check_baseline(job.spec.baseline.results, storage)
+    planned = place.planned(job, storage)
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
-    progress.begin(len(planned.cases), planned.unplanned)
-    rows = first_rows(_rows(job, planned, progress)) if planned.cases else []
-    complete = progress.finish()
-    commit(job, rows, planned.unplanned, progress, storage)
-    return complete
+    progress.begin(len(planned.cases) + len(planned.unplanned))
+    with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:
+        keeper = Keeper(
+            progress, rows, journal, job.spec.max_failed_cases, results.is_committed,
+            counted=counted,
+        )  # fmt: skip
+        if interruption is not None:
+            interruption.keeper = keeper
+        keeper.resume(planned)
+        if job.resume is not None:
+            taken = keeper.take_over(passed_rows(job.resume, planned, storage))
+            log.info("%d cases were taken over from job %s", taken, job.resume.job)
+        left = [case for case in planned.cases if case.id not in rows]
+        log.info("%d cases were done before, %d are to run", len(rows), len(left))
+        if left and keeper.stop is None:
+            place.simulate(job, left, keeper)
+        keeper.finish(threading.Event())
+        if keeper.interrupted:
+            sys.exit(_INTERRUPTED_STATUS)
+        if keeper.stop is not None:
+            progress.stop(keeper.stop.reason, keeper.stop.message)
+        if keeper.stop is not None and not keeper.stop.final:
+            progress.finish()
+            return _unfinished(results, journal, progress)
+        manifest = patiently(lambda: results.commit(rows, progress, journal.driver), progress)
+        ours = manifest["driver"] == journal.driver
+        publish = partial(results.publish, manifest, rows.rows if ours else journal.rows, journal)
+        progress.compared(patiently(publish, progress))
+        progress.adopt(manifest)
+    return progress.phase == "Complete"
 
 
-def _rows(job: JobFile, planned: Plan, progress: Progress) -> list[Row]:
+def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: Progress) -> bool:
+    """Another driver has committed: finish what it may have left, and say what it said."""
+    log.info("attempt %s of this job has committed; nothing is run", manifest["attempt"])
+    progress.adopt(manifest)
+    if not results.is_published():
+        patiently(partial(results.publish, manifest, journal.rows, journal), progress)
+    progress.compared(results.comparisons())
+    return progress.phase == "Complete"
+
+
+def _unfinished(results: Results, journal: Journal, progress: Progress) -> bool:
+    """The work stopped for a fault that is not the job's own: leave the journal to a successor."""
+    manifest = results.committed()
+    return manifest is not None and _adopted(results, manifest, journal, progress)
+
+
+def _simulate(job: JobFile, cases: list[Case], keeper: Keeper) -> None:
     pod = DriverPod(
         name=os.environ["BAGPIPE_POD_NAME"],
         namespace=os.environ["BAGPIPE_NAMESPACE"],
@@ -81,7 +209,7 @@ def _rows(job: JobFile, planned: Plan, progress: Progress) -> list[Row]:
     )
     spark = SparkContext(conf=SparkConf().setAll(list(settings.items())))
     try:
-        return simulate(spark, planned.cases, context, progress)
+        simulate(spark, cases, context, keeper)
     finally:
         spark.stop()
 

@@ -6,13 +6,17 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import Row
 
 Phase = Literal["Planning", "Running", "Complete", "Failed"]
 MAX_FAILURES = 5
 _MAX_MESSAGE = 300
-_OUTCOMES = ("passed", "failed", "invalid", "errored")
+OUTCOMES = ("passed", "failed", "invalid", "errored")
+
+
+def thrown_away(row: Row) -> int:
+    """Runs of a case that do not count: tries of its last start, and starts before that one."""
+    return max(0, int(row["attempts"]) - 1) + max(0, int(row.get("starts", 1)) - 1)
 
 
 @dataclass
@@ -23,6 +27,7 @@ class Progress:
     phase: Phase = "Planning"
     reason: str = "Planning"
     message: str = "reading the bags' indexes"
+    warning: str = ""
     slots: int = 1
     planned: int = 0
     running: int = 0
@@ -30,25 +35,48 @@ class Progress:
     _outcomes: Counter[str] = field(default_factory=Counter)
     _ledger: Counter[str] = field(default_factory=Counter)
     _failures: list[dict[str, str]] = field(default_factory=list)
+    _comparisons: list[dict[str, Any]] = field(default_factory=list)
+    _stopped: tuple[str, str] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def begin(self, planned: int, unplanned: list[Unplanned]) -> None:
-        """The plan is made; bags without a case count as errored."""
+    def begin(self, planned: int) -> None:
+        """The plan is made; `planned` counts bags that yield no case too."""
         with self._lock:
-            self.planned = planned + len(unplanned)
+            self.planned = planned
             self.phase, self.reason = "Running", "CasesRunning"
             self.message = f"{self.planned} cases planned"
-            for bag in unplanned:
-                self._outcomes["errored"] += 1
-                self._fail(bag.id, bag.reason, bag.message)
+
+    def warn(self, message: str) -> None:
+        """Tell a trouble that may pass; empty when it has."""
+        with self._lock:
+            self.warning = message[:_MAX_MESSAGE]
+
+    def failed(self) -> int:
+        """Cases that failed or errored so far."""
+        with self._lock:
+            return self._outcomes["failed"] + self._outcomes["errored"]
+
+    def adopt(self, manifest: dict[str, Any]) -> None:
+        """Tell what another driver of this job has committed."""
+        with self._lock:
+            self.phase, self.verdict = manifest["phase"], manifest["verdict"]
+            self.reason, self.message = manifest["reason"], manifest["message"]
+            counts, ledger = manifest["counts"], manifest["ledger"]
+            self.planned, self.running = counts["planned"], 0
+            self._outcomes = Counter({key: counts[key] for key in (*OUTCOMES, "retried")})
+            self._ledger = Counter(
+                sent=ledger["sent"], received=ledger["received"],
+                dropped=ledger["dropped"], lead_in=ledger["leadIn"],
+            )  # fmt: skip
+            self._failures = list(manifest["failures"])
 
     def add(self, row: Row) -> None:
         """Count one finished case."""
         with self._lock:
             self._outcomes[row["outcome"]] += 1
-            self._outcomes["retried"] += row["attempts"] > 1
-            if row["result"]:
-                ledger = row["result"]["ledger"]
+            self._outcomes["retried"] += thrown_away(row)
+            ledger = (row["result"] or {}).get("ledger")
+            if ledger:
                 for key in ("sent", "received", "dropped", "lead_in"):
                     self._ledger[key] += ledger[key]
             if row["outcome"] != "passed":
@@ -62,10 +90,13 @@ class Progress:
     def finish(self) -> bool:
         """Decide how the job ended; True when it is Complete."""
         with self._lock:
-            self.running = 0
+            self.running, self.warning = 0, ""
             errored = self._outcomes["errored"]
             done = self._done()
-            if errored or done < self.planned or not done:
+            if self._stopped is not None:
+                self.phase, self.verdict = "Failed", ""
+                self.reason, self.message = self._stopped
+            elif errored or done < self.planned or not done:
                 self.phase, self.verdict = "Failed", ""
                 self.reason, self.message = self._why_failed(errored, self.planned - done)
             else:
@@ -73,6 +104,22 @@ class Progress:
                 self.verdict = self._verdict()
                 self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
             return self.phase == "Complete"
+
+    def stop(self, reason: str, message: str) -> None:
+        """No further case is run; `finish` says so."""
+        with self._lock:
+            self._stopped = (reason, message[: 2 * _MAX_MESSAGE])
+
+    def compared(self, comparisons: list[dict[str, Any]]) -> None:
+        """Tell what the comparisons with a baseline say, each in short."""
+        with self._lock:
+            self._comparisons = comparisons
+
+    def interrupt(self) -> None:
+        """The pod is being ended: the job has not, and another driver may go on."""
+        with self._lock:
+            self.running, self.reason = 0, "Interrupted"
+            self.message = "the driver's pod was told to end; what is done is in the journal"
 
     def fail(self, reason: str, message: str) -> None:
         """End the job for a fault of the whole, such as storage that can't be written."""
@@ -83,11 +130,12 @@ class Progress:
     def snapshot(self) -> dict[str, Any]:
         """The JSON of /progress and of the termination message, well under 4 KiB."""
         with self._lock:
-            counts = {outcome: self._outcomes[outcome] for outcome in (*_OUTCOMES, "retried")}
+            counts = {outcome: self._outcomes[outcome] for outcome in (*OUTCOMES, "retried")}
             return {
                 "phase": self.phase,
                 "reason": self.reason,
                 "message": self.message,
+                "warning": self.warning,
                 "cases": {"planned": self.planned, "running": self.running, **counts},
                 "ledger": {
                     "sent": self._ledger["sent"],
@@ -98,17 +146,19 @@ class Progress:
                 "verdict": self.verdict,
                 "results": self.results,
                 "failures": list(self._failures),
+                "comparisons": list(self._comparisons),
             }
 
     def termination_message(self) -> str:
         """The snapshot in at most 4,096 bytes: Kubernetes cuts more, and cut JSON tells nothing."""
         snapshot = self.snapshot()
-        while len(text := json.dumps(snapshot)) > 4096 and snapshot["failures"]:
-            snapshot["failures"].pop()
+        for part in ("failures", "comparisons"):
+            while len(text := json.dumps(snapshot)) > 4096 and snapshot[part]:
+                snapshot[part].pop()
         return text
 
     def _done(self) -> int:
-        return sum(self._outcomes[outcome] for outcome in _OUTCOMES)
+        return sum(self._outcomes[outcome] for outcome in OUTCOMES)
 
     def _fail(self, case: str, reason: str, message: str) -> None:
         if len(self._failures) < MAX_FAILURES:

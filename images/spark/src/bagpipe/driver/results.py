@@ -1,83 +1,138 @@
 """What a job leaves behind: one line per case, and the manifest that says which bags count.
 
-Readers trust only manifest.json: it is written last and appears whole. A recorded bag that
-it does not name came from an attempt that did not count, and is removed.
+Readers trust only manifest.json. It is put once, whole, and never replaced: of two drivers of
+one job (the first was cut off and came back) one commits, and the other adopts what it finds.
+A recorded bag that the manifest does not name came from an attempt that did not count.
 """
 
 import json
 import posixpath
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
+from bagpipe.driver.artefacts import COMPARISONS, Artefacts, in_short
+from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
-from bagpipe.plan.cases import Unplanned
+from bagpipe.driver.row_file import RowFile
 from bagpipe.run.case_run import Row
+from bagpipe.run.exec_outputs import recorded_names
 from bagpipe.spec import JobFile
-from bagpipe.storage import Storage
+from bagpipe.storage import Storage, StorageError
 
+CASE_SCHEMA = "sim.bagpipe.io/case/v1alpha1"
 MANIFEST_SCHEMA = "sim.bagpipe.io/manifest/v1alpha1"
+_MAX_MANIFEST_BYTES = 1 << 30
+_MAX_COMPARISON_BYTES = 64 << 20
+
+Manifest = dict[str, Any]
 
 
 def results_uri(job: JobFile) -> str:
     """The folder of this job's results; the UID keeps a job apart from its earlier namesakes."""
-    return posixpath.join(job.spec.output.uri, job.name, job.uid)
+    return job.results or posixpath.join(job.spec.output.uri, job.name, job.uid)
 
 
-def first_rows(rows: list[Row]) -> list[Row]:
-    """One row per case, the first that came, in the order of the case names."""
-    counted: dict[str, Row] = {}
-    for row in rows:
-        counted.setdefault(row["case"], row)
-    return [counted[name] for name in sorted(counted)]
+@dataclass(frozen=True)
+class Results:
+    """The results folder of one job. Every method raises StorageError."""
+
+    job: JobFile
+    storage: Storage
+
+    @property
+    def folder(self) -> str:
+        """Its URI."""
+        return results_uri(self.job)
+
+    def is_committed(self) -> bool:
+        """Whether some driver of this job has committed."""
+        return self.storage.exists(self._uri("manifest.json"))
+
+    def committed(self) -> Manifest | None:
+        """The manifest, if some driver of this job has committed."""
+        if not self.is_committed():
+            return None
+        uri = self._uri("manifest.json")
+        try:
+            manifest: Manifest = json.loads(self.storage.read_all(uri, _MAX_MANIFEST_BYTES))
+        except ValueError as error:
+            raise StorageError(f"{uri} is no JSON: {error}") from error
+        return manifest
+
+    def commit(self, rows: RowFile, progress: Progress, driver: str) -> Manifest:
+        """Put the manifest, unless another driver has; the one that counts is returned."""
+        progress.finish()
+        snapshot = progress.snapshot()
+        manifest = {
+            "schema": MANIFEST_SCHEMA,
+            "job": {"name": self.job.name, "namespace": self.job.namespace, "uid": self.job.uid},
+            "attempt": self.job.attempt,
+            "driver": driver,
+            "phase": snapshot["phase"],
+            "reason": snapshot["reason"],
+            "message": snapshot["message"],
+            "verdict": snapshot["verdict"],
+            "counts": snapshot["cases"],
+            "ledger": snapshot["ledger"],
+            "failures": snapshot["failures"],
+            "cases": [_manifest_entry(row) for row in rows.rows()],
+        }
+        data = json.dumps(manifest, indent=1).encode()
+        if self.storage.put_once(self._uri("manifest.json"), data):
+            return manifest
+        return self.committed() or manifest
+
+    def publish(
+        self, manifest: Manifest, rows: Callable[[], Iterable[Row]], journal: Journal
+    ) -> list[dict[str, Any]]:
+        """Write results.jsonl as the manifest counts, then remove what does not count.
+
+        May be done again, by another driver too, until the journal is gone. Gives what the
+        comparisons with a baseline say, in short.
+        """
+        counted = {_key(entry) for entry in manifest["cases"]}
+        with Artefacts(self.job, self.storage, self.folder) as artefacts:
+            with self.storage.create(self._uri("results.jsonl")) as file:
+                for row in rows():
+                    if _key(row) in counted:
+                        counted.remove(_key(row))
+                        file.write(json.dumps({"schema": CASE_SCHEMA} | row).encode() + b"\n")
+                        artefacts.add(row)
+            compared = artefacts.store(manifest)
+        self._remove_uncounted(manifest)
+        journal.remove()
+        return [in_short(comparison) for comparison in compared]
+
+    def comparisons(self) -> list[dict[str, Any]]:
+        """What `publish` gave, read again; empty where nothing was compared."""
+        uri = self._uri(COMPARISONS)
+        if not self.storage.exists(uri):
+            return []
+        told = json.loads(self.storage.read_all(uri, _MAX_COMPARISON_BYTES))
+        return [in_short(comparison) for comparison in told["comparisons"]]
+
+    def is_published(self) -> bool:
+        """Whether results.jsonl has been written."""
+        return self.storage.exists(self._uri("results.jsonl"))
+
+    def _remove_uncounted(self, manifest: Manifest) -> None:
+        cases = manifest["cases"]
+        counted = {posixpath.basename(name) for case in cases for name in recorded_names(case)}
+        for name in self.storage.names(self._uri("cases")):
+            if name not in counted:
+                self.storage.remove(posixpath.join(self._uri("cases"), name))
+
+    def _uri(self, name: str) -> str:
+        return posixpath.join(self.folder, name)
 
 
-def commit(
-    job: JobFile, rows: list[Row], unplanned: list[Unplanned], progress: Progress, storage: Storage
-) -> None:
-    """Write results.jsonl, then manifest.json, then remove what did not count.
-
-    Raises StorageError.
-    """
-    folder = results_uri(job)
-    lines = [*rows, *(_unplanned_row(bag) for bag in unplanned)]
-    with storage.create(posixpath.join(folder, "results.jsonl")) as file:
-        for line in lines:
-            file.write(json.dumps(line).encode() + b"\n")
-    snapshot = progress.snapshot()
-    manifest = {
-        "schema": MANIFEST_SCHEMA,
-        "job": {"name": job.name, "namespace": job.namespace, "uid": job.uid},
-        "attempt": job.attempt,
-        "phase": snapshot["phase"],
-        "verdict": snapshot["verdict"],
-        "counts": snapshot["cases"],
-        "ledger": snapshot["ledger"],
-        "cases": [_manifest_entry(line) for line in lines],
-    }
-    with storage.create(posixpath.join(folder, "manifest.json")) as file:
-        file.write(json.dumps(manifest, indent=1).encode())
-    _remove_uncounted(folder, rows, storage)
+def _key(row: Row) -> tuple[str, ...]:
+    """A case and what it left behind, which is unique to the attempt that counts."""
+    return (row["case"], *recorded_names(row))
 
 
 def _manifest_entry(row: Row) -> dict[str, Any]:
-    return {key: row.get(key) for key in ("case", "outcome", "reason", "recorded", "attempts")}
-
-
-def _unplanned_row(bag: Unplanned) -> Row:
     return {
-        "case": bag.id,
-        "bag": bag.bag,
-        "outcome": "errored",
-        "reason": bag.reason,
-        "message": bag.message,
-        "recorded": None,
-        "result": None,
-        "attempts": 0,
+        key: row.get(key) for key in ("case", "outcome", "reason", "recorded", "attempts", "starts")
     }
-
-
-def _remove_uncounted(folder: str, rows: list[Row], storage: Storage) -> None:
-    counted = {posixpath.basename(row["recorded"]) for row in rows if row["recorded"]}
-    cases = posixpath.join(folder, "cases")
-    for name in storage.names(cases):
-        if name not in counted:
-            storage.remove(posixpath.join(cases, name))

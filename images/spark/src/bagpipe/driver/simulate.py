@@ -1,17 +1,20 @@
 """Cases over Spark: only descriptors and rows pass through the JVM, payload never does."""
 
-import threading
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+import gc
+import logging
+from collections.abc import Iterable
+from functools import cache
 
-from pyspark import SparkContext
+from py4j.protocol import Py4JError
+from pyspark import SparkContext, TaskContext
 from pyspark.accumulators import AccumulatorParam
 
-from bagpipe.driver.progress import Progress
+from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.plan.cases import Case
-from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.attempts import quarantine_attempt
+from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 
-_TELL_SECONDS = 0.5
+log = logging.getLogger(__name__)
 
 
 class _RowsParam(AccumulatorParam[list[Row]]):
@@ -25,59 +28,57 @@ class _RowsParam(AccumulatorParam[list[Row]]):
         return value1
 
 
-def simulate(
-    spark: SparkContext, cases: list[Case], context: RunContext, progress: Progress
-) -> list[Row]:
-    """Run all cases, one task each, and give their rows; progress is told as tasks end."""
+@cache
+def settle_worker() -> None:
+    """Take what this worker loaded out of garbage collection, once in its life.
+
+    Spark's daemon collects all garbage after each task (pyspark/daemon.py); to walk through the
+    modules that a case needs takes 20 ms of a processor each time.
+    """
+    gc.collect()
+    gc.freeze()
+
+
+def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
+    """Run all cases, one task each; their rows go to the keeper, which may end the work early.
+
+    Spark merges the rows of every successful task before it calls the job done, each task's once
+    whatever was retried or speculated, so nothing has to be collected a second time.
+    """
     finished = spark.accumulator([], _RowsParam())
     shared_context = spark.broadcast(context)
+    # Spark itself gives up later (spark.task.maxFailures).
+    quarantine = quarantine_attempt(context.spec.stack_backoff_limit)
 
-    def run(partition: Iterable[Case]) -> Iterator[Row]:
+    def run(partition: Iterable[Case]) -> None:
+        settle_worker()
+        task = TaskContext.get()
+        # Spark counts a task's launches from 0, copies of slow ones too.
+        before = task.attemptNumber() if task else 0
         for case in partition:
-            row = run_case(case, shared_context.value)
-            finished.add([row])
-            yield row
+            if before >= quarantine:
+                finished.add([lost_row(case, before)])
+            else:
+                finished.add([run_case(case, shared_context.value, before + 1)])
 
-    teller = _Teller(progress, lambda: finished.value, lambda: _active_tasks(spark))
-    with teller:
-        rows: list[Row] = spark.parallelize(cases, len(cases)).mapPartitions(run).collect()
-    return rows
+    def new_rows() -> list[Row]:
+        # Spark's thread only appends, so the first rows are ours to take.
+        rows = finished.value
+        taken = rows[: len(rows)]
+        del rows[: len(taken)]
+        return taken
+
+    keeping = Keeping(keeper, new_rows, lambda: _active_tasks(spark), spark.cancelAllJobs)
+    try:
+        with keeping:
+            spark.parallelize(cases, len(cases)).foreachPartition(run)
+    except Py4JError:
+        if keeper.stop is None:
+            raise
+        log.info("stopped: %s", keeper.stop.message)
 
 
 def _active_tasks(spark: SparkContext) -> int:
     tracker = spark.statusTracker()
     stages = [tracker.getStageInfo(stage) for stage in tracker.getActiveStageIds()]
     return sum(stage.numActiveTasks for stage in stages if stage is not None)
-
-
-class _Teller:
-    """Moves new rows into the progress while Spark works, and the last ones when it has ended."""
-
-    def __init__(
-        self, progress: Progress, rows: Callable[[], list[Row]], running: Callable[[], int]
-    ) -> None:
-        self._progress = progress
-        self._rows = rows
-        self._running = running
-        self._told = 0
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._tell_until_ended, name="teller", daemon=True)
-
-    def __enter__(self) -> None:
-        self._thread.start()
-
-    def __exit__(self, *_error: Any) -> None:
-        self._ended.set()
-        self._thread.join()
-        self._tell_new_rows()
-
-    def _tell_until_ended(self) -> None:
-        while not self._ended.wait(_TELL_SECONDS):
-            self._tell_new_rows()
-            self._progress.set_running(self._running())
-
-    def _tell_new_rows(self) -> None:
-        rows = self._rows()
-        for row in rows[self._told :]:
-            self._progress.add(row)
-        self._told = len(rows)

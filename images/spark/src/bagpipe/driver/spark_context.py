@@ -8,13 +8,17 @@ import math
 import re
 from dataclasses import dataclass
 
+from bagpipe.run.attempts import quarantine_attempt
 from bagpipe.spec import JobFile, PodResources
+from bagpipe.texts import duration_seconds
 
 EXECUTOR_TEMPLATE = "/etc/bagpipe/executor.yaml"
 _SERVICE_ACCOUNT = "/var/run/secrets/kubernetes.io/serviceaccount"
 _MEBIBYTE = 1 << 20
 # Spark refuses a heap below 450 MiB; the JVM's own and the Python workers' memory comes on top.
 _LEAST_HEAP_MEBIBYTES = 512
+# A case that is quicker than that is not worth a copy, however slow it is beside the others.
+LEAST_STRAGGLER_SECONDS = 60
 _QUANTITY = re.compile(r"^(\d+(?:\.\d+)?)(Ki|Mi|Gi|Ti|k|M|G|T|m)?$")
 _FACTOR = {
     None: 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12,
@@ -48,7 +52,22 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 
 def spark_settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
     """All Spark settings of a job."""
-    return _where(job, pod) | _size(job) | _endurance()
+    return _where(job, pod) | _size(job) | _endurance(job) | _speculation(job)
+
+
+def local_settings(job: JobFile, slots: int) -> dict[str, str]:
+    """All Spark settings of a job whose cases run in this machine's own processes."""
+    endurance = _endurance(job)
+    failures = endurance.pop("spark.task.maxFailures")
+    return {
+        # Local Spark takes its number of failures from here alone.
+        "spark.master": f"local[{slots}, {failures}]",
+        "spark.app.name": f"{job.namespace}/{job.name}",
+        "spark.driver.bindAddress": "127.0.0.1",
+        "spark.driver.host": "127.0.0.1",
+        "spark.ui.enabled": "false",
+        "spark.ui.showConsoleProgress": "false",
+    } | {key: value for key, value in endurance.items() if "kubernetes" not in key}
 
 
 def _where(job: JobFile, pod: DriverPod) -> dict[str, str]:
@@ -69,6 +88,10 @@ def _where(job: JobFile, pod: DriverPod) -> dict[str, str]:
         # 4.3 hands executors the bind address: the pod's own, so no headless service is needed.
         "spark.driver.bindAddress": pod.address,
         "spark.driver.host": pod.address,
+        # The stack shares the executor's network and must not speak to the driver as Spark does,
+        # whose messages are code. The secret is in the environment of Spark's containers alone.
+        "spark.authenticate": "true",
+        "spark.network.crypto.enabled": "true",
         "spark.ui.enabled": "false",
         "spark.ui.showConsoleProgress": "false",
         # The driver made no Services and no claims, and has no right to look for any.
@@ -97,7 +120,8 @@ def _size(job: JobFile) -> dict[str, str]:
     }
 
 
-def _endurance() -> dict[str, str]:
+def _endurance(job: JobFile) -> dict[str, str]:
+    quarantine = quarantine_attempt(job.spec.stack_backoff_limit)
     return {
         "spark.kubernetes.resource.type": "python",
         "spark.kubernetes.executor.enablePollingWithResourceVersion": "true",
@@ -105,11 +129,36 @@ def _endurance() -> dict[str, str]:
         "spark.executor.maxNumFailures": "20",
         "spark.executor.failuresValidityInterval": "1h",
         "spark.excludeOnFailure.enabled": "false",
-        "spark.speculation": "false",
+        # An executor on a node that was cut off is missed after a minute, not after two.
+        "spark.network.timeout": "60s",
+        "spark.executor.heartbeatInterval": "10s",
         # A cancelled task must not leave its Python worker behind with a leased slot.
         "spark.task.reaper.enabled": "true",
         "spark.task.reaper.killTimeout": "60s",
-        "spark.task.maxFailures": "4",
+        # Above the driver's own limit, which gives such a case a row instead of ending the job.
+        "spark.task.maxFailures": str(quarantine + 8),
         "spark.python.worker.reuse": "true",
         "spark.locality.wait": "0s",
+    }
+
+
+def _speculation(job: JobFile) -> dict[str, str]:
+    """A case that hangs on one executor is tried on another; the first row counts.
+
+    The loser's recording is removed with all that the manifest does not name.
+    """
+    half_of_the_timeout = duration_seconds(job.spec.playback.case_timeout) / 2
+    return {
+        "spark.speculation": "true",
+        # Half, so that all slots of one of two executors may hang and the others still show it.
+        "spark.speculation.quantile": "0.5",
+        "spark.speculation.multiplier": "3",
+        "spark.speculation.minTaskRuntime": f"{LEAST_STRAGGLER_SECONDS}s",
+        "spark.speculation.interval": "1s",
+        # Spark compares the rows that tasks have read, ours read none: it would wait twice as long.
+        "spark.speculation.efficiency.enabled": "false",
+        # Where a job has no more cases than an executor has slots, too few end to compare with.
+        "spark.speculation.task.duration.threshold": (
+            f"{max(LEAST_STRAGGLER_SECONDS, math.ceil(half_of_the_timeout))}s"
+        ),
     }

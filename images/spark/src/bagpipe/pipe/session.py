@@ -8,12 +8,20 @@ import os
 import select
 import time
 import uuid
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import bagpipe
-from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType, ProtocolError
+from bagpipe.pipe.frames import (
+    MAX_PAYLOAD_BYTES,
+    Decoder,
+    Encoder,
+    Frame,
+    FrameType,
+    ProtocolError,
+)
 from bagpipe.pipe.greeting import Greeting
 from bagpipe.pipe.slot import Ends
 
@@ -21,6 +29,8 @@ PROTOCOL = 1
 # Longer than an agent needs to end the case of a worker that died before us.
 GREETING_SECONDS = 30.0
 _READ_BYTES = 256 * 1024
+# Messages of one simulated moment above this go out as DATA: a frame has at most 1 MiB.
+_MOST_STEP_BYTES = 512 * 1024
 
 
 class SessionError(Exception):
@@ -54,25 +64,63 @@ class Sink(Protocol):
 
 @dataclass
 class Answer:
-    """What the agent sent: the RESULT map and how many bytes went into the sink."""
+    """What the agent sent: the RESULT map and how many bytes went into the sink.
+
+    `input_bytes` is how many were for the agent: the bytes of its files.
+    """
 
     hello: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
     files: int = 0
     bytes: int = 0
+    input_bytes: int = 0
     finished: bool = False
 
 
+class Partner(Protocol):
+    """A simulator that has its turn whenever the agent has answered."""
+
+    def step(self, answer: dict[str, Any], /) -> dict[str, Any] | None:
+        """STEP's map after ANSWER's; None when the drive is over. Raises SessionError."""
+
+
+class Sinks(Protocol):
+    """Where each of several files goes."""
+
+    def begin(self, name: str, size: int | None) -> Sink:
+        """The sink of the next file, of `size` bytes, or of as many as come."""
+
+
 def run_session(
-    ends: Ends, case: dict[str, Any], files: list[InputFile], sink: Sink, deadline: float
+    ends: Ends, case: dict[str, Any], files: list[InputFile], sink: Sink | Sinks, deadline: float
 ) -> Answer:
     """Feed one case and receive its answer; recorded bytes are written to `sink` as they come.
 
+    Sinks are asked for one with every file; a single sink takes the bytes of all.
     `deadline` is on the monotonic clock, in seconds. Raises SessionError.
     """
     session = uuid.uuid4().hex
     receiver = _Receiver(session, sink)
-    sender = _Sender(_outgoing(session, case, files))
+    receiver.answer.input_bytes = sum(file.size for file in files)
+    return _exchange(ends, receiver, _Sender(_outgoing(session, case, files)), deadline)
+
+
+def run_turns(
+    ends: Ends, case: dict[str, Any], partner: Partner, sink: Sink, deadline: float
+) -> Answer:
+    """Let a simulator and the stack take turns; otherwise as `run_session`."""
+    session = uuid.uuid4().hex
+    answers: deque[dict[str, Any]] = deque()
+    sender = _Sender(_turns(session, case, partner, answers))
+
+    def answered(answer: dict[str, Any]) -> None:
+        answers.append(answer)
+        sender.resume()
+
+    return _exchange(ends, _Receiver(session, sink, answered), sender, deadline)
+
+
+def _exchange(ends: Ends, receiver: "_Receiver", sender: "_Sender", deadline: float) -> Answer:
     greeting_deadline = min(deadline, time.monotonic() + GREETING_SECONDS)
     while not receiver.answer.finished:
         left = (deadline if receiver.answer.hello else greeting_deadline) - time.monotonic()
@@ -120,11 +168,15 @@ def _agent_died(receiver: "_Receiver") -> SessionError:
 class _Sender:
     """Writes the worker's frames as the pipe takes them."""
 
-    def __init__(self, outgoing: Iterator[bytes | memoryview]) -> None:
+    def __init__(self, outgoing: Iterator[bytes | memoryview | None]) -> None:
         self._outgoing = outgoing
         self._rest = memoryview(b"")
         self.active = True
         self.peer_gone = False
+
+    def resume(self) -> None:
+        """There is more to send, unless nobody reads any more."""
+        self.active = not self.peer_gone
 
     def send(self, descriptor: int) -> None:
         """Write once, or note that nobody reads any more."""
@@ -151,9 +203,7 @@ def _outgoing(
     session: str, case: dict[str, Any], files: list[InputFile]
 ) -> Iterator[bytes | memoryview]:
     encoder = Encoder()
-    software = f"bagpipe {bagpipe.__version__}"
-    hello = {"session": session, "protocol": PROTOCOL, "software": software, "case": case}
-    yield encoder.encode_fields(FrameType.HELLO, hello)
+    yield _hello(encoder, session, case)
     total = 0
     for file in files:
         described = {"name": file.name, "size": file.size, "ranges": file.ranges}
@@ -163,6 +213,39 @@ def _outgoing(
             yield from encoder.encode(FrameType.DATA, piece)
     end = {"files": len(files), "bytes": total, "digest": encoder.digest}
     yield encoder.encode_fields(FrameType.END, end)
+
+
+def _turns(
+    session: str, case: dict[str, Any], partner: Partner, answers: deque[dict[str, Any]]
+) -> Iterator[bytes | memoryview | None]:
+    """The frames of a simulator; None while the agent has its turn."""
+    encoder = Encoder()
+    yield _hello(encoder, session, case)
+    total = 0
+    while True:
+        while not answers:
+            yield None
+        step = partner.step(answers.popleft())
+        if step is None:
+            break
+        if sum(len(data) for _, data in step["messages"]) > _MOST_STEP_BYTES:
+            for _, data in step["messages"]:
+                total += len(data)
+                for at in range(0, len(data), MAX_PAYLOAD_BYTES):
+                    yield from encoder.encode(
+                        FrameType.DATA, memoryview(data)[at : at + MAX_PAYLOAD_BYTES]
+                    )
+            lengths = [[place, len(data)] for place, data in step["messages"]]
+            step = step | {"messages": lengths}
+        yield encoder.encode_fields(FrameType.STEP, step)
+    end = {"files": 0, "bytes": total, "digest": encoder.digest}
+    yield encoder.encode_fields(FrameType.END, end)
+
+
+def _hello(encoder: Encoder, session: str, case: dict[str, Any]) -> bytes:
+    software = f"bagpipe {bagpipe.__version__}"
+    hello = {"session": session, "protocol": PROTOCOL, "software": software, "case": case}
+    return encoder.encode_fields(FrameType.HELLO, hello)
 
 
 def _receive(ends: Ends, receiver: "_Receiver", peer_gone: bool) -> None:
@@ -185,13 +268,21 @@ def _receive(ends: Ends, receiver: "_Receiver", peer_gone: bool) -> None:
 class _Receiver:
     """The agent's half of the protocol."""
 
-    def __init__(self, session: str, sink: Sink) -> None:
+    def __init__(
+        self,
+        session: str,
+        sink: Sink | Sinks,
+        answered: Callable[[dict[str, Any]], None] | None = None,
+    ) -> None:
         self.answer = Answer()
+        self._answered = answered
         self._greeting = Greeting(session)
         self._greeted = False
-        self._sink = sink
+        self._begin = getattr(sink, "begin", None)
+        self._sink = cast("Sink", sink)
         self._decoder = Decoder()
         self._expected = 0
+        self._unsized = False
 
     @property
     def pending(self) -> int:
@@ -219,13 +310,26 @@ class _Receiver:
             case FrameType.RESULT:
                 self.answer.result = frame.fields()
             case FrameType.FILE:
-                self._expected += int(frame.fields()["size"])
-                self.answer.files += 1
+                self._begin_file(frame.fields())
             case FrameType.DATA:
                 self._sink.write(frame.payload)
                 self.answer.bytes += len(frame.payload)
+                self._expected += len(frame.payload) if self._unsized else 0
             case FrameType.END:
                 self._finish(frame.fields())
+            case FrameType.ANSWER if self._answered is not None:
+                self._answered(frame.fields())
+            case FrameType.ANSWER | FrameType.STEP:
+                raise ProtocolError(0, f"{frame.type.name} came, and no simulator has its turn")
+
+    def _begin_file(self, fields: dict[str, Any]) -> None:
+        # A program of the exec engine need not know a file's size when it begins.
+        size = fields.get("size")
+        self._unsized = size is None
+        self._expected += 0 if size is None else int(size)
+        self.answer.files += 1
+        if self._begin is not None:
+            self._sink = self._begin(str(fields["name"]), size)
 
     def _greet(self, fields: dict[str, Any]) -> None:
         if fields.get("protocol") != PROTOCOL:

@@ -22,27 +22,30 @@ class SlotUnavailableError(Exception):
 
 
 @dataclass(frozen=True)
-class Slot:
+class FifoPair:
+    """Two named pipes: the worker writes `to_agent` and reads `from_agent`."""
+
+    to_agent: Path
+    from_agent: Path
+
+
+class Slot(FifoPair):
     """One FIFO pair below the volume that Spark and the agent share."""
 
-    folder: Path
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder / "to-agent", folder / "from-agent")
 
     @property
-    def to_agent(self) -> Path:
-        """The FIFO that the worker writes."""
-        return self.folder / "to-agent"
-
-    @property
-    def from_agent(self) -> Path:
-        """The FIFO that the worker reads."""
-        return self.folder / "from-agent"
+    def folder(self) -> Path:
+        """Where both lie, with the lease."""
+        return self.to_agent.parent
 
 
 @dataclass
 class Ends:
     """The worker's two open ends; both are non-blocking."""
 
-    slot: Slot
+    slot: FifoPair
     read: int
     write: int
     pipe_bytes: int
@@ -79,7 +82,30 @@ def lease(shared: Path, deadline: float) -> Iterator[Slot]:
 
 
 @contextlib.contextmanager
-def open_ends(slot: Slot, deadline: float) -> Iterator[Ends]:
+def lease_file(pair: FifoPair, deadline: float) -> Iterator[FifoPair]:
+    """That pair, ours until the block ends or the process dies, by a lock file beside it.
+
+    `deadline` is on the monotonic clock, in seconds. Raises SlotUnavailableError.
+    """
+    path = pair.to_agent.with_name(f"{pair.to_agent.name}.lease")
+    try:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        raise SlotUnavailableError(f"{path} can't be made: {error.strerror}") from error
+    try:
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError:
+                _pause_until(deadline, f"{pair.to_agent} is leased to another task")
+        yield pair
+    finally:
+        os.close(descriptor)
+
+
+@contextlib.contextmanager
+def open_ends(slot: FifoPair, deadline: float) -> Iterator[Ends]:
     """Both FIFOs of a slot, opened in the one order that can't deadlock.
 
     Raises SlotUnavailableError when no agent opens its end before `deadline`.

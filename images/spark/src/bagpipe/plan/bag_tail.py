@@ -12,6 +12,8 @@ MAGIC = b"#ROSBAG V2.0\n"
 _FILE_HEADER_BYTES = 4096
 _OP_FILE_HEADER, _OP_CHUNK_INFO, _OP_CONNECTION = 3, 6, 7
 _MAX_TAIL_BYTES = 1 << 30
+# op, compression and size, each with its name and length, are some 50 bytes.
+_CHUNK_HEADER_BYTES = 256
 
 Read = Callable[[int, int], bytes]
 
@@ -87,6 +89,13 @@ def read_tail(read: Read, size: int) -> BagTail:
         raise BagError("BagUnreadable", f"the index at byte {index_position} is above 1 GiB")
     tail = read(index_position, size - index_position)
     return _parse_tail(tail, index_position, size, _counts(header))
+
+
+def compression_of(read: Read, chunk: Chunk) -> str:
+    """A chunk's compression (none, lz4 or bz2), from its header alone. Raises BagError."""
+    data = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
+    header, _ = _sized(data, 0, chunk.offset)
+    return _fields(header, chunk.offset).get("compression", b"").decode(errors="replace")
 
 
 def _file_header(head: bytes) -> dict[str, bytes]:
@@ -235,3 +244,19 @@ def _u64(header: dict[str, bytes], name: str, offset: int) -> int:
 def _time(header: dict[str, bytes], name: str, offset: int) -> int:
     seconds, nanoseconds = _integer(header, name, offset, "<II")
     return seconds * 1_000_000_000 + nanoseconds
+
+
+def split_record(data: bytes, at: int, base: int) -> tuple[dict[str, bytes], int, int]:
+    """(header fields, begin and end of the body) of the record at `at`; `base` is for errors.
+
+    Raises BagError where the record is cut.
+    """
+    header, body = _sized(data, at, base)
+    _, end = _sized(data, body, base)
+    return _fields(header, base + at), body + 4, end
+
+
+def connection_fields(record: bytes, offset: int) -> dict[str, bytes]:
+    """What a CONNECTION record says of its publisher: type, md5sum, message_definition, ..."""
+    _, begin, end = split_record(record, 0, offset)
+    return _fields(record[begin:end], offset)

@@ -1,84 +1,81 @@
-"""The cases of a job: every fragment of every bag, or the sentence why a bag yields none."""
+"""The cases of a job: every fragment of every bag, as often as it is to be played.
 
+A bag that yields none has a sentence that says why.
+"""
+
+import dataclasses
 import posixpath
 import re
 from collections import Counter
-from dataclasses import dataclass
 
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
-from bagpipe.plan.fragments import Window, cut
-from bagpipe.spec import SimulationJobSpec, duration_seconds
+from bagpipe.plan.case import Case
+from bagpipe.plan.conditions import Crossing, crossing
+from bagpipe.plan.files import file_cases
+from bagpipe.plan.fragments import cut
+from bagpipe.plan.made import Plan, Unplanned
+from bagpipe.plan.put_together import drives, sequences
+from bagpipe.plan.simulated import check_scenarios
+from bagpipe.plan.variant import check_templates
+from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
+from bagpipe.texts import duration_seconds
 
-
-@dataclass(frozen=True)
-class Case:
-    """One fragment through the stack: all that an executor needs, small enough for the JVM.
-
-    `connections` are (offset, length) ranges of the bag's CONNECTION records, `ranges`
-    those of its chunks; both are in bytes of the file `bag`.
-    """
-
-    id: str
-    bag: str
-    window: Window
-    connections: list[tuple[int, int]]
-    ranges: list[tuple[int, int]]
-    messages: int
-
-    @property
-    def bytes(self) -> int:
-        """Bytes that the case reads from storage."""
-        return sum(length for _, length in self.connections + self.ranges)
-
-
-@dataclass(frozen=True)
-class Unplanned:
-    """A bag that yields no case, under the name that the results give it."""
-
-    id: str
-    bag: str
-    reason: str
-    message: str
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What will run, the biggest case first, and what can't."""
-
-    cases: list[Case]
-    unplanned: list[Unplanned]
+__all__ = ["Case", "Plan", "Unplanned", "plan"]
 
 
 def plan(spec: SimulationJobSpec, storage: Storage) -> Plan:
-    """Read the tail of every bag and cut its fragments; never raises for a bag's fault."""
+    """Read the tail of every bag, cut its fragments, and cross them with matrix and variants.
+
+    Never raises for a bag's fault; raises MatrixError for the matrix' and the variants' own.
+    """
+    conditions = crossing(spec)
+    check_templates(spec, conditions)
+    if spec.source.simulator is not None:
+        check_scenarios(spec)
+        return drives(spec.source.simulator, conditions, storage)
+    if spec.source.sequence:
+        return sequences(spec.source, conditions, storage)
     bags: list[str] = []
     unplanned: list[Unplanned] = []
-    for pattern in spec.source.bags:
+    for pattern in spec.source.uris:
         try:
             found = storage.expand(pattern)
         except (StorageError, OSError) as error:
-            unplanned.append(_missing(pattern, str(error)))
+            unplanned.append(_missing(pattern, spec, str(error)))
             continue
         if not found:
-            unplanned.append(_missing(pattern, f"no file at {pattern}: check the name and volume"))
+            message = f"no file at {pattern}: check the name and volume"
+            unplanned.append(_missing(pattern, spec, message))
         bags += [uri for uri in found if uri not in bags]
+    if spec.source.files:
+        return Plan.of(_crossed(file_cases(bags, storage), conditions), unplanned)
     cases: list[Case] = []
     for uri, name in zip(bags, _names(bags), strict=True):
         try:
-            cases += _cases_of(uri, name, spec, storage)
+            cases += _crossed(_fragments_of(uri, name, spec, storage), conditions)
         except (BagError, StorageError) as error:
             reason = error.reason if isinstance(error, BagError) else "BagUnreadable"
             unplanned.append(Unplanned(name, uri, reason, f"{uri}: {error}"))
-    return Plan(sorted(cases, key=lambda case: (-case.bytes, case.id)), unplanned)
+    return Plan.of(cases, unplanned)
 
 
-def _missing(pattern: str, message: str) -> Unplanned:
-    return Unplanned(_stem(pattern), pattern, "BagMissing", message)
+def _missing(pattern: str, spec: SimulationJobSpec, message: str) -> Unplanned:
+    reason = "FileMissing" if spec.source.files else "BagMissing"
+    return Unplanned(_stem(pattern), pattern, reason, message)
 
 
-def _cases_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage) -> list[Case]:
-    tail = read_tail(lambda offset, length: storage.read(uri, offset, length), storage.size(uri))
+def _crossed(fragments: list[Case], conditions: Crossing) -> list[Case]:
+    return [
+        dataclasses.replace(case, id=case.id + suffix, fragment=case.id, conditions=condition)
+        for case in fragments
+        for suffix, condition in conditions.named
+    ]
+
+
+def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage) -> list[Case]:
+    file = storage.open(uri)
+    tail = read_tail(file.read, file.size)
     length = int(duration_seconds(spec.source.fragment.length) * 1e9)
     warm_up = int(duration_seconds(spec.source.fragment.warm_up) * 1e9)
     fragments = cut(tail, spec.source.topics, length, warm_up)
@@ -93,6 +90,7 @@ def _cases_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage) ->
         Case(
             id=f"{name}-{number:04d}",
             bag=uri,
+            bag_version=file.version,
             window=fragment.window,
             connections=connections,
             ranges=fragment.ranges,

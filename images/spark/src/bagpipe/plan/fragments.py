@@ -40,7 +40,7 @@ def cut(tail: BagTail, topics: list[str], length: int, warm_up: int) -> list[Fra
     """
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
     latching = {c.id for c in tail.connections if c.latching} & wanted
-    chunks = [chunk for chunk in tail.chunks if wanted & _holding(chunk)]
+    chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
     if not chunks:
         return []
     begin = min(chunk.start_time for chunk in chunks)
@@ -52,7 +52,16 @@ def cut(tail: BagTail, topics: list[str], length: int, warm_up: int) -> list[Fra
     ]
 
 
-def _holding(chunk: Chunk) -> set[int]:
+def cut_one(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
+    """The fragment of a window of one's own choice; it may have no message."""
+    wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
+    latching = {c.id for c in tail.connections if c.latching} & wanted
+    chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
+    return _fragment(chunks, window, wanted, latching)
+
+
+def holding(chunk: Chunk) -> set[int]:
+    """The connections that a chunk has messages of."""
     return {connection for connection, count in chunk.counts.items() if count}
 
 

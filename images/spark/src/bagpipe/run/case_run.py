@@ -4,39 +4,38 @@ The recorded bag is stored under a name of this attempt's own, so that two attem
 case can never meet; which one counts is decided by the driver's manifest alone.
 """
 
+import errno
 import logging
 import posixpath
+import threading
 import time
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bagpipe.pipe.session import Answer, SessionError, run_session
+from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session, run_turns
 from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
-from bagpipe.plan.cases import Case
+from bagpipe.plan.cases import Case, Unplanned
+from bagpipe.plan.variant import image_of, stack_of
+from bagpipe.run.attempts import next_attempt
+from bagpipe.run.criteria import judged_by_criteria
+from bagpipe.run.exec_input import program_file
+from bagpipe.run.exec_judge import judge_program
+from bagpipe.run.exec_outputs import Outputs, collected
 from bagpipe.run.fragment_stream import fragment_file
-from bagpipe.run.judge import DeliveryIncompleteError, judge
-from bagpipe.spec import SimulationJobSpec, duration_seconds
+from bagpipe.run.judge import DeliveryIncompleteError, Judgement, judge
+from bagpipe.run.pieces import sequence_file
+from bagpipe.run.simulated import Drive, judge_steering
+from bagpipe.spec import SimulationJobSpec, shared_folder
 from bagpipe.storage import NewFile, Storage, StorageError
+from bagpipe.texts import duration_seconds
 
-ATTEMPTS = 3
-# A node with a short queue loses messages while its machine is busy, which passes.
-REALTIME_ATTEMPTS = 10
 # The agent ends a case at its deadline; the worker allows this much more for the answer.
 _GRACE_SECONDS = 30.0
 # A slot is free for every task; longer than this means that the agent is gone.
 _MEETING_SECONDS = 60.0
 _RECORD_BYTES = 1 << 30
-
-# Faults of the machinery or of timing, where the same case may well succeed the next time.
-_WORTH_ANOTHER_TRY = {
-    "AgentDied",
-    "DeliveryIncomplete",
-    "ProtocolError",
-    "RosMasterFailed",
-    "SlotUnavailable",
-}
 
 _REASONS: list[tuple[type[Exception], str]] = [
     (DeliveryIncompleteError, "DeliveryIncomplete"),
@@ -62,28 +61,77 @@ class RunContext:
     shared: str = "/bagpipe/shared"
 
 
-def run_case(case: Case, context: RunContext) -> Row:
-    """Run a case until it counts or its attempts are used up; gives its row for the manifest."""
+def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
+    """Run a case until it counts or its attempts are used up; gives its row for the manifest.
+
+    `starts` says how often the case was given to an executor, this time included.
+    """
     begun = time.monotonic()
-    attempts = 1
     row = _attempt(case, context)
-    while attempts < attempts_allowed(row["reason"], context.spec.playback.mode):
-        attempts += 1
+    discarded: list[str] = []
+    spec = context.spec
+    while again := next_attempt(
+        row["reason"], discarded, spec.playback.mode, spec.stack_backoff_limit
+    ):
+        discarded.append(row["reason"])
+        threading.Event().wait(again.seconds)
         row = _attempt(case, context)
-    return row | {
-        "case": case.id,
-        "bag": case.bag,
-        "window": [case.window.lead_in_start, case.window.start, case.window.end],
-        "attempts": attempts,
-        "seconds": round(time.monotonic() - begun, 3),
+    return _row(case, row, discarded, starts, time.monotonic() - begun)
+
+
+def lost_row(case: Case, starts: int) -> Row:
+    """The row of a case that is not started again: none of its starts brought it to an end."""
+    message = (
+        f"this case was started {starts} times and no executor brought it to an end, at least"
+        f" {starts - 1} of them were lost: it may need more memory than"
+        " spec.spark.executor.resources or spec.stack.resources allow, or its nodes are failing"
+    )
+    lost = _row(case, _errored("ExecutorLost", message), [], starts, 0.0)
+    return lost | {"attempts": 0}
+
+
+def unplanned_row(bag: Unplanned) -> Row:
+    """The row of a bag that yields no case."""
+    return {
+        "case": bag.id,
+        "bag": bag.bag,
+        "outcome": "errored",
+        "reason": bag.reason,
+        "message": bag.message,
+        "recorded": None,
+        "result": None,
+        "attempts": 0,
+        "discarded": [],
+        "starts": 0,
     }
 
 
-def attempts_allowed(reason: str, mode: str) -> int:
-    """How often a case that ended with `reason` may be run in all."""
-    if reason == "DeliveryIncomplete" and mode == "realtime":
-        return REALTIME_ATTEMPTS
-    return ATTEMPTS if reason in _WORTH_ANOTHER_TRY else 1
+def is_of(row: Row, case: Case) -> bool:
+    """Whether a row was made of this very case: the same window of the same, unchanged file."""
+    return all(row.get(key) == value for key, value in _identity(case).items())
+
+
+def _identity(case: Case) -> Row:
+    window = [case.window.lead_in_start, case.window.start, case.window.end]
+    conditions = case.conditions
+    parts = {"parts": [part.as_row() for part in case.parts]} if case.parts else {}
+    return {
+        "case": case.id,
+        "fragment": case.fragment,
+        "variant": conditions.variant,
+        "scenario": conditions.scenario,
+        "values": conditions.values,
+        "seed": conditions.seed,
+        "round": conditions.round,
+        "bag": case.bag,
+        "bag_version": case.bag_version,
+        "window": window,
+    } | parts
+
+
+def _row(case: Case, ended: Row, discarded: list[str], starts: int, seconds: float) -> Row:
+    tries = {"attempts": len(discarded) + 1, "discarded": discarded, "starts": starts}
+    return ended | _identity(case) | tries | {"seconds": round(seconds, 3)}
 
 
 def _attempt(case: Case, context: RunContext) -> Row:
@@ -94,9 +142,14 @@ def _attempt(case: Case, context: RunContext) -> Row:
     except Exception as error:  # a fault of ours costs one case, never the whole job
         for kind, reason in _REASONS:
             if isinstance(error, kind):
-                return _errored(reason, str(error))
+                return _errored("StorageFull" if _says_full(error) else reason, str(error))
         log.exception("case %s", case.id)
         return _errored("Internal", f"{type(error).__name__}: {error}")
+
+
+def _says_full(error: BaseException) -> bool:
+    cause = error.__cause__ if isinstance(error, StorageError) else None
+    return isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT)
 
 
 def _errored(reason: str, message: str, stderr: list[str] | None = None) -> Row:
@@ -112,31 +165,69 @@ def _errored(reason: str, message: str, stderr: list[str] | None = None) -> Row:
 
 def _played(case: Case, context: RunContext) -> Row:
     storage = Storage(context.volumes)
-    name = f"cases/{case.id}.{uuid.uuid4().hex[:12]}.bag"
+    attempt = f"cases/{case.id}.{uuid.uuid4().hex[:12]}"
+    if context.spec.stack.engine == "exec":
+        with collected(storage, context.results, attempt) as outputs:
+            answer = _answered(case, context, storage, outputs)
+            judgement = judge_program(answer.result)
+        return _judged(judgement, outputs.names or None, answer)
+    name = f"{attempt}.bag"
     recorded = posixpath.join(context.results, name)
     try:
         with storage.create(recorded) as sink:
             answer = _answered(case, context, storage, sink)
         judgement = judge(answer.result)
+        if context.spec.source.simulator is not None:
+            control = context.spec.source.simulator.topics.control
+            judgement = judge_steering(answer.result, judgement, control)
+        judgement, criteria = judged_by_criteria(
+            judgement, case, context.spec, storage, recorded, answer.result
+        )
     except DeliveryIncompleteError:
         storage.remove(recorded)
         raise
+    return _judged(judgement, name, answer) | {"criteria": criteria}
+
+
+def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answer) -> Row:
     return {
         "outcome": judgement.outcome,
         "reason": judgement.reason,
         "message": judgement.message,
         "stderr": [],
-        "recorded": name,
-        "result": answer.result | {"pipe_bytes": _pipe_bytes(answer)},
+        "recorded": recorded,
+        "result": answer.result
+        | {"pipe_bytes": _pipe_bytes(answer), "input_bytes": answer.input_bytes},
     }
 
 
-def _answered(case: Case, context: RunContext, storage: Storage, sink: NewFile) -> Answer:
+def _answered(case: Case, context: RunContext, storage: Storage, sink: NewFile | Outputs) -> Answer:
+    # Before the agent is met: pieces of recordings are fetched and put together here.
+    said = _input(case, context.spec, storage)
     meeting = time.monotonic() + _MEETING_SECONDS
-    with lease(Path(context.shared), meeting) as slot, open_ends(slot, meeting) as ends:
+    with lease(_shared(case, context), meeting) as slot, open_ends(slot, meeting) as ends:
         deadline = time.monotonic() + _case_seconds(context.spec) + _GRACE_SECONDS
-        files = [fragment_file(case, storage)]
-        return run_session(ends, case_map(case, context), files, sink, deadline)
+        described = case_map(case, context)
+        if isinstance(said, Drive):
+            described["simulator"] = said.described
+            return run_turns(ends, described, said, sink, deadline)
+        return run_session(ends, described, [said], sink, deadline)
+
+
+def _shared(case: Case, context: RunContext) -> Path:
+    """The volume of the agent in whose container this case's image runs."""
+    number = image_of(context.spec, case.conditions.variant)
+    return Path(shared_folder(context.shared, number))
+
+
+def _input(case: Case, spec: SimulationJobSpec, storage: Storage) -> InputFile | Drive:
+    if spec.source.simulator is not None:
+        return Drive(case, spec, spec.source.simulator, storage)
+    if spec.stack.engine == "exec":
+        return program_file(case, spec.source, storage)
+    if case.parts:
+        return sequence_file(case, storage, case.bag)
+    return fragment_file(case, storage)
 
 
 def _pipe_bytes(answer: Answer) -> int:
@@ -150,9 +241,12 @@ def _case_seconds(spec: SimulationJobSpec) -> float:
 def case_map(case: Case, context: RunContext) -> dict[str, Any]:
     """The case as HELLO carries it."""
     spec = context.spec
+    stack = stack_of(spec, case.conditions)
     return {
         "id": case.id,
         "job": context.job,
+        "engine": spec.stack.engine,
+        "source": case.bag,
         "window": {
             "lead_in_start": case.window.lead_in_start,
             "start": case.window.start,
@@ -160,10 +254,11 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
         },
         "topics": spec.source.topics,
         "stack": {
-            "command": spec.stack.command,
-            "environment": {variable.name: variable.value for variable in spec.stack.env},
-            "parameters": spec.stack.parameters,
-            "remap": spec.stack.remap,
+            "command": stack.command,
+            # Values of Secrets, ConfigMaps and the pod are in the stack's container already.
+            "environment": {v.name: v.value for v in stack.env if v.value_from is None},
+            "parameters": stack.parameters,
+            "remap": stack.remap,
         },
         "playback": {
             "mode": spec.playback.mode,
@@ -173,7 +268,10 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
                 for step in spec.playback.steps
             ],
         },
-        "record": {"topics": spec.record.topics, "byte_budget": _RECORD_BYTES},
+        "record": {
+            "topics": spec.record.topics if spec.record else [],
+            "byte_budget": _RECORD_BYTES,
+        },
         "deadlines": {
             "start": 30.0,
             "subscribe": duration_seconds(spec.playback.subscribe_timeout),

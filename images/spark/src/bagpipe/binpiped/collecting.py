@@ -1,0 +1,104 @@
+"""Results to the driver, measured first: what would not fit is refused before it is moved."""
+
+from collections.abc import Iterable, Iterator
+from functools import partial
+
+from pyspark import RDD, SparkContext, StorageLevel
+
+from bagpipe.binpiped.batches import ByteBatchSerializer
+from bagpipe.binpiped.failure import CollectTooLargeError
+from bagpipe.binpiped.partition import PartitionRun
+from bagpipe.binpiped.planning import Descriptor
+from bagpipe.binpiped.record import Record
+
+COLLECT_BYTES = 256 << 20
+# A record costs the driver something even where it is empty.
+_RECORD_OVERHEAD_BYTES = 64
+# Spark holds a job's result several times while it hands it over: stored, fetched, decoded, sent.
+# So the driver asks for slices, each by a job that reads the kept partition again.
+_HEAP_SHARE = 16
+_SLICE_BYTES = 256 << 20
+_MOST_SLICES = 16
+
+
+def weight(record: Record) -> int:
+    """What a record counts in a budget: its data, name and fields, and 64 bytes for itself."""
+    fields = sum(
+        len(key) + (len(value) if isinstance(value, (str, bytes)) else 8)
+        for key, value in record.fields.items()
+    )
+    return len(record.data) + len(record.name) + fields + _RECORD_OVERHEAD_BYTES
+
+
+def collect(
+    spark: SparkContext, planned: RDD[Descriptor], run: PartitionRun, max_bytes: int
+) -> list[Record]:
+    """All records, after a pass that keeps them on the executors' disks and tells their bytes.
+
+    The program runs once. A partition that is above the budget alone keeps only its sizes.
+    Raises CollectTooLargeError.
+    """
+
+    def within_budget(descriptors: Iterable[Descriptor]) -> Iterator[Record | int]:
+        held = 0
+        for record in run.records(descriptors):
+            held += weight(record)
+            yield record if held <= max_bytes else weight(record)
+
+    kept = planned.mapPartitions(within_budget, preservesPartitioning=True)
+    kept = kept._reserialize(ByteBatchSerializer())  # noqa: SLF001  the only way to bound a batch
+    kept.persist(StorageLevel.DISK_ONLY)
+    try:
+        sizes: list[int] = kept.mapPartitions(_sum).collect()
+        slice_bytes = min(_heap_bytes(spark) // _HEAP_SHARE, _SLICE_BYTES)
+        _refuse_above(sizes, max_bytes, slice_bytes)
+        found: list[Record] = []
+        for partition, size in enumerate(sizes):
+            for begin in range(0, size, slice_bytes):
+                part = partial(_slice, begin=begin, end=begin + slice_bytes)
+                found += spark.runJob(kept, part, [partition])
+        return found
+    finally:
+        kept.unpersist()
+
+
+def _sum(records: Iterable[Record | int]) -> Iterator[int]:
+    yield sum(record if isinstance(record, int) else weight(record) for record in records)
+
+
+def _slice(records: Iterable[Record | int], begin: int, end: int) -> Iterator[Record]:
+    """The records that begin at these bytes of their partition."""
+    at = 0
+    for record in records:
+        if isinstance(record, Record):
+            if begin <= at < end:
+                yield record
+            at += weight(record)
+
+
+def _refuse_above(sizes: list[int], max_bytes: int, slice_bytes: int) -> None:
+    actual, largest = sum(sizes), max(sizes, default=0)
+    instead = "save_as_binary_files(uri) stores them without the driver"
+    if actual > max_bytes:
+        raise CollectTooLargeError(
+            f"the results are {actual:,} bytes, the driver takes {max_bytes:,} (max_bytes=):"
+            f" {instead}",
+            actual,
+            max_bytes,
+        )
+    most = slice_bytes * _MOST_SLICES
+    if largest > most:
+        raise CollectTooLargeError(
+            f"one partition's results are {largest:,} bytes; the driver's JVM can pass on"
+            f" {most:,} of one partition: use more partitions= or a larger"
+            f" spark.driver.memory, or {instead}",
+            largest,
+            most,
+        )
+
+
+def _heap_bytes(spark: SparkContext) -> int:
+    virtual_machine = spark._jvm  # noqa: SLF001  Spark tells its heap in no other way
+    if virtual_machine is None:
+        return _HEAP_SHARE * _SLICE_BYTES
+    return int(virtual_machine.java.lang.Runtime.getRuntime().maxMemory())

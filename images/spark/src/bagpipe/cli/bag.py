@@ -1,0 +1,306 @@
+"""`bagpipe bag`: look into bags, cut, join and check them, wherever they lie."""
+
+import re
+from collections.abc import Callable, Iterator
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_of, naming, native
+from bagpipe.cli.places import (
+    RefusedError,
+    file_uri,
+    folders,
+    output_option,
+    told,
+    uri_of,
+    volume_option,
+)
+from bagpipe.storage import Storage, StorageError
+
+_PIECE_BYTES = 1 << 20
+_UNITS = {"": 1, "B": 1, "KiB": 1 << 10, "MiB": 1 << 20, "GiB": 1 << 30}
+
+
+class _Size(click.ParamType[int]):
+    """Bytes, or a number with KiB, MiB or GiB, as bagpipe-agent has it."""
+
+    name = "size"
+
+    def convert(self, value: Any, _param: Any, _ctx: Any) -> int:
+        found = re.fullmatch(r"(\d+)\s*([A-Za-z]*)", str(value))
+        if found is None or found[2] not in _UNITS:
+            self.fail(f"{value}: write bytes, or a number with KiB, MiB or GiB")
+        return int(found[1]) * _UNITS[found[2]]
+
+
+class _Seconds(click.ParamType[int]):
+    """Seconds with at most nine decimals, as exact ns."""
+
+    name = "seconds"
+
+    def convert(self, value: Any, _param: Any, _ctx: Any) -> int:
+        if isinstance(value, int):
+            return value
+        if not re.fullmatch(r"\d+(\.\d{1,9})?", str(value)):
+            self.fail(f"{value} is no number of seconds such as 12 or 12.5")
+        return int(Decimal(value) * 1_000_000_000)
+
+
+_budget_option = click.option(
+    "--memory-budget",
+    "budget",
+    type=_Size(),
+    metavar="SIZE",
+    default="4GiB",
+    show_default=True,
+    help="The most memory of what is read of a bag, and as much of what it holds compressed.",
+)
+_target_option = click.option(
+    "--to",
+    "target",
+    required=True,
+    metavar="BAG",
+    help="The new bag's path or URI. A bag that is there is never overwritten.",
+)
+_compression_option = click.option(
+    "--compression",
+    type=click.Choice(["none", "lz4", "bz2"]),
+    default="none",
+    show_default=True,
+    help="Of chunks that are written anew; whole chunks stay as they are.",
+)
+
+
+@click.group("bag")
+def bag_group() -> None:
+    """Look into ROS 1 bags, cut, join and check them.
+
+    BAG is a path of this machine, or a URI as in a manifest: pvc:// (with --volume), s3://, hdfs://,
+    gs://, az:// or https://. To save what is whole of a damaged bag, see `bagpipe-agent reindex`.
+    """
+
+
+@bag_group.command("info")
+@click.argument("bag", metavar="BAG")
+@volume_option
+@_budget_option
+@output_option
+def info_command(bag: str, volumes: tuple[str, ...], budget: int, output: str) -> None:
+    """Show what is in BAG: times, topics, types, counts, and damage.
+
+    Of a bag with an index only its tail is read, however large it is and wherever it lies. The exit
+    status is 0 if it can be read, also where a part of it is lost, and 2 if not.
+
+    \b
+    bagpipe bag info drive.bag
+    bagpipe bag info s3://fleet/2026-11/drive.bag --output json | jq '.topics[].topic'
+    """
+    found = _done(lambda: _bag(bag, volumes, budget).described())
+    _tell(found, output, _show_info)
+
+
+@bag_group.command("slice")
+@click.argument("bag", metavar="BAG")
+@_target_option
+@click.option("--start", type=_Seconds(), default=0, help="Where it starts.  [default: 0]")
+@click.option("--end", type=_Seconds(), help="Where it ends; without it, behind the last message.")
+@click.option("--topic", "topics", multiple=True, metavar="NAME", help="Only it. May be repeated.")
+@_compression_option
+@volume_option
+@_budget_option
+@output_option
+def slice_command(bag: str, target: str, output: str, **given: Any) -> None:
+    """Write a part of BAG, by time and topic, as a bag of its own.
+
+    Times are seconds after its first message; messages with start <= t < end are taken. A latched
+    message from before (/tf_static, a map) goes with it, at its start. Of a bag with an index only
+    the chunks that are needed are read. The exit status is 2 if BAG is damaged or can't be read.
+
+    \b
+    bagpipe bag slice drive.bag --start 60 --end 80 --topic /imu --to part.bag
+    bagpipe bag slice s3://fleet/drive.bag --start 60 --end 80 --to part.bag
+    """
+
+    def done() -> dict[str, Any]:
+        end, start = given["end"], given["start"]
+        if end is not None and end <= start:
+            raise BagRefusedError("--start must lie before --end")
+        file = _bag(bag, given["volumes"], given["budget"])
+        made = file.part(start, end, given["topics"], given["compression"])
+        return _written(made, target, file.storage)
+
+    _tell(_done(done), output, _show_written)
+
+
+@bag_group.command("merge")
+@click.argument("bags", metavar="BAG...", nargs=-1, required=True)
+@_target_option
+@_compression_option
+@volume_option
+@_budget_option
+@output_option
+def merge_command(bags: tuple[str, ...], target: str, output: str, **given: Any) -> None:
+    """Write several bags as one.
+
+    Messages are ordered by time; those of the same time keep the order of the command line. A
+    message that two bags hold comes twice. All of them lie in memory at once. The exit status is
+    2 if one is damaged or can't be read.
+
+    \b
+    bagpipe bag merge front.bag rear.bag --to drive.bag
+    """
+
+    def done() -> dict[str, Any]:
+        files = [_bag(bag, given["volumes"], given["budget"]) for bag in bags]
+        read = [file.whole() for file in files]
+        with naming(target):
+            made = native().merge(read, compression=given["compression"])
+        return _written(made, target, files[0].storage)
+
+    _tell(_done(done), output, _show_written)
+
+
+@bag_group.command("check")
+@click.argument("bags", metavar="BAG...", nargs=-1, required=True)
+@volume_option
+@_budget_option
+@output_option
+def check_command(
+    bags: tuple[str, ...], volumes: tuple[str, ...], budget: int, output: str
+) -> None:
+    """Read every record of each BAG and say whether it is whole.
+
+    Every chunk is uncompressed and compared with the index. The exit status is 0 if nothing is lost
+    and nothing contradicts itself, 1 if something is or does, and 2 if a bag can't be read.
+
+    \b
+    bagpipe bag check recordings/*.bag
+    """
+    found = [_checked(bag, volumes, budget) for bag in bags]
+    _tell(found, output, _show_checked)
+    states = {each["state"] for each in found}
+    raise SystemExit(2 if "unreadable" in states else 1 if "damaged" in states else 0)
+
+
+def _bag(where: str, volumes: tuple[str, ...], budget: int) -> BagFile:
+    here = folders(volumes)
+    return BagFile(uri_of(where, here), Storage(here), budget)
+
+
+def _done(work: Callable[[], Any]) -> Any:
+    try:
+        return work()
+    except (BagRefusedError, StorageError) as error:
+        raise RefusedError(str(error)) from error
+
+
+def _checked(where: str, volumes: tuple[str, ...], budget: int) -> dict[str, Any]:
+    try:
+        file = _bag(where, volumes, budget)
+        described = file.described()
+        bag = file.whole()
+        with naming(file.uri):
+            found = bag.check()
+    except (BagRefusedError, StorageError) as error:
+        return {"bag": where, "state": "unreadable", "messages": None, "problems": [str(error)]}
+    lost = damage_of(bag)
+    problems = [_lost(lost)] if lost else []
+    problems += found.problems
+    if described["index"] not in {"whole", "none"}:
+        problems.append(f"its index is {described['index']}: {described['advice']}")
+    state = "sound" if found.sound and not problems else "damaged"
+    return {"bag": where, "state": state, "messages": found.messages, "problems": problems}
+
+
+def _written(made: Any, target: str, storage: Storage) -> dict[str, Any]:
+    uri = target if "://" in target else file_uri(Path(target))
+    if storage.exists(uri):
+        raise BagRefusedError(f"{target} is there already: choose another name")
+    view = made.view()
+    with storage.create(uri) as file:
+        for first in range(0, len(view), _PIECE_BYTES):
+            file.write(bytes(view[first : first + _PIECE_BYTES]))
+    return {
+        "bag": target,
+        "bytes": len(view),
+        "messages": made.message_count,
+        "chunks": made.chunk_count,
+        "start": made.start,
+        "end": made.end,
+    }
+
+
+def _tell(found: Any, output: str, show: Callable[[Any, Console], None]) -> None:
+    if output == "table":
+        show(found, Console())
+    else:
+        told(found, output)
+
+
+def _show_info(found: dict[str, Any], console: Console) -> None:
+    for name, value in _lines(found):
+        console.print(f"{name:<12}{escape(value)}", highlight=False, soft_wrap=True)
+    console.print()
+    table = Table(box=None, header_style="bold")
+    table.add_column("Topic", overflow="fold")
+    table.add_column("Messages", justify="right")
+    table.add_column("Type", overflow="fold")
+    for row in found["topics"]:
+        table.add_row(escape(row["topic"]), f"{row['messages']:,}", escape(row["type"]))
+    console.print(table)
+
+
+def _lines(found: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "bag", found["bag"]
+    yield "size", f"{found['bytes']:,} bytes in {found['chunks']:,} chunks"
+    if found["seconds"] is not None:
+        yield "time", f"{_time(found['start'])} to {_time(found['end'])}"
+        yield "duration", f"{found['seconds']:.9f} s"
+    unknown = "not looked at: it has many chunks, and each stands at its own place"
+    yield (
+        "compressed",
+        unknown if found["compressions"] is None else ", ".join(found["compressions"]),
+    )
+    yield "messages", f"{found['messages']:,}"
+    if found["damage"]:
+        yield "damaged", _lost(found["damage"])
+    if found["advice"]:
+        yield "index", f"{found['index']}: {found['advice']}"
+
+
+def _time(nanoseconds: int) -> str:
+    return f"{nanoseconds // 1_000_000_000}.{nanoseconds % 1_000_000_000:09d}"
+
+
+def _lost(damage: dict[str, Any]) -> str:
+    count = damage["messages"]
+    messages = "nobody can say how many messages" if count is None else f"{count} messages"
+    return (
+        f"at byte {damage['offset']}: expected {damage['description']}; {damage['bytes']} bytes and"
+        f" {messages} are lost"
+    )
+
+
+def _show_written(found: dict[str, Any], console: Console) -> None:
+    text = f"{found['bag']}: {found['messages']:,} messages, {found['bytes']:,} bytes"
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def _show_checked(found: list[dict[str, Any]], console: Console) -> None:
+    colours = {"sound": "green", "damaged": "red", "unreadable": "magenta"}
+    for each in found:
+        state = each["state"]
+        count = "" if each["messages"] is None else f", {each['messages']:,} whole messages"
+        console.print(
+            f"[{colours[state]}]{state}[/]  {escape(each['bag'])}{count}",
+            highlight=False,
+            soft_wrap=True,
+        )
+        for problem in each["problems"]:
+            console.print(f"  {escape(problem)}", highlight=False, soft_wrap=True)

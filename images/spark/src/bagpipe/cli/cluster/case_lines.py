@@ -1,0 +1,56 @@
+"""Which lines of an executor's stack container belong to which case. Pure.
+
+The agent writes there what the stack's processes say and what it has to say itself:
+
+    [slot 1 case drive-0003 stack] loading the map
+    [slot 1 case drive-0003 rosmaster] started
+    [slot 1 case drive-0003] the agent, or with the engine exec the program
+    [slot 1] StackExited: the agent of what its slot is at
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+_LINE = re.compile(r"^\[slot (\d+)(?: case ([^\] ]+)(?: ([^\]]+))?)?\] ?(.*)$")
+
+
+class Said(NamedTuple):
+    """One line: by the stack or by the agent, in which case (empty: in none), without its mark."""
+
+    by: str
+    case: str
+    text: str
+
+
+def said(lines: Iterable[str], engine: str) -> Iterator[Said]:
+    """Every line with who said it; what a slot says between two lines of a case belongs to it."""
+    at: dict[str, str] = {}
+    for line in lines:
+        found = _LINE.match(line)
+        if found is None:
+            yield Said("agent", "", line)
+            continue
+        slot, case, program, text = found.groups()
+        if case is None:
+            yield Said("agent", at.get(slot, ""), text)
+            continue
+        at[slot] = case
+        if program == "stack" or (program is None and engine == "exec"):
+            yield Said("stack", case, text)
+        else:
+            yield Said("agent", case, f"{program}: {text}" if program else text)
+
+
+def of_case(log: str, case: str, by: str, engine: str) -> list[str]:
+    """What the stack or the agent said in one case."""
+    return [s.text for s in said(log.splitlines(), engine) if s.case == case and s.by == by]
+
+
+def of_all(log: str, by: str, engine: str) -> list[str]:
+    """What the stack or the agent said, each line with its case."""
+    return [
+        f"[{s.case}] {s.text}" if s.case else s.text
+        for s in said(log.splitlines(), engine)
+        if s.by == by
+    ]

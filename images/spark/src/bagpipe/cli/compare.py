@@ -1,0 +1,90 @@
+"""`bagpipe compare`: is this job better or worse than that one, on the cases that both have?"""
+
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bagpipe.cli.cluster.place import Place, place_options, results_places
+from bagpipe.cli.cluster.results_of import results_of
+from bagpipe.cli.places import RefusedError, folders, output_option, told, volume_option
+from bagpipe.compare.compare import compare
+from bagpipe.report.stored import StoredResults
+from bagpipe.storage import StorageError
+
+_COLOURS = {"better": "green", "worse": "red", "unknown": "yellow"}
+
+
+@click.command("compare")
+@click.argument("before", metavar="BEFORE", shell_complete=results_places)
+@click.argument("after", metavar="AFTER", shell_complete=results_places)
+@place_options
+@volume_option
+@output_option
+def compare_command(
+    before: str, after: str, place: Place, volumes: tuple[str, ...], output: str
+) -> None:
+    """Compare the results AFTER with the results BEFORE, case by case and criterion by criterion.
+
+    Each is job/NAME for a job in the cluster (NAME alone after -n), a URI as in status.results, or
+    a folder of this machine. Cases are the same if they have the same fragment, values and seed.
+    The exit status is 1 if a variant of AFTER is worse, and 2 if nothing could be compared.
+
+    \b
+    bagpipe compare job/nightly-41 job/nightly-42 -n robots
+    bagpipe compare ./released ./pr-812
+    bagpipe compare s3://results/nightly/a1... s3://results/nightly/b2... --output json
+    """
+    try:
+        here = folders(volumes)
+        found = compared(results_of(place, before, here), results_of(place, after, here))
+    except StorageError as error:
+        raise RefusedError(str(error)) from error
+    if output == "table":
+        for comparison in found:
+            _show(comparison, Console())
+    else:
+        told(found, output)
+    verdicts = {comparison["verdict"] for comparison in found}
+    raise SystemExit(1 if "worse" in verdicts else 2 if verdicts <= {"unknown"} else 0)
+
+
+def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]]:
+    """Each variant of `after` against the first of `before`. Raises StorageError."""
+    for stored in (before, after):
+        stored.manifest()
+    rows = list(after.rows())
+    spec = after.spec()
+    variants = [variant.name for variant in spec.variants] if spec else []
+    variants = variants or list(dict.fromkeys(str(row.get("variant") or "") for row in rows))
+    return [found.as_json() for found in compare(rows, variants, before.baseline_rows())]
+
+
+def _show(comparison: dict[str, Any], console: Console) -> None:
+    colour = _COLOURS.get(comparison["verdict"], "bold")
+    name = comparison["variant"] or "the later job"
+    console.print(f"[bold {colour}]{comparison['verdict']}[/]  {escape(name)}")
+    console.print(escape(comparison["message"]), highlight=False)
+    if comparison["criteria"]:
+        table = Table(box=None, header_style="bold")
+        for column in ("Criterion", "", "Before", "After", "Difference and its 95 % interval"):
+            table.add_column(column)
+        for criterion in comparison["criteria"]:
+            verdict = criterion["verdict"]
+            table.add_row(
+                escape(criterion["name"]),
+                f"[{_COLOURS.get(verdict, 'default')}]{verdict}[/]",
+                _figure(criterion["baseline"]),
+                _figure(criterion["variant"]),
+                escape(criterion["message"]),
+            )
+        console.print(table)
+    for word in ("regressed", "fixed", "flaky"):
+        for case in comparison[word]:
+            console.print(f"  {word}: {escape(case)}", highlight=False)
+
+
+def _figure(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"

@@ -1,0 +1,89 @@
+"""Manifests from files: which object is the job, and what is wrong with it, in the user's words."""
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+
+from bagpipe.spec import SimulationJobSpec
+
+API_GROUP = "sim.bagpipe.io/"
+_LARGEST_BYTES = 4 << 20
+
+
+class ManifestError(ValueError):
+    """No job can be read from a file; the sentence says which file, where, and what to write."""
+
+
+def read_job(path: Path) -> tuple[str, SimulationJobSpec]:
+    """The name and the spec of the one SimulationJob in a YAML or JSON file.
+
+    Raises ManifestError.
+    """
+    job, _ = _only_job(path)
+    name = str((job.get("metadata") or {}).get("name", ""))
+    if not name:
+        raise ManifestError(f"{path}: metadata.name is missing: give the job a name")
+    try:
+        return name, SimulationJobSpec.model_validate(job.get("spec") or {})
+    except ValidationError as error:
+        raise ManifestError("\n".join(_sentences(path, error))) from error
+
+
+def read_object(path: Path) -> tuple[dict[str, Any], int]:
+    """The one SimulationJob of a file as it is written, and how many other objects there are.
+
+    `-` is stdin. Nothing but its kind is judged: that is the API server's task. Raises
+    ManifestError.
+    """
+    job, others = _only_job(path)
+    metadata = job.get("metadata") or {}
+    if not isinstance(metadata, dict):
+        raise ManifestError(f"{path}: metadata is no map: write metadata: {{name: my-job}}")
+    return dict(job) | {"metadata": dict(metadata)}, others
+
+
+def _only_job(path: Path) -> tuple[Mapping[str, Any], int]:
+    found = _objects(path)
+    jobs = [each for each in found if each.get("kind") == "SimulationJob"]
+    if len(jobs) != 1:
+        raise ManifestError(f"{path} holds {len(jobs)} SimulationJobs: it must hold one")
+    version = str(jobs[0].get("apiVersion", ""))
+    if not version.startswith(API_GROUP):
+        raise ManifestError(f"{path}: apiVersion is {version!r}: write {API_GROUP}v1alpha1")
+    return jobs[0], len(found) - 1
+
+
+def _objects(path: Path) -> list[Mapping[str, Any]]:
+    try:
+        found = list(yaml.safe_load_all(_text(path)))
+    except OSError as error:
+        raise ManifestError(f"{path} can't be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ManifestError(f"{path} is no text (byte {error.start})") from error
+    except yaml.YAMLError as error:
+        raise ManifestError(f"{path} is no YAML: {error}") from error
+    return [each for each in found if isinstance(each, dict)]
+
+
+def _text(path: Path) -> str:
+    if str(path) == "-":
+        text = sys.stdin.buffer.read(_LARGEST_BYTES + 1)
+    else:
+        with path.open("rb") as file:
+            text = file.read(_LARGEST_BYTES + 1)
+    if len(text) > _LARGEST_BYTES:
+        raise ManifestError(f"{path} is larger than 4 MiB, which is no manifest")
+    return text.decode()
+
+
+def _sentences(path: Path, error: ValidationError) -> list[str]:
+    """One line per fault, with the field as it stands in the manifest."""
+    lines = []
+    for fault in error.errors(include_url=False, include_input=False):
+        where = ".".join(["spec", *(str(part) for part in fault["loc"])])
+        lines.append(f"{path}: {where}: {fault['msg'].removeprefix('Value error, ')}")
+    return lines

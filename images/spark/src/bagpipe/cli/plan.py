@@ -1,0 +1,203 @@
+"""`bagpipe plan`: the cases of a job before anything runs."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from bagpipe.cli.manifest import ManifestError, read_job
+from bagpipe.cli.places import RefusedError, folders, told, volume_option
+from bagpipe.matrix.expand import Expansion
+from bagpipe.matrix.faults import MatrixError
+from bagpipe.plan.cases import Plan, plan
+from bagpipe.plan.conditions import crossing
+from bagpipe.plan.variant import check_templates
+from bagpipe.spec import SimulationJobSpec, claims
+from bagpipe.storage import Storage, StorageError
+
+# A table that nobody reads to its end; --output json has all.
+_MOST_ROWS = 40
+
+
+@click.command("plan")
+@click.argument("manifest", type=click.Path(path_type=Path))
+@volume_option
+@click.option(
+    "--output",
+    type=click.Choice(["table", "json", "yaml"]),
+    default="table",
+    show_default=True,
+    help="How the plan is written. A table shows the first 40 cases.",
+)
+def plan_command(manifest: Path, volumes: tuple[str, ...], output: str) -> None:
+    """Show the cases of the SimulationJob in MANIFEST, and what its rules left out.
+
+    Bags are read only at their tails. Where they can't be reached from here, such as those of a
+    claim without --volume, the scenarios and variants of one fragment are shown.
+
+    \b
+    bagpipe plan job.yaml
+    bagpipe plan job.yaml --volume recordings=/data/recordings
+    bagpipe plan job.yaml --output json | jq '.cases[].case'
+    """
+    try:
+        name, spec = read_job(manifest)
+        check_templates(spec)
+        description = describe(name, spec, folders(volumes))
+    except (ManifestError, MatrixError, StorageError) as error:
+        raise RefusedError(str(error)) from error
+    if output == "table":
+        _show(description, Console())
+    else:
+        told(description, output)
+    if description["unplanned"]:
+        raise SystemExit(2)
+
+
+def describe(name: str, spec: SimulationJobSpec, volumes: dict[str, str]) -> dict[str, Any]:
+    """The plan as data: `cases`, `excluded`, `unplanned`, and counts. Raises MatrixError.
+
+    `fragments` is null when the recordings are not reachable from here; cases are then named as
+    those of a fragment called `*`.
+    """
+    conditions = crossing(spec)
+    missing = sorted(set(claims(spec)) - set(volumes) - _output_only(spec))
+    made = plan(spec, Storage(volumes)) if not missing else None
+    return {
+        "job": name,
+        "fragments": len({case.fragment for case in made.cases}) if made else None,
+        "unreachable": missing,
+        "conditions": len(conditions.named),
+        "matrix": _matrix(conditions.expansion),
+        "cases": _cases(made) if made else [
+            {"case": f"*{suffix}", "variant": c.variant, "values": c.values, "seed": c.seed}
+            for suffix, c in conditions.named
+        ],
+        "unplanned": [
+            {"bag": bag.bag, "reason": bag.reason, "message": bag.message}
+            for bag in (made.unplanned if made else [])
+        ],
+    }  # fmt: skip
+
+
+def _output_only(spec: SimulationJobSpec) -> set[str]:
+    return {claim for claim, read_only in claims(spec).items() if not read_only} - {
+        uri.removeprefix("pvc://").split("/", 1)[0]
+        for uri in spec.source.uris
+        if uri.startswith("pvc://")
+    }
+
+
+def _cases(made: Plan) -> list[dict[str, Any]]:
+    return [
+        {
+            "case": case.id,
+            "bag": case.bag,
+            "variant": case.conditions.variant,
+            "values": case.conditions.values,
+            "seed": case.conditions.seed,
+            "seconds": round((case.window.end - case.window.start) / 1e9, 3),
+            "messages": case.messages,
+            "bytes": case.bytes,
+        }
+        | ({"parts": [part.as_row() for part in case.parts]} if case.parts else {})
+        for case in sorted(made.cases, key=lambda case: case.id)
+    ]
+
+
+def _matrix(expansion: Expansion | None) -> dict[str, Any] | None:
+    if expansion is None:
+        return None
+    return {
+        "combinations": expansion.combinations,
+        "scenarios": len(expansion.scenarios),
+        "sampledOut": expansion.sampled_out,
+        "excluded": [
+            {"values": e.values, "when": e.when, "because": e.because} for e in expansion.excluded
+        ],
+    }
+
+
+def _show(description: dict[str, Any], console: Console) -> None:
+    cases = description["cases"]
+    names = list(dict.fromkeys(name for case in cases for name in case["values"]))
+    table = Table(box=None, header_style="bold")
+    table.add_column("Case")
+    if any(case["variant"] for case in cases):
+        table.add_column("Variant")
+    for name in names:
+        table.add_column(name)
+    if description["fragments"] is not None:
+        for column in ("Seconds", "Messages", "Bytes"):
+            table.add_column(column, justify="right")
+    for case in cases[:_MOST_ROWS]:
+        table.add_row(*_row(case, names, any(case["variant"] for case in cases)))
+    console.print(table)
+    if len(cases) > _MOST_ROWS:
+        console.print(f"... and {len(cases) - _MOST_ROWS} more (--output json has all)")
+    _show_parts(cases, console)
+    _show_exclusions(description["matrix"], console)
+    _show_sums(description, console)
+
+
+def _row(case: dict[str, Any], names: list[str], variants: bool) -> list[str]:
+    row = [case["case"]] + ([case["variant"]] if variants else [])
+    row += [str(case["values"].get(name, "")) for name in names]
+    if "bytes" in case:
+        row += [f"{case['seconds']:g}", f"{case['messages']:,}", f"{case['bytes']:,}"]
+    return row
+
+
+def _show_parts(cases: list[dict[str, Any]], console: Console) -> None:
+    """What the cases are put together of: that of each is shown once."""
+    shown: dict[str, tuple[str, list[dict[str, Any]]]] = {}
+    for case in cases:
+        if "parts" in case:
+            shown.setdefault(json.dumps(case["parts"]), (case["case"], case["parts"]))
+    for name, parts in list(shown.values())[:_MOST_ROWS]:
+        table = Table(box=None, header_style="bold", title=f"Parts of {name}", title_justify="left")
+        table.add_column("Bag", overflow="fold")
+        for column in ("From", "To", "Played at"):
+            table.add_column(column, justify="right")
+        for part in parts:
+            times = [*part["window"], part["at"]]
+            table.add_row(part["bag"], *(f"{time / 1e9:.3f}" for time in times))
+        console.print()
+        console.print(table)
+
+
+def _show_exclusions(matrix: dict[str, Any] | None, console: Console) -> None:
+    if not matrix or not matrix["excluded"]:
+        return
+    by_rule: dict[tuple[str, str], int] = {}
+    for excluded in matrix["excluded"]:
+        key = (excluded["when"], excluded["because"])
+        by_rule[key] = by_rule.get(key, 0) + 1
+    table = Table(box=None, header_style="bold", title="Left out", title_justify="left")
+    table.add_column("Combinations", justify="right")
+    table.add_column("Rule")
+    table.add_column("Because")
+    for (when, because), count in by_rule.items():
+        table.add_row(str(count), when, because or "(no reason given)")
+    console.print()
+    console.print(table)
+
+
+def _show_sums(description: dict[str, Any], console: Console) -> None:
+    cases, fragments = len(description["cases"]), description["fragments"]
+    if fragments is None:
+        claims_missing = ", ".join(description["unreachable"])
+        console.print(
+            f"\n{cases} cases for each fragment. The recordings of {claims_missing} are not on this"
+            " machine: give --volume CLAIM=FOLDER to see the fragments."
+        )
+    else:
+        console.print(
+            f"\n{cases} cases: {fragments} fragments, each under {description['conditions']}"
+            " conditions."
+        )
+    for bag in description["unplanned"]:
+        console.print(f"[red]{bag['reason']}[/red] {bag['message']}")

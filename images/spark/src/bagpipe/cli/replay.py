@@ -1,0 +1,160 @@
+"""`bagpipe replay`: one case of a job once more, on this machine."""
+
+import json
+import shlex
+import shutil
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from bagpipe.cli.cluster.place import Place, place_options, results_places
+from bagpipe.cli.cluster.results_of import results_of
+from bagpipe.cli.places import RefusedError, folders, output_option, told, volume_option
+from bagpipe.matrix.faults import MatrixError
+from bagpipe.pipe.session import SessionError
+from bagpipe.plan.cases import Case
+from bagpipe.plan.variant import stack_of
+from bagpipe.report.stored import StoredResults
+from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.laptop import (
+    ReplayError,
+    local_spec,
+    planned_case,
+    play_command,
+    serving_agent,
+    write_fragment,
+)
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage, StorageError
+
+
+@click.command("replay")
+@click.argument("case", metavar="CASE")
+@click.option(
+    "--results",
+    "where",
+    required=True,
+    metavar="RESULTS",
+    shell_complete=results_places,
+    help="job/NAME for a job in the cluster, the URI in the job's status.results, or a folder.",
+)
+@place_options
+@volume_option
+@click.option(
+    "--agent", default="bagpipe-agent", show_default=True, help="The program bagpipe-agent."
+)
+@click.option(
+    "--keep",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where fragment.bag, the recorded bag and row.json go.  [default: ./CASE]",
+)
+@click.option(
+    "--only-fragment", is_flag=True, help="Write fragment.bag and say how to play it by hand."
+)
+@output_option
+def replay_command(
+    case: str,
+    where: str,
+    place: Place,
+    volumes: tuple[str, ...],
+    agent: str,
+    keep: Path | None,
+    only_fragment: bool,
+    output: str,
+) -> None:
+    """Run one case of a job again on this machine, and judge it by the job's own criteria.
+
+    It cuts the case's fragment from the recording, starts the stack's command here as the job
+    did, plays, records and judges. So this machine must have what the stack's image has: the
+    command, and for ROS a rosmaster; run it inside of that image, or where the stack is built.
+    The command is taken from job.json in RESULTS: replay results that you trust.
+
+    The exit status is 0 if the case passes here, 1 if it does not, and 2 if it can't be run.
+
+    \b
+    bagpipe replay night-0004-s2-pr-812 --results job/nightly -n robots
+    bagpipe replay night-0004-s2-pr-812 --results s3://results/lane/nightly/0c1f...
+    bagpipe replay night-0004 --results ./results --volume recordings=/data --only-fragment
+    """
+    target = keep or Path(Path(case).name)
+    try:
+        stored = results_of(place, where, folders(volumes))
+        row, spec = _wanted(stored, case)
+        planned = planned_case(row, spec, stored.storage)
+        target.mkdir(parents=True, exist_ok=True)
+        write_fragment(planned, stored.storage, target / "fragment.bag")
+        if only_fragment:
+            _explain(planned, spec, stored.storage, target)
+            return
+        again = _run(planned, spec, stored.storage.volumes, agent, target)
+    except (StorageError, ReplayError, MatrixError, SessionError) as error:
+        raise RefusedError(str(error)) from error
+    except OSError as error:
+        raise RefusedError(f"{target} can't be written: {error.strerror}") from error
+    (target / "row.json").write_text(json.dumps(again, indent=1))
+    if output == "table":
+        _show(row, again, target)
+    else:
+        told(again, output)
+    raise SystemExit({"passed": 0, "errored": 2}.get(again["outcome"], 1))
+
+
+def _wanted(stored: StoredResults, case: str) -> tuple[Row, SimulationJobSpec]:
+    stored.manifest()
+    spec = stored.spec()
+    if spec is None:
+        raise ReplayError(f"{stored.uri} has no job.json: the job was run by an older version")
+    return stored.row(case), local_spec(spec)
+
+
+def _run(
+    case: Case, spec: SimulationJobSpec, volumes: dict[str, str], agent: str, target: Path
+) -> dict[str, Any]:
+    program = shutil.which(agent)
+    if program is None:
+        raise ReplayError(
+            f"there is no {agent} on this machine: give --agent, or see --only-fragment."
+            f" {target / 'fragment.bag'} is written"
+        )
+    results = target.resolve().as_uri()
+    with tempfile.TemporaryDirectory() as folder:
+        shared = Path(folder, "shared")
+        shared.mkdir()
+        with serving_agent(program, shared, target / "agent.log"):
+            return run_case(case, RunContext("laptop/replay", spec, volumes, results, str(shared)))
+
+
+def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, target: Path) -> None:
+    stack = stack_of(spec, case.conditions)
+    bag = target / "fragment.bag"
+    click.echo(f"{bag} has the case's part of {case.bag}.")
+    if spec.stack.engine == "exec":
+        return
+    click.echo("Start a rosmaster, set these parameters and remaps, and start the stack:")
+    click.echo(f"  parameters {json.dumps(stack.parameters)}")
+    click.echo(f"  remaps     {json.dumps(stack.remap)}")
+    click.echo(f"  command    {shlex.join(stack.command)}")
+    click.echo("Then play into it (this lists what every node has received):")
+    click.echo(f"  {shlex.join(play_command(case, spec, storage, bag))}")
+
+
+def _show(before: Row, again: dict[str, Any], target: Path) -> None:
+    console = Console()
+    console.print(
+        f"[bold]{again['outcome']}[/] here, {escape(str(before['outcome']))} in the job:"
+        f" {escape(str(again['case']))}"
+    )
+    if again["message"]:
+        console.print(escape(again["message"]), highlight=False)
+    for finding in again.get("criteria") or []:
+        console.print(
+            escape(f"  {finding['name']}: {finding['outcome']}, {finding['message']}"),
+            highlight=False,
+        )
+    for line in again.get("stderr") or []:
+        console.print(escape(f"  stderr: {line}"), highlight=False)
+    console.print(escape(f"Kept in {target}: fragment.bag, row.json, {again['recorded'] or '-'}"))

@@ -1,0 +1,50 @@
+"""`bagpipe report`: the page of a job's results, made anew."""
+
+from pathlib import Path
+
+import click
+
+from bagpipe.cli.cluster.place import Place, place_options, results_places
+from bagpipe.cli.cluster.results_of import results_of
+from bagpipe.cli.places import RefusedError, folders, volume_option
+from bagpipe.report.html import Report
+from bagpipe.storage import StorageError
+
+
+@click.command("report")
+@click.argument("where", metavar="RESULTS", shell_complete=results_places)
+@place_options
+@volume_option
+@click.option(
+    "-o",
+    "--output",
+    "page",
+    type=click.Path(path_type=Path, dir_okay=False),
+    default=Path("report.html"),
+    show_default=True,
+    help="Where the page is written.",
+)
+def report_command(where: str, place: Place, volumes: tuple[str, ...], page: Path) -> None:
+    """Make one self-contained HTML page of a job's results.
+
+    RESULTS is job/NAME for a job in the cluster (NAME alone after -n), the URI in the job's
+    status.results, or a folder of this machine. Every job leaves such a page as report.html
+    already; this makes it anew, for example with a newer version.
+
+    \b
+    bagpipe report job/nightly -n robots
+    bagpipe report s3://results/lane/nightly/0c1f... -o nightly.html
+    """
+    try:
+        stored = results_of(place, where, folders(volumes))
+        manifest = stored.manifest()
+        report = Report(stored.spec(), stored.uri)
+        for row in stored.rows():
+            report.add(row)
+        made = report.html(manifest, stored.comparisons())
+        page.write_bytes(made)
+    except StorageError as error:
+        raise RefusedError(str(error)) from error
+    except OSError as error:
+        raise RefusedError(f"{page} can't be written: {error.strerror}") from error
+    click.echo(f"{page}: {len(made):,} bytes")

@@ -1,0 +1,145 @@
+"""`bagpipe results`: what became of a job, and why its cases failed."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bagpipe.cli.cluster.place import Place, place_options, results_places
+from bagpipe.cli.cluster.results_of import results_of
+from bagpipe.cli.places import (
+    RefusedError,
+    folders,
+    output_option,
+    status_of,
+    told,
+    volume_option,
+)
+from bagpipe.report.junit import JUnitWriter
+from bagpipe.report.stored import StoredResults
+from bagpipe.storage import StorageError
+
+_MOST_ROWS = 40
+_COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
+_KEPT = (
+    "case", "outcome", "reason", "message", "variant", "values", "seed", "round", "seconds",
+)  # fmt: skip
+
+
+@click.command("results")
+@click.argument("where", metavar="RESULTS", shell_complete=results_places)
+@place_options
+@volume_option
+@output_option
+@click.option("--failed", is_flag=True, help="Only the cases that did not pass.")
+@click.option(
+    "--junit",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write all cases as tests into this file too, for a CI.",
+)
+def results_command(
+    where: str,
+    place: Place,
+    volumes: tuple[str, ...],
+    output: str,
+    failed: bool,
+    junit: Path | None,
+) -> None:
+    """Show the verdict of a job, and its cases.
+
+    RESULTS is job/NAME for a job in the cluster (NAME alone after -n), the URI in the job's
+    status.results, or a folder of this machine. A table shows the first 40 cases. The exit status
+    is 0 if the verdict is Passed, 1 if it is another, and 2 if there is none.
+
+    \b
+    bagpipe results job/nightly -n robots --junit junit.xml
+    bagpipe results s3://results/lane/nightly/0c1f...
+    bagpipe results ./results --failed --output json | jq '.cases[].message'
+    """
+    try:
+        stored = results_of(place, where, folders(volumes))
+        found = describe(stored, failed)
+        if junit is not None:
+            _write_junit(stored, str(found["job"]["name"]), junit)
+    except StorageError as error:
+        raise RefusedError(str(error)) from error
+    tell(found, output)
+    raise SystemExit(status_of(found))
+
+
+def tell(found: dict[str, Any], output: str) -> None:
+    """Write what `describe` gives to stdout, as table, json or yaml."""
+    if output == "table":
+        _show(found, Console())
+    else:
+        told(found, output)
+
+
+def describe(stored: StoredResults, failed: bool) -> dict[str, Any]:
+    """The verdict, the counts, and the cases or those that did not pass. Raises StorageError."""
+    manifest = stored.manifest()
+    found = {
+        key: manifest[key]
+        for key in ("job", "phase", "reason", "verdict", "message", "counts", "ledger")
+    }
+    found["comparisons"] = stored.comparisons()
+    found["cases"] = [
+        {key: row.get(key) for key in _KEPT} | {"criteria": _figures(row)}
+        for row in stored.rows()
+        if not failed or row["outcome"] != "passed"
+    ]
+    return found
+
+
+def _figures(row: dict[str, Any]) -> list[dict[str, Any]]:
+    """The findings without their courses over time, which are for drawing."""
+    return [
+        {key: value for key, value in finding.items() if key != "course"}
+        for finding in row.get("criteria") or []
+    ]
+
+
+def _write_junit(stored: StoredResults, job: str, target: Path) -> None:
+    """All cases, those of each variant together. Raises StorageError and RefusedError."""
+    rows = sorted(stored.rows(), key=lambda row: str(row.get("variant") or ""))
+    try:
+        with target.open("wb") as file:
+            writer = JUnitWriter(file, job)
+            for row in rows:
+                writer.add(row)
+            writer.finish()
+    except OSError as error:
+        raise RefusedError(f"{target} can't be written: {error.strerror}") from error
+
+
+def _show(found: dict[str, Any], console: Console) -> None:
+    job, cases = found["job"], found["cases"]
+    verdict = found["verdict"] or "no verdict"
+    colour = {"Passed": "green", "Invalid": "yellow"}.get(verdict, "red")
+    console.print(f"[bold {colour}]{escape(verdict)}[/]  {escape(str(job['name']))}")
+    console.print(escape(str(found["message"])), highlight=False)
+    for comparison in found["comparisons"]:
+        name = comparison["variant"] or "this job"
+        console.print(
+            escape(f"{name} is {comparison['verdict']}: {comparison['message']}"), highlight=False
+        )
+    console.print()
+    table = Table(box=None, header_style="bold")
+    for column in ("Case", "Outcome", "Seconds", "Why"):
+        table.add_column(
+            column, overflow="fold", justify="right" if column == "Seconds" else "left"
+        )
+    for case in cases[:_MOST_ROWS]:
+        outcome = str(case["outcome"])
+        seconds = "" if case["seconds"] is None else f"{case['seconds']:.1f}"
+        why = str(case["message"] or case["reason"] or "")
+        colour = _COLOURS.get(outcome, "red")
+        table.add_row(
+            escape(str(case["case"])), f"[{colour}]{escape(outcome)}[/]", seconds, escape(why)
+        )
+    console.print(table)
+    if len(cases) > _MOST_ROWS:
+        console.print(f"... and {len(cases) - _MOST_ROWS} more (--output json has all)")

@@ -1,0 +1,191 @@
+"""`bagpipe run`: the same job on this machine, without Kubernetes."""
+
+import os
+import shutil
+import uuid
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from bagpipe.cli.here import Machine, notes, of_variants, refusals
+from bagpipe.cli.manifest import ManifestError, read_job
+from bagpipe.cli.places import (
+    RefusedError,
+    file_uri,
+    folders,
+    output_option,
+    results_at,
+    status_of,
+    volume_option,
+)
+from bagpipe.cli.results import describe, tell
+from bagpipe.cli.running import RunError, run_here
+from bagpipe.cli.showing import Showing
+from bagpipe.matrix.faults import MatrixError
+from bagpipe.run.laptop import ReplayError, own_environment
+from bagpipe.spec import Images, JobFile, SimulationJobSpec
+from bagpipe.storage import StorageError
+
+_MOST_SLOTS = 64
+# All that a run leaves in its folder: what --replace removes.
+_FILES = (
+    "manifest.json", "results.jsonl", "results.parquet", "junit.xml", "report.html",
+    "comparison.json", "job.json", "agent.log", "driver.log",
+)  # fmt: skip
+_FOLDERS = ("cases", "journal")
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the command line says beside the manifest."""
+
+    volumes: tuple[str, ...]
+    results: Path | None
+    slots: int | None
+    cases: tuple[str, ...]
+    variants: tuple[str, ...]
+    agent: str
+    resume: bool
+    replace: bool
+    output: str
+
+
+@click.command("run")
+@click.argument("manifest", type=click.Path(path_type=Path))
+@volume_option
+@click.option(
+    "--results",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="The folder of the results.  [default: ./bagpipe-results/JOB]",
+)
+@click.option(
+    "--slots",
+    type=click.IntRange(1, _MOST_SLOTS),
+    help="How many cases run at once.  [default: as the job says, at most one per processor]",
+)
+@click.option(
+    "--cases",
+    multiple=True,
+    metavar="NUMBER|NAME",
+    help="Only so many cases, or those whose names match, such as 'night-*'. May be repeated.",
+)
+@click.option(
+    "--variant",
+    "variants",
+    multiple=True,
+    metavar="NAME",
+    help="Only this variant. May be repeated.",
+)
+@click.option(
+    "--agent", default="bagpipe-agent", show_default=True, help="The program bagpipe-agent."
+)
+@click.option("--resume", is_flag=True, help="Go on with an interrupted run of this folder.")
+@click.option("--replace", is_flag=True, help="Remove the folder's earlier run first.")
+@output_option
+def run_command(manifest: Path, **given: Any) -> None:
+    """Run the SimulationJob in MANIFEST on this machine, without Kubernetes.
+
+    A local Spark, the agent and the stack run as processes of this machine, with the same planner,
+    player, judge and results as on a cluster. Images are not used: this machine must have what the
+    stack's image has, the command, and for ROS a rosmaster. Run it inside of that image, or where
+    the stack is built. Where the job is goes to stderr; Ctrl-C ends all that was started.
+
+    The exit status is 0 if the verdict is Passed, 1 if it is another, and 2 if there is none.
+
+    \b
+    bagpipe run job.yaml --volume recordings=/data/recordings
+    bagpipe run job.yaml --cases 3 --slots 1 --replace
+    bagpipe run job.yaml --cases 'night-0004*' --variant pr-812 --output json
+    """
+    wanted = Wanted(**given)
+    try:
+        told = _run(manifest, wanted)
+    except (ManifestError, MatrixError, StorageError, ReplayError, RunError) as error:
+        raise RefusedError(str(error)) from error
+    except KeyboardInterrupt:
+        raise RefusedError("interrupted before a case ran") from None
+    tell(told, wanted.output)
+    raise SystemExit(status_of(told))
+
+
+def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
+    name, whole = read_job(manifest)
+    spec = of_variants(whole, wanted.variants)
+    volumes = folders(wanted.volumes)
+    folder = wanted.results or Path("bagpipe-results", name)
+    agent = _checked(spec, volumes, wanted)
+    _prepare(folder, wanted)
+    slots = wanted.slots or _slots(spec)
+    console = Console(stderr=True)
+    for note in notes(spec, folder):
+        console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
+    job = JobFile(
+        name=name,
+        namespace="local",
+        uid=str(uuid.uuid4()),
+        attempt=1,
+        spec=spec,
+        images=Images(spark="none", agent="none"),
+        volumes=volumes,
+        results=file_uri(folder),
+    )
+    with Showing(console, slots) as showing:
+        told = run_here(job, agent, slots, wanted.cases, folder, showing.show)
+    results = results_at(str(folder), {})
+    if not (folder / "manifest.json").exists():
+        raise RunError(f"{told['reason']}: {told['message']} ({folder / 'driver.log'} says more)")
+    console.print(f"{folder} has report.html, results.jsonl and more", soft_wrap=True)
+    return {"results": str(folder.resolve())} | describe(results, failed=False)
+
+
+def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -> str:
+    """The agent's program; raises RunError with all that this machine lacks."""
+    machine = Machine(own_environment())
+    lacking = list(refusals(spec, volumes, machine))
+    program = shutil.which(wanted.agent)
+    if program is None:
+        lacking.append(f"there is no {wanted.agent} on this machine: give --agent")
+    java = os.environ.get("JAVA_HOME")
+    if shutil.which("java", path=f"{java}/bin" if java else None) is None:
+        lacking.append("Spark needs Java 17 or newer: install a JRE, or set JAVA_HOME")
+    if lacking or program is None:
+        raise RunError("\n".join(lacking))
+    return program
+
+
+def _slots(spec: SimulationJobSpec) -> int:
+    asked = spec.spark.executors * spec.spark.slots
+    return min(asked, len(os.sched_getaffinity(0)), _MOST_SLOTS)
+
+
+def _prepare(folder: Path, wanted: Wanted) -> None:
+    """Make the folder; raises RunError where it has a run that was not meant."""
+    if wanted.resume and wanted.replace:
+        raise RunError("--resume keeps what --replace removes: write one of them")
+    try:
+        if wanted.replace:
+            _remove(folder)
+        if (folder / "manifest.json").exists() and not wanted.resume:
+            raise RunError(f"{folder} has a run already: write --replace, or another --results")
+        journal = folder / "journal"
+        if journal.is_dir() and any(journal.iterdir()) and not wanted.resume:
+            raise RunError(
+                f"{folder} has an interrupted run: --resume goes on with it (its cases are not run"
+                " again, whatever has changed in the stack), --replace begins anew"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RunError(f"{folder} can't be written: {error.strerror}") from error
+
+
+def _remove(folder: Path) -> None:
+    """Removes what a run leaves, and nothing else that may lie there."""
+    for name in _FILES:
+        (folder / name).unlink(missing_ok=True)
+    for name in _FOLDERS:
+        if (folder / name).is_dir():
+            shutil.rmtree(folder / name)

@@ -1,0 +1,149 @@
+"""The processes of `bagpipe run`: an agent and a driver, both ended with this one."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+from bagpipe.cli.pace import done_of
+from bagpipe.run.laptop import die_with_parent, serving_agent
+from bagpipe.spec import JobFile
+
+_GLANCE_SECONDS = 0.2
+# A driver that was asked to end first cancels its cases, then ends Spark, which takes seconds.
+_END_SECONDS = 40.0
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+_ENDED_OF_ITSELF = (0, 1)
+_LINE_BYTES = 1 << 20
+# The phases of a driver's account after which there is no other.
+ENDED = ("Complete", "Failed")
+
+Told = dict[str, Any]
+
+
+class RunError(Exception):
+    """The job can't be run here, or was interrupted; the sentence says what to do."""
+
+
+@dataclass
+class Ending:
+    """Ctrl-C and SIGTERM while a block runs: counted, so that nothing is left behind by them."""
+
+    count: int = 0
+    _before: dict[int, Any] = field(default_factory=dict)
+
+    def __enter__(self) -> "Ending":
+        # What is ignored stays so: nohup lets a run outlive its terminal.
+        heard = [number for number in _SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+        self._before = {number: signal.signal(number, self._note) for number in heard}
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, _number: int, _frame: FrameType | None) -> None:
+        self.count += 1
+
+
+def run_here(
+    job: JobFile,
+    agent: str,
+    slots: int,
+    wanted: Sequence[str],
+    logs: Path,
+    show: Callable[[Told], None],
+) -> Told:
+    """Run a job on this machine; `show` gets where it is, the last time when it has ended.
+
+    The processes' words go to agent.log and driver.log in `logs`. Raises ReplayError where the
+    agent does not start, RunError where the driver ends without an account.
+    """
+    with tempfile.TemporaryDirectory(prefix="bagpipe-run-") as scratch, Ending() as ending:
+        shared, file = Path(scratch, "shared"), Path(scratch, "job.json")
+        shared.mkdir()
+        file.write_text(job.model_dump_json(by_alias=True))
+        command = [sys.executable, "-m", "bagpipe.driver.local", "--job", str(file)]
+        command += ["--shared", str(shared), "--slots", str(slots)]
+        command += [f"--cases={word}" for word in wanted]
+        with (
+            serving_agent(agent, shared, logs / "agent.log", slots),
+            _driver(command, logs / "driver.log") as driver,
+        ):
+            told = _followed(driver, ending, show)
+    if ending.count and (told is None or told["phase"] not in ENDED):
+        raise RunError(f"interrupted{_done(told)}; --resume goes on with the other cases")
+    if told is None or driver.returncode not in _ENDED_OF_ITSELF:
+        raise RunError(_died(driver.returncode, logs / "driver.log"))
+    return told
+
+
+@contextlib.contextmanager
+def _driver(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"]:
+    """The driver in a process group of its own, of which nothing is left after the block."""
+    with log.open("wb") as errors:
+        driver = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=errors,
+            start_new_session=True,
+            preexec_fn=die_with_parent,  # noqa: PLW1509  one system call, before any thread
+        )
+    try:
+        yield driver
+        # It has closed its stdout, which it does last, or was killed.
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            driver.wait(timeout=_END_SECONDS)
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(driver.pid, signal.SIGKILL)
+        driver.wait()
+        if driver.stdout is not None:
+            driver.stdout.close()
+
+
+def _followed(
+    driver: "subprocess.Popen[bytes]", ending: Ending, show: Callable[[Told], None]
+) -> Told | None:
+    """What the driver said last, once it has closed its stdout; None if it said nothing."""
+    stream = driver.stdout
+    assert stream is not None  # noqa: S101  it is a pipe
+    rest, told = b"", None
+    asked_at: float | None = None
+    while True:
+        if select.select([stream], [], [], _GLANCE_SECONDS)[0]:
+            data = os.read(stream.fileno(), _LINE_BYTES)
+            if not data:
+                return told
+            *lines, rest = (rest + data).split(b"\n")
+            told = json.loads(lines[-1]) if lines else told
+        if told is not None:
+            show(told)
+        if ending.count and asked_at is None:
+            asked_at = time.monotonic()
+            driver.terminate()
+        if asked_at and (ending.count > 1 or time.monotonic() - asked_at > _END_SECONDS):
+            os.killpg(driver.pid, signal.SIGKILL)
+            return told
+
+
+def _done(told: Told | None) -> str:
+    cases = told["cases"]["planned"] if told else 0
+    return f" after {done_of(told)} of {cases} cases" if told and cases else ""
+
+
+def _died(status: int, log: Path) -> str:
+    last = log.read_text(errors="replace").strip().splitlines()[-5:]
+    how = f"signal {-status}" if status < 0 else f"status {status}"
+    return f"the driver ended with {how}; {log} says last: {' | '.join(last) or 'nothing'}"

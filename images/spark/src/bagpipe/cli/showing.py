@@ -1,0 +1,51 @@
+"""Where a job is, on stderr: a line that changes on a terminal, else one now and then."""
+
+import time
+from collections.abc import Callable
+
+from rich.console import Console
+from rich.markup import escape
+
+from bagpipe.cli.pace import Pace, done_of, line
+from bagpipe.cli.running import ENDED, Told
+
+_LINE_SECONDS = 5.0
+
+
+class Showing:
+    """Shows a driver's accounts while a block runs."""
+
+    def __init__(
+        self, console: Console, slots: int, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._console = console
+        self._clock = clock
+        self._first = f"starting Spark and {slots} {'slot' if slots == 1 else 'slots'}"
+        self._pace = Pace()
+        self._status = console.status(self._first)
+        self._shown = ("", 0.0)
+
+    def __enter__(self) -> "Showing":
+        if self._console.is_terminal:
+            self._status.start()
+        else:
+            self._console.print(self._first)
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._status.stop()
+
+    def show(self, told: Told) -> None:
+        """The driver's account of this moment."""
+        now = self._clock()
+        # Not while the results are written: the rate would fall, though every case is done.
+        if told["phase"] == "Running":
+            self._pace.look(now, done_of(told))
+        text = line(told, self._pace)
+        if self._console.is_terminal:
+            self._status.update(escape(text))
+            return
+        before, at = self._shown
+        if text != before and (now - at >= _LINE_SECONDS or told["phase"] in ENDED):
+            self._shown = (text, now)
+            self._console.print(text, markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,77 @@
+"""What the job of spec.resumeFrom has done: its passed cases, as rows of the job that goes on.
+
+A committed job has its rows in results.jsonl, one that was ended before it could commit in its
+journal. What it recorded stays where it is: a row that is taken over names it by its whole URI.
+"""
+
+import posixpath
+from collections.abc import Iterator
+
+from bagpipe.driver.journal import Journal, read_row
+from bagpipe.plan.cases import Plan
+from bagpipe.run.case_run import Row, is_of
+from bagpipe.run.exec_outputs import recorded_names
+from bagpipe.spec import EarlierResults
+from bagpipe.storage import Storage, StorageError
+
+
+class CannotResumeError(Exception):
+    """The earlier job's results can't be taken over; the message is a sentence for the user."""
+
+
+def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Iterator[Row]:
+    """The earlier job's cases that passed and belong to this plan, each with its rows' figures.
+
+    Cases that failed, gave no evidence or errored are left out, so that they run again. Raises
+    CannotResumeError where the two plans are not the same, or the results can't be read.
+    """
+    now = len(planned.cases) + len(planned.unplanned)
+    if now != earlier.cases:
+        raise CannotResumeError(
+            f"job {earlier.job} planned {earlier.cases} cases and this one has {now}: its bags"
+            " have changed since. Leave out spec.resumeFrom to run all cases."
+        )
+    cases = {case.id: case for case in planned.cases}
+    for row in _rows(earlier, storage):
+        if "window" not in row:  # a bag that yields no case
+            continue
+        case = cases.get(row["case"])
+        if case is None or not is_of(row, case):
+            raise CannotResumeError(
+                f"case {row['case']} of job {earlier.job} was made of {row['bag']} as it was then,"
+                " and is not among this job's cases: the bag has changed since. Leave out"
+                " spec.resumeFrom to run all cases."
+            )
+        if row["outcome"] == "passed":
+            yield _taken_over(row, earlier)
+
+
+def _taken_over(row: Row, earlier: EarlierResults) -> Row:
+    """The row with what it recorded as URIs, under the name of the job that really ran it."""
+    uris = [
+        name if "://" in name else posixpath.join(earlier.results, name)
+        for name in recorded_names(row)
+    ]
+    recorded = uris if isinstance(row["recorded"], list) else next(iter(uris), None)
+    return row | {"recorded": recorded, "ran_in": row.get("ran_in", earlier.job)}
+
+
+def _rows(earlier: EarlierResults, storage: Storage) -> Iterator[Row]:
+    try:
+        uri = posixpath.join(earlier.results, "results.jsonl")
+        if storage.exists(uri):
+            for number, line in enumerate(storage.open(uri).lines(), start=1):
+                yield read_row(line, uri, number)
+            return
+        journal = Journal(storage, earlier.results, attempt=0)
+        if journal.is_empty():
+            raise CannotResumeError(
+                f"{earlier.results} holds neither results.jsonl nor a journal of job {earlier.job}:"
+                " its results were removed. Leave out spec.resumeFrom to run all cases."
+            )
+        yield from journal.rows()
+    except StorageError as error:
+        raise CannotResumeError(
+            f"the results of job {earlier.job} can't be read: {error}. Make them readable, or"
+            " leave out spec.resumeFrom to run all cases."
+        ) from error

@@ -1,0 +1,56 @@
+"""The rows of a job on the driver's own disk: one per case, the first that came.
+
+A row holds a case's whole ledger and can be some kilobytes; the driver of a hundred thousand
+cases keeps only where each one lies.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from bagpipe.run.case_run import Row
+
+
+class RowFile:
+    """Rows by case. Memory: a case's name and two integers for each, whatever its row holds."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("w+b")
+        self._places: dict[str, tuple[int, int]] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    def __contains__(self, case: str) -> bool:
+        return case in self._places
+
+    def add(self, row: Row) -> bool:
+        """Keep a row; False where its case has one already, which stays."""
+        if row["case"] in self._places:
+            return False
+        data = json.dumps(row).encode()
+        self._places[row["case"]] = (self._file.seek(0, 2), len(data))
+        self._file.write(data)
+        return True
+
+    def rows(self) -> Iterator[Row]:
+        """All rows in the order of the case names."""
+        self._file.flush()
+        for case in sorted(self._places):
+            offset, length = self._places[case]
+            self._file.seek(offset)
+            row: Row = json.loads(self._file.read(length))
+            yield row

@@ -1,0 +1,64 @@
+"""Numbers out of messages: `pose.pose.position.x`, `ranges[3]`, a stamp as seconds."""
+
+import math
+import re
+from typing import Any
+
+from bagpipe.evaluate.finding import NoEvidenceError
+
+_PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?")
+# A map for an expression holds no images and clouds: nobody compares them pixel by pixel in CEL.
+_LONGEST_ARRAY = 1024
+
+
+def number_at(message: Any, path: str) -> float:
+    """The number at a path; a time is seconds. Raises NoEvidenceError naming what is there."""
+    value = message
+    for part in path.split("."):
+        found = _PART.fullmatch(part)
+        name, index = (found[1], found[2]) if found else (part, None)
+        fields = getattr(value, "__dataclass_fields__", {})
+        if name not in fields:
+            there = ", ".join(n for n in fields if not n.startswith("__")) or "no fields"
+            raise NoEvidenceError(f"{path}: there is no {name}; there is {there}")
+        value = getattr(value, name)
+        if index is not None:
+            try:
+                value = value[int(index)]
+            except (IndexError, TypeError) as error:
+                raise NoEvidenceError(f"{path}: {name} has no element {index}") from error
+    if hasattr(value, "sec") and hasattr(value, "nanosec"):
+        return float(value.sec) + float(value.nanosec) * 1e-9
+    try:
+        return float(value)
+    except (TypeError, ValueError) as error:
+        raise NoEvidenceError(f"{path} is no number but {type(value).__name__}") from error
+
+
+def as_map(value: Any) -> Any:
+    """A message as plain maps and lists, for expressions; long arrays are left out."""
+    fields = getattr(value, "__dataclass_fields__", None)
+    if fields is not None:
+        if "sec" in fields and "nanosec" in fields:
+            return float(value.sec) + float(value.nanosec) * 1e-9
+        named = {n: as_map(getattr(value, n)) for n in fields if not n.startswith("__")}
+        return {name: part for name, part in named.items() if part is not None}
+    if isinstance(value, str | bytes | bool | int | float):
+        return value
+    if hasattr(value, "__len__"):
+        if len(value) > _LONGEST_ARRAY:
+            return None
+        plain = value.tolist() if hasattr(value, "tolist") else value
+        return [as_map(item) for item in plain]
+    return value.item() if hasattr(value, "item") else None
+
+
+def yaw_of(orientation: Any) -> float:
+    """The heading of a quaternion, in radians from -pi to pi (REP 103: about z, from x to y)."""
+    x, y, z, w = (float(getattr(orientation, n)) for n in "xyzw")
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def turned(radians: float) -> float:
+    """The same direction from -pi to pi."""
+    return math.remainder(radians, math.tau)

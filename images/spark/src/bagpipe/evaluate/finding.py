@@ -1,0 +1,60 @@
+"""What a criterion found in one case, and what the findings of a case come to."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+Outcome = Literal["passed", "failed", "invalid"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One criterion's answer. `figure` is None where nothing could be measured.
+
+    `direction` says which way of `figure` is better: `lower`, `higher`, or `` where a comparison
+    of two figures says nothing. `limit` is the bound as people write it.
+    """
+
+    name: str
+    kind: str
+    outcome: Outcome
+    figure: float | None = None
+    unit: str = ""
+    limit: str = ""
+    direction: str = ""
+    message: str = ""
+    expected_failure: bool = False
+    # Over time, of a failed one only (courses.py).
+    course: dict[str, Any] | None = None
+
+    def as_row(self) -> dict[str, Any]:
+        """As it stands in results.jsonl."""
+        row = asdict(self)
+        if self.course is None:
+            del row["course"]
+        return row
+
+
+class NoEvidenceError(Exception):
+    """A criterion can't be judged by what was recorded; never a pass. The message says why."""
+
+
+def as_expected(finding: Finding) -> Finding:
+    """A criterion that is expected to fail: its failure passes, and its pass is the news."""
+    if finding.outcome == "failed":
+        message = f"failed as expected: {finding.message}"
+        return replace(finding, outcome="passed", message=message, expected_failure=True)
+    if finding.outcome == "passed":
+        message = "passed although it was expected to fail: remove expectFailure"
+        return replace(finding, outcome="failed", message=message, expected_failure=True)
+    return replace(finding, expected_failure=True)
+
+
+def verdict(findings: Sequence[Finding]) -> tuple[Outcome, str, str]:
+    """Outcome, reason (CamelCase) and sentence of a case: a failure first, then a doubt."""
+    for outcome, reason in (("failed", "CriterionFailed"), ("invalid", "NotEnoughEvidence")):
+        found = [f for f in findings if f.outcome == outcome]
+        if found:
+            said = "; ".join(f"{f.name}: {f.message}" for f in found)
+            return ("failed" if outcome == "failed" else "invalid"), reason, said[:2000]
+    return "passed", "", ""

@@ -1,0 +1,36 @@
+"""A figure against its bounds, in the same words for every criterion."""
+
+import re
+from dataclasses import replace
+
+from bagpipe.evaluate.finding import Finding
+
+_PART = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h)")
+_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def seconds(duration: str) -> float:
+    """Seconds of a duration such as 100ms or 1m30s."""
+    return sum(float(n) * _SECONDS[unit] for n, unit in _PART.findall(duration))
+
+
+def bounded(finding: Finding, least: float | None, most: float | None, where: str) -> Finding:
+    """The finding as its figure lies between the bounds, both of which are allowed values.
+
+    A figure that is no number fails.
+    """
+    figure = finding.figure
+    limit = limits(least, most, finding.unit)
+    inside = figure is not None and figure == figure  # noqa: PLR0124  NaN is the only other
+    inside = inside and (least is None or figure >= least) and (most is None or figure <= most)  # type: ignore[operator]
+    shown = "no number" if figure is None else f"{figure:.6g} {finding.unit}".strip()
+    message = f"{shown} {where}, and may be {limit}" if not inside else f"{shown} {where}"
+    return replace(finding, outcome="passed" if inside else "failed", limit=limit, message=message)
+
+
+def limits(least: float | None, most: float | None, unit: str) -> str:
+    """Bounds as people write them."""
+    of_unit = f" {unit}" if unit else ""
+    if least is not None and most is not None:
+        return f"{least:g} to {most:g}{of_unit}"
+    return f"at least {least:g}{of_unit}" if least is not None else f"at most {most:g}{of_unit}"

@@ -1,0 +1,248 @@
+"""`spec.evaluate` as the CRD defines it: types and refusals; judge.py applies the criteria."""
+
+import math
+import re
+from typing import Annotated, Literal, Self
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic.alias_generators import to_camel
+
+_DURATION = re.compile(r"(?:\d+(?:\.\d+)?(?:ms|s|m|h))+")
+_PATH = re.compile(r"[a-zA-Z]\w*(\[\d+\])?(\.[a-zA-Z]\w*(\[\d+\])?)*")
+
+
+def _topic(name: str) -> str:
+    if not name.startswith("/") or len(name) < 2:
+        raise ValueError(f"{name!r} is no topic: begin with a slash")
+    return name
+
+
+def _path(path: str) -> str:
+    if not _PATH.fullmatch(path):
+        raise ValueError(f"{path!r} is no field: write for example pose.pose.position.x")
+    return path
+
+
+def _finite(number: float) -> float:
+    if not math.isfinite(number):
+        raise ValueError("a bound must be a finite number")
+    return number
+
+
+def _length(text: str) -> str:
+    if not _DURATION.fullmatch(text):
+        raise ValueError(f"{text!r} is not a duration: write for example 100ms or 2s")
+    return text
+
+
+Topic = Annotated[str, AfterValidator(_topic)]
+Path = Annotated[str, AfterValidator(_path)]
+Bound = Annotated[float, AfterValidator(_finite)]
+Duration = Annotated[str, AfterValidator(_length)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(
+        alias_generator=to_camel, populate_by_name=True, frozen=True, extra="forbid"
+    )
+
+
+class _Bounded(_Model):
+    """A figure that must lie between two bounds, of which one may be missing."""
+
+    min: Bound | None = None
+    max: Bound | None = None
+
+    @model_validator(mode="after")
+    def _some_bound(self) -> Self:
+        if self.min is None and self.max is None:
+            raise ValueError("neither min nor max is there: write one of them")
+        if self.min is not None and self.max is not None and self.max < self.min:
+            raise ValueError(f"max ({self.max:g}) is below min ({self.min:g}): swap them")
+        return self
+
+
+class Presence(_Model):
+    """How many messages are recorded on a topic; at least one if nothing else is said."""
+
+    topic: Topic
+    min: int = Field(default=1, ge=0)
+    max: int | None = Field(default=None, ge=0)
+
+
+class Rate(_Bounded):
+    """Messages per second of a topic, over the case's window or over the worst gap in it."""
+
+    topic: Topic
+    over: Literal["window", "worst"] = "window"
+
+
+class Latency(_Model):
+    """From a message's header stamp to its receipt; `percentile` of all of them."""
+
+    topic: Topic
+    percentile: float = Field(default=99.0, gt=0, le=100)
+    max: Duration
+
+
+class FieldBounds(_Bounded):
+    """Every value of a field lies between the bounds."""
+
+    topic: Topic
+    field: Path
+
+
+class Expression(_Model):
+    """A CEL expression over each message, as `msg`, its time in seconds, as `t`."""
+
+    topic: Topic
+    holds: str = Field(min_length=1, max_length=1024)
+    share: float = Field(default=1.0, gt=0, le=1)
+
+
+class Error(_Model):
+    """The distance of fields from a truth: another topic, or the recording's own output.
+
+    Values are compared at the nearest stamp of the truth, at most `within` away.
+    """
+
+    topic: Topic
+    fields: list[Path] = Field(min_length=1, max_length=16)
+    truth: Topic | None = None
+    truth_fields: list[Path] = Field(default=[], max_length=16)
+    recording: bool = False
+    metric: Literal["rmse", "max", "final"] = "rmse"
+    max: Bound
+    within: Duration = "50ms"
+    angle: bool = False
+
+    @model_validator(mode="after")
+    def _one_truth(self) -> Self:
+        if self.truth_fields and len(self.truth_fields) != len(self.fields):
+            raise ValueError("truthFields and fields differ in number: write one for each field")
+        if self.truth is None and not self.recording:
+            raise ValueError("no truth is named: write truth: /topic, or recording: true")
+        return self
+
+
+class FinalPose(_Model):
+    """Where the last pose of a topic (PoseStamped, Odometry, TransformStamped) must be: `position`
+    is x and y, or x, y and z.
+
+    Metres and radians, in the messages' own frame.
+    """
+
+    topic: Topic
+    position: list[Bound] = Field(min_length=2, max_length=3)
+    yaw: Bound | None = None
+    within: float = Field(gt=0)
+    yaw_within: float = Field(default=math.pi, gt=0)
+
+
+class Separation(_Model):
+    """Between the ego car's Odometry and the obstacles of a PoseArray, in one frame.
+
+    `min_distance` in metres between the centres; `min_time_to_collision` in seconds at the present
+    speeds, for circles of `radius` metres each.
+    """
+
+    ego: Topic
+    obstacles: Topic
+    radius: float = Field(default=1.5, gt=0)
+    min_distance: float | None = Field(default=None, ge=0)
+    min_time_to_collision: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _some_bound(self) -> Self:
+        if self.min_distance is None and self.min_time_to_collision is None:
+            raise ValueError("write minDistance or minTimeToCollision")
+        return self
+
+
+class Resources(_Model):
+    """What the stack used: CPU seconds per second of the case, and the most memory, in bytes."""
+
+    max_cpu: float | None = Field(default=None, gt=0)
+    max_memory: str | None = Field(default=None, pattern=r"^[0-9]+([.][0-9]+)?([kMGT]|[KMGT]i)?$")
+
+    @model_validator(mode="after")
+    def _some_bound(self) -> Self:
+        if self.max_cpu is None and self.max_memory is None:
+            raise ValueError("write maxCpu or maxMemory")
+        return self
+
+
+class OwnEvaluator(_Model):
+    """A user's Python function from a ConfigMap of the job's namespace.
+
+    It is run in a process of its own in the executor (docs/tasks/own-evaluator.md).
+    """
+
+    config_map: str = Field(pattern=r"^[a-z0-9]([-a-z0-9.]*[a-z0-9])?$", max_length=253)
+    file: str = Field(default="evaluator.py", pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*\.py$")
+    function: str = Field(default="evaluate", pattern=r"^[A-Za-z_]\w*$")
+    topics: list[Topic] = Field(default=[], max_length=100)
+    timeout: Duration = "60s"
+
+
+KINDS = (
+    "presence", "rate", "latency", "bounds", "expression", "error", "finalPose", "separation",
+    "resources", "own",
+)  # fmt: skip
+
+
+class Criterion(_Model):
+    """One criterion: a name, exactly one kind of measurement, whether a failure is expected."""
+
+    name: str = Field(min_length=1, max_length=63, pattern=r"^[A-Za-z0-9]([-A-Za-z0-9_. ]*)$")
+    expect_failure: bool = False
+    presence: Presence | None = None
+    rate: Rate | None = None
+    latency: Latency | None = None
+    bounds: FieldBounds | None = None
+    expression: Expression | None = None
+    error: Error | None = None
+    final_pose: FinalPose | None = None
+    separation: Separation | None = None
+    resources: Resources | None = None
+    own: OwnEvaluator | None = None
+
+    @property
+    def kind(self) -> str:
+        """Which measurement it is, as the manifest spells it."""
+        return next(kind for kind in KINDS if getattr(self, _attribute(kind)) is not None)
+
+    @property
+    def measurement(self) -> object:
+        """The kind's own model."""
+        return getattr(self, _attribute(self.kind))
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        given = [kind for kind in KINDS if getattr(self, _attribute(kind)) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"criterion {self.name} has {' and '.join(given) or 'no measurement'}:"
+                f" write exactly one of {', '.join(KINDS)}"
+            )
+        return self
+
+
+def _attribute(kind: str) -> str:
+    return re.sub(r"([A-Z])", lambda found: f"_{found[1].lower()}", kind)
+
+
+def topics_of(criterion: Criterion) -> tuple[list[str], list[str]]:
+    """The topics that a criterion reads of the stack's recording, and of the job's own bag."""
+    c = criterion
+    for part in (c.presence, c.rate, c.latency, c.bounds, c.expression, c.final_pose):
+        if part is not None:
+            return [part.topic], []
+    if c.separation is not None:
+        return [c.separation.ego, c.separation.obstacles], []
+    if c.own is not None:
+        return list(c.own.topics), []
+    if c.error is not None:
+        truth = c.error.truth or c.error.topic
+        return ([c.error.topic], [truth]) if c.error.recording else ([c.error.topic, truth], [])
+    return [], []

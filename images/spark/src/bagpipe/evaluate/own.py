@@ -1,0 +1,118 @@
+"""A user's own evaluator: a Python function in a process of its own, with bounds and no secrets.
+
+The process gets no environment but PATH, so that it can't read the credentials of storage; it
+is as wide as its container otherwise, which has no right in the cluster.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from bagpipe.evaluate.evidence import Evidence
+from bagpipe.evaluate.finding import Finding, NoEvidenceError
+from bagpipe.evaluate.limits import seconds
+from bagpipe.evaluate.model import OwnEvaluator
+
+# Where the operator mounts the ConfigMaps that criteria name, in the executors alone.
+EVALUATORS = Path("/etc/bagpipe/evaluators")
+_LONGEST_ANSWER = 64 * 1024
+
+
+def own(name: str, wanted: OwnEvaluator, evidence: Evidence, folder: Path = EVALUATORS) -> Finding:
+    """What the user's function answers. Raises NoEvidenceError where it gives no usable answer."""
+    program = folder / wanted.config_map / wanted.file
+    if not program.is_file():
+        raise NoEvidenceError(
+            f"ConfigMap {wanted.config_map} has no key {wanted.file}: is the name right?"
+        )
+    with tempfile.TemporaryDirectory() as scratch:
+        request = _request(wanted, evidence, Path(scratch))
+        command = [sys.executable, "-I", "-m", "bagpipe.evaluate.own_process", str(program)]
+        answer = _answered(command, json.dumps(request), wanted)
+    return _finding(name, answer)
+
+
+def _request(wanted: OwnEvaluator, evidence: Evidence, scratch: Path) -> dict[str, Any]:
+    recording = scratch / "recorded.bag"
+    recording.write_bytes(evidence.recorded.to_bytes())
+    return {
+        "function": wanted.function,
+        "recording": str(recording),
+        "start": evidence.start,
+        "end": evidence.end,
+        "values": evidence.values,
+        "result": evidence.result,
+        "topics": wanted.topics,
+    }
+
+
+def _answered(command: list[str], request: str, wanted: OwnEvaluator) -> dict[str, Any]:
+    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as errors:
+        with subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=said,
+            stderr=errors,
+            env={"PATH": os.environ.get("PATH", os.defpath)},
+            start_new_session=True,
+        ) as process:
+            try:
+                process.communicate(request.encode(), timeout=seconds(wanted.timeout))
+            except subprocess.TimeoutExpired as late:
+                raise NoEvidenceError(
+                    f"{wanted.file} did not answer within {wanted.timeout}: raise `timeout`"
+                ) from late
+            finally:
+                _end(process)
+        said.seek(0)
+        text = said.read(_LONGEST_ANSWER + 1)
+        if process.returncode != 0:
+            errors.seek(max(0, errors.seek(0, os.SEEK_END) - 2000))
+            last = errors.read().decode(errors="replace").strip().splitlines()
+            raise NoEvidenceError(
+                f"{wanted.file} ended with status {process.returncode}:"
+                f" {last[-1] if last else 'it said nothing'}"
+            )
+    try:
+        answer = json.loads(text)
+    except ValueError as error:
+        raise NoEvidenceError(f"{wanted.file} gave no answer that can be read") from error
+    if not isinstance(answer, dict):
+        raise NoEvidenceError(f"{wanted.file} answered {type(answer).__name__} and no map")
+    return answer
+
+
+def _end(process: "subprocess.Popen[bytes]") -> None:
+    """Ends the process with all that it started."""
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        return
+    process.wait()
+
+
+def _finding(name: str, answer: dict[str, Any]) -> Finding:
+    outcome = answer.get("outcome")
+    if outcome not in {"passed", "failed", "invalid"}:
+        raise NoEvidenceError(
+            f"the evaluator's outcome is {str(outcome)[:100]!r}: return passed, failed or invalid"
+        )
+    figure = answer.get("figure")
+    if figure is not None and (isinstance(figure, bool) or not isinstance(figure, int | float)):
+        raise NoEvidenceError("the evaluator's figure is no number")
+    direction = answer.get("direction", "")
+    return Finding(
+        name,
+        "own",
+        outcome,
+        None if figure is None else float(figure),
+        str(answer.get("unit", ""))[:32],
+        str(answer.get("limit", ""))[:200],
+        direction if direction in {"lower", "higher"} else "",
+        str(answer.get("message", ""))[:1000],
+    )

@@ -1,0 +1,1 @@
+"""Test cases from variables: combinations, rules that remove or add some, samples, templates."""

@@ -1,0 +1,172 @@
+"""The combinations of a matrix: all of them, less what rules exclude, or a sample that covers them.
+
+Deterministic: the same matrix gives the same scenarios in the same order on every machine.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from bagpipe.matrix.faults import MatrixError
+from bagpipe.matrix.model import Choices, Matrix, Scalar, Span, Variable
+from bagpipe.matrix.rules import Rules
+from bagpipe.matrix.sampling import pairwise, stratified
+
+# Beyond this nobody reads a plan, and the driver would spend its memory on it.
+MOST_COMBINATIONS = 1_000_000
+MOST_SCENARIOS = 1_000_000
+
+Values = dict[str, Scalar]
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One combination; `number` counts all combinations, with those that are left out.
+
+    `seed` counts the repetitions with another random seed, from 0.
+    """
+
+    number: int
+    values: Values = field(hash=False)
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Excluded:
+    """A combination that a rule left out."""
+
+    number: int
+    values: Values
+    when: str
+    because: str
+
+
+@dataclass(frozen=True)
+class Expansion:
+    """What will run, and what was left out and why.
+
+    `sampled_out` counts allowed combinations that the sample does not have.
+    """
+
+    scenarios: list[Scenario]
+    excluded: list[Excluded]
+    combinations: int
+    sampled_out: int = 0
+
+
+def values_of(variable: Variable) -> list[Scalar]:
+    """The values that a variable takes, in the order in which they are written."""
+    if isinstance(variable, Choices):
+        return [choice.value for choice in variable.choices]
+    if isinstance(variable, Span):
+        return _numbers(variable)
+    return list(variable)
+
+
+def _numbers(span: Span) -> list[Scalar]:
+    """Integers stay integers; the last value is met although decimal steps have no exact floats."""
+    count = math.floor((span.last - span.first) / span.step + 1e-9) + 1
+    numbers = [span.first + index * span.step for index in range(count)]
+    if all(isinstance(n, int) for n in (span.first, span.step)):
+        return [int(number) for number in numbers]
+    return [float(f"{number:.12g}") for number in numbers]
+
+
+def expand(matrix: Matrix) -> Expansion:
+    """All scenarios of a matrix. Raises MatrixError."""
+    names = list(matrix.variables)
+    values = {name: values_of(variable) for name, variable in matrix.variables.items()}
+    total = math.prod(len(v) for v in values.values())
+    if total > MOST_COMBINATIONS:
+        raise MatrixError(
+            f"matrix.variables have {total} combinations, and may have {MOST_COMBINATIONS}: take"
+            " fewer values"
+        )
+    rules = Rules.compiled(matrix.exclude, values)
+    allowed, excluded = _split(rules, names, values)
+    allowed += _included(matrix, rules, names, values, total)
+    if not allowed:
+        raise MatrixError("matrix.exclude leaves no combination: loosen a rule")
+    chosen = _chosen(matrix, allowed, values)
+    if len(chosen) * matrix.seeds > MOST_SCENARIOS:
+        raise MatrixError(f"the matrix gives more than {MOST_SCENARIOS} scenarios: write a limit")
+    scenarios = [
+        Scenario(scenario.number, scenario.values, seed)
+        for scenario in chosen
+        for seed in range(matrix.seeds)
+    ]
+    return Expansion(scenarios, excluded, total, len(allowed) - len(chosen))
+
+
+def _split(
+    rules: Rules, names: list[str], values: dict[str, list[Scalar]]
+) -> tuple[list[Scenario], list[Excluded]]:
+    allowed: list[Scenario] = []
+    excluded: list[Excluded] = []
+    for number, combination in enumerate(_combinations(names, values)):
+        rule = rules.excluding(combination)
+        if rule is None:
+            allowed.append(Scenario(number, combination))
+        else:
+            excluded.append(Excluded(number, combination, rule.when, rule.because))
+    return allowed, excluded
+
+
+def _combinations(names: list[str], values: dict[str, list[Scalar]]) -> Iterator[Values]:
+    for row in itertools.product(*(values[name] for name in names)):
+        yield dict(zip(names, row, strict=True))
+
+
+def _included(
+    matrix: Matrix, rules: Rules, names: list[str], values: dict[str, list[Scalar]], total: int
+) -> list[Scenario]:
+    """Combinations by name: they count whatever the rules and the lists say, but never twice."""
+    added: list[Scenario] = []
+    for row in matrix.include:
+        combination = {name: row[name] for name in names}
+        listed = all(combination[name] in values[name] for name in names)
+        known = listed and rules.excluding(combination) is None
+        if not known and all(scenario.values != combination for scenario in added):
+            added.append(Scenario(total + len(added), combination))
+    return added
+
+
+def _chosen(
+    matrix: Matrix, allowed: list[Scenario], values: dict[str, list[Scalar]]
+) -> list[Scenario]:
+    rows = [scenario.values for scenario in allowed]
+    if matrix.sample == "pairwise":
+        picked = pairwise(rows)
+        if matrix.limit is not None and len(picked) > matrix.limit:
+            raise MatrixError(
+                f"covering every pair of values takes {len(picked)} combinations, and matrix.limit"
+                f" is {matrix.limit}: raise it, or write sample: stratified"
+            )
+        return [allowed[index] for index in picked]
+    if matrix.limit is None or matrix.limit >= len(allowed):
+        return allowed
+    weights = {name: _weights(variable) for name, variable in matrix.variables.items()}
+    by_value = {
+        name: dict(zip(map(_key, values[name]), weights[name], strict=True)) for name in values
+    }
+    picked = stratified(
+        [
+            {name: (_key(v), by_value[name].get(_key(v), 1.0)) for name, v in row.items()}
+            for row in rows
+        ],
+        matrix.limit,
+        matrix.sample_seed,
+    )
+    return [allowed[index] for index in picked]
+
+
+def _weights(variable: Variable) -> list[float]:
+    if isinstance(variable, Choices):
+        return [choice.weight for choice in variable.choices]
+    return [1.0] * len(values_of(variable))
+
+
+def _key(value: Scalar) -> tuple[str, Scalar]:
+    """1 and True are equal in Python and two values in a matrix."""
+    return (type(value).__name__, value)

@@ -1,0 +1,51 @@
+"""The cases of a job whose source is files of any kind: one case for each file, as it is."""
+
+import posixpath
+import re
+from collections import Counter
+
+from bagpipe.plan.case import Case
+from bagpipe.plan.fragments import Window
+from bagpipe.storage import Stat, Storage
+
+# A file has no bag time: the program that reads it knows what its bytes mean.
+_NO_WINDOW = Window(0, 0, 0)
+
+
+def file_cases(uris: list[str], storage: Storage) -> list[Case]:
+    """One case per URI, whole. Raises StorageError."""
+    return [
+        _case(uri, name, storage.stat(uri)) for uri, name in zip(uris, _names(uris), strict=True)
+    ]
+
+
+def _case(uri: str, name: str, found: Stat) -> Case:
+    return Case(
+        id=name,
+        bag=uri,
+        bag_version=found.version,
+        window=_NO_WINDOW,
+        connections=[],
+        ranges=[(0, found.size)],
+        messages=0,
+    )
+
+
+def _names(uris: list[str]) -> list[str]:
+    """A readable name per file: without its ending, or with it where two would share one."""
+    for name in (_stem, _base):
+        names = [name(uri) for uri in uris]
+        if len(set(names)) == len(names):
+            return names
+    taken = Counter(names)
+    return [
+        name if taken[name] == 1 else f"{name}.{number:04d}" for number, name in enumerate(names)
+    ]
+
+
+def _base(uri: str) -> str:
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", posixpath.basename(uri)).strip("-.") or "file"
+
+
+def _stem(uri: str) -> str:
+    return posixpath.splitext(_base(uri))[0]

@@ -1,0 +1,151 @@
+"""Pieces of recordings as parts of one case: which bytes of which bag, shifted to which time."""
+
+import hashlib
+import json
+from dataclasses import dataclass, replace
+
+from bagpipe.pieces import Piece, RecordedTopics, SequencePart, nanoseconds
+from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.fragments import Window, cut_one
+from bagpipe.storage import Storage, StorageError
+
+
+class PartError(Exception):
+    """A piece that can't be played, of the bag `bag`; `reason` is CamelCase."""
+
+    def __init__(self, bag: str, reason: str, message: str) -> None:
+        super().__init__(f"{bag}: {message}")
+        self.bag = bag
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class Part:
+    """A window of one bag, in the bag's own times, in ns; `at` is its start in the case's time.
+
+    `version` is the file's mark when it was planned; `topics` are those to be played (none: all);
+    `connections` and `ranges` are (offset, length) in bytes, as a case has them.
+    """
+
+    bag: str
+    version: str
+    topics: list[str]
+    window: Window
+    at: int
+    connections: list[tuple[int, int]]
+    ranges: list[tuple[int, int]]
+    messages: int
+
+    @property
+    def shift(self) -> int:
+        """What is added to a recorded time, in ns."""
+        return self.at - self.window.start
+
+    @property
+    def end(self) -> int:
+        """Where the next part begins, in the case's time."""
+        return self.at + self.window.end - self.window.start
+
+    @property
+    def bytes(self) -> int:
+        """Bytes that are read from storage."""
+        return sum(length for _, length in self.connections + self.ranges)
+
+    def as_row(self) -> dict[str, object]:
+        """The part as a line of results has it."""
+        window = [self.window.start, self.window.end]
+        return {"bag": self.bag, "version": self.version, "window": window, "at": self.at}
+
+
+class PartPlanner:
+    """Plans pieces; each bag's tail is read once."""
+
+    def __init__(self, storage: Storage) -> None:
+        self._storage = storage
+        self._read: dict[str, tuple[BagTail, str]] = {}
+
+    def sequence(self, pieces: list[SequencePart], topics: list[str], warm_up: int) -> list[Part]:
+        """The pieces one after the other, from the first one's own time on.
+
+        The lead-in of `warm_up` ns lies before the first. Raises PartError.
+        """
+        parts: list[Part] = []
+        for piece in pieces:
+            lead_in = 0 if parts else warm_up
+            to = None if piece.to is None else nanoseconds(piece.to)
+            pause = nanoseconds(piece.pause)
+            planned = self._part(piece, to, topics, lead_in)
+            for _ in range(piece.repeat):
+                at = parts[-1].end + pause if parts else planned.window.start
+                parts.append(replace(planned, at=at))
+                planned = _without_lead_in(planned)
+        return parts
+
+    def beside(self, pieces: list[RecordedTopics], start: int, length: int) -> list[Part]:
+        """The pieces at the same time, from `start` on for `length` ns. Raises PartError."""
+        parts = []
+        for piece in pieces:
+            tail, _ = self._tail(piece.bag)
+            present = {connection.topic for connection in tail.connections}
+            if missing := [topic for topic in piece.topics if topic not in present]:
+                raise PartError(
+                    piece.bag,
+                    "NoMatchingTopics",
+                    f"the topics {', '.join(missing)} are not in the bag; it has"
+                    f" {', '.join(sorted(present)[:10])}",
+                )
+            to = piece.from_nanoseconds + length
+            parts.append(replace(self._part(piece, to, piece.topics, 0), at=start))
+        return parts
+
+    def _part(self, piece: Piece, to: int | None, topics: list[str], lead_in: int) -> Part:
+        tail, version = self._tail(piece.bag)
+        begin = min(chunk.start_time for chunk in tail.chunks)
+        last = max(chunk.end_time for chunk in tail.chunks)
+        start = begin + piece.from_nanoseconds
+        end = last + 1 if to is None else begin + to
+        window = Window(max(begin, start - lead_in), start, end)
+        found = cut_one(tail, topics, window) if start <= last else None
+        if found is None or not found.messages:
+            raise PartError(
+                piece.bag,
+                "NoMatchingTopics",
+                f"the piece from {piece.from_} on has no message of the topics; the bag is"
+                f" {(last - begin) / 1e9:.3f} s long and has"
+                f" {', '.join(sorted({c.topic for c in tail.connections})[:10])}",
+            )
+        return Part(
+            bag=piece.bag,
+            version=version,
+            topics=topics,
+            window=window,
+            at=start,
+            connections=[(c.offset, c.length) for c in tail.connections],
+            ranges=found.ranges,
+            messages=found.messages,
+        )
+
+    def _tail(self, uri: str) -> tuple[BagTail, str]:
+        if uri not in self._read:
+            try:
+                file = self._storage.open(uri)
+                tail = read_tail(file.read, file.size)
+            except BagError as error:
+                raise PartError(uri, error.reason, str(error)) from error
+            except StorageError as error:
+                raise PartError(uri, "BagUnreadable", str(error)) from error
+            if not tail.chunks:
+                raise PartError(uri, "BagEmpty", "the bag has no message")
+            self._read[uri] = (tail, file.version)
+        return self._read[uri]
+
+
+def _without_lead_in(part: Part) -> Part:
+    window = part.window
+    return replace(part, window=Window(window.start, window.start, window.end))
+
+
+def version_of(parts: list[Part]) -> str:
+    """One mark for all of them: it changes with any of their bags, windows and places."""
+    text = json.dumps([part.as_row() for part in parts], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:32] if parts else ""

@@ -1,0 +1,175 @@
+"""All cases of a job as columns, small enough for one page: 10,000 cases take 1 or 2 MB.
+
+Words that repeat (variants, reasons, messages) stand once and are numbered.
+"""
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+Row = Mapping[str, Any]
+
+# More lines than this make no page that a browser likes; those that did not pass come first.
+MOST_CASES = 20_000
+# Figures of all criteria and cases together; about 8 bytes each.
+_MOST_FIGURES = 300_000
+_MESSAGE_CHARACTERS = 300
+_ALL_MESSAGES_CHARACTERS = 1_000_000
+_LETTERS = {"passed": "P", "failed": "F", "invalid": "I"}
+
+_NUMBER = r"(-?[0-9.]+(?:e[-+]?[0-9]+)?)"
+_LIMITS = [
+    (re.compile(rf"at least {_NUMBER}\b.*"), (1, None)),
+    (re.compile(rf"at most {_NUMBER}\b.*"), (None, 1)),
+    (re.compile(rf"{_NUMBER} to {_NUMBER}\b.*"), (1, 2)),
+]
+
+
+class Words:
+    """A column of words, each kept once; those that are given first come first."""
+
+    def __init__(self, first: Iterable[Any] = ()) -> None:
+        self._numbers: dict[str, int] = {}
+        self._words: list[Any] = []
+        self.at: list[int] = []
+        for word in first:
+            self._number(word)
+
+    def add(self, word: Any) -> None:
+        """The next case's word: a text or a number, which may be JSON's."""
+        self.at.append(self._number(word))
+
+    def _number(self, word: Any) -> int:
+        key = json.dumps(word, sort_keys=True)
+        if key not in self._numbers:
+            self._numbers[key] = len(self._words)
+            self._words.append(word)
+        return self._numbers[key]
+
+    def as_json(self) -> dict[str, Any]:
+        """`values`, and for each case the number of its own."""
+        return {"values": self._words, "at": self.at}
+
+
+def short(figure: Any) -> float | None:
+    """A figure with five digits; None where there is none that is finite."""
+    if not isinstance(figure, int | float) or not math.isfinite(figure):
+        return None
+    return float(f"{figure:.5g}")
+
+
+def limits_of(text: str) -> tuple[float | None, float | None]:
+    """The bounds in a finding's `limit`, as evaluate/limits.py writes them."""
+    for pattern, (least, most) in _LIMITS:
+        found = pattern.fullmatch(text)
+        if found:
+            return (float(found[least]) if least else None, float(found[most]) if most else None)
+    return None, None
+
+
+class Columns:
+    """Takes rows one by one; its memory is some hundred bytes for each that it keeps."""
+
+    def __init__(self, variants: Iterable[str] = (), most_cases: int = MOST_CASES) -> None:
+        self._variants = list(variants)
+        self._most = most_cases
+        self._passed: list[Row] = []
+        self._others: list[Row] = []
+        self.counted = 0
+
+    def add(self, row: Row) -> None:
+        """One case; `counted` has all of them, also those that are not kept."""
+        self.counted += 1
+        kept = self._passed if row["outcome"] == "passed" else self._others
+        if len(kept) < self._most:
+            kept.append(_slim(row))
+
+    def rows(self) -> list[Row]:
+        """The rows of the page in the order of their names: first of all what did not pass."""
+        left = max(0, self._most - len(self._others))
+        return sorted(self._others + self._passed[:left], key=lambda row: str(row["case"]))
+
+    def as_json(self) -> dict[str, Any]:
+        """`cases`, `variables` and `criteria`, as report/page reads them."""
+        rows = self.rows()
+        columns = {name: Words() for name in ("fragment", "reason", "message", "seed", "round")}
+        columns["variant"] = Words(self._variants)
+        budget = _ALL_MESSAGES_CHARACTERS
+        for row in rows:
+            for name, words in columns.items():
+                word = row.get(name)
+                if name == "message":
+                    word = str(word or "")[: min(_MESSAGE_CHARACTERS, max(0, budget))]
+                    budget -= len(word)
+                words.add(word if word is not None else "")
+        return {
+            "counted": self.counted,
+            "cases": {
+                "case": [str(row["case"]) for row in rows],
+                "outcome": "".join(_LETTERS.get(row["outcome"], "E") for row in rows),
+                "seconds": [short(row.get("seconds")) for row in rows],
+                "attempts": [int(row.get("attempts") or 0) for row in rows],
+                **{name: words.as_json() for name, words in columns.items()},
+            },
+            "variables": _variables(rows),
+            "criteria": _criteria(rows),
+        }
+
+
+def _slim(row: Row) -> dict[str, Any]:
+    kept = (
+        "case", "fragment", "variant", "scenario", "values", "seed", "round", "outcome", "reason",
+        "message", "attempts", "seconds",
+    )  # fmt: skip
+    slim = {name: row.get(name) for name in kept}
+    slim["criteria"] = [
+        {key: finding.get(key) for key in ("name", "kind", "outcome", "figure", "unit", "limit")}
+        for finding in row.get("criteria") or []
+    ]
+    return slim
+
+
+def _variables(rows: list[Row]) -> list[dict[str, Any]]:
+    """The matrix' variables; their values in the order of the scenarios, as the job has them."""
+    by_scenario = sorted(rows, key=lambda row: row.get("scenario") or 0)
+    names = dict.fromkeys(name for row in rows for name in row.get("values") or {})
+    found = []
+    for name in names:
+        words = Words((row.get("values") or {}).get(name) for row in by_scenario)
+        for row in rows:
+            words.add((row.get("values") or {}).get(name))
+        found.append({"name": name, **words.as_json()})
+    return found
+
+
+def _criteria(rows: list[Row]) -> list[dict[str, Any]]:
+    """One map per criterion; figures are left out where all together would be too many."""
+    found: dict[str, dict[str, Any]] = {}
+    for at, row in enumerate(rows):
+        for finding in row["criteria"]:
+            criterion = found.setdefault(finding["name"], _empty(finding, len(rows)))
+            criterion["unit"] = criterion["unit"] or finding["unit"] or ""
+            criterion["limit"] = criterion["limit"] or finding["limit"] or ""
+            criterion["outcomes"][at] = _LETTERS.get(finding["outcome"], "I")
+            criterion["figures"][at] = short(finding["figure"])
+    room = _MOST_FIGURES
+    for criterion in found.values():
+        criterion["outcomes"] = "".join(criterion["outcomes"])
+        criterion["low"], criterion["high"] = limits_of(criterion["limit"])
+        room -= len(rows)
+        if room < 0:
+            criterion["figures"] = None
+    return list(found.values())
+
+
+def _empty(finding: Mapping[str, Any], cases: int) -> dict[str, Any]:
+    return {
+        "name": finding["name"],
+        "kind": finding["kind"],
+        "unit": "",
+        "limit": "",
+        "outcomes": ["-"] * cases,
+        "figures": [None] * cases,
+    }

@@ -1,0 +1,92 @@
+"""The cases that a reader will ask about: chosen among those that did not pass, told in full."""
+
+import itertools
+from collections.abc import Mapping
+from typing import Any
+
+Row = Mapping[str, Any]
+
+MOST_DETAILS = 50
+# Kinds of trouble that are told apart; what differs beyond that many is not chosen.
+_MOST_GROUPS = 50
+_STDERR_LINES = 40
+_LINE_CHARACTERS = 500
+_LEDGER_TOPICS = 50
+_LEDGER_NODES = 20
+_MOST_COURSES = 8
+
+
+class Details:
+    """Keeps some rows of every kind of trouble, so that 50 of one kind do not hide the others."""
+
+    def __init__(self, most: int = MOST_DETAILS) -> None:
+        self._most = most
+        self._groups: dict[tuple[Any, ...], list[Row]] = {}
+
+    def add(self, row: Row) -> None:
+        """One case, which may have passed."""
+        if row["outcome"] == "passed":
+            return
+        key = (row["outcome"], row.get("variant"), row.get("reason"), *_not_passed(row))
+        if key not in self._groups and len(self._groups) >= _MOST_GROUPS:
+            return
+        group = self._groups.setdefault(key, [])
+        if len(group) < self._most:
+            group.append(row)
+
+    def rows(self) -> list[Row]:
+        """The chosen rows by name: the first of every kind, then the second of each, and so on."""
+        turns = itertools.zip_longest(*self._groups.values())
+        chosen = [row for turn in turns for row in turn if row is not None][: self._most]
+        return sorted(chosen, key=lambda row: str(row["case"]))
+
+
+def _not_passed(row: Row) -> list[str]:
+    return [f["name"] for f in row.get("criteria") or [] if f["outcome"] != "passed"]
+
+
+def detail_of(row: Row) -> dict[str, Any]:
+    """What the page says of one case beyond its line in the table."""
+    result = row.get("result") or {}
+    stack = result.get("stack") or {}
+    stderr = row.get("stderr") or stack.get("stderr") or []
+    return {
+        "message": str(row.get("message") or "")[:4000],
+        "stderr": [str(line)[:_LINE_CHARACTERS] for line in stderr[-_STDERR_LINES:]],
+        "criteria": [
+            {
+                key: str(finding.get(key) or "")[:1000]
+                for key in ("name", "kind", "outcome", "limit", "message")
+            }
+            for finding in row.get("criteria") or []
+        ],
+        "bag": str(row.get("bag") or ""),
+        "window": row.get("window"),
+        "recorded": row.get("recorded"),
+        "ledger": _ledger(result.get("ledger") or {}),
+        "timings": {
+            str(name): seconds
+            for name, seconds in (result.get("timings") or {}).items()
+            if isinstance(seconds, int | float)
+        },
+        "series": [
+            {"criterion": str(finding["name"])} | finding["course"]
+            for finding in row.get("criteria") or []
+            if finding.get("course")
+        ][:_MOST_COURSES],
+    }
+
+
+def _ledger(ledger: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """One line for each topic and node."""
+    return [
+        {
+            "topic": topic.get("topic"),
+            "sent": topic.get("sent"),
+            "node": node.get("node", ""),
+            "received": node.get("received"),
+            "dropped": node.get("dropped"),
+        }
+        for topic in (ledger.get("topics") or [])[:_LEDGER_TOPICS]
+        for node in (topic.get("subscribers") or [{}])[:_LEDGER_NODES]
+    ]

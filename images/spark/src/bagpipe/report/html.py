@@ -1,0 +1,127 @@
+"""report.html: one page that needs no network, made of a frame, data and some scripts of ours.
+
+Whatever a job, a stack or a recording has written is hostile here: the frame escapes it (jinja2's
+autoescape), the data travels as JSON in which no tag can begin, the scripts set text and never
+HTML, and the page's own policy forbids every script but these and every request.
+"""
+
+import base64
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from bagpipe.report.columns import Columns, short
+from bagpipe.report.details import Details, detail_of
+from bagpipe.report.words import headline, sentence
+from bagpipe.spec import SimulationJobSpec
+
+Row = Mapping[str, Any]
+
+# In this order: each uses those before it.
+_SCRIPTS = (
+    "dom.js", "data.js", "filters.js", "heat_map.js", "criteria.js", "cases.js", "details.js",
+    "main.js",
+)  # fmt: skip
+
+
+class Report:
+    """Takes every counted row once; then makes the page."""
+
+    def __init__(self, spec: SimulationJobSpec | None, results: str) -> None:
+        self._spec = spec
+        self._results = results
+        self._columns = Columns([variant.name for variant in spec.variants] if spec else [])
+        self._details = Details()
+        self._seconds = 0.0
+
+    def add(self, row: Row) -> None:
+        """One row that counts."""
+        self._columns.add(row)
+        self._details.add(row)
+        self._seconds += float(row.get("seconds") or 0.0)
+
+    def html(
+        self, manifest: Mapping[str, Any], comparisons: Sequence[Mapping[str, Any]] = ()
+    ) -> bytes:
+        """The page, from what was added alone: nothing is read for it."""
+        data = self._columns.as_json() | {"details": self._told(), "replay": self._replay()}
+        return render(
+            data,
+            job=manifest["job"],
+            headline=headline(manifest),
+            sentence=sentence(manifest, data),
+            manifest=manifest,
+            comparisons=[_drawn(comparison) for comparison in comparisons],
+            results=self._results,
+            stack_seconds=self._seconds,
+        )
+
+    def _told(self) -> dict[str, dict[str, Any]]:
+        return {str(row["case"]): detail_of(row) for row in self._details.rows()}
+
+    def _replay(self) -> dict[str, Any]:
+        """What `bagpipe replay` has to be told: the results, and the claims to stand in for."""
+        uris = [self._results, *(self._spec.source.uris if self._spec else [])]
+        claims = [uri.removeprefix("pvc://").split("/")[0] for uri in uris if uri[:6] == "pvc://"]
+        return {"results": self._results, "claims": list(dict.fromkeys(claims))}
+
+
+def render(data: Mapping[str, Any], **words: Any) -> bytes:
+    """The frame around the data; `words` are what page/report.html.j2 names."""
+    page = files("bagpipe.report").joinpath("page")
+    style = page.joinpath("report.css").read_text()
+    parts = [page.joinpath(name).read_text() for name in _SCRIPTS]
+    script = "(() => {\n'use strict';\n" + "\n".join(parts) + "})();\n"
+    # StrictUndefined: a name that is missing is a fault of ours, and no empty place in a verdict.
+    frame = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    frame.filters["figure"] = _figure
+    text = frame.from_string(page.joinpath("report.html.j2").read_text()).render(
+        data=Markup(_safe_json(data)),  # noqa: S704  _safe_json leaves nothing that begins a tag
+        style=Markup(style),  # noqa: S704  our own file
+        script=Markup(script),  # noqa: S704  our own files
+        style_hash=_hash(style),
+        script_hash=_hash(script),
+        **words,
+    )
+    return text.encode("utf-8", errors="replace")
+
+
+def _safe_json(data: Mapping[str, Any]) -> str:
+    r"""JSON that holds none of < > &, so that no tag and no comment can begin in it."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False, default=str)
+    return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _hash(text: str) -> str:
+    digest = hashlib.sha256(text.encode()).digest()
+    return f"sha256-{base64.b64encode(digest).decode()}"
+
+
+def _figure(value: Any) -> str:
+    """A number as people read it; a dash where there is none."""
+    figure = short(value)
+    if figure is None:
+        return "–"
+    return f"{figure:,.0f}" if figure == int(figure) and abs(figure) < 1e9 else f"{figure:.4g}"
+
+
+def _drawn(comparison: Mapping[str, Any]) -> dict[str, Any]:
+    """A comparison with each criterion's interval as per cent of a drawing 100 wide around 0."""
+    criteria = []
+    for criterion in comparison["criteria"]:
+        low, high, middle = (criterion[key] for key in ("low", "high", "difference"))
+        drawn = None
+        if low is not None and high is not None and middle is not None:
+            reach = max(abs(low), abs(high)) or 1.0
+            drawn = {
+                "low": 50 + 46 * low / reach,
+                "high": 50 + 46 * high / reach,
+                "middle": 50 + 46 * middle / reach,
+            }
+        criteria.append({**criterion, "drawn": drawn})
+    return {**comparison, "criteria": criteria}

@@ -1,0 +1,96 @@
+"""The results folder of a job, as anybody may read it: manifest, lines, comparisons, the job."""
+
+import json
+import posixpath
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage, StorageError
+
+Row = dict[str, Any]
+
+_MOST_MANIFEST_BYTES = 1 << 30
+_MOST_FILE_BYTES = 64 << 20
+
+
+@dataclass(frozen=True)
+class StoredResults:
+    """What a job has published below a URI. Every method raises StorageError."""
+
+    uri: str
+    storage: Storage
+
+    def manifest(self) -> dict[str, Any]:
+        """What counts; a folder without one is not (yet) a job's results."""
+        uri = posixpath.join(self.uri, "manifest.json")
+        if not self.storage.exists(uri):
+            raise StorageError(
+                f"there is no {uri}: write status.results of a job that has ended (a job that"
+                " still runs has none)"
+            )
+        return self._map("manifest.json", _MOST_MANIFEST_BYTES)
+
+    def rows(self) -> Iterator[Row]:
+        """The lines of results.jsonl, in the order of the case names."""
+        uri = posixpath.join(self.uri, "results.jsonl")
+        for number, line in enumerate(self.storage.open(uri).lines(), start=1):
+            yield _row(line, uri, number)
+
+    def baseline_rows(self) -> Iterator[Row]:
+        """The lines of the first variant, where the job had several; else all."""
+        spec = self.spec()
+        first = spec.variants[0].name if spec and spec.variants else None
+        for row in self.rows():
+            if first is None or row.get("variant") == first:
+                yield row
+
+    def row(self, case: str) -> Row:
+        """The line of one case."""
+        names: list[str] = []
+        for row in self.rows():
+            if row["case"] == case:
+                return row
+            if len(names) < 5:
+                names.append(row["case"])
+        raise StorageError(f"{self.uri} has no case {case}; it has {', '.join(names)}, ...")
+
+    def comparisons(self) -> list[dict[str, Any]]:
+        """What comparison.json says; empty where nothing was compared."""
+        if not self.storage.exists(posixpath.join(self.uri, "comparison.json")):
+            return []
+        found: list[dict[str, Any]] = self._map("comparison.json")["comparisons"]
+        return found
+
+    def spec(self) -> SimulationJobSpec | None:
+        """The job as it ran; None where it was not kept (before version 0.1)."""
+        if not self.storage.exists(posixpath.join(self.uri, "job.json")):
+            return None
+        try:
+            return SimulationJobSpec.model_validate(self._map("job.json").get("spec") or {})
+        except ValidationError as error:
+            raise StorageError(f"{self.uri}/job.json is no job: {error}") from error
+
+    def _map(self, name: str, most: int = _MOST_FILE_BYTES) -> dict[str, Any]:
+        uri = posixpath.join(self.uri, name)
+        try:
+            found = json.loads(self.storage.read_all(uri, most))
+        except ValueError as error:
+            raise StorageError(f"{uri} is no JSON: {error}") from error
+        if not isinstance(found, dict):
+            raise StorageError(f"{uri} is no map")
+        return found
+
+
+def _row(line: bytes, uri: str, number: int) -> Row:
+    try:
+        row = json.loads(line)
+        if isinstance(row["case"], str) and isinstance(row["outcome"], str):
+            found: Row = row
+            return found
+    except (ValueError, TypeError, KeyError) as error:
+        raise StorageError(f"{uri} line {number} is no row of results: {error}") from error
+    raise StorageError(f"{uri} line {number} is no row of results")

@@ -1,0 +1,45 @@
+"""The verdict in words: what a reader of the report sees first."""
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+_HEADLINES = {
+    "Passed": ("passed", "Passed"),
+    "Failed": ("failed", "Failed"),
+    "Invalid": ("invalid", "Not enough evidence"),
+}
+
+
+def headline(manifest: Mapping[str, Any]) -> tuple[str, str]:
+    """The verdict's class in the style sheet, and its words; a job that broke off has none."""
+    return _HEADLINES.get(manifest["verdict"], ("errored", "No verdict"))
+
+
+def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
+    """One or two sentences: how many of how many cases, and by which criteria or reasons."""
+    counts = manifest["counts"]
+    planned = counts["planned"]
+    if manifest["verdict"] == "Passed":
+        return f"All {planned:,} cases passed." if planned != 1 else "The one case passed."
+    if not manifest["verdict"]:
+        return str(manifest["message"])
+    told = [
+        f"{counts[outcome]:,} {word}"
+        for outcome, word in (("failed", "failed"), ("invalid", "lack evidence"))
+        if counts[outcome]
+    ]
+    said = f"Of {planned:,} cases {' and '.join(told)}."
+    causes = _causes(data)
+    return f"{said} Most often: {causes}." if causes else said
+
+
+def _causes(data: Mapping[str, Any]) -> str:
+    """The criteria that failed most, else the reasons that were given most."""
+    found = Counter(
+        {criterion["name"]: criterion["outcomes"].count("F") for criterion in data["criteria"]}
+    )
+    if not +found:
+        reasons = data["cases"]["reason"]
+        found = Counter(reasons["values"][at] for at in reasons["at"] if reasons["values"][at])
+    return ", ".join(f"{name} ({count:,})" for name, count in found.most_common(3) if count)

@@ -1,0 +1,145 @@
+"""Partitions of `spark.read.format("rosbag")`, from the bags' heads and tails alone."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields, read_tail
+from bagpipe.plan.bag_tail import resolve as resolved
+from bagpipe.plan.fragments import Window, cut
+from bagpipe.storage import Storage, StorageError
+
+DEFAULT_FRAGMENT_SECONDS = 60.0
+_NANOSECONDS = 1_000_000_000
+
+
+class OptionError(ValueError):
+    """An option that can't be used; the sentence says what to write."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """The options of a read, as docs/reference/binpipe-api.md names them; times in ns."""
+
+    path: str
+    topics: tuple[str, ...]
+    fragment: int
+    decode: bool
+    start: int | None
+    end: int | None
+    volumes: tuple[tuple[str, str], ...]
+
+    @property
+    def storage(self) -> Storage:
+        """Where the bags are read from."""
+        return Storage(dict(self.volumes))
+
+
+def parse_options(given: Mapping[str, str]) -> Options:
+    """Options as Spark hands them over, all strings. Raises OptionError."""
+    path = given.get("path")
+    if not path:
+        raise OptionError("rosbag needs a path: spark.read.format('rosbag').load('s3://a/*.bag')")
+    try:
+        topics = tuple(resolved(t.strip()) for t in given.get("topics", "").split(",") if t.strip())
+        seconds = float(given.get("fragment", DEFAULT_FRAGMENT_SECONDS))
+        times = [int(given[key]) if key in given else None for key in ("start", "end")]
+        volumes = tuple(sorted(json.loads(given.get("volumes", "{}")).items()))
+    except (ValueError, AttributeError) as error:
+        raise OptionError(
+            "rosbag: fragment is seconds, start and end are integers of ns, volumes is a JSON map"
+            f" of claims to paths: {error}"
+        ) from error
+    if seconds <= 0:
+        raise OptionError(f"rosbag: fragment is {seconds} s, expected more than 0")
+    decode = given.get("decode", "false").lower() == "true"
+    if decode and len(topics) != 1:
+        raise OptionError("rosbag: decode=true needs exactly one topic, whose type the columns are")
+    return Options(path, topics, int(seconds * _NANOSECONDS), decode, times[0], times[1], volumes)
+
+
+@dataclass(frozen=True)
+class TopicType:
+    """What the messages of one connection are; `definition` is the bag's own text."""
+
+    topic: str
+    type: str
+    md5sum: str
+    definition: str
+
+
+@dataclass(frozen=True)
+class Fragment:
+    """One task: the messages with start <= time < end in the (offset, end) chunks of a bag."""
+
+    uri: str
+    window: Window
+    chunks: tuple[tuple[int, int], ...]
+    types: dict[int, TopicType]
+
+
+def plan(options: Options, storage: Storage) -> list[Fragment]:
+    """All fragments of all bags. Raises StorageError, also for a bag that can't be planned."""
+    uris = storage.expand(options.path)
+    if not uris:
+        raise StorageError(f"{options.path} names no bag")
+    return [fragment for uri in uris for fragment in _of_bag(options, storage, uri)]
+
+
+def topic_type(options: Options, storage: Storage) -> TopicType:
+    """The one type of the one topic. Raises StorageError where bags differ or none has it."""
+    found: dict[str, TopicType] = {}
+    for uri in storage.expand(options.path):
+        tail = _tail(storage, uri)
+        for kind in _types(options, storage, uri, tail.connections).values():
+            found[kind.md5sum] = kind
+    if len(found) != 1:
+        kinds = ", ".join(sorted(f"{kind.type} {md5}" for md5, kind in found.items())) or "none"
+        raise StorageError(
+            f"{options.topics[0]} in {options.path} has {len(found)} types ({kinds}); columns need"
+            " one: read without decode, or fewer bags"
+        )
+    return next(iter(found.values()))
+
+
+def _of_bag(options: Options, storage: Storage, uri: str) -> list[Fragment]:
+    tail = _tail(storage, uri)
+    types = _types(options, storage, uri, tail.connections)
+    found = []
+    for part in cut(tail, list(options.topics), options.fragment, 0):
+        start = max(part.window.start, options.start or part.window.start)
+        end = min(part.window.end, options.end or part.window.end)
+        chunks = tuple(
+            (chunk.offset, chunk.end)
+            for chunk in tail.chunks
+            if chunk.start_time < end and chunk.end_time >= start
+            if any(chunk.counts.get(connection) for connection in types)
+        )
+        if start < end and chunks:
+            found.append(Fragment(uri, Window(start, start, end), chunks, types))
+    return found
+
+
+def _tail(storage: Storage, uri: str) -> BagTail:
+    try:
+        return read_tail(
+            lambda offset, length: storage.read(uri, offset, length), storage.size(uri)
+        )
+    except BagError as error:
+        raise StorageError(f"{uri}: {error}") from error
+
+
+def _types(
+    options: Options, storage: Storage, uri: str, connections: list[Connection]
+) -> dict[int, TopicType]:
+    found = {}
+    for connection in connections:
+        if options.topics and connection.topic not in options.topics:
+            continue
+        record = storage.read(uri, connection.offset, connection.length)
+        fields = connection_fields(record, connection.offset)
+        text = fields.get("message_definition", b"").decode(errors="replace")
+        md5sum = fields.get("md5sum", b"").decode(errors="replace")
+        definition = text if options.decode else ""
+        found[connection.id] = TopicType(connection.topic, connection.datatype, md5sum, definition)
+    return found

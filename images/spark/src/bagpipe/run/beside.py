@@ -1,0 +1,52 @@
+"""Recorded topics beside a simulator: what has come due since the moment before."""
+
+import heapq
+from collections.abc import Iterator
+from typing import Any
+
+from bagpipe.pipe.session import SessionError
+from bagpipe.plan.bag_tail import resolve
+from bagpipe.plan.case import Case
+from bagpipe.run.pieces import Heard, PartReader
+from bagpipe.simulator.messages import Publication
+from bagpipe.storage import Storage
+
+
+class RecordedTopics:
+    """The parts of a case, heard at the same time as its simulator.
+
+    A message is due in the first moment that is not before it. Raises SessionError, also where a
+    topic was recorded with two types, and StorageError.
+    """
+
+    def __init__(self, case: Case, storage: Storage) -> None:
+        readers = [PartReader(part, storage) for part in case.parts]
+        self.publications = _publications([c for each in readers for c in each.connections])
+        self._latched = [heard for reader in readers for heard in reader.latched()]
+        by_time = [reader.messages() for reader in readers]
+        self._coming: Iterator[Heard] = heapq.merge(*by_time, key=lambda heard: heard.time)
+        self._next: Heard | None = next(self._coming, None)
+
+    def due(self, time: int) -> list[tuple[str, bytes]]:
+        """What is heard at `time`, in ns of the case's time: topics and serialised messages."""
+        heard, self._latched = self._latched, []
+        while self._next is not None and self._next.time <= time:
+            heard.append(self._next)
+            self._next = next(self._coming, None)
+        return [(resolve(each.connection.topic), each.data) for each in heard]
+
+
+def _publications(connections: list[Any]) -> list[Publication]:
+    found: dict[str, Publication] = {}
+    for each in connections:
+        topic = resolve(each.topic)
+        before = found.get(topic)
+        if before is not None and (before.type, before.md5sum) != (each.type, each.md5sum):
+            raise SessionError(
+                "BagUnreadable",
+                f"{topic} was recorded as {before.type} and as {each.type}: leave it out of"
+                " source.simulator.recorded",
+            )
+        latching = each.latching or (before is not None and before.latching)
+        found[topic] = Publication(topic, each.type, each.md5sum, each.definition, latching)
+    return list(found.values())

@@ -1,0 +1,59 @@
+"""The verdict on a case of the exec engine: the program's own, if it ended as it should."""
+
+import json
+import re
+from typing import Any
+
+from bagpipe.pipe.session import SessionError
+from bagpipe.run.exec_outputs import REASON
+from bagpipe.run.judge import Judgement
+
+_MAX_MESSAGE = 2000
+_REASON = re.compile(r"[A-Z][A-Za-z0-9]{0,63}")
+
+
+def judge_program(result: dict[str, Any]) -> Judgement:
+    """Judge a RESULT map of the exec engine (docs/reference/binpipe.md, "The exec engine").
+
+    Raises SessionError where the agent's answer is none of that engine, or the program's own
+    RESULT could not be written as JSON.
+    """
+    if result.get("engine") != "exec":
+        raise SessionError(
+            "ProtocolError",
+            "the agent answered as another engine than exec: use one release's images together",
+        )
+    stack = result["stack"]
+    if stack["exit_status"] != 0:
+        raise SessionError("StackExited", f"the program's exit status is {stack['exit_status']}")
+    program = result.get("program")
+    if program is None:
+        if result["records_out"]:
+            return Judgement("passed")
+        return Judgement(
+            "invalid",
+            "NothingRecorded",
+            "the program gave back neither a file nor a RESULT, so nothing speaks for it",
+        )
+    try:
+        json.dumps(program, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise SessionError(REASON, f"the program's RESULT is not JSON: {error}") from error
+    return _own_word(program)
+
+
+def _own_word(program: dict[str, Any]) -> Judgement:
+    outcome = program.get("outcome", "passed")
+    message = str(program.get("message", ""))[:_MAX_MESSAGE]
+    if outcome == "passed":
+        return Judgement("passed", "", message)
+    if outcome not in {"failed", "invalid"}:
+        return Judgement(
+            "invalid",
+            "UnknownOutcome",
+            f"the program's outcome is {str(outcome)[:100]!r}: write passed, failed or invalid",
+        )
+    reason = program.get("reason")
+    if not isinstance(reason, str) or not _REASON.fullmatch(reason):
+        reason = "ProgramFailed" if outcome == "failed" else "ProgramInvalid"
+    return Judgement(outcome, reason, message or f"the program says {outcome}, and not why")

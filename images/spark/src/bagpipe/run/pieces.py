@@ -1,0 +1,155 @@
+"""The messages of a case's parts, shifted into the case's time, and a sequence of them as a bag."""
+
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import bagpipe
+from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
+from bagpipe.pipe.session import InputFile, SessionError
+from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_tail import resolve
+from bagpipe.plan.case import Case
+from bagpipe.plan.parts import Part
+from bagpipe.run.stamps import StampError, moved
+from bagpipe.storage import Storage
+
+# Of a part's bytes as they are stored, of its uncompressed chunks, and of a whole sequence.
+_MOST_BYTES = 1 << 30
+
+
+@dataclass(frozen=True)
+class Heard:
+    """A message of a part: its connection in the part's bag, its time in the case in ns, its
+    bytes with their headers' stamps moved, and as they were recorded.
+    """
+
+    connection: Any
+    time: int
+    data: bytes
+    recorded: bytes
+
+
+class PartReader:
+    """One part's piece of its bag, held in memory."""
+
+    def __init__(self, part: Part, storage: Storage) -> None:
+        self._part = part
+        if part.bytes > _MOST_BYTES:
+            raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
+        data = io.BytesIO()
+        data.write(unindexed_head())
+        ranges = part.connections + part.ranges
+        for piece in storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version):
+            data.write(piece)
+        try:
+            self._bag = bagpipe.MemoryBag(data.getvalue(), decompressed_bytes=_MOST_BYTES)
+        except ValueError as error:
+            raise _unreadable(part, str(error)) from error
+
+    @property
+    def connections(self) -> list[Any]:
+        """Those of the topics to be played, in the bag's order."""
+        wanted = self._part.topics
+        return [c for c in self._bag.connections if not wanted or resolve(c.topic) in wanted]
+
+    def latched(self) -> list[Heard]:
+        """What each latching publisher said last before the part, at the part's start."""
+        start = self._part.window.lead_in_start
+        last: dict[tuple[str, str], tuple[Any, int, memoryview]] = {}
+        topics = sorted({c.topic for c in self.connections if c.latching})
+        if topics:
+            for found in self._messages(topics, 0, start):
+                if found[0].latching:
+                    last[publisher(found[0])] = found
+        in_order = sorted(last.values(), key=lambda found: found[1])
+        return [self._heard(connection, start, raw) for connection, _, raw in in_order]
+
+    def messages(self) -> Iterator[Heard]:
+        """The lead-in and the window, in the bag's order. Raises SessionError."""
+        window = self._part.window
+        topics = sorted({connection.topic for connection in self.connections})
+        for connection, time, raw in self._messages(topics, window.lead_in_start, window.end):
+            yield self._heard(connection, time, raw)
+
+    def _messages(
+        self, topics: list[str], start: int, end: int
+    ) -> Iterator[tuple[Any, int, memoryview]]:
+        try:
+            yield from self._bag.messages(topics, start, end)
+        except ValueError as error:
+            raise _unreadable(self._part, str(error)) from error
+        if (damage := self._bag.damage) is not None:
+            raise _unreadable(self._part, f"expected {damage.description}")
+
+    def _heard(self, connection: Any, time: int, raw: memoryview) -> Heard:
+        recorded = bytes(raw)
+        try:
+            data = moved(connection.type, connection.definition, recorded, self._part.shift)
+        except StampError as error:
+            raise _unreadable(
+                self._part,
+                f"{connection.topic} at {time / 1e9:.3f} s can't be moved in time: {error}. Leave"
+                " the topic out",
+            ) from error
+        return Heard(connection, time + self._part.shift, data, recorded)
+
+
+def publisher(connection: Any) -> tuple[str, str]:
+    """Whose latched message it is that another one replaces."""
+    return resolve(connection.topic), connection.callerid or ""
+
+
+def sequence_bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
+    """The case's parts one after the other as one bag, in the case's time.
+
+    A part begins with the latched messages that were in force at its start, if the sequence has
+    not said the same before; those of the first part lie 1 ns before the lead-in, where they count
+    as latched and not as played. Raises SessionError and StorageError.
+    """
+    writer = bagpipe.MemoryBag.writer(byte_budget=_MOST_BYTES)
+    in_force: dict[tuple[str, str], bytes] = {}
+    for number, part in enumerate(case.parts):
+        reader = PartReader(part, storage)
+        for heard in reader.latched():
+            if in_force.get(publisher(heard.connection)) != heard.recorded:
+                _write(writer, heard, heard.time if number else max(0, heard.time - 1))
+                in_force[publisher(heard.connection)] = heard.recorded
+        for heard in reader.messages():
+            _write(writer, heard, heard.time)
+            if heard.connection.latching:
+                in_force[publisher(heard.connection)] = heard.recorded
+    return writer.finish()
+
+
+def sequence_file(case: Case, storage: Storage, name: str) -> InputFile:
+    """The case's input: the whole sequence, which is made before the first byte goes out."""
+    bag = sequence_bag(case, storage).view()
+    pieces = range(0, len(bag), MAX_PAYLOAD_BYTES)
+    return InputFile(
+        name, len(bag), [], lambda: (bytes(bag[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
+    )
+
+
+def _write(writer: Any, heard: Heard, time: int) -> None:
+    connection = heard.connection
+    try:
+        writer.write(
+            connection.topic,
+            time,
+            heard.data,
+            type=connection.type,
+            md5sum=connection.md5sum,
+            definition=connection.definition,
+            callerid=connection.callerid,
+            latching=connection.latching,
+        )
+    except ValueError as error:
+        raise SessionError(
+            "MemoryBudgetExceeded", f"the sequence does not fit: {error}. Make it shorter"
+        ) from error
+
+
+def _unreadable(part: Part, why: str) -> SessionError:
+    return SessionError("BagUnreadable", f"{part.bag}: {why}")

@@ -1,0 +1,63 @@
+"""A simulated drive in place of a recording: the worker's half of its turns with the stack."""
+
+import dataclasses
+from typing import Any
+
+from bagpipe.pipe.session import SessionError
+from bagpipe.plan.cases import Case
+from bagpipe.plan.simulated import scenario_of
+from bagpipe.run.beside import RecordedTopics
+from bagpipe.run.judge import Judgement
+from bagpipe.simulator.messages import ControlError
+from bagpipe.simulator.model import Simulator
+from bagpipe.simulator.world import NeverAnsweredError, Steering, World
+from bagpipe.spec import SimulationJobSpec, records
+from bagpipe.storage import Storage
+
+
+class Drive:
+    """One case's world, as a partner of the session. Raises SessionError and StorageError."""
+
+    def __init__(
+        self, case: Case, spec: SimulationJobSpec, simulator: Simulator, storage: Storage
+    ) -> None:
+        steps = [s for s in spec.playback.steps if s.answer == simulator.topics.control]
+        required = frozenset(step.trigger for step in steps if not step.optional)
+        steering = Steering(required, bool(required))
+        beside = RecordedTopics(case, storage) if case.parts else None
+        scenario = scenario_of(simulator, case.conditions)
+        self._world = World(simulator, scenario, steering, beside)
+        named = spec.record.topics if spec.record else []
+        own = set(simulator.topics.spoken)
+        self._recorded = {
+            each.topic: each.topic in own or any(records(name, each.topic) for name in named)
+            for each in self._world.publications
+        }
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """The case's `simulator` in HELLO."""
+        listed = [
+            dataclasses.asdict(each) | {"recorded": self._recorded[each.topic]}
+            for each in self._world.publications
+        ]
+        return {"publications": listed}
+
+    def step(self, answer: dict[str, Any], /) -> dict[str, Any] | None:
+        """The next moment. Raises SessionError where the stack does not steer."""
+        try:
+            return self._world.step(answer)
+        except ControlError as error:
+            raise SessionError("BadControl", str(error)) from error
+        except NeverAnsweredError as error:
+            raise SessionError("StackNeverAnswered", str(error)) from error
+
+
+def judge_steering(result: dict[str, Any], judgement: Judgement, control: str) -> Judgement:
+    """A drive that nobody ever steered proves nothing of the stack, whatever was recorded."""
+    steps = result["playback"].get("steps", [])
+    if any(step["answered"] for step in steps if step["answer"] == control):
+        return judgement
+    return Judgement(
+        "invalid", "NothingAnswered", f"the stack never steered: nothing came on {control} in time"
+    )

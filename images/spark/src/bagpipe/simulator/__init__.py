@@ -1,0 +1,1 @@
+"""A closed-loop driving simulator that speaks ROS 1 messages (docs/concepts/simulator.md)."""

@@ -1,0 +1,153 @@
+"""The door to storage: every method takes URIs as the user wrote them."""
+
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from bagpipe.storage.backend import Sink, Stat
+from bagpipe.storage.faults import StorageError, told
+from bagpipe.storage.globs import is_pattern
+from bagpipe.storage.kinds import locate, restore
+from bagpipe.storage.reading import OpenFile
+from bagpipe.storage.retries import Clock, Patience, persistently
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Storage:
+    """Access to URIs, given where each volume claim is mounted (claim name to path).
+
+    Credentials come from the environment of the process alone. Every method raises
+    StorageError, whose sentence names the URI; none waits longer than `patience` allows.
+    """
+
+    volumes: dict[str, str]
+    patience: Patience = field(default_factory=Patience)
+    clock: Clock = field(default_factory=Clock)
+
+    def expand(self, pattern: str) -> list[str]:
+        """The URIs that a pattern names, sorted; empty where there is none."""
+        if not is_pattern(pattern):
+            return [pattern] if self.exists(pattern) else []
+        backend, path = locate(pattern, self.volumes, self.patience)
+        with told(pattern, "read"):
+            found = self._asked(lambda: backend.glob(path))
+        return sorted(restore(pattern, name, self.volumes) for name in found)
+
+    def exists(self, uri: str) -> bool:
+        """Whether there is a file (not a folder) of that name."""
+        backend, path = locate(uri, self.volumes, self.patience)
+        with told(uri, "read"):
+            try:
+                self._asked(lambda: backend.stat(path))
+            except FileNotFoundError:
+                return False
+            return True
+
+    def open(self, uri: str, version: str = "") -> OpenFile:
+        """A file for reading, with its size and version, by one request.
+
+        With a `version` from an earlier look: also refuses a file that changed since.
+        """
+        backend, path = locate(uri, self.volumes, self.patience)
+        with told(uri, "read"):
+            stat = self._asked(lambda: backend.stat(path))
+        if version and stat.version != version:
+            raise StorageError(
+                f"{uri} is no longer the file that was planned: it was replaced or appended to;"
+                " run the job again when nothing writes to it"
+            )
+        return OpenFile(uri, stat, backend, path, self.patience, self.clock)
+
+    def stat(self, uri: str) -> Stat:
+        """Bytes of a file, and a mark that changes with its content."""
+        return self.open(uri).stat
+
+    def size(self, uri: str) -> int:
+        """Bytes of a file."""
+        return self.open(uri).size
+
+    def read(self, uri: str, offset: int, length: int) -> bytes:
+        """`length` bytes from `offset`, fewer only at the end of the file."""
+        return self.open(uri).read(offset, length)
+
+    def read_all(self, uri: str, limit_bytes: int) -> bytes:
+        """A whole file; a longer one than `limit_bytes` is an error."""
+        file = self.open(uri)
+        if file.size > limit_bytes:
+            raise StorageError(
+                f"{uri} has {file.size} bytes where at most {limit_bytes} are expected"
+            )
+        return file.read(0, file.size)
+
+    def pieces(
+        self, uri: str, ranges: list[tuple[int, int]], piece_bytes: int, version: str = ""
+    ) -> Iterator[bytes]:
+        """The (offset, length) ranges of a file, in order, in pieces of at most `piece_bytes`.
+
+        Raises StorageError also where the file ends before a range does, or is no longer the
+        one that had `version` (empty: the one that is there when reading begins).
+        """
+        yield from self.open(uri, version).pieces(ranges, piece_bytes)
+
+    @contextmanager
+    def create(self, uri: str) -> Iterator["NewFile"]:
+        """A new file that appears under its name only when the block ends well.
+
+        What the block raises passes unchanged.
+        """
+        backend, path = locate(uri, self.volumes, self.patience)
+        with told(uri, "written"):
+            sink = self._asked(lambda: backend.create(path))
+        try:
+            yield NewFile(uri, sink)
+            with told(uri, "written"):
+                sink.commit()
+        finally:
+            with told(uri, "written"):
+                sink.abandon()
+
+    def put_once(self, uri: str, data: bytes) -> bool:
+        """Create a file with all of `data`, unless a file has that name: then False.
+
+        Of several callers at the same time, in whatever pods, exactly one gets True. Nobody
+        ever sees the file half written.
+        """
+        backend, path = locate(uri, self.volumes, self.patience)
+        writer = uuid.uuid4().hex
+        with told(uri, "written"):
+            return self._asked(lambda: backend.put_once(path, data, writer))
+
+    def names(self, folder: str) -> list[str]:
+        """The names in a folder, sorted; empty where it does not exist.
+
+        On volumes and HDFS, writers that died may have left names that end in `.part`.
+        """
+        backend, path = locate(folder, self.volumes, self.patience)
+        with told(folder, "read"):
+            return sorted(self._asked(lambda: backend.names(path)))
+
+    def remove(self, uri: str) -> None:
+        """Remove a file that may be gone already."""
+        backend, path = locate(uri, self.volumes, self.patience)
+        with told(uri, "removed"):
+            self._asked(lambda: backend.remove(path))
+
+    def _asked(self, ask: Callable[[], T]) -> T:
+        return persistently(ask, self.patience, self.clock)
+
+
+@dataclass(frozen=True)
+class NewFile:
+    """A file that is being written; its faults name the URI."""
+
+    uri: str
+    _sink: Sink
+
+    def write(self, data: bytes) -> None:
+        """Append. Raises StorageError, for example on a full volume."""
+        with told(self.uri, "written"):
+            self._sink.write(data)

@@ -1,0 +1,96 @@
+"""Texts of a spec that several of its parts have: durations, names of topics, URIs of files."""
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+_DURATION = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h)")
+_UNIT_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+def duration_seconds(text: str) -> float:
+    """Seconds of a duration such as `20s`, `1m30s` or `500ms`.
+
+    Raises ValueError for anything else.
+    """
+    if not re.fullmatch(rf"(?:{_DURATION.pattern})+", text):
+        raise ValueError(f"{text!r} is not a duration: write for example 20s, 1m30s or 500ms")
+    return sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
+
+
+_KNOWN_URI = re.compile(
+    r"(s3|gs|az)://[a-z0-9][a-z0-9._-]*/"
+    r"|(hdfs|https)://[A-Za-z0-9.-]+(:[0-9]+)?/"
+    r"|pvc://[a-z0-9]([-a-z0-9.]*[a-z0-9])?/"
+    r"|file:///"
+)
+_CREDENTIAL = re.compile(
+    r"^[a-z0-9]+://[^/]*@|[?&]([Xx]-[A-Za-z]+-|sig=|AWSAccessKeyId=|[Tt]oken=)"
+)
+
+
+def _known_uri(uri: str) -> str:
+    if _CREDENTIAL.search(uri):
+        # The URI itself is not repeated: what is said here ends up in a status and in logs.
+        raise ValueError(
+            "a URI must hold no credential: put it into a Secret and write that Secret's name in"
+            " storage.secrets"
+        )
+    if not _KNOWN_URI.match(uri):
+        raise ValueError(
+            f"{uri!r} has no known scheme: write pvc://<claim>/<path>, s3://<bucket>/<path>,"
+            " hdfs://<namenode>:<port>/<path>, gs://, az://, https:// or file:///<path>"
+        )
+    if ".." in uri.split("/"):
+        raise ValueError(f"{uri!r} leaves its volume: write the path without '..'")
+    return uri
+
+
+def _bag_uri(uri: str) -> str:
+    if uri.startswith("https://") and re.search(r"[*?#]", uri):
+        raise ValueError(
+            f"{uri!r}: a web server has no list of its files: write each bag's URI without"
+            " wildcards and without a query"
+        )
+    return uri
+
+
+def _writable_uri(uri: str) -> str:
+    if uri.startswith("https://"):
+        raise ValueError(
+            f"{uri!r} is a web server, which can only be read from: write the URI of a volume, a"
+            " bucket or HDFS"
+        )
+    return uri
+
+
+def _secret_name(name: str) -> str:
+    if not re.fullmatch(r"[a-z0-9]([-a-z0-9.]*[a-z0-9])?", name):
+        raise ValueError(f"{name!r} can't be the name of a Secret")
+    return name
+
+
+def _positive_duration(text: str) -> str:
+    if duration_seconds(text) <= 0:
+        raise ValueError(f"{text!r} must be above zero")
+    return text
+
+
+def _any_duration(text: str) -> str:
+    duration_seconds(text)
+    return text
+
+
+def _absolute_name(name: str) -> str:
+    if not name.startswith("/"):
+        raise ValueError(f"{name!r} must begin with a slash: write /{name}")
+    return name
+
+
+BagUri = Annotated[str, AfterValidator(_known_uri), AfterValidator(_bag_uri)]
+OutputUri = Annotated[str, AfterValidator(_known_uri), AfterValidator(_writable_uri)]
+SecretName = Annotated[str, AfterValidator(_secret_name)]
+Name = Annotated[str, AfterValidator(_absolute_name)]
+Duration = Annotated[str, AfterValidator(_any_duration)]
+PositiveDuration = Annotated[str, AfterValidator(_positive_duration)]

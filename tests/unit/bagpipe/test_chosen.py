@@ -1,0 +1,51 @@
+"""Some of a plan's cases, by number and by name."""
+
+import pytest
+
+from bagpipe.driver.chosen import NoCaseError, chosen
+from bagpipe.plan.cases import Case, Plan, Unplanned
+from bagpipe.plan.fragments import Window
+
+
+def case(name: str) -> Case:
+    return Case(name, "pvc://r/a.bag", "v", Window(0, 0, 1), [], [], 1)
+
+
+LOST = Unplanned("lost", "pvc://r/lost.bag", "BagMissing", "no file")
+# The biggest case is first, as plans have it, whatever its name.
+PLAN = Plan([case("b-0001"), case("a-0002"), case("a-0001"), case("b-0000")], [LOST])
+
+
+@pytest.mark.parametrize(
+    ("wanted", "names", "bags"),
+    [
+        ([], ["b-0001", "a-0002", "a-0001", "b-0000"], ["lost"]),
+        (["2"], ["a-0002", "a-0001"], ["lost"]),
+        (["9"], ["b-0001", "a-0002", "a-0001", "b-0000"], ["lost"]),
+        (["b-*"], ["b-0001", "b-0000"], []),
+        (["a-0001", "b-0000"], ["a-0001", "b-0000"], []),
+        (["?-*", "1"], ["a-0001"], []),
+        (["lost"], [], ["lost"]),
+    ],
+)
+def test_what_is_wanted_is_left_in_the_plan_s_order(
+    wanted: list[str], names: list[str], bags: list[str]
+) -> None:
+    left = chosen(PLAN, wanted)
+    assert [each.id for each in left.cases] == names
+    assert [each.id for each in left.unplanned] == bags
+
+
+def test_names_that_nothing_has_are_refused_with_the_first_that_there_is() -> None:
+    with pytest.raises(NoCaseError, match=r"none of the 4 cases is called x\* or y; the first is"):
+        chosen(PLAN, ["x*", "y"])
+    with pytest.raises(NoCaseError, match="the first is a-0001"):
+        chosen(PLAN, ["0", "x*"])
+    with pytest.raises(NoCaseError, match="the first is a-0001"):
+        chosen(Plan(PLAN.cases, []), ["x*"])
+    with pytest.raises(NoCaseError, match="none of the 0 cases is called x; the first is lost"):
+        chosen(Plan([], [LOST]), ["x"])
+
+
+def test_a_plan_of_nothing_stays_one() -> None:
+    assert chosen(Plan([], []), ["x"]) == Plan([], [])

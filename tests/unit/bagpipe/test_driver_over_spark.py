@@ -1,0 +1,301 @@
+"""The driver over a real local Spark: rows once each, a successor, a poisonous case, a stop."""
+
+import dataclasses
+import gc
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pyspark import SparkConf, SparkContext
+
+from bagpipe.driver import __main__ as driver
+from bagpipe.driver import simulate as simulate_module
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.keep import Keeper
+from bagpipe.driver.metrics import DriverMetrics
+from bagpipe.driver.progress import Progress
+from bagpipe.driver.results import Results
+from bagpipe.driver.row_file import RowFile
+from bagpipe.driver.simulate import simulate
+from bagpipe.plan.cases import Case, plan
+from bagpipe.run.case_run import Row, RunContext
+from bagpipe.storage import Storage
+from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved
+from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
+
+COMPLETED = "spark_executor_completed_tasks_total"
+
+
+@pytest.fixture(scope="module")
+def spark() -> Iterator[SparkContext]:
+    # Spark's Python workers are to be the Python that runs the tests, whatever PATH says.
+    os.environ["PYSPARK_PYTHON"] = sys.executable
+    conf = SparkConf().setMaster("local[2, 9]").set("spark.ui.enabled", "false")
+    conf.set("spark.driver.host", "127.0.0.1").set("spark.driver.bindAddress", "127.0.0.1")
+    conf.set("spark.executor.heartbeatInterval", "500ms")
+    context = SparkContext(conf=conf)
+    yield context
+    context.stop()
+
+
+class World:
+    """Six bags, a results folder, and a slot for a fake agent."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        self.volumes = {name: str(tmp_path / name) for name in ("recordings", "results")}
+        (tmp_path / "recordings").mkdir()
+        (tmp_path / "results").mkdir()
+        for name in "abcdef":
+            write_bag(tmp_path / f"recordings/{name}.bag", steady("/scan", 20, 10_000_000))
+        self.job = make_job(self.volumes)
+        self.storage = Storage(self.volumes)
+        self.results = Results(self.job, self.storage)
+        self.cases = plan(make_spec(), self.storage).cases
+        self.slot = make_slot(tmp_path / "s")
+        self.context = RunContext(
+            "lab/drive", make_spec(), self.volumes, self.results.folder, str(tmp_path / "s")
+        )
+        self.rows = RowFile(tmp_path / "rows")
+        self.journal = Journal(self.storage, self.results.folder, 1)
+
+    def keeper(self, max_failed: int | None = None) -> Keeper:
+        progress = Progress(self.results.folder)
+        progress.begin(len(self.cases))
+        return Keeper(progress, self.rows, self.journal, max_failed)
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path)
+
+
+def test_cases_over_spark_come_back_once_each(spark: SparkContext, world: World) -> None:
+    keeper = world.keeper()
+    with FakeAgent(world.slot, *[well_behaved()] * 6):
+        simulate(spark, world.cases, world.context, keeper)
+    rows = list(world.rows.rows())
+    assert [each["case"] for each in rows] == [f"{name}-0000" for name in "abcdef"]
+    assert {each["outcome"] for each in rows} == {"passed"}
+    assert keeper.progress.finish()
+    assert keeper.progress.snapshot()["cases"]["passed"] == 6
+
+
+def test_what_a_worker_loaded_is_no_garbage_to_look_for_after_each_case(
+    spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def counts(case: Case, _context: RunContext, _starts: int) -> Row:
+        return make_row(case.id) | {"attempts": len(gc.get_objects())}
+
+    monkeypatch.setattr(simulate_module, "run_case", counts)
+    simulate(spark, world.cases, world.context, world.keeper())
+    # More than 200,000 objects of modules are there, unless they are frozen.
+    assert max(row["attempts"] for row in world.rows.rows()) < 20_000
+
+
+def test_sparks_executors_are_told_by_its_own_figures(spark: SparkContext, world: World) -> None:
+    metrics = DriverMetrics(Progress(world.results.folder), world.job)
+    keeper = dataclasses.replace(world.keeper(), counted=metrics.count)
+    before = metrics.registry.get_sample_value(COMPLETED, {"executor": "driver"}) or 0
+    with FakeAgent(world.slot, *[well_behaved()] * 6):
+        simulate(spark, world.cases, world.context, keeper)
+    value = metrics.registry.get_sample_value
+    deadline = time.monotonic() + 10  # Spark counts its tasks a moment after they have ended
+    while value(COMPLETED, {"executor": "driver"}) != before + 6 and time.monotonic() < deadline:
+        threading.Event().wait(0.05)
+    assert value(COMPLETED, {"executor": "driver"}) == before + 6
+    assert (value("spark_executor_storage_memory_max_bytes", {"executor": "driver"}) or 0) > 1e6
+    assert value("spark_executor_tasks_max", {"executor": "driver"}) == 2
+    heap = "spark_executor_jvm_heap_peak_bytes"
+    while value(heap, {"executor": "driver"}) is None and time.monotonic() < deadline:
+        threading.Event().wait(0.05)
+    assert (value(heap, {"executor": "driver"}) or 0) > 1e7
+    # All of local Spark is its driver; a job of the default wants one executor.
+    assert value("bagpipe_executors", {"state": "registered"}) == 0
+    assert value("bagpipe_executors", {"state": "wanted"}) == world.job.spec.spark.executors
+    assert value("bagpipe_cases_ended_total", {"outcome": "passed"}) == 6
+    read = sum(case.bytes for case in world.cases)
+    counted = value("bagpipe_fragment_read_bytes_total")
+    assert counted is not None
+    assert 0 <= counted - read <= 6 * 100  # the head of each stream is no byte of the bag
+
+
+def test_every_round_is_run_counted_and_recorded_as_a_case_of_its_own(
+    spark: SparkContext, world: World
+) -> None:
+    spec = make_spec(playback={"repeat": 3})
+    planned = plan(spec, world.storage).cases[:3]
+    context = dataclasses.replace(world.context, spec=spec)
+    keeper = world.keeper()
+    with FakeAgent(world.slot, *[well_behaved()] * 3):
+        simulate(spark, planned, context, keeper)
+    rows = list(world.rows.rows())
+    assert [each["case"] for each in rows] == ["a-0000-r0", "a-0000-r1", "a-0000-r2"]
+    assert len({each["recorded"] for each in rows}) == 3
+    assert keeper.progress.snapshot()["cases"]["passed"] == 3
+
+
+def test_a_job_is_stopped_before_its_other_cases_run(
+    spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(case: Case, _context: RunContext, _starts: int) -> Row:
+        threading.Event().wait(0.05)
+        return {"case": case.id, "outcome": "errored", "reason": "X", "message": "", "attempts": 1,
+                "recorded": None, "result": None}  # fmt: skip
+
+    monkeypatch.setattr(simulate_module, "run_case", fails)
+    keeper = world.keeper(max_failed=0)
+    many = [dataclasses.replace(world.cases[0], id=f"case-{n}") for n in range(2000)]
+    simulate(spark, many, world.context, keeper)
+    assert keeper.stop is not None
+    assert keeper.stop.reason == "TooManyFailedCases"
+    # 2,000 cases of 50 ms on two processors would take 50 s; it is looked twice a second.
+    assert 1 <= len(world.rows) < 1000
+
+
+def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
+    spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """SIGTERM in the middle: status 143, no manifest, an account that is no end of the job."""
+
+    def passes(case: Case, _context: RunContext, _starts: int) -> Row:
+        threading.Event().wait(0.05)
+        return make_row(case.id)
+
+    def shares(_job: object, cases: list[Case], keeper: Keeper) -> None:
+        def interrupt() -> None:
+            deadline = time.monotonic() + 60
+            while not keeper.progress.snapshot()["cases"]["passed"] and time.monotonic() < deadline:
+                threading.Event().wait(0.05)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+        many = [dataclasses.replace(cases[0], id=f"case-{n}") for n in range(2000)]
+        threading.Thread(target=interrupt, daemon=True).start()
+        simulate(spark, many, world.context, keeper)
+
+    monkeypatch.setattr(simulate_module, "run_case", passes)
+    monkeypatch.setattr(driver, "_simulate", shares)
+    interruption, progress = driver.Interruption(), Progress(world.results.folder)
+    before = signal.signal(signal.SIGTERM, interruption)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            driver.run(world.job, progress, interruption)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert ended.value.code == 143
+    rows = list(world.journal.rows())
+    assert 1 <= len(rows) < 1000
+    assert len(rows) == progress.snapshot()["cases"]["passed"]
+    assert not world.results.is_committed()
+    progress.interrupt()
+    assert (progress.phase, progress.snapshot()["cases"]["running"]) == ("Running", 0)
+
+
+def test_an_interruption_before_there_are_rows_ends_at_once() -> None:
+    with pytest.raises(SystemExit) as ended:
+        driver.Interruption()(signal.SIGTERM, None)
+    assert ended.value.code == 143
+
+
+def test_a_case_that_takes_its_executors_with_it_is_quarantined(
+    spark: SparkContext, world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Ends the Python worker as the kernel's OOM killer would: Spark sees no exception and no row.
+    marks = tmp_path / "marks"
+    marks.mkdir()
+
+    def dies(case: Case, _context: RunContext, _starts: int) -> None:
+        (marks / f"{case.id}.{len(list(marks.iterdir()))}").touch()
+        os._exit(137)
+
+    monkeypatch.setattr(simulate_module, "run_case", dies)
+    keeper = world.keeper()
+    simulate(spark, world.cases[:1], world.context, keeper)
+    (row,) = world.rows.rows()
+    assert (row["outcome"], row["reason"]) == ("errored", "ExecutorLost")
+    # It was started as often as the row says, and no start of it ended.
+    assert (row["starts"], row["attempts"], row["discarded"]) == (4, 0, [])
+    assert len(list(marks.iterdir())) == 4
+    assert row["message"].startswith(
+        "this case was started 4 times and no executor brought it to an end, at least 3 of them"
+    )
+    assert keeper.progress.snapshot()["cases"]["retried"] == 3
+
+
+def test_a_row_says_how_often_its_case_was_started_before_it_ended(
+    spark: SparkContext, world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+
+    def dies_twice(case: Case, _context: RunContext, starts: int) -> Row:
+        (marks / str(starts)).touch()
+        if starts < 3:
+            os._exit(137)
+        discarded = ["DeliveryIncomplete"]
+        return make_row(case.id, attempts=2, discarded=discarded, starts=starts)
+
+    monkeypatch.setattr(simulate_module, "run_case", dies_twice)
+    keeper = world.keeper()
+    simulate(spark, world.cases[:1], world.context, keeper)
+    (row,) = world.rows.rows()
+    assert (row["starts"], row["attempts"], row["discarded"]) == (3, 2, ["DeliveryIncomplete"])
+    assert sorted(path.name for path in marks.iterdir()) == ["1", "2", "3"]
+    # Two starts that were lost and one try that was lossy do not count.
+    assert keeper.progress.snapshot()["cases"]["retried"] == 3
+
+
+def test_a_driver_after_a_commit_runs_nothing(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for case in world.cases:
+        world.rows.add(make_row(case.id))
+    keeper = world.keeper()
+    for row in world.rows.rows():
+        keeper.progress.add(row)
+    world.journal.append(list(world.rows.rows()))
+    world.results.commit(world.rows, keeper.progress, "the first driver")
+    monkeypatch.setattr(driver, "plan", None)
+    progress = Progress(world.results.folder)
+    assert driver.run(world.job, progress)
+    told = progress.snapshot()
+    assert (told["phase"], told["verdict"], told["cases"]["passed"]) == ("Complete", "Passed", 6)
+    assert world.results.is_published()
+    assert world.storage.names(f"{world.results.folder}/journal") == []
+
+
+def test_a_successor_runs_only_what_is_left(
+    spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def shares(_job: object, cases: list[Case], keeper: Keeper) -> None:
+        ran.append([case.id for case in cases])
+        simulate(spark, cases, world.context, keeper)
+
+    ran: list[list[str]] = []
+    monkeypatch.setattr(driver, "_simulate", shares)
+    done = world.cases[:4]
+    world.journal.append(
+        [
+            make_row(
+                case.id,
+                fragment=case.fragment,
+                bag=case.bag,
+                bag_version=case.bag_version,
+                window=[case.window.lead_in_start, case.window.start, case.window.end],
+            )
+            for case in done
+        ]
+    )
+    progress = Progress(world.results.folder)
+    with FakeAgent(world.slot, *[well_behaved()] * 2):
+        assert driver.run(world.job, progress)
+    assert ran == [sorted(case.id for case in world.cases[4:])]
+    assert progress.snapshot()["cases"]["passed"] == 6
+    manifest = world.results.committed()
+    assert manifest is not None
+    assert [entry["case"] for entry in manifest["cases"]] == sorted(c.id for c in world.cases)

@@ -1,0 +1,306 @@
+"""Rows, journal, manifest: each case counts once, whatever dies between them."""
+
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.keep import Keeper, segment_seconds
+from bagpipe.driver.patience import patiently
+from bagpipe.driver.progress import Progress
+from bagpipe.driver.results import Results, results_uri
+from bagpipe.driver.row_file import RowFile
+from bagpipe.plan.cases import Case, Plan, Unplanned
+from bagpipe.plan.fragments import Window
+from bagpipe.run.case_run import Row, unplanned_row
+from bagpipe.storage import Storage, StorageError
+from tests.unit.bagpipe.jobs import make_job, make_row
+
+MISSING = Unplanned("lost", "pvc://recordings/lost.bag", "BagMissing", "no file at lost.bag")
+WINDOW = [10, 20, 30]
+
+
+class World:
+    """One job's results folder, and drivers that come and go over it."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        self.tmp_path = tmp_path
+        self.job = make_job({"results": str(tmp_path)})
+        self.storage = Storage(self.job.volumes)
+        self.results = Results(self.job, self.storage)
+        self.folder = tmp_path / "out/drive/uid-1"
+        self.seconds = 0.0
+        self.drivers = 0
+
+    def driver(self, max_failed: int | None = None) -> tuple[Keeper, Journal]:
+        self.drivers += 1
+        journal = Journal(self.storage, results_uri(self.job), self.drivers)
+        progress = Progress(results_uri(self.job))
+        progress.begin(4)
+        rows = RowFile(self.tmp_path / f"rows-{self.drivers}")
+        keeper = Keeper(
+            progress, rows, journal, max_failed, self.results.is_committed, lambda: self.seconds
+        )
+        return keeper, journal
+
+    def record(self, name: str) -> None:
+        with self.storage.create(f"{results_uri(self.job)}/cases/{name}") as file:
+            file.write(b"bag")
+
+    def names(self, folder: str) -> list[str]:
+        return self.storage.names(f"{results_uri(self.job)}/{folder}")
+
+    def lines(self) -> list[Row]:
+        text = (self.folder / "results.jsonl").read_text()
+        return [json.loads(line) for line in text.splitlines()]
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path)
+
+
+def case(name: str, start: int = 20) -> Case:
+    return Case(name, "pvc://recordings/a.bag", "9-1", Window(10, start, 30), [], [(0, 9)], 1)
+
+
+def ran(name: str, outcome: str = "passed", **changed: Any) -> Row:
+    return make_row(name, outcome, **({"window": WINDOW, "bag_version": "9-1"} | changed))
+
+
+def finish(keeper: Keeper) -> None:
+    keeper.finish(threading.Event())
+
+
+@given(st.lists(st.tuples(st.sampled_from("abcdef"), st.integers()), max_size=30))
+def test_the_first_row_of_a_case_stays(rows: list[tuple[str, int]]) -> None:
+    first: dict[str, int] = {}
+    for name, value in rows:
+        first.setdefault(name, value)
+    with RowFile(Path("/dev/shm/bagpipe-test-rows")) as file:
+        added = [file.add({"case": name, "value": value}) for name, value in rows]
+        assert sum(added) == len(file) == len(first)
+        assert [(row["case"], row["value"]) for row in file.rows()] == sorted(first.items())
+
+
+def test_rows_reach_the_journal_after_a_second_and_only_once(world: World) -> None:
+    keeper, journal = world.driver()
+    keeper.look()
+    keeper.take([ran("a"), ran("b")])
+    keeper.look()
+    assert world.names("journal") == []
+    world.seconds = 1.0
+    keeper.look()
+    keeper.take([ran("b", recorded="cases/b-again.bag")])
+    world.seconds = 5.0
+    keeper.look()
+    finish(keeper)
+    assert len(world.names("journal")) == 1
+    assert [(row["case"], row["recorded"]) for row in journal.rows()] == [
+        ("a", "cases/a.bag"), ("b", "cases/b.bag"),
+    ]  # fmt: skip
+    assert keeper.progress.snapshot()["cases"]["passed"] == 2
+
+
+@pytest.mark.parametrize(("elapsed", "seconds"), [(0, 1), (100, 1), (500, 5), (1e6, 30)])
+def test_a_long_job_makes_few_segments(elapsed: float, seconds: float) -> None:
+    assert segment_seconds(elapsed) == seconds
+
+
+def test_a_successor_takes_over_what_the_journal_has(world: World) -> None:
+    first, _ = world.driver()
+    first.take(
+        [
+            ran("a"),
+            ran("b", "errored", reason="StackExited"),
+            ran("moved"),
+            ran("new", bag_version="9-2"),
+        ]
+    )
+    finish(first)
+    second, _ = world.driver()
+    second.resume(
+        Plan([case("a"), case("b"), case("c"), case("moved", start=21), case("new")], [MISSING])
+    )
+    assert [name for name in ("a", "b", "c", "moved", "new") if name in second.rows] == ["a", "b"]
+    told = second.progress.snapshot()["cases"]
+    assert (told["passed"], told["errored"]) == (1, 2)  # the missing bag is counted too
+    second.take([ran("c"), ran("moved", window=[10, 21, 30])])
+    finish(second)
+    assert len(world.names("journal")) == 2
+
+
+def test_a_segment_that_is_damaged_is_named(world: World) -> None:
+    with world.storage.create(f"{results_uri(world.job)}/journal/0001-x-000000.jsonl") as file:
+        file.write(b'{"case": "a"}\n{"cas')
+    _, journal = world.driver()
+    rows: Iterator[Row] = journal.rows()
+    assert next(rows)["case"] == "a"
+    with pytest.raises(StorageError, match=r"0001-x-000000\.jsonl line 2 is no row"):
+        next(rows)
+
+
+def test_the_manifest_names_what_counts_and_the_rest_is_removed(world: World) -> None:
+    for name in ("a.bag", "b.bag", "stale.bag"):
+        world.record(name)
+    keeper, journal = world.driver()
+    keeper.take([ran("b"), ran("a"), ran("a", recorded="cases/stale.bag"), unplanned_row(MISSING)])
+    finish(keeper)
+    manifest = world.results.commit(keeper.rows, keeper.progress, journal.driver)
+    world.results.publish(manifest, keeper.rows.rows, journal)
+    assert world.names("cases") == ["a.bag", "b.bag"]
+    assert world.names("journal") == []
+    assert [(c["case"], c["outcome"], c["recorded"]) for c in manifest["cases"]] == [
+        ("a", "passed", "cases/a.bag"),
+        ("b", "passed", "cases/b.bag"),
+        ("lost", "errored", None),
+    ]
+    assert json.loads((world.folder / "manifest.json").read_text()) == manifest
+    assert [row["case"] for row in world.lines()] == ["a", "b", "lost"]
+
+
+def test_of_two_drivers_one_commits_and_the_other_adopts(world: World) -> None:
+    for name in ("a.bag", "a-too.bag"):
+        world.record(name)
+    one, journal_one = world.driver()
+    two, journal_two = world.driver()
+    one.take([ran("a")])
+    two.take([ran("a", recorded="cases/a-too.bag")])
+    finish(one)
+    finish(two)
+    won = world.results.commit(two.rows, two.progress, journal_two.driver)
+    lost = world.results.commit(one.rows, one.progress, journal_one.driver)
+    assert lost == won
+    assert won["driver"] == journal_two.driver
+    # The one that lost may have to publish what the one that won did not live to.
+    world.results.publish(lost, journal_one.rows, journal_one)
+    assert [row["recorded"] for row in world.lines()] == ["cases/a-too.bag"]
+    assert world.names("cases") == ["a-too.bag"]
+
+
+def test_an_interrupted_driver_journals_what_it_has_and_tries_that_once(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keeper, journal = world.driver()
+    keeper.look()
+    keeper.take([ran("a")])
+    keeper.interrupt()
+    assert keeper.interrupted
+    finish(keeper)
+    assert [row["case"] for row in journal.rows()] == ["a"]
+    keeper.take([ran("b")])
+
+    def full(*_arguments: object) -> object:
+        raise StorageError("pvc://results/j can't be written: No space left on device")
+
+    monkeypatch.setattr(Storage, "create", full)
+    finish(keeper)  # does not wait
+    monkeypatch.undo()
+    finish(keeper)
+    assert [row["case"] for row in journal.rows()] == ["a", "b"]
+
+
+def test_an_end_that_is_the_job_s_own_is_not_made_an_interruption(world: World) -> None:
+    keeper, _ = world.driver(max_failed=0)
+    keeper.take([ran("a", "failed")])
+    keeper.interrupt()
+    assert keeper.stop is not None
+    assert (keeper.stop.reason, keeper.interrupted) == ("TooManyFailedCases", False)
+
+
+def test_a_driver_that_was_replaced_stops(world: World) -> None:
+    keeper, _ = world.driver()
+    keeper.look()
+    other, journal = world.driver()
+    world.results.commit(other.rows, other.progress, journal.driver)
+    world.seconds = 14.9
+    keeper.look()
+    assert keeper.stop is None
+    world.seconds = 15.0
+    keeper.look()
+    assert keeper.stop is not None
+    assert (keeper.stop.reason, keeper.stop.final) == ("Superseded", False)
+
+
+def test_too_many_failed_cases_stop_the_job(world: World) -> None:
+    keeper, _ = world.driver(max_failed=1)
+    keeper.take([ran("a", "failed"), ran("b", "invalid"), ran("c")])
+    assert keeper.stop is None
+    keeper.take([ran("d", "errored", reason="StackExited")])
+    assert keeper.stop is not None
+    assert (keeper.stop.reason, keeper.stop.final) == ("TooManyFailedCases", True)
+    assert keeper.stop.message.startswith("2 cases failed or errored, spec.maxFailedCases is 1")
+
+
+def test_a_full_volume_is_waited_for(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    keeper, journal = world.driver()
+    keeper.look()
+    keeper.take([ran("a")])
+    create = Storage.create
+
+    def full(*_arguments: object) -> object:
+        raise StorageError("pvc://results/j can't be written: No space left on device")
+
+    monkeypatch.setattr(Storage, "create", full)
+    for second in range(1, 300, 60):
+        world.seconds = float(second)
+        keeper.look()
+    assert keeper.stop is None
+    assert "No space left" in keeper.progress.snapshot()["warning"]
+    monkeypatch.setattr(Storage, "create", create)
+    world.seconds = 299.0
+    keeper.look()
+    assert [row["case"] for row in journal.rows()] == ["a"]
+    assert keeper.progress.snapshot()["warning"] == ""
+
+
+def test_a_volume_that_stays_full_ends_the_job(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keeper, _ = world.driver()
+    keeper.look()
+    keeper.take([ran("a")])
+
+    def full(*_arguments: object) -> object:
+        raise StorageError("pvc://results/j can't be written: No space left on device")
+
+    monkeypatch.setattr(Storage, "create", full)
+    for second in range(1, 400, 30):
+        world.seconds = float(second)
+        keeper.look()
+    assert keeper.stop is not None
+    assert (keeper.stop.reason, keeper.stop.final) == ("StorageFailed", False)
+    finish(keeper)  # does not wait any longer
+
+
+def test_patience_ends() -> None:
+    seconds = [0.0]
+    tries = []
+
+    def action() -> str:
+        tries.append(seconds[0])
+        if len(tries) <= 3:
+            raise StorageError("full")
+        return "done"
+
+    def pause(length: float) -> None:
+        seconds[0] += length
+
+    progress = Progress("pvc://results/r")
+    assert patiently(action, progress, lambda: seconds[0], pause) == "done"
+    assert tries == [0, 2, 4, 6]
+
+    def never() -> str:
+        tries.append(seconds[0])
+        raise StorageError("full")
+
+    begun = seconds[0]
+    with pytest.raises(StorageError, match="full"):
+        patiently(never, progress, lambda: seconds[0], pause)
+    assert seconds[0] - begun == 300

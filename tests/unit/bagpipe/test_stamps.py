@@ -1,0 +1,121 @@
+"""Stamps of headers moved in serialised messages, compared with what rosbags reads of them."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_typestore
+
+from bagpipe.run.stamps import StampError, moved
+
+STORE = get_typestore(Stores.ROS1_NOETIC)
+TYPES = STORE.types
+SECOND = 1_000_000_000
+
+
+def stamp(ns: int) -> Any:
+    return TYPES["builtin_interfaces/msg/Time"](*divmod(ns, SECOND))
+
+
+def header(ns: int, frame: str = "map") -> Any:
+    return TYPES["std_msgs/msg/Header"](seq=7, stamp=stamp(ns), frame_id=frame)
+
+
+def shifted(kind: str, message: Any, shift: int) -> Any:
+    """The message after `moved`, decoded; its other bytes are checked to be the same."""
+    name = kind.replace("/", "/msg/")
+    definition, _ = STORE.generate_msgdef(name, ros_version=1)
+    raw = bytes(STORE.serialize_ros1(message, name))
+    return STORE.deserialize_ros1(moved(kind, definition, raw, shift), name)
+
+
+def ns(message: Any) -> int:
+    found = message.header.stamp
+    # rosbags takes the seconds for signed, as ROS 2 has them.
+    return int(found.sec % (1 << 32)) * SECOND + int(found.nanosec)
+
+
+def pose_stamped(time: int) -> Any:
+    zero = TYPES["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)
+    turned = TYPES["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    pose = TYPES["geometry_msgs/msg/Pose"](zero, turned)
+    return TYPES["geometry_msgs/msg/PoseStamped"](header(time, f"frame{time}"), pose)
+
+
+def test_a_header_at_the_front_is_moved_and_nothing_else() -> None:
+    data = np.arange(100, dtype=np.uint8)
+    image = TYPES["sensor_msgs/msg/Image"](header(5 * SECOND + 3), 10, 10, "mono8", 0, 10, data)
+    found = shifted("sensor_msgs/Image", image, -2 * SECOND)
+    assert ns(found) == 3 * SECOND + 3
+    assert (found.header.seq, found.header.frame_id, found.encoding) == (7, "map", "mono8")
+    assert found.data.tolist() == data.tolist()
+
+
+def test_headers_in_a_list_are_moved_each_by_itself() -> None:
+    poses = [pose_stamped(9 * SECOND), pose_stamped(0), pose_stamped(11 * SECOND)]
+    path = TYPES["nav_msgs/msg/Path"](header(8 * SECOND), poses)
+    found = shifted("nav_msgs/Path", path, SECOND)
+    assert ns(found) == 9 * SECOND
+    assert [ns(pose) for pose in found.poses] == [10 * SECOND, 0, 12 * SECOND]
+    assert [pose.header.frame_id for pose in found.poses] == [
+        "frame9000000000", "frame0", "frame11000000000",
+    ]  # fmt: skip
+
+
+def test_headers_behind_fields_of_any_length_are_found() -> None:
+    definition = f"""string[] names
+float64[3] fixed
+geometry_msgs/Point[2] corners
+Item[] items
+time other
+{"=" * 80}
+MSG: x/Item
+duration[] waits
+std_msgs/Header header
+{"=" * 80}
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+{"=" * 80}
+MSG: std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+"""
+    one, two = (1).to_bytes(4, "little"), (2).to_bytes(4, "little")
+    before = two + one + b"a" + two + b"bc" + bytes(24) + bytes(48) + two
+    item = one + bytes(8) + one + one + one + one + b"f"
+    behind = one + one  # a time that is in no header
+    found = moved("x/Mixed", definition, before + item + item + behind, SECOND)
+    moved_item = one + bytes(8) + one + two + one + one + b"f"
+    assert found == before + moved_item + moved_item + behind
+
+
+@pytest.mark.parametrize(
+    ("time", "shift", "expected"),
+    [
+        (0, 5 * SECOND, 0),
+        (5 * SECOND, -6 * SECOND, 0),
+        (5 * SECOND, 1 << 63, ((1 << 32) - 1) * SECOND),
+        (SECOND - 1, 1, SECOND),
+    ],
+)
+def test_a_stamp_stays_within_what_a_stamp_can_say(time: int, shift: int, expected: int) -> None:
+    assert ns(shifted("geometry_msgs/PoseStamped", pose_stamped(time), shift)) == expected
+
+
+def test_what_has_no_header_or_no_shift_is_left_alone() -> None:
+    definition, _ = STORE.generate_msgdef("std_msgs/msg/String", ros_version=1)
+    raw = b"\x01\0\0\0a"
+    assert moved("std_msgs/String", definition, raw, SECOND) is raw
+    assert moved("x/Unknown", "no definition", raw, 0) is raw
+
+
+def test_a_message_that_is_not_its_type_is_refused() -> None:
+    definition, _ = STORE.generate_msgdef("geometry_msgs/msg/PoseStamped", ros_version=1)
+    for raw in (b"", b"\0" * 14, b"\0" * 12 + b"\xff\xff\xff\xff"):
+        with pytest.raises(StampError, match=f"message of {len(raw)} bytes is no geometry_msgs"):
+            moved("geometry_msgs/PoseStamped", definition, raw, SECOND)
+    with pytest.raises(StampError, match="the definition of x/Odd can't be read"):
+        moved("x/Odd", "Missing field\n", b"", SECOND)

@@ -1,0 +1,119 @@
+"""Pieces of logs: which lines belong to a case, where they come from, and why there are none."""
+
+import pytest
+
+from bagpipe.cli.cluster.case_lines import of_all, of_case
+from bagpipe.cli.cluster.faults import ClusterError
+from bagpipe.cli.cluster.pieces import driver_log, executor_logs, kept
+from bagpipe.cli.cluster.state import JobState
+from tests.unit.bagpipe.jobs import make_row
+from tests.unit.cli.cluster_objects import FakePods, a_job, ended, running
+
+LOG = """\
+bagpipe-agent: 2 slots
+[slot 0 case a-1 rosmaster] started
+[slot 0 case a-1 stack] loading [the map]
+[slot 1 case a-10 stack] another case
+[slot 0 case a-1 stack] crashed
+[slot 0] StackExited: exit status 3
+[slot 1] SlotBusy: of the other case
+[slot 0 case a-2 stack] next
+[slot 0] of the next
+"""
+STATE = JobState.of(running())
+
+
+def test_the_lines_of_a_case_are_its_own() -> None:
+    assert of_case(LOG, "a-1", "stack", "ros1") == ["loading [the map]", "crashed"]
+    assert of_case(LOG, "a-1", "agent", "ros1") == [
+        "rosmaster: started",
+        "StackExited: exit status 3",
+    ]
+    assert of_case(LOG, "a-10", "stack", "ros1") == ["another case"]
+    assert of_case(LOG, "a-2", "agent", "ros1") == ["of the next"]
+
+
+def test_with_exec_the_lines_without_a_program_are_the_stack_s() -> None:
+    log = "[slot 0 case a-1] starting\n"
+    assert of_case(log, "a-1", "stack", "exec") == ["starting"]
+    assert of_case(log, "a-1", "stack", "ros1") == []
+    assert of_case(log, "a-1", "agent", "ros1") == ["starting"]
+
+
+def test_all_lines_name_their_case() -> None:
+    assert of_all(LOG, "agent", "ros1")[:2] == [
+        "bagpipe-agent: 2 slots",
+        "[a-1] rosmaster: started",
+    ]
+    assert of_all(LOG, "stack", "ros1")[-1] == "[a-2] next"
+
+
+def test_the_results_keep_how_a_case_ended_and_the_stack_s_last_lines() -> None:
+    row = make_row("a-1", "errored", "StackExited") | {"stderr": ["boom"]}
+    found = kept(row, "s3://r/results.jsonl")
+    assert [(p.of, p.lines) for p in found] == [
+        ("outcome", ["errored StackExited", "why a-1"]),
+        ("stack stderr", ["boom"]),
+    ]
+    assert found[1].source == "s3://r/results.jsonl, the last lines"
+
+
+def test_a_case_that_was_answered_keeps_both_streams() -> None:
+    stack = {"stdout": ["out"], "stderr": ["err"]}
+    found = kept(make_row("a-1") | {"result": {"stack": stack}}, "here")
+    assert [(p.of, p.lines) for p in found[1:]] == [
+        ("stack stdout", ["out"]),
+        ("stack stderr", ["err"]),
+    ]
+
+
+def test_a_silent_stack_is_said_to_be_one() -> None:
+    assert kept(make_row("a-1"), "here")[1].missing == "the stack wrote nothing in this case"
+
+
+def test_the_lines_of_a_case_come_from_the_executor_that_ran_it() -> None:
+    pods = FakePods({("e-1", "stack"): "[slot 0 case a-9 stack] x", ("e-2", "stack"): LOG})
+    (piece,) = executor_logs(pods, STATE, "stack", 1, "a-1", "ros1")
+    assert (piece.source, piece.lines) == ("pod e-2, container stack", ["crashed"])
+
+
+def test_every_image_of_the_variants_is_searched() -> None:
+    pods = FakePods({("e-1", "agent"): LOG, ("e-1", "stack"): "", ("e-1", "stack-1"): LOG})
+    (piece,) = executor_logs(pods, STATE, "stack", 9, "a-1", "ros1")
+    assert piece.source == "pod e-1, container stack-1"
+
+
+def test_spark_s_log_of_a_case_is_that_of_its_executor() -> None:
+    pods = FakePods(
+        {
+            ("e-1", "stack"): "", ("e-1", "spark"): "not this",
+            ("e-2", "stack"): LOG, ("e-2", "spark"): "one\ntwo",
+        }
+    )  # fmt: skip
+    (piece,) = executor_logs(pods, STATE, "executor", 1, "a-1", "ros1")
+    assert (piece.source, piece.lines) == ("pod e-2, container spark", ["two"])
+    assert len(executor_logs(pods, STATE, "executor", 9, None, "ros1")) == 2
+
+
+@pytest.mark.parametrize(
+    ("pods", "state", "sentence"),
+    [
+        (FakePods({}), JobState.of(ended()), "went with the end of the job"),
+        (FakePods({}), JobState.of(a_job()), "the job has no executors yet: The operator"),
+        (FakePods({("e-1", "stack"): ""}), STATE, "1 of 1 executors have none of case a-7"),
+        (FakePods({}, ClusterError("you may not list pods")), STATE, "you may not list pods"),
+    ],
+)
+def test_why_there_are_no_lines(pods: FakePods, state: JobState, sentence: str) -> None:
+    (piece,) = executor_logs(pods, state, "stack", 9, "a-7", "ros1")
+    assert piece.lines == []
+    assert sentence in piece.missing
+
+
+def test_the_driver_s_log() -> None:
+    pods = FakePods({("nightly-1-driver", "driver"): "planned\ncase a-1 failed\nended"})
+    assert driver_log(pods, STATE, 2, None).lines == ["case a-1 failed", "ended"]
+    assert driver_log(pods, STATE, 9, "a-1").lines == ["case a-1 failed"]
+    assert "no line names a-7" in driver_log(pods, STATE, 9, "a-7").missing
+    assert "there is no log of pod" in driver_log(FakePods({}), STATE, 9, None).missing
+    assert "the job has no driver" in driver_log(pods, JobState.of(a_job()), 9, None).missing

@@ -1,0 +1,143 @@
+"""`bagpipe plan`: the cases of a job before anything runs."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from bagpipe.cli.__main__ import main
+from tests.unit.bagpipe.bags import steady, write_bag
+
+SPEC = {
+    "source": {
+        "bags": ["pvc://recordings/*.bag"],
+        "topics": ["/scan"],
+        "fragment": {"length": "3s"},
+    },
+    "stack": {"image": "i", "command": ["c"], "parameters": {"/t": "{{ threshold }}"}},
+    "variants": [{"name": "released"}, {"name": "pr-812", "image": "j"}],
+    "matrix": {
+        "variables": {"threshold": [0.4, 0.6], "rain": ["off", "on"]},
+        "exclude": [
+            {"when": "threshold > 0.5 && rain == 'on'", "because": "never driven"},
+        ],
+    },
+    "record": {"topics": ["/out"]},
+    "output": {"uri": "pvc://results/out"},
+}
+
+
+def run(folder: Path, *arguments: str, **changed: object) -> tuple[int, str]:
+    job = {
+        "apiVersion": "sim.bagpipe.io/v1alpha1",
+        "kind": "SimulationJob",
+        "metadata": {"name": "lane"},
+        "spec": SPEC | changed,
+    }
+    (folder / "job.yaml").write_text(yaml.safe_dump(job))
+    ended = CliRunner().invoke(main, ["plan", str(folder / "job.yaml"), *arguments])
+    return ended.exit_code, ended.output
+
+
+def test_the_conditions_of_a_fragment_without_the_recordings(tmp_path: Path) -> None:
+    status, text = run(tmp_path)
+    assert status == 0
+    assert "6 cases for each fragment. The recordings of recordings are not on this" in text
+    assert "threshold > 0.5 && rain == 'on'" in text
+    assert "never driven" in text
+    assert "*-s2-pr-812" in text
+    assert "*-s3-pr-812" not in text
+
+
+def test_every_case_with_the_recordings(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 100, 50_000_000), chunk_bytes=1024)
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", "--output", "json")
+    assert status == 0
+    made = json.loads(text)
+    assert (made["fragments"], made["conditions"], len(made["cases"])) == (2, 6, 12)
+    assert made["matrix"]["combinations"] == 4
+    assert made["matrix"]["excluded"] == [
+        {
+            "values": {"threshold": 0.6, "rain": "on"},
+            "when": "threshold > 0.5 && rain == 'on'",
+            "because": "never driven",
+        }
+    ]
+    first = made["cases"][0]
+    assert first["case"] == "a-0000-s0-pr-812"
+    assert first["values"] == {"threshold": 0.4, "rain": "off"}
+    assert sum(c["messages"] for c in made["cases"]) == 600
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}")
+    assert "12 cases: 2 fragments, each under 6 conditions." in text
+
+
+def test_a_bag_that_yields_no_case_is_told_and_ends_with_2(tmp_path: Path) -> None:
+    (tmp_path / "cut.bag").write_bytes(b"#ROSBAG V2.0\n")
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}")
+    assert status == 2
+    assert "cut.bag" in text
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"matrix": {"variables": {"threshold": []}}}, "threshold has no value"),
+        ({"matrix": {"variables": {"a": [1]}}}, "stack.parameters[/t] names {{ threshold }}"),
+        ({"matrix": SPEC["matrix"] | {"exclude": ["speed > 1"]}}, "names speed"),  # type: ignore[operator]
+        ({"record": None}, "record is missing"),
+        ({"variants": [{"name": "a"}, {"name": "a"}]}, "two variants have one name"),
+    ],
+)
+def test_what_can_t_be_planned_is_refused(
+    tmp_path: Path, changed: dict[str, object], sentence: str
+) -> None:
+    status, text = run(tmp_path, **changed)
+    assert status == 2
+    assert sentence in text
+    assert "Traceback" not in text
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"{", "is no YAML"),
+        (b"\xff\xfe", "is no text (byte 0)"),
+        (b"kind: ConfigMap\n", "holds 0 SimulationJobs"),
+        (b"kind: SimulationJob\n", "apiVersion is ''"),
+    ],
+)
+def test_what_is_no_manifest_is_refused(tmp_path: Path, content: bytes, sentence: str) -> None:
+    (tmp_path / "job.yaml").write_bytes(content)
+    ended = CliRunner().invoke(main, ["plan", str(tmp_path / "job.yaml")])
+    assert ended.exit_code == 2
+    assert sentence in ended.output
+
+
+def test_a_volume_that_is_no_folder_is_refused(tmp_path: Path) -> None:
+    status, text = run(tmp_path, "--volume", "recordings=/nowhere")
+    assert status == 2
+    assert "write the claim's name, =, and a folder" in text
+
+
+def test_help_teaches() -> None:
+    text = CliRunner().invoke(main, ["plan", "--help"]).output
+    assert "bagpipe plan job.yaml --volume recordings=/data/recordings" in text
+
+
+def test_the_parts_of_a_sequence_are_shown(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 100, 50_000_000), chunk_bytes=1024)
+    bag = "pvc://recordings/a.bag"
+    pieces = [{"bag": bag, "from": "1s", "to": "2s"}, {"bag": bag, "to": "500ms", "repeat": 2}]
+    changed = {"source": {"sequence": pieces, "topics": ["/scan"]}}
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", **changed)
+    assert status == 0
+    assert "6 cases: 1 fragments, each under 6 conditions." in text
+    shown = [line.split() for line in text.splitlines() if line.startswith(f" {bag}")]
+    assert shown == [
+        [bag, "2.000", "3.000", "2.000"],
+        [bag, "1.000", "1.500", "3.000"],
+        [bag, "1.000", "1.500", "3.500"],
+    ]
+    assert text.count("Parts of sequence-s0-pr-812") == 1

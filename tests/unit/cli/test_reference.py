@@ -1,0 +1,54 @@
+"""docs/reference/cli.md is the program's own help.
+
+`BAGPIPE_WRITE_REFERENCE=1 pytest tests/unit/cli` writes it.
+"""
+
+import os
+from pathlib import Path
+
+import click
+from click.testing import CliRunner
+
+from bagpipe.cli.__main__ import main
+
+PAGE = Path(__file__).parents[3] / "docs/reference/cli.md"
+HEAD = """\
+# bagpipe
+
+The program for people: what a job would run, and what became of it. It is installed with the Python
+package `bagpipe` and its extras `spark`, `storage` and `cli`; in a checkout, `make venv` puts it at
+`.venv/bin/bagpipe`. `kubectl bagpipe` is the same program ([plugin](../tasks/kubectl-plugin.md)).
+This page is the program's own help; a test compares them.
+
+| exit status | meaning |
+|---|---|
+| 0 | passed; or nothing is worse; or what was asked for is written |
+| 1 | the verdict is Failed or Invalid; or a variant is worse; or a bag is damaged |
+| 2 | it could not be read or run, or there is no verdict |
+| 130 | Ctrl-C ended a wait; the job goes on in the cluster |
+
+Commands that read storage take credentials from the environment
+([storage](storage.md#credentials)); `--volume CLAIM=FOLDER` says which folder of this machine
+stands for a claim. Commands that ask a cluster use kubectl's kubeconfig, or inside of a pod its
+account.
+"""
+
+
+def helped(*arguments: str) -> str:
+    ended = CliRunner().invoke(main, [*arguments, "--help"], prog_name="bagpipe")
+    assert ended.exit_code == 0
+    return f"```\n{ended.output.rstrip()}\n```\n"
+
+
+def test_the_reference_is_the_program_s_own_help() -> None:
+    parts = [HEAD, helped()]
+    for name in main.list_commands(click.Context(main)):
+        parts += [f"## {name}\n", helped(name)]
+        command = main.commands[name]
+        if isinstance(command, click.Group):
+            for verb in command.list_commands(click.Context(command)):
+                parts += [f"### {name} {verb}\n", helped(name, verb)]
+    page = "\n".join(parts)
+    if os.environ.get("BAGPIPE_WRITE_REFERENCE"):
+        PAGE.write_text(page)
+    assert PAGE.read_text() == page, "write it: BAGPIPE_WRITE_REFERENCE=1 pytest tests/unit/cli"

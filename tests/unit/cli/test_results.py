@@ -1,0 +1,110 @@
+"""`bagpipe results`, `compare` and `report` over folders that a job has published."""
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from bagpipe.cli.__main__ import main
+from tests.unit.bagpipe.jobs import make_row
+from tests.unit.report.publishing import publish, versions
+
+VARIANTS = [{"name": "released"}, {"name": "pr-812"}]
+
+
+def run(*arguments: str | Path) -> tuple[int, str]:
+    ended = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert ended.exception is None or isinstance(ended.exception, SystemExit), ended.exception
+    return ended.exit_code, ended.output
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "status", "verdict"),
+    [
+        (["passed"], 0, "Passed"),
+        (["passed", "failed"], 1, "Failed"),
+        (["passed", "invalid"], 1, "Invalid"),
+        (["passed", "errored"], 2, "no verdict"),
+    ],
+)
+def test_the_status_is_the_verdict(
+    tmp_path: Path, outcomes: list[str], status: int, verdict: str
+) -> None:
+    rows = [make_row(f"a-{n}", o, "" if o == "passed" else "Bad") for n, o in enumerate(outcomes)]
+    folder = publish(tmp_path, rows)
+    ended, text = run("results", folder)
+    assert (ended, text.split("  ")[0]) == (status, verdict)
+    assert ("why a-1" in text) == (len(outcomes) > 1)
+
+
+def test_results_by_uri_and_only_the_failed_ones(tmp_path: Path) -> None:
+    rows = [make_row("a-0"), make_row("a-1", "failed", "Bad", message="[red] is no markup")]
+    folder = publish(tmp_path, rows)
+    uri = f"pvc://results/{folder.relative_to(tmp_path)}"
+    volume = ("--volume", f"results={tmp_path}")
+    status, text = run("results", uri, *volume, "--failed", "--output", "json")
+    told = json.loads(text)
+    assert (status, told["verdict"], told["job"]["name"]) == (1, "Failed", "drive")
+    assert [(case["case"], case["outcome"]) for case in told["cases"]] == [("a-1", "failed")]
+    _, text = run("results", uri, *volume, "--output", "yaml")
+    assert [case["case"] for case in yaml.safe_load(text)["cases"]] == ["a-0", "a-1"]
+    assert "[red] is no markup" in run("results", uri, *volume)[1]
+
+
+@pytest.mark.parametrize(
+    ("where", "sentence"),
+    [
+        ("nowhere", "there is no file://"),
+        ("pvc://results/x", "give --volume results=FOLDER"),
+        ("ftp://results/x", "has no known scheme"),
+    ],
+)
+@pytest.mark.parametrize("verb", ["results", "report"])
+def test_what_is_no_results_folder_ends_with_2(verb: str, where: str, sentence: str) -> None:
+    status, text = run(verb, where)
+    assert status == 2
+    assert sentence in text
+    assert "Traceback" not in text
+
+
+def test_damaged_results_name_their_line(tmp_path: Path) -> None:
+    folder = publish(tmp_path, [make_row("a-0")])
+    (folder / "results.jsonl").write_text('{"case": 7}\n')
+    status, text = run("results", folder)
+    assert status == 2
+    assert "results.jsonl line 1 is no row of results" in text
+
+
+def test_a_worse_job_ends_with_1_and_names_its_cases(tmp_path: Path) -> None:
+    before = publish(tmp_path, versions(failing=set()), uid="a", variants=VARIANTS)
+    after = publish(tmp_path, versions(failing={3}), uid="b", variants=VARIANTS)
+    status, text = run("compare", before, after)
+    assert status == 1
+    assert "regressed: a-0003-pr-812" in text
+    assert "1 regressed of 6 cases" in text
+    status, text = run("compare", after, before, "--output", "json")
+    assert (status, [c["verdict"] for c in json.loads(text)]) == (0, ["same", "same"])
+
+
+def test_jobs_without_a_common_case_can_t_be_compared(tmp_path: Path) -> None:
+    before = publish(tmp_path, [make_row("a-0", fragment="a-0")], uid="a")
+    after = publish(tmp_path, [make_row("b-0", fragment="b-0")], uid="b")
+    status, text = run("compare", before, after)
+    assert status == 2
+    assert "no case of both could be compared" in text
+
+
+def test_the_page_is_made_anew(tmp_path: Path) -> None:
+    folder = publish(tmp_path, versions(failing={3}), variants=VARIANTS)
+    page = tmp_path / "again.html"
+    status, text = run("report", folder, "-o", page)
+    assert status == 0
+    assert text == f"{page}: {page.stat().st_size:,} bytes\n"
+    made, first = page.read_text(), (folder / "report.html").read_text()
+    uri = "pvc://results/out/drive/uid-1"
+    assert made.replace(folder.as_uri(), uri).count("regressed") == first.count("regressed")
+    assert "<title>Failed: drive</title>" in made
+    status, text = run("report", folder, "-o", tmp_path / "no" / "page.html")
+    assert (status, "can't be written: No such file" in text) == (2, True)

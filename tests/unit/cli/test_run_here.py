@@ -1,0 +1,156 @@
+"""What of a job this machine can't give, and what is otherwise here."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.cli.here import Machine, notes, of_variants, refusals
+from bagpipe.matrix.faults import MatrixError
+from tests.unit.bagpipe.jobs import make_spec
+
+VOLUMES = {"recordings": "/data"}
+SECRET = {"secretKeyRef": {"name": "login", "key": "token"}}
+OWN = {"name": "smooth", "own": {"configMap": "comfort", "topics": ["/out"]}}
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Machine:
+    """One that has a rosmaster and the stack `run`, and no entrypoint."""
+    for name in ("rosmaster", "run"):
+        program = tmp_path / name
+        program.write_text("#!/bin/sh\n")
+        program.chmod(0o755)
+    return Machine({"PATH": str(tmp_path), "TOKEN": "x"}, tmp_path / "no-entrypoint.sh")
+
+
+def stack(**changed: Any) -> dict[str, Any]:
+    return {"image": "stack:1", "command": ["run"]} | changed
+
+
+def refused(machine: Machine, volumes: dict[str, str] = VOLUMES, **changed: Any) -> list[str]:
+    return list(refusals(make_spec(**changed), volumes, machine))
+
+
+def test_a_job_that_needs_nothing_else_is_not_refused(machine: Machine) -> None:
+    assert refused(machine) == []
+    # Where the results would go on a cluster needs no folder.
+    assert refused(machine, output={"uri": "pvc://elsewhere/out"}) == []
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"resumeFrom": "yesterday"}, "spec.resumeFrom names a job of a cluster"),
+        ({"evaluate": [OWN]}, "evaluate[smooth] is a program in the ConfigMap comfort"),
+        (
+            {"stack": stack(env=[{"name": "KEY", "valueFrom": SECRET}])},
+            "set KEY in your environment",
+        ),
+        (
+            {"stack": stack(volumeMounts=[{"name": "m", "mountPath": "/no/models"}])},
+            "stack.volumeMounts has /no/models, which is not on this machine",
+        ),
+        ({"stack": stack(command=["node"])}, "stack.command starts node, which is not found"),
+        ({"baseline": {"results": "pvc://old/r"}}, "give --volume old=FOLDER"),
+        (
+            {"variants": [{"name": "a"}, {"name": "b", "image": "stack:2"}]},
+            "the variants a and b differ in their images alone",
+        ),
+        (
+            {"variants": [{"name": "a", "command": ["run"]}, {"name": "b", "command": ["new"]}]},
+            "stack.command starts new,",
+        ),
+        (
+            {
+                "matrix": {"variables": {"program": ["run", "walk"]}},
+                "stack": stack(command=["{{ program }}"]),
+            },
+            "stack.command starts walk,",
+        ),
+    ],
+)
+def test_what_can_t_be_had_here_is_said_with_what_to_do(
+    machine: Machine, changed: dict[str, Any], sentence: str
+) -> None:
+    (told,) = refused(machine, **changed)
+    assert sentence in told
+
+
+def test_all_that_is_missing_is_said_at_once(machine: Machine) -> None:
+    told = refused(Machine({"PATH": "/nowhere"}, machine.entrypoint), {})
+    assert ["claim recordings" in told[0], "starts run" in told[1]] == [True, True]
+    assert "ROS needs rosmaster, which is not found here" in told[2]
+    assert len(told) == 3
+
+
+@pytest.mark.parametrize(
+    "env",
+    [
+        [{"name": "TOKEN", "valueFrom": SECRET}],
+        [
+            {
+                "name": "KEY",
+                "valueFrom": {"secretKeyRef": {"name": "l", "key": "k", "optional": True}},
+            }
+        ],
+        [{"name": "KEY", "value": "written"}],
+    ],
+)
+def test_a_variable_that_this_environment_has_is_taken_from_it(
+    machine: Machine, env: list[dict[str, Any]]
+) -> None:
+    assert refused(machine, stack=stack(env=env)) == []
+
+
+def test_a_program_of_the_exec_engine_needs_no_rosmaster(machine: Machine, tmp_path: Path) -> None:
+    (tmp_path / "rosmaster").unlink()
+    assert "ROS needs rosmaster" in refused(machine)[0]
+    source = {"files": ["pvc://recordings/*.bin"]}
+    assert refused(machine, source=source, stack=stack(engine="exec"), record=None) == []
+
+
+def test_the_stack_s_own_path_and_an_image_s_entrypoint_find_programs(
+    machine: Machine, tmp_path: Path
+) -> None:
+    nowhere = Machine({"PATH": "/nowhere"}, machine.entrypoint)
+    path = [{"name": "PATH", "value": str(tmp_path)}]
+    assert refused(nowhere, stack=stack(env=path)) == []
+    entrypoint = tmp_path / "ros_entrypoint.sh"
+    entrypoint.touch()
+    assert refused(Machine({"PATH": "/nowhere"}, entrypoint)) == []
+
+
+def test_variants_are_chosen_by_name(machine: Machine) -> None:
+    variants = [{"name": "a"}, {"name": "b", "image": "stack:2"}]
+    spec = make_spec(variants=variants)
+    left = of_variants(spec, ("b",))
+    assert [variant.name for variant in left.variants] == ["b"]
+    assert list(refusals(left, VOLUMES, machine)) == []
+    assert of_variants(spec, ()) == spec
+    with pytest.raises(MatrixError, match="--variant c: the job's variants are a, b"):
+        of_variants(spec, ("c",))
+
+
+def test_notes_say_what_is_otherwise_here() -> None:
+    spec = make_spec(
+        stack=stack(
+            command=["run", "/opt/no-such/node.py"],
+            envFrom=[{"secretRef": {"name": "login"}}],
+            resources={"limits": {"memory": "1Gi"}},
+        ),
+        storage={"secrets": ["keys"]},
+        activeDeadlineSeconds=60,
+    )
+    told = "\n".join(notes(spec, Path("kept")))
+    for sentence in (
+        "images are not used here",
+        "stack.command names /opt/no-such/node.py, which is not on this machine",
+        "stack.envFrom names login of a cluster",
+        "storage's credentials come from your environment",
+        "without effect here: spec.activeDeadlineSeconds, spec.stack.resources",
+        "the results go to kept, not to pvc://results/out",
+    ):
+        assert sentence in told
+    plain = list(notes(make_spec(), Path("kept")))
+    assert [sentence.split()[0] for sentence in plain] == ["images", "the"]

@@ -1,0 +1,85 @@
+"""Recordings for tests of criteria: real bags in memory, with ROS's own message types."""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from rosbags.typesys import Stores, get_typestore
+
+from bagpipe import MemoryBag
+from bagpipe.evaluate.evidence import Evidence, Recording
+
+STORE = get_typestore(Stores.ROS1_NOETIC)
+SECOND = 1_000_000_000
+
+Entry = tuple[str, float, Any]
+
+
+def time(seconds: float) -> Any:
+    whole = round(seconds * SECOND)
+    return STORE.types["builtin_interfaces/msg/Time"](whole // SECOND, whole % SECOND)
+
+
+def header(stamp: float) -> Any:
+    return STORE.types["std_msgs/msg/Header"](seq=0, stamp=time(stamp), frame_id="map")
+
+
+def pose(x: float, y: float, yaw: float = 0.0) -> Any:
+    point = STORE.types["geometry_msgs/msg/Point"](x, y, 0.0)
+    turn = STORE.types["geometry_msgs/msg/Quaternion"](
+        0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)
+    )
+    return STORE.types["geometry_msgs/msg/Pose"](point, turn)
+
+
+def stamped(stamp: float, x: float, y: float, yaw: float = 0.0) -> Any:
+    return STORE.types["geometry_msgs/msg/PoseStamped"](header(stamp), pose(x, y, yaw))
+
+
+def poses(stamp: float, *points: tuple[float, float]) -> Any:
+    array = [pose(x, y) for x, y in points]
+    return STORE.types["geometry_msgs/msg/PoseArray"](header(stamp), array)
+
+
+def text(data: str) -> Any:
+    return STORE.types["std_msgs/msg/String"](data)
+
+
+def number(data: float) -> Any:
+    return STORE.types["std_msgs/msg/Float64"](data)
+
+
+def bag(entries: Iterable[Entry]) -> bytes:
+    """(topic, receipt in seconds, message) as a bag."""
+    writer = MemoryBag.writer()
+    for topic, seconds, message in sorted(entries, key=lambda e: e[1]):
+        name = message.__msgtype__
+        definition, md5 = STORE.generate_msgdef(name)
+        writer.write(
+            topic,
+            round(seconds * SECOND),
+            bytes(STORE.serialize_ros1(message, name)),
+            type=name.replace("/msg/", "/"),
+            md5sum=md5,
+            definition=definition,
+        )
+    return writer.finish().to_bytes()
+
+
+def evidence(
+    recorded: Iterable[Entry],
+    source: Iterable[Entry] = (),
+    start: float = 10.0,
+    end: float = 20.0,
+    **more: Any,
+) -> Evidence:
+    """Evidence of a window, by default from 10 to 20 s."""
+    recorded, source = list(recorded), list(source)
+    first, last = round(start * SECOND), round(end * SECOND)
+    return Evidence(
+        recorded=Recording(lambda: bag(recorded), first, None),
+        source=Recording(lambda: bag(source), first, last),
+        start=first,
+        end=last,
+        **more,
+    )

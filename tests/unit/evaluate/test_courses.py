@@ -1,0 +1,104 @@
+"""The course of a failing criterion over time: which points, and how many."""
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from bagpipe.evaluate.courses import MOST_POINTS, thinned
+from bagpipe.evaluate.judge import evaluate
+from bagpipe.evaluate.model import Criterion
+from tests.unit.evaluate.recordings import evidence, number, poses, stamped
+
+RECORDED = [
+    ("/v", 9.5, number(99.0)),
+    ("/v", 10.5, number(5.0)),
+    ("/v", 11.5, number(6.0)),
+    ("/v", 12.0, number(7.0)),
+    ("/p", 11.0, stamped(10.75, 3.0, 4.0)),
+    ("/p", 12.0, stamped(11.5, 6.0, 8.0)),
+    ("/o", 11.5, poses(11.5, (3.0, 5.0), (9.0, 9.0))),
+]
+SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0, 8.0))]
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "label", "low", "high", "points"),
+    [
+        (
+            "bounds", {"topic": "/v", "field": "data", "max": 2.0}, "/v data", None, 2.0,
+            [[0.5, 5.0], [1.5, 6.0], [2.0, 7.0]],
+        ),
+        (
+            "rate", {"topic": "/v", "min": 9}, "/v, 1 / time since the last", 9.0, None,
+            [[1.5, 1.0], [2.0, 2.0]],
+        ),
+        (
+            "latency", {"topic": "/p", "max": "100ms"}, "/p, stamp to receipt", None, 0.1,
+            [[1.0, 0.25], [2.0, 0.5]],
+        ),
+        (
+            "finalPose", {"topic": "/p", "position": [0, 0], "within": 1},
+            "/p, distance from the goal", None, 1.0, [[1.0, 5.0], [2.0, 10.0]],
+        ),
+        (
+            "error", {"topic": "/p", "fields": ["pose.position.x"], "recording": True, "max": 1},
+            "/p pose.position.x off the truth", None, 1.0, [[1.0, 2.0], [2.0, 5.0]],
+        ),
+        (
+            "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
+            "/p, distance to the nearest of /o", 2.0, None, [[1.5, 1.0]],
+        ),
+    ],
+)  # fmt: skip
+def test_a_failing_criterion_has_a_course(
+    kind: str,
+    fields: dict[str, Any],
+    label: str,
+    low: float | None,
+    high: float | None,
+    points: list[list[float]],
+) -> None:
+    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED, SOURCE))
+    assert found.outcome == "failed"
+    course = found.as_row()["course"]
+    assert (course["label"], course["low"], course["high"]) == (label, low, high)
+    assert course["points"] == points
+
+
+def criterion(kind: str, fields: dict[str, Any]) -> Criterion:
+    return Criterion.model_validate({"name": "c", kind: fields})
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [
+        ("presence", {"topic": "/v", "min": 100}),
+        ("bounds", {"topic": "/v", "field": "data", "max": 100}),
+        ("bounds", {"topic": "/none", "field": "data", "max": 100}),
+    ],
+)
+def test_what_passes_or_has_no_time_has_none(kind: str, fields: dict[str, Any]) -> None:
+    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED))
+    assert "course" not in found.as_row()
+
+
+def test_a_course_is_small_and_json() -> None:
+    values = [number(math.sin(n) * 1e-7 / 3) for n in range(5000)] + [number(math.nan)]
+    recorded = [("/v", 10 + n / 1000, value) for n, value in enumerate(values)]
+    [found] = evaluate(
+        [criterion("bounds", {"topic": "/v", "field": "data", "min": 1})], evidence(recorded)
+    )
+    row = found.as_row()
+    assert len(row["course"]["points"]) == MOST_POINTS
+    assert len(json.dumps(row["course"], allow_nan=False)) < 5000
+
+
+def test_thinning_keeps_ends_of_peaks() -> None:
+    course = [(n, math.sin(n / 50)) for n in range(10_000)]
+    course[7777] = (7777, 99.0)
+    thin = thinned(course)
+    assert len(thin) <= MOST_POINTS
+    assert (7777, 99.0) in thin
+    assert thin == sorted(thin)

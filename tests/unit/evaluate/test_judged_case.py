@@ -1,0 +1,90 @@
+"""Criteria in a case's way from recording to row."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.evaluate.model import Criterion
+from bagpipe.plan.cases import Case, plan
+from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
+from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved
+from tests.unit.bagpipe.jobs import make_spec
+from tests.unit.evaluate.recordings import bag, number, text
+
+
+def run(tmp_path: Path, recorded: bytes, *criteria: dict[str, Any], **changed: Any) -> Row:
+    (tmp_path / "recordings").mkdir()
+    (tmp_path / "results").mkdir()
+    write_bag(tmp_path / "recordings/a.bag", steady("/scan", 50, 10_000_000), chunk_bytes=512)
+    folders = {name: str(tmp_path / name) for name in ("recordings", "results")}
+    spec = make_spec(evaluate=list(criteria), **changed)
+    context = RunContext("lab/drive", spec, folders, "pvc://results/r", str(tmp_path / "s"))
+    case: Case = plan(spec, Storage(folders)).cases[0]
+    with FakeAgent(make_slot(Path(context.shared)), well_behaved(recorded)):
+        return run_case(case, context)
+
+
+RECORDED = bag([("/out", 1.1, number(3.0)), ("/out", 1.2, number(5.0))])
+BELOW = {"name": "below", "bounds": {"topic": "/out", "field": "data", "max": 4}}
+THERE = {"name": "there", "presence": {"topic": "/out"}}
+
+
+def test_the_row_has_each_criterion_s_finding(tmp_path: Path) -> None:
+    row = run(tmp_path, RECORDED, THERE, BELOW)
+    assert (row["outcome"], row["reason"]) == ("failed", "CriterionFailed")
+    assert row["message"] == "below: 5 data of /out at 0.200 s of 2 messages, and may be at most 4"
+    assert [(c["name"], c["outcome"], c["figure"]) for c in row["criteria"]] == [
+        ("there", "passed", 2.0),
+        ("below", "failed", 5.0),
+    ]
+    assert row["recorded"]
+
+
+def test_all_criteria_met_is_a_pass(tmp_path: Path) -> None:
+    assert run(tmp_path, RECORDED, THERE)["outcome"] == "passed"
+
+
+def test_a_recording_that_can_t_be_read_is_never_a_pass(tmp_path: Path) -> None:
+    row = run(tmp_path, b"no bag", BELOW)
+    assert (row["outcome"], row["reason"]) == ("invalid", "NotEnoughEvidence")
+
+
+def test_a_truth_in_the_job_s_own_bag(tmp_path: Path) -> None:
+    """Texts of digits, the same in the recording and in the output: no distance between them."""
+    recorded = bag([("/out", 1.0 + n * 0.01, text(f"{n}")) for n in range(10)])
+    wanted = {"topic": "/out", "truth": "/scan", "recording": True, "fields": ["data"], "max": 1}
+    row = run(tmp_path, recorded, {"name": "as before", "error": wanted})
+    [finding] = row["criteria"]
+    assert finding["outcome"] == "passed"
+    assert finding["figure"] == 0.0
+    assert finding["message"] == "0 rmse over 10 pairs of /out"
+
+
+def test_a_criterion_over_what_is_not_recorded_is_refused_at_once() -> None:
+    with pytest.raises(ValueError, match=r"reads /other, which record\.topics does not have"):
+        make_spec(evaluate=[{"name": "x", "presence": {"topic": "/other"}}])
+
+
+def test_two_criteria_of_one_name_are_refused() -> None:
+    with pytest.raises(ValueError, match="two criteria have one name"):
+        make_spec(evaluate=[THERE, THERE])
+
+
+def test_criteria_are_not_for_programs_of_their_own() -> None:
+    with pytest.raises(ValueError, match="judges itself"):
+        SimulationJobSpec.model_validate(
+            {
+                "source": {"files": ["pvc://a/b"]},
+                "stack": {"image": "i", "command": ["c"], "engine": "exec"},
+                "output": {"uri": "pvc://results/x"},
+                "evaluate": [
+                    Criterion.model_validate(
+                        {"name": "cpu", "resources": {"maxCpu": 1}}
+                    ).model_dump(by_alias=True, exclude_none=True)
+                ],
+            }
+        )

@@ -1,0 +1,87 @@
+"""The results in other forms: JUnit XML as a CI reads it, Parquet as an analyst does."""
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import pyarrow.parquet as pq
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bagpipe.report.junit import JUnitWriter
+from bagpipe.report.table import SCHEMA, TableWriter
+from tests.unit.bagpipe.jobs import make_row
+
+FAILED = {
+    "name": "lane rate", "kind": "rate", "outcome": "failed", "figure": 3.5, "unit": "Hz",
+    "limit": "at least 9 Hz", "direction": "higher", "message": "3.5 Hz & <less>",
+    "expected_failure": False,
+}  # fmt: skip
+
+
+def junit(*rows: dict[str, Any]) -> ET.Element:
+    file = io.BytesIO()
+    writer = JUnitWriter(file, "nightly")
+    for row in rows:
+        writer.add(row)
+    writer.finish()
+    return ET.fromstring(file.getvalue())  # noqa: S314  our own text
+
+
+def test_each_variant_is_a_suite_and_each_case_a_test() -> None:
+    root = junit(
+        make_row("a-0000", variant="pr-812", fragment="a-0000", seconds=2.5),
+        make_row("a-0001", "failed", "CriterionFailed", variant="pr-812", criteria=[FAILED]),
+        make_row("a-0002", "invalid", "NotEnoughEvidence", variant="released"),
+        make_row("a-0003", "errored", "StackExited", variant="released", stderr=["a < b"]),
+    )
+    assert [suite.get("name") for suite in root] == ["pr-812", "released"]
+    cases = {case.get("name"): case for case in root.iter("testcase")}
+    assert list(cases) == ["a-0000", "a-0001", "a-0002", "a-0003"]
+    assert (cases["a-0000"].get("time"), len(cases["a-0000"])) == ("2.500", 0)
+    failure = cases["a-0001"].find("failure")
+    assert failure is not None
+    assert (failure.get("type"), failure.get("message")) == ("CriterionFailed", "why a-0001")
+    assert cases["a-0001"].findtext("system-out") == "lane rate: failed 3.5 Hz & <less>"
+    for name in ("a-0002", "a-0003"):
+        assert cases[name].find("error") is not None
+    assert cases["a-0003"].findtext("system-out") == "stderr: a < b"
+
+
+def test_a_job_without_cases_is_a_document_still() -> None:
+    assert len(junit()) == 0
+
+
+@given(st.text(max_size=40))
+def test_any_text_makes_a_document(text: str) -> None:
+    root = junit(make_row("a", "failed", "X", message=text, stderr=[text]))
+    assert root.find(".//failure") is not None
+
+
+def test_the_table_has_a_line_per_case(tmp_path: Path) -> None:
+    writer = TableWriter(tmp_path / "t.parquet")
+    rows = [
+        make_row(
+            f"a-{n:05d}",
+            window=[1, 2, 3],
+            values={"rain": "on", "speed": n},
+            criteria=[FAILED],
+            seconds=0.5,
+        )
+        for n in range(20_001)
+    ]
+    rows.append(make_row("b", "errored", "BagMissing", attempts=0))
+    for row in rows:
+        writer.add(row)
+    writer.finish()
+    table = pq.read_table(tmp_path / "t.parquet")
+    assert table.schema.equals(SCHEMA)
+    assert (table.num_rows, pq.ParquetFile(tmp_path / "t.parquet").num_row_groups) == (20_002, 3)
+    first = table.slice(0, 1).to_pylist()[0]
+    assert (first["window_start_ns"], first["window_end_ns"], first["sent"]) == (2, 3, 3)
+    assert json.loads(first["values"]) == {"rain": "on", "speed": 0}
+    assert (first["criteria"][0]["name"], first["criteria"][0]["figure"]) == ("lane rate", 3.5)
+    last = table.slice(20_001, 1).to_pylist()[0]
+    assert (last["case"], last["sent"], last["criteria"]) == ("b", None, [])

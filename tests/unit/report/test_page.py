@@ -1,0 +1,149 @@
+"""The report's parts: columns, chosen details, courses, words, and a page that holds no tag."""
+
+import json
+import math
+import re
+from typing import Any
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from bagpipe.report.columns import Columns, limits_of
+from bagpipe.report.details import Details, detail_of
+from bagpipe.report.html import Report, render
+from bagpipe.report.words import headline, sentence
+from tests.unit.bagpipe.jobs import make_row
+
+COUNTS = {"planned": 5, "passed": 2, "failed": 2, "invalid": 1, "errored": 0, "retried": 0}
+MANIFEST = {
+    "job": {"name": "n", "namespace": "lab", "uid": "u"}, "attempt": 1, "phase": "Complete",
+    "verdict": "Failed", "message": "m", "counts": COUNTS,
+    "ledger": {"sent": 3, "received": 3, "dropped": 0, "leadIn": 0},
+}  # fmt: skip
+
+
+def finding(outcome: str, figure: float | None, name: str = "rate") -> dict[str, Any]:
+    return {"name": name, "kind": "rate", "outcome": outcome, "figure": figure, "unit": "Hz",
+            "limit": "at least 9 Hz", "message": "said"}  # fmt: skip
+
+
+def test_columns_say_each_word_once_and_keep_the_order_of_the_job() -> None:
+    columns = Columns(["released", "new"])
+    columns.add(make_row("b", variant="new", scenario=1, values={"rain": "on"}))
+    columns.add(
+        make_row("a", "failed", "Bad", variant="new", scenario=0, values={"rain": "off"},
+                 criteria=[finding("failed", 3.123456789)])
+    )  # fmt: skip
+    columns.add(make_row("c", "errored", "Bad", criteria=[finding("invalid", math.inf)]))
+    told = columns.as_json()
+    cases = told["cases"]
+    assert (cases["case"], cases["outcome"]) == (["a", "b", "c"], "FPE")
+    assert cases["variant"] == {"values": ["released", "new", ""], "at": [1, 1, 2]}
+    assert cases["reason"] == {"values": ["Bad", ""], "at": [0, 1, 0]}
+    assert told["variables"] == [{"name": "rain", "values": ["off", None, "on"], "at": [0, 2, 1]}]
+    [criterion] = told["criteria"]
+    assert (criterion["outcomes"], criterion["figures"]) == ("F-I", [3.1235, None, None])
+    assert (criterion["low"], criterion["high"]) == (9, None)
+    json.dumps(told, allow_nan=False)
+
+
+def test_a_page_has_room_first_for_what_did_not_pass() -> None:
+    columns = Columns(most_cases=10)
+    for n in range(30):
+        columns.add(make_row(f"a-{n:02d}", "failed" if n in {3, 28, 29} else "passed"))
+    told = columns.as_json()
+    assert (told["counted"], len(told["cases"]["case"])) == (30, 10)
+    assert told["cases"]["outcome"].count("F") == 3
+
+
+def test_all_messages_together_have_a_bound() -> None:
+    columns = Columns()
+    for n in range(20_000):
+        columns.add(make_row(f"a-{n}", "failed", "Bad", message=f"{n} " + "x" * 1000))
+    assert len(json.dumps(columns.as_json())) < 5_000_000
+
+
+@pytest.mark.parametrize(
+    ("text", "limits"),
+    [
+        ("at least 9 Hz", (9, None)),
+        ("at most 1e-05 s", (None, 1e-05)),
+        ("-0.5 to 0.5", (-0.5, 0.5)),
+        ("at most a lot", (None, None)),
+        ("", (None, None)),
+    ],
+)
+def test_limits_are_read_as_findings_write_them(
+    text: str, limits: tuple[float | None, float | None]
+) -> None:
+    assert limits_of(text) == limits
+
+
+def test_fifty_of_one_kind_do_not_hide_the_others() -> None:
+    details = Details()
+    for n in range(100):
+        details.add(make_row(f"a-{n:03d}", "failed", "CriterionFailed"))
+    details.add(make_row("z-1", "errored", "StackExited"))
+    details.add(make_row("z-2", "failed", "CriterionFailed", criteria=[finding("failed", 1.0)]))
+    details.add(make_row("z-3"))
+    names = [row["case"] for row in details.rows()]
+    assert (len(names), names[-2:]) == (50, ["z-1", "z-2"])
+
+
+def test_a_detail_has_bounds() -> None:
+    topic = {"topic": "/a", "sent": 1, "subscribers": [{"node": f"/{n}"} for n in range(100)]}
+    row = make_row(
+        "a", "failed", "Bad", message="m" * 9000, stderr=["e" * 900] * 200,
+        result={"ledger": {"topics": [topic] * 100}, "timings": {"play": 1.0, "odd": "x"}},
+    )  # fmt: skip
+    told = detail_of(row)
+    assert (len(told["message"]), len(told["stderr"]), len(told["stderr"][0])) == (4000, 40, 500)
+    assert (len(told["ledger"]), told["timings"]) == (1000, {"play": 1.0})
+
+
+def test_words_name_the_criteria_that_failed_most() -> None:
+    columns = Columns()
+    for n in range(2):
+        columns.add(
+            make_row(f"a-{n}", "failed", "CriterionFailed", criteria=[finding("failed", 1)])
+        )
+    data = columns.as_json()
+    said = sentence(MANIFEST, data)
+    assert said == "Of 5 cases 2 failed and 1 lack evidence. Most often: rate (2)."
+    assert headline(MANIFEST) == ("failed", "Failed")
+    broken = MANIFEST | {"verdict": "", "message": "the volume is full"}
+    assert (headline(broken)[1], sentence(broken, data)) == ("No verdict", "the volume is full")
+
+
+@settings(deadline=None)  # the machine may be busy, and time is not what is tested
+@example("</script></title><script>x()</script><img src=x onerror=x()>")
+@example("' onclick=x() \"><script>x()</script><!--")
+@given(st.text(max_size=60))
+def test_no_text_leaves_its_place(text: str) -> None:
+    report = Report(None, "pvc://results/x")
+    report.add(
+        make_row(
+            text + "a", "failed", text, message=text, stderr=[text], variant=text,
+            values={text: text}, criteria=[finding("failed", 1.0, text)],
+        )
+    )  # fmt: skip
+    page = report.html(MANIFEST | {"job": {"name": text, "namespace": text, "uid": text}}).decode()
+    assert len(re.findall(r"<script", page)) == 2
+    assert len(re.findall(r"<(?:img|iframe|link|object|embed|base|form)\b", page)) == 0
+    data = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
+    assert data is not None
+    assert not set("<>&") & set(data[1])
+    assert json.loads(data[1])["cases"]["case"] == [text + "a"]
+
+
+def test_the_scripts_set_text_only_and_ask_for_nothing() -> None:
+    page = render(
+        {}, job=MANIFEST["job"], headline=("failed", "Failed"), sentence="s", manifest=MANIFEST,
+        comparisons=[], results="r", stack_seconds=0.0,
+    ).decode()  # fmt: skip
+    for word in ("innerHTML", "outerHTML", "insertAdjacent", "document.write", "eval(", "fetch(",
+                 "XMLHttp", "import(", "localStorage", " style=", "url("):  # fmt: skip
+        assert word not in page, word
+    assert "default-src 'none'; script-src 'sha256-" in page
+    assert "unsafe" not in page

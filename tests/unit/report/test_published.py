@@ -1,0 +1,131 @@
+"""What a job publishes beside its lines: JUnit XML, the table, and comparisons."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from bagpipe.cli.manifest import read_job
+from bagpipe.compare.compare import Comparison
+from bagpipe.driver.artefacts import in_short
+from bagpipe.driver.baseline import baseline_rows, check_baseline
+from bagpipe.evaluate.finding import Finding
+from bagpipe.plan.case import Case
+from bagpipe.plan.fragments import Window
+from bagpipe.report.table import SCHEMA
+from bagpipe.run.case_run import lost_row
+from bagpipe.storage import Storage, StorageError
+from tests.unit.bagpipe.jobs import make_job, make_row
+from tests.unit.report.publishing import publish, versions
+
+
+def told_in_short(folder: Path) -> list[dict[str, Any]]:
+    told = json.loads((folder / "comparison.json").read_text())
+    return [in_short(comparison) for comparison in told["comparisons"]]
+
+
+def test_every_form_holds_every_case(tmp_path: Path) -> None:
+    folder = publish(tmp_path, [make_row("a-0000"), make_row("a-0001", "failed", "Bad")])
+    lines = [json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines()]
+    assert [(x["schema"], x["case"]) for x in lines] == [
+        ("sim.bagpipe.io/case/v1alpha1", "a-0000"),
+        ("sim.bagpipe.io/case/v1alpha1", "a-0001"),
+    ]
+    assert pq.read_table(folder / "results.parquet")["case"].to_pylist() == ["a-0000", "a-0001"]
+    assert (folder / "junit.xml").read_text().count("<testcase ") == 2
+    assert not (folder / "comparison.json").exists()
+
+
+def test_variants_are_compared(tmp_path: Path) -> None:
+    folder = publish(
+        tmp_path, versions(failing={3}), variants=[{"name": "released"}, {"name": "pr-812"}]
+    )
+    told = json.loads((folder / "comparison.json").read_text())
+    [comparison] = told["comparisons"]
+    assert (comparison["variant"], comparison["verdict"]) == ("pr-812", "worse")
+    assert comparison["regressed"] == ["a-0003-pr-812"]
+    assert told_in_short(folder) == [
+        {"variant": "pr-812", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}
+    ]
+
+
+def test_an_earlier_job_is_the_baseline(tmp_path: Path) -> None:
+    first = publish(tmp_path, [make_row(f"a-{n}", fragment=f"a-{n}") for n in range(3)])
+    uri = f"pvc://results/{first.relative_to(tmp_path)}"
+    now = [
+        make_row(f"a-{n}", "failed" if n == 1 else "passed", fragment=f"a-{n}") for n in range(3)
+    ]
+    second = publish(tmp_path, now, uid="uid-2", baseline={"results": uri})
+    [comparison] = json.loads((second / "comparison.json").read_text())["comparisons"]
+    assert (comparison["baseline"], comparison["verdict"]) == ("the earlier job", "worse")
+    assert comparison["regressed"] == ["a-1"]
+
+
+def test_of_an_earlier_job_with_variants_its_first_one_counts(tmp_path: Path) -> None:
+    """By its manifest: the lines are in the order of the names, where pr-812 comes first."""
+    both = [{"name": "released"}, {"name": "pr-812"}]
+    first = publish(tmp_path, versions(failing={3}), variants=both)
+    uri = f"pvc://results/{first.relative_to(tmp_path)}"
+    now = [row for row in versions(failing={3}) if row["variant"] == "pr-812"]
+    second = publish(tmp_path, now, uid="uid-2", variants=both[1:], baseline={"results": uri})
+    [comparison] = json.loads((second / "comparison.json").read_text())["comparisons"]
+    assert comparison["regressed"] == ["a-0003-pr-812"]
+
+
+def test_a_baseline_that_is_not_there_is_told_before_anything_runs(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    with pytest.raises(StorageError, match=r"write status\.results of a finished job"):
+        check_baseline("pvc://results/none", storage)
+
+
+@pytest.mark.parametrize("line", ["{", "[1]", "7"])
+def test_a_damaged_baseline_names_its_line(tmp_path: Path, line: str) -> None:
+    (tmp_path / "results.jsonl").write_text('{"case": "a", "outcome": "passed"}\n' + line + "\n")
+    with pytest.raises(StorageError, match=r"results\.jsonl line 2 is no row"):
+        list(baseline_rows("pvc://results/", Storage({"results": str(tmp_path)})))
+
+
+def test_the_page_and_the_job_are_published(tmp_path: Path) -> None:
+    rows = [
+        row | {"variant": row["variant"], "values": {"rain": "on"}} for row in versions(failing={3})
+    ]
+    folder = publish(
+        tmp_path,
+        rows,
+        variants=[{"name": "released"}, {"name": "pr-812", "command": ["other"]}],
+        evaluate=[{"name": "there", "presence": {"topic": "/out", "min": 2}}],
+    )
+    page = (folder / "report.html").read_text()
+    assert "<title>Failed: drive</title>" in page
+    assert "1 regressed of 6 cases" in page
+    kept = read_job(folder / "job.json")
+    spec = make_job(
+        {},
+        variants=[{"name": "released"}, {"name": "pr-812", "command": ["other"]}],
+        evaluate=[{"name": "there", "presence": {"topic": "/out", "min": 2}}],
+    ).spec
+    assert kept == ("drive", spec)
+
+
+def test_a_page_that_can_t_be_made_costs_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def break_off(*_arguments: object) -> bytes:
+        raise KeyError("a fault of ours")
+
+    monkeypatch.setattr("bagpipe.report.html.render", break_off)
+    folder = publish(tmp_path, [make_row("a-0000")])
+    assert (folder / "results.jsonl").exists()
+    assert not (folder / "report.html").exists()
+
+
+def test_the_page_on_results_names_every_key() -> None:
+    page = (Path(__file__).parents[3] / "docs/reference/results.md").read_text()
+    case = Case("a", "pvc://r/a.bag", "v", Window(0, 1, 2), [], [], 1)
+    finding = Finding("n", "rate", "failed", course={})
+    compared = Comparison("a", "b", "same", "", {}, [], [], [], 1.0)
+    keys = ["schema", "criteria", *lost_row(case, 1), *finding.as_row(), *compared.as_json()]
+    keys += [field.name for field in SCHEMA]
+    assert [key for key in keys if f"`{key}`" not in page] == []
