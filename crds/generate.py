@@ -1,14 +1,16 @@
-"""Writes what is derived from the CRD: the chart's copy and docs/reference/simulationjob.md.
+"""Writes what is derived from the CRDs: the chart's copies and the pages in docs/reference.
 
-    python3 crds/generate.py           write both
-    python3 crds/generate.py --check   say whether both are up to date
+    python3 crds/generate.py           write them
+    python3 crds/generate.py --check   say whether they are up to date
 
 The chart has a copy and not a symbolic link, since a chart must work when it is packaged alone,
-and Helm warns about links with every command.
+and Helm warns about links with every command. A SimulationSchedule holds a whole job's spec, which
+is written once, in simulationjobs.yaml, and put into its CRD here.
 """
 
 import re
 import sys
+import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,26 +18,38 @@ from typing import Any
 import yaml
 
 HERE = Path(__file__).resolve().parent
-CRD = HERE / "simulationjobs.yaml"
-CHART_COPY = HERE.parent / "charts" / "bagpipe" / "files" / "simulationjobs.yaml"
-REFERENCE = HERE.parent / "docs" / "reference" / "simulationjob.md"
+JOBS = HERE / "simulationjobs.yaml"
+SCHEDULES = HERE / "simulationschedules.yaml"
+CHART_FILES = HERE.parent / "charts" / "bagpipe" / "files"
+REFERENCE = HERE.parent / "docs" / "reference"
+
+# Around the job's spec in simulationschedules.yaml.
+BEGIN = "# Generated from simulationjobs.yaml: do not edit up to the end.\n"
+END = "# The end of what is generated.\n"
 
 Schema = dict[str, Any]
 
-HEAD = """# SimulationJob
+HEAD = """# {kind}
 
-Generated from [crds/simulationjobs.yaml](../../crds/simulationjobs.yaml) by `crds/generate.py`; do
-not edit. `kubectl explain simjob.spec` says the same in the terminal.
+Generated from [crds/{plural}.yaml](../../crds/{plural}.yaml) by `crds/generate.py`; do
+not edit. `kubectl explain {short}.spec` says the same in the terminal.
 
 API version `{group}/{version}`, kind `{kind}`, short name `{short}`, namespaced.
 
 {description}
 
+{more}
+"""
+MORE_OF_JOBS = """\
 `kubectl wait --for=condition=Complete simjob/<name>` waits for a job's good end; exactly one of the
 conditions Complete and Failed becomes True. One change of a spec is not noticed by the API server:
 a parameter that gets another name. It has no effect, since a job's description is fixed when it
-starts.
-"""
+starts."""
+MORE_OF_SCHEDULES = """\
+[Run jobs by the clock](../tasks/schedules.md) shows one. `kubectl wait
+--for=condition=Ready simschedule/<name>` waits until the operator has understood it. The spec of
+`jobTemplate` is that of a [SimulationJob](simulationjob.md), with all its fields and rules; only
+what forbids changes does not hold here, since a change is for the jobs to come."""
 
 
 def fields(schema: Schema, path: str) -> Iterator[tuple[str, Schema, bool]]:
@@ -103,16 +117,61 @@ def entry(path: str, schema: Schema, required: bool) -> str:
     return "\n".join(lines) + "\n"
 
 
-def reference(crd: Schema) -> str:
-    """The whole page."""
+def template_spec(schema: Schema) -> Schema:
+    """A job's spec as it stands in a template: what refuses changes of it is left out."""
+    kept = {key: value for key, value in schema.items() if key != "x-kubernetes-validations"}
+    rules_ = schema.get("x-kubernetes-validations") or []
+    lasting = [rule for rule in rules_ if "oldSelf" not in rule["rule"]]
+    if lasting:
+        kept["x-kubernetes-validations"] = lasting
+    for key in ("items", "additionalProperties"):
+        if isinstance(kept.get(key), dict):
+            kept[key] = template_spec(kept[key])
+    if "properties" in kept:
+        kept["properties"] = {k: template_spec(v) for k, v in kept["properties"].items()}
+    return kept
+
+
+def schema_of(crd: Schema) -> Schema:
+    """The schema of a CRD's one version."""
+    schema: Schema = crd["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
+    return schema
+
+
+def with_job_spec(text: str, jobs: Schema) -> str:
+    """The CRD of schedules with a job's spec as it is now; raises SystemExit without marks."""
+    if text.count(BEGIN) != 1 or text.count(END) != 1:
+        raise SystemExit(f"{SCHEDULES.name}: put the marks of generate.py around jobTemplate.spec")
+    head, _, rest = text.partition(BEGIN)
+    indent = head.rpartition("\n")[2]
+    spec = template_spec(schema_of(jobs)["properties"]["spec"])
+    spec["description"] = "The spec of every job, as of a SimulationJob."
+    block = yaml.dump(
+        {"spec": spec}, Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True
+    )
+    tail = rest.partition(END)[2]
+    return head + BEGIN + textwrap.indent(block, indent) + indent + END + tail
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes what kubectl and Helm, whose YAML is 1.1, would take for true or false."""
+
+
+_Dumper.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile("^[yYnN]$"), list("yYnN"))
+
+
+def reference(crd: Schema, more: str, shortened: str = "") -> str:
+    """The whole page; fields below the path `shortened` are told on another one."""
     names, version = crd["spec"]["names"], crd["spec"]["versions"][0]
-    schema = version["schema"]["openAPIV3Schema"]
+    schema = schema_of(crd)
     properties = schema["properties"]
     head = HEAD.format(
         group=crd["spec"]["group"],
         version=version["name"],
         kind=names["kind"],
+        plural=names["plural"],
         short=names["shortNames"][0],
+        more=more,
         description=prose(schema["description"]),
     )
     parts = [head, "## Names\n", *(f"- {prose(message)}" for message in rules(schema))]
@@ -121,14 +180,25 @@ def reference(crd: Schema) -> str:
         parts += [f"\n## {part}\n", prose(top["description"]) + "\n"]
         parts += [f"- {prose(message)}" for message in rules(top)]
         parts += [""] if rules(top) else []
-        parts += [entry(*field) for field in fields(top, part)]
+        told = fields(top, part)
+        parts += [entry(*f) for f in told if not shortened or not f[0].startswith(shortened)]
     return "\n".join(parts).rstrip() + "\n"
 
 
 def derived() -> dict[Path, str]:
     """What each derived file should hold."""
-    text = CRD.read_text()
-    return {CHART_COPY: text, REFERENCE: reference(yaml.safe_load(text))}
+    text = JOBS.read_text()
+    jobs = yaml.safe_load(text)
+    schedules = with_job_spec(SCHEDULES.read_text(), jobs)
+    return {
+        CHART_FILES / JOBS.name: text,
+        SCHEDULES: schedules,
+        CHART_FILES / SCHEDULES.name: schedules,
+        REFERENCE / "simulationjob.md": reference(jobs, MORE_OF_JOBS),
+        REFERENCE / "simulationschedule.md": reference(
+            yaml.safe_load(schedules), MORE_OF_SCHEDULES, "spec.jobTemplate.spec."
+        ),
+    }
 
 
 def main() -> int:

@@ -37,6 +37,17 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
 - apiGroups: [sim.bagpipe.io]
   resources: [simulationjobs/status]
   verbs: [patch]
+# A schedule makes its jobs, and deletes those beyond its history or that it replaces; the sweeper
+# deletes those that were kept for long enough after their end.
+- apiGroups: [sim.bagpipe.io]
+  resources: [simulationjobs]
+  verbs: [create, delete]
+- apiGroups: [sim.bagpipe.io]
+  resources: [simulationschedules]
+  verbs: [get, list, watch]
+- apiGroups: [sim.bagpipe.io]
+  resources: [simulationschedules/status]
+  verbs: [patch]
 - apiGroups: [""]
   resources: [pods]
   verbs: [get, list, watch, create, delete]
@@ -45,15 +56,26 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
   verbs: [get, create]
 - apiGroups: [""]
   resources: [events]
-  verbs: [create]
+  verbs: [create, list]
+- apiGroups: [""]
+  resources: [persistentvolumeclaims]
+  verbs: [get]
 {{- end }}
 
-{{/* Whether this release has the CRD: the values want it, and nobody else has put it there. The CRD
-     is a template and not in the folder crds/, which Helm never upgrades; and it outlives its
+{{/* Whether this release has a CRD: the values want it, and nobody else has put it there. Takes a
+     list of the root and the kind's plural. The CRD is a template and not in the folder crds/, which Helm never upgrades; and it outlives its
      release, so a later release must live with it instead of failing. */}}
 {{- define "bagpipe.ownsCrd" -}}
-{{- $found := lookup "apiextensions.k8s.io/v1" "CustomResourceDefinition" "" "simulationjobs.sim.bagpipe.io" -}}
+{{- $root := index . 0 -}}
+{{- $found := lookup "apiextensions.k8s.io/v1" "CustomResourceDefinition" "" (printf "%s.sim.bagpipe.io" (index . 1)) -}}
 {{- $notes := dig "metadata" "annotations" dict ($found | default dict) -}}
-{{- $mine := and (eq (get $notes "meta.helm.sh/release-name") .Release.Name) (eq (get $notes "meta.helm.sh/release-namespace") .Release.Namespace) -}}
-{{- if and .Values.crds.install (or (not $found) $mine) }}yes{{ else }}no{{ end }}
+{{- $mine := and (eq (get $notes "meta.helm.sh/release-name") $root.Release.Name) (eq (get $notes "meta.helm.sh/release-namespace") $root.Release.Namespace) -}}
+{{- if and $root.Values.crds.install (or (not $found) $mine) }}yes{{ else }}no{{ end }}
+{{- end }}
+
+{{/* What makes an account or a right exist for `helm test` only, and before its pod. */}}
+{{- define "bagpipe.testRights" -}}
+helm.sh/hook: test
+helm.sh/hook-weight: "-1"
+helm.sh/hook-delete-policy: before-hook-creation,hook-succeeded
 {{- end }}

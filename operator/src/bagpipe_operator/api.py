@@ -5,6 +5,8 @@ not know, and cost more time than the call. No call is repeated here; the queue 
 """
 
 import json
+import time
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import aiohttp
@@ -13,6 +15,9 @@ from kubernetes.aio.client.exceptions import ApiException
 
 from bagpipe_operator import names
 from bagpipe_operator.view import Json
+
+# The kubelet joins what it repeats, so a pod that starts has about a dozen.
+MOST_EVENTS = 100
 
 
 class ApiError(Exception):
@@ -31,14 +36,26 @@ class Api(Protocol):
     async def create(self, resource: str, manifest: Json) -> Json:
         """Creates a core/v1 object in its namespace."""
 
+    async def try_create(self, resource: str, manifest: Json) -> None:
+        """Has a core/v1 object judged as if it were created; nothing is kept."""
+
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         """One core/v1 object."""
+
+    async def events_of(self, namespace: str, uid: str) -> list[Json]:
+        """At most MOST_EVENTS Events about the object with that UID."""
 
     async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
         """Deletes a pod if it still is the one with that UID; a missing one is no error."""
 
     async def get_job(self, namespace: str, name: str) -> Json:
         """One SimulationJob."""
+
+    async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
+        """Deletes a SimulationJob if it still is the one with that UID, and unchanged.
+
+        Raises ApiError with status 404 or 409 where it is not.
+        """
 
     async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
         """Merges into a SimulationJob's status; the job as it is afterwards."""
@@ -47,28 +64,49 @@ class Api(Protocol):
 class KubernetesApi:
     """Api over the official asyncio client."""
 
-    def __init__(self, client: ApiClient, deadline_seconds: float) -> None:
+    def __init__(
+        self,
+        client: ApiClient,
+        deadline_seconds: float,
+        counted: Callable[[str, int, float], None] = lambda _method, _status, _seconds: None,
+    ) -> None:
         self._client = client
         self._deadline = deadline_seconds
+        self._counted = counted
 
     async def create(self, resource: str, manifest: Json) -> Json:
         namespace = manifest["metadata"]["namespace"]
         return await self._call("POST", f"/api/v1/namespaces/{namespace}/{resource}", manifest)
 
+    async def try_create(self, resource: str, manifest: Json) -> None:
+        namespace = manifest["metadata"]["namespace"]
+        path = f"/api/v1/namespaces/{namespace}/{resource}?dryRun=All"
+        await self._call("POST", path, manifest)
+
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         return await self._call("GET", f"/api/v1/namespaces/{namespace}/{resource}/{name}")
 
+    async def events_of(self, namespace: str, uid: str) -> list[Json]:
+        query = f"fieldSelector=involvedObject.uid={uid}&limit={MOST_EVENTS}"
+        found = await self._call("GET", f"/api/v1/namespaces/{namespace}/events?{query}")
+        return list(found.get("items") or [])
+
     async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
         options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
-        try:
-            await self._call("DELETE", f"/api/v1/namespaces/{namespace}/pods/{name}", options)
-        except ApiError as error:
-            # 409: another pod has taken the name. Either way this one is gone.
-            if error.status not in {404, 409}:
-                raise
+        await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", options)
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._call("GET", self._job_path(namespace, name))
+
+    async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
+        options = {
+            "apiVersion": "v1",
+            "kind": "DeleteOptions",
+            "preconditions": {"uid": uid, "resourceVersion": version},
+            # Its pods and ConfigMaps are the garbage collector's.
+            "propagationPolicy": "Background",
+        }
+        await self._call("DELETE", self._job_path(namespace, name), options)
 
     async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
         return await self._call(
@@ -78,15 +116,83 @@ class KubernetesApi:
             content_type="application/merge-patch+json",
         )
 
+    async def create_job(self, manifest: Json) -> Json:
+        """Creates a SimulationJob in its namespace."""
+        namespace = manifest["metadata"]["namespace"]
+        return await self._call("POST", self._path(namespace, names.PLURAL), manifest)
+
+    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+        """The SimulationJobs with a label, written `key=value`."""
+        path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}"
+        items: list[Json] = (await self._call("GET", path))["items"]
+        return items
+
+    async def delete_job(self, namespace: str, name: str, uid: str) -> None:
+        """Deletes a SimulationJob if it still is the one with that UID; gone is no error.
+
+        Its children are deleted after it.
+        """
+        options = {
+            "apiVersion": "v1",
+            "kind": "DeleteOptions",
+            "propagationPolicy": "Background",
+            "preconditions": {"uid": uid},
+        }
+        await self._delete(self._job_path(namespace, name), options)
+
+    async def get_schedule(self, namespace: str, name: str) -> Json:
+        """One SimulationSchedule."""
+        return await self._call("GET", self._path(namespace, names.SCHEDULE_PLURAL, name))
+
+    async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
+        """Merges into a SimulationSchedule's status; the schedule as it is afterwards."""
+        return await self._call(
+            "PATCH",
+            f"{self._path(namespace, names.SCHEDULE_PLURAL, name)}/status",
+            patch,
+            content_type="application/merge-patch+json",
+        )
+
+    async def get_lease(self, namespace: str, name: str) -> Json:
+        return await self._call("GET", self._lease_path(namespace, name))
+
+    async def create_lease(self, manifest: Json) -> Json:
+        path = self._lease_path(manifest["metadata"]["namespace"])
+        return await self._call("POST", path, manifest)
+
+    async def replace_lease(self, manifest: Json) -> Json:
+        meta = manifest["metadata"]
+        return await self._call("PUT", self._lease_path(meta["namespace"], meta["name"]), manifest)
+
     async def check_watchable(self, namespace: str | None) -> None:
-        """Raises ApiError when the CRD is not there, or jobs or pods may not be listed."""
+        """Raises ApiError when a CRD is not there, or jobs, schedules or pods can't be listed."""
         scope = f"/namespaces/{namespace}" if namespace else ""
         await self._call("GET", f"/apis/{names.API_VERSION}{scope}/{names.PLURAL}?limit=1")
+        schedules = f"{scope}/{names.SCHEDULE_PLURAL}?limit=1"
+        await self._call("GET", f"/apis/{names.API_VERSION}{schedules}")
         await self._call("GET", f"/api/v1{scope}/pods?limit=1")
 
     @staticmethod
+    def _lease_path(namespace: str, name: str = "") -> str:
+        path = f"/apis/coordination.k8s.io/v1/namespaces/{namespace}/leases"
+        return f"{path}/{name}" if name else path
+
+    @staticmethod
     def _job_path(namespace: str, name: str) -> str:
-        return f"/apis/{names.API_VERSION}/namespaces/{namespace}/{names.PLURAL}/{name}"
+        return KubernetesApi._path(namespace, names.PLURAL, name)
+
+    @staticmethod
+    def _path(namespace: str, plural: str, name: str = "") -> str:
+        below = f"/apis/{names.API_VERSION}/namespaces/{namespace}/{plural}"
+        return f"{below}/{name}" if name else below
+
+    async def _delete(self, path: str, options: Json) -> None:
+        try:
+            await self._call("DELETE", path, options)
+        except ApiError as error:
+            # 409: another object has taken the name. Either way this one is gone.
+            if error.status not in {404, 409}:
+                raise
 
     async def _call(
         self,
@@ -95,12 +201,25 @@ class KubernetesApi:
         body: Json | None = None,
         content_type: str = "application/json",
     ) -> Json:
+        """One call, counted with its status; 0 says that there was no answer."""
+        begun, status = time.monotonic(), 0
+        try:
+            answer = await self._answer(method, path, body, content_type)
+            status = 200
+        except ApiError as error:
+            status = error.status
+            raise
+        finally:
+            self._counted(method, status, time.monotonic() - begun)
+        return answer
+
+    async def _answer(self, method: str, path: str, body: Json | None, content_type: str) -> Json:
         client: Any = self._client  # its methods carry no types
         resource, _, query = path.partition("?")
         request = await client.param_serialize(
             method=method,
             resource_path=resource,
-            query_params=[tuple(query.split("=", 1))] if query else [],
+            query_params=[tuple(part.split("=", 1)) for part in query.split("&") if part],
             header_params={"Accept": "application/json", "Content-Type": content_type},
             body=body,
             auth_settings=["BearerToken"],

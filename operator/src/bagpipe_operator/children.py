@@ -6,11 +6,12 @@ Nothing here deletes: children go with their job by their ownerReference.
 import re
 from dataclasses import dataclass
 
-from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec import SimulationJobSpec, evaluator_config_maps
 from bagpipe_operator import names, reasons
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.driver_pod import driver_pod
-from bagpipe_operator.job_config import job_config
+from bagpipe_operator.executor_template import executor_trial
+from bagpipe_operator.job_config import UnusableSpecError, job_config
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json, PodView
 
@@ -31,21 +32,38 @@ async def create_children(
 ) -> PodView | Refusal:
     """The attempt's driver, created now or found to exist already.
 
-    Raises JobTooLargeError, and ApiError for faults that may pass.
+    Raises UnusableSpecError, JobTooLargeError, and ApiError for faults that may pass.
     """
+    if evaluator_config_maps(spec) and not settings.own_evaluators:
+        raise UnusableSpecError(
+            "spec.evaluate has an own evaluator, and this installation lets no job bring one: "
+            "leave it out, or ask an administrator for operator.ownEvaluators of the Helm chart."
+        )
     config = job_config(job, spec, attempt, settings)
+    what = "an executor's pod"
     try:
+        await _try_executor(api, executor_trial(job, spec, attempt, settings))
+        what = f"{names.driver_name(job.name, attempt)} or its ConfigMap"
         made = await _create_or_find(api, job, "configmaps", config)
         if isinstance(made, Refusal):
             return made
         pod = driver_pod(job, spec, attempt, settings)
         made = await _create_or_find(api, job, "pods", pod)
     except ApiError as error:
-        refusal = _refusal_of(error, job, settings)
+        refusal = _refusal_of(error, job, what)
         if refusal is None:
             raise
         return refusal
     return made if isinstance(made, Refusal) else PodView.from_object(made)
+
+
+async def _try_executor(api: Api, pod: Json) -> None:
+    """Has an executor judged. A quota without room for one now may have some by then."""
+    try:
+        await api.try_create("pods", pod)
+    except ApiError as error:
+        if not (error.status == 403 and "exceeded quota" in error.message):
+            raise
 
 
 async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json) -> Json | Refusal:
@@ -59,7 +77,7 @@ async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json)
     # A former run of the operator made it and could not write so into the status.
     found = await api.get(resource, job.namespace, name)
     owners = found["metadata"].get("ownerReferences") or []
-    if any(owner.get("uid") == job.uid for owner in owners):
+    if any(owner.get("uid") == job.uid for owner in owners) and _is_ours(manifest, found):
         return found
     return Refusal(
         reasons.NAME_TAKEN,
@@ -68,13 +86,23 @@ async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json)
     )
 
 
-def _refusal_of(error: ApiError, job: JobView, settings: Settings) -> Refusal | None:
+def _is_ours(manifest: Json, found: Json) -> bool:
+    """Whether a ConfigMap holds what it should: the driver makes pods of what is in it.
+
+    Who may create ConfigMaps, and knows the job's UID, could have put another there.
+    """
+    return manifest["kind"] != "ConfigMap" or (
+        found.get("data") == manifest["data"] and found.get("immutable") is True
+    )
+
+
+def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
     """The refusal that an error means, or None for a fault that may pass by itself."""
     account = _MISSING_ACCOUNT.search(error.message)
     if account:
         return Refusal(
             reasons.SERVICE_ACCOUNT_MISSING,
-            f"There is no ServiceAccount {settings.driver_service_account} in namespace "
+            f"There is no ServiceAccount {account[1].rpartition('/')[2]} in namespace "
             f"{job.namespace}. Add the namespace to jobNamespaces of the Helm chart "
             f"bagpipe and upgrade it: the chart makes the account and its rights.",
         )
@@ -83,14 +111,13 @@ def _refusal_of(error: ApiError, job: JobView, settings: Settings) -> Refusal | 
     if error.status == 403 and "exceeded quota" in error.message:
         return Refusal(
             reasons.QUOTA_EXCEEDED,
-            f"The namespace's quota has no room for the driver's pod: {error.message} "
+            f"The namespace's quota has no room for {what}: {error.message} "
             "The job starts as soon as it has.",
             lasting=False,
         )
     if error.status in {400, 403, 413, 422}:
         return Refusal(
             reasons.CREATION_REFUSED,
-            f"The API server refuses {names.driver_name(job.name, 1)} or its ConfigMap: "
-            f"{error.message}",
+            f"The API server refuses {what}: {error.message}",
         )
     return None

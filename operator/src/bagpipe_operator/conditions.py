@@ -11,6 +11,7 @@ PLANNED = "Planned"
 RUNNING = "Running"
 COMPLETE = "Complete"
 FAILED = "Failed"
+SUSPENDED = "Suspended"
 
 LONGEST_MESSAGE = 1024
 

@@ -1,13 +1,15 @@
-"""Why pods do not start or were ended: the kubelet's and the scheduler's words, made a sentence.
+"""Why pods do not start: the kubelet's and the scheduler's words, made a sentence.
 
 Pure. Each trouble says whether only a person can mend it, so that the job had better end.
 """
 
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from datetime import datetime
 
 from bagpipe_operator import names, reasons
+from bagpipe_operator.casualties import casualties
+from bagpipe_operator.trouble import Trouble, sentence
 from bagpipe_operator.view import ContainerView, PodView
 
 # The words of kubelet and container runtime for "the image is not there".
@@ -37,44 +39,48 @@ _IMAGE_REASONS = {
     (names.ROLE_EXECUTOR, names.CONTAINER_STACK): reasons.STACK_IMAGE_UNAVAILABLE,
     (names.ROLE_EXECUTOR, names.CONTAINER_SPARK): reasons.EXECUTOR_IMAGE_UNAVAILABLE,
 }
+_MISSING = {
+    "Secret": (
+        re.compile(r'secret "([^"]+)" not found'),
+        reasons.SECRET_MISSING,
+        ", or correct spec.storage.secrets, and create the job again.",
+    ),
+    "ConfigMap": (
+        re.compile(r'configmap "([^"]+)" not found'),
+        reasons.CONFIG_MAP_MISSING,
+        ", or, where it was the job's own, create the job again.",
+    ),
+}
 _MISSING_CLAIM = re.compile(r'persistentvolumeclaim "([^"]+)" not found')
 
 
-@dataclass(frozen=True)
-class Trouble:
-    """Something that keeps a pod from its work."""
+def troubles(
+    pods: Iterable[PodView],
+    now: datetime,
+    gone: Iterable[PodView] = (),
+    looked_up: Iterable[Trouble] = (),
+) -> list[Trouble]:
+    """All troubles of a job's pods, the lasting ones first.
 
-    reason: str
-    pod: str
-    message: str
-    container: str = ""
-    lasting: bool = True  # only a person can mend it
-
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """What stays the same while the kubelet's wording changes."""
-        return (self.reason, self.pod, self.container)
-
-
-def troubles(pods: Iterable[PodView]) -> list[Trouble]:
-    """All troubles of a job's pods, the lasting ones first."""
-    found = [t for pod in pods if not pod.deleting for t in _of_pod(pod)]
+    `gone` are the last pods that went, `looked_up` is what Lookout has found: it knows more than
+    a pod's own status, so it comes first.
+    """
+    pods = list(pods)
+    ended = casualties(pods, gone, now)
+    told = {(t.pod, t.container) for t in ended}
+    found = [t for pod in pods if not (pod.deleting or pod.ended) for t in _of_pod(pod)]
+    # A container that restarts for lack of memory "does not start" too; its cause says more.
+    found = [*looked_up, *(t for t in found if (t.pod, t.container) not in told), *ended]
     # Where one executor has the stack running, the image exists: another node may yet get it.
     if any(_stack_runs(pod) for pod in pods):
-        found = [_passing(t) if t.container else t for t in found]
+        found = [t.passing() if t.container else t for t in found]
     return sorted(found, key=lambda t: not t.lasting)
 
 
 def _of_pod(pod: PodView) -> list[Trouble]:
-    if pod.ended:
-        return _of_ended(pod)
     if pod.unschedulable:
         return [_of_scheduling(pod)]
-    found: list[Trouble] = []
-    for container in pod.containers:
-        found += _of_waiting(pod, container)
-        found += _of_memory(pod, container)
-    return found
+    return [t for container in pod.containers for t in _of_waiting(pod, container)]
 
 
 def _of_scheduling(pod: PodView) -> Trouble:
@@ -90,7 +96,7 @@ def _of_scheduling(pod: PodView) -> Trouble:
     return Trouble(
         reasons.UNSCHEDULABLE,
         pod.name,
-        f"Pod {pod.name} has no node yet: {_clean(pod.unschedulable)} "
+        f"Pod {pod.name} has no node yet: {sentence(pod.unschedulable)} "
         "It starts as soon as a node has room.",
         lasting=False,
     )
@@ -98,67 +104,55 @@ def _of_scheduling(pod: PodView) -> Trouble:
 
 def _of_waiting(pod: PodView, container: ContainerView) -> list[Trouble]:
     why = container.waiting_reason
-    said = _clean(container.message or why)
+    said = sentence(container.message or why)
     if why in _IMAGE:
-        reason = _IMAGE_REASONS.get((pod.role, container.name), reasons.CONTAINER_NOT_STARTING)
-        message = (
-            f"Image {container.image} of container {container.name} in pod {pod.name} can't be "
-            f"had ({why}): {said} {_advice(container.name)}"
-        )
-        return [Trouble(reason, pod.name, message, container.name)]
+        return [of_image(pod, container, why, said)]
     if why in _START:
         message = (
             f"Container {container.name} (image {container.image}) in pod {pod.name} does not "
             f"start ({why}): {said}"
         )
-        return [Trouble(reasons.CONTAINER_NOT_STARTING, pod.name, message, container.name)]
+        trouble = of_missing(pod, said, message, container.name)
+        return [
+            trouble or Trouble(reasons.CONTAINER_NOT_STARTING, pod.name, message, container.name)
+        ]
     return []
 
 
+def of_image(pod: PodView, container: ContainerView, why: str, said: str) -> Trouble:
+    """The trouble of an image that the node can't have; `why` is the kubelet's word for it."""
+    known = names.CONTAINER_STACK if names.is_stack(container.name) else container.name
+    reason = _IMAGE_REASONS.get((pod.role, known), reasons.CONTAINER_NOT_STARTING)
+    message = (
+        f"Image {container.image} of container {container.name} in pod {pod.name} can't be "
+        f"had ({why}): {said} {_advice(container.name)}"
+    )
+    return Trouble(reason, pod.name, message, container.name)
+
+
+def of_missing(pod: PodView, said: str, message: str, container: str = "") -> Trouble | None:
+    """The trouble of a Secret or ConfigMap that somebody says is not there; None for other words.
+
+    Whoever asks for it may be a container's environment or a volume.
+    """
+    for kind, (words, reason, whence) in _MISSING.items():
+        found = words.search(said)
+        if found:
+            advice = f" Create {kind} {found[1]} in namespace {pod.namespace}{whence}"
+            return Trouble(reason, pod.name, message + advice, container)
+    return None
+
+
 def _advice(container: str) -> str:
-    if container == names.CONTAINER_STACK:
-        return "Correct spec.stack.image or make it pullable, and create the job again."
+    if names.is_stack(container):
+        field = "spec.stack.image" if container == names.CONTAINER_STACK else "the variant's image"
+        return f"Correct {field} or make it pullable, and create the job again."
     return (
         "It is Bagpipe's own image: an administrator sets it by images.registry and images.tag of "
         "the Helm chart, or loads it into the nodes."
     )
 
 
-def _of_memory(pod: PodView, container: ContainerView) -> list[Trouble]:
-    if container.reason != "OOMKilled" or pod.role != names.ROLE_EXECUTOR:
-        return []
-    where = (
-        "spec.stack.resources.limits.memory"
-        if container.name == names.CONTAINER_STACK
-        else "spec.spark.executor.resources.memory"
-    )
-    message = (
-        f"Container {container.name} in pod {pod.name} was ended for lack of memory. Raise {where}."
-    )
-    return [
-        Trouble(reasons.EXECUTOR_OUT_OF_MEMORY, pod.name, message, container.name, lasting=False)
-    ]
-
-
-def _of_ended(pod: PodView) -> list[Trouble]:
-    if pod.role != names.ROLE_EXECUTOR:
-        return []
-    if pod.reason == "Evicted":
-        message = f"Pod {pod.name} was evicted: {_clean(pod.message)} Spark replaces it."
-        return [Trouble(reasons.EXECUTOR_EVICTED, pod.name, message, lasting=False)]
-    return [t for container in pod.containers for t in _of_memory(pod, container)]
-
-
 def _stack_runs(pod: PodView) -> bool:
-    stack = pod.container(names.CONTAINER_STACK)
-    return pod.role == names.ROLE_EXECUTOR and stack is not None and stack.running
-
-
-def _passing(trouble: Trouble) -> Trouble:
-    return Trouble(trouble.reason, trouble.pod, trouble.message, trouble.container, lasting=False)
-
-
-def _clean(text: str) -> str:
-    """One line that ends as a sentence."""
-    line = " ".join(text.split())[:500].rstrip()
-    return line if not line or line.endswith((".", "!", "?")) else line + "."
+    stacks = [c for c in pod.containers if names.is_stack(c.name)]
+    return pod.role == names.ROLE_EXECUTOR and bool(stacks) and all(c.running for c in stacks)

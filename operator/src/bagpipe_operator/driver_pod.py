@@ -1,51 +1,48 @@
 """The Spark driver's pod. Pure: a job and the settings in, a manifest out."""
 
 from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator import names
+from bagpipe_operator import names, pod_parts
 from bagpipe_operator.quantities import heap
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json
-from bagpipe_operator.volumes import claim_mounts, claim_volumes
+from bagpipe_operator.volumes import claim_mounts, claim_volumes, secret_environment
 
-# What the "restricted" Pod Security level asks of a container.
-RESTRICTED_CONTAINER: Json = {
-    "allowPrivilegeEscalation": False,
-    "capabilities": {"drop": ["ALL"]},
-    "runAsNonRoot": True,
-    "runAsUser": names.BAGPIPE_UID,
-    "runAsGroup": names.BAGPIPE_UID,
-    "seccompProfile": {"type": "RuntimeDefault"},
-}
+# The image's name for the user that its containers run as.
+SPARK_USER = "bagpipe"
 
 
 def driver_pod(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
     """The manifest of one attempt's driver."""
+    pod = spec.spark.driver.pod
+    labels = names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt)
     return {
         "apiVersion": "v1",
         "kind": "Pod",
         "metadata": {
             "name": names.driver_name(job.name, attempt),
             "namespace": job.namespace,
-            "labels": names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt),
+            **pod_parts.metadata(
+                pod,
+                labels | names.queue_label(spec.queue_name),
+                names.scraped(names.PROGRESS_PORT) if settings.scrape_annotations else {},
+            ),
             "ownerReferences": [names.owner_reference(job.name, job.uid)],
         },
         "spec": {
             "restartPolicy": "Never",
+            **pod_parts.placement(pod, names.selector(job.uid, names.ROLE_DRIVER)),
             "serviceAccountName": settings.driver_service_account,
+            # One container gets the token by its own mount; what others inject must not have it.
+            "automountServiceAccountToken": False,
             "enableServiceLinks": False,
-            "securityContext": {
-                "runAsNonRoot": True,
-                "runAsUser": names.BAGPIPE_UID,
-                "runAsGroup": names.BAGPIPE_UID,
-                # Volumes that know groups become writable for the driver by this.
-                "fsGroup": names.BAGPIPE_UID,
-                "fsGroupChangePolicy": "OnRootMismatch",
-                "seccompProfile": {"type": "RuntimeDefault"},
-            },
+            "securityContext": pod_parts.groups(pod),
             "containers": [_container(spec, settings)],
             "volumes": [
                 {"name": "config", "configMap": {"name": names.attempt_name(job.name, attempt)}},
+                pod_parts.TOKEN_VOLUME,
+                *pod_parts.SCRATCH_VOLUMES,
                 *claim_volumes(spec),
+                *pod_parts.own_volumes(pod),
             ],
         },
     }
@@ -64,17 +61,23 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             _downward("BAGPIPE_NAMESPACE", "metadata.namespace"),
             # pyspark starts the driver's JVM with this much; its own default knows no limit.
             {"name": "SPARK_DRIVER_MEMORY", "value": heap(resources.memory)},
+            # Else Spark takes the HADOOP_USER_NAME of a Secret, and writes it into executors' pods.
+            {"name": "SPARK_USER", "value": SPARK_USER},
         ],
+        "envFrom": secret_environment(spec),
         "ports": [{"name": "progress", "containerPort": names.PROGRESS_PORT}],
         "resources": {
             "requests": {"cpu": resources.cpu, "memory": resources.memory},
             "limits": {"memory": resources.memory},
         },
-        "securityContext": RESTRICTED_CONTAINER,
+        "securityContext": pod_parts.RESTRICTED_CONTAINER,
         "terminationMessagePath": "/dev/termination-log",
         "volumeMounts": [
             {"name": "config", "mountPath": names.CONFIG_PATH, "readOnly": True},
+            pod_parts.TOKEN_MOUNT,
+            *pod_parts.SPARK_SCRATCH_MOUNTS,
             *claim_mounts(spec),
+            *pod_parts.own_mounts(spec.spark.driver.volume_mounts),
         ],
     }
 

@@ -1,28 +1,52 @@
 """How a job ended, read from its driver's pod. Pure."""
 
 from dataclasses import dataclass
+from datetime import datetime
 
 from bagpipe_operator import names, reasons
+from bagpipe_operator.casualties import EVICTIONS
 from bagpipe_operator.progress import Progress, parse
-from bagpipe_operator.view import ContainerView, PodView
+from bagpipe_operator.view import ContainerView, Disruption, PodView
+
+_AGAIN = "Create the job again."
+
+# The kubelet that should end a deleted pod has the pod's grace period, and this much more.
+UNREACHABLE_SECONDS = 15.0
 
 
 @dataclass(frozen=True)
 class Ending:
-    """A job's end: complete or failed, why, and the driver's last account if it left one."""
+    """An end of a driver: complete or failed, why, and its last account if it left one.
+
+    `lost` says that the driver's work was cut short from outside, so that another may go on;
+    `advice` is for the user whose job ends with it.
+    """
 
     complete: bool
     reason: str
     message: str
     progress: Progress | None = None
+    advice: str = ""
+    lost: bool = False
+
+    @property
+    def last_words(self) -> str:
+        """What happened and what to do, when no other driver takes over."""
+        return f"{self.message} {self.advice}".rstrip()
 
 
-def ending_of(driver: PodView) -> Ending | None:
-    """The job's end, or None as long as the driver's container may still run."""
+def ending_of(driver: PodView, now: datetime) -> Ending | None:
+    """The driver's end, or None as long as its container may still run.
+
+    A pod that should be gone and is not lies on a node that nobody reaches. It may still run
+    there; what it writes can't replace what another driver commits.
+    """
     container = driver.container(names.CONTAINER_DRIVER)
     code = container.exit_code if container else None
     if container is None or code is None:
-        return _of_pod(driver) if driver.ended else None
+        if driver.ended:
+            return _of_pod(driver)
+        return _unreachable(driver) if overdue(driver, now) else None
     progress = parse(container.message) if container.message else None
     if code == 0 and progress is not None and progress.phase == "Complete":
         return Ending(
@@ -31,7 +55,7 @@ def ending_of(driver: PodView) -> Ending | None:
             progress.message or "All cases ran.",
             progress,
         )
-    if progress is not None and progress.phase == "Failed":
+    if progress is not None and progress.phase == "Failed" and not _crashed(container, progress):
         return Ending(
             False,
             progress.reason or reasons.DRIVER_FAILED,
@@ -41,6 +65,11 @@ def ending_of(driver: PodView) -> Ending | None:
     return _without_account(driver, container, code, progress)
 
 
+def _crashed(container: ContainerView, progress: Progress) -> bool:
+    """Whether the account tells only what lack of memory did: the kernel ended Spark's JVM."""
+    return container.reason == "OOMKilled" and progress.reason == reasons.DRIVER_FAILED
+
+
 def _without_account(
     driver: PodView, container: ContainerView, code: int, progress: Progress | None
 ) -> Ending:
@@ -48,19 +77,21 @@ def _without_account(
         return Ending(
             False,
             reasons.DRIVER_OUT_OF_MEMORY,
-            f"The driver's pod {driver.name} was ended for lack of memory. "
-            "Raise spec.spark.driver.resources.memory and create the job again.",
+            f"The driver's pod {driver.name} was ended for lack of memory.",
             progress,
+            "Raise spec.spark.driver.resources.memory and create the job again.",
+            lost=True,
         )
-    if driver.reason == "Evicted":
+    if driver.reason == "Evicted" or driver.disruption is not None:
         return _of_pod(driver)
     if driver.deleting:
         return Ending(
             False,
             reasons.DRIVER_LOST,
-            f"The driver's pod {driver.name} was deleted before its job ended. "
-            "Create the job again.",
+            f"The driver's pod {driver.name} was deleted before its job ended.",
             progress,
+            _AGAIN,
+            lost=True,
         )
     account = (
         f"although its last account says {progress.phase}"
@@ -70,24 +101,74 @@ def _without_account(
     return Ending(
         False,
         reasons.DRIVER_FAILED,
-        f"The driver's pod {driver.name} ended with exit status {code} {account}. "
-        f"Read its log: kubectl logs -n {driver.namespace} {driver.name}",
+        f"The driver's pod {driver.name} ended with exit status {code} {account}.",
         progress,
+        f"Read its log: kubectl logs -n {driver.namespace} {driver.name}",
+        lost=True,
     )
 
 
 def _of_pod(driver: PodView) -> Ending:
     """A pod that the node ended as a whole: evicted, or lost with its node."""
     said = f" {driver.message}" if driver.message else ""
+    if driver.disruption is not None:
+        return _disrupted(driver, driver.disruption)
     if driver.reason == "Evicted":
         return Ending(
             False,
             reasons.DRIVER_EVICTED,
-            f"The driver's pod {driver.name} was evicted.{said} Create the job again.",
+            f"The driver's pod {driver.name} was evicted.{said}",
+            advice=_AGAIN,
+            lost=True,
         )
     return Ending(
         False,
         reasons.DRIVER_LOST,
         f"The driver's pod {driver.name} ended as {driver.phase} ({driver.reason or 'no reason'})."
-        f"{said} Create the job again.",
+        f"{said}",
+        advice=_AGAIN,
+        lost=True,
+    )
+
+
+def _disrupted(driver: PodView, disruption: Disruption) -> Ending:
+    by = EVICTIONS.get(disruption.reason)
+    what = f"was evicted {by}" if by else f"was taken away ({disruption.reason})"
+    said = f" {driver.message or disruption.message}".rstrip()
+    return Ending(
+        False,
+        reasons.DRIVER_EVICTED if by else reasons.DRIVER_LOST,
+        f"The driver's pod {driver.name} {what}.{said}",
+        advice=_AGAIN,
+        lost=True,
+    )
+
+
+def overdue(pod: PodView, now: datetime) -> bool:
+    """Whether a deleted pod should be gone by now: its node can't be reached."""
+    if pod.gone_by is None:
+        return False
+    return (now - pod.gone_by).total_seconds() > UNREACHABLE_SECONDS
+
+
+def _unreachable(driver: PodView) -> Ending:
+    return Ending(
+        False,
+        reasons.DRIVER_LOST,
+        f"The driver's pod {driver.name} was deleted and its node does not say that it has ended.",
+        advice=_AGAIN,
+        lost=True,
+    )
+
+
+def lost_driver(namespace: str, name: str, went: PodView | None = None) -> Ending:
+    """The end of a driver whose pod is not there any more; `went` is how it was seen to go."""
+    if went is not None and went.disruption is not None:
+        return _disrupted(went, went.disruption)
+    return Ending(
+        False,
+        reasons.DRIVER_LOST,
+        f"The driver's pod {name} was deleted in namespace {namespace} before its job ended.",
+        advice=_AGAIN,
+        lost=True,
     )

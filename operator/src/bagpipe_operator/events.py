@@ -1,26 +1,27 @@
-"""Kubernetes Events for the transitions of a job: which ones (pure), and how they are written.
+"""Kubernetes Events for the transitions of a job: which ones, and how they look. Pure.
 
-An Event is told after the status that it speaks of was written, so each transition is told at
-most once: whoever reconciles next finds it in the status.
+A transition's Event has a name that follows from the transition, so whoever tells it a second
+time (a retry, the operator's next run) finds it written.
 """
 
-import logging
+import hashlib
+import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
-from uuid import uuid4
 
 from bagpipe_operator import conditions, names, reasons
-from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.view import JobView, Json
-
-logger = logging.getLogger(__name__)
 
 NORMAL = "Normal"
 WARNING = "Warning"
 COMPONENT = "bagpipe-operator"
 # The API server's limit for an Event's message.
 LONGEST_NOTE = 1024
+# Reasons of Accepted that are no trouble; the last is told by the condition Suspended.
+_QUIET = frozenset({reasons.IN_PROGRESS, reasons.JOB_SUSPENDED})
+# Well below the hour after which the API server forgets an Event, and with it that it was told.
+RETOLD_SECONDS = 600.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ class Note:
     type: str
     reason: str
     message: str
+    # What makes it this transition and no other of the same reason.
+    mark: str = field(default="", compare=False)
 
 
 def transitions(old: Iterable[Json], new: Iterable[Json]) -> list[Note]:
@@ -43,12 +46,27 @@ def transitions(old: Iterable[Json], new: Iterable[Json]) -> list[Note]:
         type_ = _worth(condition)
         told = any(note.reason == condition["reason"] for note in notes)
         if type_ is not None and not told:
-            notes.append(Note(type_, condition["reason"], condition["message"]))
+            mark = f"{condition['type']} {condition['status']} {condition['lastTransitionTime']}"
+            notes.append(Note(type_, condition["reason"], condition["message"], mark))
     return notes
 
 
+def recent(written: Iterable[Json], now: datetime) -> list[Note]:
+    """What a status says of the last RETOLD_SECONDS: its writer may have died before telling it."""
+    fresh = [
+        condition
+        for condition in written
+        if (now - datetime.fromisoformat(condition["lastTransitionTime"])).total_seconds()
+        < RETOLD_SECONDS
+    ]
+    return transitions([], fresh)
+
+
 def _same(known: Json, condition: Json) -> bool:
-    return all(known.get(key) == condition[key] for key in ("status", "reason"))
+    # Two drivers in a row may end alike; the message counts them.
+    ended = condition["reason"] in reasons.DRIVER_ENDS
+    keys = ("status", "reason", "message") if ended else ("status", "reason")
+    return all(known.get(key) == condition[key] for key in keys)
 
 
 def _worth(condition: Json) -> str | None:
@@ -56,10 +74,14 @@ def _worth(condition: Json) -> str | None:
     match condition["type"]:
         case conditions.FAILED:
             return WARNING if true else None
+        case conditions.RUNNING if condition["reason"] in reasons.TROUBLES:
+            return WARNING
         case conditions.RUNNING if not true:
-            return WARNING if condition["reason"] in reasons.TROUBLES else None
+            return None
         case conditions.ACCEPTED if not true:
-            return WARNING if condition["reason"] != reasons.IN_PROGRESS else None
+            return WARNING if condition["reason"] not in _QUIET else None
+        case conditions.SUSPENDED if not true:
+            return NORMAL if condition["reason"] == reasons.JOB_RESUMED else None
         case _:
             return NORMAL if true else None
 
@@ -70,7 +92,7 @@ def manifest(job: JobView, note: Note, now: datetime) -> Json:
     return {
         "apiVersion": "v1",
         "kind": "Event",
-        "metadata": {"name": f"{job.name}.{uuid4().hex[:16]}", "namespace": job.namespace},
+        "metadata": {"name": _name(job, note), "namespace": job.namespace},
         "involvedObject": {
             "apiVersion": names.API_VERSION,
             "kind": names.KIND,
@@ -89,13 +111,18 @@ def manifest(job: JobView, note: Note, now: datetime) -> Json:
     }
 
 
-async def tell(api: Api, job: JobView, notes: Iterable[Note], now: datetime) -> None:
-    """Writes the Events; one that can't be written is logged, since the status says the same."""
-    for note in notes:
-        try:
-            await api.create("events", manifest(job, note, now))
-        except ApiError as error:
-            logger.warning(
-                "%s/%s: the event %s was not written: %s",
-                job.namespace, job.name, note.reason, error,
-            )  # fmt: skip
+def _name(job: JobView, note: Note) -> str:
+    """Of one transition always the same.
+
+    Of a trouble that comes and goes while cases run on (the condition stays True) the first is
+    told. A driver's end is announced, and then happens: one Event for each driver.
+    """
+    mark = note.mark
+    if mark.startswith(conditions.RUNNING):
+        driver = re.search(rf"\b{re.escape(job.name)}-\d+-driver\b", note.message)
+        if driver and note.reason in reasons.DRIVER_ENDS:
+            mark = driver[0]
+        else:
+            mark = f"{job.status.get('attempt')} {mark}"
+    identity = f"{job.uid} {note.reason} {mark}"
+    return f"{job.name}.{hashlib.sha256(identity.encode()).hexdigest()[:16]}"

@@ -4,12 +4,17 @@ Spark fills in its own container (image, arguments, resources), the name, the ow
 restart policy; the rest of the pod is said here.
 """
 
-from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator import names
-from bagpipe_operator.driver_pod import RESTRICTED_CONTAINER
+from bagpipe.spec import SimulationJobSpec, shared_folder, stack_images
+from bagpipe_operator import names, pod_parts
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json
-from bagpipe_operator.volumes import claim_mounts, claim_volumes
+from bagpipe_operator.volumes import (
+    claim_mounts,
+    claim_volumes,
+    evaluator_mounts,
+    evaluator_volumes,
+    secret_environment,
+)
 
 AGENT = f"{names.SHARED_PATH}/bin/bagpipe-agent"
 
@@ -26,38 +31,74 @@ def executor_template(
     job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings
 ) -> Json:
     """The manifest that becomes executor.yaml."""
+    pod = spec.spark.executor.pod
     return {
         "apiVersion": "v1",
         "kind": "Pod",
-        "metadata": {
-            "labels": names.labels(job.name, job.uid, names.ROLE_EXECUTOR, attempt),
-        },
+        "metadata": pod_parts.metadata(
+            pod,
+            names.labels(job.name, job.uid, names.ROLE_EXECUTOR, attempt)
+            | names.queue_label(spec.queue_name),
+            names.scraped(names.METRICS_PORT) if settings.scrape_annotations else {},
+        ),
         "spec": {
             "restartPolicy": "Never",
+            **pod_parts.placement(pod, names.selector(job.uid, names.ROLE_EXECUTOR)),
+            # A cloud's identity for storage hangs on it; it has no rights in the cluster.
+            "serviceAccountName": settings.executor_service_account,
             # Neither Spark's executor nor the user's code has any business with the API server.
             "automountServiceAccountToken": False,
             "enableServiceLinks": False,
-            "securityContext": {
-                "fsGroup": names.BAGPIPE_UID,
-                "fsGroupChangePolicy": "OnRootMismatch",
-                "seccompProfile": {"type": "RuntimeDefault"},
-            },
-            "initContainers": [_agent(settings), _stack(spec)],
+            "securityContext": pod_parts.groups(pod),
+            "initContainers": [
+                _agent(settings),
+                *(_stack(spec, n, image) for n, image in enumerate(stack_images(spec))),
+            ],
             "containers": [
                 {
                     "name": names.CONTAINER_SPARK,
                     "image": settings.spark_image,
                     "imagePullPolicy": settings.image_pull_policy,
-                    "securityContext": RESTRICTED_CONTAINER,
-                    "volumeMounts": [_SHARED_MOUNT, *claim_mounts(spec)],
+                    "envFrom": secret_environment(spec),
+                    "securityContext": pod_parts.RESTRICTED_CONTAINER,
+                    "volumeMounts": [
+                        _SHARED_MOUNT,
+                        *pod_parts.SPARK_SCRATCH_MOUNTS,
+                        *claim_mounts(spec),
+                        *evaluator_mounts(spec),
+                        *pod_parts.own_mounts(spec.spark.executor.volume_mounts),
+                    ],
                 }
             ],
             "volumes": [
                 {"name": "shared", "emptyDir": {"medium": "Memory", "sizeLimit": SHARED_SIZE}},
+                *pod_parts.SCRATCH_VOLUMES,
+                {"name": "bagpipe-stack-tmp", "emptyDir": {}},
+                {"name": "bagpipe-stack-home", "emptyDir": {}},
                 *claim_volumes(spec),
+                *evaluator_volumes(spec),
+                *pod_parts.own_volumes(pod),
             ],
         },
     }
+
+
+def executor_trial(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
+    """An executor's pod as Spark will make it, for the API server to judge and not to keep.
+
+    Spark only logs a refusal and tries again for ever.
+    """
+    pod = executor_template(job, spec, attempt, settings)
+    size = spec.spark.executor.resources
+    pod["metadata"] |= {
+        "name": f"{names.attempt_name(job.name, attempt)}-exec-trial",
+        "namespace": job.namespace,
+    }
+    pod["spec"]["containers"][0]["resources"] = {
+        "requests": {"cpu": size.cpu, "memory": size.memory},
+        "limits": {"memory": size.memory},
+    }
+    return pod
 
 
 def _agent(settings: Settings) -> Json:
@@ -71,35 +112,66 @@ def _agent(settings: Settings) -> Json:
             "requests": {"cpu": "10m", "memory": "32Mi"},
             "limits": {"memory": "128Mi"},
         },
-        "securityContext": RESTRICTED_CONTAINER,
+        "securityContext": pod_parts.RESTRICTED_CONTAINER,
         "volumeMounts": [_SHARED_MOUNT],
     }
 
 
-def _stack(spec: SimulationJobSpec) -> Json:
-    """The user's image as a native sidecar: started before Spark, ended after it.
+def _stack(spec: SimulationJobSpec, number: int, image: str) -> Json:
+    """A user's image as a native sidecar: started before Spark, ended after it.
 
-    It keeps the image's own user: robots' images often run as root, and are to run unmodified.
+    Each image of the variants is a container of its own, with an agent and slots of its own.
+
+    By default it runs as a user that no image knows, with a HOME and a /tmp of its own, so that
+    any namespace takes it; a job may say that its image has to have its own user, or root.
     """
     stack = spec.stack
+    shared = shared_folder(names.SHARED_PATH, number)
+    port = names.METRICS_PORT + number
     return {
-        "name": names.CONTAINER_STACK,
-        "image": stack.image,
+        "name": names.stack_container(number),
+        "image": image,
         "imagePullPolicy": stack.image_pull_policy,
         "restartPolicy": "Always",
         "command": [
-            AGENT, "serve", "--shared", names.SHARED_PATH, "--slots", str(spec.spark.slots),
+            AGENT, "serve", "--shared", shared, "--slots", str(spec.spark.slots),
+            "--metrics", f"0.0.0.0:{port}",
         ],
+        "ports": [{"name": names.metrics_port_name(number), "containerPort": port}],
         "startupProbe": {
-            "exec": {"command": [AGENT, "ready", "--shared", names.SHARED_PATH]},
+            "exec": {"command": [AGENT, "ready", "--shared", shared]},
             "periodSeconds": 1,
             "timeoutSeconds": 5,
             "failureThreshold": PROBE_LIMIT,
         },
-        "resources": stack.resources,
-        "securityContext": {
-            "allowPrivilegeEscalation": False,
-            "seccompProfile": {"type": "RuntimeDefault"},
-        },
-        "volumeMounts": [_SHARED_MOUNT],
+        "env": _stack_env(spec),
+        "envFrom": [pod_parts.plain(source) for source in stack.env_from],
+        "resources": pod_parts.plain(stack.resources),
+        "securityContext": pod_parts.stack_security(stack.security_context),
+        "volumeMounts": _stack_mounts(spec),
     }  # fmt: skip
+
+
+def _stack_env(spec: SimulationJobSpec) -> list[Json]:
+    """What only the kubelet can fill in; plain values travel with the case."""
+    stack = spec.stack
+    given = [
+        {"name": v.name, "valueFrom": pod_parts.plain(v.value_from)}
+        for v in stack.env
+        if v.value_from is not None
+    ]
+    if pod_parts.as_the_image_says(stack.security_context):
+        return given
+    # The image's own HOME belongs to another user, and no user has this number.
+    own = {"HOME": pod_parts.STACK_HOME, "USER": "bagpipe"}
+    taken = {variable["name"] for variable in given}
+    return [{"name": k, "value": v} for k, v in own.items() if k not in taken] + given
+
+
+def _stack_mounts(spec: SimulationJobSpec) -> list[Json]:
+    """The agent's volume, the places to write, and the user's volumes; theirs may be at /tmp."""
+    mounts = pod_parts.own_mounts(spec.stack.volume_mounts)
+    taken = {mount["mountPath"] for mount in mounts}
+    own = {"bagpipe-stack-tmp": "/tmp", "bagpipe-stack-home": pod_parts.STACK_HOME}  # noqa: S108
+    scratch = [{"name": n, "mountPath": p} for n, p in own.items() if p not in taken]
+    return [_SHARED_MOUNT, *scratch, *mounts]

@@ -51,8 +51,11 @@ def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Se
     """The manifest of one attempt's ConfigMap; raises JobTooLargeError."""
     data = {
         "job.json": json.dumps(job_file(job, spec, attempt, settings), indent=1, sort_keys=True),
-        "executor.yaml": yaml.safe_dump(
-            executor_template(job, spec, attempt, settings), sort_keys=False
+        # libyaml's dumper: Python's own takes 2.5 ms for a template, more than a call's time.
+        "executor.yaml": yaml.dump(
+            executor_template(job, spec, attempt, settings),
+            Dumper=yaml.CSafeDumper,
+            sort_keys=False,
         ),
     }
     size = sum(len(text.encode()) for text in data.values())
@@ -78,7 +81,9 @@ def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Se
 
 def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
     """job.json: all that the driver knows of its job."""
-    return {
+    earlier = job.status.get("resumedFrom")
+    resumed = {"resume": earlier} if spec.resume_from and earlier else {}
+    return resumed | {
         "name": job.name,
         "namespace": job.namespace,
         "uid": job.uid,

@@ -1,10 +1,11 @@
 """`bagpipe-operator`: reads the settings, wires the parts, runs until a signal."""
 
 import asyncio
+import gc
 import logging
 import os
 import sys
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any
 
@@ -15,10 +16,15 @@ from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator import serve, watch
 from bagpipe_operator.api import ApiError, KubernetesApi
+from bagpipe_operator.election import Election, new_identity
+from bagpipe_operator.fence import Fence, FencedApi
+from bagpipe_operator.lease import Terms
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.progress import ProgressReader
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.schedules.fenced import FencedScheduleApi
+from bagpipe_operator.schedules.loop import ScheduleLoop
 from bagpipe_operator.settings import SettingError, Settings
 from bagpipe_operator.sweep import Sweeper
 from bagpipe_operator.view import View
@@ -30,6 +36,11 @@ logger = logging.getLogger("bagpipe_operator")
 WATCHABLE_SECONDS = 120.0
 WATCHABLE_POLL_SECONDS = 2.0
 
+# Python's 700 would look for garbage every few jobs of a cold start, in what is no garbage.
+COLLECT_AFTER_ALLOCATIONS = 10_000
+
+PROXY_VARIABLES = ("HTTPS_PROXY", "https_proxy", "HTTP_PROXY", "http_proxy")
+
 
 def main() -> None:
     """The console script."""
@@ -39,6 +50,7 @@ def main() -> None:
         stream=sys.stderr,
     )
     logging.getLogger("kopf").setLevel(logging.WARNING)
+    spare_the_collector()
     try:
         settings = Settings.from_environment(os.environ)
         asyncio.run(run(settings))
@@ -48,47 +60,77 @@ def main() -> None:
         sys.exit(f"bagpipe-operator: the API server can't be used: {error}")
 
 
+def spare_the_collector() -> None:
+    """What was imported stays, and thousands of jobs stay: the collector walks them less often."""
+    gc.freeze()
+    gc.set_threshold(COLLECT_AFTER_ALLOCATIONS)
+
+
 async def run(settings: Settings) -> None:
     """Runs the operator until SIGTERM or SIGINT."""
-    view, queue = View(), WorkQueue()
-    metrics = Metrics(view, queue)
+    view, queue, fence = View(), WorkQueue(), Fence()
+    metrics = Metrics(view, queue, fence.leads)
     sweeper = Sweeper(view, queue, settings.sweep_seconds)
-    health = serve.Health(sweeper)
     async with AsyncExitStack() as stack:
-        api = KubernetesApi(await stack.enter_async_context(_client()), settings.request_seconds)
+        client = await stack.enter_async_context(_client())
+        api = KubernetesApi(client, settings.request_seconds, metrics.api_called)
+        schedules = ScheduleLoop(FencedScheduleApi(api, fence), metrics, fence.leads)
+
+        def take_up() -> None:
+            sweeper.sweep_all()
+            schedules.sweep_all()
+
+        election = Election(
+            api,
+            fence,
+            Terms(new_identity(), settings.lease_seconds),
+            settings.lease_namespace,
+            settings.lease_name,
+            on_lead=take_up,
+        )
+        health = serve.Health(sweeper, lease_trouble=election.trouble)
         session = await stack.enter_async_context(aiohttp.ClientSession())
         application = serve.application(health, metrics)
         runner = await serve.start(application, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
         await wait_until_watchable(api, settings)
 
-        drivers = ProgressReader(session, settings.progress_seconds)
-        reconciler = Reconciler(api, view, drivers, settings)
-        tasks = [asyncio.create_task(sweeper.run(), name="sweeper")]
+        drivers = ProgressReader(session, settings.progress_seconds, counted=metrics.driver_asked)
+        reconciler = Reconciler(
+            FencedApi(api, fence), view, drivers, settings, counted=metrics.job_written
+        )
+        tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election)]
         tasks += [
-            asyncio.create_task(work(queue, reconciler.reconcile, metrics), name=f"worker-{n}")
-            for n in range(settings.workers)
+            asyncio.create_task(work(queue, reconciler.reconcile, metrics, fence.leads))
+            for _ in range(settings.workers)
         ]
+        tasks += schedules.start()
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
-            # Ends by a signal, or raises when the watches can't go on; the pod is then restarted.
-            await kopf.operator(
-                registry=watch.registry(watch.Watch(view, queue, metrics)),
-                clusterwide=not settings.watch_namespaces,
-                namespaces=settings.watch_namespaces,
-                standalone=True,
-            )
+            handlers = watch.registry(watch.Watch(view, queue, metrics))
+            await _watch(schedules.register(handlers), settings)
         finally:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
+            await election.release()  # only now: what was under way has ended
+
+
+async def _watch(handlers: kopf.OperatorRegistry, settings: Settings) -> None:
+    """Ends by a signal, or raises when the watches can't go on; the pod is then restarted."""
+    await kopf.operator(
+        registry=handlers,
+        clusterwide=not settings.watch_namespaces,
+        namespaces=settings.watch_namespaces,
+        standalone=True,
+    )
 
 
 @asynccontextmanager
 async def _client() -> AsyncIterator[ApiClient]:
     """A client for the pod's own cluster, or for KUBECONFIG outside of one."""
-    configuration = Configuration()
+    configuration = Configuration(client_session_kwargs=session_settings(os.environ))
     load: Any = config  # its functions carry no types
     if watch.in_cluster(os.environ):
         load.load_incluster_config(client_configuration=configuration)
@@ -98,8 +140,17 @@ async def _client() -> AsyncIterator[ApiClient]:
         yield client
 
 
+def session_settings(environment: Mapping[str, str]) -> dict[str, Any]:
+    """Settings of the HTTP session with the API server.
+
+    aiohttp looks into the environment for a proxy, and into ~/.netrc for a password, in a thread
+    of its own and for each request: two thirds of a call's processor time.
+    """
+    return {"trust_env": any(environment.get(name) for name in PROXY_VARIABLES)}
+
+
 async def wait_until_watchable(api: KubernetesApi, settings: Settings) -> None:
-    """Returns once SimulationJobs and pods can be listed; raises the last ApiError in the end.
+    """Returns once jobs, schedules and pods can be listed; raises the last ApiError in the end.
 
     kopf looks for the resource once, at its start, and would then watch nothing for ever; and it
     goes on without a word where it lacks the right to watch.
@@ -112,7 +163,7 @@ async def wait_until_watchable(api: KubernetesApi, settings: Settings) -> None:
         except ApiError as error:
             if asyncio.get_running_loop().time() > deadline:
                 raise
-            logger.warning("SimulationJobs can't be watched yet: %s", error)
+            logger.warning("SimulationJobs and SimulationSchedules can't be watched yet: %s", error)
         else:
             return
         await asyncio.sleep(WATCHABLE_POLL_SECONDS)

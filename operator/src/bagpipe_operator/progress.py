@@ -19,6 +19,8 @@ logger = logging.getLogger(__name__)
 
 LONGEST_ANSWER = 64 * 1024
 MOST_FAILURES = 5
+# A job has at most 16 variants.
+MOST_COMPARISONS = 16
 LONGEST_MESSAGE = 1000
 # Events may wake a job many times a second; its driver is asked this often at most.
 LEAST_INTERVAL_SECONDS = 1.5
@@ -75,17 +77,33 @@ def _last_failures(failures: object) -> object:
     return failures[-MOST_FAILURES:] if isinstance(failures, list) else failures
 
 
+class VariantComparison(_Model):
+    """One variant, or the job, against its baseline."""
+
+    variant: Word
+    verdict: Literal["better", "worse", "same", "unknown"]
+    regressed: Count
+    fixed: Count
+    flaky: Count
+
+
+def _first_comparisons(comparisons: object) -> object:
+    return comparisons[:MOST_COMPARISONS] if isinstance(comparisons, list) else comparisons
+
+
 class Progress(_Model):
     """The driver's account."""
 
     phase: Literal["Planning", "Running", "Complete", "Failed"]
     reason: Word = ""
     message: Sentence = ""
+    warning: Sentence = ""  # a trouble of the driver's that may pass
     cases: Cases = Cases()
     ledger: Ledger = Ledger()
     verdict: Literal["Passed", "Failed", "Invalid", ""] = ""
     results: Annotated[str, BeforeValidator(_cut(2048))] = ""
     failures: Annotated[list[Failure], BeforeValidator(_last_failures)] = []
+    comparisons: Annotated[list[VariantComparison], BeforeValidator(_first_comparisons)] = []
 
     def as_status(self) -> Json:
         """The part of a job's status that comes from the driver."""
@@ -95,6 +113,7 @@ class Progress(_Model):
             "verdict": self.verdict,
             "results": self.results,
             "failures": [failure.model_dump() for failure in self.failures],
+            "comparisons": [comparison.model_dump() for comparison in self.comparisons],
         }
 
 
@@ -120,6 +139,7 @@ class ProgressReader:
     session: aiohttp.ClientSession
     deadline_seconds: float
     port: int = PROGRESS_PORT
+    counted: Callable[[bool], None] = lambda _answered: None
     _answers: dict[str, _Answer] = field(default_factory=dict)
 
     async def read(self, uid: str, ip: str) -> Progress | None:
@@ -130,6 +150,7 @@ class ProgressReader:
             return answer.progress
         answer.asked_at = now
         progress = await self._ask(ip)
+        self.counted(progress is not None)
         if progress is None:
             answer.silent_since = answer.silent_since if answer.silent_since is not None else now
         else:

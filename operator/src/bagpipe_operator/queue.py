@@ -1,17 +1,29 @@
 """The queue of jobs to reconcile: coalescing, one worker per job, retries with backoff.
 
-A key that is added while it is being worked on is worked on once more afterwards. Its bound is
-the number of jobs: every key is held at most once.
+It has three lanes, because a thousand new jobs must not make the status of those that run old,
+and those that run must not keep new ones out. A key that is added while it is being worked on is
+worked on once more afterwards. Its bound is the number of jobs: every key is held at most once.
 """
 
 import asyncio
 from collections.abc import Callable
+from enum import IntEnum
 
 FIRST_RETRY_SECONDS = 0.5
 LONGEST_RETRY_SECONDS = 30.0
 RETRY_LIMIT = 8
 # After the limit a key rests this long, unless an event asks for it: the fault is not ours to mend.
 REST_SECONDS = 120.0
+# One turn in so many is for new jobs, whatever else waits; the others are shared by the rest.
+TURNS = 4
+
+
+class Lane(IntEnum):
+    """Why a key is asked for. A key is in one lane, and only news takes it out of another."""
+
+    NEWS = 0  # something of a job that runs, or its pods, has changed
+    ROUND = 1  # nothing is known to have changed but the time
+    START = 2  # the job has no driver yet
 
 
 def retry_delay(failures: int) -> float:
@@ -21,41 +33,60 @@ def retry_delay(failures: int) -> float:
     return float(min(LONGEST_RETRY_SECONDS, FIRST_RETRY_SECONDS * 2 ** (failures - 1)))
 
 
+def order(turn: int) -> tuple[Lane, ...]:
+    """The lanes in the order in which they are looked into at a turn."""
+    if turn % TURNS == 0:
+        return (Lane.START, Lane.NEWS, Lane.ROUND)
+    if turn % 2:
+        return (Lane.NEWS, Lane.ROUND, Lane.START)
+    return (Lane.ROUND, Lane.NEWS, Lane.START)
+
+
 class WorkQueue:
-    """Keys in the order in which they were first asked for."""
+    """Keys, in each lane in the order in which they were first asked for."""
 
     def __init__(self, now: Callable[[], float] | None = None) -> None:
         self._now = now or (lambda: asyncio.get_running_loop().time())
-        self._ready: dict[str, None] = {}
+        self._ready: dict[Lane, dict[str, None]] = {lane: {} for lane in Lane}
+        self._lane: dict[str, Lane] = {}  # of each key that is ready
+        self._turn = 0
         self._busy: set[str] = set()
-        self._again: set[str] = set()
+        self._again: dict[str, Lane] = {}
         self._failures: dict[str, int] = {}
         self._not_before: dict[str, float] = {}
-        self._wake = asyncio.Event()
+        # One place for each ready key, so that a key wakes one worker and not all of them.
+        self._places = asyncio.Semaphore(0)
 
     def __len__(self) -> int:
-        return len(self._ready)
+        return len(self._lane)
 
-    def add(self, key: str) -> None:
+    def add(self, key: str, lane: Lane = Lane.NEWS) -> None:
         """Asks for a key now, also when it is waiting for a retry: something has changed."""
         if key in self._busy:
-            self._again.add(key)
+            self._again[key] = min(lane, self._again.get(key, lane))
             return
-        self._ready[key] = None
-        self._wake.set()
+        there = self._lane.get(key)
+        if there is not None:
+            if lane is not Lane.NEWS or there is lane:
+                return
+            del self._ready[there][key]
+        else:
+            self._places.release()
+        self._lane[key] = lane
+        self._ready[lane][key] = None
 
     def add_if_rested(self, key: str) -> None:
         """Asks for a key unless it is waiting for a retry: nothing has changed but the time."""
         if self._not_before.get(key, 0.0) <= self._now():
-            self.add(key)
+            self.add(key, Lane.ROUND)
 
     async def get(self) -> str:
         """The next key; its worker must end with done() or retry()."""
-        while not self._ready:
-            self._wake.clear()
-            await self._wake.wait()
-        key = next(iter(self._ready))
-        del self._ready[key]
+        await self._places.acquire()
+        lane = next(lane for lane in order(self._turn) if self._ready[lane])
+        self._turn += 1
+        key = next(iter(self._ready[lane]))
+        del self._ready[lane][key], self._lane[key]
         self._busy.add(key)
         return key
 
@@ -78,10 +109,10 @@ class WorkQueue:
         """Drops what is remembered of a key that is gone."""
         self._failures.pop(key, None)
         self._not_before.pop(key, None)
-        self._again.discard(key)
+        self._again.pop(key, None)
 
     def _release(self, key: str) -> None:
         self._busy.discard(key)
-        if key in self._again:
-            self._again.discard(key)
-            self.add(key)
+        lane = self._again.pop(key, None)
+        if lane is not None:
+            self.add(key, lane)

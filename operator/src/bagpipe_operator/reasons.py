@@ -15,6 +15,15 @@ JOB_COMPLETE = "JobComplete"
 JOB_FAILED = "JobFailed"
 JOB_FINISHED = "JobFinished"
 
+# Stopped and going on again.
+NOT_SUSPENDED = "NotSuspended"
+SUSPENDING = "Suspending"
+JOB_SUSPENDED = "JobSuspended"
+JOB_RESUMED = "JobResumed"
+DEADLINE_EXCEEDED = "DeadlineExceeded"
+START_DEADLINE_EXCEEDED = "StartDeadlineExceeded"
+RESUME_REFUSED = "ResumeRefused"
+
 # The job's children could not be created.
 SPEC_INVALID = "SpecInvalid"
 JOB_TOO_LARGE = "JobTooLarge"
@@ -29,7 +38,12 @@ AGENT_IMAGE_UNAVAILABLE = "AgentImageUnavailable"
 STACK_IMAGE_UNAVAILABLE = "StackImageUnavailable"
 EXECUTOR_IMAGE_UNAVAILABLE = "ExecutorImageUnavailable"
 CONTAINER_NOT_STARTING = "ContainerNotStarting"
+SECRET_MISSING = "SecretMissing"  # noqa: S105 - a reason, not a secret
+CONFIG_MAP_MISSING = "ConfigMapMissing"
 VOLUME_MISSING = "VolumeMissing"
+VOLUME_PENDING = "VolumePending"
+VOLUME_NOT_MOUNTED = "VolumeNotMounted"
+EXECUTORS_REFUSED = "ExecutorsRefused"
 UNSCHEDULABLE = "Unschedulable"
 
 # A pod ended before its work did.
@@ -39,6 +53,23 @@ DRIVER_EVICTED = "DriverEvicted"
 DRIVER_OUT_OF_MEMORY = "DriverOutOfMemory"
 EXECUTOR_OUT_OF_MEMORY = "ExecutorOutOfMemory"
 EXECUTOR_EVICTED = "ExecutorEvicted"
+NODE_LOST = "NodeLost"
+
+# The ends of a driver that another one takes over from.
+DRIVER_ENDS = frozenset({DRIVER_FAILED, DRIVER_LOST, DRIVER_EVICTED, DRIVER_OUT_OF_MEMORY})
+
+# A schedule and its runs.
+SCHEDULED = "Scheduled"
+SUSPENDED_BY_SPEC = "SuspendedBySpec"
+NOT_SUSPENDED = "NotSuspended"
+INVALID_SCHEDULE = "InvalidSchedule"
+UNKNOWN_TIME_ZONE = "UnknownTimeZone"
+NO_RUN_YET = "NoRunYet"
+JOB_STARTED = "JobStarted"
+JOB_REPLACED = "JobReplaced"
+JOB_ACTIVE = "JobActive"
+MISSED_START = "MissedStart"
+TOO_MANY_MISSED_STARTS = "TooManyMissedStarts"
 
 # Reasons of Running that deserve a warning when they appear.
 TROUBLES = frozenset(
@@ -48,9 +79,20 @@ TROUBLES = frozenset(
         STACK_IMAGE_UNAVAILABLE,
         EXECUTOR_IMAGE_UNAVAILABLE,
         CONTAINER_NOT_STARTING,
+        SECRET_MISSING,
+        CONFIG_MAP_MISSING,
         VOLUME_MISSING,
+        VOLUME_PENDING,
+        VOLUME_NOT_MOUNTED,
+        QUOTA_EXCEEDED,
+        EXECUTORS_REFUSED,
         UNSCHEDULABLE,
+        DRIVER_FAILED,
+        DRIVER_LOST,
+        DRIVER_EVICTED,
+        DRIVER_OUT_OF_MEMORY,
         EXECUTOR_OUT_OF_MEMORY,
         EXECUTOR_EVICTED,
+        NODE_LOST,
     }
 )

@@ -10,16 +10,21 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Protocol
 
+from bagpipe.spec import DEFAULT_BACKOFF_LIMIT
 from bagpipe_operator import events, names, reasons
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.children import Refusal, create_children
 from bagpipe_operator.diagnose import troubles
-from bagpipe_operator.ending import Ending, ending_of
+from bagpipe_operator.earlier import CannotResumeError, find_earlier
+from bagpipe_operator.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.life import Halt, expired, halt_of, living, over, pausing, rests
+from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.status import Observation, decide
+from bagpipe_operator.status import Observation, acknowledged, decide
+from bagpipe_operator.teller import Teller
 from bagpipe_operator.view import JobView, Json, PodView, View
 
 logger = logging.getLogger(__name__)
@@ -56,45 +61,83 @@ class Reconciler:
     settings: Settings
     now: Callable[[], datetime] = utc_now
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
+    counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
     _patience: Patience = field(default_factory=Patience)
     _missing: Patience = field(default_factory=Patience)
+    _lookout: Lookout = field(init=False)
+    _teller: Teller = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._lookout = Lookout(self.api, self.settings, self.monotonic)
+        self._teller = Teller(self.api)
 
     async def reconcile(self, uid: str) -> None:
         """Brings one job forward; raises ApiError when it should be tried again."""
         job = self.view.job(uid)
         if job is None or job.deleting:
             self._forget(uid)  # its children go by their ownerReferences
+            self._teller.forget(uid)
             return
+        await self._teller.meet(job, self.now())
         if not job.finished:
-            seen = await self._observe(job)
-            status = decide(seen, self.now(), self.settings.stuck_seconds)
-            job = await self._write(job, status)
+            job = await self._advance(job)
+        elif job.status.get("observedGeneration") != job.generation:
+            job = await self._write(job, acknowledged(job))
         if job is not None and job.finished:
             await self._stop_leftovers(job)
             self._forget(uid)
+        if job is not None:
+            await self._teller.tell(job, self.now())
+        if job is not None and job.finished and expired(job, self.now()):
+            await self._remove(job)
+
+    async def _advance(self, job: JobView) -> JobView | None:
+        """Looks, decides, writes and stops what has to stop; the job as it is now."""
+        seen = await self._observe(job)
+        status = decide(seen, self.now(), self.settings.stuck_seconds)
+        await self._stop_earlier_attempts(job)
+        written = await self._write(job, status)
+        if written is not None and not written.finished and seen.halt is not None:
+            await self._stop_gracefully(written)
+        return written
 
     async def _observe(self, job: JobView) -> Observation:
         """Everything that the decision needs; creates the children if they were never there."""
+        halt = halt_of(job, self.now())
         attempt = int(job.status.get("attempt") or 1)
+        if halt is None and job.suspended:
+            return Observation(job, attempt)  # it is said first that there may be pods again
+        if halt is None and job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
+            return await self._resumed(job, attempt)
         driver = self.view.driver(job.uid, attempt)
         refusal: Refusal | None = None
         ending: Ending | None = None
-        if driver is None and not job.status.get("driver"):
+        if driver is None and (job.status.get("driver") or (halt and not rests(job))):
+            driver, ending = await self._look_for(job, attempt, at_once=halt is not None)
+        elif driver is None and halt is None and not pausing(job, self.now()):
             driver, refusal, ending = await self._start(job, attempt)
-        elif driver is None:
-            driver, ending = await self._look_for(job, attempt)
         if driver is not None:
             driver = await self._refreshed_if_silent(driver)
             if driver is None:
-                ending = _lost(job, names.driver_name(job.name, attempt))
+                ending = lost_driver(job.namespace, names.driver_name(job.name, attempt))
         progress = None
         if driver is not None:
-            ending = ending_of(driver)
+            ending = ending_of(driver, self.now())
             if ending is None and driver.phase == "Running" and driver.ip:
                 progress = await self.drivers.read(job.uid, driver.ip)
-        return self._observation(job, attempt, driver, progress, refusal, ending)
+        return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
-    def _observation(
+    async def _resumed(self, job: JobView, attempt: int) -> Observation:
+        """Where to go on from; it is written before there is a driver, since the old job may go."""
+        try:
+            earlier = await find_earlier(self.api, job, read_spec(job))
+        except UnusableSpecError as error:
+            return Observation(job, attempt, ending=_refused(reasons.SPEC_INVALID, error))
+        except CannotResumeError as error:
+            return Observation(job, attempt, ending=_refused(reasons.RESUME_REFUSED, error))
+        return Observation(job, attempt, resumed_from=earlier)
+
+    async def _observation(
         self,
         job: JobView,
         attempt: int,
@@ -102,9 +145,14 @@ class Reconciler:
         progress: Progress | None,
         refusal: Refusal | None,
         ending: Ending | None,
+        halt: Halt | None,
     ) -> Observation:
-        pods = tuple(pod for pod in self.view.pods(job.uid) if pod.attempt == attempt)
-        found = tuple(troubles(pods))
+        all_pods = self.view.pods(job.uid)
+        pods = tuple(pod for pod in all_pods if pod.attempt == attempt)
+        gone = [pod for pod in self.view.gone_pods(job.uid) if pod.attempt == attempt]
+        wanting = progress is not None and progress.phase == "Running" and halt is None
+        looked_up = await self._lookout.look(job, attempt, pods, wanting)
+        found = tuple(troubles(pods, self.now(), gone, looked_up))
         keys = [t.key for t in found] + ([("refused",)] if refusal else [])
         seen_for = self._patience.observe(job.uid, keys, self.monotonic())
         return Observation(
@@ -118,6 +166,9 @@ class Reconciler:
             seen_for=seen_for,
             refused_for=seen_for.get(("refused",), 0.0),
             ending=ending,
+            backoff_limit=_backoff_limit(job),
+            halt=halt,
+            alive=living(all_pods, self.now()),
         )
 
     async def _start(
@@ -127,23 +178,27 @@ class Reconciler:
         try:
             made = await create_children(self.api, job, read_spec(job), attempt, self.settings)
         except UnusableSpecError as error:
-            return None, None, Ending(False, reasons.SPEC_INVALID, str(error))
+            return None, None, _refused(reasons.SPEC_INVALID, error)
         except JobTooLargeError as error:
-            return None, None, Ending(False, reasons.JOB_TOO_LARGE, str(error))
+            return None, None, _refused(reasons.JOB_TOO_LARGE, error)
         if isinstance(made, Refusal):
             return None, made, None
         self.view.put_pod(made)
         return made, None, None
 
-    async def _look_for(self, job: JobView, attempt: int) -> tuple[PodView | None, Ending | None]:
-        """A driver that should be there and is not in sight: wait for the watch, then ask."""
+    async def _look_for(
+        self, job: JobView, attempt: int, at_once: bool
+    ) -> tuple[PodView | None, Ending | None]:
+        """A driver that may be there and is not in sight: wait for the watch, then ask."""
         name = names.driver_name(job.name, attempt)
         missing_for = self._missing.observe(job.uid, [name], self.monotonic())[name]
-        if missing_for < self.settings.missing_driver_seconds:
+        went = next((p for p in self.view.gone_pods(job.uid) if p.name == name), None)
+        at_once = at_once or went is not None
+        if not at_once and missing_for < self.settings.missing_driver_seconds:
             return None, None
         driver = await self._get_pod(job.namespace, name)
         if driver is None or driver.job_uid != job.uid:
-            return None, _lost(job, name)
+            return None, lost_driver(job.namespace, name, went)
         self.view.put_pod(driver)
         return driver, None
 
@@ -170,6 +225,7 @@ class Reconciler:
     async def _write(self, job: JobView, status: Json) -> JobView | None:
         """Writes what changed, then tells it; the job as it is now, None when it is gone."""
         changed = {key: value for key, value in status.items() if job.status.get(key) != value}
+        changed |= {key: None for key in job.status if key not in status}
         if not changed:
             return job
         # With the version that was decided on, a job that has changed since answers 409.
@@ -184,10 +240,11 @@ class Reconciler:
             raise
         now = JobView.from_object(written)
         self.view.put_job(now)
+        self.counted(job, now)
         notes = events.transitions(
             job.status.get("conditions") or [], now.status.get("conditions") or []
         )
-        await events.tell(self.api, now, notes, self.now())
+        self._teller.add(now, notes)
         return now
 
     async def _reread(self, job: JobView) -> None:
@@ -204,6 +261,13 @@ class Reconciler:
         else:
             self.view.drop_job(job.uid)
 
+    async def _stop_earlier_attempts(self, job: JobView) -> None:
+        """Deletes the executors of drivers that were replaced: their places are needed."""
+        attempt = int(job.status.get("attempt") or 1)
+        for pod in self.view.pods(job.uid):
+            if pod.attempt < attempt and not pod.ended and not pod.deleting:
+                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves.
 
@@ -212,21 +276,46 @@ class Reconciler:
         """
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
-            driver = pod.container(names.CONTAINER_DRIVER)
-            if driver is not None and driver.exit_code is not None:
-                continue  # it is over; its pod's phase follows in a moment
-            await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+            if not over(pod):
+                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+
+    async def _stop_gracefully(self, job: JobView) -> None:
+        """Deletes the driver, which journals what is done; then what it has left of executors."""
+        alive = living(self.view.pods(job.uid), self.now())
+        working = [pod for pod in alive if not over(pod)]
+        drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
+        for pod in drivers or working:
+            if not pod.deleting:
+                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+        if not alive:
+            self._forget(job.uid)
+
+    async def _remove(self, job: JobView) -> None:
+        """Deletes a job that was kept for long enough; one that has changed is looked at again."""
+        try:
+            await self.api.delete_unchanged_job(
+                job.namespace, job.name, job.uid, job.resource_version
+            )
+        except ApiError as error:
+            if error.status not in {404, 409}:
+                raise
+            await self._reread(job)
+            return
+        self.view.drop_job(job.uid)
 
     def _forget(self, uid: str) -> None:
         self._patience.forget(uid)
         self._missing.forget(uid)
+        self._lookout.forget(uid)
         self.drivers.forget(uid)
 
 
-def _lost(job: JobView, name: str) -> Ending:
-    return Ending(
-        False,
-        reasons.DRIVER_LOST,
-        f"The driver's pod {name} was deleted in namespace {job.namespace} before its job ended. "
-        "Create the job again.",
-    )
+def _backoff_limit(job: JobView) -> int:
+    """The API server writes the default; a job of an older CRD has none."""
+    limit = job.spec.get("backoffLimit")
+    return DEFAULT_BACKOFF_LIMIT if limit is None else int(limit)
+
+
+def _refused(reason: str, error: Exception) -> Ending:
+    """The end of a job that can't be begun."""
+    return Ending(False, reason, str(error))

@@ -1,12 +1,13 @@
 """/metrics, /livez and /readyz. kopf's own /healthz would stay 200 while nothing moves."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from aiohttp import web
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from bagpipe_operator.metrics import Metrics
+from bagpipe_operator.metrics import Metrics, of_the_process
 from bagpipe_operator.sweep import Sweeper
 
 # This many missed sweeps mean that the event loop or the sweeper is stuck.
@@ -19,6 +20,7 @@ class Health:
 
     sweeper: Sweeper
     watching: bool = False  # kopf has started its watches
+    lease_trouble: Callable[[], str] = lambda: ""  # why it can't even wait for its turn to lead
 
     def dead(self) -> str:
         """Why the process should be restarted; empty when it should not."""
@@ -28,10 +30,10 @@ class Health:
         return ""
 
     def unready(self) -> str:
-        """Why the operator does no work yet; empty when it does."""
+        """Why the operator neither works nor stands by for the leader; empty when it does."""
         if not self.watching:
             return "the watches have not started: is the CRD installed?"
-        return self.dead()
+        return self.dead() or self.lease_trouble()
 
 
 def application(health: Health, metrics: Metrics) -> web.Application:
@@ -48,6 +50,7 @@ def application(health: Health, metrics: Metrics) -> web.Application:
 
     async def scrape(_: web.Request) -> web.Response:
         body = generate_latest(metrics.registry)
+        body += await asyncio.to_thread(of_the_process)
         return web.Response(body=body, headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     app = web.Application()

@@ -6,6 +6,9 @@ The chart sets the variables; docs name them as they stand here.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+# A fifth of it is the deadline of a renewal, and an API server under load needs most of a second.
+SHORTEST_LEASE_SECONDS = 3
+
 
 class SettingError(ValueError):
     """A variable holds what can't be used; the message names it and what to write."""
@@ -27,6 +30,9 @@ class Settings:
     driver_service_account: str = "bagpipe-driver"
     """BAGPIPE_DRIVER_SERVICE_ACCOUNT: the chart makes it in every job namespace."""
 
+    executor_service_account: str = "bagpipe-executor"
+    """BAGPIPE_EXECUTOR_SERVICE_ACCOUNT: made there as well, without any right in the cluster."""
+
     watch_namespaces: tuple[str, ...] = ()
     """BAGPIPE_WATCH_NAMESPACES: comma-separated; none means all, which needs a ClusterRole."""
 
@@ -47,8 +53,30 @@ class Settings:
     """BAGPIPE_PROGRESS_SECONDS: deadline of one question to a driver; one slow driver must not
     hold a worker for long."""
 
-    workers: int = 8
-    """BAGPIPE_WORKERS: jobs that are reconciled at once. Each mostly waits for the API server."""
+    workers: int = 32
+    """BAGPIPE_WORKERS: jobs that are reconciled at once. Each mostly waits: with 8 the operator was
+    idle for two thirds of a burst, and 8 drivers that can't be reached would hold up all jobs."""
+
+    lease_namespace: str = "default"
+    """BAGPIPE_LEASE_NAMESPACE: where the Lease is by which one of several replicas leads. The chart
+    gives its release's namespace."""
+
+    lease_name: str = "bagpipe-operator"
+    """BAGPIPE_LEASE_NAME: its name. Operators with the same Lease take turns, others do not know of
+    each other and must watch different namespaces."""
+
+    lease_seconds: int = 9
+    """BAGPIPE_LEASE_SECONDS: how long a leader may be silent before another takes over. With one
+    look of the other (a fifth of it) that is 11 s; shorter would cost more calls and bear less."""
+
+    own_evaluators: bool = False
+    """BAGPIPE_OWN_EVALUATORS: true or false; true lets jobs bring Python of their own into Spark's
+    container, where it could use what the executor knows to speak to the driver, who may create
+    pods."""
+
+    scrape_annotations: bool = True
+    """BAGPIPE_SCRAPE_ANNOTATIONS: true or false; whether drivers and executors carry
+    prometheus.io/scrape."""
 
     listen_host: str = "0.0.0.0"  # noqa: S104 - the kubelet and Prometheus come from outside the pod
     """BAGPIPE_LISTEN_HOST: address of /metrics, /livez and /readyz."""
@@ -64,6 +92,9 @@ class Settings:
             "agent_image": "BAGPIPE_AGENT_IMAGE",
             "image_pull_policy": "BAGPIPE_IMAGE_PULL_POLICY",
             "driver_service_account": "BAGPIPE_DRIVER_SERVICE_ACCOUNT",
+            "executor_service_account": "BAGPIPE_EXECUTOR_SERVICE_ACCOUNT",
+            "lease_namespace": "BAGPIPE_LEASE_NAMESPACE",
+            "lease_name": "BAGPIPE_LEASE_NAME",
             "listen_host": "BAGPIPE_LISTEN_HOST",
         }
         strings = {key: environment[name] for key, name in texts.items() if environment.get(name)}
@@ -78,9 +109,31 @@ class Settings:
             request_seconds=_number(environment, "BAGPIPE_REQUEST_SECONDS", cls.request_seconds),
             progress_seconds=_number(environment, "BAGPIPE_PROGRESS_SECONDS", cls.progress_seconds),
             workers=int(_number(environment, "BAGPIPE_WORKERS", cls.workers)),
+            lease_seconds=_lease_seconds(environment, cls.lease_seconds),
+            own_evaluators=_truth(environment, "BAGPIPE_OWN_EVALUATORS", cls.own_evaluators),
+            scrape_annotations=_truth(
+                environment, "BAGPIPE_SCRAPE_ANNOTATIONS", cls.scrape_annotations
+            ),
             listen_port=int(_number(environment, "BAGPIPE_LISTEN_PORT", cls.listen_port)),
             **strings,
         )
+
+
+def _lease_seconds(environment: Mapping[str, str], default: int) -> int:
+    value = _number(environment, "BAGPIPE_LEASE_SECONDS", default)
+    if value < SHORTEST_LEASE_SECONDS or value != int(value):
+        raise SettingError(
+            f"BAGPIPE_LEASE_SECONDS is {value:g}: write a whole number of at least "
+            f"{SHORTEST_LEASE_SECONDS}, for example {default}"
+        )
+    return int(value)
+
+
+def _truth(environment: Mapping[str, str], name: str, default: bool) -> bool:
+    text = environment.get(name, "")
+    if text not in {"", "true", "false"}:
+        raise SettingError(f"{name} is {text!r}: write true or false")
+    return default if not text else text == "true"
 
 
 def _number(environment: Mapping[str, str], name: str, default: float) -> float:

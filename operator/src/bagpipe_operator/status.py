@@ -6,15 +6,21 @@ restart of the operator changes nothing.
 
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 
 from bagpipe_operator import conditions, names, reasons
 from bagpipe_operator.children import Refusal
 from bagpipe_operator.conditions import Condition
-from bagpipe_operator.diagnose import Trouble
 from bagpipe_operator.ending import Ending
+from bagpipe_operator.life import Halt, lost_drivers, pause_seconds, pausing
 from bagpipe_operator.progress import Progress
+from bagpipe_operator.trouble import Trouble
 from bagpipe_operator.view import JobView, Json, PodView
+
+_UNENDED = (
+    Condition(conditions.COMPLETE, False, reasons.IN_PROGRESS, "The job has not ended."),
+    Condition(conditions.FAILED, False, reasons.IN_PROGRESS, "The job has not failed."),
+)
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,10 @@ class Observation:
     seen_for: Mapping[Hashable, float] = field(default_factory=dict)  # seconds, by Trouble.key
     refused_for: float = 0.0  # seconds
     ending: Ending | None = None
+    backoff_limit: int = 0
+    halt: Halt | None = None
+    alive: tuple[PodView, ...] = ()  # of all attempts
+    resumed_from: Json | None = None
 
     @property
     def executor_runs(self) -> bool:
@@ -41,28 +51,140 @@ class Observation:
 
 def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
     """The whole status; equal to the old one when nothing has changed."""
-    ending = seen.ending or _stuck(seen, stuck_seconds)
-    status = dict(seen.job.status)
-    status["observedGeneration"] = seen.job.generation
-    status["attempt"] = seen.attempt
+    ending = seen.ending
+    if seen.halt is not None and (ending is None or ending.lost):
+        if seen.alive:
+            return _stopping(seen, seen.halt, now)
+        if not seen.halt.final:
+            return _suspended(seen, seen.halt, now)
+        account = ending.progress if ending else None
+        ending = Ending(False, seen.halt.reason, seen.halt.message, account)
+    ending = ending or _stuck(seen, stuck_seconds)
+    if ending is not None and ending.lost and lost_drivers(seen.job) < seen.backoff_limit:
+        return _replaced(seen, ending, now)
+    status = _noted(seen, now)
+    if ending is None and pausing(seen.job, now):
+        return status
     status.setdefault("startTime", conditions.timestamp(now))
     if seen.driver is not None:
-        status["driver"] = seen.driver.name
+        status.pop("nextAttemptTime", None)
     progress = (ending.progress if ending else None) or seen.progress
-    if progress is not None:
-        status |= progress.as_status()
     if ending is not None:
         status["phase"] = conditions.COMPLETE if ending.complete else conditions.FAILED
         status["completionTime"] = conditions.timestamp(now)
         status["cases"] = (status.get("cases") or {}) | {"running": 0}
-        wanted = _ended_conditions(seen, ending, progress)
-    else:
-        status["phase"] = _phase(seen)
-        wanted = _live_conditions(seen, status["phase"])
+        return _with(seen, status, _ended_conditions(seen, ending, progress), now)
+    status["phase"] = _phase(seen)
+    return _with(seen, status, _live_conditions(seen, status["phase"]), now)
+
+
+def acknowledged(job: JobView) -> Json:
+    """The status of a job that has ended, after an edit that changes nothing of its end."""
+    told = job.status.get("conditions") or []
+    seen = [condition | {"observedGeneration": job.generation} for condition in told]
+    return job.status | {"observedGeneration": job.generation, "conditions": seen}
+
+
+def _noted(seen: Observation, now: datetime) -> Json:
+    """The old status with what was observed, whatever follows from it."""
+    status = dict(seen.job.status)
+    status["observedGeneration"] = seen.job.generation
+    status["attempt"] = seen.attempt
+    status["lostDrivers"] = lost_drivers(seen.job)
+    if seen.driver is not None:
+        status["driver"] = seen.driver.name
+    if seen.resumed_from is not None:
+        status["resumedFrom"] = seen.resumed_from
+    progress = (seen.ending.progress if seen.ending else None) or seen.progress
+    if progress is not None:
+        status |= progress.as_status()
+        if progress.cases.begun:
+            status.setdefault("firstCaseTime", conditions.timestamp(now))
+    return status
+
+
+def _with(seen: Observation, status: Json, wanted: list[Condition], now: datetime) -> Json:
     status["conditions"] = conditions.merged(
         seen.job.status.get("conditions") or [], wanted, seen.job.generation, now
     )
     return status
+
+
+def _stopping(seen: Observation, halt: Halt, now: datetime) -> Json:
+    """The status while the pods of a suspended or late job end."""
+    status = _noted(seen, now)
+    left = "1 pod is" if len(seen.alive) == 1 else f"{len(seen.alive)} pods are"
+    message = f"{halt.message} {left} being stopped; what is done is kept."
+    suspending = reasons.SUSPENDING if not halt.final else halt.reason
+    wanted = [
+        _accepted(seen),
+        _planned(seen, False, seen.progress),
+        Condition(conditions.RUNNING, False, suspending, message),
+        *_UNENDED,
+        _not_suspended(seen)
+        if halt.final
+        else Condition(conditions.SUSPENDED, False, reasons.SUSPENDING, message),
+    ]
+    return _with(seen, status, wanted, now)
+
+
+def _suspended(seen: Observation, halt: Halt, now: datetime) -> Json:
+    """The status of a job without pods: its clock rests, and the next driver is another attempt."""
+    status = _noted(seen, now)
+    if status.get("driver"):
+        status["attempt"] = seen.attempt + 1
+    status["driver"] = ""
+    status["phase"] = conditions.SUSPENDED
+    status["cases"] = (status.get("cases") or {}) | {"running": 0}
+    for clock in ("startTime", "firstCaseTime", "nextAttemptTime"):
+        status.pop(clock, None)
+    wanted = [
+        Condition(conditions.ACCEPTED, False, halt.reason, halt.message),
+        _planned(seen, False, None),
+        Condition(conditions.RUNNING, False, halt.reason, halt.message),
+        *_UNENDED,
+        Condition(conditions.SUSPENDED, True, halt.reason, f"No pod holds a place. {halt.message}"),
+    ]
+    return _with(seen, status, wanted, now)
+
+
+def _not_suspended(seen: Observation) -> Condition:
+    before = conditions.find(seen.job.status.get("conditions") or [], conditions.SUSPENDED)
+    if before and (before["status"] == "True" or before["reason"] == reasons.JOB_RESUMED):
+        return Condition(
+            conditions.SUSPENDED,
+            False,
+            reasons.JOB_RESUMED,
+            "The job was resumed: cases that are done are not run again.",
+        )
+    return Condition(
+        conditions.SUSPENDED, False, reasons.NOT_SUSPENDED, "spec.suspend is not true."
+    )
+
+
+def _replaced(seen: Observation, ending: Ending, now: datetime) -> Json:
+    """The status between two drivers: when the pause is over, the next attempt's is created."""
+    status = _noted(seen, now)
+    lost = lost_drivers(seen.job) + 1
+    pause = pause_seconds(lost)
+    status["attempt"] = seen.attempt + 1
+    status["lostDrivers"] = lost
+    status["nextAttemptTime"] = conditions.timestamp(now + timedelta(seconds=pause))
+    status["driver"] = ""
+    status["phase"] = "Pending"
+    status["cases"] = (status.get("cases") or {}) | {"running": 0}
+    message = (
+        f"{ending.message} Driver {lost + 1} of at most {seen.backoff_limit + 1} takes over in"
+        f" {pause:g} s; cases that are done are not run again."
+    )
+    wanted = [
+        Condition(conditions.ACCEPTED, False, reasons.IN_PROGRESS, "The next driver is created."),
+        _planned(seen, False, None),
+        Condition(conditions.RUNNING, False, ending.reason, message),
+        *_UNENDED,
+        _not_suspended(seen),
+    ]
+    return _with(seen, status, wanted, now)
 
 
 def _stuck(seen: Observation, stuck_seconds: float) -> Ending | None:
@@ -79,7 +201,8 @@ def _stuck(seen: Observation, stuck_seconds: float) -> Ending | None:
 def _phase(seen: Observation) -> str:
     if seen.driver is None:
         # Not created yet, or out of sight for a moment: what was said stays said.
-        return str(seen.job.status.get("phase") or "Pending")
+        before = str(seen.job.status.get("phase") or "Pending")
+        return "Pending" if before == conditions.SUSPENDED else before
     if seen.driver.phase == "Pending":
         return "Pending"
     if seen.progress is None:
@@ -96,7 +219,7 @@ def _accepted(seen: Observation) -> Condition:
     if seen.refusal:
         return Condition(conditions.ACCEPTED, False, seen.refusal.reason, seen.refusal.message)
     if seen.ending:
-        return Condition(conditions.ACCEPTED, False, seen.ending.reason, seen.ending.message)
+        return Condition(conditions.ACCEPTED, False, seen.ending.reason, seen.ending.last_words)
     return Condition(
         conditions.ACCEPTED, False, reasons.IN_PROGRESS, "The driver's pod is not created yet."
     )
@@ -107,8 +230,8 @@ def _live_conditions(seen: Observation, phase: str) -> list[Condition]:
         _accepted(seen),
         _planned(seen, phase == "Running", seen.progress),
         _running(seen, phase),
-        Condition(conditions.COMPLETE, False, reasons.IN_PROGRESS, "The job has not ended."),
-        Condition(conditions.FAILED, False, reasons.IN_PROGRESS, "The job has not failed."),
+        *_UNENDED,
+        _not_suspended(seen),
     ]
 
 
@@ -126,10 +249,18 @@ def _planned(seen: Observation, known: bool, progress: Progress | None) -> Condi
 def _running(seen: Observation, phase: str) -> Condition:
     trouble = next(iter(seen.troubles), None)
     if phase == "Running" and seen.executor_runs:
-        message = "Cases are running." + (f" {trouble.message}" if trouble else "")
-        return Condition(conditions.RUNNING, True, reasons.CASES_RUNNING, message)
+        warning = seen.progress.warning if seen.progress else ""
+        told = ["Cases are running.", trouble.message if trouble else "", warning]
+        message = " ".join(part for part in told if part)
+        # Cases run, and still somebody should look: the reason is what `kubectl get` shows.
+        reason = trouble.reason if trouble else reasons.CASES_RUNNING
+        return Condition(conditions.RUNNING, True, reason, message)
     if trouble is not None:
         return Condition(conditions.RUNNING, False, trouble.reason, trouble.message)
+    before = conditions.find(seen.job.status.get("conditions") or [], conditions.RUNNING)
+    if phase != "Running" and before and before.get("reason") in reasons.DRIVER_ENDS:
+        # The next driver is not at work yet: what ended the one before stays said.
+        return Condition(conditions.RUNNING, False, before["reason"], before["message"])
     reason, message = _waiting_for(seen, phase)
     return Condition(conditions.RUNNING, reason == reasons.CASES_RUNNING, reason, message)
 
@@ -161,12 +292,13 @@ def _ended_conditions(
             conditions.COMPLETE,
             ending.complete,
             ending.reason if ending.complete else other,
-            ending.message if ending.complete else "The job failed: see the condition Failed.",
+            ending.last_words if ending.complete else "The job failed: see the condition Failed.",
         ),
         Condition(
             conditions.FAILED,
             not ending.complete,
             other if ending.complete else ending.reason,
-            "The job completed." if ending.complete else ending.message,
+            "The job completed." if ending.complete else ending.last_words,
         ),
+        _not_suspended(seen),
     ]

@@ -1,27 +1,42 @@
-"""Time as a source of work: visits every job that has not ended, for progress and deadlines."""
+"""Time as a source of work: visits every job that time may bring forward, or to its removal."""
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
+from bagpipe_operator.life import expired, rests
 from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.view import View
+from bagpipe_operator.view import JobView, View
 
 
 @dataclass
 class Sweeper:
-    """Asks for all unfinished jobs every `period_seconds`; its pulse tells that the loop lives."""
+    """Asks every `period_seconds` for all jobs that run or were kept for long enough.
+
+    Its pulse tells that the loop lives.
+    """
 
     view: View
     queue: WorkQueue
     period_seconds: float
     last_sweep: float = float("-inf")
+    now: Callable[[], datetime] = lambda: datetime.now(UTC)
 
     def sweep(self) -> int:
         """One visit; how many jobs were asked for."""
-        unfinished = [job for job in self.view.jobs() if not job.finished and not job.deleting]
-        for job in unfinished:
+        due = [job for job in self.view.jobs() if not job.deleting and self._is_due(job)]
+        for job in due:
             self.queue.add_if_rested(job.uid)
-        return len(unfinished)
+        return len(due)
+
+    def _is_due(self, job: JobView) -> bool:
+        return expired(job, self.now()) if job.finished else not rests(job)
+
+    def sweep_all(self) -> None:
+        """Asks for every job, also those that have ended: a new leader knows of no work done."""
+        for job in self.view.jobs():
+            self.queue.add(job.uid)
 
     async def run(self) -> None:
         """Sweeps until cancelled."""

@@ -4,8 +4,11 @@ Fed by watches, so it may lag; whoever is about to end a job because something i
 asks the API server first. Not a cache of whole objects: a thousand pods are a few megabytes.
 """
 
+from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from functools import cached_property
 from typing import Any
 
 from bagpipe_operator import names
@@ -24,6 +27,16 @@ class ContainerView:
     exit_code: int | None = None
     reason: str = ""  # of the exit, now or the last one: OOMKilled, Error, Completed
     message: str = ""  # the kubelet's when waiting, the container's own when ended
+    ended_at: datetime | None = None  # of the exit that `reason` is of
+
+
+@dataclass(frozen=True)
+class Disruption:
+    """Who takes a pod away, from its condition DisruptionTarget."""
+
+    reason: str  # EvictionByEvictionAPI, PreemptionByScheduler, DeletionByTaintManager, ...
+    message: str
+    at: datetime | None
 
 
 @dataclass(frozen=True)
@@ -38,11 +51,21 @@ class PodView:
     attempt: int
     phase: str = "Pending"
     ip: str = ""
-    deleting: bool = False
+    gone_by: datetime | None = None  # when a pod that was deleted should be gone
     reason: str = ""
     message: str = ""
     unschedulable: str = ""  # the scheduler's message, as long as there is no node
     containers: tuple[ContainerView, ...] = ()
+    resource_version: str = ""
+    node: str = ""  # empty until the scheduler has found one
+    claims: tuple[str, ...] = ()  # PersistentVolumeClaims that it mounts
+    disruption: Disruption | None = None
+    node_silent: bool = False  # Kubernetes has not heard of the node, whatever the pod is doing
+
+    @property
+    def deleting(self) -> bool:
+        """Whether it was deleted and is not gone yet."""
+        return self.gone_by is not None
 
     @property
     def ended(self) -> bool:
@@ -72,12 +95,21 @@ class PodView:
             attempt=int(attempt) if attempt.isdecimal() else 0,
             phase=status.get("phase") or "Pending",
             ip=status.get("podIP") or "",
-            deleting=bool(meta.get("deletionTimestamp")),
+            gone_by=_moment(meta.get("deletionTimestamp")),
             reason=status.get("reason") or "",
             message=status.get("message") or "",
             unschedulable=_unschedulable(status),
             containers=tuple(_container(s) for s in statuses),
+            resource_version=str(meta.get("resourceVersion") or ""),
+            node=(pod.get("spec") or {}).get("nodeName") or "",
+            claims=_claims(pod.get("spec") or {}),
+            disruption=_disruption(status),
+            node_silent=_node_silent(status),
         )
+
+
+def _moment(text: str | None) -> datetime | None:
+    return datetime.fromisoformat(text) if text else None
 
 
 def _unschedulable(status: Json) -> str:
@@ -85,6 +117,32 @@ def _unschedulable(status: Json) -> str:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
             return condition.get("message") or condition.get("reason") or "no node fits"
     return ""
+
+
+def _claims(spec: Json) -> tuple[str, ...]:
+    sources = [v.get("persistentVolumeClaim") for v in spec.get("volumes") or []]
+    return tuple(source["claimName"] for source in sources if source)
+
+
+def _disruption(status: Json) -> Disruption | None:
+    for condition in status.get("conditions") or []:
+        if condition.get("type") == "DisruptionTarget" and condition.get("status") == "True":
+            return Disruption(
+                condition.get("reason") or "",
+                condition.get("message") or "",
+                _moment(condition.get("lastTransitionTime")),
+            )
+    return None
+
+
+def _node_silent(status: Json) -> bool:
+    """Whether the node controller, and not the kubelet, has called the pod not ready.
+
+    A kubelet derives Ready from ContainersReady; the controller changes only Ready, and does so
+    for the pods of a node that it has not heard of. No right to read nodes is needed to see it.
+    """
+    states = {c.get("type"): c.get("status") for c in status.get("conditions") or []}
+    return states.get("Ready") == "False" and states.get("ContainersReady") == "True"
 
 
 def _container(status: Json) -> ContainerView:
@@ -99,6 +157,7 @@ def _container(status: Json) -> ContainerView:
         exit_code=ended.get("exitCode") if ended else None,
         reason=(ended or last).get("reason") or "",
         message=(waiting or ended or {}).get("message") or "",
+        ended_at=_moment((ended or last).get("finishedAt")),
     )
 
 
@@ -114,12 +173,21 @@ class JobView:
     deleting: bool = False
     spec: Json = field(default_factory=dict)
     status: Json = field(default_factory=dict)
+    created: str = ""  # as the API server writes it
 
-    @property
+    @cached_property
     def finished(self) -> bool:
         """Whether the job has ended, well or not, and this has been written."""
+        return self._is({"Complete", "Failed"})
+
+    @property
+    def suspended(self) -> bool:
+        """Whether it has been written that the job rests, without pods."""
+        return self._is({"Suspended"})
+
+    def _is(self, types: set[str]) -> bool:
         return any(
-            c.get("type") in {"Complete", "Failed"} and c.get("status") == "True"
+            c.get("type") in types and c.get("status") == "True"
             for c in self.status.get("conditions") or []
         )
 
@@ -136,15 +204,21 @@ class JobView:
             deleting=bool(meta.get("deletionTimestamp")),
             spec=job.get("spec") or {},
             status=job.get("status") or {},
+            created=str(meta.get("creationTimestamp") or ""),
         )
 
 
+# Spark deletes an executor as soon as it has ended; the last ones tell why.
+MOST_GONE_PODS = 10
+
+
 class View:
-    """All jobs by UID, and the pods of each by name."""
+    """All jobs by UID, the pods of each by name, and the last pods that each has lost."""
 
     def __init__(self) -> None:
         self._jobs: dict[str, JobView] = {}
-        self._pods: dict[str, dict[str, PodView]] = {}
+        self._pods: dict[str, dict[tuple[str, str], PodView]] = {}
+        self._gone: dict[str, deque[PodView]] = {}
 
     def job(self, uid: str) -> JobView | None:
         """The job, or None when it is gone or was never seen."""
@@ -155,13 +229,21 @@ class View:
         return iter(list(self._jobs.values()))
 
     def pods(self, job_uid: str) -> tuple[PodView, ...]:
-        """A job's pods, by name."""
-        pods = self._pods.get(job_uid, {})
-        return tuple(pods[name] for name in sorted(pods))
+        """A job's pods, by name.
+
+        Labels are anybody's to write: a pod of another namespace is nobody's, whatever it says.
+        """
+        job, pods = self._jobs.get(job_uid), self._pods.get(job_uid, {})
+        found = (pods[key] for key in sorted(pods))
+        return tuple(pod for pod in found if job is None or pod.namespace == job.namespace)
+
+    def all_pods(self) -> Iterator[PodView]:
+        """The pods of all jobs."""
+        return (pod for pods in list(self._pods.values()) for pod in pods.values())
 
     def driver(self, job_uid: str, attempt: int) -> PodView | None:
         """The driver of one attempt."""
-        for pod in self._pods.get(job_uid, {}).values():
+        for pod in self.pods(job_uid):
             if pod.role == names.ROLE_DRIVER and pod.attempt == attempt:
                 return pod
         return None
@@ -172,30 +254,51 @@ class View:
         The answer to our own PATCH usually arrives before the watch has caught up with it.
         """
         known = self._jobs.get(job.uid)
-        if known and _is_older(job.resource_version, known.resource_version):
+        if known and is_older(job.resource_version, known.resource_version):
             return False
         self._jobs[job.uid] = job
+        if job.finished:
+            self._gone.pop(job.uid, None)
         return True
 
     def drop_job(self, uid: str) -> None:
         """Forgets a job; its pods are forgotten when their own deletion arrives."""
         self._jobs.pop(uid, None)
+        self._gone.pop(uid, None)
 
-    def put_pod(self, pod: PodView) -> None:
-        """Keeps a pod."""
-        self._pods.setdefault(pod.job_uid, {})[pod.name] = pod
+    def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:
+        """The last pods of an unfinished job that were seen to go, as they were at the end."""
+        return tuple(self._gone.get(job_uid, ()))
+
+    def put_pod(self, pod: PodView) -> bool:
+        """Keeps a pod unless something newer of that name is known; says whether it tells news.
+
+        The answer to our own POST or GET may be ahead of the watch, which then still delivers the
+        end of a namesake: taken for this pod's, it would end a healthy driver.
+        """
+        pods = self._pods.setdefault(pod.job_uid, {})
+        key = (pod.namespace, pod.name)
+        known = pods.get(key)
+        if known is not None and is_older(pod.resource_version, known.resource_version):
+            return False
+        pods[key] = pod
+        return known is None or replace(known, resource_version=pod.resource_version) != pod
 
     def drop_pod(self, pod: PodView) -> None:
-        """Forgets a pod, unless another of the same name has taken its place."""
+        """Takes a pod away, unless another of the same name has taken its place."""
         pods = self._pods.get(pod.job_uid, {})
-        known = pods.get(pod.name)
+        known = pods.get((pod.namespace, pod.name))
         if known and known.uid == pod.uid:
-            del pods[pod.name]
+            del pods[pod.namespace, pod.name]
+            job = self._jobs.get(pod.job_uid)
+            if job is not None and not job.finished:
+                gone = self._gone.setdefault(pod.job_uid, deque(maxlen=MOST_GONE_PODS))
+                gone.append(pod)
         if not pods:
             self._pods.pop(pod.job_uid, None)
 
 
-def _is_older(version: str, known: str) -> bool:
+def is_older(version: str, known: str) -> bool:
     """Resource versions of one kind are comparable numbers in Kubernetes 1.34's storage."""
     if version.isdecimal() and known.isdecimal():
         return int(version) < int(known)

@@ -1,6 +1,12 @@
-"""The volume claims that a job's URIs name, as volumes and mounts of its pods."""
+"""How a job's pods reach its storage: claims as volumes and mounts, Secrets as environment."""
 
-from bagpipe.spec import SimulationJobSpec, claims
+from bagpipe.secret_names import SECRET_PREFIX
+from bagpipe.spec import (
+    EVALUATORS_PATH,
+    SimulationJobSpec,
+    claims,
+    evaluator_config_maps,
+)
 from bagpipe_operator import names
 from bagpipe_operator.view import Json
 
@@ -27,4 +33,33 @@ def claim_mounts(spec: SimulationJobSpec) -> list[Json]:
             "readOnly": read_only,
         }
         for index, (claim, read_only) in enumerate(sorted(claims(spec).items()))
+    ]
+
+
+def evaluator_volumes(spec: SimulationJobSpec) -> list[Json]:
+    """The ConfigMaps of users' evaluators, for the executors; a missing one keeps them waiting."""
+    return [
+        {"name": f"evaluator-{index}", "configMap": {"name": name}}
+        for index, name in enumerate(evaluator_config_maps(spec))
+    ]
+
+
+def evaluator_mounts(spec: SimulationJobSpec) -> list[Json]:
+    """Where the worker finds them."""
+    return [
+        {"name": f"evaluator-{index}", "mountPath": f"{EVALUATORS_PATH}/{name}", "readOnly": True}
+        for index, name in enumerate(evaluator_config_maps(spec))
+    ]
+
+
+def secret_environment(spec: SimulationJobSpec) -> list[Json]:
+    """The `envFrom` of a container that reads or writes storage: never of the user's stack.
+
+    A key `AWS_REGION` arrives under the prefix, and bagpipe.storage takes over those names
+    that it knows: a Secret must not set LD_PRELOAD or PYTHONPATH beside the driver's rights.
+    A Secret that is missing keeps the container from starting, which the job's status tells.
+    """
+    return [
+        {"prefix": f"{SECRET_PREFIX}{index}_", "secretRef": {"name": name}}
+        for index, name in enumerate(spec.storage.secrets)
     ]

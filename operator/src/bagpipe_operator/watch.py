@@ -14,7 +14,7 @@ import kopf
 
 from bagpipe_operator import names
 from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.queue import Lane, WorkQueue
 from bagpipe_operator.view import JobView, Json, PodView, View
 
 SYSTEM_ERRORS_SECONDS = (1, 2, 5, 10, 30)
@@ -35,9 +35,15 @@ class Watch:
         if event["type"] == "DELETED":
             self.view.drop_job(job.uid)
             self.queue.forget(job.uid)
-        elif not self.view.put_job(job):
+        elif self._is_known(job) or not self.view.put_job(job):
             return
-        self.queue.add(job.uid)
+        starts = not job.finished and not job.deleting and not job.status.get("driver")
+        self.queue.add(job.uid, Lane.START if starts else Lane.NEWS)
+
+    def _is_known(self, job: JobView) -> bool:
+        """Whether this very version was seen already: mostly as the answer to our own PATCH."""
+        known = self.view.job(job.uid)
+        return known is not None and known.resource_version == job.resource_version
 
     def pod_event(self, event: Json) -> None:
         """A pod of some job was listed, added, changed or deleted."""
@@ -45,9 +51,26 @@ class Watch:
         self.metrics.watch_events.labels(kind="Pod").inc()
         if event["type"] == "DELETED":
             self.view.drop_pod(pod)
-        else:
-            self.view.put_pod(pod)
+        elif not self.view.put_pod(pod):
+            return  # nothing that is decided on has changed
         self.queue.add(pod.job_uid)
+
+
+class NoDiffBase(kopf.DiffBaseStorage):
+    """Keeps nothing of an object for a later comparison.
+
+    Only handlers for changes need that, and there is none; kopf would copy every object deeply
+    for it, with each event.
+    """
+
+    def build(self, **_: Any) -> Any:
+        return {}
+
+    def fetch(self, **_: Any) -> None:
+        return None
+
+    def store(self, **_: Any) -> None:
+        """Writes nothing."""
 
 
 def registry(watch: Watch) -> kopf.OperatorRegistry:
@@ -88,7 +111,7 @@ def apply(settings: kopf.OperatorSettings) -> None:
     settings.scanning.disabled = True
     # The loop writes events of its own, after the status that they speak of.
     settings.posting.enabled = False
-    # One replica, replaced by Recreate: peering would need a CRD and rights of its own.
+    # Replicas have a Lease (election.py): peering would need a CRD and rights of its own.
     settings.peering.standalone = True
     # The API server sends only the pods of jobs, not every pod of the cluster.
     settings.watching.label_selectors["", "v1", "pods"] = names.LABEL_JOB_UID
@@ -100,4 +123,4 @@ def apply(settings: kopf.OperatorSettings) -> None:
     # Should kopf ever want to write, then at least under our own name.
     settings.persistence.finalizer = f"{names.GROUP}/finalizer"
     settings.persistence.progress_storage = kopf.AnnotationsProgressStorage(prefix=names.GROUP)
-    settings.persistence.diffbase_storage = kopf.AnnotationsDiffBaseStorage(prefix=names.GROUP)
+    settings.persistence.diffbase_storage = NoDiffBase()

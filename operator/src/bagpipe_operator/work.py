@@ -5,6 +5,7 @@ import logging
 from collections.abc import Awaitable, Callable
 
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.fence import NotLeadingError
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import WorkQueue
 
@@ -15,11 +16,21 @@ RECONCILE_SECONDS = 60.0
 
 
 async def work(
-    queue: WorkQueue, reconcile: Callable[[str], Awaitable[None]], metrics: Metrics
+    queue: WorkQueue,
+    reconcile: Callable[[str], Awaitable[None]],
+    metrics: Metrics,
+    leads: Callable[[], bool] = lambda: True,
+    kind: str = "job",
 ) -> None:
-    """Reconciles keys until cancelled. A fault costs its own key a delay and no other anything."""
+    """Reconciles keys until cancelled. A fault costs its own key a delay and no other anything.
+
+    Without leadership keys are dropped: whoever begins to lead asks for all jobs anew.
+    """
     while True:
         key = await queue.get()
+        if not leads():
+            queue.done(key)
+            continue
         try:
             with metrics.reconcile_seconds.time():
                 async with asyncio.timeout(RECONCILE_SECONDS):
@@ -27,15 +38,18 @@ async def work(
         except asyncio.CancelledError:
             queue.done(key)
             raise
+        except NotLeadingError:
+            queue.done(key)
+            metrics.reconciles.labels(result="fenced").inc()
         except (ApiError, TimeoutError) as error:
             delay = queue.retry(key)
             metrics.reconciles.labels(result="retried").inc()
-            logger.warning("job %s: %s; tried again in %.1f s", key, error, delay)
+            logger.warning("%s %s: %s; tried again in %.1f s", kind, key, error, delay)
         except Exception:
             # A bug met with one job must not stop the others; it is logged with its traceback.
             delay = queue.retry(key)
             metrics.reconciles.labels(result="faulted").inc()
-            logger.exception("job %s: unexpected fault; tried again in %.1f s", key, delay)
+            logger.exception("%s %s: unexpected fault; tried again in %.1f s", kind, key, delay)
         else:
             queue.done(key)
-            metrics.reconciles.labels(result="done").inc()
+            metrics.reconciled(key)

@@ -46,7 +46,12 @@ def rendered(*values: str) -> list[Object]:
 
 
 def of_kind(objects: list[Object], kind: str) -> list[Object]:
-    return [o for o in objects if o["kind"] == kind]
+    """The objects of a kind that stay: those of `helm test` come and go with it."""
+    return [o for o in objects if o["kind"] == kind and not _of_helm_test(o)]
+
+
+def _of_helm_test(obj: Object) -> bool:
+    return "helm.sh/hook" in (obj["metadata"].get("annotations") or {})
 
 
 def rules(role: Object) -> set[tuple[str, str]]:
@@ -62,7 +67,14 @@ OPERATOR_RIGHTS = {
     ("simulationjobs", "get"),
     ("simulationjobs", "list"),
     ("simulationjobs", "watch"),
+    ("simulationjobs", "delete"),
     ("simulationjobs/status", "patch"),
+    ("simulationjobs", "create"),
+    ("simulationjobs", "delete"),
+    ("simulationschedules", "get"),
+    ("simulationschedules", "list"),
+    ("simulationschedules", "watch"),
+    ("simulationschedules/status", "patch"),
     ("pods", "get"),
     ("pods", "list"),
     ("pods", "watch"),
@@ -71,6 +83,8 @@ OPERATOR_RIGHTS = {
     ("configmaps", "get"),
     ("configmaps", "create"),
     ("events", "create"),
+    ("events", "list"),
+    ("persistentvolumeclaims", "get"),
 }
 DRIVER_RIGHTS = {
     ("pods", verb) for verb in ("get", "list", "watch", "create", "delete", "deletecollection")
@@ -91,10 +105,12 @@ def test_the_rendered_chart_is_the_one_that_was_reviewed() -> None:
     assert SNAPSHOT.read_text() == text
 
 
-def test_the_crd_is_the_one_source() -> None:
-    (crd,) = of_kind(rendered(), "CustomResourceDefinition")
-    assert crd == yaml.safe_load((ROOT / "crds" / "simulationjobs.yaml").read_text())
-    assert crd["metadata"]["annotations"]["helm.sh/resource-policy"] == "keep"
+def test_the_crds_are_the_one_source() -> None:
+    crds = of_kind(rendered(), "CustomResourceDefinition")
+    sources = ["simulationjobs.yaml", "simulationschedules.yaml"]
+    assert crds == [yaml.safe_load((ROOT / "crds" / source).read_text()) for source in sources]
+    kept = [crd["metadata"]["annotations"]["helm.sh/resource-policy"] for crd in crds]
+    assert kept == ["keep", "keep"]
     assert of_kind(rendered('crds={"install":false}'), "CustomResourceDefinition") == []
 
 
@@ -108,7 +124,8 @@ def test_the_operator_may_do_what_it_does_and_no_more() -> None:
 def test_named_namespaces_need_no_cluster_wide_right() -> None:
     objects = rendered('watchNamespaces=["lanes","maps"]')
     assert of_kind(objects, "ClusterRole") == of_kind(objects, "ClusterRoleBinding") == []
-    roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"] != "bagpipe-driver"]
+    (account,) = {o["metadata"]["name"] for o in of_kind(objects, "Deployment")}
+    roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"].endswith(account)]
     assert {r["metadata"]["namespace"] for r in roles} == {"lanes", "maps"}
     assert all(rules(role) == OPERATOR_RIGHTS for role in roles)
     (deployment,) = of_kind(objects, "Deployment")
@@ -121,11 +138,86 @@ def test_every_job_namespace_gets_a_driver_account_with_just_pods() -> None:
     objects = rendered('jobNamespaces=["lanes","maps"]')
     accounts = [o for o in of_kind(objects, "ServiceAccount") if "driver" in o["metadata"]["name"]]
     assert [a["metadata"]["namespace"] for a in accounts] == ["lanes", "maps"]
-    roles = of_kind(objects, "Role")
+    roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"] == "bagpipe-driver"]
     assert [r["metadata"]["namespace"] for r in roles] == ["lanes", "maps"]
     assert all(rules(role) == DRIVER_RIGHTS for role in roles)
     bindings = of_kind(objects, "RoleBinding")
     assert all(b["subjects"][0]["namespace"] == b["metadata"]["namespace"] for b in bindings)
+
+
+def test_executors_have_an_account_without_rights_in_every_job_namespace() -> None:
+    notes = {"eks.amazonaws.com/role-arn": "arn:aws:iam::111122223333:role/recordings"}
+    values = json.dumps({"driver": {"annotations": {"a": "b"}}, "executor": {"annotations": notes}})
+    objects = rendered('jobNamespaces=["lanes","maps"]', f"serviceAccounts={values}")
+    accounts = {
+        (o["metadata"]["name"], o["metadata"]["namespace"]): o
+        for o in of_kind(objects, "ServiceAccount")
+    }
+    for namespace in ("lanes", "maps"):
+        executor = accounts["bagpipe-executor", namespace]
+        assert executor["automountServiceAccountToken"] is False
+        assert executor["metadata"]["annotations"] == notes
+        assert accounts["bagpipe-driver", namespace]["metadata"]["annotations"] == {"a": "b"}
+    subjects = [s["name"] for o in of_kind(objects, "RoleBinding") for s in o["subjects"]]
+    assert "bagpipe-executor" not in subjects
+
+
+def test_the_lease_is_the_releases_own_and_no_other() -> None:
+    objects = rendered()
+    (role,) = [r for r in of_kind(objects, "Role") if r["metadata"]["name"].endswith("-lease")]
+    (deployment,) = of_kind(objects, "Deployment")
+    container = deployment["spec"]["template"]["spec"]["containers"][0]
+    environment = {e["name"]: e["value"] for e in container["env"]}
+    assert role["metadata"]["namespace"] == environment["BAGPIPE_LEASE_NAMESPACE"]
+    named, making = role["rules"]
+    assert named["resourceNames"] == [environment["BAGPIPE_LEASE_NAME"]]
+    assert (named["verbs"], making["verbs"]) == (["get", "update"], ["create"])
+    assert named["resources"] == making["resources"] == ["leases"]
+
+
+@pytest.mark.parametrize(("replicas", "budgets"), [(1, 0), (2, 1)])
+def test_replicas(replicas: int, budgets: int) -> None:
+    objects = rendered(f"operator.replicas={replicas}")
+    (deployment,) = of_kind(objects, "Deployment")
+    assert deployment["spec"]["replicas"] == replicas
+    assert deployment["spec"]["strategy"]["type"] == "RollingUpdate"
+    labels = deployment["spec"]["template"]["metadata"]["labels"]
+    found = of_kind(objects, "PodDisruptionBudget")
+    assert len(found) == budgets
+    for budget in found:
+        assert budget["spec"]["maxUnavailable"] == 1
+        assert budget["spec"]["selector"]["matchLabels"].items() <= labels.items()
+    (wish,) = deployment["spec"]["template"]["spec"]["affinity"]["podAntiAffinity"].values()
+    term = wish[0]["podAffinityTerm"]
+    assert term["labelSelector"]["matchLabels"].items() <= labels.items()
+
+
+def test_an_affinity_takes_the_place_of_the_charts_own() -> None:
+    mine: Object = {"nodeAffinity": {"preferredDuringSchedulingIgnoredDuringExecution": []}}
+    (deployment,) = of_kind(rendered(f"operator.affinity={json.dumps(mine)}"), "Deployment")
+    assert deployment["spec"]["template"]["spec"]["affinity"] == mine
+
+
+def test_no_token_is_mounted_by_itself_but_the_operator_s() -> None:
+    objects = rendered()
+    accounts = of_kind(objects, "ServiceAccount")
+    assert [a["automountServiceAccountToken"] for a in accounts] == [False] * 3
+    (deployment,) = of_kind(objects, "Deployment")
+    assert deployment["spec"]["template"]["spec"]["automountServiceAccountToken"] is True
+
+
+def test_the_operator_s_pod_meets_the_level_restricted() -> None:
+    (deployment,) = of_kind(rendered(), "Deployment")
+    spec = deployment["spec"]["template"]["spec"]
+    assert spec["securityContext"]["runAsNonRoot"] is True
+    (container,) = spec["containers"]
+    assert container["securityContext"] == {
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "runAsNonRoot": True,
+        "capabilities": {"drop": ["ALL"]},
+        "seccompProfile": {"type": "RuntimeDefault"},
+    }
 
 
 def test_the_images() -> None:
@@ -145,6 +237,8 @@ REFUSED = {
     "a pull policy": ('images.pullPolicy="Sometimes"', "value must be one of"),
     "no patience": ("operator.stuckSeconds=0", "exclusiveMinimum"),
     "no workers": ("operator.workers=0", "minimum"),
+    "a short lease": ("operator.leaseSeconds=2", "minimum"),
+    "jobs beside the operator": ('jobNamespaces=["bagpipe-system"]', "in a namespace of its own"),
 }
 
 
@@ -164,5 +258,5 @@ def test_every_value_is_commented_and_has_a_schema() -> None:
     schema = json.loads((CHART / "values.schema.json").read_text())
     values = yaml.safe_load("\n".join(lines))
     assert set(values) == set(schema["properties"]) - {"global"}
-    for section in ("images", "crds", "operator"):
+    for section in ("images", "crds", "operator", "networkPolicy"):
         assert set(values[section]) == set(schema["properties"][section]["properties"])

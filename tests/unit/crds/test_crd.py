@@ -1,6 +1,8 @@
 """The CRD as a file: size, descriptions, bounds, and what is derived from it."""
 
 import importlib.util
+import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +16,7 @@ Schema = dict[str, Any]
 
 ROOT = Path(__file__).parents[3]
 CRD = ROOT / "crds" / "simulationjobs.yaml"
-LARGEST_BYTES = 200_000
+LARGEST_BYTES = 120_000
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +39,24 @@ def walk(schema: Schema, path: str = "") -> Iterator[tuple[str, Schema]]:
             yield from walk(schema[key], f"{path}[]")
 
 
-def test_it_is_small_enough_for_kubectl_apply() -> None:
-    assert CRD.stat().st_size < LARGEST_BYTES
+def test_it_is_small_enough_for_kubectl_apply(crd: Schema) -> None:
+    # The file names some parts once and uses them twice; the API server gets them twice.
+    sent = len(json.dumps(crd))
+    assert sent < LARGEST_BYTES, sent
+
+
+class GoLoader(yaml.SafeLoader):
+    """YAML as kubectl and Helm read it: a bare y or n is a boolean, unlike PyYAML's."""
+
+
+GoLoader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile("^[yYnN]$"), list("yYnN"))
+GoLoader.bool_values = yaml.SafeLoader.bool_values | {"y": True, "n": False}
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "crds").glob("*.yaml")), ids=lambda path: path.stem)
+def test_kubectl_and_helm_read_the_same_as_python(path: Path) -> None:
+    text = path.read_text()
+    assert yaml.load(text, GoLoader) == yaml.safe_load(text)  # noqa: S506  a SafeLoader
 
 
 def test_every_field_is_described(crd: Schema) -> None:
@@ -65,9 +83,29 @@ def test_every_list_and_text_of_the_spec_is_bounded(crd: Schema) -> None:
 
 def test_every_rule_says_what_to_write(crd: Schema) -> None:
     rules = [r for _, s in walk(schema_of(crd)) for r in s.get("x-kubernetes-validations", [])]
-    assert len(rules) == 38
+    assert len(rules) == 165
     hints = ("write ", "delete the job", "such as")
     assert [r["message"] for r in rules if not any(h in r["message"] for h in hints)] == []
+
+
+MUTABLE = {"suspend", "activeDeadlineSeconds", "startDeadlineSeconds", "ttlSecondsAfterFinished"}
+
+
+def test_every_field_but_those_that_can_be_honoured_is_immutable(crd: Schema) -> None:
+    spec = schema_of(crd)["properties"]["spec"]
+    rule = next(r for r in spec["x-kubernetes-validations"] if "oldSelf" in r["rule"])
+    words = " ".join(rule["rule"].split())
+    required = set(spec["required"])
+    expected = [
+        f"self.{field} == oldSelf.{field}"
+        if field in required
+        else f"(has(self.{field}) ? has(oldSelf.{field}) && self.{field} == oldSelf.{field}"
+        f" : !has(oldSelf.{field}))"
+        for field in set(spec["properties"]) - MUTABLE
+    ]
+    assert [term for term in expected if term not in words] == []
+    assert len(words) == len(" && ".join(expected))
+    assert all(field in rule["message"] for field in MUTABLE)
 
 
 def test_the_columns(crd: Schema) -> None:
@@ -100,6 +138,13 @@ def defaults(schema: Schema) -> Any:
     return filled
 
 
+def cut_to(model: Any, filled: Any) -> Any:
+    """What the schema fills in, of a model that has more to say."""
+    if not isinstance(filled, dict):
+        return model
+    return {name: cut_to(model[name], filled[name]) for name in filled}
+
+
 def test_the_models_have_the_schema_s_defaults(crd: Schema) -> None:
     required = {
         "source": {"bags": ["file:///x.bag"]},
@@ -110,7 +155,7 @@ def test_the_models_have_the_schema_s_defaults(crd: Schema) -> None:
     model = SimulationJobSpec.model_validate(required).model_dump(by_alias=True)
     spec = schema_of(crd)["properties"]["spec"]
     filled = defaults(spec)
-    assert {name: model[name] for name in filled} == filled
+    assert {name: cut_to(model[name], filled[name]) for name in filled} == filled
     fragment = defaults(spec["properties"]["source"])["fragment"]
     assert model["source"]["fragment"] == fragment
 
@@ -118,21 +163,30 @@ def test_the_models_have_the_schema_s_defaults(crd: Schema) -> None:
 def test_the_models_have_the_schema_s_fields(crd: Schema) -> None:
     def fields(schema: Schema, path: str) -> Iterator[str]:
         for name, field in (schema.get("properties") or {}).items():
+            if field["description"].startswith("Refused"):
+                continue  # there to say what to write instead; no model takes it over
             yield f"{path}{name}"
             yield from fields(field, f"{path}{name}.")
             yield from fields(field.get("items") or {}, f"{path}{name}.")
+
+    def models_in(annotation: Any) -> Iterator[Any]:
+        if hasattr(annotation, "model_fields"):
+            yield annotation
+        for part in getattr(annotation, "__args__", ()):
+            yield from models_in(part)
 
     def of_model(model: Any, path: str) -> Iterator[str]:
         for field in model.model_fields.values():
             name = f"{path}{field.alias}"
             yield name
-            for kind in (field.annotation, *getattr(field.annotation, "__args__", ())):
-                if hasattr(kind, "model_fields"):
-                    yield from of_model(kind, f"{name}.")
+            for kind in models_in(field.annotation):
+                yield from of_model(kind, f"{name}.")
 
     spec = schema_of(crd)["properties"]["spec"]
-    of_schema = {f for f in fields(spec, "") if not f.startswith("stack.resources.")}
-    assert set(of_model(SimulationJobSpec, "")) == of_schema
+    # Rules and values are texts, lists or maps, which no structural schema can say.
+    either = ("matrix.exclude.", "matrix.variables.")
+    of_models = {f for f in of_model(SimulationJobSpec, "") if not f.startswith(either)}
+    assert of_models == set(fields(spec, ""))
 
 
 def test_what_is_derived_is_up_to_date() -> None:

@@ -103,7 +103,10 @@ class PodBuilder:
     status: Json = field(default_factory=dict)
     inits: list[Json] = field(default_factory=list)
     mains: list[Json] = field(default_factory=list)
-    is_deleting: bool = False
+    gone_by: str = ""
+    attempt: int = 1
+    node: str = ""
+    claims: tuple[str, ...] = ()
 
     def running(self, ip: str = "10.0.0.5") -> Self:
         self.phase = "Running"
@@ -145,8 +148,20 @@ class PodBuilder:
         self.status |= {"reason": "Evicted", "message": message}
         return self
 
-    def deleting(self) -> Self:
-        self.is_deleting = True
+    def disrupted(self, reason: str, message: str) -> Self:
+        self.status["conditions"] = [
+            {
+                "type": "DisruptionTarget",
+                "status": "True",
+                "reason": reason,
+                "message": message,
+                "lastTransitionTime": START.isoformat(),
+            }
+        ]
+        return self
+
+    def deleting(self, gone_by: str = "2026-11-20T04:00:00Z") -> Self:
+        self.gone_by = gone_by
         return self
 
     def object(self) -> Json:
@@ -154,25 +169,30 @@ class PodBuilder:
             "name": self.name,
             "namespace": "lanes",
             "uid": f"uid-of-{self.name}",
-            "labels": names.labels(self.job, f"uid-of-{self.job}", self.role, 1),
+            "labels": names.labels(self.job, f"uid-of-{self.job}", self.role, self.attempt),
             "ownerReferences": [names.owner_reference(self.job, f"uid-of-{self.job}")],
         }
-        if self.is_deleting:
-            meta["deletionTimestamp"] = "2026-11-20T04:00:00Z"
+        if self.gone_by:
+            meta["deletionTimestamp"] = self.gone_by
         status = {
             "phase": self.phase,
             "initContainerStatuses": self.inits,
             "containerStatuses": self.mains,
         }
-        return copy.deepcopy({"metadata": meta, "spec": {}, "status": status | self.status})
+        volumes = [{"persistentVolumeClaim": {"claimName": claim}} for claim in self.claims]
+        spec: Json = {"volumes": volumes}
+        if self.node:
+            spec["nodeName"] = self.node
+        return copy.deepcopy({"metadata": meta, "spec": spec, "status": status | self.status})
 
     def view(self) -> PodView:
         return PodView.from_object(self.object())
 
 
-def make_driver(job: str) -> PodBuilder:
-    return PodBuilder(f"{job}-1-driver", job, names.ROLE_DRIVER)
+def make_driver(job: str, attempt: int = 1) -> PodBuilder:
+    return PodBuilder(f"{job}-{attempt}-driver", job, names.ROLE_DRIVER, attempt=attempt)
 
 
-def make_executor(job: str, number: int = 1) -> PodBuilder:
-    return PodBuilder(f"{job}-1-exec-{number}", job, names.ROLE_EXECUTOR)
+def make_executor(job: str, number: int = 1, attempt: int = 1) -> PodBuilder:
+    name = f"{job}-{attempt}-exec-{number}"
+    return PodBuilder(name, job, names.ROLE_EXECUTOR, attempt=attempt)

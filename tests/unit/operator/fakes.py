@@ -24,10 +24,12 @@ class FakeApi:
 
     objects: dict[tuple[str, str], Json] = field(default_factory=dict)
     calls: list[str] = field(default_factory=list)
-    faults: dict[str, list[ApiError]] = field(default_factory=dict)
+    faults: dict[str, list[BaseException]] = field(default_factory=dict)
     version: int = 100
+    told: dict[str, list[Json]] = field(default_factory=dict)  # Events by the UID they are about
+    shown: list[Json] = field(default_factory=list)  # manifests of dry runs
 
-    def fail(self, call: str, *errors: ApiError) -> None:
+    def fail(self, call: str, *errors: BaseException) -> None:
         """The next calls of that name raise these, one each."""
         self.faults.setdefault(call, []).extend(errors)
 
@@ -50,9 +52,17 @@ class FakeApi:
         self.objects[key] = created
         return copy.deepcopy(created)
 
+    async def try_create(self, resource: str, manifest: Json) -> None:
+        self._called(f"try {resource}")
+        self.shown.append(copy.deepcopy(manifest))
+
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         self._called(f"get {resource}")
         return self._found(resource, name)
+
+    async def events_of(self, namespace: str, uid: str) -> list[Json]:
+        self._called(f"events of {uid}")
+        return copy.deepcopy(self.told.get(uid, []))
 
     async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
         self._called(f"delete {name}")
@@ -64,6 +74,13 @@ class FakeApi:
         self._called("get job")
         return self._found("jobs", name)
 
+    async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
+        self._called("delete job")
+        meta = self._found("jobs", name)["metadata"]
+        if (meta["uid"], meta["resourceVersion"]) != (uid, version):
+            raise ApiError(409, "Conflict", "the object has been modified")
+        del self.objects["jobs", name]
+
     async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
         self._called("patch status")
         job = self._found("jobs", name)
@@ -72,7 +89,8 @@ class FakeApi:
             raise ApiError(409, "Conflict", "the object has been modified")
         self.version += 1
         job["metadata"]["resourceVersion"] = str(self.version)
-        job["status"] = (job.get("status") or {}) | patch["status"]
+        merged = (job.get("status") or {}) | patch["status"]
+        job["status"] = {key: value for key, value in merged.items() if value is not None}
         self.put("jobs", job)
         return copy.deepcopy(job)
 

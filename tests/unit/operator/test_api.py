@@ -60,6 +60,8 @@ async def test_the_calls() -> None:
         await api.delete_pod("lanes", "p", "uid-of-p")
         await api.get_job("lanes", "x")
         await api.patch_status("lanes", "x", patch)
+        await api.try_create("pods", manifest)
+        assert await api.events_of("lanes", "uid-of-p") == []
     options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": "uid-of-p"}}
     plain, merge = "application/json", "application/merge-patch+json"
     assert recorder.calls == [
@@ -68,6 +70,43 @@ async def test_the_calls() -> None:
         ("DELETE", "/api/v1/namespaces/lanes/pods/p", plain, options),
         ("GET", f"{JOBS}/namespaces/lanes/simulationjobs/x", None, None),
         ("PATCH", f"{JOBS}/namespaces/lanes/simulationjobs/x/status", merge, patch),
+        ("POST", "/api/v1/namespaces/lanes/pods?dryRun=All", plain, manifest),
+        (
+            "GET",
+            "/api/v1/namespaces/lanes/events?fieldSelector=involvedObject.uid%3Duid-of-p&limit=100",
+            None,
+            None,
+        ),
+    ]
+
+
+async def test_the_calls_for_schedules() -> None:
+    recorder = Recorder((200, {"items": [{"kind": "SimulationJob"}]}))
+    manifest = {"metadata": {"name": "n-1", "namespace": "lanes"}, "spec": {"unknownField": [1]}}
+    patch = {"metadata": {"resourceVersion": "7"}, "status": {"nextScheduleTime": None}}
+    async with server(recorder.answer) as api:
+        await api.create_job(manifest)
+        found = await api.list_jobs("lanes", "sim.bagpipe.io/schedule=nightly")
+        assert found == [{"kind": "SimulationJob"}]
+        await api.delete_job("lanes", "n-1", "uid-of-n-1")
+        await api.get_schedule("lanes", "nightly")
+        await api.patch_schedule_status("lanes", "nightly", patch)
+    options = {
+        "apiVersion": "v1",
+        "kind": "DeleteOptions",
+        "propagationPolicy": "Background",
+        "preconditions": {"uid": "uid-of-n-1"},
+    }
+    jobs = f"{JOBS}/namespaces/lanes/simulationjobs"
+    one = f"{JOBS}/namespaces/lanes/simulationschedules/nightly"
+    plain, merge = "application/json", "application/merge-patch+json"
+    selector = "labelSelector=sim.bagpipe.io/schedule%3Dnightly"
+    assert recorder.calls == [
+        ("POST", jobs, plain, manifest),
+        ("GET", f"{jobs}?{selector}", None, None),
+        ("DELETE", f"{jobs}/n-1", plain, options),
+        ("GET", one, None, None),
+        ("PATCH", f"{one}/status", merge, patch),
     ]
 
 
@@ -124,8 +163,10 @@ async def test_the_crd_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
         await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes", "maps")))
     assert [call[1] for call in recorder.calls] == [
         *[f"{JOBS}/namespaces/lanes/simulationjobs?limit=1"] * 3,
+        f"{JOBS}/namespaces/lanes/simulationschedules?limit=1",
         "/api/v1/namespaces/lanes/pods?limit=1",
         f"{JOBS}/namespaces/maps/simulationjobs?limit=1",
+        f"{JOBS}/namespaces/maps/simulationschedules?limit=1",
         "/api/v1/namespaces/maps/pods?limit=1",
     ]
 

@@ -2,8 +2,9 @@
 
 import pytest
 
-from bagpipe_operator.diagnose import Trouble, troubles
-from tests.unit.operator.builders import PodBuilder, make_driver, make_executor
+from bagpipe_operator.diagnose import troubles
+from bagpipe_operator.trouble import Trouble
+from tests.unit.operator.builders import START, PodBuilder, make_driver, make_executor
 
 IMAGE_WORDS = [
     "ErrImagePull",
@@ -16,7 +17,7 @@ IMAGE_WORDS = [
 
 
 def only(pod: PodBuilder) -> Trouble:
-    found = troubles([pod.view()])
+    found = troubles([pod.view()], START)
     assert len(found) == 1
     return found[0]
 
@@ -60,12 +61,12 @@ def test_two_words_of_one_trouble_have_one_key() -> None:
 def test_an_image_that_another_executor_has_is_not_lasting() -> None:
     stuck = make_executor("x", 1).waiting("stack", "ErrImagePull").view()
     fine = make_executor("x", 2).running().with_container("stack", {"running": {}}).view()
-    assert [(t.pod, t.lasting) for t in troubles([stuck, fine])] == [("x-1-exec-1", False)]
+    assert [(t.pod, t.lasting) for t in troubles([stuck, fine], START)] == [("x-1-exec-1", False)]
 
 
 def test_pulling_is_no_trouble() -> None:
     pod = make_executor("x").waiting("stack", "PodInitializing").waiting("agent", "")
-    assert troubles([pod.view()]) == []
+    assert troubles([pod.view()], START) == []
 
 
 @pytest.mark.parametrize("word", ["CreateContainerConfigError", "RunContainerError"])
@@ -76,6 +77,16 @@ def test_a_container_that_does_not_start(word: str) -> None:
     assert trouble.message == (
         "Container stack (image example/lane:1) in pod x-1-exec-1 does not start "
         f"({word}): exec format error."
+    )
+
+
+def test_a_missing_secret_names_it_and_says_what_to_do() -> None:
+    said = 'secret "s3-login" not found'
+    trouble = only(make_driver("x").waiting("driver", "CreateContainerConfigError", said))
+    assert (trouble.reason, trouble.lasting) == ("SecretMissing", True)
+    assert trouble.message.endswith(
+        'does not start (CreateContainerConfigError): secret "s3-login" not found. Create Secret'
+        " s3-login in namespace lanes, or correct spec.storage.secrets, and create the job again."
     )
 
 
@@ -126,6 +137,7 @@ def test_lasting_troubles_come_first_and_pods_that_go_have_none() -> None:
             make_executor("x", 1).unschedulable("no room").view(),
             make_executor("x", 2).waiting("stack", "ErrImagePull").view(),
             make_executor("x", 3).waiting("stack", "ErrImagePull").deleting().view(),
-        ]
+        ],
+        START,
     )
     assert [t.reason for t in found] == ["StackImageUnavailable", "Unschedulable"]

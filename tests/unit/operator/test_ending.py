@@ -1,7 +1,13 @@
 """How a job ended, from its driver's pod."""
 
-from bagpipe_operator.ending import ending_of
-from tests.unit.operator.builders import account, make_driver
+from bagpipe_operator.ending import Ending
+from bagpipe_operator.ending import ending_of as ending_at
+from bagpipe_operator.view import PodView
+from tests.unit.operator.builders import START, account, make_driver
+
+
+def ending_of(driver: PodView) -> Ending | None:
+    return ending_at(driver, START)
 
 
 def test_a_running_driver_has_no_ending() -> None:
@@ -38,7 +44,7 @@ def test_no_account_tells_exit_status_and_where_the_log_is() -> None:
         ending = ending_of(make_driver("x").ended(code, message).view())
         assert ending is not None
         assert (ending.complete, ending.reason) == (False, "DriverFailed")
-        assert ending.message == (
+        assert ending.last_words == (
             f"The driver's pod x-1-driver ended with exit status {code} and without an account of "
             "its cases. Read its log: kubectl logs -n lanes x-1-driver"
         )
@@ -55,7 +61,7 @@ def test_out_of_memory() -> None:
     ending = ending_of(make_driver("x").ended(137, reason="OOMKilled").view())
     assert ending is not None
     assert ending.reason == "DriverOutOfMemory"
-    assert "Raise spec.spark.driver.resources.memory" in ending.message
+    assert "Raise spec.spark.driver.resources.memory" in ending.last_words
 
 
 def test_evicted_with_and_without_a_container_status() -> None:
@@ -64,7 +70,7 @@ def test_evicted_with_and_without_a_container_status() -> None:
         ending = ending_of(pod.evicted(said).view())
         assert ending is not None
         assert ending.reason == "DriverEvicted"
-        assert ending.message == (
+        assert ending.last_words == (
             f"The driver's pod x-1-driver was evicted. {said} Create the job again."
         )
 

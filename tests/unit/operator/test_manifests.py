@@ -13,6 +13,11 @@ from bagpipe_operator.view import Json
 from tests.unit.operator.builders import JobBuilder, make_job
 
 SETTINGS = Settings(spark_image="r/spark:1", agent_image="r/agent:1")
+SCRAPED = {
+    "prometheus.io/scrape": "true",
+    "prometheus.io/port": "8080",
+    "prometheus.io/path": "/metrics",
+}
 AGENT = "/bagpipe/shared/bin/bagpipe-agent"
 
 
@@ -32,6 +37,21 @@ def container(pod: Json, name: str) -> Any:
     return next(c for c in everything if c["name"] == name)
 
 
+def test_pods_are_annotated_for_prometheus_and_the_job_has_the_last_word() -> None:
+    own = {"prometheus.io/scrape": "false"}
+    agents = SCRAPED | {"prometheus.io/port": "9811"}
+    assert template_of(make_job("x"))["metadata"]["annotations"] == agents
+    builder = make_job("x")
+    for role in ("driver", "executor"):
+        builder = builder.with_spec(f"spark.{role}.pod", {"annotations": own})
+    assert driver_of(builder)["metadata"]["annotations"] == SCRAPED | own
+    assert template_of(builder)["metadata"]["annotations"] == agents | own
+    job = make_job("x").view()
+    silent = Settings(scrape_annotations=False)
+    assert "annotations" not in driver_pod(job, read_spec(job), 1, silent)["metadata"]
+    assert "annotations" not in executor_template(job, read_spec(job), 1, silent)["metadata"]
+
+
 def test_the_driver_is_owned_labelled_and_never_restarted() -> None:
     pod = driver_of(make_job("x"))
     assert pod["metadata"] == {
@@ -44,6 +64,7 @@ def test_the_driver_is_owned_labelled_and_never_restarted() -> None:
             "sim.bagpipe.io/role": "driver",
             "sim.bagpipe.io/attempt": "1",
         },
+        "annotations": SCRAPED,
         "ownerReferences": [
             {
                 "apiVersion": "sim.bagpipe.io/v1alpha1",
@@ -80,6 +101,7 @@ def test_the_driver_s_container() -> None:
         "BAGPIPE_NAMESPACE": "metadata.namespace",
     }
     assert {"name": "SPARK_DRIVER_MEMORY", "value": "1024m"} in driver["env"]
+    assert {"name": "SPARK_USER", "value": "bagpipe"} in driver["env"]
     assert driver["ports"] == [{"name": "progress", "containerPort": 8080}]
 
 
@@ -89,6 +111,7 @@ def test_our_own_containers_are_restricted(name: str) -> None:
     assert container(pod, name)["securityContext"] == {
         "allowPrivilegeEscalation": False,
         "capabilities": {"drop": ["ALL"]},
+        "readOnlyRootFilesystem": True,
         "runAsNonRoot": True,
         "runAsUser": 10001,
         "runAsGroup": 10001,
@@ -116,7 +139,8 @@ def test_recordings_are_read_only_and_outputs_are_not() -> None:
 
 def test_a_claim_that_is_both_is_writable_and_mounted_once() -> None:
     pod = driver_of(make_job("x").with_spec("output.uri", "pvc://recordings/out"))
-    mounts = [m for m in container(pod, "driver")["volumeMounts"] if m["name"] != "config"]
+    everything = container(pod, "driver")["volumeMounts"]
+    mounts = [m for m in everything if m["name"].startswith("claim-")]
     assert mounts == [
         {"name": "claim-0", "mountPath": "/bagpipe/volumes/recordings", "readOnly": False}
     ]
@@ -136,13 +160,90 @@ def test_the_stack_runs_the_agent_in_the_user_s_image() -> None:
     assert agent["image"] == "r/agent:1"
     assert (stack["image"], stack["imagePullPolicy"]) == ("example/lane:1", "Never")
     assert stack["restartPolicy"] == "Always"
-    assert stack["command"] == [AGENT, "serve", "--shared", "/bagpipe/shared", "--slots", "4"]
+    assert stack["command"] == [
+        AGENT, "serve", "--shared", "/bagpipe/shared", "--slots", "4", "--metrics", "0.0.0.0:9811",
+    ]  # fmt: skip
+    assert stack["ports"] == [{"name": "metrics", "containerPort": 9811}]
     assert stack["startupProbe"]["exec"]["command"] == [
         AGENT, "ready", "--shared", "/bagpipe/shared",
     ]  # fmt: skip
     assert stack["startupProbe"]["periodSeconds"] == 1
     assert stack["resources"] == {"limits": {"memory": "2Gi"}}
-    assert [m["name"] for m in stack["volumeMounts"]] == ["shared"]
+    assert [m["mountPath"] for m in stack["volumeMounts"]] == [
+        "/bagpipe/shared", "/tmp", "/bagpipe/home",
+    ]  # fmt: skip
+
+
+def test_secrets_reach_our_containers_and_never_the_stack_s() -> None:
+    job = make_job("x").with_spec("storage.secrets", ["s3-login", "hdfs-user"])
+    expected = [
+        {"prefix": "BAGPIPE_SECRET_0_", "secretRef": {"name": "s3-login"}},
+        {"prefix": "BAGPIPE_SECRET_1_", "secretRef": {"name": "hdfs-user"}},
+    ]
+    template = template_of(job)
+    assert container(driver_of(job), "driver")["envFrom"] == expected
+    assert container(template, "spark")["envFrom"] == expected
+    for name in ("agent", "stack"):
+        assert not container(template, name).get("envFrom")
+        assert "login" not in str(container(template, name))
+
+
+def test_executors_have_an_account_of_their_own() -> None:
+    assert template_of(make_job("x"))["spec"]["serviceAccountName"] == "bagpipe-executor"
+
+
+def test_each_image_of_the_variants_is_a_container_with_slots_of_its_own() -> None:
+    builder = make_job("x").with_spec(
+        "variants", [{"name": "released"}, {"name": "pr-812", "image": "r/lane:pr-812"}]
+    )
+    inits = template_of(builder)["spec"]["initContainers"]
+    assert [c["name"] for c in inits] == ["agent", "stack", "stack-1"]
+    first, second = inits[1], inits[2]
+    assert second["image"] == "r/lane:pr-812"
+    assert second["command"][1:4] == ["serve", "--shared", "/bagpipe/shared/image-1"]
+    probe = second["startupProbe"]["exec"]["command"]
+    assert probe == [AGENT, "ready", "--shared", "/bagpipe/shared/image-1"]
+    # They share the pod's address.
+    assert second["command"][-2:] == ["--metrics", "0.0.0.0:9812"]
+    assert second["ports"] == [{"name": "metrics-1", "containerPort": 9812}]
+    own = ("name", "image", "command", "startupProbe", "ports")
+    assert {k: v for k, v in first.items() if k not in own} == {
+        k: v for k, v in second.items() if k not in own
+    }
+
+
+def test_variants_of_one_image_share_its_container() -> None:
+    builder = make_job("x").with_spec("variants", [{"name": "a"}, {"name": "b"}])
+    inits = template_of(builder)["spec"]["initContainers"]
+    assert [c["name"] for c in inits] == ["agent", "stack"]
+
+
+def test_evaluators_are_mounted_beside_the_worker_alone() -> None:
+    builder = make_job("x").with_spec(
+        "evaluate",
+        [{"name": n, "own": {"configMap": "lane", "file": f"{n}.py"}} for n in ("a", "b")],
+    )
+    pod = template_of(builder)
+    mount = {
+        "name": "evaluator-0",
+        "mountPath": "/etc/bagpipe/evaluators/lane",
+        "readOnly": True,
+    }
+    assert [m for m in container(pod, "spark")["volumeMounts"] if "evaluator" in m["name"]] == [
+        mount
+    ]
+    assert not [m for m in container(pod, "stack")["volumeMounts"] if "evaluator" in m["name"]]
+    assert {"name": "evaluator-0", "configMap": {"name": "lane"}} in pod["spec"]["volumes"]
+
+
+def test_evaluators_and_credentials_exclude_each_other() -> None:
+    builder = (
+        make_job("x")
+        .with_spec("evaluate", [{"name": "a", "own": {"configMap": "lane"}}])
+        .with_spec("storage", {"secrets": ["login"]})
+    )
+    with pytest.raises(UnusableSpecError, match=r"could read what storage\.secrets give"):
+        read_spec(builder.view())
 
 
 def test_executors_get_no_token_and_share_memory() -> None:

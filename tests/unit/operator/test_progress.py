@@ -31,6 +31,7 @@ def test_what_is_written_into_the_status() -> None:
         "verdict": "",
         "results": "pvc://results/lane/x",
         "failures": [{"case": "x-1", "reason": "Lost", "message": "m"}],
+        "comparisons": [],
     }
 
 

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from bagpipe_operator.queue import RETRY_LIMIT, WorkQueue, retry_delay
+from bagpipe_operator.queue import RETRY_LIMIT, TURNS, Lane, WorkQueue, retry_delay
 from tests.unit.operator.builders import Clock
 
 
@@ -38,6 +38,24 @@ async def test_a_waiting_worker_is_woken() -> None:
     assert await asyncio.wait_for(waiting, 1) == "a"
 
 
+async def test_a_key_goes_to_one_worker_and_a_cancelled_worker_loses_none() -> None:
+    queue = WorkQueue()
+    waiting = [asyncio.create_task(queue.get()) for _ in range(5)]
+    await asyncio.sleep(0)
+    queue.add("a")
+    queue.add("a")
+    for _ in range(3):
+        await asyncio.sleep(0)
+    assert [task.done() for task in waiting] == [True, False, False, False, False]
+    queue.add("b")
+    waiting[1].cancel()  # it was woken for b, or would have been
+    for _ in range(5):
+        await asyncio.sleep(0)
+    assert [task.result() for task in waiting if task.done() and not task.cancelled()] == ["a", "b"]
+    for task in waiting[3:]:
+        task.cancel()
+
+
 def test_the_delays() -> None:
     assert [retry_delay(n) for n in range(1, RETRY_LIMIT + 2)] == [
         0.5, 1, 2, 4, 8, 16, 30, 30, 120,
@@ -63,3 +81,50 @@ async def test_the_sweeper_waits_for_the_retry_and_an_event_does_not() -> None:
     queue.add_if_rested("a")
     assert await queue.get() == "a"
     assert queue.retry("a") == pytest.approx(0.5)
+
+
+async def _taken(queue: WorkQueue, count: int) -> list[str]:
+    keys = []
+    for _ in range(count):
+        keys.append(await queue.get())
+        queue.done(keys[-1])
+    return keys
+
+
+async def test_new_jobs_get_one_turn_of_four_however_many_jobs_run() -> None:
+    queue = WorkQueue()
+    for n in range(100):
+        queue.add(f"new-{n}", Lane.START)
+        queue.add(f"news-{n}")
+        queue.add_if_rested(f"round-{n}")
+    taken = await _taken(queue, 4 * TURNS)
+    assert [key for key in taken if key.startswith("new-")] == ["new-0", "new-1", "new-2", "new-3"]
+    assert sum(key.startswith("news-") for key in taken) == 8
+    assert sum(key.startswith("round-") for key in taken) == 4
+
+
+async def test_a_turn_that_a_lane_does_not_need_is_the_others() -> None:
+    queue = WorkQueue()
+    for n in range(9):
+        queue.add(f"new-{n}", Lane.START)
+    assert await _taken(queue, 9) == [f"new-{n}" for n in range(9)]
+    queue.add_if_rested("round")
+    queue.add("news")
+    assert await _taken(queue, 2) == ["news", "round"]
+
+
+async def test_only_news_take_a_key_out_of_its_lane() -> None:
+    queue = WorkQueue()
+    queue.add("first", Lane.START)
+    queue.add("second", Lane.START)
+    queue.add_if_rested("second")  # the sweeper visits jobs that have not begun, too
+    queue.add_if_rested("third")
+    queue.add("third")
+    assert len(queue) == 3
+    assert await _taken(queue, 2) == ["first", "third"]
+    assert await queue.get() == "second"
+    queue.add("second", Lane.ROUND)
+    queue.add("second")
+    queue.add("other", Lane.ROUND)
+    queue.done("second")
+    assert await _taken(queue, 2) == ["second", "other"]

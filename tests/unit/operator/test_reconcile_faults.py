@@ -62,9 +62,21 @@ async def test_a_passing_fault_is_raised_and_leaves_no_mark(call: str, error: Ap
 
 async def test_an_event_that_can_not_be_written_stops_nothing() -> None:
     world = World()
-    world.api.fail("create events", ApiError(500, "InternalError", "no"))
+    world.api.fail("create events", ApiError(403, "Forbidden", "exceeded quota: events"))
     await world.reconcile()
     assert world.status()["phase"] == "Pending"
+    await world.reconcile()
+    assert world.api.event_reasons() == []
+
+
+async def test_an_event_that_can_not_be_written_now_is_written_later() -> None:
+    world = World()
+    world.api.fail("create events", ApiError(500, "InternalError", "no"))
+    with pytest.raises(ApiError):
+        await world.reconcile()
+    assert world.status()["phase"] == "Pending"
+    await world.reconcile()
+    assert world.api.event_reasons() == ["DriverCreated"]
 
 
 async def test_no_event_without_its_status() -> None:

@@ -34,6 +34,23 @@ async def test_not_ready_before_the_watches_and_alive_all_the_same() -> None:
     assert (status, text) == (503, "the watches have not started: is the CRD installed?\n")
 
 
+async def test_a_replica_that_can_not_stand_by_is_alive_and_not_ready() -> None:
+    view, queue = View(), WorkQueue()
+    sweeper = Sweeper(view, queue, 2.0)
+    sweeper.last_sweep = asyncio.get_running_loop().time()
+    health = serve.Health(sweeper, watching=True, lease_trouble=lambda: "the Lease is denied")
+    assert (health.dead(), health.unready()) == ("", "the Lease is denied")
+
+
+@pytest.mark.parametrize(("leads", "value"), [(True, "1.0"), (False, "0.0")])
+async def test_metrics_say_who_leads(leads: bool, value: str) -> None:
+    view, queue = View(), WorkQueue()
+    metrics = Metrics(view, queue, leads=lambda: leads)
+    app = serve.application(serve.Health(Sweeper(view, queue, 2.0)), metrics)
+    _, text = await ask(app, "/metrics")
+    assert f"bagpipe_leader {value}" in text
+
+
 @pytest.mark.looptime
 async def test_a_sweeper_that_stops_is_told() -> None:
     sweeper = Sweeper(View(), WorkQueue(), 2.0)
@@ -58,6 +75,7 @@ async def test_metrics_count_jobs_by_phase_without_naming_them() -> None:
     assert 'bagpipe_jobs{phase="Running"} 2.0' in text
     assert 'bagpipe_jobs{phase="Pending"} 1.0' in text
     assert "bagpipe_queue_depth 1.0" in text
+    assert "process_resident_memory_bytes" in text
     assert "alpha" not in text
 
 
@@ -69,3 +87,13 @@ def test_the_sweep_visits_what_has_not_ended() -> None:
     view.put_job(make_job("c").deleting().view())
     assert Sweeper(view, queue, 2.0).sweep() == 1
     assert len(queue) == 1
+
+
+def test_a_new_leader_visits_every_job() -> None:
+    view, queue = View(), WorkQueue(lambda: 0.0)
+    view.put_job(make_job("a").view())
+    view.put_job(
+        make_job("b").with_status(conditions=[{"type": "Complete", "status": "True"}]).view()
+    )
+    Sweeper(view, queue, 2.0).sweep_all()
+    assert len(queue) == 2

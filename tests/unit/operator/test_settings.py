@@ -9,6 +9,7 @@ def test_defaults() -> None:
     settings = Settings.from_environment({})
     assert settings == Settings()
     assert (settings.stuck_seconds, settings.watch_namespaces) == (30.0, ())
+    assert not settings.own_evaluators
 
 
 def test_what_the_chart_sets() -> None:
@@ -18,8 +19,10 @@ def test_what_the_chart_sets() -> None:
             "BAGPIPE_WATCH_NAMESPACES": "lanes, maps,",
             "BAGPIPE_STUCK_SECONDS": "7.5",
             "BAGPIPE_WORKERS": "2",
+            "BAGPIPE_OWN_EVALUATORS": "true",
         }
     )
+    assert settings.own_evaluators
     assert settings.spark_image == "r/spark:2"
     assert settings.watch_namespaces == ("lanes", "maps")
     assert (settings.stuck_seconds, settings.workers) == (7.5, 2)
@@ -35,3 +38,24 @@ def test_what_the_chart_sets() -> None:
 def test_a_wrong_one_is_named(text: str, sentence: str) -> None:
     with pytest.raises(SettingError, match=f"^{sentence}$"):
         Settings.from_environment({"BAGPIPE_STUCK_SECONDS": text})
+
+
+def test_whether_drivers_are_annotated() -> None:
+    assert Settings.from_environment({}).scrape_annotations
+    off = Settings.from_environment({"BAGPIPE_SCRAPE_ANNOTATIONS": "false"})
+    assert not off.scrape_annotations
+    with pytest.raises(SettingError, match="'no': write true or false"):
+        Settings.from_environment({"BAGPIPE_SCRAPE_ANNOTATIONS": "no"})
+
+
+def test_the_lease() -> None:
+    named = {"BAGPIPE_LEASE_NAMESPACE": "system", "BAGPIPE_LEASE_NAME": "b-operator"}
+    settings = Settings.from_environment(named | {"BAGPIPE_LEASE_SECONDS": "15"})
+    found = (settings.lease_namespace, settings.lease_name, settings.lease_seconds)
+    assert found == ("system", "b-operator", 15)
+
+
+@pytest.mark.parametrize("text", ["2", "9.5"])
+def test_a_lease_that_is_too_short_or_no_whole_number(text: str) -> None:
+    with pytest.raises(SettingError, match=r"write a whole number of at least 3, for example 9$"):
+        Settings.from_environment({"BAGPIPE_LEASE_SECONDS": text})

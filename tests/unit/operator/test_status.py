@@ -9,7 +9,7 @@ from bagpipe_operator.ending import Ending, ending_of
 from bagpipe_operator.progress import parse
 from bagpipe_operator.status import Observation, decide
 from bagpipe_operator.view import JobView, Json, PodView
-from tests.unit.operator.builders import Clock, account, make_driver, make_executor, make_job
+from tests.unit.operator.builders import START, Clock, account, make_driver, make_executor, make_job
 
 STUCK_SECONDS = 30.0
 
@@ -25,8 +25,8 @@ def observed(
         driver=driver,
         executors=executors,
         progress=parse(says) if says else None,
-        troubles=tuple(troubles(everything)),
-        ending=ending_of(driver) if driver else None,
+        troubles=tuple(troubles(everything, START)),
+        ending=ending_of(driver, START) if driver else None,
     )
 
 
@@ -189,7 +189,7 @@ def test_one_executor_in_trouble_beside_one_that_runs() -> None:
     ]
     (status,) = run([lambda job: observed(job, make_driver("x").running().view(), account(), pods)])
     running = next(c for c in status["conditions"] if c["type"] == "Running")
-    assert (running["status"], running["reason"]) == ("True", "CasesRunning")
+    assert (running["status"], running["reason"]) == ("True", "Unschedulable")
     assert running["message"] == (
         "Cases are running. Pod x-1-exec-2 has no node yet: Insufficient memory. "
         "It starts as soon as a node has room."

@@ -40,6 +40,17 @@ def test_a_late_deletion_does_not_drop_the_successor() -> None:
     assert view.pods("uid-of-x") == ()
 
 
+def test_a_late_word_of_a_namesake_does_not_replace_a_younger_pod() -> None:
+    view = View()
+    first, second = make_driver("x").ended(1).object(), make_driver("x").running().object()
+    first["metadata"]["resourceVersion"] = "9"
+    second["metadata"] |= {"uid": "younger", "resourceVersion": "10"}
+    from_object = type(make_driver("x").view()).from_object
+    view.put_pod(from_object(second))
+    view.put_pod(from_object(first))
+    assert [(p.uid, p.phase) for p in view.pods("uid-of-x")] == [("younger", "Running")]
+
+
 def test_a_bare_pod_is_understood() -> None:
     bare = {"metadata": {"name": "p", "namespace": "n", "uid": "u"}}
     pod = type(make_driver("x").view()).from_object(bare)

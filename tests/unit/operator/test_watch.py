@@ -1,5 +1,7 @@
 """What kopf delivers reaches the view and the queue; and kopf's settings are what we rely on."""
 
+from typing import Any
+
 import kopf
 import pytest
 
@@ -32,6 +34,48 @@ def test_deletions_are_forgotten(watcher: Watch) -> None:
     watcher.pod_event({"type": "DELETED", "object": make_driver("x").object()})
     assert watcher.view.job("uid-of-x") is None
     assert watcher.view.pods("uid-of-x") == ()
+
+
+async def test_a_version_that_is_known_asks_for_nothing(watcher: Watch) -> None:
+    job = make_job("x").view()
+    watcher.view.put_job(job)  # as it came in answer to our own PATCH
+    watcher.job_event({"type": "MODIFIED", "object": make_job("x").object})
+    assert len(watcher.queue) == 0
+    newer = make_job("x").object
+    newer["metadata"]["resourceVersion"] = str(int(job.resource_version) + 1)
+    watcher.job_event({"type": "MODIFIED", "object": newer})
+    assert len(watcher.queue) == 1
+
+
+async def test_a_pod_that_tells_nothing_new_asks_for_nothing(watcher: Watch) -> None:
+    pod = make_driver("x").running().object()
+    watcher.pod_event({"type": None, "object": pod})
+    assert await watcher.queue.get() == "uid-of-x"
+    watcher.queue.done("uid-of-x")
+    pod["metadata"] |= {"resourceVersion": "8", "annotations": {"somebody/wrote": "this"}}
+    watcher.pod_event({"type": "MODIFIED", "object": pod})
+    assert len(watcher.queue) == 0
+    assert watcher.view.pods("uid-of-x")[0].resource_version == "8"
+    pod["metadata"] |= {"resourceVersion": "9", "deletionTimestamp": "2026-11-20T04:00:00Z"}
+    watcher.pod_event({"type": "MODIFIED", "object": pod})
+    assert len(watcher.queue) == 1
+
+
+async def test_jobs_that_have_begun_come_before_new_ones(watcher: Watch) -> None:
+    for name in ("a", "b"):
+        watcher.job_event({"type": "ADDED", "object": make_job(name).object})
+    begun = make_job("c").with_status(driver="c-1-driver", phase="Running")
+    watcher.job_event({"type": "ADDED", "object": begun.object})
+    assert [await watcher.queue.get() for _ in range(3)] == ["uid-of-a", "uid-of-c", "uid-of-b"]
+
+
+def test_kopf_keeps_no_copy_of_objects() -> None:
+    settings = kopf.OperatorSettings()
+    watch.apply(settings)
+    storage: Any = settings.persistence.diffbase_storage
+    body: Any = {"metadata": {}, "spec": {"source": {}}}
+    assert storage.build(body=body, extra_fields=()) == {}
+    assert storage.fetch(body=body) is None
 
 
 def test_kopf_writes_nothing_and_sees_only_labelled_pods() -> None:

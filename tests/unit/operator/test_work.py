@@ -6,6 +6,7 @@ import logging
 import pytest
 
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.fence import NotLeadingError
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.view import View
@@ -25,11 +26,15 @@ class Bench:
                 raise ApiError(500, "InternalError", "no")
             case "bug":
                 raise KeyError("status")
+            case "fenced":
+                raise NotLeadingError
             case "hangs":
                 await asyncio.Event().wait()
 
-    async def run(self, *keys: str, seconds: float = 1.0) -> None:
-        worker = asyncio.create_task(work(self.queue, self.reconcile, self.metrics))
+    async def run(self, *keys: str, seconds: float = 1.0, leads: bool = True) -> None:
+        worker = asyncio.create_task(
+            work(self.queue, self.reconcile, self.metrics, leads=lambda: leads)
+        )
         for key in keys:
             self.queue.add(key)
         await asyncio.sleep(seconds)
@@ -60,3 +65,19 @@ async def test_a_reconcile_that_hangs_is_given_up() -> None:
     await bench.run("hangs", "fine", seconds=RECONCILE_SECONDS + 1)
     assert bench.seen == ["hangs", "fine"]
     assert bench.count("retried") == 1
+
+
+@pytest.mark.looptime
+async def test_a_replica_that_stands_by_drops_its_keys() -> None:
+    bench = Bench()
+    await bench.run("fine", "bug", leads=False)
+    assert bench.seen == []
+    assert (len(bench.queue), bench.count("done")) == (0, 0)
+
+
+@pytest.mark.looptime
+async def test_what_the_fence_stops_is_not_tried_again() -> None:
+    bench = Bench()
+    await bench.run("fenced", "fine", seconds=60)
+    assert bench.seen == ["fenced", "fine"]
+    assert [bench.count(r) for r in ("done", "retried", "fenced")] == [1, 0, 1]

@@ -26,6 +26,12 @@ class World:
             self.api, view, self.drivers, Settings(), self.clock.now, self.clock.monotonic
         )
 
+    def forget_everything(self) -> None:
+        """The operator is started anew, and its watch has delivered only the job so far."""
+        self.view = View()
+        self.deliver_job()
+        self.reconciler = self.restarted(self.view)
+
     async def reconcile(self, after: float = 0) -> None:
         self.clock.advance(after)
         await self.reconciler.reconcile(UID)

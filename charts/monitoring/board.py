@@ -1,0 +1,114 @@
+"""What a dashboard is made of, and how it becomes Grafana's JSON by Grafana's own library."""
+
+import json
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from grafana_foundation_sdk.builders import dashboard as builders
+from grafana_foundation_sdk.builders import prometheus, stat, timeseries
+from grafana_foundation_sdk.cog.encoder import JSONEncoder
+from grafana_foundation_sdk.models import dashboard as models
+
+SOURCE = models.DataSourceRef(type_val="prometheus", uid="${datasource}")
+RATE = "[$__rate_interval]"
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One panel: `queries` are pairs of an expression and its legend."""
+
+    title: str
+    unit: str  # Grafana's: s, bytes, Bps, percentunit, short, ops, reqps
+    description: str
+    queries: list[tuple[str, str]]
+    kind: Literal["lines", "number"] = "lines"
+
+
+@dataclass(frozen=True)
+class Board:
+    """One dashboard: rows of panels below their titles, and variables by name and query."""
+
+    name: str
+    title: str
+    description: str
+    rows: dict[str, list[Panel]]
+    variables: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def panels(self) -> list[Panel]:
+        """All panels."""
+        return [panel for row in self.rows.values() for panel in row]
+
+
+def as_json(board: Board) -> str:
+    """The file that Grafana's sidecar loads."""
+    made = (
+        builders.Dashboard(board.title)
+        .uid(f"bagpipe-{board.name}")
+        .description(board.description)
+        .tags(["bagpipe"])
+        .readonly()
+        .time("now-3h", "now")
+        .refresh("30s")
+        .timezone("browser")
+        .with_variable(
+            builders.DatasourceVariable("datasource").label("Prometheus").type("prometheus")
+        )
+    )
+    for name, query in board.variables.items():
+        made.with_variable(_variable(name, query))
+    for title, panels in board.rows.items():
+        made.with_row(builders.Row(title))
+        for panel in panels:
+            made.with_panel(_panel(panel))
+    return json.dumps(made.build(), cls=JSONEncoder, indent=1, sort_keys=True) + "\n"
+
+
+def _variable(name: str, query: str) -> builders.QueryVariable:
+    return (
+        builders.QueryVariable(name)
+        .label(name.replace("_", " "))
+        .query(query)
+        .datasource(SOURCE)
+        .refresh(models.VariableRefresh.ON_TIME_RANGE_CHANGED)
+        .sort(models.VariableSort.ALPHABETICAL_ASC)
+    )
+
+
+def _panel(panel: Panel) -> Any:
+    made: Any = stat.Panel() if panel.kind == "number" else timeseries.Panel()
+    made.title(panel.title).description(panel.description).unit(panel.unit).datasource(SOURCE)
+    made.height(7).span(6 if panel.kind == "number" else 8)
+    if panel.kind == "lines":
+        made.min(0).fill_opacity(10)
+    for letter, (expression, legend) in zip("ABCDEFGH", panel.queries, strict=False):
+        query = prometheus.Dataquery().expr(expression).legend_format(legend).ref_id(letter)
+        made.with_target(query.instant() if panel.kind == "number" else query.range())
+    return made
+
+
+def fleet(metric: str, by: str = "") -> str:
+    """The sum of a gauge that each replica of an operator tells, a standing-by one too."""
+    labels = f"namespace, {by}" if by else "namespace"
+    return f"sum{f' by ({by})' if by else ''} (max by ({labels}) ({metric}))"
+
+
+def rate(metric: str, by: str = "") -> str:
+    """The summed rate of a counter, by a label."""
+    return f"sum{f' by ({by})' if by else ''} (rate({metric}{RATE}))"
+
+
+def quantile(share: float, metric: str, by: str = "", among: str = "") -> str:
+    """A quantile of a histogram, by a label; `among` joins it with what it is limited to."""
+    labels = f"le, {by}" if by else "le"
+    return f"histogram_quantile({share}, sum by ({labels}) (rate({metric}_bucket{RATE}){among}))"
+
+
+def quantiles(metric: str, among: str = "") -> list[tuple[str, str]]:
+    """The median and the slowest hundredth of a histogram."""
+    return [(quantile(s, metric, among=among), f"{s:.0%}") for s in (0.5, 0.99)]
+
+
+def mean(metric: str, by: str = "") -> str:
+    """The mean of a histogram, by a label."""
+    return f"{rate(f'{metric}_sum', by)} / {rate(f'{metric}_count', by)}"

@@ -1,0 +1,122 @@
+"""The clock of a job's life: suspension, deadlines, pauses between drivers, removal. Pure."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from bagpipe_operator import conditions, names, reasons
+from bagpipe_operator.ending import overdue
+from bagpipe_operator.view import JobView, PodView
+
+# A driver that is lost again and again is not helped by haste, and its node or its storage is.
+FIRST_PAUSE_SECONDS = 10.0
+LONGEST_PAUSE_SECONDS = 300.0
+
+
+@dataclass(frozen=True)
+class Halt:
+    """Why a job's pods are stopped. `final`: the job fails when they are gone; else it rests."""
+
+    reason: str
+    message: str
+    final: bool = False
+
+
+def halt_of(job: JobView, now: datetime) -> Halt | None:
+    """Why the job may have no pods at this moment, if so.
+
+    A suspension that has begun is brought to its end, also when it was taken back meanwhile: its
+    driver has been told to stop and must not be counted as lost.
+    """
+    said = conditions.find(job.status.get("conditions") or [], conditions.SUSPENDED)
+    if job.spec.get("suspend"):
+        return Halt(reasons.JOB_SUSPENDED, "spec.suspend is true: set it to false to go on.")
+    if said is not None and said["reason"] == reasons.SUSPENDING:
+        return Halt(reasons.JOB_SUSPENDED, "The job goes on when its pods are gone.")
+    return _late_start(job, now) or _late_end(job, now)
+
+
+def _late_start(job: JobView, now: datetime) -> Halt | None:
+    seconds = job.spec.get("startDeadlineSeconds")
+    if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), seconds, now):
+        return None
+    message = (
+        f"No case began within spec.startDeadlineSeconds ({seconds} s). {_held_up_by(job)}"
+        " Mend that, or allow more time, and create the job again."
+    )
+    return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
+
+
+def _late_end(job: JobView, now: datetime) -> Halt | None:
+    seconds = job.spec.get("activeDeadlineSeconds")
+    if not _passed(job.status.get("startTime"), seconds, now):
+        return None
+    message = (
+        f"The job ran for longer than spec.activeDeadlineSeconds ({seconds} s). What was done is"
+        " kept in its results' journal: a job with spec.resumeFrom goes on from there."
+    )
+    return Halt(reasons.DEADLINE_EXCEEDED, message, final=True)
+
+
+def _held_up_by(job: JobView) -> str:
+    """What the conditions say that the job waits for."""
+    told = job.status.get("conditions") or []
+    for type_ in (conditions.ACCEPTED, conditions.RUNNING):
+        said = conditions.find(told, type_)
+        if said is not None and said["status"] == "False":
+            return str(said["message"])
+    return "Its executors run, and none has begun a case."
+
+
+def _passed(since: str | None, seconds: int | None, now: datetime) -> bool:
+    if since is None or seconds is None:
+        return False
+    return now >= datetime.fromisoformat(since) + timedelta(seconds=seconds)
+
+
+def pausing(job: JobView, now: datetime) -> bool:
+    """Whether the next driver is not to be created yet."""
+    until = job.status.get("nextAttemptTime")
+    return until is not None and now < datetime.fromisoformat(until)
+
+
+def pause_seconds(lost: int) -> float:
+    """How long to wait with the next driver after `lost` were lost, from 1 on."""
+    return float(min(LONGEST_PAUSE_SECONDS, FIRST_PAUSE_SECONDS * 2 ** (lost - 1)))
+
+
+def lost_drivers(job: JobView) -> int:
+    """How many drivers were lost; a status of an earlier release counts attempts only."""
+    lost = job.status.get("lostDrivers")
+    return int(job.status.get("attempt") or 1) - 1 if lost is None else int(lost)
+
+
+def living(pods: Iterable[PodView], now: datetime) -> tuple[PodView, ...]:
+    """The pods that hold a place: their node's, their quota's, and what they mount.
+
+    One that is being deleted holds it until it is gone: its volumes are taken down after its
+    containers have ended. One that ended by itself is kept for its log and holds nothing.
+    """
+    holding = (pod for pod in pods if pod.deleting or not pod.ended)
+    return tuple(pod for pod in holding if not overdue(pod, now))
+
+
+def over(pod: PodView) -> bool:
+    """Whether the pod's driver has ended; the phase of its pod follows in a moment."""
+    driver = pod.container(names.CONTAINER_DRIVER)
+    return driver is not None and driver.exit_code is not None
+
+
+def rests(job: JobView) -> bool:
+    """Whether nothing but an event can bring the job forward: it is suspended, and that is told."""
+    return bool(
+        job.spec.get("suspend")
+        and job.suspended
+        and job.status.get("observedGeneration") == job.generation
+    )
+
+
+def expired(job: JobView, now: datetime) -> bool:
+    """Whether a job that has ended was kept for as long as its spec says."""
+    seconds = job.spec.get("ttlSecondsAfterFinished")
+    return job.finished and _passed(job.status.get("completionTime"), seconds, now)

@@ -1,0 +1,41 @@
+"""Wakes schedules when their next run is due."""
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from bagpipe_operator.queue import WorkQueue
+
+# A run starts at most this much after its time, plus the queue's and the API server's share.
+PERIOD_SECONDS = 0.5
+
+
+@dataclass
+class Alarms:
+    """One alarm per schedule, by UID; it stays set until it is set anew or forgotten."""
+
+    queue: WorkQueue
+    now: Callable[[], datetime]
+    _at: dict[str, datetime] = field(default_factory=dict)
+
+    def set(self, uid: str, at: datetime | None) -> None:
+        """The moment to wake a schedule at; None for none."""
+        if at is None:
+            self._at.pop(uid, None)
+        else:
+            self._at[uid] = at
+
+    def ring(self) -> int:
+        """Asks for every schedule whose moment has come, but not while it rests after a fault."""
+        now = self.now()
+        due = [uid for uid, at in self._at.items() if at <= now]
+        for uid in due:
+            self.queue.add_if_rested(uid)
+        return len(due)
+
+    async def run(self) -> None:
+        """Rings until cancelled."""
+        while True:
+            self.ring()
+            await asyncio.sleep(PERIOD_SECONDS)

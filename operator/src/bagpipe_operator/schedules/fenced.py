@@ -1,0 +1,37 @@
+"""Schedules write nothing without leadership either."""
+
+from typing import Protocol
+
+from bagpipe_operator.api import Api
+from bagpipe_operator.fence import Fence, FencedApi
+from bagpipe_operator.schedules.reconcile import ScheduleApi
+from bagpipe_operator.view import Json
+
+
+class WholeApi(Api, ScheduleApi, Protocol):
+    """What jobs and schedules need together: KubernetesApi."""
+
+
+class FencedScheduleApi(FencedApi):
+    """A ScheduleApi whose writes need an open fence. Reads harm nobody."""
+
+    def __init__(self, api: WholeApi, fence: Fence) -> None:
+        super().__init__(api, fence)
+        self._whole = api
+
+    async def create_job(self, manifest: Json) -> Json:
+        return await self._leading(lambda: self._whole.create_job(manifest))
+
+    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+        return await self._whole.list_jobs(namespace, label)
+
+    async def delete_job(self, namespace: str, name: str, uid: str) -> None:
+        await self._leading(lambda: self._whole.delete_job(namespace, name, uid))
+
+    async def get_schedule(self, namespace: str, name: str) -> Json:
+        return await self._whole.get_schedule(namespace, name)
+
+    async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
+        return await self._leading(
+            lambda: self._whole.patch_schedule_status(namespace, name, patch)
+        )

@@ -1,0 +1,55 @@
+"""The SimulationJob of one run, and what it means when the API server does not take it."""
+
+import copy
+from datetime import datetime
+
+from bagpipe_operator import conditions, names, reasons
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.schedules.status import Refused
+from bagpipe_operator.schedules.view import ScheduleView, job_name
+from bagpipe_operator.view import Json
+
+
+def job_manifest(schedule: ScheduleView, run: datetime) -> Json:
+    """The job as spec.jobTemplate wants it, with the schedule's own label and annotation."""
+    template = schedule.spec["jobTemplate"]
+    meta = template.get("metadata") or {}
+    return {
+        "apiVersion": names.API_VERSION,
+        "kind": names.KIND,
+        "metadata": {
+            "name": job_name(schedule.name, run),
+            "namespace": schedule.namespace,
+            "labels": {**(meta.get("labels") or {}), names.LABEL_SCHEDULE: schedule.name},
+            "annotations": {
+                **(meta.get("annotations") or {}),
+                names.ANNOTATION_SCHEDULED_AT: conditions.timestamp(run),
+            },
+            "ownerReferences": [
+                names.owner_reference(schedule.name, schedule.uid, names.SCHEDULE_KIND)
+            ],
+        },
+        "spec": copy.deepcopy(template["spec"]),
+    }
+
+
+def refusal_of(error: ApiError, name: str) -> Refused | None:
+    """The refusal that an error means, or None for a fault that may pass by itself."""
+    if error.status == 403 and "being terminated" in error.message:
+        return None
+    if error.status == 403 and "exceeded quota" in error.message:
+        return Refused(reasons.QUOTA_EXCEEDED, f"the namespace's quota is full: {error.message}")
+    if error.status in {400, 403, 413, 422}:
+        return Refused(
+            reasons.CREATION_REFUSED, f"the API server refuses the job {name}: {error.message}"
+        )
+    return None
+
+
+def name_taken(name: str, namespace: str) -> Refused:
+    """The run's name belongs to a job that this schedule did not make."""
+    return Refused(
+        reasons.NAME_TAKEN,
+        f"the job {name} exists in namespace {namespace} and does not belong to this schedule. "
+        "Delete it, or give the schedule another name.",
+    )

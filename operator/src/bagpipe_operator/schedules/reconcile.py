@@ -1,0 +1,167 @@
+"""The loop's body for schedules: look, decide, start what is due, write the status once, tell.
+
+Level-triggered: it is right whenever and however often it is called, and by whomever: a run's job
+has one name, so that a second operator meets AlreadyExists.
+"""
+
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Protocol
+
+from bagpipe_operator import names
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.schedules import events
+from bagpipe_operator.schedules.alarms import Alarms
+from bagpipe_operator.schedules.decide import Decision, Verdict, decide
+from bagpipe_operator.schedules.job import job_manifest, name_taken, refusal_of
+from bagpipe_operator.schedules.metrics import ScheduleMetrics
+from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
+from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
+from bagpipe_operator.view import Json
+
+logger = logging.getLogger(__name__)
+
+
+class ScheduleApi(events.Creator, Protocol):
+    """What schedules need of an API server; every method raises ApiError."""
+
+    async def create_job(self, manifest: Json) -> Json:
+        """Creates a SimulationJob."""
+
+    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+        """The SimulationJobs with a label, written `key=value`."""
+
+    async def delete_job(self, namespace: str, name: str, uid: str) -> None:
+        """Deletes a job if it still is the one with that UID; gone is no error."""
+
+    async def get_schedule(self, namespace: str, name: str) -> Json:
+        """One SimulationSchedule."""
+
+    async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
+        """Merges into a schedule's status; the schedule as it is afterwards."""
+
+
+@dataclass
+class ScheduleReconciler:
+    """One per operator; what it knows is in the view and in the API server."""
+
+    api: ScheduleApi
+    view: Schedules
+    alarms: Alarms
+    metrics: ScheduleMetrics
+    now: Callable[[], datetime]
+    _listed: set[str] = field(default_factory=set)
+
+    async def reconcile(self, uid: str) -> None:
+        """Brings one schedule forward; raises ApiError when it should be tried again."""
+        schedule = self.view.schedule(uid)
+        if schedule is None or schedule.deleting:
+            self.alarms.set(uid, None)
+            self._listed.discard(uid)  # its jobs go by their ownerReferences
+            return
+        now = self.now()
+        self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
+        if uid not in self._listed:
+            # A new operator's watch may not have brought the jobs yet.
+            await self._list(schedule)
+        decision = decide(schedule, self.view.jobs(uid), now)
+        if decision.verdict is Verdict.START:
+            schedule = await self._refreshed(schedule)
+            if schedule is None:
+                return
+            decision = decide(schedule, self.view.jobs(uid), now)
+        outcome = await self._carried_out(schedule, decision)
+        await self._write(schedule, outcome, now)
+        for job in decision.surplus:
+            await self._delete(job)
+        if outcome.refused is not None:
+            # The queue's growing pauses apply until the run is started, or the next one is due.
+            raise ApiError(422, outcome.refused.reason, outcome.refused.message)
+        self.alarms.set(uid, decision.wake)
+
+    async def _refreshed(self, schedule: ScheduleView) -> ScheduleView | None:
+        """The schedule and its jobs as the API server has them: a lagging watch starts nothing."""
+        await self._list(schedule)
+        return await self._reread(schedule)
+
+    async def _list(self, schedule: ScheduleView) -> None:
+        label = f"{names.LABEL_SCHEDULE}={schedule.name}"
+        found = await self.api.list_jobs(schedule.namespace, label)
+        self.view.replace_jobs(schedule.uid, [ScheduledJob.from_object(job) for job in found])
+        self._listed.add(schedule.uid)
+
+    async def _reread(self, schedule: ScheduleView) -> ScheduleView | None:
+        """The schedule from the API server; None when it is gone."""
+        try:
+            live = ScheduleView.from_object(
+                await self.api.get_schedule(schedule.namespace, schedule.name)
+            )
+        except ApiError as error:
+            if error.status != 404:
+                raise
+            self.view.drop_schedule(schedule.uid)
+            return None
+        if live.uid != schedule.uid or live.deleting:
+            self.view.drop_schedule(schedule.uid)
+            return None
+        self.view.put_schedule(live)
+        return live
+
+    async def _carried_out(self, schedule: ScheduleView, decision: Decision) -> Outcome:
+        """Starts the run that is due, if one is to be started."""
+        started, refused = "", None
+        if decision.verdict is Verdict.START and decision.run is not None:
+            for job in decision.replaced:
+                await self._delete(job)
+            refused = await self._start(schedule, decision.run)
+            started = "" if refused else job_name(schedule.name, decision.run)
+        return Outcome(decision, self.view.jobs(schedule.uid), started, refused)
+
+    async def _start(self, schedule: ScheduleView, run: datetime) -> Refused | None:
+        """Creates the run's job, or finds that another operator has."""
+        name = job_name(schedule.name, run)
+        try:
+            made = await self.api.create_job(job_manifest(schedule, run))
+        except ApiError as error:
+            if error.status == 409 and error.reason == "AlreadyExists":
+                await self._list(schedule)
+                ours = any(job.name == name for job in self.view.jobs(schedule.uid))
+                return None if ours else name_taken(name, schedule.namespace)
+            refused = refusal_of(error, name)
+            if refused is None:
+                raise
+            return refused
+        self.view.put_job(ScheduledJob.from_object(made))
+        self.metrics.started.inc()
+        self.metrics.lateness.observe((self.now() - run).total_seconds())
+        logger.info("%s/%s: started %s", schedule.namespace, schedule.name, name)
+        return None
+
+    async def _delete(self, job: ScheduledJob) -> None:
+        await self.api.delete_job(job.namespace, job.name, job.uid)
+        self.view.drop_job(job)
+
+    async def _write(self, schedule: ScheduleView, outcome: Outcome, now: datetime) -> None:
+        """Writes what changed, then tells it."""
+        status = status_of(schedule, outcome, now)
+        old = schedule.status
+        changed = {key: value for key, value in status.items() if old.get(key) != value}
+        changed |= {key: None for key in old if key not in status}
+        if not changed:
+            return
+        # With the version that was decided on, a schedule that has changed since answers 409.
+        patch = {"metadata": {"resourceVersion": schedule.resource_version}, "status": changed}
+        try:
+            written = await self.api.patch_schedule_status(schedule.namespace, schedule.name, patch)
+        except ApiError as error:
+            if error.status in {404, 409}:
+                await self._reread(schedule)
+            if error.status == 404:
+                return
+            raise
+        current = ScheduleView.from_object(written)
+        self.view.put_schedule(current)
+        told = notes_of(schedule, outcome, now)
+        await events.tell(self.api, current, told, now)

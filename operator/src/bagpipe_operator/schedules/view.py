@@ -1,0 +1,152 @@
+"""What the operator has seen of schedules and of the jobs that they made, trimmed to what counts.
+
+Fed by watches, so it may lag; before a job is started the API server itself is asked.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+from bagpipe_operator.view import Json, is_older
+
+
+@dataclass(frozen=True)
+class ScheduleView:
+    """A SimulationSchedule."""
+
+    namespace: str
+    name: str
+    uid: str
+    generation: int
+    resource_version: str
+    created: datetime
+    deleting: bool = False
+    spec: Json = field(default_factory=dict)
+    status: Json = field(default_factory=dict)
+
+    @property
+    def suspended(self) -> bool:
+        """Whether its runs are let pass."""
+        return bool(self.spec.get("suspend"))
+
+    @classmethod
+    def from_object(cls, schedule: Json) -> "ScheduleView":
+        """A schedule as the API server sends it."""
+        meta = schedule["metadata"]
+        return cls(
+            namespace=meta["namespace"],
+            name=meta["name"],
+            uid=meta["uid"],
+            generation=int(meta.get("generation") or 1),
+            resource_version=str(meta.get("resourceVersion") or ""),
+            created=datetime.fromisoformat(meta["creationTimestamp"]),
+            deleting=bool(meta.get("deletionTimestamp")),
+            spec=schedule.get("spec") or {},
+            status=schedule.get("status") or {},
+        )
+
+
+@dataclass(frozen=True)
+class ScheduledJob:
+    """A SimulationJob that a schedule made."""
+
+    namespace: str
+    name: str
+    uid: str
+    schedule_uid: str
+    run: datetime | None  # the moment that it was made for, in UTC
+    deleting: bool = False
+    complete: bool = False
+    failed: bool = False
+    completed: datetime | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether it has ended, well or not."""
+        return self.complete or self.failed
+
+    @classmethod
+    def from_object(cls, job: Json) -> "ScheduledJob":
+        """A job as the API server sends it."""
+        meta, status = job["metadata"], job.get("status") or {}
+        owners = meta.get("ownerReferences") or []
+        true = {c.get("type") for c in status.get("conditions") or [] if c.get("status") == "True"}
+        completed = status.get("completionTime")
+        return cls(
+            namespace=meta["namespace"],
+            name=meta["name"],
+            uid=meta["uid"],
+            schedule_uid=next((o["uid"] for o in owners if o.get("controller")), ""),
+            run=run_of(meta["name"]),
+            deleting=bool(meta.get("deletionTimestamp")),
+            complete="Complete" in true,
+            failed="Failed" in true,
+            completed=datetime.fromisoformat(completed) if completed else None,
+        )
+
+
+def job_name(schedule: str, run: datetime) -> str:
+    """The name of the job of one run: the same whoever makes it, so nobody makes it twice."""
+    return f"{schedule}-{int(run.timestamp()) // 60}"
+
+
+def run_of(name: str) -> datetime | None:
+    """The moment that a job of this name was made for; None for a name of another shape."""
+    _, _, minutes = name.rpartition("-")
+    # Ten digits of minutes are twenty thousand years, which datetime does not know.
+    if not minutes.isdecimal() or not minutes.isascii() or len(minutes) > 9:
+        return None
+    return datetime.fromtimestamp(int(minutes) * 60, UTC)
+
+
+class Schedules:
+    """All schedules by UID, and the jobs of each by name."""
+
+    def __init__(self) -> None:
+        self._schedules: dict[str, ScheduleView] = {}
+        self._jobs: dict[str, dict[str, ScheduledJob]] = {}
+
+    def schedule(self, uid: str) -> ScheduleView | None:
+        """The schedule, or None when it is gone or was never seen."""
+        return self._schedules.get(uid)
+
+    def schedules(self) -> Iterator[ScheduleView]:
+        """All known schedules."""
+        return iter(list(self._schedules.values()))
+
+    def put_schedule(self, schedule: ScheduleView) -> bool:
+        """Keeps a schedule unless something newer is known; says whether it was kept."""
+        known = self._schedules.get(schedule.uid)
+        if known and is_older(schedule.resource_version, known.resource_version):
+            return False
+        self._schedules[schedule.uid] = schedule
+        return True
+
+    def drop_schedule(self, uid: str) -> None:
+        """Forgets a schedule; its jobs are forgotten when their own deletion arrives."""
+        self._schedules.pop(uid, None)
+
+    def jobs(self, uid: str) -> tuple[ScheduledJob, ...]:
+        """A schedule's jobs, the earliest run first."""
+        jobs = self._jobs.get(uid, {})
+        return tuple(sorted(jobs.values(), key=lambda job: (len(job.name), job.name)))
+
+    def put_job(self, job: ScheduledJob) -> bool:
+        """Keeps a job; says whether anything that a schedule goes by has changed."""
+        jobs = self._jobs.setdefault(job.schedule_uid, {})
+        changed = jobs.get(job.name) != job
+        jobs[job.name] = job
+        return changed
+
+    def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:
+        """Takes the API server's own list in place of what was seen."""
+        self._jobs[uid] = {job.name: job for job in jobs if job.schedule_uid == uid}
+
+    def drop_job(self, job: ScheduledJob) -> None:
+        """Forgets a job, unless another of the same name has taken its place."""
+        jobs = self._jobs.get(job.schedule_uid, {})
+        known = jobs.get(job.name)
+        if known and known.uid == job.uid:
+            del jobs[job.name]
+        if not jobs:
+            self._jobs.pop(job.schedule_uid, None)

@@ -1,0 +1,74 @@
+"""Writes the Events of jobs, each exactly once: after its status, and again until it is written.
+
+The status is the record of what is to be told. What an operator has written into it and not told
+any more, the next one tells; an Event's name says whether that has happened.
+"""
+
+import logging
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from bagpipe_operator import events
+from bagpipe_operator.api import Api, ApiError
+from bagpipe_operator.events import Note
+from bagpipe_operator.view import JobView
+
+logger = logging.getLogger(__name__)
+
+# A job's transitions that wait for an API server which takes no Events.
+MOST_UNTOLD = 20
+_TRANSIENT = frozenset({0, 429, 500, 502, 503, 504})
+
+
+@dataclass
+class Teller:
+    """One per operator."""
+
+    api: Api
+    _met: set[str] = field(default_factory=set)
+    _untold: dict[str, list[Note]] = field(default_factory=dict)
+
+    async def meet(self, job: JobView, now: datetime) -> None:
+        """The first sight of a job by this operator: tells what its predecessor owes.
+
+        At once: the next status may say something else, and this operator be killed in its turn.
+        Release 0.1.0 wrote no lostDrivers and named its Events at random: they would be told twice.
+        """
+        if job.uid in self._met:
+            return
+        self._met.add(job.uid)
+        if "lostDrivers" in job.status:
+            self.add(job, events.recent(job.status.get("conditions") or [], now))
+        try:
+            await self.tell(job, now)
+        except ApiError as error:
+            logger.warning("%s/%s: told later: %s", job.namespace, job.name, error)
+
+    def add(self, job: JobView, notes: Iterable[Note]) -> None:
+        """Keeps what is to be told."""
+        notes = [*self._untold.get(job.uid, ()), *notes][-MOST_UNTOLD:]
+        if notes:
+            self._untold[job.uid] = notes
+
+    async def tell(self, job: JobView, now: datetime) -> None:
+        """Writes what is kept; raises the ApiError after which to try again."""
+        notes = self._untold.get(job.uid, [])
+        while notes:
+            try:
+                await self.api.create("events", events.manifest(job, notes[0], now))
+            except ApiError as error:
+                if error.status in _TRANSIENT:
+                    raise
+                if error.status != 409:  # 409: it was told before
+                    logger.warning(
+                        "%s/%s: the event %s was not written: %s",
+                        job.namespace, job.name, notes[0].reason, error,
+                    )  # fmt: skip
+            del notes[0]  # only now: a call that is cancelled is made again
+        self._untold.pop(job.uid, None)
+
+    def forget(self, uid: str) -> None:
+        """The job is gone."""
+        self._met.discard(uid)
+        self._untold.pop(uid, None)

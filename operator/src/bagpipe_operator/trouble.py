@@ -1,0 +1,29 @@
+"""What keeps a job from its work, as the deciders hand it on."""
+
+from dataclasses import dataclass, replace
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """Something that keeps a pod from its work."""
+
+    reason: str
+    pod: str
+    message: str
+    container: str = ""
+    lasting: bool = True  # only a person can mend it
+
+    @property
+    def key(self) -> tuple[str, str, str]:
+        """What stays the same while the kubelet's wording changes."""
+        return (self.reason, self.pod, self.container)
+
+    def passing(self) -> "Trouble":
+        """The same, where it may mend itself."""
+        return replace(self, lasting=False)
+
+
+def sentence(text: str) -> str:
+    """Somebody else's words as one line that ends as a sentence."""
+    line = " ".join(text.split())[:500].rstrip()
+    return line if not line or line.endswith((".", "!", "?")) else line + "."

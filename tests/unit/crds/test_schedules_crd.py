@@ -1,0 +1,95 @@
+"""The CRD of schedules: what a person wrote of it, and the job's spec that is put into it."""
+
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.unit.crds.test_crd import CRD, ROOT, schema_of, walk
+
+Schema = dict[str, Any]
+
+SCHEDULES = ROOT / "crds" / "simulationschedules.yaml"
+
+
+@pytest.fixture(scope="module")
+def crd() -> Schema:
+    loaded: Schema = yaml.safe_load(SCHEDULES.read_text())
+    return loaded
+
+
+@pytest.fixture(scope="module")
+def spec(crd: Schema) -> Schema:
+    found: Schema = schema_of(crd)["properties"]["spec"]
+    return found
+
+
+def rules(schema: Schema) -> list[Schema]:
+    return [r for _, s in walk(schema) for r in s.get("x-kubernetes-validations", [])]
+
+
+def test_it_is_small_enough_for_kubectl_apply() -> None:
+    # kubectl keeps the whole object in an annotation of at most 262,144 bytes.
+    assert SCHEDULES.stat().st_size < 200_000
+
+
+def test_every_field_is_described_in_sentences(crd: Schema) -> None:
+    said = {path: s.get("description", "") for path, s in walk(schema_of(crd))}
+    loose = [p for p, text in said.items() if not text.endswith(".") and p != ".metadata"]
+    assert loose == []
+
+
+def test_every_list_text_and_map_of_the_spec_is_bounded(spec: Schema) -> None:
+    own = {p: s for p, s in walk(spec) if not p.startswith(".jobTemplate.spec")}
+    bounds = {"array": "maxItems", "string": "maxLength"}
+    unbounded = [
+        path
+        for path, s in own.items()
+        if (s.get("type") in bounds and bounds[s["type"]] not in s and "enum" not in s)
+        or ("additionalProperties" in s and "maxProperties" not in s)
+    ]
+    assert unbounded == []
+
+
+def test_a_template_has_the_fields_of_a_job(spec: Schema) -> None:
+    job = schema_of(yaml.safe_load(CRD.read_text()))["properties"]["spec"]
+    template = spec["properties"]["jobTemplate"]["properties"]["spec"]
+    assert [p for p, _ in walk(template)] == [p for p, _ in walk(job)]
+    assert template["required"] == job["required"]
+
+
+def test_a_template_has_the_rules_of_a_job_but_those_against_changes(spec: Schema) -> None:
+    job = schema_of(yaml.safe_load(CRD.read_text()))["properties"]["spec"]
+    template = spec["properties"]["jobTemplate"]["properties"]["spec"]
+    lasting = [rule for rule in rules(job) if "oldSelf" not in rule["rule"]]
+    assert rules(template) == lasting
+    assert len(rules(job)) > len(lasting) > 40
+
+
+def test_the_rules_of_its_own_say_what_to_write(crd: Schema) -> None:
+    own = [p for p in walk(schema_of(crd)) if not p[0].startswith(".spec.jobTemplate.spec")]
+    messages = [r["message"] for _, s in own for r in s.get("x-kubernetes-validations", [])]
+    assert len(messages) == 4
+    assert [m for m in messages if "write " not in m] == []
+
+
+def test_names_columns_and_defaults(crd: Schema, spec: Schema) -> None:
+    names, version = crd["spec"]["names"], crd["spec"]["versions"][0]
+    assert (names["kind"], names["plural"], names["shortNames"]) == (
+        "SimulationSchedule",
+        "simulationschedules",
+        ["simschedule"],
+    )
+    assert (version["name"], version["subresources"]) == ("v1alpha1", {"status": {}})
+    columns = version["additionalPrinterColumns"]
+    assert [c["name"] for c in columns if not c.get("priority")] == [
+        "Schedule", "Suspend", "Active", "Last", "Next", "Age",
+    ]  # fmt: skip
+    defaults = {n: f["default"] for n, f in spec["properties"].items() if "default" in f}
+    assert defaults == {
+        "timeZone": "Etc/UTC",
+        "concurrencyPolicy": "Allow",
+        "suspend": False,
+        "successfulJobsHistoryLimit": 3,
+        "failedJobsHistoryLimit": 1,
+    }

@@ -1,0 +1,325 @@
+"""Schedules over a fake API server and a fake clock: what is started when, and what is told."""
+
+from datetime import timedelta
+
+import pytest
+
+from bagpipe_operator import names
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, run_of
+from tests.unit.operator.schedules.world import UID, World, make_job, minute, name_of
+
+
+async def test_before_the_first_run_only_the_status_is_written() -> None:
+    world = World()
+    await world.at(0, 40)
+    assert world.names == []
+    assert world.status["nextScheduleTime"] == "2026-11-20T04:01:00Z"
+    assert "lastScheduleTime" not in world.status
+    assert world.condition("Ready") == ("True", "Scheduled")
+    assert world.condition("Stalled") == ("False", "Scheduled")
+    assert world.condition("Suspended") == ("False", "NotSuspended")
+    assert world.condition("OnTime") == ("True", "NoRunYet")
+    assert world.told() == []
+    world.api.calls.clear()
+    await world.at(0, 50)
+    assert world.api.calls == []
+
+
+async def test_a_run_makes_one_job_however_often_it_is_looked_at() -> None:
+    world = World()
+    for seconds in (0, 0.5, 1, 30, 59):
+        await world.at(1, seconds)
+    assert world.names == [name_of(1)]
+    assert run_of(name_of(1)) == minute(1)
+    assert world.status["lastScheduleTime"] == "2026-11-20T04:01:00Z"
+    assert world.status["nextScheduleTime"] == "2026-11-20T04:02:00Z"
+    assert (world.status["activeCount"], world.status["active"]) == (1, [name_of(1)])
+    assert world.condition("OnTime") == ("True", "JobStarted")
+    assert world.told() == ["Normal/JobStarted"]
+    assert world.api.calls == ["list", "list", "get", f"create {name_of(1)}", "patch", "event"]
+
+
+async def test_the_job_is_the_template_s_and_the_schedule_s() -> None:
+    world = World()
+    await world.at(1)
+    job = world.api.jobs[name_of(1)]
+    meta = job["metadata"]
+    assert (job["kind"], meta["namespace"]) == ("SimulationJob", "lanes")
+    assert meta["labels"] == {"team": "lanes", names.LABEL_SCHEDULE: "nightly"}
+    assert meta["annotations"] == {
+        "why": "regression",
+        names.ANNOTATION_SCHEDULED_AT: "2026-11-20T04:01:00Z",
+    }
+    (owner,) = meta["ownerReferences"]
+    assert (owner["kind"], owner["name"], owner["uid"]) == ("SimulationSchedule", "nightly", UID)
+    assert owner["controller"] is True
+    assert job["spec"] == {"source": {"bags": ["pvc://recordings/drive.bag"]}}
+
+
+async def test_the_alarm_is_set_to_the_next_run() -> None:
+    world = World()
+    await world.at(1)
+    world.clock = minute(2) - timedelta(seconds=1)
+    assert world.alarms.ring() == 0
+    world.clock = minute(2)
+    assert world.alarms.ring() == 1
+
+
+async def test_of_missed_runs_the_latest_is_made_up_for() -> None:
+    world = World()
+    await world.at(1)
+    world.restart()
+    await world.at(7, 20)
+    assert world.names == [name_of(1), name_of(7)]
+    assert world.condition("OnTime") == ("False", "MissedStart")
+    assert "5 runs were missed" in world.message("OnTime")
+    assert world.told() == ["Normal/JobStarted", "Warning/MissedStart"]
+    await world.at(8)
+    assert world.condition("OnTime") == ("True", "JobStarted")
+
+
+@pytest.mark.parametrize(("gap", "reason"), [(100, "MissedStart"), (101, "TooManyMissedStarts")])
+async def test_a_hundred_missed_runs_are_told_apart(gap: int, reason: str) -> None:
+    world = World()
+    await world.at(1)
+    await world.at(1 + gap)
+    assert world.names == sorted([name_of(1), name_of(1 + gap)])
+    assert world.condition("OnTime") == ("False", reason)
+
+
+async def test_after_its_deadline_a_run_is_missed() -> None:
+    world = World(schedule="0 * * * *", startingDeadlineSeconds=20)
+    await world.at(60, 21)
+    assert world.names == []
+    assert world.condition("OnTime") == ("False", "MissedStart")
+    assert "within startingDeadlineSeconds (20 s)" in world.message("OnTime")
+    for seconds in (22, 40):
+        await world.at(60, seconds)
+    assert world.told() == ["Warning/MissedStart"]
+    assert "lastScheduleTime" not in world.status
+    await world.at(120, 20)
+    assert world.names == [name_of(120)]
+
+
+async def test_forbid_waits_for_the_active_job_and_starts_the_latest() -> None:
+    world = World(concurrencyPolicy="Forbid")
+    await world.at(1)
+    for count in (2, 3, 4):
+        await world.at(count)
+    assert world.names == [name_of(1)]
+    assert world.condition("OnTime") == ("False", "JobActive")
+    assert world.told() == ["Normal/JobStarted", "Normal/JobActive"]
+    world.end(name_of(1))
+    await world.at(4, 30)
+    assert world.names == [name_of(1), name_of(4)]
+    assert world.condition("OnTime") == ("False", "MissedStart")
+
+
+async def test_forbid_asks_the_server_when_the_watch_has_not_brought_the_jobs() -> None:
+    """A new operator that knows no jobs yet must not start a second one."""
+    world = World(concurrencyPolicy="Forbid")
+    await world.at(1)
+    world.restart()
+    await world.at(2)
+    assert world.names == [name_of(1)]
+    world.view.replace_jobs(UID, [])
+    await world.at(2, 1)
+    assert world.names == [name_of(1)]
+
+
+async def test_a_waiting_run_is_looked_at_again_when_its_deadline_is_over() -> None:
+    world = World(schedule="0 * * * *", concurrencyPolicy="Forbid", startingDeadlineSeconds=60)
+    await world.at(60)
+    await world.at(120)
+    world.clock = minute(121) + timedelta(seconds=1)
+    assert world.alarms.ring() == 1
+    await world.at(121, 1)
+    assert world.condition("OnTime") == ("False", "MissedStart")
+    world.end(name_of(60))
+    await world.at(122)
+    assert world.names == [name_of(60)]
+
+
+async def test_replace_deletes_before_it_creates() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    world.api.calls.clear()
+    await world.at(2)
+    assert world.api.calls.index(f"delete {name_of(1)}") < world.api.calls.index(
+        f"create {name_of(2)}"
+    )
+    assert world.names == [name_of(2)]
+    assert world.condition("OnTime") == ("True", "JobReplaced")
+    assert name_of(1) in world.message("OnTime")
+
+
+async def test_allow_runs_side_by_side_and_names_ten() -> None:
+    world = World()
+    for count in range(1, 14):
+        await world.at(count)
+    assert world.status["activeCount"] == 13
+    assert world.status["active"] == [name_of(count) for count in range(4, 14)]
+
+
+async def test_while_suspended_nothing_runs_and_afterwards_the_latest() -> None:
+    world = World(suspend=True)
+    await world.at(5)
+    assert world.names == []
+    assert "nextScheduleTime" not in world.status
+    assert world.condition("Suspended") == ("True", "SuspendedBySpec")
+    world.change(suspend=False)
+    await world.at(6, 10)
+    assert world.names == [name_of(6)]
+    assert world.told()[0] == "Normal/SuspendedBySpec"
+    assert "Normal/NotSuspended" in world.told()
+    world.change(suspend=True)
+    await world.at(6, 20)
+    assert "nextScheduleTime" not in world.status
+    assert world.status["observedGeneration"] == 3
+
+
+async def test_the_history_keeps_the_latest_of_each_kind() -> None:
+    world = World(successfulJobsHistoryLimit=2, failedJobsHistoryLimit=1)
+    for count, how in enumerate(["Complete", "Failed", "Complete", "Failed", "Complete"], 1):
+        await world.at(count)
+        world.end(name_of(count), how, at=f"2026-11-20T04:0{count}:30Z")
+    await world.at(5, 40)
+    assert world.names == [name_of(3), name_of(4), name_of(5)]
+    assert world.status["lastSuccessfulTime"] == "2026-11-20T04:05:30Z"
+    world.change(successfulJobsHistoryLimit=0, failedJobsHistoryLimit=0)
+    await world.at(5, 50)
+    assert world.names == []
+    await world.at(5, 55)
+    assert world.status["lastSuccessfulTime"] == "2026-11-20T04:05:30Z"
+
+
+async def test_a_job_that_was_made_and_not_written_down_is_not_made_again() -> None:
+    """Killed between the two: the next operator finds the job and writes what happened."""
+    world = World(successfulJobsHistoryLimit=0)
+    world.api.fail("patch", ApiError(0, "Unreachable", "killed"))
+    with pytest.raises(ApiError):
+        await world.at(1)
+    world.restart()
+    world.end(name_of(1))
+    await world.at(1, 20)
+    assert world.names == []
+    assert world.api.calls.count(f"create {name_of(1)}") == 1
+    assert world.status["lastScheduleTime"] == "2026-11-20T04:01:00Z"
+    assert world.condition("OnTime") == ("True", "JobStarted")
+    assert world.told() == ["Normal/JobStarted"]
+
+
+async def test_a_second_operator_that_comes_late_finds_the_job_made() -> None:
+    world = World()
+    world.api.fail(f"create {name_of(1)}", ApiError(409, "AlreadyExists", "exists"))
+    world.api.fail("list", *[])
+    await world.at(0, 45)
+    world.api.jobs[name_of(1)] = make_job(name_of(1))
+    world.api.jobs[name_of(1)]["metadata"]["labels"] = {}  # out of the list's sight until then
+    with pytest.raises(ApiError, match="does not belong to this schedule"):
+        await world.at(1)
+    assert world.condition("OnTime") == ("False", "NameTaken")
+    world.api.jobs[name_of(1)]["metadata"]["labels"] = {names.LABEL_SCHEDULE: "nightly"}
+    await world.at(1, 5)
+    assert world.condition("OnTime") == ("True", "JobStarted")
+    assert world.names == [name_of(1)]
+
+
+async def test_a_stale_schedule_starts_nothing() -> None:
+    """The user suspended it, and the watch has not said so yet."""
+    world = World()
+    await world.at(0, 45)
+    stale = world.view.schedule(UID)
+    assert stale is not None
+    world.change(suspend=True)
+    world.view.drop_schedule(UID)
+    world.view.put_schedule(stale)
+    await world.at(1)
+    assert world.names == []
+    assert world.condition("Suspended") == ("True", "SuspendedBySpec")
+
+
+async def test_a_refused_job_is_told_and_tried_again() -> None:
+    world = World(schedule="0 * * * *")
+    refusal = ApiError(403, "Forbidden", "exceeded quota: count/simulationjobs=1")
+    world.api.fail(f"create {name_of(60)}", refusal, refusal)
+    for seconds in (0, 5):
+        with pytest.raises(ApiError, match="the namespace's quota is full"):
+            await world.at(60, seconds)
+    assert world.condition("OnTime") == ("False", "QuotaExceeded")
+    assert "lastScheduleTime" not in world.status
+    assert world.alarms.ring() == 1
+    await world.at(60, 90)
+    assert world.names == [name_of(60)]
+    assert "90 s late" in world.message("OnTime")
+    assert world.told() == ["Warning/QuotaExceeded", "Normal/JobStarted"]
+
+
+async def test_a_job_of_somebody_else_s_is_left_alone() -> None:
+    world = World(successfulJobsHistoryLimit=0)
+    world.api.jobs[name_of(1)] = make_job(name_of(1), "Complete", uid="uid-of-another")
+    with pytest.raises(ApiError, match="does not belong to this schedule"):
+        await world.at(1)
+    assert world.names == [name_of(1)]
+
+
+@pytest.mark.parametrize(
+    ("spec", "reason"),
+    [
+        ({"schedule": "61 * * * *"}, "InvalidSchedule"),
+        ({"schedule": "* * */20 * 1L"}, "InvalidSchedule"),
+        ({"timeZone": "Europe/Nowhere"}, "UnknownTimeZone"),
+    ],
+)
+async def test_what_can_t_be_understood_is_stalled_until_it_is_changed(
+    spec: dict[str, str], reason: str
+) -> None:
+    world = World(**spec)
+    await world.at(5)
+    assert world.condition("Ready") == ("False", reason)
+    assert world.condition("Stalled") == ("True", reason)
+    assert "nextScheduleTime" not in world.status
+    assert world.told() == [f"Warning/{reason}"]
+    world.clock = minute(10_000)
+    assert world.alarms.ring() == 0
+    world.change(schedule="* * * * *", timeZone="Europe/Berlin")
+    await world.at(6)
+    assert world.condition("Stalled") == ("False", "Scheduled")
+    assert world.names == [name_of(6)]
+
+
+async def test_a_deleted_schedule_is_left_to_the_garbage_collector() -> None:
+    world = World()
+    await world.at(0, 45)
+    world.api.schedule = None
+    await world.at(1)
+    assert world.names == []
+    await world.at(2)
+    assert world.alarms.ring() == 0
+
+
+async def test_a_conflict_is_read_anew_and_nothing_is_made_twice() -> None:
+    world = World()
+    world.api.fail("patch", ApiError(409, "Conflict", "modified"))
+    with pytest.raises(ApiError):
+        await world.at(1)
+    await world.at(1, 1)
+    assert world.names == [name_of(1)]
+    assert world.status["lastScheduleTime"] == "2026-11-20T04:01:00Z"
+
+
+def test_names_and_views() -> None:
+    job = ScheduledJob.from_object(make_job(name_of(1), "Failed"))
+    assert (job.finished, job.failed, job.complete, job.schedule_uid) == (True, True, False, UID)
+    assert [run_of(name) for name in ("nightly", "nightly-", "n-12345678901", "n-x1")] == [None] * 4
+    assert len(f"{'s' * 31}-{int(minute(0).timestamp()) // 60}") == 40
+
+
+def test_an_older_schedule_is_not_taken() -> None:
+    world = World()
+    view = world.view.schedule(UID)
+    assert view is not None
+    older = ScheduleView(**{**vars(view), "resource_version": "6"})
+    assert not world.view.put_schedule(older)
+    assert world.view.schedule(UID) == view

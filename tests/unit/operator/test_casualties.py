@@ -1,0 +1,127 @@
+"""Executors that were ended from outside: told while it is news, also when their pod is gone."""
+
+from datetime import timedelta
+
+import pytest
+
+from bagpipe_operator.casualties import casualties
+from bagpipe_operator.diagnose import troubles
+from bagpipe_operator.ending import ending_of, lost_driver
+from bagpipe_operator.view import View
+from tests.unit.operator.builders import START, PodBuilder, make_driver, make_executor, make_job
+
+EVICTION = ("EvictionByEvictionAPI", "Eviction API: evicting")
+TAINT = ("DeletionByTaintManager", "Taint manager: deleting due to NoExecute taint")
+
+
+def killed(container: str, after: float = 0) -> PodBuilder:
+    last = {"exitCode": 137, "reason": "OOMKilled", "finishedAt": START.isoformat()}
+    state = {"waiting": {"reason": "CrashLoopBackOff"}} if after else {"running": {}}
+    pod = make_executor("x").running()
+    return pod.with_container(container, state, lastState={"terminated": last})
+
+
+@pytest.mark.parametrize(
+    ("container", "advice"),
+    [
+        ("stack", "Raise spec.stack.resources.limits.memory."),
+        ("spark", "Raise spec.spark.executor.resources.memory."),
+        ("agent", "Its size is Bagpipe's own: please report it."),
+    ],
+)
+def test_each_container_s_lack_of_memory(container: str, advice: str) -> None:
+    (trouble,) = casualties([killed(container).view()], [], START)
+    assert (trouble.reason, trouble.container, trouble.lasting) == (
+        "ExecutorOutOfMemory",
+        container,
+        False,
+    )
+    assert trouble.message == (
+        f"Container {container} in pod x-1-exec-1 was ended for lack of memory. {advice}"
+    )
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(-5, 1), (59, 1), (60, 0)])
+def test_it_is_told_for_a_minute(seconds: float, told: int) -> None:
+    pod = killed("stack").view()
+    now = START + timedelta(seconds=seconds)
+    assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == told
+
+
+def test_a_container_that_is_ended_for_it_again_and_again_is_lasting() -> None:
+    pod = killed("stack", after=1).view()
+    (trouble,) = troubles([pod], START + timedelta(hours=1))
+    assert (trouble.reason, trouble.lasting) == ("ExecutorOutOfMemory", True)
+
+
+def test_a_pod_that_spark_has_deleted_still_tells_why() -> None:
+    view = View()
+    view.put_job(make_job("x").view())
+    pod = killed("spark").deleting().view()
+    view.put_pod(pod)
+    view.drop_pod(pod)
+    (trouble,) = troubles(view.pods("uid-of-x"), START, view.gone_pods("uid-of-x"))
+    assert trouble.reason == "ExecutorOutOfMemory"
+
+
+def test_only_the_last_pods_are_remembered_and_of_unfinished_jobs() -> None:
+    view = View()
+    job = make_job("x")
+    view.put_job(job.view())
+    for number in range(15):
+        pod = make_executor("x", number).view()
+        view.put_pod(pod)
+        view.drop_pod(pod)
+    assert [p.name for p in view.gone_pods("uid-of-x")] == [f"x-1-exec-{n}" for n in range(5, 15)]
+    view.put_job(job.with_status(conditions=[{"type": "Complete", "status": "True"}]).view())
+    assert view.gone_pods("uid-of-x") == ()
+
+
+def test_an_eviction_through_the_api() -> None:
+    pod = make_executor("x").running().disrupted(*EVICTION).deleting().view()
+    (trouble,) = troubles([pod], START)
+    assert (trouble.reason, trouble.lasting) == ("ExecutorEvicted", False)
+    assert trouble.message == (
+        "Pod x-1-exec-1 was evicted through the eviction API, as `kubectl drain` does: "
+        "Eviction API: evicting. Spark replaces it."
+    )
+
+
+def test_a_pod_that_goes_with_its_node() -> None:
+    pod = make_executor("x").running().disrupted(*TAINT).deleting().view()
+    (trouble,) = troubles([pod], START)
+    assert (trouble.reason, trouble.lasting) == ("NodeLost", False)
+
+
+@pytest.mark.parametrize("pod", [make_executor("x"), make_driver("x")])
+def test_a_node_that_does_not_answer(pod: PodBuilder) -> None:
+    pod.running().status |= {
+        "conditions": [
+            {"type": "ContainersReady", "status": "True"},
+            {"type": "Ready", "status": "False"},
+        ]
+    }
+    pod.node = "worker-2"
+    (trouble,) = troubles([pod.view()], START)
+    assert (trouble.reason, trouble.lasting) == ("NodeLost", False)
+    assert trouble.message.startswith(f"Node worker-2 of pod {pod.name} does not answer.")
+
+
+@pytest.mark.parametrize(
+    ("disruption", "reason"), [(EVICTION, "DriverEvicted"), (TAINT, "DriverLost")]
+)
+def test_a_driver_that_is_taken_away(disruption: tuple[str, str], reason: str) -> None:
+    pod = make_driver("x").ended(143).disrupted(*disruption).deleting().view()
+    ending = ending_of(pod, START)
+    assert ending is not None
+    assert (ending.reason, ending.lost) == (reason, True)
+    gone = lost_driver("lanes", pod.name, pod)
+    assert (gone.reason, gone.lost) == (reason, True)
+    assert disruption[1] in gone.message
+
+
+def test_a_driver_whose_jvm_was_killed_is_out_of_memory_whatever_its_account_says() -> None:
+    said = '{"phase": "Failed", "reason": "DriverFailed", "message": "Py4JNetworkError"}'
+    ending = ending_of(make_driver("x").ended(1, said, "OOMKilled").view(), START)
+    assert ending is not None
+    assert (ending.reason, ending.lost) == ("DriverOutOfMemory", True)

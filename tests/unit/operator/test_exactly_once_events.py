@@ -1,0 +1,158 @@
+"""Every transition is told exactly once, also by operators that are killed between two calls."""
+
+import asyncio
+from dataclasses import replace
+
+import pytest
+
+from bagpipe_operator.api import ApiError
+from tests.unit.operator.builders import START, account, make_driver, make_executor
+from tests.unit.operator.world import World
+
+KILLED = ApiError(0, "Unreachable", "killed")
+
+
+async def killed_before_telling(world: World) -> None:
+    """The status is written, the Event is not, and the operator is no more."""
+    world.api.fail("create events", KILLED)
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile(after=2)
+    world.reconciler = world.restarted(world.view)
+
+
+async def test_what_a_killed_operator_owed_is_told_by_the_next() -> None:
+    world = World()
+    await killed_before_telling(world)
+    assert world.reason("Accepted") == "True/DriverCreated"
+    assert world.api.event_reasons() == []
+    await world.reconcile(after=15)
+    assert world.api.event_reasons() == ["DriverCreated"]
+
+
+async def test_a_whole_life_under_an_operator_that_is_killed_at_every_step() -> None:
+    world = World()
+    await killed_before_telling(world)
+    await world.reconcile()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    await killed_before_telling(world)
+    await world.reconcile()
+    world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
+    await killed_before_telling(world)
+    for _ in range(3):
+        await world.reconcile(after=2)
+        world.reconciler = world.restarted(world.view)
+    assert world.reason("Complete") == "True/AllCasesRan"
+    assert world.api.event_reasons() == [
+        "DriverCreated",
+        "CasesPlanned",
+        "CasesRunning",
+        "AllCasesRan",
+    ]
+
+
+async def test_what_was_owed_is_told_before_another_status_takes_its_place() -> None:
+    """Else an operator that is killed between the two would leave nobody who knows of it."""
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").waiting("driver", "ErrImagePull"))
+    await killed_before_telling(world)
+    assert world.reason("Running") == "False/DriverImageUnavailable"
+    world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
+    world.api.fail("patch status", KILLED)
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile(after=2)
+    assert world.api.event_reasons() == ["DriverCreated", "DriverImageUnavailable"]
+
+
+async def test_events_that_are_refused_at_first_sight_do_not_hold_the_job_up() -> None:
+    world = World()
+    await killed_before_telling(world)
+    world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
+    world.api.fail("create events", KILLED)
+    await world.reconcile(after=2)
+    assert world.reason("Complete") == "True/AllCasesRan"
+    assert world.api.event_reasons() == ["DriverCreated", "CasesPlanned", "AllCasesRan"]
+
+
+async def test_an_event_whose_call_is_cancelled_is_told_later() -> None:
+    world = World()
+    world.api.fail("create events", asyncio.CancelledError())
+    with pytest.raises(asyncio.CancelledError):
+        await world.reconcile(after=2)
+    assert world.api.event_reasons() == []
+    await world.reconcile()
+    assert "DriverCreated" in world.api.event_reasons()
+
+
+async def test_a_restart_tells_nothing_of_what_was_long_ago() -> None:
+    """Events are forgotten after an hour by default: told again, they would be news."""
+    world = World()
+    await world.reconcile()
+    world.api.objects = {key: o for key, o in world.api.objects.items() if key[0] != "events"}
+    world.reconciler = world.restarted(world.view)
+    await world.reconcile(after=600)
+    assert world.api.event_reasons() == []
+
+
+async def test_what_release_0_1_0_told_under_other_names_is_not_told_again() -> None:
+    world = World()
+    await killed_before_telling(world)
+    (job,) = world.view.jobs()
+    before = {key: value for key, value in job.status.items() if key != "lostDrivers"}
+    world.view.put_job(replace(job, status=before))
+    await world.reconcile(after=15)
+    assert world.api.event_reasons() == []
+
+
+async def test_the_same_end_of_two_drivers_is_two_events() -> None:
+    world = World()
+    for attempt in (1, 2):
+        await world.reconcile(after=2)
+        world.deliver(make_driver("x", attempt).running())
+        await world.reconcile(after=2)
+        world.deliver(make_driver("x", attempt).ended(137, reason="OOMKilled"))
+        await world.reconcile(after=2)
+    assert world.api.event_reasons().count("DriverOutOfMemory") == 2
+
+
+async def test_an_eviction_is_told_when_it_begins_and_not_again_when_it_has_happened() -> None:
+    world = World()
+    await world.reconcile()
+    world.drivers.says = account()
+    pod = make_driver("x").running().disrupted("EvictionByEvictionAPI", "Eviction API: evicting")
+    world.deliver(pod.deleting(gone_by="2026-11-20T04:00:30Z"), make_executor("x").running())
+    await world.reconcile(after=2)
+    assert world.reason("Running") == "True/DriverEvicted"
+    world.deliver(pod.ended(143))
+    await world.reconcile(after=5)
+    assert (world.reason("Running"), world.status()["attempt"]) == ("False/DriverEvicted", 2)
+    world.reconciler = world.restarted(world.view)
+    await world.reconcile(after=5)
+    assert world.reason("Running") == "False/DriverEvicted"
+    assert world.api.event_reasons().count("DriverEvicted") == 1
+
+
+async def test_a_trouble_beside_running_cases_is_a_warning() -> None:
+    world = World()
+    await world.reconcile()
+    killed = {"terminated": {"exitCode": 137, "reason": "OOMKilled", "finishedAt": _at(world)}}
+    pod = make_executor("x").running().with_container("stack", {"running": {}}, lastState=killed)
+    world.deliver(make_driver("x").running(), pod)
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+    assert world.reason("Running") == "True/ExecutorOutOfMemory"
+    await world.reconcile(after=60)
+    assert world.reason("Running") == "True/CasesRunning"
+    told = [o for (kind, _), o in world.api.objects.items() if kind == "events"]
+    assert [(o["type"], o["reason"]) for o in told] == [
+        ("Normal", "DriverCreated"),
+        ("Normal", "CasesPlanned"),
+        ("Warning", "ExecutorOutOfMemory"),
+        ("Normal", "CasesRunning"),
+    ]
+
+
+def _at(world: World) -> str:
+    assert world.clock.now() == START
+    return START.isoformat()

@@ -1,0 +1,75 @@
+"""How many writes the fence lets through at once. Whether it lets any: test_election.py."""
+
+# ruff: noqa: ARG002 - the fake has the real signatures
+
+import asyncio
+from dataclasses import dataclass, field
+
+import pytest
+
+from bagpipe_operator.fence import WRITES_AT_ONCE, Fence, FencedApi, NotLeadingError
+from bagpipe_operator.view import Json
+from tests.unit.operator.fakes import FakeApi
+
+
+@dataclass
+class HeldApi(FakeApi):
+    """Answers a write only when it is told to."""
+
+    under_way: int = 0
+    most: int = 0
+    answers: asyncio.Event = field(default_factory=asyncio.Event)
+
+    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+        self.under_way += 1
+        self.most = max(self.most, self.under_way)
+        await self.answers.wait()
+        self.under_way -= 1
+        return patch
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        return {"metadata": {"name": name}}
+
+
+async def begun(fenced: FencedApi, count: int) -> list["asyncio.Task[Json]"]:
+    writes = [
+        asyncio.create_task(fenced.patch_status("lanes", f"x-{number}", {}))
+        for number in range(count)
+    ]
+    for _ in range(count):
+        await asyncio.sleep(0)
+    return writes
+
+
+async def test_a_busy_api_server_is_not_given_more_writes_at_once() -> None:
+    api, fence = HeldApi(), Fence()
+    fence.open_until(float("inf"))
+    fenced = FencedApi(api, fence)
+    writes = await begun(fenced, 20)
+    assert api.under_way == WRITES_AT_ONCE == 8
+    assert await fenced.get("pods", "lanes", "p")  # who reads does not wait for writers
+    api.answers.set()
+    assert len(await asyncio.gather(*writes)) == 20
+    assert (api.under_way, api.most) == (0, 8)
+
+
+async def test_a_write_that_waits_is_not_made_when_the_lead_is_lost() -> None:
+    api, fence = HeldApi(), Fence()
+    fence.open_until(float("inf"))
+    writes = await begun(FencedApi(api, fence), 10)
+    fence.close()
+    api.answers.set()
+    done = await asyncio.gather(*writes, return_exceptions=True)
+    assert [isinstance(answer, NotLeadingError) for answer in done] == [False] * 8 + [True] * 2
+
+
+async def test_a_write_that_is_cancelled_gives_its_place_back() -> None:
+    api, fence = HeldApi(), Fence()
+    fence.open_until(float("inf"))
+    fenced = FencedApi(api, fence)
+    for write in await begun(fenced, 12):
+        write.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await write
+    api.answers.set()
+    assert len(await asyncio.gather(*await begun(fenced, 8))) == 8

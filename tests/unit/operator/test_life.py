@@ -1,0 +1,388 @@
+"""The life of a job by the clock: suspension, deadlines, removal, and going on from another job."""
+
+import pytest
+
+from bagpipe_operator import names
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.sweep import Sweeper
+from bagpipe_operator.view import JobView, Json, PodView, View
+from tests.unit.operator.builders import JobBuilder, account, make_driver, make_executor, make_job
+from tests.unit.operator.world import UID, World
+
+INTERRUPTED = account("Running", cases={"planned": 4, "running": 0, "passed": 2})
+
+
+def edit(world: World, **spec: object) -> None:
+    """A user's edit of the spec, delivered by the watch."""
+    job = world.api.objects["jobs", "x"]
+    job["spec"] = job["spec"] | spec
+    job["metadata"]["generation"] += 1
+    world.api.version += 1
+    job["metadata"]["resourceVersion"] = str(world.api.version)
+    world.deliver_job()
+
+
+def gone(world: World, *pod_names: str) -> None:
+    """The pods have ended: the API server and the watch forget them."""
+    for pod in [p for p in world.view.pods(UID) if p.name in pod_names]:
+        world.api.objects.pop(("pods", pod.name), None)
+        world.view.drop_pod(pod)
+
+
+async def running(world: World) -> None:
+    await world.reconcile()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+
+
+def deleting_driver() -> PodView:
+    return make_driver("x").running().deleting(gone_by="2026-11-20T04:00:40Z").view()
+
+
+def ending_driver(gone_by: str = "", phase: str = "Running") -> PodView:
+    """A driver whose container has ended, as the kubelet tells it before the pod's phase."""
+    pod = make_driver("x").ended(143, INTERRUPTED)
+    pod.phase = phase
+    return (pod.deleting(gone_by) if gone_by else pod).view()
+
+
+def untold(calls: list[str]) -> list[str]:
+    """The calls without Events: an operator tells again of a job that it meets."""
+    return [call for call in calls if call != "create events"]
+
+
+async def test_a_job_that_is_created_suspended_has_no_pod_and_no_clock() -> None:
+    world = World(make_job("x").with_spec("suspend", True).with_spec("activeDeadlineSeconds", 5))
+    await world.reconcile()
+    await world.reconcile(after=3600)
+    assert world.api.named("pods") == world.api.named("configmaps") == []
+    status = world.status()
+    assert (status["phase"], status["attempt"], status["driver"]) == ("Suspended", 1, "")
+    assert "startTime" not in status
+    assert world.reason("Suspended") == "True/JobSuspended"
+    assert world.reason("Accepted") == "False/JobSuspended"
+    assert world.api.event_reasons() == ["JobSuspended"]
+    assert world.api.calls == ["get pods", "patch status", "create events"]
+    edit(world, suspend=False)
+    await world.reconcile()
+    assert world.api.named("pods") == []  # Suspended is False before there is a pod
+    await world.reconcile()
+    status = world.status()
+    assert (status["attempt"], status["driver"], status["phase"]) == (1, "x-1-driver", "Pending")
+    assert status["startTime"] == "2026-11-20T05:00:00Z"
+    assert status["observedGeneration"] == 2
+    assert world.reason("Suspended") == "False/JobResumed"
+    assert sorted(world.api.event_reasons()) == ["DriverCreated", "JobResumed", "JobSuspended"]
+
+
+async def test_a_running_job_is_stopped_driver_first_and_goes_on_as_another_attempt() -> None:
+    world = World(make_job("x").with_spec("backoffLimit", 0))
+    await running(world)
+    edit(world, suspend=True)
+    await world.reconcile(after=1)
+    assert world.status()["observedGeneration"] == 2
+    assert world.reason("Suspended") == "False/Suspending"
+    assert world.message("Suspended").endswith("2 pods are being stopped; what is done is kept.")
+    assert [call for call in world.api.calls if "delete" in call] == ["delete x-1-driver"]
+    world.view.put_pod(deleting_driver())
+    await world.reconcile(after=1)
+    assert [call for call in world.api.calls if "delete" in call] == ["delete x-1-driver"]
+    last = make_driver("x").ended(143, INTERRUPTED).deleting().view()
+    world.view.put_pod(last)
+    await world.reconcile(after=1)
+    assert world.api.calls[-1] == "delete x-1-exec-1"
+    assert world.status()["cases"]["passed"] == 2
+    gone(world, "x-1-driver", "x-1-exec-1")
+    await world.reconcile(after=1)
+    status = world.status()
+    assert (status["phase"], status["attempt"], status["lostDrivers"]) == ("Suspended", 2, 0)
+    assert (status["cases"]["passed"], status["cases"]["running"]) == (2, 0)
+    assert world.reason("Suspended") == "True/JobSuspended"
+    edit(world, suspend=False)
+    await world.reconcile(after=100)
+    await world.reconcile()
+    assert world.api.named("pods") == ["x-2-driver"]
+    assert world.status()["startTime"] == "2026-11-20T04:01:46Z"
+    assert world.api.event_reasons().count("JobSuspended") == 1
+    assert world.api.event_reasons().count("JobResumed") == 1
+
+
+@pytest.mark.parametrize("phase", ["Running", "Failed"])
+async def test_a_job_is_not_called_suspended_while_a_stopped_pod_is_still_there(phase: str) -> None:
+    world = World()
+    await running(world)
+    edit(world, suspend=True)
+    await world.reconcile(after=1)
+    gone(world, "x-1-exec-1")
+    # Its containers have ended, and its volumes are being taken down.
+    world.view.put_pod(ending_driver("2026-11-20T04:00:30Z", phase))
+    await world.reconcile(after=1)
+    assert world.reason("Suspended") == "False/Suspending"
+    assert world.message("Suspended").endswith("1 pod is being stopped; what is done is kept.")
+    gone(world, "x-1-driver")
+    await world.reconcile(after=1)
+    assert world.reason("Suspended") == "True/JobSuspended"
+
+
+async def test_a_driver_that_ends_by_itself_during_a_suspension_is_kept_for_its_log() -> None:
+    world = World(make_job("x").with_spec("suspend", True))
+    world.api.put("pods", make_driver("x").object())
+    world.view.put_pod(ending_driver())
+    world.view.put_pod(make_executor("x").running().view())
+    await world.reconcile()
+    assert [call for call in world.api.calls if "delete" in call] == ["delete x-1-exec-1"]
+    assert world.reason("Suspended") == "False/Suspending"
+    gone(world, "x-1-exec-1")
+    world.view.put_pod(ending_driver(phase="Failed"))
+    await world.reconcile(after=1)
+    assert world.reason("Suspended") == "True/JobSuspended"
+    assert [call for call in world.api.calls if "delete" in call] == ["delete x-1-exec-1"]
+
+
+async def test_a_suspension_that_is_taken_back_is_brought_to_its_end_first() -> None:
+    world = World(make_job("x").with_spec("backoffLimit", 0))
+    await running(world)
+    edit(world, suspend=True)
+    await world.reconcile()
+    edit(world, suspend=False)
+    world.view.put_pod(make_driver("x").ended(143, INTERRUPTED).deleting().view())
+    await world.reconcile(after=1)
+    gone(world, "x-1-driver", "x-1-exec-1")
+    await world.reconcile(after=1)
+    assert world.reason("Suspended") == "True/JobSuspended"
+    await world.reconcile(after=1)
+    await world.reconcile()
+    assert world.status()["driver"] == "x-2-driver"
+    assert (world.status()["lostDrivers"], world.reason("Failed")) == (0, "False/InProgress")
+
+
+async def test_a_driver_that_commits_while_it_is_stopped_has_completed_the_job() -> None:
+    world = World()
+    await running(world)
+    edit(world, suspend=True)
+    await world.reconcile()
+    done = account("Complete", reason="AllCasesRan", cases={"planned": 4, "passed": 4})
+    world.deliver(make_driver("x").ended(0, done).deleting())
+    await world.reconcile(after=1)
+    assert world.reason("Complete") == "True/AllCasesRan"
+    assert world.status()["completionTime"] == "2026-11-20T04:00:03Z"
+
+
+async def test_a_suspension_after_a_restart_finds_the_driver_that_no_watch_has_shown() -> None:
+    """Killed between creating the driver and writing so, and suspended before it is back."""
+    world = World()
+    world.api.fail("patch status", ApiError(0, "Unreachable", "killed"))
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile()
+    pod = world.api.objects["pods", "x-1-driver"]
+    assert pod["metadata"]["labels"][names.LABEL_JOB_UID] == UID
+    edit(world, suspend=True)
+    fresh = View()
+    fresh.put_job(JobView.from_object(world.api.objects["jobs", "x"]))
+    world.view = fresh
+    world.reconciler = world.restarted(fresh)
+    await world.reconcile()
+    assert world.api.named("pods") == []
+    assert world.reason("Suspended") == "False/Suspending"
+
+
+async def test_a_driver_on_a_node_that_is_cut_off_does_not_hold_up_the_suspension() -> None:
+    world = World()
+    await running(world)
+    edit(world, suspend=True)
+    await world.reconcile()
+    gone(world, "x-1-exec-1")
+    world.view.put_pod(deleting_driver())
+    await world.reconcile(after=53)
+    assert world.reason("Suspended") == "False/Suspending"
+    await world.reconcile(after=1)
+    assert world.reason("Suspended") == "True/JobSuspended"
+
+
+async def test_the_active_deadline_stops_the_pods_and_then_fails_the_job() -> None:
+    world = World(make_job("x").with_spec("activeDeadlineSeconds", 60))
+    await running(world)
+    await world.reconcile(after=57)
+    assert world.reason("Running") == "True/CasesRunning"
+    await world.reconcile(after=1)
+    assert world.reason("Running") == "False/DeadlineExceeded"
+    assert "completionTime" not in world.status()
+    gone(world, "x-1-exec-1")
+    world.view.put_pod(ending_driver(gone_by="2026-11-20T04:01:30Z"))
+    await world.reconcile(after=3)
+    assert world.reason("Failed") == "False/InProgress"
+    assert world.status()["cases"]["passed"] == 2
+    gone(world, "x-1-driver")
+    await world.reconcile(after=1)
+    assert world.reason("Failed") == "True/DeadlineExceeded"
+    assert "spec.activeDeadlineSeconds (60 s)" in world.message("Failed")
+    assert world.status()["cases"]["passed"] == 2
+    assert world.status()["completionTime"] == "2026-11-20T04:01:04Z"
+    assert world.api.event_reasons().count("DeadlineExceeded") == 1
+
+
+async def test_the_active_deadline_may_be_moved_while_the_job_runs() -> None:
+    world = World(make_job("x").with_spec("activeDeadlineSeconds", 60))
+    await running(world)
+    edit(world, activeDeadlineSeconds=100)
+    await world.reconcile(after=97)
+    assert world.status()["phase"] == "Running"
+    await world.reconcile(after=1)
+    assert world.reason("Running") == "False/DeadlineExceeded"
+
+
+async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> None:
+    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    await world.reconcile()
+    world.deliver(make_driver("x").unschedulable("0/3 nodes are available."))
+    await world.reconcile(after=29)
+    assert world.reason("Running") == "False/Unschedulable"
+    await world.reconcile(after=1)
+    gone(world, "x-1-driver")
+    await world.reconcile(after=1)
+    assert world.reason("Failed") == "True/StartDeadlineExceeded"
+    assert "0/3 nodes are available." in world.message("Failed")
+
+
+async def test_a_job_whose_first_case_ran_in_time_has_no_start_deadline_any_more() -> None:
+    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    await running(world)
+    assert world.status()["firstCaseTime"] == "2026-11-20T04:00:02Z"
+    world.deliver(make_driver("x").ended(137))
+    await world.reconcile(after=2)
+    await world.reconcile(after=600)
+    assert world.status()["driver"] == "x-2-driver"
+    assert world.reason("Failed") == "False/InProgress"
+
+
+def ended_job(condition: str, ttl: int = 60) -> JobBuilder:
+    told = {
+        "type": condition,
+        "status": "True",
+        "reason": "R",
+        "message": "M.",
+        "observedGeneration": 1,
+        "lastTransitionTime": "2026-11-20T04:00:00Z",
+    }
+    return (
+        make_job("x")
+        .with_spec("ttlSecondsAfterFinished", ttl)
+        .with_status(conditions=[told], completionTime="2026-11-20T04:00:00Z", observedGeneration=1)
+    )
+
+
+@pytest.mark.parametrize("condition", ["Complete", "Failed"])
+async def test_an_ended_job_is_removed_when_its_time_is_over(condition: str) -> None:
+    world = World(ended_job(condition))
+    queue = WorkQueue(world.clock.monotonic)
+    sweeper = Sweeper(world.view, queue, 2.0, now=world.clock.now)
+    world.clock.advance(59)
+    assert sweeper.sweep() == 0
+    await world.reconcile()
+    assert untold(world.api.calls) == []
+    world.clock.advance(1)
+    assert sweeper.sweep() == 1
+    await world.reconcile()
+    assert untold(world.api.calls) == ["delete job"]
+    assert world.view.job(UID) is None
+
+
+async def test_a_job_that_has_changed_is_not_removed_by_what_was_known_before() -> None:
+    world = World(ended_job("Complete"))
+    world.clock.advance(60)
+    stale = world.view.job(UID)
+    assert stale is not None
+    edit(world, ttlSecondsAfterFinished=600)
+    world.view = View()
+    world.view.put_job(stale)
+    world.reconciler = world.restarted(world.view)
+    await world.reconcile()
+    assert untold(world.api.calls) == ["delete job", "get job"]
+    await world.reconcile()
+    assert world.status()["observedGeneration"] == 2  # and kept
+
+
+async def test_a_suspended_job_is_neither_swept_nor_removed() -> None:
+    world = World(make_job("x").with_spec("suspend", True).with_spec("ttlSecondsAfterFinished", 0))
+    sweeper = Sweeper(world.view, WorkQueue(world.clock.monotonic), 2.0, now=world.clock.now)
+    assert sweeper.sweep() == 1
+    await world.reconcile()
+    assert sweeper.sweep() == 0
+    await world.reconcile(after=3600)
+    assert "delete job" not in world.api.calls
+
+
+def earlier(**changed: object) -> Json:
+    job = make_job("old").object
+    job["spec"] |= changed
+    job["status"] = {
+        "conditions": [{"type": "Failed", "status": "True"}],
+        "results": "pvc://results/lane/old/uid-of-old",
+        "cases": {"planned": 4, "passed": 3},
+    }
+    return job
+
+
+async def test_a_job_goes_on_from_another_even_if_that_is_removed_meanwhile() -> None:
+    world = World(make_job("x").with_spec("resumeFrom", "old"))
+    world.api.put("jobs", earlier())
+    await world.reconcile()
+    assert world.api.named("pods") == []
+    resumed = {"job": "old", "results": "pvc://results/lane/old/uid-of-old", "cases": 4}
+    assert world.status()["resumedFrom"] == resumed
+    del world.api.objects["jobs", "old"]
+    await world.reconcile()
+    data = world.api.objects["configmaps", "x-1"]["data"]["job.json"]
+    assert '"resume": {' in data
+    assert '"results": "pvc://results/lane/old/uid-of-old"' in data
+
+
+STACK = {"image": "example/lane:1", "command": ["roslaunch", "lane"]}
+REFUSED: dict[str, tuple[Json | None, str]] = {
+    "missing": (None, "There is no SimulationJob old in namespace lanes"),
+    "running": (earlier() | {"status": {}}, "has not ended: wait until"),
+    "other stack": (
+        earlier(stack=STACK | {"image": "lane:2"}),
+        "spec.stack is not that of job old",
+    ),
+    "unplanned": (
+        earlier() | {"status": {"conditions": earlier()["status"]["conditions"]}},
+        "ended before its cases were planned",
+    ),
+    "other claim": (
+        earlier()
+        | {"status": earlier()["status"] | {"results": "pvc://elsewhere/lane/old/uid-of-old"}},
+        "are on the claim elsewhere, which this job does not mount",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+async def test_a_job_that_can_t_be_gone_on_from_is_refused_with_a_sentence(case: str) -> None:
+    found, sentence = REFUSED[case]
+    world = World(make_job("x").with_spec("resumeFrom", "old"))
+    if found is not None:
+        world.api.put("jobs", found)
+    await world.reconcile()
+    assert world.reason("Failed") == "True/ResumeRefused"
+    assert sentence in world.message("Failed")
+    assert {"startTime", "completionTime"} <= set(world.status())
+
+
+async def test_more_memory_for_the_stack_does_not_hinder_going_on() -> None:
+    world = World(make_job("x").with_spec("resumeFrom", "old"))
+    more = STACK | {"resources": {"limits": {"memory": "4Gi"}}, "imagePullPolicy": "Always"}
+    world.api.put("jobs", earlier(stack=more))
+    await world.reconcile()
+    assert world.status()["resumedFrom"]["job"] == "old"
+
+
+async def test_the_queue_s_label_is_on_every_pod() -> None:
+    world = World(make_job("x").with_spec("queueName", "nightly"))
+    await world.reconcile()
+    labels = world.api.objects["pods", "x-1-driver"]["metadata"]["labels"]
+    assert labels["kueue.x-k8s.io/queue-name"] == "nightly"
+    template = world.api.objects["configmaps", "x-1"]["data"]["executor.yaml"]
+    assert "kueue.x-k8s.io/queue-name: nightly" in template

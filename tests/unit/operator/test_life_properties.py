@@ -1,0 +1,130 @@
+"""Whatever happens in whatever order, a job's status keeps its promises."""
+
+import asyncio
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.life import living
+from bagpipe_operator.view import JobView, PodView, View
+from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
+from tests.unit.operator.test_life import edit, gone
+from tests.unit.operator.world import UID, World
+
+DONE = account("Complete", cases={"planned": 4, "passed": 4})
+BROKEN = account("Failed", reason="BagUnreadable", message="drive.bag ends.")
+KUBELET = ["driver runs", "driver dies", "driver completes", "driver fails", "executor comes"]
+EVENTS = [
+    *KUBELET, "suspend", "resume", "pods go", "operator restarts", "pods are seen", "api fails",
+    "wait 2", "wait 40", "wait 700",
+]  # fmt: skip
+
+
+def attempt_of(world: World) -> int:
+    return int(world.status().get("attempt") or 1)
+
+
+def kubelet(world: World, event: str) -> None:
+    """The kubelet speaks only of a pod that exists; executors come only from a driver."""
+    driver = make_driver("x", attempt_of(world))
+    pods: dict[str, PodBuilder] = {
+        "driver runs": driver.running(),
+        "driver dies": make_driver("x", attempt_of(world)).ended(137),
+        "driver completes": make_driver("x", attempt_of(world)).ended(0, DONE),
+        "driver fails": make_driver("x", attempt_of(world)).ended(1, BROKEN),
+        "executor comes": make_executor("x", 1, attempt_of(world)).running(),
+    }
+    if ("pods", driver.name) in world.api.objects:
+        world.deliver(pods[event])
+
+
+def happen(world: World, event: str) -> None:
+    """One event, without the reconcile that follows it."""
+    match event.split():
+        case ["suspend" | "resume"]:
+            edit(world, suspend=event == "suspend")
+        case ["pods", "go"]:
+            left = world.api.objects
+            gone(world, *[p.name for p in world.view.pods(UID) if ("pods", p.name) not in left])
+        case ["operator", "restarts"]:
+            fresh = View()
+            fresh.put_job(JobView.from_object(world.api.objects["jobs", "x"]))
+            world.view = fresh
+            world.reconciler = world.restarted(fresh)
+        case ["pods", "are", "seen"]:
+            for (kind, _), pod in list(world.api.objects.items()):
+                if kind == "pods":
+                    world.view.put_pod(PodView.from_object(pod))
+        case ["api", "fails"]:
+            world.api.fail("patch status", ApiError(0, "Unreachable", "no"))
+        case ["wait", seconds]:
+            world.clock.advance(float(seconds))
+        case _:
+            kubelet(world, event)
+
+
+async def step(world: World, event: str) -> None:
+    happen(world, event)
+    try:
+        await world.reconcile()
+    except ApiError as error:
+        assert error.status == 0
+
+
+def check(world: World, told: set[str], late: bool = False) -> None:
+    status = world.status()
+    true = {c["type"] for c in status.get("conditions") or [] if c["status"] == "True"}
+    assert not {"Complete", "Failed"} <= true
+    ended = true & {"Complete", "Failed"}
+    assert bool(ended) == ("completionTime" in status)
+    if ended:
+        assert status["startTime"] <= status["completionTime"]
+        assert "Suspended" not in true
+    if "Suspended" in true:
+        assert "startTime" not in status
+        if not late:
+            assert living(world.view.pods(UID), world.clock.now()) == ()
+    assert not told or told == ended  # an end is for good
+    told |= ended
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(st.sampled_from(EVENTS), max_size=40),
+    st.integers(min_value=0, max_value=2),
+    st.sampled_from([None, 60, 600]),
+    st.booleans(),
+)
+def test_no_sequence_of_events_breaks_a_promise(
+    events: list[str], backoff: int, deadline: int | None, suspended: bool
+) -> None:
+    job = make_job("x").with_spec("backoffLimit", backoff).with_spec("suspend", suspended)
+    if deadline is not None:
+        job.with_spec("activeDeadlineSeconds", deadline)
+    world = World(job)
+    world.drivers.says = account()
+
+    async def live() -> None:
+        told: set[str] = set()
+        for event in events:
+            await step(world, event)
+            # A pod that the watch shows only now is met by the next reconcile.
+            check(world, told, late=event == "pods are seen" and bool(world.api.faults))
+        world.api.faults.clear()
+        # And a job that is left suspended has no living pod in the end.
+        happen(world, "suspend")
+        happen(world, "pods are seen")
+        for _ in range(12):
+            happen(world, "pods go")
+            await world.reconcile(after=10)
+        check(world, told)
+        assert [n for n in world.api.named("pods") if _lives(world, n)] == []
+        assert world.status()["phase"] in {"Suspended", "Complete", "Failed"}
+
+    asyncio.run(live())
+
+
+def _lives(world: World, name: str) -> bool:
+    return bool(world.api.objects["pods", name].get("status", {}).get("phase") not in
+                {"Succeeded", "Failed"})  # fmt: skip

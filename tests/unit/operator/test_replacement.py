@@ -1,0 +1,138 @@
+"""A driver that is lost is replaced by another; one that failed by its own account is not."""
+
+from itertools import pairwise
+
+import pytest
+
+from bagpipe_operator.life import pause_seconds
+from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
+from tests.unit.operator.world import UID, World
+
+
+async def started(world: World) -> None:
+    await world.reconcile()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+
+
+LOST = {
+    "DriverFailed": make_driver("x").ended(137),
+    "DriverOutOfMemory": make_driver("x").ended(137, reason="OOMKilled"),
+    "DriverEvicted": make_driver("x").ended(137).evicted("The node was low on memory."),
+    "DriverLost": make_driver("x").ended(143).deleting(),
+}
+
+
+@pytest.mark.parametrize("reason", sorted(LOST))
+async def test_a_lost_driver_is_replaced(reason: str) -> None:
+    world = World()
+    await started(world)
+    world.deliver(LOST[reason])
+    await world.reconcile(after=2)
+    status = world.status()
+    assert (status["phase"], status["attempt"], status["driver"]) == ("Pending", 2, "")
+    assert status["cases"]["passed"] == 1  # what was done stays told
+    assert world.reason("Running") == f"False/{reason}"
+    assert "Driver 2 of at most 4 takes over in 10 s" in world.message("Running")
+    assert world.reason("Failed") == "False/InProgress"
+    await world.reconcile(after=9)
+    assert world.reason("Running") == f"False/{reason}"
+    assert world.api.named("configmaps") == ["x-1"]
+    await world.reconcile(after=1)
+    assert world.status()["driver"] == "x-2-driver"
+    assert "x-2" in world.api.named("configmaps")
+    assert world.api.event_reasons().count(reason) == 1
+
+
+async def test_a_driver_that_told_why_it_failed_is_not_replaced() -> None:
+    world = World()
+    await started(world)
+    said = account("Failed", reason="BagUnreadable", message="drive.bag ends at byte 17.")
+    world.deliver(make_driver("x").ended(1, said))
+    await world.reconcile(after=2)
+    assert world.reason("Failed") == "True/BagUnreadable"
+    assert world.status()["attempt"] == 1
+
+
+async def test_the_limit_ends_the_job_with_the_last_reason() -> None:
+    world = World(make_job("x").with_spec("backoffLimit", 2))
+    for attempt in (1, 2, 3):
+        await world.reconcile(after=20)
+        world.deliver(make_driver("x", attempt).running())
+        await world.reconcile(after=2)
+        world.deliver(make_driver("x", attempt).ended(137, reason="OOMKilled"))
+        await world.reconcile(after=2)
+    assert world.reason("Failed") == "True/DriverOutOfMemory"
+    assert world.message("Failed").endswith("memory and create the job again.")
+    assert [name for name in world.api.named("pods") if name.endswith("driver")] == [
+        "x-1-driver", "x-2-driver", "x-3-driver",
+    ]  # fmt: skip
+
+
+async def test_the_executors_of_a_replaced_driver_give_up_their_places() -> None:
+    world = World()
+    await started(world)
+    world.deliver(make_driver("x").ended(137))
+    await world.reconcile(after=2)
+    await world.reconcile(after=10)
+    assert "x-1-exec-1" not in world.api.named("pods")
+    assert "x-2-driver" in world.api.named("pods")
+
+
+@pytest.mark.parametrize(("after", "attempt"), [(10, 1), (20, 2)])
+async def test_a_driver_on_a_node_that_is_cut_off_is_replaced(after: float, attempt: int) -> None:
+    world = World()
+    await started(world)  # two seconds have passed
+    pod: PodBuilder = make_driver("x").running()
+    world.deliver(pod.deleting(gone_by="2026-11-20T04:00:02Z"))
+    await world.reconcile(after=after)
+    assert world.status()["attempt"] == attempt
+
+
+async def test_an_operator_that_restarts_between_two_drivers_creates_one() -> None:
+    world = World()
+    await started(world)
+    world.deliver(make_driver("x").ended(137))
+    await world.reconcile(after=2)
+    world.reconciler = world.restarted(world.view)
+    await world.reconcile(after=9)
+    assert world.view.driver(UID, 2) is None
+    await world.reconcile(after=1)
+    await world.reconcile(after=2)
+    assert world.view.driver(UID, 2) is not None
+    assert world.api.named("pods").count("x-2-driver") == 1
+    assert world.status()["attempt"] == 2
+
+
+async def test_a_trouble_of_the_driver_that_may_pass_is_told() -> None:
+    world = World()
+    await started(world)
+    world.drivers.says = account(warning="the results can't be kept: No space left on device")
+    await world.reconcile(after=2)
+    assert world.reason("Running") == "True/CasesRunning"
+    assert world.message("Running") == (
+        "Cases are running. the results can't be kept: No space left on device"
+    )
+
+
+async def test_the_pause_doubles_up_to_five_minutes() -> None:
+    assert [pause_seconds(lost) for lost in range(1, 8)] == [10, 20, 40, 80, 160, 300, 300]
+    world = World(make_job("x").with_spec("backoffLimit", 20))
+    begun: list[float] = []
+    for attempt in range(1, 8):
+        while f"x-{attempt}-driver" not in world.api.named("pods"):
+            await world.reconcile(after=1)
+        begun.append(world.clock.seconds)
+        world.deliver(make_driver("x", attempt).ended(137))
+        await world.reconcile()
+    assert [later - sooner for sooner, later in pairwise(begun)] == [10, 20, 40, 80, 160, 300]
+    assert world.status()["lostDrivers"] == 7
+
+
+async def test_a_status_of_an_earlier_release_counts_its_attempts_as_lost_drivers() -> None:
+    world = World(make_job("x").with_status(attempt=4, driver="x-4-driver", phase="Running"))
+    world.deliver(make_driver("x", 4).ended(137))
+    await world.reconcile()
+    assert world.reason("Failed") == "True/DriverFailed"
+    assert world.status()["lostDrivers"] == 3

@@ -1,0 +1,79 @@
+"""Who may write labels or ConfigMaps, and nothing more, does not steer another's job."""
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.view import PodView
+from tests.unit.operator.builders import account, make_driver, make_job
+from tests.unit.operator.world import UID, World
+
+
+def in_another_namespace(job: str) -> PodView:
+    """A pod that calls itself the job's driver, where its author may make pods."""
+    pod = make_driver(job).running().object()
+    pod["metadata"] |= {"namespace": "attackers", "uid": "uid-of-forged"}
+    return PodView.from_object(pod)
+
+
+def test_a_pod_of_another_namespace_is_not_a_job_s() -> None:
+    world = World()
+    world.view.put_pod(in_another_namespace("x"))
+    assert world.view.pods(UID) == ()
+    assert world.view.driver(UID, 1) is None
+    # Nor does it stand in the way of the real one, whose name it has.
+    world.view.put_pod(make_driver("x").running().view())
+    world.view.put_pod(in_another_namespace("x"))
+    driver = world.view.driver(UID, 1)
+    assert driver is not None
+    assert (driver.namespace, driver.uid) == ("lanes", "uid-of-x-1-driver")
+    world.view.drop_pod(in_another_namespace("x"))
+    assert world.view.driver(UID, 1) == driver
+
+
+async def test_a_forged_driver_of_another_namespace_ends_no_job() -> None:
+    world = World()
+    await world.reconcile()
+    forged = make_driver("x").ended(0, account("Complete", verdict="Passed")).object()
+    forged["metadata"] |= {"namespace": "attackers", "uid": "uid-of-forged"}
+    world.view.put_pod(PodView.from_object(forged))
+    await world.reconcile(after=2)
+    assert world.status()["phase"] == "Pending"
+    assert "delete x-1-driver" not in world.api.calls
+
+
+async def test_a_prepared_config_is_not_taken_for_ours() -> None:
+    """Who may create ConfigMaps, but no pods, knows the name and the UID of the next attempt's."""
+    for forged in ({"executor.yaml": "spec: {hostPID: true}"}, None):
+        world = World()
+        await world.reconcile()
+        config = world.api.objects["configmaps", "x-1"]
+        del world.api.objects["pods", "x-1-driver"]
+        if forged is None:
+            config["immutable"] = False  # right today, and another tomorrow
+        else:
+            config["data"] = config["data"] | forged
+        again = World()
+        again.api.put("configmaps", config)
+        await again.reconcile()
+        assert again.reason("Accepted") == "False/NameTaken"
+        assert again.api.named("pods") == []
+
+
+async def test_a_config_that_a_former_run_made_is_taken_over() -> None:
+    world = World()
+    await world.reconcile()
+    again = World()
+    again.api.put("configmaps", world.api.objects["configmaps", "x-1"])
+    await again.reconcile()
+    assert again.api.named("pods") == ["x-1-driver"]
+
+
+async def test_what_no_executor_may_be_is_told_before_a_driver_exists() -> None:
+    """Spark itself would only log the refusal and try again for ever."""
+    job = make_job("x").with_spec("stack.securityContext", {"runAsNonRoot": False})
+    world = World(job)
+    said = 'pods "x-1-exec-trial" is forbidden: violates PodSecurity "restricted:latest"'
+    world.api.fail("try pods", ApiError(403, "Forbidden", said))
+    await world.reconcile()
+    assert world.reason("Accepted") == "False/CreationRefused"
+    assert said in world.message("Accepted")
+    assert "an executor's pod" in world.message("Accepted")
+    assert world.api.named("pods") == world.api.named("configmaps") == []
