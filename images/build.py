@@ -8,37 +8,14 @@ An image whose content did not change is not built again: a second run takes sec
 from __future__ import annotations
 
 import argparse
-import contextlib
-import fcntl
 import json
 import sys
-import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import engines
 from context import IMAGES, BuildError, Image, cache, content, stage
-
-LOCK_SECONDS = 2400.0
-
-
-@contextlib.contextmanager
-def locked() -> Iterator[None]:
-    """One build at a time, because all share storage and contexts; the kernel ends the lock."""
-    path = cache() / "images" / "lock"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    deadline = time.monotonic() + LOCK_SECONDS
-    with path.open("w") as file:
-        while True:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError as held:
-                if time.monotonic() > deadline:
-                    raise BuildError(f"Another build has held {path} for too long.") from held
-                threading.Event().wait(0.2)
-        yield
+from lock import LockError, locked
 
 
 def archive_of(image: Image) -> Path:
@@ -104,12 +81,13 @@ def main() -> int:
             engines.remove_tree(cache())
             return 0
         engine = engines.choose(given.engine)
-        with locked():
+        # All share storage and contexts.
+        with locked(cache() / "images" / "lock"):
             engine.release()
             for image in IMAGES:
                 if not given.release and image.name in (given.names or [image.name]):
                     ensure(engine, image, not given.no_archives)
-    except BuildError as error:
+    except (BuildError, LockError) as error:
         print(f"Building the images failed. {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

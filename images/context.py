@@ -10,9 +10,11 @@ import hashlib
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+from lock import locked
 
 ROOT = Path(__file__).resolve().parent.parent
 REGISTRY = "bagpipe.local"
@@ -20,6 +22,8 @@ VERSION = "0.1.0"
 BASE = "docker.io/library/debian:bookworm-20251103-slim"
 TARGET = "x86_64-unknown-linux-gnu"
 CARGO_SECONDS = 1800.0
+# Debian 12 has glibc 2.36: maturin refuses a module that asks for more than this names.
+WHEEL = "manylinux_2_34"
 LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.pyc", "*.egg-info", ".*_cache")
 # Layers are reused when files are the same to the second, and a copy has a time of its own.
 EPOCH = 1_700_000_000
@@ -34,19 +38,20 @@ def cache() -> Path:
     return Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache" / "bagpipe")
 
 
-def uv() -> str:
-    """The program uv: that of the checkout's virtual environment, else the machine's."""
-    own = ROOT / ".venv" / "bin" / "uv"
-    found = str(own) if own.exists() else shutil.which("uv")
+def tool(name: str) -> str:
+    """A program out of the checkout's virtual environment, else the machine's."""
+    own = ROOT / ".venv" / "bin" / name
+    found = str(own) if own.exists() else shutil.which(name)
     if not found:
-        raise BuildError("There is no uv in .venv or on PATH; run `make venv` first.")
+        raise BuildError(f"There is no {name} in .venv or on PATH; run `make venv` first.")
     return found
 
 
-def requirements(package: str, target: Path, *extras: str) -> None:
+def requirements(package: str, target: Path, *extras: str, left_out: Sequence[str] = ()) -> None:
     """Write the pinned dependencies of a package, as uv.lock has them, with their hashes."""
-    command = [uv(), "export", "--frozen", "--no-emit-workspace", "--no-dev", "--no-header"]
+    command = [tool("uv"), "export", "--frozen", "--no-emit-workspace", "--no-dev", "--no-header"]
     command += ["--package", package, *(f"--extra={extra}" for extra in extras)]
+    command += [f"--no-emit-package={name}" for name in left_out]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
         raise BuildError(f"`{' '.join(command[1:])}` failed: {done.stderr.strip()}")
@@ -60,18 +65,13 @@ def package(source: Path, target: Path) -> None:
     shutil.copytree(source / "src", target / "src", ignore=LEFT_OUT)
 
 
-def agent_binary() -> Path:
-    """Build the static agent with the machine's cargo, which is quick when nothing changed."""
-    target = cache() / "cargo"
-    command = ["cargo", "build", "--locked", "--release", "--target", TARGET]
+def compile_rust(what: str, command: list[str], **environment: str) -> None:
+    """Run cargo or maturin on the workspace, which is quick when nothing changed."""
     done = subprocess.run(
-        [*command, "--package", "bagpipe-agent"],
+        command,
         cwd=ROOT / "images" / "ros",
-        env={
-            **os.environ,
-            "CARGO_TARGET_DIR": str(target),
-            "RUSTFLAGS": "-C target-feature=+crt-static",
-        },
+        env={**os.environ, "CARGO_TARGET_DIR": str(cache() / "cargo"), **environment},
+        stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
         timeout=CARGO_SECONDS,
@@ -79,8 +79,34 @@ def agent_binary() -> Path:
     )
     if done.returncode:
         last = "\n".join(done.stderr.splitlines()[-30:])
-        raise BuildError(f"cargo could not build the agent in images/ros; it said last:\n{last}")
-    return target / TARGET / "release" / "bagpipe-agent"
+        raise BuildError(f"cargo could not build {what} in images/ros; it said last:\n{last}")
+
+
+def agent_binary() -> Path:
+    """Build the static agent with the machine's cargo."""
+    command = ["cargo", "build", "--locked", "--release", "--target", TARGET]
+    command += ["--package", "bagpipe-agent"]
+    compile_rust("the agent", command, RUSTFLAGS="-C target-feature=+crt-static")
+    return cache() / "cargo" / TARGET / "release" / "bagpipe-agent"
+
+
+def memory_bag(folder: Path) -> Path:
+    """Build bagpipe.MemoryBag's module as a wheel in a folder; the same sources give the same
+    bytes.
+    """
+    command = [tool("maturin"), "build", "--locked", "--release", "--compatibility", WHEEL]
+    command += ["--manifest-path", "crates/python/Cargo.toml", "--out", str(folder)]
+    # maturin moves what cargo made: a second one at the same time would miss it.
+    with locked(cache() / "memory-bag.lock", CARGO_SECONDS):
+        compile_rust("bagpipe.MemoryBag", command)
+    return one_wheel(folder)
+
+
+def one_wheel(folder: Path) -> Path:
+    wheels = list(folder.glob("bagpipe_bag-*.whl"))
+    if len(wheels) != 1:
+        raise BuildError(f"maturin left {len(wheels)} wheels in {folder}, and one was expected.")
+    return wheels[0]
 
 
 def stage_agent(folder: Path) -> None:
@@ -88,8 +114,9 @@ def stage_agent(folder: Path) -> None:
 
 
 def stage_spark(folder: Path) -> None:
-    requirements("bagpipe", folder / "requirements.txt", "spark")
+    requirements("bagpipe", folder / "requirements.txt", "spark", "storage")
     package(ROOT / "images" / "spark", folder / "packages" / "bagpipe")
+    memory_bag(folder / "packages")
     shutil.copy(ROOT / "images" / "spark" / "entrypoint.sh", folder)
 
 
@@ -97,6 +124,35 @@ def stage_operator(folder: Path) -> None:
     requirements("bagpipe-operator", folder / "requirements.txt")
     package(ROOT / "images" / "spark", folder / "packages" / "bagpipe")
     package(ROOT / "operator", folder / "packages" / "bagpipe_operator")
+
+
+def stage_exec_highway(folder: Path) -> None:
+    for name in ("requirements.txt", "simulate.py", "frames.py"):
+        shutil.copy(ROOT / "docs" / "examples" / "exec-highway" / name, folder)
+
+
+# The nodes of the example stacks, and what they share with the examples of BinPipedRDDs.
+EXAMPLE_NODES = [
+    "binpipe/clustering.py",
+    "binpipe/walking.py",
+    "localisation/ekf.py",
+    "localisation/localise.py",
+    "obstacles-node/obstacles_node.py",
+    "pedestrians-node/pedestrians_node.py",
+]
+
+
+def stage_example_nodes(folder: Path) -> None:
+    examples = ROOT / "docs" / "examples"
+    shutil.copy(examples / "example-nodes" / "requirements.txt", folder)
+    (folder / "nodes").mkdir()
+    for name in EXAMPLE_NODES:
+        shutil.copy(examples / name, folder / "nodes")
+
+
+def stage_barrier_car(folder: Path) -> None:
+    for name in ("planner.py", "dusk.py"):
+        shutil.copy(ROOT / "docs" / "examples" / "barrier-car" / name, folder)
 
 
 def stage_nothing(_folder: Path) -> None:
@@ -128,6 +184,9 @@ IMAGES = [
         ROOT / "docs/examples/robot-state-publisher/Dockerfile",
         stage_nothing,
     ),
+    Image("barrier-car", ROOT / "docs/examples/barrier-car/Dockerfile", stage_barrier_car),
+    Image("exec-highway", ROOT / "docs/examples/exec-highway/Dockerfile", stage_exec_highway),
+    Image("example-nodes", ROOT / "docs/examples/example-nodes/Dockerfile", stage_example_nodes),
 ]
 
 

@@ -14,6 +14,8 @@ from context import BASE, BuildError, Image, cache
 BUILD_SECONDS = 1800.0
 PULL_SECONDS = 90.0
 LABEL = "io.bagpipe.content"
+# Before 23.0, as in Debian 12, Docker takes BuildKit only when told, and knows no secrets without.
+BUILDKIT = {"DOCKER_BUILDKIT": "1", "BUILDKIT_PROGRESS": "plain"}
 
 
 def run(command: Sequence[str | Path], *, log: Path, seconds: float = BUILD_SECONDS) -> None:
@@ -27,7 +29,7 @@ def run(command: Sequence[str | Path], *, log: Path, seconds: float = BUILD_SECO
                 stdout=file,
                 stderr=subprocess.STDOUT,
                 timeout=seconds,
-                env={**os.environ, "TMPDIR": str(temporary()), "BUILDKIT_PROGRESS": "plain"},
+                env={**os.environ, "TMPDIR": str(temporary()), **BUILDKIT},
                 check=False,
             )
             failed = f"status {done.returncode}" if done.returncode else ""
