@@ -17,13 +17,18 @@ KIND_KUBECONFIG := $(BAGPIPE_CACHE)/kind.kubeconfig
 KIND_VERSION := v0.30.0
 UV_VERSION := 0.13.8
 NAMESPACE ?= bagpipe-system
-IMAGE_NAMES := agent operator spark ros robot-state-publisher
+IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes
+MEMORY_BAG_SOURCES := $(wildcard images/ros/Cargo.* images/ros/crates/bag/Cargo.toml \
+  images/ros/crates/bag/src/*.rs images/ros/crates/python/*.* images/ros/crates/python/src/*.rs images/module.py)
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
 
 # embedded: tests/cluster, on this machine. kind: with Docker. existing: the current context.
 # A KUBECONFIG that is there and not ours means a cluster of the user's.
 ifeq ($(origin CLUSTER),undefined)
 CLUSTER := $(if $(filter-out $(EMBEDDED_KUBECONFIG) $(KIND_KUBECONFIG),$(wildcard $(KUBECONFIG))),existing,embedded)
+endif
+ifneq ($(and $(NODES),$(filter-out embedded,$(CLUSTER))),)
+$(error NODES=$(NODES) is for CLUSTER=embedded, and CLUSTER is $(CLUSTER))
 endif
 # A rebuilt operator keeps its tag: what it holds, said in its pod, makes Kubernetes start it anew.
 ifeq ($(CLUSTER),embedded)
@@ -45,6 +50,7 @@ endif
 help: ## List the verbs
 	@awk -F ':.*## ' '/^[a-z0-9-]+:.*## / {printf "  make %-17s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 	@echo "  CLUSTER=embedded|kind|existing chooses the Kubernetes; it is $(CLUSTER) now."
+	@echo "  NODES=3 gives the embedded one as many nodes (one by default), each with its own kubelet."
 
 .PHONY: demo
 demo: cluster install ## Set everything up, run the main job, show the result
@@ -68,15 +74,45 @@ test-integration: preflight-all venv ## Run worker, agent and real nodes togethe
 
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
-	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e
+	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e -m "not unproven and not slow"
+
+.PHONY: test-unproven
+test-unproven: cluster install ## Run the tests of whole jobs that are not proven yet (docs/limits.md)
+	$(STEP) "Testing what is not proven" -- .venv/bin/python -m pytest tests/e2e -m "unproven and not nodes"
+
+.PHONY: test-slow
+test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes
+	$(STEP) "Testing what takes minutes" -- .venv/bin/python -m pytest tests/e2e -m "slow and not unproven"
+
+.PHONY: test-nodes
+ifeq ($(CLUSTER),embedded)
+# On any other number of nodes all its tests are skipped, which would look like success.
+test-nodes: override NODES := 3
+test-nodes: cluster install ## Test three nodes, their loss, and 200 cases that are disturbed
+	$(STEP) "Testing a cluster of three nodes" -- .venv/bin/python -m pytest \
+	  tests/e2e/test_nodes.py tests/e2e/test_fleet_faults.py
+else
+test-nodes:
+	$(error test-nodes cuts nodes off, which only the embedded cluster can: CLUSTER=embedded)
+endif
 
 .PHONY: bench
-bench: preflight-all venv ## Measure beside the peers (BENCH=bag or play: only that)
+bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale or operator)
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
+
+.PHONY: fuzz
+fuzz: ## Fuzz the agent's parsers, each for SECONDS=60 (TARGET=scan: only that)
+	$(STEP) "Fuzzing" --if-it-fails "It says above what is missing, or which input failed." -- \
+	  env CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-fuzz" images/ros/fuzz/run.sh $(or $(SECONDS),60) $(TARGET)
 
 .PHONY: lint
 lint: preflight-all venv tools ## Check style and types of everything
 	$(STEP) "Linting" -- tests/lint.sh
+
+.PHONY: docs
+docs: venv ## Build the documentation's site into build/docs; a dead link is an error
+	$(STEP) "Building the documentation" --if-it-fails "It says above which page has what fault." -- \
+	  .venv/bin/python -m docs.site.build build/docs
 
 .PHONY: tools
 tools: preflight ## Get kubectl and helm, built where the machine's are too old
@@ -91,13 +127,19 @@ preflight-all:
 	$(STEP) "Checking this machine" -- $(CLUSTER_PY) preflight
 
 .PHONY: venv
-venv: .venv/.synced ## Make .venv with the pinned Python packages
+venv: .venv/.memory-bag ## Make .venv with the pinned Python packages and bagpipe.MemoryBag
 
 .venv/.synced: uv.lock pyproject.toml operator/pyproject.toml images/spark/pyproject.toml | preflight
 	$(STEP) "Making .venv from uv.lock" --if-it-fails "Is the Python package registry reachable? Then run it again." -- \
 	  bash -euc 'python3 -m venv .venv; \
 	    .venv/bin/pip install --quiet --disable-pip-version-check uv==$(UV_VERSION); \
 	    .venv/bin/uv sync --quiet --frozen --all-packages --all-extras; touch $@'
+
+# Not in uv.lock: cargo builds it from these sources. A sync removes it, so it comes after one.
+.venv/.memory-bag: .venv/.synced $(MEMORY_BAG_SOURCES)
+	$(STEP) "Building bagpipe.MemoryBag into .venv" --if-it-fails "Is the crates' registry reachable? Then run 'make venv' again." -- \
+	  .venv/bin/python images/module.py
+	@touch $@
 
 .PHONY: images
 images: preflight venv ## Build all images (`make cluster` loads them)
@@ -107,10 +149,15 @@ else
 	$(STEP) "Building images" -- python3 images/build.py
 endif
 
+.PHONY: plugin
+plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by default; URI= says where it will be)
+	$(STEP) "Packing the kubectl plugin" -- .venv/bin/python images/plugin.py \
+	  "$(or $(FOLDER),$(BAGPIPE_CACHE)/plugin)" $(if $(URI),--uri "$(URI)")
+
 .PHONY: cluster
 cluster: preflight images ## Start Kubernetes if there is none and load the images
 ifeq ($(CLUSTER),embedded)
-	$(STEP) "Starting Kubernetes on this machine" --if-it-fails "'make down' cleans up; then try again." -- $(CLUSTER_PY) up
+	$(STEP) "Starting Kubernetes on this machine" --if-it-fails "'make down' cleans up; then try again." -- $(CLUSTER_PY) up $(if $(NODES),--nodes $(NODES))
 	$(STEP) "Loading images" -- $(CLUSTER_PY) load
 else ifeq ($(CLUSTER),kind)
 	$(STEP) "Getting kubectl, helm and kind" -- bash -euc '$(CLUSTER_PY) tools; \

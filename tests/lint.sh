@@ -13,15 +13,16 @@ step() {
 step "ruff" ruff check .
 step "ruff format" ruff format --check .
 step "mypy, the packages" mypy --package bagpipe --package bagpipe_operator
-step "mypy, the tests" mypy tests/unit tests/integration tests/e2e tests/bench --exclude tests/bench/nodes
+step "mypy, the tests" mypy tests/unit tests/integration tests/e2e tests/bench --exclude tests/bench/nodes --exclude tests/integration/nodes
 step "mypy, the cluster" env -C tests/cluster mypy --config-file ../../pyproject.toml cluster.py step.py
-step "mypy, the images" env -C images mypy --config-file ../pyproject.toml build.py
+step "mypy, the images" env -C images mypy --config-file ../pyproject.toml build.py module.py plugin.py
+step "mypy, the documentation's site" mypy docs/site charts/reference.py
 step "import-linter" lint-imports
 step "rustfmt" env -C images/ros cargo fmt --all --check
 step "clippy" env -C images/ros CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/cargo-debug" \
   cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
 mapfile -t scripts < <(git ls-files '*.sh' .ci/run)
 step "shellcheck" shellcheck "${scripts[@]}"
-step "helm lint" helm lint --quiet charts/bagpipe
+step "helm lint" helm lint --quiet --namespace bagpipe-system charts/bagpipe
 step "gofmt" test -z "$(gofmt -l tests/cluster)"
 echo "lint: all clean"

@@ -2,9 +2,11 @@
 
 Usage: python3 tests/cluster/cluster.py VERB [ARGUMENT...]
 
-    up                  start it (at once if it is up)
+    up [--nodes N]      start it (at once if it is up), with N nodes
     down                remove all of it
-    status              is it healthy?
+    status              is it healthy? its nodes and daemons
+    cut NODE...         pull a node's cable to the others
+    join NODE...        put it in again
     load [IMAGE...]     give it images (all that are built)
     kubeconfig          print the path of its kubeconfig
     tools               print a folder with kubectl and helm
@@ -18,10 +20,11 @@ import os
 import sys
 from collections.abc import Callable
 
-from embedded import images, lifecycle, preflight, tools
+from embedded import faults, images, lifecycle, preflight, tools
 from embedded.failure import ClusterError
-from embedded.places import KUBECONFIG, LOGS
+from embedded.places import KUBECONFIG, LOGS, MOST_NODES
 
+VERBS = ["up", "down", "status", "cut", "join", "load", "kubeconfig", "tools", "preflight"]
 PREFLIGHT = "`make preflight` installs the programs that the cluster needs."
 
 
@@ -29,22 +32,23 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument(
-        "verb", choices=["up", "down", "status", "load", "kubeconfig", "tools", "preflight"]
-    )
+    parser.add_argument("verb", choices=VERBS)
     parser.add_argument("arguments", nargs="*")
+    parser.add_argument("--nodes", type=int, choices=range(1, MOST_NODES + 1), metavar="N")
     given = parser.parse_args()
     verbs: dict[str, Callable[[], object]] = {
-        "up": lifecycle.up,
+        "up": lambda: lifecycle.up(given.nodes),
         "down": lifecycle.down,
         "status": lifecycle.status,
+        "cut": lambda: list(map(faults.cut_off, given.arguments)),
+        "join": lambda: list(map(faults.join, given.arguments)),
         "load": lambda: images.load(given.arguments),
         "kubeconfig": lambda: print(KUBECONFIG),
         "tools": lambda: print(tools.link()),
         "preflight": lambda: preflight.run(given.arguments),
     }
     try:
-        if given.verb in {"up", "down", "load"} and os.geteuid():
+        if given.verb in {"up", "down", "load", "cut", "join"} and os.geteuid():
             raise ClusterError("namespaces, mounts and containers need root (try sudo).")
         verbs[given.verb]()
     except FileNotFoundError as error:

@@ -6,7 +6,9 @@ import json
 import tomllib
 
 from embedded import addons, certificates, containerd, control_plane, node
-from embedded.places import FIRST, STATE, Node
+from embedded.places import FIRST, STATE, Node, first_nodes
+
+MEMORY = 24_000_000  # KiB
 
 
 def test_nodes_share_no_address() -> None:
@@ -15,6 +17,8 @@ def test_nodes_share_no_address() -> None:
     assert addresses[:4] == ["198.18.0.1", "198.18.0.2", "198.18.0.5", "198.18.0.6"]
     assert len(set(addresses)) == 8
     assert len({n.pod_cidr for n in nodes}) == 4
+    assert [n.peer_address for n in nodes[:2]] == ["198.18.1.1", "198.18.1.2"]
+    assert len({n.state for n in nodes}) == len({n.namespace for n in nodes}) == 4
     assert len({n.containerd_socket for n in nodes}) == 4
 
 
@@ -39,7 +43,7 @@ def test_pods_get_addresses_of_their_node() -> None:
 
 
 def test_the_kubelet_never_collects_images() -> None:
-    config = node.kubelet_config(FIRST)
+    config = node.kubelet_config(FIRST, count=1, memory=MEMORY)
     assert config["imageGCHighThresholdPercent"] == 100
     assert config["evictionHard"]["nodefs.available"] == "1%"
     assert config["cgroupRoot"] == "/bagpipe/bagpipe-0"
@@ -59,7 +63,7 @@ def test_control_plane_writes_below_its_state_only() -> None:
     flags = [
         *control_plane.etcd_flags(),
         *control_plane.apiserver_flags(),
-        *control_plane.controller_manager_flags(),
+        *control_plane.controller_manager_flags(1),
         *control_plane.scheduler_flags(),
     ]
     paths = [f.split("=", 1)[1] for f in flags if "=/" in f]
@@ -68,8 +72,10 @@ def test_control_plane_writes_below_its_state_only() -> None:
 
 
 def test_every_identity_has_a_file_of_its_own() -> None:
-    files = [who.file for who in certificates.identities()]
+    files = [who.file for who in certificates.identities(first_nodes(1))]
     assert len(files) == len(set(files)) == 7
+    several = [who.file for who in certificates.identities(first_nodes(3))]
+    assert several == [*files, "kubelet-1", "kubelet-2"]
     kubelet = certificates.kubelet_identity(FIRST)
     assert kubelet.subject == "/O=system:nodes/CN=system:node:bagpipe-0"
     assert kubelet.names == ("DNS:bagpipe-0", "IP:198.18.0.2")

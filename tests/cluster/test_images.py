@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import build
@@ -10,6 +12,7 @@ import context
 import engines
 import pytest
 from context import IMAGES, BuildError, Image
+from lock import LockError, locked
 
 
 @pytest.fixture
@@ -27,6 +30,9 @@ def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Image:
 def test_the_names_are_those_of_the_contract() -> None:
     assert {i.reference for i in IMAGES} == {
         "bagpipe.local/agent:0.1.0",
+        "bagpipe.local/example-nodes:0.1.0",
+        "bagpipe.local/barrier-car:0.1.0",
+        "bagpipe.local/exec-highway:0.1.0",
         "bagpipe.local/operator:0.1.0",
         "bagpipe.local/robot-state-publisher:0.1.0",
         "bagpipe.local/ros:0.1.0",
@@ -102,3 +108,47 @@ def test_never_deletes_into_a_mount(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     mounted.clear()
     engines.remove_tree(tmp_path)
     assert not tmp_path.exists()
+
+
+def test_the_same_sources_give_the_same_wheel(tmp_path: Path) -> None:
+    # Side by side, as two checkouts that share the cache may build it.
+    with ThreadPoolExecutor(2) as pool:
+        wheels = list(pool.map(context.memory_bag, [tmp_path / "one", tmp_path / "two"]))
+    names = {wheel.name for wheel in wheels}
+    assert names == {"bagpipe_bag-0.1.0-cp311-abi3-manylinux_2_34_x86_64.whl"}
+    assert wheels[0].read_bytes() == wheels[1].read_bytes()
+    with zipfile.ZipFile(wheels[0]) as wheel:
+        held = {Path(name).name for name in wheel.namelist() if "dist-info" not in name}
+    assert held == {"__init__.py", "__init__.pyi", "bagpipe_bag.abi3.so", "py.typed"}
+
+
+def test_only_the_spark_image_gets_the_native_module(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def compiled(_what: str, command: list[str], **_environment: str) -> None:
+        folder = Path(command[command.index("--out") + 1])
+        (folder / "bagpipe_bag-0.1.0.whl").touch()
+
+    monkeypatch.setenv("BAGPIPE_CACHE", str(tmp_path))
+    monkeypatch.setattr(context, "compile_rust", compiled)
+    monkeypatch.setattr(context, "requirements", lambda *_: None)
+    staged = {i.name: context.stage(i) for i in IMAGES if i.name in {"operator", "spark"}}
+    found = {name: [p.name for p in folder.rglob("*.whl")] for name, folder in staged.items()}
+    assert found == {"operator": [], "spark": ["bagpipe_bag-0.1.0.whl"]}
+
+
+def test_a_module_that_does_not_compile_is_said_with_cargos_last_lines(tmp_path: Path) -> None:
+    command = ["sh", "-c", "echo 'error: no such crate' >&2; exit 101"]
+    with pytest.raises(BuildError, match=r"could not build it in images/ros.*\nerror: no such"):
+        context.compile_rust("it", command)
+    with pytest.raises(BuildError, match="maturin left 0 wheels"):
+        context.one_wheel(tmp_path)
+
+
+def test_a_lock_that_is_held_is_waited_for_and_then_said(tmp_path: Path) -> None:
+    path = tmp_path / "folder" / "lock"
+    refusal = pytest.raises(LockError, match=r"has held .*lock for too long")
+    with locked(path), refusal, locked(path, seconds=0.0):
+        pass
+    with locked(path, seconds=0.0):
+        assert path.exists()

@@ -56,6 +56,22 @@ def test_makes_a_volume_for_a_claim_with_a_node() -> None:
 
 
 @pytest.mark.parametrize(
+    ("modes", "anywhere"),
+    [
+        (["ReadWriteOnce"], False),
+        (["ReadWriteOncePod"], False),
+        (["ReadWriteMany"], True),
+        (["ReadOnlyMany"], True),
+        (["ReadWriteOnce", "ReadWriteMany"], True),
+    ],
+)
+def test_a_volume_for_many_is_bound_to_no_node(modes: list[str], anywhere: bool) -> None:
+    (made,) = plan([claim("u1", accessModes=modes)], [], []).create
+    assert ("nodeAffinity" not in made["spec"]) == anywhere
+    assert made["spec"]["accessModes"] == modes
+
+
+@pytest.mark.parametrize(
     "other",
     [
         claim("u1", storageClassName="other"),

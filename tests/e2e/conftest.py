@@ -20,11 +20,22 @@ def namespace() -> Iterator[str]:
     """A fresh namespace with the driver's rights and both claims; removed after the run."""
     name = f"bagpipe-e2e-{uuid.uuid4().hex[:6]}"
     k.kubectl("create", "namespace", name)
+    # Whatever we create has to pass the strictest of Kubernetes' levels.
+    k.kubectl("label", "namespace", name, "pod-security.kubernetes.io/enforce=restricted")
     k.kubectl("apply", "-f", "-", given=_driver_rights(name))
-    k.kubectl("-n", name, "apply", "-f", str(EXAMPLE / "volumes.yaml"))
+    k.kubectl("-n", name, "apply", "-f", "-", given=_claims())
     k.start_toolbox(name)
     yield name
     k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=100s")
+
+
+def _claims() -> str:
+    """The example's claims; on several nodes of the embedded cluster for pods on all of them."""
+    text = (EXAMPLE / "volumes.yaml").read_text()
+    embedded = k.tool_environment()["KUBECONFIG"] == k.EMBEDDED_KUBECONFIG
+    if embedded and len(k.items("default", "nodes")) > 1:
+        return text.replace("[ReadWriteOnce]", "[ReadWriteMany]")
+    return text
 
 
 def _driver_rights(namespace: str) -> str:

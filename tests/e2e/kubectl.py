@@ -15,6 +15,14 @@ Object = dict[str, Any]
 _COMMAND_SECONDS = 120
 EMBEDDED_KUBECONFIG = "/var/lib/bagpipe/kubeconfig"
 TOOLBOX = "toolbox"
+# The tests' namespace enforces the Pod Security level restricted, for their own pods too.
+RESTRICTED: Object = {
+    "allowPrivilegeEscalation": False,
+    "capabilities": {"drop": ["ALL"]},
+    "runAsNonRoot": True,
+    "runAsUser": 10001,
+    "seccompProfile": {"type": "RuntimeDefault"},
+}
 
 
 class KubectlError(Exception):
@@ -95,6 +103,7 @@ def start_toolbox(namespace: str) -> None:
                     "image": "bagpipe.local/ros:0.1.0",
                     "imagePullPolicy": "IfNotPresent",
                     "command": ["sleep", "86400"],
+                    "securityContext": RESTRICTED,
                     "volumeMounts": mounts,
                 }
             ],

@@ -68,6 +68,25 @@ PROGRAMS = [
     ),
     Program("pause"),
 ]
+# No part of the cluster: the tests of storage start it.
+S3_SERVER = Program(
+    "versitygw",
+    package="github.com/versity/versitygw/cmd/versitygw",
+    expect="about two minutes",
+)
+# No part of the cluster either: the operator's bench starts them.
+KWOK = Program("kwok", package="sigs.k8s.io/kwok/cmd/kwok", expect="about two minutes")
+SPARK_OPERATOR = Program(
+    "spark-operator",
+    package="github.com/kubeflow/spark-operator/v2/cmd/operator",
+    expect="about two minutes",
+)
+# No part of it either: the tests of the chart's templates run it.
+CHART_TESTS = Program(
+    "helm-unittest",
+    package="github.com/helm-unittest/helm-unittest/cmd/helm-unittest",
+    expect="about a minute",
+)
 
 
 def key(program: Program, folder: Path) -> str:
@@ -125,6 +144,21 @@ def ensure(program: Program) -> Path:
         shutil.rmtree(temporary, ignore_errors=True)
     print(f"  built {program.folder} in {time.monotonic() - began:.0f} s", flush=True)
     return finished
+
+
+def module_of(program: Program) -> Path:
+    """The folder of the sources of a program that is built from a published module."""
+    done = subprocess.run(
+        ["go", "list", "-f", "{{.Module.Dir}}", program.package],
+        cwd=sources() / program.folder,
+        capture_output=True,
+        text=True,
+        timeout=BUILD_SECONDS,
+        check=False,
+    )
+    if done.returncode:
+        raise ClusterError(f"The sources of {program.folder} can't be had:\n{done.stderr}")
+    return Path(done.stdout.strip())
 
 
 def binaries() -> Path:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from .failure import ClusterError
-from .places import API_SERVER, API_SERVICE, DOMAIN, KUBECONFIG, NAME, PKI, Node, nodes
+from .places import API_SERVER, API_SERVICE, DOMAIN, FIRST, KUBECONFIG, NAME, PKI, Node
 
 DAYS = "365"
 
@@ -38,9 +38,8 @@ def kubelet_identity(node: Node) -> Identity:
     )
 
 
-def identities() -> list[Identity]:
-    """Everyone who serves or calls the API."""
-    first = nodes()[0]
+def identities(nodes: list[Node]) -> list[Identity]:
+    """Everyone who serves or calls the API of a cluster of these nodes."""
     api = (
         "DNS:kubernetes",
         "DNS:kubernetes.default",
@@ -49,7 +48,7 @@ def identities() -> list[Identity]:
         "DNS:localhost",
         "IP:127.0.0.1",
         f"IP:{API_SERVICE}",
-        f"IP:{first.address}",
+        f"IP:{FIRST.address}",
     )
     return [
         Identity("apiserver", "kube-apiserver", names=api),
@@ -59,7 +58,7 @@ def identities() -> list[Identity]:
         Identity("scheduler", "system:kube-scheduler"),
         Identity("proxy", "system:kube-proxy"),
         Identity("admin", "kubernetes-admin", "system:masters"),
-        *map(kubelet_identity, nodes()),
+        *map(kubelet_identity, nodes),
     ]
 
 
@@ -125,7 +124,7 @@ def write_private(path: Path, text: str) -> None:
         file.write(text)
 
 
-def create() -> None:
+def create(nodes: list[Node]) -> None:
     """Make the authority, all certificates, all kubeconfigs and the service accounts' key."""
     PKI.mkdir(parents=True, exist_ok=True)
     PKI.chmod(0o700)
@@ -134,7 +133,7 @@ def create() -> None:
         *("-addext", "keyUsage=critical,keyCertSign,cRLSign", "-days", DAYS),
         *("-out", PKI / "ca.crt"),
     )
-    for who in identities():
+    for who in identities(nodes):
         issue(who)
         write_private(PKI / f"{who.file}.kubeconfig", kubeconfig(who.file))
     openssl("ec", "-in", key("service-accounts"), "-pubout", "-out", PKI / "service-accounts.pub")

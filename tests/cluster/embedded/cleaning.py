@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
 from . import cgroups, network, processes
 from .failure import ClusterError, wait_until
-from .places import API_PORT, FIRST, NAME, RUN, STATE, Node, nodes
+from .places import API_PORT, FIRST, NAME, RUN, STATE, Node, possible_nodes
 
 # Folders that the kubelet, CNI and containerd's shims use whatever they are told.
 SHARED = [
@@ -50,11 +51,16 @@ def unmount_all() -> None:
 def stop_processes() -> None:
     """The kubelet first, so that nobody restarts a container; etcd last, so that nobody waits."""
     running = processes.names()
-    order = {"kubelet": 0, "kube-apiserver": 2, "etcd": 3}
-    ranks = {name: order.get(name.rsplit("-0", 1)[0], 1) for name in running}
+    ranks = {name: stop_rank(name) for name in running}
     for rank in sorted(set(ranks.values())):
         processes.stop([name for name in running if ranks[name] == rank])
     cgroups.kill_all()
+
+
+def stop_rank(name: str) -> int:
+    """When a daemon is stopped, the lowest rank first; a node's daemons end in its index."""
+    order = {"kubelet": 0, "kube-apiserver": 2, "etcd": 3}
+    return order.get(re.sub(r"-\d+$", "", name), 1)
 
 
 def remove_shim_sockets(node: Node) -> None:
@@ -93,7 +99,7 @@ def sandboxes(result: str) -> list[Path]:
 
 def remove_netns_mount() -> None:
     """`ip netns add` mounts /run/netns on itself, once, and nothing ever takes that back."""
-    folder = nodes()[0].namespace.parent
+    folder = FIRST.namespace.parent
     if folder.is_dir() and not any(folder.iterdir()):
         subprocess.run(["umount", folder], capture_output=True, check=False)
         with contextlib.suppress(OSError):
@@ -123,10 +129,11 @@ def down() -> None:
     if STATE.is_dir():
         stop_processes()
     cgroups.kill_all()
-    for node in nodes():
+    for node in possible_nodes():
         remove_strays(node)
     unmount_all()
-    for node in nodes():
+    network.remove_switch()
+    for node in possible_nodes():
         network.remove(node)
     cgroups.remove()
     for root in (RUN, STATE):

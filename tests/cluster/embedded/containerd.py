@@ -18,7 +18,7 @@ CNI_PLUGINS = Path("/usr/lib/cni")
 def config(node: Node) -> str:
     """containerd's configuration, format 2 (containerd 1.5 and later)."""
     return f"""version = 2
-root = "{node.state}/containerd"
+root = "{root(node)}"
 state = "{node.run}/containerd"
 disabled_plugins = ["io.containerd.internal.v1.opt", "io.containerd.tracing.processor.v1.otlp",
   "io.containerd.snapshotter.v1.aufs", "io.containerd.snapshotter.v1.btrfs",
@@ -96,6 +96,16 @@ def answers(node: Node) -> bool:
     return True
 
 
+def daemon_name(node: Node) -> str:
+    """The name of a node's containerd among the daemons."""
+    return f"containerd-{node.index}"
+
+
+def root(node: Node) -> Path:
+    """Where a node's containerd keeps images and the file systems of containers."""
+    return node.state / "containerd"
+
+
 def start_on(node: Node, binaries: Path) -> None:
     """Start containerd and give it the image of the pause container."""
     network = CONFIG / f"cni-{node.index}"
@@ -104,7 +114,7 @@ def start_on(node: Node, binaries: Path) -> None:
     node.run.mkdir(parents=True, exist_ok=True)
     path = CONFIG / f"containerd-{node.index}.toml"
     path.write_text(config(node))
-    name = f"containerd-{node.index}"
+    name = daemon_name(node)
     start(name, ["containerd", "--config", path], node=node)
     await_ready(name, lambda: answers(node))
     archive = STATE / "pause.tar"

@@ -8,7 +8,7 @@ from pathlib import Path
 from .containerd import ctr
 from .failure import ClusterError
 from .oci import names_and_digests
-from .places import cache, nodes
+from .places import Node, cache, nodes
 
 
 def folder() -> Path:
@@ -35,17 +35,27 @@ def parse_listing(text: str) -> dict[str, str]:
 
 def load(images: list[str]) -> None:
     """Import archives (all that were built, if none is named) that a node has not yet."""
-    archives = [archive_of(i) for i in images] or sorted(folder().glob("*.oci.tar"))
+    archives = [archive_of(i) for i in images] or built()
     if not archives:
         raise ClusterError(f"There are no archives in {folder()}; run `make images` first.")
     for node in nodes():
-        loaded = parse_listing(ctr(node, "images", "list"))
-        for archive in archives:
-            found = names_and_digests(archive)
-            if all(loaded.get(name) == digest for name, digest in found.items()):
-                print(f"  {', '.join(found)}: already on {node.name}")
-                continue
-            began = time.monotonic()
-            ctr(node, "images", "import", archive)
-            seconds = time.monotonic() - began
-            print(f"  {', '.join(found)}: loaded on {node.name} in {seconds:.1f} s", flush=True)
+        load_on(node, archives)
+
+
+def built() -> list[Path]:
+    """The archives of all images that were built."""
+    return sorted(folder().glob("*.oci.tar"))
+
+
+def load_on(node: Node, archives: list[Path]) -> None:
+    """Import those of the archives that the node has not yet."""
+    loaded = parse_listing(ctr(node, "images", "list"))
+    for archive in archives:
+        found = names_and_digests(archive)
+        if all(loaded.get(name) == digest for name, digest in found.items()):
+            print(f"  {', '.join(found)}: already on {node.name}")
+            continue
+        began = time.monotonic()
+        ctr(node, "images", "import", archive)
+        seconds = time.monotonic() - began
+        print(f"  {', '.join(found)}: loaded on {node.name} in {seconds:.1f} s", flush=True)

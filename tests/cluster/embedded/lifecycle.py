@@ -23,12 +23,14 @@ from . import (
     node,
     places,
     processes,
+    stores,
     tools,
+    traces,
     volumes,
 )
 from .api import Api
 from .failure import ClusterError, wait_until
-from .places import KUBECONFIG, LOCK, LOGS, RECORD, STATE, nodes
+from .places import KUBECONFIG, LOCK, LOGS, NODE_COUNT, RECORD, STATE, nodes
 from .processes import names, recall
 
 LOCK_SECONDS = 1800.0  # as long as another's first `up` may take to build
@@ -67,6 +69,7 @@ def fingerprint(binaries: Path) -> str:
         node,
         places,
         processes,
+        stores,
         volumes,
     ):
         digest.update(Path(str(module.__file__)).read_bytes())
@@ -93,16 +96,37 @@ def troubles() -> list[str]:
     api = Api()
     if not api.healthy():
         return [*found, "The API server is not ready."]
-    found += [f"Node {n.name} is not ready." for n in nodes() if not api.node_ready(n.name)]
+    for each in nodes():
+        if not api.node_ready(each.name):
+            found.append(f"Node {each.name} is not ready.")
+        if network.cut_off(each):
+            found.append(f"Node {each.name} is cut off from the others.")
     if not addons.dns_ready():
         found.append("CoreDNS is not ready.")
     return found
 
 
-def up() -> None:
-    """Start the cluster unless this very one is up and healthy."""
+def demand_count(count: int) -> None:
+    """Raise ClusterError if a cluster of another number of nodes is running."""
+    there = len(nodes())
+    running = any(process.alive for name in names() if (process := recall(name)))
+    if running and count != there:
+        raise ClusterError(
+            f"A cluster of NODES={there} is running and NODES={count} is asked for. Nodes can't "
+            "be added or taken away: `make down` removes the cluster and all in it, then try again."
+        )
+
+
+def up(count: int | None = None) -> None:
+    """Start the cluster unless this very one is up and healthy.
+
+    `count` is the number of nodes: None asks for as many as there are, or one where there are
+    none. Raises ClusterError if another number of nodes is running.
+    """
     with locked():
         began = time.monotonic()
+        count = count or len(nodes())
+        demand_count(count)
         binaries = builds.binaries()
         tools.link()
         if recorded() == fingerprint(binaries):
@@ -112,21 +136,27 @@ def up() -> None:
                 return
             print("  " + " ".join(found) + " Starting anew.", flush=True)
         cleaning.down()
-        start(binaries)
+        start(binaries, count)
         took = time.monotonic() - began
         print(f"  the cluster is up after {took:.1f} s; KUBECONFIG={KUBECONFIG}")
 
 
-def start(binaries: Path) -> None:
+def start(binaries: Path, count: int) -> None:
     STATE.mkdir(parents=True)
     STATE.chmod(0o755)
-    certificates.create()
+    NODE_COUNT.write_text(f"{count}\n")
+    certificates.create(nodes())
     for each in nodes():
         cgroups.create(each)
         network.create(each)
-    control_plane.start_all(binaries)
+    network.connect(nodes())
+    if count > 1:
+        stores.share(nodes(), binaries)
+    control_plane.start_all(binaries, count)
     for each in nodes():
-        node.start_node(each, binaries)
+        node.start_node(each, binaries, count)
+    for each in nodes():
+        node.await_node(each)
     addons.start_all(binaries)
     processes.demand_all_alive()
     RECORD.write_text(json.dumps({"fingerprint": fingerprint(binaries)}))
@@ -136,6 +166,10 @@ def down() -> None:
     with locked():
         began = time.monotonic()
         cleaning.down()
+        left = traces.left()
+        if left:
+            listed = "\n".join(f"  - {trace}" for trace in left)
+            raise ClusterError(f"something of the cluster is left:\n{listed}")
         print(f"  nothing of the cluster is left ({time.monotonic() - began:.1f} s)")
         LOCK.unlink(missing_ok=True)
 
@@ -145,6 +179,8 @@ def status() -> None:
     if found:
         raise ClusterError(" ".join(found))
     print(f"The cluster is healthy; KUBECONFIG={KUBECONFIG}")
+    for each in nodes():
+        print(f"  node {each.name}: {each.address}, pods {each.pod_cidr}")
     for name in names():
         process = recall(name)
         print(f"  {name}: pid {process.pid if process else '-'}")

@@ -8,14 +8,38 @@ from pathlib import Path
 from . import containerd
 from .api import Api, Object
 from .certificates import kubelet_identity
+from .control_plane import SILENCE_SECONDS
 from .places import CONFIG, DNS_SERVICE, DOMAIN, FIRST, PKI, POD_CIDR, Node
 from .processes import await_ready, start
 
 MAX_PODS = 200  # of the 253 addresses in a node's /24
 
 
-def kubelet_config(node: Node) -> Object:
-    """KubeletConfiguration, for a small machine whose disk and memory others use too."""
+def machine_memory(meminfo: str) -> int:
+    """The machine's memory in KiB from the text of /proc/meminfo."""
+    return int(meminfo.partition("MemTotal:")[2].split()[0])
+
+
+def several_nodes(count: int, memory: int) -> Object:
+    """What a kubelet is told when the machine of `memory` KiB carries `count` of them.
+
+    Each would offer all of the machine. Memory is shared out, so that the nodes together never
+    promise more than there is; processors are not, for they can be shared while in use.
+    """
+    if count == 1:
+        return {}
+    return {
+        "systemReserved": {"memory": f"{memory - memory // count}Ki"},
+        # The lease is renewed four times in its time: often enough for SILENCE_SECONDS.
+        "nodeLeaseDurationSeconds": SILENCE_SECONDS,
+    }
+
+
+def kubelet_config(node: Node, count: int, memory: int) -> Object:
+    """KubeletConfiguration, for a small machine whose disk and memory others use too.
+
+    `count` is the number of nodes, `memory` the machine's in KiB.
+    """
     identity = kubelet_identity(node)
     return {
         "apiVersion": "kubelet.config.k8s.io/v1beta1",
@@ -55,6 +79,7 @@ def kubelet_config(node: Node) -> Object:
         "nodeStatusUpdateFrequency": "5s",
         "registerNode": True,
         "featureGates": {},
+        **several_nodes(count, memory),
     }
 
 
@@ -89,17 +114,31 @@ def proxy_config(node: Node) -> Object:
     }
 
 
-def start_node(node: Node, binaries: Path) -> None:
-    """Start a node and wait until the API server calls it ready."""
+def kubelet_name(node: Node) -> str:
+    """The name of a node's kubelet among the daemons."""
+    return f"kubelet-{node.index}"
+
+
+def start_kubelet(node: Node, binaries: Path) -> None:
+    """Start the kubelet of a node whose configuration is written."""
+    start(kubelet_name(node), [binaries / "kubelet", *kubelet_flags(node)], node=node)
+
+
+def start_node(node: Node, binaries: Path, count: int) -> None:
+    """Start the daemons of one of `count` nodes; `await_node` waits for them."""
     CONFIG.mkdir(parents=True, exist_ok=True)
     node.state.mkdir(parents=True, exist_ok=True)
     (CONFIG / "resolv.conf").write_text(f"nameserver {FIRST.address}\n")
     kubelet, proxy = CONFIG / f"kubelet-{node.index}.json", CONFIG / f"proxy-{node.index}.json"
-    kubelet.write_text(json.dumps(kubelet_config(node), indent=1))
+    memory = machine_memory(Path("/proc/meminfo").read_text())
+    kubelet.write_text(json.dumps(kubelet_config(node, count, memory), indent=1))
     proxy.write_text(json.dumps(proxy_config(node), indent=1))
     containerd.start_on(node, binaries)
-    name = f"kubelet-{node.index}"
-    start(name, [binaries / "kubelet", *kubelet_flags(node)], node=node)
+    start_kubelet(node, binaries)
     start(f"kube-proxy-{node.index}", [binaries / "kube-proxy", f"--config={proxy}"], node=node)
+
+
+def await_node(node: Node) -> None:
+    """Wait until the API server calls the node ready."""
     api = Api()
-    await_ready(name, lambda: api.node_ready(node.name), seconds=90)
+    await_ready(kubelet_name(node), lambda: api.node_ready(node.name), seconds=90)

@@ -20,6 +20,7 @@ CONFIG = STATE / "config"
 VOLUMES = STATE / "volumes"
 KUBECONFIG = STATE / "kubeconfig"
 RECORD = STATE / "cluster.json"
+NODE_COUNT = STATE / "node-count"
 LOCK = Path("/run/lock/bagpipe-cluster.lock")
 
 # One tree of control groups holds the daemons and, below the kubelet's own group, all pods.
@@ -33,6 +34,9 @@ DNS_SERVICE = "10.96.0.10"
 DOMAIN = "cluster.local"
 POD_CIDR = "10.244.0.0/16"
 API_PORT = 6443
+
+# Each node has its own containerd, kubelet and kube-proxy; more would crowd out what is tested.
+MOST_NODES = 8
 
 
 def cache() -> Path:
@@ -70,6 +74,11 @@ class Node:
         return f"198.18.0.{4 * self.index + 2}"
 
     @property
+    def peer_address(self) -> str:
+        """The node's place at the switch that joins several nodes, on a /24."""
+        return f"198.18.1.{self.index + 1}"
+
+    @property
     def pod_cidr(self) -> str:
         return f"10.244.{self.index}.0/24"
 
@@ -97,5 +106,22 @@ API_SERVER = f"https://{FIRST.address}:{API_PORT}"
 
 
 def nodes() -> list[Node]:
-    """All nodes. One for now: with more, their veth pairs need routes between them."""
-    return [FIRST]
+    """The nodes of the cluster that is there; the first alone where none is."""
+    try:
+        return first_nodes(int(NODE_COUNT.read_text()))
+    except (FileNotFoundError, ValueError):
+        return [FIRST]
+
+
+def first_nodes(count: int) -> list[Node]:
+    return [Node(index) for index in range(count)]
+
+
+def possible_nodes() -> list[Node]:
+    """Every node that any cluster may have had, for taking away what is left of one."""
+    return first_nodes(MOST_NODES)
+
+
+def node_named(name: str) -> Node | None:
+    """The cluster's node of that name, if it has one."""
+    return next((node for node in nodes() if node.name == name), None)

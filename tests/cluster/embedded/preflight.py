@@ -12,7 +12,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from .failure import ClusterError
@@ -20,6 +21,7 @@ from .places import STATE, cache
 
 Version = tuple[int, ...]
 APT_SECONDS = 1500.0
+SERVICE_POLICY = Path("/usr/sbin/policy-rc.d")
 FREE_GIB = 15
 
 PACKAGES = {
@@ -34,7 +36,9 @@ PACKAGES = {
         "util-linux",
     ],
     "images": ["buildah", "mmdebstrap"],
-    "tools": ["dpkg-dev", "python3-venv", "shellcheck"],
+    # A real browser for the tests of the report.
+    "browser": ["chromium", "chromium-driver"],
+    "tools": ["dpkg-dev", "prometheus", "python3-venv", "shellcheck"],
     "integration": [
         "g++",
         "libroscpp-dev",
@@ -43,10 +47,14 @@ PACKAGES = {
         "libstd-msgs-dev",
         "libtf2-msgs-dev",
         "make",
+        "maven",
         "openjdk-17-jre-headless",
+        "python3-geometry-msgs",
+        "python3-nav-msgs",
         "python3-rosbag",
         "python3-rosmaster",
         "python3-rosnode",
+        "python3-rosparam",
         "python3-rospy",
         "python3-rostopic",
         "python3-sensor-msgs",
@@ -146,7 +154,9 @@ def machine(*folders: Path) -> list[str]:
 def languages() -> list[str]:
     """What is wrong with the languages' tools. Java is not here: apt has it."""
     checks: list[Callable[[], str | None]] = [
-        lambda: tool("Go", ["go", "version"], (1, 24), "build Kubernetes 1.34"),
+        lambda: tool(
+            "Go", ["go", "version"], (1, 25), "build Kubernetes 1.34 and the tests' S3 server"
+        ),
         lambda: tool("Rust", ["cargo", "--version"], (1, 88), "build the agent"),
         lambda: tool("Python", ["python3", "--version"], (3, 11), "run Bagpipe"),
     ]
@@ -187,6 +197,23 @@ def apt(*arguments: str) -> None:
         raise ClusterError(f"`{' '.join(command)}` failed; it said last:\n{last}")
 
 
+@contextmanager
+def services_held(policy: Path = SERVICE_POLICY) -> Iterator[None]:
+    """Keeps Debian from starting what it installs: the tests start their own Prometheus.
+
+    A policy that the machine has already is left as it is.
+    """
+    if policy.exists():
+        yield
+        return
+    policy.write_text("#!/bin/sh\nexit 101\n")
+    policy.chmod(0o755)
+    try:
+        yield
+    finally:
+        policy.unlink()
+
+
 def install(packages: list[str]) -> None:
     """Install what is missing, after one look at what the archive has now."""
     wanted = missing(packages)
@@ -194,7 +221,8 @@ def install(packages: list[str]) -> None:
         return
     print(f"  installing with apt: {' '.join(wanted)}", flush=True)
     apt("update")
-    apt("install", "--yes", "--no-install-recommends", *wanted)
+    with services_held():
+        apt("install", "--yes", "--no-install-recommends", *wanted)
     left = missing(wanted)
     if left:
         raise ClusterError(f"apt did not install {', '.join(left)}.")

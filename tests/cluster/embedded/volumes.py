@@ -1,4 +1,8 @@
-"""The default StorageClass `local`: a folder of the node for each claim.
+"""The default StorageClass `local`: a folder of the machine for each claim.
+
+All nodes are this one machine, so a folder can be offered to all of them, and is, to a claim
+that asks for ReadWriteMany or ReadOnlyMany. A claim for ReadWriteOnce gets a volume of the node
+that its first pod was sent to, as it would from a class of local disks.
 
 A daemon of ours makes a PersistentVolume for each claim of the class that a pod waits for, and
 removes the folder and the volume once the claim is gone. It looks at everything once a second
@@ -21,6 +25,7 @@ CLASS = "local"
 PROVISIONER = "bagpipe.io/local"
 LOOK_SECONDS = 1.0
 COLLECTION = "/api/v1/persistentvolumes"
+SHARED_MODES = {"ReadWriteMany", "ReadOnlyMany"}
 SELECTED_NODE = "volume.kubernetes.io/selected-node"
 
 
@@ -34,7 +39,7 @@ def storage_class() -> Object:
         },
         "provisioner": PROVISIONER,
         "reclaimPolicy": "Delete",
-        # A folder belongs to a node, so the scheduler's choice of the node has to come first.
+        # A volume for one node belongs to it, so the scheduler's choice has to come first.
         "volumeBindingMode": "WaitForFirstConsumer",
     }
 
@@ -43,8 +48,6 @@ def volume_for(claim: Object) -> Object:
     """The volume of a claim. hostPath knows no quota: the size is the claim's word only."""
     meta, spec = claim["metadata"], claim["spec"]
     name = f"pvc-{meta['uid']}"
-    node = meta["annotations"][SELECTED_NODE]
-    hostname = {"key": "kubernetes.io/hostname", "operator": "In", "values": [node]}
     return {
         "apiVersion": "v1",
         "kind": "PersistentVolume",
@@ -59,7 +62,7 @@ def volume_for(claim: Object) -> Object:
             "volumeMode": "Filesystem",
             "persistentVolumeReclaimPolicy": "Delete",
             "hostPath": {"path": str(VOLUMES / name), "type": "Directory"},
-            "nodeAffinity": {"required": {"nodeSelectorTerms": [{"matchExpressions": [hostname]}]}},
+            **affinity(spec["accessModes"], meta["annotations"][SELECTED_NODE]),
             "claimRef": {
                 "apiVersion": "v1",
                 "kind": "PersistentVolumeClaim",
@@ -69,6 +72,14 @@ def volume_for(claim: Object) -> Object:
             },
         },
     }
+
+
+def affinity(modes: list[str], node: str) -> Object:
+    """Where a volume of these access modes can be had: on its node, or anywhere."""
+    if SHARED_MODES & set(modes):
+        return {}
+    hostname = {"key": "kubernetes.io/hostname", "operator": "In", "values": [node]}
+    return {"nodeAffinity": {"required": {"nodeSelectorTerms": [{"matchExpressions": [hostname]}]}}}
 
 
 def wanted(claim: Object) -> bool:

@@ -1,0 +1,134 @@
+"""Suspend, deadlines, removal and going on, with real pods: nothing that is done is run again."""
+
+import json
+from datetime import UTC, datetime
+from typing import Any
+
+import pytest
+
+from tests.e2e import fleet, jobs
+from tests.e2e import kubectl as k
+
+pytestmark = pytest.mark.e2e
+
+# Of the fleet's files, so many that a suspension falls among them.
+CASES = 40
+SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
+WIDTH = {"executors": 1, "slots": 2, "driver": SMALL, "executor": SMALL}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def files(namespace: str) -> None:
+    """The inputs on the claim."""
+    fleet.put_files(namespace)
+
+
+def make_job(name: str, **changed: Any) -> k.Object:
+    """40 cases of a second each, two at a time."""
+    inputs = [f"pvc://recordings/{fleet.FOLDER}/{n:03d}.bin" for n in range(CASES)]
+    return fleet.make_job(name, source={"files": inputs}, spark=WIDTH, **changed)
+
+
+def edit(namespace: str, name: str, **spec: object) -> None:
+    k.kubectl(
+        "-n", namespace, "patch", "simjob", name, "--type", "merge", "-p",
+        json.dumps({"spec": spec}),
+    )  # fmt: skip
+
+
+def await_passed(namespace: str, name: str, least: int) -> None:
+    def look() -> bool:
+        status = k.get(namespace, "simjob", name).get("status", {})
+        return bool(status.get("cases", {}).get("passed", 0) >= least)
+
+    k.await_that(f"{least} cases of {name} to pass", look, 240)
+
+
+def await_condition(namespace: str, name: str, type_: str, seconds: int) -> k.Object:
+    k.kubectl(
+        "-n", namespace, "wait", f"--for=condition={type_}", f"simjob/{name}",
+        f"--timeout={seconds}s", seconds=seconds + 10,
+    )  # fmt: skip
+    return k.get(namespace, "simjob", name)
+
+
+def seconds_active(namespace: str, name: str) -> int:
+    """For how long a job has been at work, as its deadline counts it."""
+    began = datetime.fromisoformat(k.get(namespace, "simjob", name)["status"]["startTime"])
+    return int((datetime.now(UTC) - began).total_seconds())
+
+
+def pods_of(namespace: str, name: str) -> list[str]:
+    found = k.items(namespace, "pods", "-l", f"sim.bagpipe.io/job={name}")
+    return [pod["metadata"]["name"] for pod in found]
+
+
+def recorded(namespace: str, job: k.Object) -> dict[str, str]:
+    """Case -> the recorded name, as the manifest counts it."""
+    manifest, _ = k.results(namespace, job["status"]["results"])
+    return {case["case"]: case["recorded"][0] for case in manifest["cases"]}
+
+
+def test_a_suspended_job_goes_on_and_runs_nothing_again(namespace: str) -> None:
+    with jobs.applied(namespace, make_job("rests", backoffLimit=0)) as name:
+        await_passed(namespace, name, 8)
+        edit(namespace, name, suspend=True)
+        status = await_condition(namespace, name, "Suspended", 120)["status"]
+        assert (status["phase"], pods_of(namespace, name)) == ("Suspended", [])
+        done = fleet.journaled(namespace, status["results"])
+        # The driver's last segment: nothing that had been counted was lost.
+        assert len(done) >= status["cases"]["passed"] >= 8
+        edit(namespace, name, suspend=False)
+        ended = await_condition(namespace, name, "Complete", 300)
+        assert ended["status"]["cases"]["passed"] == CASES
+        assert (ended["status"]["attempt"], ended["status"]["lostDrivers"]) == (2, 0)
+        counted = recorded(namespace, ended)
+        assert {case: counted[case] for case in done} == done
+
+
+@pytest.mark.unproven
+def test_a_deadline_keeps_what_is_done_and_another_job_goes_on_from_it(namespace: str) -> None:
+    with jobs.applied(namespace, make_job("late", activeDeadlineSeconds=3600)) as late:
+        await_passed(namespace, late, 2)
+        edit(namespace, late, activeDeadlineSeconds=seconds_active(namespace, late) + 3)
+        failed = await_condition(namespace, late, "Failed", 180)
+        assert jobs.condition(failed, "Failed")["reason"] == "DeadlineExceeded"
+        assert {"startTime", "completionTime"} <= set(failed["status"])
+        assert pods_of(namespace, late) == []
+        done = fleet.journaled(namespace, failed["status"]["results"])
+        assert 2 <= len(done) < CASES
+        with jobs.applied(namespace, make_job("later", resumeFrom=late)) as later:
+            ended = await_condition(namespace, later, "Complete", 300)
+            assert ended["status"]["cases"]["passed"] == CASES
+            counted = recorded(namespace, ended)
+            before = failed["status"]["results"]
+            assert {case: counted[case] for case in done} == {
+                case: f"{before}/{name}" for case, name in done.items()
+            }
+            _, rows = k.results(namespace, ended["status"]["results"])
+            assert sum(row.get("ran_in") == late for row in rows) == len(done)
+
+
+def test_an_ended_job_is_removed_with_its_pods_and_its_results_stay(namespace: str) -> None:
+    one = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
+    job = fleet.make_job("brief", spark=WIDTH, source=one, ttlSecondsAfterFinished=15)
+    with jobs.applied(namespace, job) as name:
+        status = await_condition(namespace, name, "Complete", 240)["status"]
+        k.kubectl(
+            "-n", namespace, "wait", "--for=delete", f"simjob/{name}", "--timeout=60s", seconds=70
+        )
+        k.await_that("its pods to go", lambda: pods_of(namespace, name) == [], 60)
+        manifest, _ = k.results(namespace, status["results"])
+        assert manifest["verdict"] == "Passed"
+
+
+def test_a_job_that_can_t_begin_in_time_says_why(namespace: str) -> None:
+    huge = {"resources": {"cpu": "500", "memory": "1Gi"}}
+    job = make_job("wide", startDeadlineSeconds=10)
+    job["spec"]["spark"] = WIDTH | {"driver": huge}
+    with jobs.applied(namespace, job) as name:
+        failed = await_condition(namespace, name, "Failed", 90)
+        told = jobs.condition(failed, "Failed")
+        assert told["reason"] == "StartDeadlineExceeded"
+        assert "has no node yet" in told["message"]
+        assert pods_of(namespace, name) == []
