@@ -17,6 +17,7 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 
+from tests import recording
 from tests.bench.rows import Row
 
 ROOT = Path(__file__).parents[2]
@@ -25,9 +26,26 @@ ROUNDS = 5
 NOTE = (
     "The paper's tests are 1,000,000 x 1 KB and 100,000 x 1 MB; scaled down to fit memory and "
     "time: 300,000 x 1 KB and 400 x 1 MB (lz4: 200,000 and 200; bz2: 10,000; Python's rosbag "
-    "50,000, rosbags 100,000). Bytes compress to about 55 %. Every program gets the same "
-    "messages; writing ends when the bag is whole; nobody waits for the disk."
+    "50,000, rosbags and bagpipe.MemoryBag 100,000). LZ4 compresses the bytes to about 55 %. "
+    "KITTI, Udacity and Autoware are bags of those recordings' topics, rates, sizes and "
+    "compression, scaled down to seconds; the others are real. Such a bag is read, and all its "
+    "messages are written again. Every program gets the same messages; writing ends when the bag "
+    "is whole; nobody waits for "
+    "the disk."
 )
+# Beside each bag's case, the file that `bench shapes` makes, or where the real one may lie.
+SHAPES = {
+    "KITTI, 3 s": "kitti.bag",
+    "Udacity, 3 s": "udacity.bag",
+    "Autoware campus, 1.5 s, lz4": "autoware.bag",
+}
+SHARED = ROOT.parent / "shared/data"
+RECORDINGS = {
+    "PR2 joint states, bz2": (recording.cached(), SHARED / "pr2_joint_states_bz2.bag"),
+    "Jackal, bz2": (SHARED / "jackal_bz2.bag",),
+    "Luminar, lz4": (SHARED / "luminar_lz4.bag",),
+    "arrays": (SHARED / "arrays.bag",),
+}
 # Debian's rosbag_storage needs these by hand.
 INCLUDES = ("pluginlib", "class_loader", "rcpputils", "rcutils", "ament_index_cpp")
 LIBRARIES = (
@@ -40,8 +58,9 @@ LIBRARIES = (
     "boost_filesystem",
 )
 CPP, MEMCPY = "rosbag C++, ", "memcpy"
+Comparison = tuple[str, str, str, float | None]
 # (metric, the peer's metric, peer, target); a case that the peer did not run gives no row.
-SMALL = [
+SMALL: list[Comparison] = [
     ("write", "write", CPP + "disk", 10.0),
     ("write", "write", CPP + "tmpfs", None),
     ("write", "write", CPP + "memfd", None),
@@ -58,10 +77,18 @@ SMALL = [
     ("read", "read", "rosbag Python, disk", None),
     ("read", "read", "rosbags, disk", None),
     ("read", "read", "mcap (Rust)", None),
+    ("read, all ordered first", "read", CPP + "disk cold", None),
+    ("read, all ordered first", "read", CPP + "disk hot", None),
     ("read and copy out", "read", CPP + "disk hot", None),
     ("read and copy out", "read and copy out", MEMCPY, None),
+    ("write from Python", "write", "rosbags, disk", None),
+    ("write from Python", "write", "rosbag Python, disk", None),
+    ("read from Python", "read", "rosbags, disk", None),
+    ("read from Python", "read", "rosbag Python, disk", None),
+    ("read from Python, from a file", "read", "rosbags, disk", None),
+    ("read from Python, from a file", "read", "rosbag Python, disk", None),
 ]
-LARGE = [
+LARGE: list[Comparison] = [
     ("write", "write", CPP + "disk", None),
     ("write", "write", CPP + "tmpfs", None),
     ("write", "write", CPP + "memfd", None),
@@ -74,11 +101,25 @@ LARGE = [
 ]
 
 
-def packed(target: float | None) -> list[tuple[str, str, str, float | None]]:
+def packed(target: float | None) -> list[Comparison]:
     return [
         ("write", "write", CPP + "disk", target),
         ("read", "read", CPP + "disk cold", target),
         ("read", "read", CPP + "disk hot", target),
+        ("size of the bag", "size of the bag", CPP + "disk", None),
+    ]
+
+
+def recorded(case: str) -> list[Comparison]:
+    """Of a bag of the shapes, or a real one: ours copies out as well, as the peers must."""
+    target = 2.0 if "lz4" in case else None
+    return [
+        ("write", "write", CPP + "disk", target),
+        ("write", "write", "rosbags, disk", None),
+        ("size of the bag", "size of the bag", CPP + "disk", None),
+        ("read and copy out", "read", CPP + "disk cold", target),
+        ("read and copy out", "read", CPP + "disk hot", target),
+        ("read and copy out", "read", "rosbags, disk", None),
     ]
 
 
@@ -88,6 +129,7 @@ COMPARISONS = {
     "1 KB lz4": packed(2.0),
     "1 MB lz4": packed(2.0),
     "1 KB bz2": packed(None),
+    **{case: recorded(case) for case in [*SHAPES, *RECORDINGS]},
 }
 # What is promised outright; the "peer" is the promise.
 PROMISES = {"s": ("the promise: 0.5 s", 0.5), "MB": ("the promise: 200 MB", 200.0)}
@@ -105,11 +147,14 @@ def measure() -> tuple[list[Row], dict[str, str], str]:
         payload = build / "payload"
         subprocess.run([ours, "payload", payload], check=True)
         scale = os.environ.get("BENCH_SCALE", "1")
+        listed = list_bags(ours, build, scale)
         programs: list[list[str | Path]] = [
             [ours, "--scale", scale],
-            [cpp, payload, build, memory, scale],
+            [ours, "again", listed],
+            [cpp, payload, build, memory, scale, listed],
             ["/usr/bin/python3", PEERS / "rosbag_python.py", payload, build, scale],
-            [sys.executable, PEERS / "rosbags_python.py", payload, build, scale],
+            [sys.executable, PEERS / "rosbags_python.py", payload, build, scale, listed],
+            [sys.executable, PEERS / "memory_bag_python.py", payload, build, scale],
         ]
         runs: Runs = defaultdict(list)
         units: dict[tuple[str, str], str] = {}
@@ -121,6 +166,23 @@ def measure() -> tuple[list[Row], dict[str, str], str]:
         shutil.rmtree(build)
         shutil.rmtree(memory)
     return rows(runs, units), versions(), NOTE
+
+
+def list_bags(ours: Path, folder: Path, scale: str) -> Path:
+    """The file that names the bags which every program reads; a real one that is not here is
+    left out, with a sentence."""
+    subprocess.run([ours, "--scale", scale, "shapes", folder], check=True)
+    found = {case: folder / file for case, file in SHAPES.items()}
+    for case, places in RECORDINGS.items():
+        there = [path for path in places if path.exists()]
+        if there:
+            found[case] = there[0]
+            continue
+        fetch = "; `python -m tests.recording` fetches it" if "PR2" in case else ""
+        print(f"    left out: {case}, which is not here{fetch}", file=sys.stderr, flush=True)
+    path = folder / "bags.txt"
+    path.write_text("".join(f"{case}\t{bag}\n" for case, bag in found.items()))
+    return path
 
 
 def take(program: list[str | Path], runs: Runs, units: dict[tuple[str, str], str]) -> None:

@@ -14,9 +14,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
+Json = dict[str, Any]
 RESULTS = Path(__file__).parent / "results"
-LESS_IS_BETTER = frozenset({"s", "ms", "us", "MB", "MiB", "messages"})
+LESS_IS_BETTER = frozenset({"s", "ms", "us", "MB", "MiB", "messages", "objects"})
 
 
 @dataclass(frozen=True)
@@ -45,31 +47,70 @@ class Row:
         return self.target is not None and self.ratio is not None and self.ratio < self.target
 
 
+@dataclass(frozen=True)
+class Load:
+    """One of a bench's loads that do not depend on each other: its rows, or why there are none."""
+
+    name: str
+    rows: Sequence[Row] = ()
+    failure: str = ""
+
+
 def write(bench: str, rows: Sequence[Row], versions: Mapping[str, str], note: str) -> Path:
     """Writes results/<bench>.json and returns its path."""
-    RESULTS.mkdir(exist_ok=True)
-    document = {
+    return _keep(_document(bench, [_as_object(row) for row in rows], versions, note))
+
+
+def merge(bench: str, rows: Sequence[Row], versions: Mapping[str, str], note: str) -> Path:
+    """Puts rows into results/<bench>.json, in which those of other loads stay; returns its path.
+
+    Each row says when and at which commit it was measured; the rest is the last writer's.
+    """
+    path = RESULTS / f"{bench}.json"
+    before = json.loads(path.read_text()) if path.exists() else {"rows": []}
+    document = _document(bench, [], versions, note)
+    now, then = _origin(document), _origin(before)
+    new = {_key(row): row | now for row in map(_as_object, rows)}
+    kept = [new.pop(_key(row), then | row) for row in before["rows"]]
+    return _keep(document | {"rows": [*kept, *new.values()]})
+
+
+def _document(bench: str, rows: Sequence[Json], versions: Mapping[str, str], note: str) -> Json:
+    return {
         "bench": bench,
         "when": datetime.now(UTC).isoformat(timespec="seconds"),
         "commit": commit(),
         "machine": machine(),
         "versions": dict(versions),
         "note": note,
-        "rows": [
-            {
-                "case": row.case,
-                "metric": row.metric,
-                "unit": row.unit,
-                "ours": list(row.ours),
-                "peer": row.peer,
-                "theirs": list(row.theirs),
-                "ratio": row.ratio,
-                "target": row.target,
-            }
-            for row in rows
-        ],
+        "rows": list(rows),
     }
-    path = RESULTS / f"{bench}.json"
+
+
+def _as_object(row: Row) -> Json:
+    return {
+        "case": row.case,
+        "metric": row.metric,
+        "unit": row.unit,
+        "ours": list(row.ours),
+        "peer": row.peer,
+        "theirs": list(row.theirs),
+        "ratio": row.ratio,
+        "target": row.target,
+    }
+
+
+def _key(row: Json) -> tuple[str, str, str]:
+    return row["case"], row["metric"], row["peer"]
+
+
+def _origin(document: Json) -> Json:
+    return {key: document[key] for key in ("when", "commit") if key in document}
+
+
+def _keep(document: Json) -> Path:
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / f"{document['bench']}.json"
     path.write_text(json.dumps(document, indent=1) + "\n")
     return path
 

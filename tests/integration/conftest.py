@@ -58,7 +58,7 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
     """Start an agent with a number of slots; it is ended after the test."""
     started: list[RunningAgent] = []
 
-    def start(slots: int = 1, path: str | None = None) -> RunningAgent:
+    def start(slots: int = 1, path: str | None = None, *options: str) -> RunningAgent:
         shared = tmp_path / f"shared{len(started)}"
         shared.mkdir()
         log = tmp_path / f"agent{len(started)}.log"
@@ -68,7 +68,7 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
         command = [str(agent_binary), "serve", "--shared", str(shared), "--slots", str(slots)]
         with log.open("wb") as output:
             process = subprocess.Popen(
-                [*command, "--master-port", str(_free_ports(slots))],
+                [*command, "--master-port", str(_free_ports(slots)), *options],
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 env=environment,

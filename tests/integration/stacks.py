@@ -1,5 +1,6 @@
 """The example's spec and the real recording, on folders in place of volume claims."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ def folders_with_recording(tmp_path: Path) -> dict[str, str]:
     for path in claims.values():
         path.mkdir()
     (claims["recordings"] / "pr2").mkdir()
-    (claims["recordings"] / "pr2/joint_states.bag").symlink_to(fetch())
+    shutil.copyfile(fetch(), claims["recordings"] / "pr2/joint_states.bag")
     return {name: str(path) for name, path in claims.items()}
 
 

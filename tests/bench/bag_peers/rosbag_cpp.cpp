@@ -1,10 +1,12 @@
 // Writes and reads bags with Debian's rosbag_storage, as JSON lines like those of
-// images/ros/crates/bag/examples/bench.rs.
-// Arguments: PAYLOAD FOLDER_ON_DISK FOLDER_IN_TMPFS SCALE.
+// images/ros/crates/bag/examples/bench.
+// Arguments: PAYLOAD FOLDER_ON_DISK FOLDER_IN_TMPFS SCALE LIST; LIST has lines of a case's name, a
+// tab and the path of a bag that is read and written again.
 #include <fcntl.h>
 #include <rosbag/bag.h>
 #include <rosbag/view.h>
 #include <sys/mman.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <chrono>
@@ -17,21 +19,25 @@
 struct Raw {
   const uint8_t* data;
   uint32_t size;
+  const char* md5sum = "992ce8a1687cec8c8bd883ec73ca41d1";
+  const char* datatype = "std_msgs/String";
+  const char* definition = "string data\n";
 };
 
 namespace ros {
 namespace message_traits {
+// A message says itself what it is; the library asks for the type alone as well.
 template <> struct MD5Sum<Raw> {
-  static const char* value() { return "992ce8a1687cec8c8bd883ec73ca41d1"; }
-  static const char* value(const Raw&) { return value(); }
+  static const char* value() { return "*"; }
+  static const char* value(const Raw& raw) { return raw.md5sum; }
 };
 template <> struct DataType<Raw> {
-  static const char* value() { return "std_msgs/String"; }
-  static const char* value(const Raw&) { return value(); }
+  static const char* value() { return "*"; }
+  static const char* value(const Raw& raw) { return raw.datatype; }
 };
 template <> struct Definition<Raw> {
-  static const char* value() { return "string data\n"; }
-  static const char* value(const Raw&) { return value(); }
+  static const char* value() { return ""; }
+  static const char* value(const Raw& raw) { return raw.definition; }
 };
 template <> struct IsMessage<Raw> : TrueType {};
 template <> struct IsMessage<const Raw> : TrueType {};
@@ -64,6 +70,13 @@ static void say(const Case& c, const char* metric, const char* where, double too
   printf("{\"case\": \"%s\", \"metric\": \"%s\", \"unit\": \"%s\", \"by\": \"rosbag C++, %s\", "
          "\"value\": %.6f}\n", c.name, metric, small ? "msg/s" : "MB/s", where, amount / took);
   fflush(stdout);
+}
+
+static void say_size(const char* name, const std::string& path) {
+  struct stat about;
+  if (stat(path.c_str(), &about) != 0) throw std::runtime_error("cannot look at " + path);
+  printf("{\"case\": \"%s\", \"metric\": \"size of the bag\", \"unit\": \"MB\", "
+         "\"by\": \"rosbag C++, disk\", \"value\": %.6f}\n", name, about.st_size / 1e6);
 }
 
 static void write_bag(const Case& c, const std::vector<uint8_t>& payload, const std::string& path) {
@@ -108,6 +121,7 @@ static void measure(const Case& c, const std::vector<uint8_t>& payload, const ch
   write_bag(c, payload, path);
   say(c, "write", where, seconds() - start);
   if (disk) {
+    if (c.compression != rosbag::compression::Uncompressed) say_size(c.name, path);
     forget(path);
     start = seconds();
     read_bag(c, path);
@@ -116,6 +130,88 @@ static void measure(const Case& c, const std::vector<uint8_t>& payload, const ch
   start = seconds();
   read_bag(c, path);
   say(c, "read", disk ? "disk hot" : where, seconds() - start);
+}
+
+/// All messages of a bag, in memory.
+struct Kept {
+  std::string topic;
+  ros::Time time;
+  std::string md5sum, datatype, definition;
+  std::vector<uint8_t> bytes;
+};
+
+/// Reads it into one buffer; how many bytes of messages there were.
+static size_t read_any(const std::string& path, std::vector<uint8_t>& copy) {
+  rosbag::Bag bag;
+  bag.open(path, rosbag::bagmode::Read);
+  rosbag::View view(bag);
+  size_t bytes = 0;
+  for (const rosbag::MessageInstance& message : view) {
+    if (copy.size() < message.size()) copy.resize(message.size());
+    ros::serialization::OStream stream(copy.data(), copy.size());
+    message.write(stream);
+    bytes += message.size();
+  }
+  return bytes;
+}
+
+static std::vector<Kept> keep(const std::string& path) {
+  rosbag::Bag bag;
+  bag.open(path, rosbag::bagmode::Read);
+  rosbag::View view(bag);
+  std::vector<Kept> kept;
+  for (const rosbag::MessageInstance& message : view) {
+    kept.push_back({message.getTopic(), message.getTime(), message.getMD5Sum(),
+                    message.getDataType(), message.getMessageDefinition(),
+                    std::vector<uint8_t>(message.size())});
+    ros::serialization::OStream stream(kept.back().bytes.data(), message.size());
+    message.write(stream);
+  }
+  return kept;
+}
+
+static void write_any(const std::vector<Kept>& kept, rosbag::CompressionType compression,
+                      const std::string& path) {
+  rosbag::Bag bag;
+  bag.open(path, rosbag::bagmode::Write);
+  bag.setCompression(compression);
+  for (const Kept& each : kept)
+    bag.write(each.topic, each.time,
+              Raw{each.bytes.data(), uint32_t(each.bytes.size()), each.md5sum.c_str(),
+                  each.datatype.c_str(), each.definition.c_str()});
+  bag.close();
+}
+
+/// A case's name says how its bag is compressed.
+static rosbag::CompressionType compression_of(const std::string& name) {
+  if (name.find("lz4") != std::string::npos) return rosbag::compression::LZ4;
+  if (name.find("bz2") != std::string::npos) return rosbag::compression::BZ2;
+  return rosbag::compression::Uncompressed;
+}
+
+/// A bag is read, and written, so often that it is at least 32 MiB, but at most 20 times.
+static void again(const std::string& name, const std::string& path, const std::string& folder) {
+  const auto rate = [&](const char* metric, const char* where, size_t bytes, double took) {
+    printf("{\"case\": \"%s\", \"metric\": \"%s\", \"unit\": \"MB/s\", "
+           "\"by\": \"rosbag C++, %s\", \"value\": %.6f}\n",
+           name.c_str(), metric, where, double(bytes) / 1e6 / took);
+  };
+  std::vector<uint8_t> copy(8 << 20);
+  forget(path);
+  double start = seconds();
+  const size_t bytes = read_any(path, copy);
+  rate("read", "disk cold", bytes, seconds() - start);
+  const size_t times = std::min<size_t>(20, std::max<size_t>(1, (32 << 20) / bytes));
+  start = seconds();
+  for (size_t each = 0; each < times; each++) read_any(path, copy);
+  rate("read", "disk hot", bytes * times, seconds() - start);
+  const std::vector<Kept> kept = keep(path);
+  const std::string made = folder + "/again.bag";
+  start = seconds();
+  for (size_t each = 0; each < times; each++) write_any(kept, compression_of(name), made);
+  rate("write", "disk", bytes * times, seconds() - start);
+  say_size(name.c_str(), made);
+  unlink(made.c_str());
 }
 
 int main(int, char** arguments) {
@@ -141,5 +237,10 @@ int main(int, char** arguments) {
     const int memory = memfd_create("bag", 0);
     measure(c, payload, "memfd", "/proc/self/fd/" + std::to_string(memory));
     close(memory);
+  }
+  std::ifstream list(arguments[5]);
+  for (std::string line; std::getline(list, line);) {
+    const size_t tab = line.find('\t');
+    again(line.substr(0, tab), line.substr(tab + 1), arguments[2]);
   }
 }

@@ -1,0 +1,139 @@
+"""Fixtures around a real control plane; see server.py, operator_process.py, fake_kubelet.py."""
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+import yaml
+from embedded import tools
+
+from tests.integration.control_plane import server
+from tests.integration.control_plane.client import Client
+from tests.integration.control_plane.fake_kubelet import FakeKubelet
+from tests.integration.control_plane.operator_process import OperatorProcess, rendered
+from tests.integration.control_plane.server import ControlPlane
+from tests.integration.storage.servers import wait_until
+
+ROOT = Path(__file__).parents[3]
+OPERATOR = "bagpipe-operator"
+OPERATOR_TEMPLATES = ["serviceaccount.yaml", "operator-rights.yaml", "lease-rights.yaml"]
+COLLECTIONS = {
+    "ServiceAccount": "/api/v1/namespaces/{namespace}/serviceaccounts",
+    "Role": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/roles",
+    "RoleBinding": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/rolebindings",
+    "ClusterRole": "/apis/rbac.authorization.k8s.io/v1/clusterroles",
+    "ClusterRoleBinding": "/apis/rbac.authorization.k8s.io/v1/clusterrolebindings",
+}
+StartOperator = Callable[..., OperatorProcess]
+
+
+@dataclass(frozen=True)
+class Installation:
+    """A release of the chart without its pod: a namespace, an account, its rights, its token."""
+
+    namespace: str
+    kubeconfig: Path
+    client: Client
+
+
+@pytest.fixture(scope="session")
+def control_plane() -> Iterator[ControlPlane]:
+    """etcd, API server and controllers of this run's own, with the CRD."""
+    plane = server.prepare()
+    try:
+        plane.start([yaml.safe_load(p.read_text()) for p in sorted((ROOT / "crds").glob("*.yaml"))])
+        yield plane
+    finally:
+        plane.stop()
+
+
+@pytest.fixture(scope="session")
+def admin(control_plane: ControlPlane) -> Client:
+    """The administrator."""
+    return control_plane.admin
+
+
+@pytest.fixture(scope="session")
+def kubelet(admin: Client) -> FakeKubelet:
+    """What says of pods what a kubelet would say."""
+    return FakeKubelet(admin)
+
+
+@pytest.fixture(scope="session")
+def _helm() -> None:
+    """Helm on PATH: the machine's if it is new enough, else the one that tests/cluster builds."""
+    os.environ["PATH"] = f"{tools.link()}:{os.environ['PATH']}"
+
+
+@pytest.fixture
+def namespace(admin: Client, _helm: None) -> Iterator[str]:
+    """A fresh namespace with the accounts that the chart gives a job namespace."""
+    with fresh_namespace(admin, "jobs") as name:
+        chart = [f'jobNamespaces=["{name}"]']
+        apply_chart(admin, "bagpipe-system", ["driver-rights.yaml"], chart)
+        yield name
+
+
+@pytest.fixture
+def installation(
+    control_plane: ControlPlane, tmp_path: Path, _helm: None
+) -> Iterator[Installation]:
+    """The operator's account with exactly the chart's rights, in a namespace of its own."""
+    admin = control_plane.admin
+    with fresh_namespace(admin, "system") as name:
+        made = apply_chart(admin, name, OPERATOR_TEMPLATES)
+        token = control_plane.token(name, OPERATOR)
+        kubeconfig = tmp_path / "operator.kubeconfig"
+        control_plane.write_kubeconfig(kubeconfig, token)
+        yield Installation(name, kubeconfig, admin.with_token(token))
+        for path in made:
+            admin.delete(path)
+
+
+@pytest.fixture
+def operator_process(installation: Installation, tmp_path: Path) -> Iterator[StartOperator]:
+    """`operator_process(BAGPIPE_WORKERS="2")` starts an operator and waits until it is ready.
+
+    With `start=False` it is returned as it is. All of them are killed after the test.
+    """
+    processes: list[OperatorProcess] = []
+
+    def begin(start: bool = True, **environment: str) -> OperatorProcess:
+        log = tmp_path / f"operator-{len(processes)}.log"
+        lease = {"BAGPIPE_LEASE_NAMESPACE": installation.namespace}
+        process = OperatorProcess(installation.kubeconfig, log, lease | environment)
+        processes.append(process)
+        return process.start() if start else process
+
+    yield begin
+    for process in processes:
+        process.kill()
+
+
+@contextlib.contextmanager
+def fresh_namespace(admin: Client, purpose: str) -> Iterator[str]:
+    """A namespace with its default account; its deletion is asked for and not waited for."""
+    name = f"{purpose}-{uuid4().hex[:8]}"
+    admin.create("/api/v1/namespaces", {"metadata": {"name": name}})
+    account = f"/api/v1/namespaces/{name}/serviceaccounts/default"
+    wait_until(lambda: admin.exists(account), 20, f"{account} was not made")
+    yield name
+    admin.delete(f"/api/v1/namespaces/{name}")
+
+
+def apply_chart(
+    admin: Client, namespace: str, templates: list[str], values: list[str] | None = None
+) -> list[str]:
+    """Creates what templates of the chart render; the paths of what was made."""
+    made = []
+    for obj in yaml.safe_load_all(rendered(values or [], namespace, templates)):
+        if obj:
+            where = obj["metadata"].get("namespace", "")
+            collection = COLLECTIONS[obj["kind"]].format(namespace=where)
+            admin.create(collection, obj)
+            made.append(f"{collection}/{obj['metadata']['name']}")
+    return made

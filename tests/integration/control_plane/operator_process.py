@@ -1,0 +1,104 @@
+"""`bagpipe-operator` of this checkout as a real process, which tests may kill."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import urllib3
+
+from tests.integration.control_plane.server import DIES_WITH_US
+from tests.integration.storage.servers import Server, free_port
+
+PROGRAM = Path(sys.executable).with_name("bagpipe-operator")
+READY_SECONDS = 30.0
+TERM_SECONDS = 20.0
+
+
+@dataclass
+class OperatorProcess:
+    """One operator. Its log is `server.log`, kept over restarts."""
+
+    kubeconfig: Path
+    log: Path
+    environment: dict[str, str] = field(default_factory=dict)
+    port: int = field(default_factory=free_port)
+    server: Server = field(init=False)
+
+    def __post_init__(self) -> None:
+        defaults = {
+            "KUBECONFIG": str(self.kubeconfig),
+            "BAGPIPE_LISTEN_HOST": "127.0.0.1",
+            "BAGPIPE_LISTEN_PORT": str(self.port),
+            "BAGPIPE_SWEEP_SECONDS": "0.5",
+        }
+        self.server = Server([*DIES_WITH_US, str(PROGRAM)], self.log, defaults | self.environment)
+
+    def start(self, ready_seconds: float = READY_SECONDS) -> "OperatorProcess":
+        """Starts it, again after it has ended, and waits until /readyz says yes."""
+        self.server.start()
+        self.server.await_ready(lambda: self.ask("/readyz")[0] == 200, ready_seconds)
+        return self
+
+    def kill(self) -> None:
+        """SIGKILL: it can't say or finish anything."""
+        self.server.kill()
+
+    def terminate(self) -> int:
+        """SIGTERM, as a kubelet sends it; the exit status."""
+        return self._signalled(signal.SIGTERM)
+
+    def pause(self) -> None:
+        """SIGSTOP: all its clocks go on while it does nothing."""
+        self._process.send_signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """SIGCONT."""
+        self._process.send_signal(signal.SIGCONT)
+
+    def ask(self, path: str) -> tuple[int, str]:
+        """Status and text of /livez, /readyz or /metrics; status 0 when nobody answers."""
+        try:
+            answer = urllib3.request(
+                "GET", f"http://127.0.0.1:{self.port}{path}", timeout=2, retries=False
+            )
+        except urllib3.exceptions.HTTPError:
+            return 0, ""
+        return answer.status, answer.data.decode()
+
+    def metric(self, name: str) -> float | None:
+        """A sample of /metrics by its whole name with labels; None when it is not there."""
+        for line in self.ask("/metrics")[1].splitlines():
+            if line.startswith(f"{name} "):
+                return float(line.split()[-1])
+        return None
+
+    def said(self) -> str:
+        """Its log."""
+        return self.log.read_text(errors="replace")
+
+    @property
+    def _process(self) -> subprocess.Popen[bytes]:
+        process = self.server._process
+        assert process is not None, "the operator was never started"
+        return process
+
+    def _signalled(self, number: signal.Signals) -> int:
+        self._process.send_signal(number)
+        return self._process.wait(timeout=TERM_SECONDS)
+
+
+def rendered(helm_values: list[str], namespace: str, templates: list[str]) -> str:
+    """Templates of the chart as Helm renders them for a release in `namespace`, as YAML."""
+    root = Path(__file__).parents[3]
+    shown = [word for name in templates for word in ("--show-only", f"templates/{name}")]
+    settings = [word for value in helm_values for word in ("--set-json", value)]
+    done = subprocess.run(
+        ["helm", "template", "bagpipe", str(root / "charts/bagpipe"), "--namespace", namespace,
+         "--kube-version", "1.34.4", *shown, *settings],
+        capture_output=True, text=True, timeout=60, check=False, env=dict(os.environ),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout

@@ -1,0 +1,36 @@
+"""`bagpipe watch` in a real terminal: one block that is drawn anew."""
+
+import re
+
+from tests.integration.control_plane.cli_process import CliProcess
+from tests.integration.control_plane.client import Client, jobs
+from tests.integration.control_plane.observe import a_job
+from tests.integration.control_plane.server import ControlPlane
+from tests.integration.control_plane.test_cli import RUNNING, tell, tell_end
+
+# What moves the cursor to an earlier line: without it nothing is drawn anew.
+UP = re.compile(rb"\x1b\[\d*A")
+
+
+def test_a_terminal_shows_one_block_that_is_drawn_anew(
+    control_plane: ControlPlane, admin: Client, namespace: str
+) -> None:
+    admin.create(jobs(namespace), a_job("lane"))
+    tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
+    words = ("watch", "lane", "-n", namespace, "--timeout", "60s")
+    with CliProcess(control_plane.kubeconfig, *words, terminal=True) as terminal:
+        terminal.read_until("25 % 1 of 4 cases")
+        # Nothing changes in the cluster, and the seconds go on: the clock alone draws it anew.
+        terminal.read_until("watched for 1 s")
+        terminal.read_until("watched for 2 s")
+        assert UP.search(terminal.written)
+        failure = {"case": "a-3", "reason": "TooSlow", "message": "9 Hz"}
+        counts = {"planned": 4, "passed": 2, "failed": 1}
+        tell(admin, namespace, "lane", RUNNING, phase="Running", cases=counts, failures=[failure])
+        terminal.read_until("75 % 3 of 4 cases")
+        terminal.read_until("a-3: TooSlow: 9 Hz")
+        tell_end(admin, namespace, "lane", "Failed")
+        assert terminal.end() == 1
+        assert "Failed  lane: It ended." in terminal.plain()
+        # The terminal is left as it was found: with a cursor.
+        assert terminal.written.rfind(b"\x1b[?25h") > terminal.written.rfind(b"\x1b[?25l")

@@ -1,0 +1,162 @@
+"""Every expression of every panel and alert has data while jobs run, fail and end.
+
+A real Prometheus asks a real operator, a real driver whose cases fail now and then, and a real
+agent through which cases of a real node go.
+"""
+
+import itertools
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from bagpipe_operator import names
+from charts.monitoring.alerts import ALERTS
+from charts.monitoring.board import Board
+from charts.monitoring.boards import BOARDS, JOB
+from charts.monitoring.generate import ROOT
+from tests.integration.conftest import RunningAgent
+from tests.integration.control_plane.client import Client, Object, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.fake_driver import PORT, fake_driver
+from tests.integration.control_plane.fake_kubelet import FakeKubelet
+from tests.integration.control_plane.observe import await_phase, create_jobs
+from tests.integration.control_plane.prometheus_server import Prometheus
+from tests.integration.control_plane.server import DIES_WITH_US
+from tests.integration.storage.servers import Server, listens, wait_until
+from tests.unit.operator.builders import account
+
+DRIVERS = {"drive": "127.83.0.2", "steps": "127.83.0.3"}
+AGENT = f"127.83.0.4:{names.METRICS_PORT}"
+# What has no data in this minute, and why.
+EXCUSED = {
+    "Fleet: Start of scheduled jobs": "schedules go by whole minutes, and none was due",
+    "BagpipeOperatorAbsent": "absent() has a value when there is no operator",
+}
+
+
+@pytest.fixture
+def drivers(tmp_path: Path, namespace: str) -> Iterator[Server]:
+    """The process of both drivers, killed after the test."""
+    script = Path(__file__).with_name("driver_with_failures.py")
+    told = [f"{name}={address}" for name, address in DRIVERS.items()]
+    folder = tmp_path / "drivers"
+    folder.mkdir()
+    command = [*DIES_WITH_US, sys.executable, str(script), str(folder), namespace, *told]
+    server = Server(command, tmp_path / "drivers.log", {"PYTHONPATH": str(ROOT)})
+    server.start()
+    yield server
+    server.kill()
+
+
+@pytest.fixture
+def cases(tmp_path: Path, start_agent: Callable[..., RunningAgent]) -> Iterator[Server]:
+    """The process of an agent's worker, killed after the test."""
+    agent = start_agent(1, None, "--metrics", AGENT)
+    script = ROOT / "tests/integration/agent_cases.py"
+    folder = tmp_path / "cases"
+    folder.mkdir()
+    command = [*DIES_WITH_US, sys.executable, str(script), str(folder), str(agent.shared)]
+    server = Server(command, tmp_path / "cases.log", {"PYTHONPATH": str(ROOT)})
+    server.start()
+    yield server
+    server.kill()
+
+
+def expressions(board: Board, namespace: str) -> Iterator[tuple[str, str]]:
+    """Each panel's expressions as Grafana would ask them, for each job where there is a choice."""
+    names = list(DRIVERS) if board is JOB else [""]
+    for panel, name in itertools.product(board.panels, names):
+        for number, (expression, _) in enumerate(panel.queries):
+            asked = expression.replace("$__rate_interval", "20s")
+            asked = asked.replace("$namespace", namespace).replace("$job_name", name)
+            title = board.title.removeprefix("Bagpipe / ")
+            # A later query of a panel is asked by its number; the first by the panel's name.
+            yield f"{title}: {panel.title}{f' #{number}' if number else ''}", asked
+
+
+def without_data(prometheus: Prometheus, asked: list[tuple[str, str]]) -> set[str]:
+    """The names of what has no number; of several questions with one name one answer is enough."""
+    names = {name for name, _ in asked}
+    return names - {name for name, expression in asked if prometheus.values(expression)}
+
+
+def test_every_panel_and_every_alert_has_data(
+    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator,
+    drivers: Server, cases: Server, tmp_path: Path,
+) -> None:  # fmt: skip
+    operator = operator_process()
+    drivers.await_ready(lambda: listens(PORT, DRIVERS["steps"]), 30)
+    targets = [f"127.0.0.1:{operator.port}", AGENT]
+    targets += [f"{ip}:{PORT}" for ip in DRIVERS.values()]
+    rules = ROOT / "charts/bagpipe/files/alerts.yaml"
+    prometheus = Prometheus.started(tmp_path / "prometheus", targets, rules)
+    try:
+        wait_until(lambda: prometheus.up() == 4, 30, "Prometheus does not reach its targets")
+        run_jobs(admin, namespace, kubelet)
+        asked = [each for board in BOARDS for each in expressions(board, namespace)]
+        asked += [(alert.name, alert.value) for alert in ALERTS]
+        assert len(asked) > 100
+        left: set[str] = set()
+
+        def all_there() -> bool:
+            left.clear()
+            left.update(without_data(prometheus, asked))
+            return left <= set(EXCUSED)
+
+        try:
+            wait_until(all_there, 60, "")
+        except AssertionError:
+            logs = [process.log.read_text()[-1500:] for process in (drivers, cases)]
+            assert left == set(EXCUSED), f"{sorted(left)}\n{logs}"
+        assert left == set(EXCUSED)
+        assert_rules_are_judged(prometheus)
+        assert_failures_are_seen(prometheus)
+    finally:
+        prometheus.server.kill()
+
+
+def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:
+    """Two jobs run, one ends well, one fails."""
+    create_jobs(admin, namespace, [*DRIVERS, "well", "broken"])
+    await_phase(admin, namespace, "Pending", 4, 20)
+    for name, address in DRIVERS.items():
+        kubelet.run(namespace, f"{name}-1-driver", ip=address)
+    with fake_driver(account()) as driver:
+        for name in ("well", "broken"):
+            kubelet.run(namespace, f"{name}-1-driver", ip=driver.ip)
+        await_phase(admin, namespace, "Running", 4, 20)
+    kubelet.end(namespace, "well-1-driver", 0, account("Complete", verdict="Passed"))
+    kubelet.end(namespace, "broken-1-driver", 1, account("Failed", reason="StorageFailed"))
+    await_phase(admin, namespace, "Complete", 1, 20)
+    await_phase(admin, namespace, "Failed", 1, 20)
+    told: Object = admin.get(jobs(namespace, "drive"))["status"]
+    assert told["cases"]["planned"] == 10_000
+
+
+def assert_rules_are_judged(prometheus: Prometheus) -> None:
+    """Prometheus has judged each rule without an error."""
+    rules = [rule for group in prometheus.get("rules")["groups"] for rule in group["rules"]]
+    assert sorted(rule["name"] for rule in rules) == sorted(alert.name for alert in ALERTS)
+    assert {rule["health"] for rule in rules} == {"ok"}
+
+
+def assert_failures_are_seen(prometheus: Prometheus) -> None:
+    """What went wrong is in the figures, and only that."""
+    faults = "sum by (reason) (bagpipe_case_faults_total) > 0"
+    seen = {
+        sample["metric"]["reason"] for sample in prometheus.get("query", query=faults)["result"]
+    }
+    assert seen == {"DeliveryIncomplete", "StackExited"}
+    assert prometheus.values('bagpipe_jobs_ended_total{phase="Failed",verdict="None"}') == [1]
+    assert prometheus.values('sum(bagpipe_cases_ended_total{outcome="errored"})')[0] >= 1
+    # It waits for five minutes before it is sent, but is seen at once.
+    wait_until(lambda: "BagpipeCasesErrored" in seen_alerts(prometheus), 20, "no alert of crashes")
+    wrong = {"BagpipeNoLeader", "BagpipeReconcileFaults", "BagpipeResultsNotKept"}
+    assert seen_alerts(prometheus).isdisjoint(wrong)
+
+
+def seen_alerts(prometheus: Prometheus) -> set[str]:
+    """The alerts that hold, sent already or not."""
+    return {alert["labels"]["alertname"] for alert in prometheus.get("alerts")["alerts"]}

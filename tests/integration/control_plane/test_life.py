@@ -1,0 +1,192 @@
+"""Suspension, deadlines, removal and going on, on a real API server with a fake kubelet."""
+
+import pytest
+from embedded.api import ApiError
+
+from tests.integration.control_plane.client import Client, Object, core, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.fake_kubelet import FakeKubelet
+from tests.integration.control_plane.observe import a_job
+from tests.integration.storage.servers import wait_until
+from tests.unit.operator.builders import account
+
+SECONDS = 15.0
+
+
+class Jobs:
+    """The jobs of one namespace."""
+
+    def __init__(self, admin: Client, namespace: str) -> None:
+        self.admin = admin
+        self.namespace = namespace
+
+    def create(self, name: str, **spec: object) -> None:
+        job = a_job(name)
+        job["spec"] |= spec
+        self.admin.create(jobs(self.namespace), job)
+
+    def edit(self, name: str, **spec: object) -> Object:
+        return self.admin.merge(jobs(self.namespace, name), {"spec": spec})
+
+    def get(self, name: str) -> Object:
+        return self.admin.get(jobs(self.namespace, name))
+
+    def told(self, name: str, type_: str) -> str:
+        """`status/reason` of a condition; empty before it is written."""
+        for condition in self.get(name).get("status", {}).get("conditions", []):
+            if condition["type"] == type_:
+                return f"{condition['status']}/{condition['reason']}"
+        return ""
+
+    def await_told(self, name: str, type_: str, expected: str, seconds: float = SECONDS) -> Object:
+        wait_until(
+            lambda: self.told(name, type_) == expected, seconds,
+            f"{type_} of {name} did not become {expected}",
+        )  # fmt: skip
+        status: Object = self.get(name)["status"]
+        return status
+
+    def pods(self) -> list[str]:
+        found = self.admin.items(core(self.namespace, "pods"))
+        return sorted(pod["metadata"]["name"] for pod in found)
+
+    def await_pods(self, *expected: str) -> None:
+        wait_until(
+            lambda: self.pods() == list(expected), SECONDS, f"the pods did not become {expected}"
+        )
+
+    def events(self, name: str) -> list[str]:
+        found = self.admin.items(core(self.namespace, "events"))
+        return sorted(e["reason"] for e in found if e["involvedObject"]["name"] == name)
+
+
+@pytest.fixture
+def world(admin: Client, namespace: str) -> Jobs:
+    return Jobs(admin, namespace)
+
+
+def test_only_what_can_be_honoured_can_be_changed(world: Jobs) -> None:
+    world.create("fixed", suspend=True)
+    edited = world.edit(
+        "fixed", suspend=False, activeDeadlineSeconds=9, startDeadlineSeconds=8,
+        ttlSecondsAfterFinished=7,
+    )  # fmt: skip
+    assert edited["metadata"]["generation"] == 2
+    for change in (
+        {"backoffLimit": 1},
+        {"stackBackoffLimit": 1},
+        {"queueName": "q"},
+        {"resumeFrom": "other"},
+        {"maxFailedCases": 1},
+        {"record": {"topics": ["/other"]}},
+        {"spark": {"executors": 2}},
+        {"stack": {"image": "example/lane:2"}},
+        {"playback": {"rate": 2.0}},
+        {"output": {"uri": "pvc://results/other"}},
+    ):
+        with pytest.raises(ApiError, match=r"only spec.suspend, activeDeadlineSeconds, startDead"):
+            world.edit("fixed", **change)
+    for bad in ({"resumeFrom": "Old_1"}, {"queueName": "a b"}, {"ttlSecondsAfterFinished": -1}):
+        with pytest.raises(ApiError):
+            world.create("bad", **bad)
+
+
+def test_suspend_before_any_pod_and_while_running(
+    world: Jobs, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    operator = operator_process()
+    world.create("rests", suspend=True, backoffLimit=0)
+    status = world.await_told("rests", "Suspended", "True/JobSuspended")
+    assert (status["phase"], world.pods()) == ("Suspended", [])
+    assert "startTime" not in status
+    world.edit("rests", suspend=False)
+    world.await_pods("rests-1-driver")
+    kubelet.bind(world.namespace, "rests-1-driver")
+    kubelet.run(world.namespace, "rests-1-driver")
+    world.edit("rests", suspend=True)
+    world.await_told("rests", "Suspended", "False/Suspending")
+    status = world.get("rests")["status"]
+    assert status["observedGeneration"] == 3
+    operator.kill()  # while the pod ends
+    kubelet.end(world.namespace, "rests-1-driver", 143, account("Running"))
+    kubelet.remove(world.namespace, "rests-1-driver")
+    operator.start()
+    status = world.await_told("rests", "Suspended", "True/JobSuspended")
+    assert (status["attempt"], status["lostDrivers"], world.pods()) == (2, 0, [])
+    world.edit("rests", suspend=False)
+    world.await_pods("rests-2-driver")
+    status = world.await_told("rests", "Suspended", "False/JobResumed")
+    assert "startTime" in status
+    world.await_told("rests", "Accepted", "True/DriverCreated")
+    twice = ["DriverCreated", "JobResumed", "JobSuspended"]
+    wait_until(
+        lambda: world.events("rests") == sorted(twice * 2), SECONDS,
+        f"not every transition was told: {world.events('rests')}",
+    )  # fmt: skip
+
+
+def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
+    world: Jobs, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    operator = operator_process()
+    world.create("late", activeDeadlineSeconds=3)
+    world.create("stuck", startDeadlineSeconds=3)
+    world.create("done", ttlSecondsAfterFinished=1)
+    for name in ("late", "stuck", "done"):
+        status = world.await_told(name, "Accepted", "True/DriverCreated")
+        assert status["driver"] == f"{name}-1-driver"
+    late = world.await_told("late", "Failed", "True/DeadlineExceeded")
+    assert late["completionTime"] > late["startTime"]
+    world.await_told("stuck", "Failed", "True/StartDeadlineExceeded")
+    world.await_pods("done-1-driver")
+    operator.kill()
+    kubelet.end(world.namespace, "done-1-driver", 0, account("Complete", verdict="Passed"))
+    operator.start()
+    wait_until(
+        lambda: not world.admin.exists(jobs(world.namespace, "done")), SECONDS,
+        "the job was not removed",
+    )  # fmt: skip
+    world.await_pods()
+    assert world.events("late").count("DeadlineExceeded") == 1
+    edited = world.edit("late", ttlSecondsAfterFinished=3600)["metadata"]["generation"]
+    wait_until(
+        lambda: world.get("late")["status"]["observedGeneration"] == edited, SECONDS,
+        "the edit of an ended job was not acknowledged",
+    )  # fmt: skip
+    world.edit("late", ttlSecondsAfterFinished=0)
+    wait_until(
+        lambda: not world.admin.exists(jobs(world.namespace, "late")), SECONDS,
+        "the failed job was not removed",
+    )  # fmt: skip
+
+
+def test_a_job_goes_on_from_another(
+    world: Jobs, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    operator_process()
+    world.create("first")
+    world.await_pods("first-1-driver")
+    told = account("Failed", reason="CasesErrored", cases={"planned": 4, "passed": 3, "errored": 1})
+    kubelet.end(world.namespace, "first-1-driver", 1, told)
+    world.await_told("first", "Failed", "True/CasesErrored")
+    world.create("second", resumeFrom="first")
+    status = world.await_told("second", "Accepted", "True/DriverCreated")
+    assert status["resumedFrom"] == {"job": "first", "results": "pvc://results/lane/x", "cases": 4}
+    config = world.admin.get(core(world.namespace, "configmaps", "second-1"))
+    assert '"results": "pvc://results/lane/x"' in config["data"]["job.json"]
+    world.create("third", resumeFrom="nobody")
+    status = world.await_told("third", "Failed", "True/ResumeRefused")
+    assert {"startTime", "completionTime"} <= set(status)
+
+
+def test_a_lost_driver_is_replaced_after_ten_seconds(
+    world: Jobs, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    operator_process()
+    world.create("lost")
+    world.await_pods("lost-1-driver")
+    kubelet.end(world.namespace, "lost-1-driver", 137)
+    status = world.await_told("lost", "Running", "False/DriverFailed")
+    assert (status["lostDrivers"], status["driver"]) == (1, "")
+    world.await_pods("lost-1-driver", "lost-2-driver")
+    assert world.get("lost")["status"]["startTime"] < status["nextAttemptTime"]

@@ -1,0 +1,143 @@
+"""Everything that we create is admitted where Pod Security enforces the level restricted."""
+
+import pytest
+import yaml
+from embedded.api import ApiError
+
+from bagpipe_operator.driver_pod import driver_pod
+from bagpipe_operator.executor_template import executor_trial
+from bagpipe_operator.job_config import read_spec
+from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import JobView
+from tests.integration.control_plane.client import Client, Object, core, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.operator_process import rendered
+from tests.integration.storage.servers import wait_until
+from tests.unit.operator.builders import make_job
+from tests.unit.operator.test_pod_templates import POD
+
+pytestmark = pytest.mark.integration
+
+GENEROUS = {
+    "all that a template has": ("spark.executor.pod", POD | {"labels": {"team": "lanes"}}),
+    "the driver's too": ("spark.driver.pod", POD | {"labels": {"team": "lanes"}}),
+    "nothing special": ("maxFailedCases", 3),
+    "a user of the image": ("stack.securityContext", {"runAsUser": 1000}),
+    "an image that writes where it likes": (
+        "stack.securityContext", {"readOnlyRootFilesystem": False},
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def restricted(admin: Client, namespace: str) -> str:
+    """A job namespace in which everything that PodSecurity calls restricted is enforced."""
+    level = {"pod-security.kubernetes.io/enforce": "restricted"}
+    admin.merge(f"/api/v1/namespaces/{namespace}", {"metadata": {"labels": level}})
+    priority = "/apis/scheduling.k8s.io/v1/priorityclasses"
+    if not admin.exists(f"{priority}/nightly"):
+        admin.create(priority, {"metadata": {"name": "nightly"}, "value": 10})
+    runtime = "/apis/node.k8s.io/v1/runtimeclasses"
+    if not admin.exists(f"{runtime}/nvidia"):
+        admin.create(runtime, {"metadata": {"name": "nvidia"}, "handler": "nvidia"})
+    lax = {"metadata": {"name": "lax"}, "spec": {"containers": [{"name": "c", "image": "i"}]}}
+    # The API server learns of a namespace's new level from a watch.
+    wait_until(lambda: not is_admitted(admin, namespace, lax), 10, "the level is not enforced")
+    return namespace
+
+
+def is_admitted(admin: Client, namespace: str, pod: Object) -> bool:
+    """Whether Pod Security lets a pod pass; any other refusal is an error."""
+    try:
+        admin.create(core(namespace, "pods") + "?dryRun=All", pod)
+    except ApiError as error:
+        assert "violates PodSecurity" in str(error), error
+        return False
+    return True
+
+
+def pods_of(namespace: str, path: str, value: object) -> list[Object]:
+    """The driver and an executor of a job, as the operator and Spark make them."""
+    job = make_job("x").with_spec(path, value).object
+    job["metadata"]["namespace"] = namespace
+    view = JobView.from_object(job)
+    spec = read_spec(view)
+    made = [build(view, spec, 1, Settings()) for build in (driver_pod, executor_trial)]
+    for pod in made:
+        affinity = pod["spec"].get("affinity", {})
+        if affinity:
+            affinity["nodeAffinity"] = {}  # the example's is no whole one
+        pod["metadata"].pop("ownerReferences", None)
+    return made
+
+
+@pytest.mark.parametrize("case", GENEROUS)
+def test_driver_and_executors_are_admitted(admin: Client, restricted: str, case: str) -> None:
+    for pod in pods_of(restricted, *GENEROUS[case]):
+        admin.create(core(restricted, "pods") + "?dryRun=All", pod)
+
+
+@pytest.mark.usefixtures("_helm")
+def test_the_operator_s_pod_is_admitted(admin: Client, restricted: str) -> None:
+    deployment = yaml.safe_load(rendered([], "bagpipe-system", ["deployment.yaml"]))
+    template = deployment["spec"]["template"]
+    template["metadata"]["name"] = "operator"
+    template["spec"]["serviceAccountName"] = "default"
+    admin.create(core(restricted, "pods") + "?dryRun=All", template)
+
+
+LOOSENED = {
+    "root": ({"runAsNonRoot": False, "runAsUser": 0}, "runAsNonRoot != true"),
+    "the image's user": ({"runAsNonRoot": False}, "runAsNonRoot != true"),
+    "usual capabilities": ({"capabilities": {"drop": []}}, "unrestricted capabilities"),
+}
+
+
+@pytest.mark.parametrize("case", LOOSENED)
+def test_what_a_job_loosens_is_the_namespace_s_to_allow(
+    admin: Client, restricted: str, namespace: str, case: str
+) -> None:
+    context, violation = LOOSENED[case]
+    driver, executor = pods_of(restricted, "stack.securityContext", context)
+    path = core(restricted, "pods") + "?dryRun=All"
+    admin.create(path, driver)
+    with pytest.raises(ApiError, match=violation):
+        admin.create(path, executor)
+    level = {"pod-security.kubernetes.io/enforce": "baseline"}
+    admin.merge(f"/api/v1/namespaces/{namespace}", {"metadata": {"labels": level}})
+    wait_until(lambda: is_admitted(admin, namespace, executor), 10, "baseline refuses it too")
+
+
+def test_a_job_whose_stack_the_namespace_refuses_says_so_and_starts_nothing(
+    admin: Client, restricted: str, operator_process: StartOperator
+) -> None:
+    operator_process()
+    job = make_job("lax").with_spec("stack.securityContext", {"runAsNonRoot": False}).object
+    job["metadata"] = {"name": "lax"}
+    admin.create(jobs(restricted), job)
+
+    def accepted() -> Object | None:
+        status = admin.get(jobs(restricted, "lax")).get("status", {})
+        found = [c for c in status.get("conditions", []) if c["type"] == "Accepted"]
+        return found[0] if found else None
+
+    wait_until(lambda: accepted() is not None, 10, "the operator said nothing of the job")
+    told = accepted()
+    assert told is not None
+    assert (told["status"], told["reason"]) == ("False", "CreationRefused")
+    assert 'violates PodSecurity "restricted' in told["message"]
+    assert 'container "stack" must not set securityContext.runAsNonRoot=false' in told["message"]
+    assert admin.items(core(restricted, "pods")) == []
+
+
+def test_a_job_starts_in_a_restricted_namespace(
+    admin: Client, restricted: str, operator_process: StartOperator
+) -> None:
+    operator_process()
+    job = make_job("plain").object
+    job["metadata"] = {"name": "plain"}
+    admin.create(jobs(restricted), job)
+    path = core(restricted, "pods", "plain-1-driver")
+    wait_until(lambda: admin.exists(path), 10, "the operator created no driver")
+    spec = admin.get(path)["spec"]
+    assert not any(v["name"].startswith("kube-api-access") for v in spec["volumes"])

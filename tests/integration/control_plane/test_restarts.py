@@ -1,0 +1,123 @@
+"""An operator that is ended at any moment, and an API server that goes away, lose nothing."""
+
+import time
+
+from tests.integration.control_plane.client import Client, core, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.fake_kubelet import FakeKubelet
+from tests.integration.control_plane.observe import (
+    UID_LABEL,
+    await_lead,
+    await_phase,
+    children,
+    create_jobs,
+    expected_children,
+    statuses,
+)
+from tests.integration.control_plane.server import ControlPlane
+from tests.integration.storage.servers import wait_until
+from tests.unit.operator.builders import account
+
+# Short, so that a successor need not wait long for what a killed operator held.
+QUICK = {"BAGPIPE_LEASE_SECONDS": "3", "BAGPIPE_MISSING_DRIVER_SECONDS": "1"}
+
+
+def test_what_happens_while_no_operator_runs_is_found(
+    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    create_jobs(admin, namespace, ["ends", "fails", "lost", "deleted"])
+    operator = operator_process(**QUICK)
+    await_phase(admin, namespace, "Pending", 4, 15)
+    operator.kill()
+
+    kubelet.end(namespace, "ends-1-driver", 0, account("Complete", verdict="Passed"))
+    kubelet.end(namespace, "fails-1-driver", 1, account("Failed", reason="NoBags"))
+    admin.delete(core(namespace, "pods", "lost-1-driver"))
+    admin.delete(jobs(namespace, "deleted"))
+    # No finalizer waits for the operator, and the garbage collector needs none of its help.
+    assert not admin.exists(jobs(namespace, "deleted"))
+    wait_until(
+        lambda: (
+            "deleted-1" not in children(admin, namespace)["configmaps"]
+            and "deleted-1-driver" not in children(admin, namespace)["pods"]
+        ),
+        20,
+        "a deleted job's children are left",
+    )
+    create_jobs(admin, namespace, ["new"])
+
+    operator.start()
+    await_phase(admin, namespace, "Complete", 1, 15)
+    await_phase(admin, namespace, "Failed", 1, 5)
+    wait_until(  # after the pause of ten seconds before a driver is replaced
+        lambda: "lost-2-driver" in children(admin, namespace)["pods"], 20, "no second driver"
+    )
+    await_phase(admin, namespace, "Pending", 2, 10)
+    found = {name: (s["phase"], s["attempt"]) for name, s in statuses(admin, namespace).items()}
+    assert found == {
+        "ends": ("Complete", 1),
+        "fails": ("Failed", 1),
+        "lost": ("Pending", 2),
+        "new": ("Pending", 1),
+    }
+
+
+def test_a_lone_operator_is_killed_in_the_middle(
+    admin: Client, namespace: str, operator_process: StartOperator
+) -> None:
+    names = [f"k{number:02}" for number in range(15)]
+    operator = operator_process(BAGPIPE_WORKERS="1", **QUICK)
+    await_lead(operator, 5)
+    create_jobs(admin, namespace, names)
+    wait_until(lambda: len(children(admin, namespace)["pods"]) >= 3, 10, "no driver was made")
+    operator.kill()
+    before = {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
+    operator.start()
+    await_phase(admin, namespace, "Pending", len(names), 15)
+    assert children(admin, namespace) == expected_children(names)
+    assert before <= {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
+    assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
+
+
+def test_every_object_has_its_job_as_owner_and_none_a_finalizer(
+    admin: Client, namespace: str, operator_process: StartOperator
+) -> None:
+    operator_process()
+    create_jobs(admin, namespace, ["a"])
+    await_phase(admin, namespace, "Pending", 1, 10)
+    job = admin.get(jobs(namespace, "a"))
+    labelled = f"?labelSelector={UID_LABEL}={job['metadata']['uid']}"
+    owned = [
+        o for kind in ("pods", "configmaps") for o in admin.items(core(namespace, kind) + labelled)
+    ]
+    assert [o["metadata"]["name"] for o in owned] == ["a-1-driver", "a-1"]
+    for child in owned:
+        (owner,) = child["metadata"]["ownerReferences"]
+        assert (owner["uid"], owner["controller"]) == (job["metadata"]["uid"], True)
+    for anything in (job, *owned):
+        assert anything["metadata"].get("finalizers") is None
+        assert not [k for k in anything["metadata"].get("annotations") or {} if "kopf" in k]
+
+
+def test_the_api_server_goes_away_and_comes_back(
+    control_plane: ControlPlane,
+    namespace: str,
+    kubelet: FakeKubelet,
+    operator_process: StartOperator,
+) -> None:
+    admin = control_plane.admin
+    operator = operator_process()
+    create_jobs(admin, namespace, ["a", "b"])
+    await_phase(admin, namespace, "Pending", 2, 10)
+    control_plane.stop_api_server()
+    wait_until(lambda: "connect" in operator.said().lower(), 15, "it did not notice")
+    control_plane.start_api_server()
+    back = time.monotonic()
+    kubelet.end(namespace, "a-1-driver", 0, account("Complete", verdict="Passed"))
+    create_jobs(admin, namespace, ["c"])
+    await_phase(admin, namespace, "Complete", 1, 40)
+    await_phase(admin, namespace, "Pending", 2, 40)
+    print(f"all was told {time.monotonic() - back:.1f} s after the API server came back")
+    assert operator.server.alive
+    assert children(admin, namespace) == expected_children(["a", "b", "c"])
+    assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}

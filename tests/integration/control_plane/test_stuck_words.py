@@ -1,0 +1,250 @@
+"""Stuck jobs on a real API server: what it and its controllers say reaches the status.
+
+The operator runs with the chart's rights only. The kubelet is a fake; quota, limits, evictions,
+claims and the Events' selectors are Kubernetes' own.
+"""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import pytest
+
+from tests.integration.control_plane.client import Client, Object, core, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.fake_kubelet import FakeKubelet
+from tests.integration.storage.servers import wait_until
+from tests.unit.operator.builders import account, make_job
+
+WITHIN_SECONDS = 10.0
+DRIVER_IP = "127.0.7.5"
+PROGRESS_PORT = 8080
+
+
+def a_job(name: str, memory: str = "1Gi") -> Object:
+    job = make_job(name).with_spec("spark.executor.resources", {"cpu": "1", "memory": memory})
+    job.object["metadata"] = {"name": name}
+    return job.object
+
+
+def condition(admin: Client, namespace: str, name: str, kind: str) -> Object:
+    status = admin.get(jobs(namespace, name)).get("status", {})
+    return next((c for c in status.get("conditions", []) if c["type"] == kind), {})
+
+
+def await_reason(
+    admin: Client, namespace: str, name: str, reason: str, kind: str = "Running"
+) -> str:
+    """The condition's message once it has the reason, which must be soon."""
+    wait_until(
+        lambda: condition(admin, namespace, name, kind).get("reason") == reason,
+        WITHIN_SECONDS,
+        f"{name} did not become {reason}",
+    )
+    message: str = condition(admin, namespace, name, kind)["message"]
+    return message
+
+
+def await_pod(admin: Client, namespace: str, name: str) -> Object:
+    path = core(namespace, "pods", name)
+    wait_until(lambda: admin.exists(path), 20, f"{name} was not created")
+    return admin.get(path)
+
+
+@contextmanager
+def driver_says(text: str) -> Iterator[None]:
+    """A driver's /progress on an address of its own."""
+
+    class Answer(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(text.encode())
+
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+    server = ThreadingHTTPServer((DRIVER_IP, PROGRESS_PORT), Answer)
+    Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def warnings(admin: Client, namespace: str, reason: str) -> int:
+    found = admin.items(core(namespace, "events"))
+    return sum(e["reason"] == reason and e["type"] == "Warning" for e in found)
+
+
+def test_no_quota_for_executors(
+    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    hard = {"metadata": {"name": "small"}, "spec": {"hard": {"pods": "1"}}}
+    admin.create(core(namespace, "resourcequotas"), hard)
+    quota = core(namespace, "resourcequotas", "small")
+    wait_until(lambda: "used" in admin.get(quota).get("status", {}), 20, "no quota is counted")
+    operator_process()
+    admin.create(jobs(namespace), a_job("x"))
+    await_pod(admin, namespace, "x-1-driver")
+    with driver_says(account(cases={"planned": 4, "running": 0})):
+        kubelet.run(namespace, "x-1-driver", ip=DRIVER_IP)
+        message = await_reason(admin, namespace, "x", "QuotaExceeded")
+        assert "exceeded quota: small, requested: pods=1, used: pods=1, limited: pods=1" in message
+        assert len(admin.items(core(namespace, "pods"))) == 1, "the dry run has created a pod"
+        admin.merge(quota, {"spec": {"hard": {"pods": "9"}}})
+        await_reason(admin, namespace, "x", "ExecutorsPending")
+    assert warnings(admin, namespace, "QuotaExceeded") == 1
+
+
+def test_no_quota_for_the_driver(
+    admin: Client, namespace: str, operator_process: StartOperator
+) -> None:
+    hard = {"metadata": {"name": "none"}, "spec": {"hard": {"pods": "0"}}}
+    admin.create(core(namespace, "resourcequotas"), hard)
+    quota = core(namespace, "resourcequotas", "none")
+    wait_until(lambda: "used" in admin.get(quota).get("status", {}), 20, "no quota is counted")
+    operator_process()
+    admin.create(jobs(namespace), a_job("x"))
+    await_reason(admin, namespace, "x", "QuotaExceeded", "Accepted")
+    admin.merge(quota, {"spec": {"hard": {"pods": "9"}}})
+    await_reason(admin, namespace, "x", "DriverCreated", "Accepted")
+
+
+def test_executors_that_a_limit_refuses(
+    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    """A limit that came after the driver; one that was there before lets no driver begin."""
+    limit = {"type": "Container", "max": {"memory": "2Gi"}}
+    limits = {"metadata": {"name": "m"}, "spec": {"limits": [limit]}}
+    operator_process()
+    admin.create(jobs(namespace), a_job("x", memory="3Gi"))
+    await_pod(admin, namespace, "x-1-driver")
+    admin.create(core(namespace, "limitranges"), limits)
+    admin.create(jobs(namespace), a_job("y", memory="3Gi"))
+    message = await_reason(admin, namespace, "y", "CreationRefused", "Accepted")
+    assert "maximum memory usage per Container is 2Gi, but limit is 3Gi" in message
+    assert not admin.exists(core(namespace, "pods", "y-1-driver"))
+    with driver_says(account(cases={"planned": 4, "running": 0})):
+        kubelet.run(namespace, "x-1-driver", ip=DRIVER_IP)
+        message = await_reason(admin, namespace, "x", "ExecutorsRefused")
+    assert "maximum memory usage per Container is 2Gi, but limit is 3Gi" in message
+
+
+def test_a_claim_that_nobody_provisions(
+    admin: Client, namespace: str, operator_process: StartOperator
+) -> None:
+    for name in ("recordings", "results"):
+        claim = {
+            "metadata": {"name": name},
+            "spec": {
+                "accessModes": ["ReadWriteOnce"],
+                "storageClassName": "absent",
+                "resources": {"requests": {"storage": "1Gi"}},
+            },
+        }
+        admin.create(core(namespace, "persistentvolumeclaims"), claim)
+    operator_process()
+    admin.create(jobs(namespace), a_job("x"))
+    message = await_reason(admin, namespace, "x", "VolumePending")
+    assert "PersistentVolumeClaim recordings, which is Pending" in message
+
+
+def test_a_volume_that_does_not_mount(
+    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    """The Event is the kubelet's words; that the operator finds it is under test."""
+    operator_process()
+    admin.create(jobs(namespace), a_job("x"))
+    pod = await_pod(admin, namespace, "x-1-driver")
+    kubelet.bind(namespace, "x-1-driver")
+    for uid, said in ((pod["metadata"]["uid"], "timed out"), ("another", "not this one")):
+        admin.create(core(namespace, "events"), mount_failed(namespace, uid, said))
+    message = await_reason(admin, namespace, "x", "VolumeNotMounted")
+    assert message.endswith("on node a-node: timed out.")
+    assert warnings(admin, namespace, "VolumeNotMounted") == 1
+
+
+def mount_failed(namespace: str, uid: str, said: str) -> Object:
+    moment = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+    about = {"kind": "Pod", "namespace": namespace, "name": "x-1-driver", "uid": uid}
+    return {
+        "metadata": {"generateName": "x-1-driver.", "namespace": namespace},
+        "involvedObject": about,
+        "reason": "FailedMount",
+        "message": said,
+        "type": "Warning",
+        "firstTimestamp": moment,
+        "lastTimestamp": moment,
+    }
+
+
+def test_a_driver_that_is_evicted(
+    admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
+) -> None:
+    operator_process()
+    admin.create(jobs(namespace), a_job("x"))
+    await_pod(admin, namespace, "x-1-driver")
+    kubelet.bind(namespace, "x-1-driver")
+    kubelet.run(namespace, "x-1-driver")
+    await_reason(admin, namespace, "x", "Planning")
+    eviction = {
+        "apiVersion": "policy/v1",
+        "kind": "Eviction",
+        "metadata": {"name": "x-1-driver", "namespace": namespace},
+    }
+    admin.create(core(namespace, "pods", "x-1-driver") + "/eviction", eviction)
+    message = await_reason(admin, namespace, "x", "DriverEvicted")
+    assert "is being evicted through the eviction API" in message
+    kubelet.remove(namespace, "x-1-driver")
+    await_pod(admin, namespace, "x-2-driver")
+    assert condition(admin, namespace, "x", "Running")["reason"] == "DriverEvicted"
+    assert warnings(admin, namespace, "DriverEvicted") == 1
+
+
+def own_events(admin: Client, namespace: str) -> Counter[str]:
+    found = admin.items(core(namespace, "events"))
+    return Counter(e["reason"] for e in found if e["involvedObject"]["kind"] == "SimulationJob")
+
+
+@pytest.mark.parametrize("pause", [0.0, 0.02, 0.05, 0.1])
+def test_every_transition_once_under_an_operator_that_is_killed(
+    admin: Client,
+    namespace: str,
+    kubelet: FakeKubelet,
+    operator_process: StartOperator,
+    pause: float,
+) -> None:
+    """kill -9 some milliseconds after the status said it: before, amid or after its Event."""
+    process = operator_process()
+
+    def killed_after(reason: str, kind: str) -> None:
+        wait_until(
+            lambda: condition(admin, namespace, "x", kind).get("reason") == reason,
+            20,
+            f"{reason} was not written",
+        )
+        time.sleep(pause)
+        process.kill()
+        process.start()
+
+    admin.create(jobs(namespace), a_job("x"))
+    killed_after("DriverCreated", "Accepted")
+    await_pod(admin, namespace, "x-1-driver")
+    kubelet.wait(namespace, "x-1-driver", "ErrImagePull")
+    killed_after("DriverImageUnavailable", "Running")
+    done = json.loads(account("Complete", reason="AllCasesRan", message="4 of 4."))
+    kubelet.end(namespace, "x-1-driver", message=json.dumps(done))
+    killed_after("AllCasesRan", "Complete")
+    wanted = Counter(["DriverCreated", "DriverImageUnavailable", "CasesPlanned", "AllCasesRan"])
+    wait_until(lambda: own_events(admin, namespace) >= wanted, 20, "an Event is missing")
+    process.kill()
+    process.start()
+    worked = 'bagpipe_reconciles_total{result="done"}'
+    wait_until(lambda: (process.metric(worked) or 0) > 0, 20, "the job was not looked at again")
+    assert own_events(admin, namespace) == wanted

@@ -1,0 +1,140 @@
+"""Jobs of any size for the report: rows as the executors give them, with hostile words if asked."""
+
+import random
+from typing import Any
+
+from bagpipe.compare.compare import compare
+from bagpipe.driver.progress import Progress
+from bagpipe.report.html import Report
+from tests.unit.bagpipe.fake_agent import RESULT
+from tests.unit.bagpipe.jobs import make_spec
+
+RAIN = ["off", "light", "heavy"]
+SPEEDS = [10, 15, 20, 25, 30, 35]
+VARIANTS = ["released", "pr-812"]
+HOSTILE = [
+    "<script>window.hacked = 1</script>",
+    "</script><script>window.hacked = 2</script>",
+    "<img src=x onerror='window.hacked = 3'>",
+    '"><svg onload=window.hacked=4>',
+    "<!--<script>",
+    "{{ 7 * 7 }} {% raw %} \u2028 \x00 '; window.hacked = 5; '",
+    "javascript:window.hacked=6",
+    "https://attacker.invalid/x.png",
+]
+EVALUATE = [
+    {"name": "lane rate", "rate": {"topic": "/lane", "min": 9}},
+    {"name": "offset", "bounds": {"topic": "/lane", "field": "offset", "min": -0.5, "max": 0.5}},
+    {"name": "end pose", "finalPose": {"topic": "/lane", "position": [1, 2], "within": 0.5}},
+]
+TIMINGS = {"assemble": 0.02, "master": 0.41, "stack": 0.9, "play": 20.0, "stop": 0.1}
+
+
+def drive_rows(cases: int, hostile: bool = False) -> list[dict[str, Any]]:
+    """`cases` rows: both variants over a matrix of rain and speed; heavy rain at speed fails."""
+    chance = random.Random(7)  # noqa: S311  figures for a picture
+    rows = []
+    for number in range(cases):
+        variant = VARIANTS[number % 2]
+        pair = number // 2
+        rain, speed = RAIN[pair % 3], SPEEDS[pair // 3 % 6]
+        fragment = f"night-drive-{pair // 18:04d}"
+        hard = rain == "heavy" and speed >= (30 if variant == "released" else 25)
+        rows.append(_row(chance, f"{fragment}-{rain}-{speed}-{variant}", variant, hard))
+        rows[-1] |= {"fragment": fragment, "values": {"rain": rain, "speed": speed}}
+        rows[-1]["scenario"] = RAIN.index(rain) * len(SPEEDS) + SPEEDS.index(speed)
+        if number % 97 == 5:
+            rows[-1] |= _errored(number)
+    if hostile:
+        _poison(rows)
+    return rows
+
+
+def _row(chance: random.Random, case: str, variant: str, hard: bool) -> dict[str, Any]:
+    rate = chance.gauss(7.9 if hard else 10.2, 0.35) + (0.15 if variant == "released" else 0)
+    offset = abs(chance.gauss(0.42 if hard else 0.2, 0.06))
+    pose = abs(chance.gauss(0.2, 0.06))
+    criteria = [
+        _finding("lane rate", "rate", rate, rate >= 9, "Hz", "at least 9 Hz", "higher"),
+        _finding("offset", "bounds", offset, offset <= 0.5, "m", "-0.5 to 0.5 m", "lower"),
+        _finding("end pose", "finalPose", pose, pose <= 0.5, "m", "at most 0.5 m", "lower"),
+    ]
+    failed = [finding for finding in criteria if finding["outcome"] == "failed"]
+    for finding in failed:
+        finding["course"] = _course(chance, finding["figure"])
+    return {
+        "case": case, "variant": variant, "seed": 0, "round": 0,
+        "bag": "pvc://recordings/night.bag", "window": [0, 0, 20_000_000_000],
+        "outcome": "failed" if failed else "passed",
+        "reason": "CriterionFailed" if failed else "",
+        "message": "; ".join(f"{f['name']}: {f['message']}" for f in failed),
+        "stderr": [], "recorded": f"cases/{case}.a1.bag",
+        "result": RESULT | {"timings": TIMINGS}, "criteria": criteria,
+        "attempts": 1, "seconds": round(chance.gauss(21.5, 0.6), 3),
+    }  # fmt: skip
+
+
+def _finding(
+    name: str, kind: str, figure: float, passed: bool, unit: str, limit: str, direction: str
+) -> dict[str, Any]:
+    said = f"{figure:.4g} {unit} on /lane"
+    return {
+        "name": name, "kind": kind, "outcome": "passed" if passed else "failed",
+        "figure": figure, "unit": unit, "limit": limit, "direction": direction,
+        "message": said if passed else f"{said}, and may be {limit}", "expected_failure": False,
+    }  # fmt: skip
+
+
+def _course(chance: random.Random, figure: float) -> dict[str, Any]:
+    points = [[n / 10, round(chance.gauss(figure, 0.6), 4)] for n in range(200)]
+    return {"label": "/lane", "unit": "Hz", "low": 9.0, "high": None, "points": points}
+
+
+def _errored(number: int) -> dict[str, Any]:
+    return {
+        "outcome": "errored", "reason": "StackExited", "criteria": [], "result": None,
+        "message": f"the stack ended with status 139 after {number % 17} s",
+        "stderr": ["[FATAL] lane_node: segmentation fault", f"  at frame {number}"],
+    }  # fmt: skip
+
+
+def _poison(rows: list[dict[str, Any]]) -> None:
+    """Every text that others choose becomes hostile: names, values, messages, output, topics."""
+    for number, row in enumerate(rows):
+        evil = HOSTILE[number % len(HOSTILE)]
+        row["case"] += evil
+        row["fragment"] = row["fragment"] + evil
+        row["variant"] = row["variant"] + HOSTILE[0]
+        row["values"] = {HOSTILE[1]: evil, "speed": row["values"]["speed"]}
+        row |= {"message": evil, "reason": evil, "stderr": [evil], "bag": evil}
+        row["criteria"] = [
+            finding
+            | {"name": HOSTILE[2], "unit": HOSTILE[0], "limit": evil, "message": evil}
+            | {"course": {"label": evil, "unit": evil, "low": 9, "high": None, "points": [[0, 1]]}}
+            for finding in row["criteria"][:1]
+        ]
+        topic = {"topic": evil, "sent": 1, "subscribers": [{"node": evil, "received": 1}]}
+        row["result"] = {"ledger": {"topics": [topic]}, "timings": {evil: 1.0}}
+
+
+def report_of(rows: list[dict[str, Any]], results: str, name: str = "lane-nightly") -> bytes:
+    """report.html of a job with these rows, as its driver makes it."""
+    spec = make_spec(
+        evaluate=EVALUATE, record={"topics": ["/lane"]},
+        variants=[{"name": variant} for variant in VARIANTS],
+    )  # fmt: skip
+    progress = Progress(results)
+    progress.begin(len(rows))
+    report = Report(spec, results)
+    for row in rows:
+        progress.add(row | {"result": None})
+        report.add(row)
+    progress.finish()
+    told = progress.snapshot()
+    manifest = {
+        "job": {"name": name, "namespace": "lab", "uid": "u"}, "attempt": 1,
+        "phase": told["phase"], "verdict": told["verdict"], "message": told["message"],
+        "counts": told["cases"], "ledger": told["ledger"],
+    }  # fmt: skip
+    variants = list(dict.fromkeys(row["variant"] for row in rows))
+    return report.html(manifest, [c.as_json() for c in compare(rows, variants)])

@@ -1,0 +1,207 @@
+"""report.html in a real browser: verdict first, filters, many cases, hostile words, no request."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.ui import Select
+
+from tests.integration.chromium import logged, requests
+from tests.integration.report import drives
+from tests.integration.report.drives import drive_rows, report_of
+
+pytestmark = pytest.mark.integration
+
+URI = "pvc://results/out/lane-nightly/u"
+# The slowest keystroke allowed; a person notices more. Some 20 ms were measured.
+MOST_MILLISECONDS = 200
+TIMED_SEARCH = """
+const [word, done] = arguments, field = document.getElementById('search'), took = [];
+const type = (length) => {
+  if (length > word.length) return done(took);
+  const begun = performance.now();
+  field.value = word.slice(0, length);
+  field.dispatchEvent(new Event('input', {bubbles: true}));
+  document.body.offsetHeight;
+  requestAnimationFrame(() => setTimeout(() => { took.push(performance.now() - begun); type(length + 1); }));
+};
+type(1);
+"""  # noqa: E501
+
+
+def opened(
+    browser: webdriver.Chrome, page: Path, rows: list[dict[str, Any]], **options: Any
+) -> bytes:
+    made = report_of(rows, URI, **options)
+    page.write_bytes(made)
+    logged(browser, "performance")
+    logged(browser, "browser")
+    browser.get(page.as_uri())
+    return made
+
+
+def text_of(browser: webdriver.Chrome, css: str) -> str:
+    return browser.find_element(By.CSS_SELECTOR, css).text
+
+
+def found(browser: webdriver.Chrome) -> str:
+    return text_of(browser, "#found")
+
+
+def test_the_verdict_is_the_first_thing_to_be_seen(browser: webdriver.Chrome, page: Path) -> None:
+    rows = [row for row in drive_rows(288) if row["outcome"] != "errored"]
+    opened(browser, page, rows)
+    assert browser.title == "Failed: lane-nightly"
+    heading = browser.find_element(By.TAG_NAME, "h1")
+    assert heading.text == "Failed"
+    assert heading.rect["y"] + heading.rect["height"] < 140
+    failed = sum(row["outcome"] == "failed" for row in rows)
+    assert text_of(browser, ".sentence").startswith(f"Of {len(rows)} cases {failed} failed. Most")
+    assert text_of(browser, ".counts .failed") == f"{failed} failed"
+    assert "worse\npr-812 against released" in text_of(browser, ".compared").replace(" pr", "\npr")
+    assert logged(browser, "browser") == []
+
+
+def test_a_field_of_the_matrix_filters_the_cases(browser: webdriver.Chrome, page: Path) -> None:
+    rows = [row for row in drive_rows(288) if row["outcome"] != "errored"]
+    opened(browser, page, rows)
+    heads = browser.find_elements(By.CSS_SELECTOR, ".heat tbody th")
+    assert [head.text for head in heads] == drives.RAIN
+    wanted = [r for r in rows if r["values"] == {"rain": "heavy", "speed": 25}]
+    [field] = browser.find_elements(By.CSS_SELECTOR, "button[aria-label^='rain heavy, speed 25:']")
+    failed = sum(row["outcome"] == "failed" for row in wanted)
+    assert field.text == f"✕ {failed}/{len(wanted)}"
+    field.click()
+    assert found(browser) == f"{len(wanted)} of {len(rows)} cases"
+    assert field.get_attribute("aria-pressed") == "true"
+    Select(browser.find_element(By.ID, "outcome")).select_by_visible_text("failed")
+    assert found(browser) == f"{failed} of {len(rows)} cases"
+    browser.find_element(By.ID, "clear").click()
+    assert found(browser) == f"{len(rows)} of {len(rows)} cases"
+    assert field.get_attribute("aria-pressed") == "false"
+    Select(browser.find_element(By.ID, "rows")).select_by_visible_text("variant")
+    heads = browser.find_elements(By.CSS_SELECTOR, ".heat tbody th")
+    assert [head.text for head in heads] == ["released", "pr-812"]
+
+
+def test_variants_criteria_and_reasons_select_cases(browser: webdriver.Chrome, page: Path) -> None:
+    rows = drive_rows(288)
+    opened(browser, page, rows)
+    Select(browser.find_element(By.ID, "variant")).select_by_visible_text("released")
+    assert found(browser) == f"144 of {len(rows)} cases"
+    Select(browser.find_element(By.ID, "criterion")).select_by_visible_text("lane rate failed")
+    slow = sum(
+        finding["name"] == "lane rate" and finding["outcome"] == "failed"
+        for row in rows
+        if row["variant"] == "released"
+        for finding in row["criteria"]
+    )
+    assert found(browser) == f"{slow} of {len(rows)} cases"
+    browser.find_element(By.ID, "clear").click()
+    browser.find_element(By.ID, "search").send_keys("segmentation StackExited")
+    assert found(browser) == f"0 of {len(rows)} cases"  # stderr is told, and not searched
+    browser.find_element(By.ID, "search").clear()
+    browser.find_element(By.ID, "search").send_keys("status 139 speed=10")
+    errored = [r for r in rows if r["outcome"] == "errored" and r["values"]["speed"] == 10]
+    assert found(browser) == f"{len(errored)} of {len(rows)} cases"
+
+
+def test_the_table_is_used_with_keys(browser: webdriver.Chrome, page: Path) -> None:
+    rows = drive_rows(2000)
+    opened(browser, page, rows)
+    body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
+    body.send_keys(Keys.END)
+    last = text_of(browser, ".grid .row.active")
+    assert last.startswith(max(r["case"] for r in rows if r["outcome"] == "passed"))
+    body.send_keys(Keys.HOME, Keys.ARROW_DOWN, Keys.ENTER)
+    chosen = browser.find_element(By.CSS_SELECTOR, "#chosen .case")
+    second = sorted(r["case"] for r in rows if r["outcome"] == "failed")[1]
+    assert chosen.get_attribute("data-case") == second
+    assert f"bagpipe replay {second} --results {URI}" in chosen.text
+    assert "--volume results=FOLDER --volume recordings=FOLDER" in chosen.text
+    assert len(browser.find_elements(By.CSS_SELECTOR, ".grid .space .row")) < 60
+
+
+def test_ten_thousand_cases_stay_quick(
+    browser: webdriver.Chrome, page: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = opened(browser, page, drive_rows(10_000))
+    loaded = browser.execute_script(
+        "const [n] = performance.getEntriesByType('navigation'); return n.loadEventEnd"
+    )
+    took: list[float] = browser.execute_async_script(TIMED_SEARCH, "0123-heavy-35-pr-812")
+    assert found(browser) == "1 of 10,000 cases"
+    browser.find_element(By.ID, "clear").click()
+    took += browser.execute_async_script(TIMED_SEARCH, "lane rate 7.")
+    with capsys.disabled():
+        print(
+            f"\nreport of 10,000 cases: {len(made) / 1e6:.2f} MB, drawn after {loaded:.0f} ms;"
+            f" {len(took)} keystrokes, slowest {max(took):.0f} ms,"
+            f" median {sorted(took)[len(took) // 2]:.0f} ms"
+        )
+    assert len(made) < 5_000_000
+    assert max(took) < MOST_MILLISECONDS
+    assert logged(browser, "browser") == []
+
+
+def test_hostile_words_stay_words(browser: webdriver.Chrome, page: Path) -> None:
+    rows = drive_rows(200, hostile=True)
+    opened(browser, page, rows, name=drives.HOSTILE[1])
+    for summary in browser.find_elements(By.CSS_SELECTOR, "#failing-cases summary"):
+        browser.execute_script("arguments[0].click()", summary)
+    body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
+    for _ in range(12):
+        body.send_keys(Keys.PAGE_DOWN, Keys.ENTER)
+    assert browser.execute_script("return window.hacked") is None
+    assert browser.execute_script("return document.scripts.length") == 2
+    assert (
+        browser.execute_script("return document.querySelectorAll('img,iframe,object').length") == 0
+    )
+    everything = browser.find_element(By.TAG_NAME, "body").text
+    for evil in ("<script>window.hacked = 1</script>", "<img src=x onerror=", "{{ 7 * 7 }}"):
+        assert evil in everything
+    assert browser.title == f"No verdict: {drives.HOSTILE[1]}"
+    assert logged(browser, "browser") == []
+    assert requests(browser) == [page.as_uri()]
+
+
+def test_the_page_s_own_policy_stops_what_would_leave(
+    browser: webdriver.Chrome, page: Path, listener: tuple[str, list[str]]
+) -> None:
+    """Even a script that did get in could tell nobody: each way out is tried by hand."""
+    address, asked = listener
+    opened(browser, page, drive_rows(20))
+    told = browser.execute_async_script(
+        """
+        const [address, done] = arguments, told = [];
+        const image = new Image();
+        image.src = address + '/image';
+        document.body.append(image);
+        const inline = document.createElement('script');
+        inline.textContent = 'window.hacked = 1';
+        document.body.append(inline);
+        const link = document.createElement('link');
+        link.rel = 'stylesheet'; link.href = address + '/style';
+        document.head.append(link);
+        navigator.sendBeacon(address + '/beacon', 'x');
+        fetch(address + '/fetch').then(() => told.push('fetched'), () => told.push('refused'))
+          .then(() => setTimeout(() => done(told.concat([String(window.hacked)])), 300));
+        """,
+        address,
+    )
+    assert told == ["refused", "undefined"]
+    assert asked == []
+    assert len([e for e in logged(browser, "browser") if "Content Security" in e["message"]]) >= 4
+
+
+def test_it_prints_the_failing_cases_in_full(browser: webdriver.Chrome, page: Path) -> None:
+    rows = drive_rows(100)
+    opened(browser, page, rows)
+    browser.execute_script("window.dispatchEvent(new Event('beforeprint'))")
+    assert len(browser.find_elements(By.CSS_SELECTOR, ".grid .space .row")) == 100
+    blocks = browser.find_elements(By.CSS_SELECTOR, "#failing-cases .case")
+    assert len(blocks) == sum(row["outcome"] != "passed" for row in rows)
+    assert all(block.get_attribute("open") is not None for block in blocks)

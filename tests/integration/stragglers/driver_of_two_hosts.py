@@ -1,0 +1,53 @@
+"""The driver as it is, on a standalone Spark in place of Kubernetes, with an agent of the tests'.
+
+Usage: driver_of_two_hosts.py JOB MASTER SHARED SECONDS. Only where Spark runs is another matter,
+the agent's folder, and how long a case must run to be called slow (`SECONDS` for a minute).
+"""
+
+import os
+import sys
+from functools import partial
+
+from bagpipe.driver import __main__ as driver
+from bagpipe.driver import spark_context
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.spark_context import DriverPod
+from bagpipe.run.case_run import RunContext
+from bagpipe.spec import JobFile
+
+_job, _master, _shared, _seconds = sys.argv[1:]
+
+
+def settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
+    """The job's own settings, less Kubernetes."""
+    made = spark_context.spark_settings(job, pod) | {
+        "spark.master": _master,
+        "spark.cores.max": str(job.spec.spark.executors * job.spec.spark.slots),
+        # Only Spark's Kubernetes backend makes the secret by itself.
+        "spark.authenticate": "false",
+        "spark.network.crypto.enabled": "false",
+        "spark.speculation.minTaskRuntime": f"{_seconds}s",
+        "spark.speculation.task.duration.threshold": f"{_seconds}s",
+    }
+    return {key: value for key, value in made.items() if not key.startswith("spark.kubernetes.")}
+
+
+class TellingJournal(Journal):
+    """Says what is in it before it is removed."""
+
+    def remove(self) -> None:
+        """As the journal's own."""
+        print("journaled:", *sorted(row["case"] for row in self.rows()), file=sys.stderr)
+        super().remove()
+
+
+vars(driver).update(
+    PROGRESS_PORT=0,
+    Journal=TellingJournal,
+    RunContext=partial(RunContext, shared=_shared),
+    spark_settings=settings,
+)
+os.environ |= {
+    "BAGPIPE_POD_NAME": "driver", "BAGPIPE_NAMESPACE": "lab", "BAGPIPE_POD_IP": "127.0.0.1",
+}  # fmt: skip
+sys.exit(driver.main(["--job", _job]))

@@ -1,0 +1,326 @@
+"""`bagpipe run` as people start it: a process, with real Spark, a real agent and real ROS nodes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.integration.conftest import ROOT
+from tests.integration.stacks import EXAMPLE, folders_with_recording
+from tests.recording import MESSAGES
+
+pytestmark = pytest.mark.integration
+
+BARRIER_CAR = ROOT / "docs/examples/barrier-car"
+ROS_PATH = "/usr/lib/robot_state_publisher:/usr/bin:/bin"
+RUN_SECONDS = 500
+# Spark starts in 5 s on an idle machine, and in a minute on a busy one.
+STEP_SECONDS = 200
+MARK = "BAGPIPE_TEST_OF_RUN"
+# Each case waits until a file of its own name is in the folder.
+WAITS = """
+import pathlib, time
+from bagpipe import binpipe
+folder = pathlib.Path(FOLDER)
+for record in binpipe.read():
+    record.read()
+    while not (folder / record.name).exists():
+        time.sleep(0.1)
+    binpipe.write(b"done", name="answer")
+"""
+
+
+@dataclass
+class Laptop:
+    """A folder with manifests, recordings and results, and the program on this machine."""
+
+    folder: Path
+    agent: Path
+    volumes: dict[str, str] = field(default_factory=dict)
+    mark: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    def manifest(self, name: str, spec: dict[str, Any]) -> Path:
+        """A manifest in a file of its own."""
+        job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"}
+        path = self.folder / f"{name}.yaml"
+        path.write_text(yaml.safe_dump(job | {"metadata": {"name": name}, "spec": spec}))
+        return path
+
+    def start(self, *words: str | Path) -> "subprocess.Popen[str]":
+        """The program, in this folder, with Debian's ROS on its PATH."""
+        environment = os.environ | {"PATH": ROS_PATH, MARK: self.mark}
+        return subprocess.Popen(
+            [sys.executable, "-m", "bagpipe.cli", *map(str, words)],
+            cwd=self.folder,
+            env=environment,
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+
+    def run(self, *words: str | Path) -> tuple[int, str, str]:
+        """Status, stdout and stderr of the program."""
+        process = self.start(*words)
+        try:
+            said, errors = process.communicate(timeout=RUN_SECONDS)
+        finally:
+            process.kill()
+        print(errors)
+        return process.returncode, said, errors
+
+    def job(self, manifest: Path, *words: str | Path) -> tuple[int, str, str]:
+        """`bagpipe run` of a manifest, whose recordings lie here."""
+        return self.run(*self.words(manifest), *words)
+
+    def words(self, manifest: Path) -> list[str | Path]:
+        """What `bagpipe run` is given in any case."""
+        volume = ["--volume", f"recordings={self.folder / 'recordings'}"]
+        return ["run", manifest, *volume, "--agent", self.agent]
+
+    def left_over(self) -> list[str]:
+        """The command lines of all processes that a run has started and that still are there."""
+        found = []
+        for process in Path("/proc").glob("[0-9]*"):
+            try:
+                environment = (process / "environ").read_bytes()
+                line = (process / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            except OSError:
+                continue
+            if f"{MARK}={self.mark}".encode() in environment and line:
+                found.append(line)
+        return found
+
+    def await_nothing_left(self) -> None:
+        """Until all that was started is gone: Spark's workers notice its end a moment later."""
+        deadline, pause = time.monotonic() + STEP_SECONDS, threading.Event()
+        while left := self.left_over():
+            assert time.monotonic() < deadline, left
+            pause.wait(0.1)
+
+
+@pytest.fixture
+def laptop(tmp_path: Path, agent_binary: Path) -> Iterator[Laptop]:
+    made = Laptop(tmp_path, agent_binary)
+    yield made
+    made.await_nothing_left()
+
+
+def with_recording(laptop: Laptop) -> None:
+    folders_with_recording(laptop.folder)
+
+
+def example(**changed: Any) -> dict[str, Any]:
+    """The example's spec in lock-step, four fragments, with fields replaced."""
+    spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
+    spec["stack"]["parameters"] |= {
+        "/use_sim_time": True,
+        "/robot_state_publisher/publish_frequency": 1000.0,
+    }
+    steps = [{"trigger": "/joint_states", "answer": "/tf", "deadline": "2s"}]
+    spec["playback"] = {"mode": "lockstep", "steps": steps}
+    return spec | changed
+
+
+def rows_of(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines()]
+
+
+def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> None:
+    with_recording(laptop)
+    manifest = laptop.manifest("pr2", example())
+    status, said, errors = laptop.job(manifest, "--slots", "2", "--output", "json")
+    assert status == 0, errors
+    told = json.loads(said)
+    assert (told["phase"], told["verdict"]) == ("Complete", "Passed")
+    assert told["counts"] | {"retried": 0} == {
+        "planned": 4, "running": 0, "passed": 4, "failed": 0, "invalid": 0, "errored": 0,
+        "retried": 0,
+    }  # fmt: skip
+    ledger = told["ledger"]
+    assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
+    folder = laptop.folder / "bagpipe-results/pr2"
+    assert told["results"] == str(folder)
+    assert {path.name for path in folder.iterdir()} == {
+        "manifest.json", "results.jsonl", "results.parquet", "junit.xml", "report.html",
+        "job.json", "cases", "journal", "agent.log", "driver.log",
+    }  # fmt: skip
+    rows = rows_of(folder)
+    assert [row["case"] for row in rows] == [f"joint_states-{n:04d}" for n in range(4)]
+    for row in rows:
+        assert (folder / row["recorded"]).stat().st_size > 10_000
+    assert len(list((folder / "cases").iterdir())) == 4
+    assert list((folder / "journal").iterdir()) == []
+    lines = errors.splitlines()
+    assert "starting Spark and 2 slots" in lines
+    assert lines[-1] == "bagpipe-results/pr2 has report.html, results.jsonl and more"
+    assert any(line.startswith("4 of 4 cases (4 passed)") for line in lines), errors
+    assert any("images are not used here" in line for line in lines)
+
+    status, said, _ = laptop.run("results", folder)
+    assert (status, said.split("\n")[0]) == (0, "Passed  pr2")
+    status, said, _ = laptop.run("report", folder, "--output", laptop.folder / "page.html")
+    assert (status, "page.html" in said) == (0, True)
+    status, _, errors = laptop.job(manifest)
+    assert (status, "has a run already: write --replace" in errors) == (2, True)
+
+
+def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Laptop) -> None:
+    with_recording(laptop)
+    criteria = [
+        {"name": "some", "presence": {"topic": "/tf", "min": 1}},
+        {"name": "many", "presence": {"topic": "/tf", "min": 20}},
+    ]
+    # At most one answer a second, of the 180 that there are in 4 s otherwise.
+    slow = {"/robot_state_publisher/publish_frequency": 1.0}
+    variants = [{"name": "usual"}, {"name": "slow", "parameters": slow}]
+    spec = example(variants=variants, evaluate=criteria)
+    spec["playback"] = {"mode": "realtime", "subscribeTimeout": "60s"}
+    spec["source"]["fragment"] = {"length": "4s"}
+    status, said, errors = laptop.job(
+        laptop.manifest("two", spec), "--cases", "*-0000-*", "--results", "my kept", "--slots", "2"
+    )
+    assert status == 1, errors
+    assert said.splitlines()[0] == "Failed  two"
+    folder = laptop.folder / "my kept"
+    outcomes = {row["case"]: row["outcome"] for row in rows_of(folder)}
+    assert outcomes == {"joint_states-0000-usual": "passed", "joint_states-0000-slow": "failed"}
+    comparison = json.loads((folder / "comparison.json").read_text())["comparisons"][0]
+    assert comparison["regressed"] == ["joint_states-0000-slow"]
+    status, said, _ = laptop.run("results", folder, "--failed", "--output", "yaml")
+    assert (status, [row["variant"] for row in yaml.safe_load(said)["cases"]]) == (1, ["slow"])
+
+
+def test_what_can_t_be_run_ends_with_2_and_says_why(laptop: Laptop) -> None:
+    with_recording(laptop)
+    spec = example()
+    spec["source"]["bags"] = ["pvc://recordings/nowhere/*.bag"]
+    status, said, errors = laptop.job(laptop.manifest("missing", spec))
+    assert (status, said.splitlines()[0]) == (2, "no verdict  missing"), errors
+    assert "1 of 1 cases errored" in said
+    assert "1 of 1 cases (1 errored)" in errors
+    spec = example()
+    spec["stack"]["command"] = ["no_such_publisher"]
+    status, _, errors = laptop.job(laptop.manifest("command", spec))
+    assert (status, "stack.command starts no_such_publisher" in errors) == (2, True)
+    status, _, errors = laptop.job(laptop.manifest("chosen", example()), "--cases", "night-*")
+    assert status == 2
+    assert "NoCaseChosen: none of the 4 cases is called night-*; the first is joint_sta" in errors
+    bad = laptop.folder / "bad.yaml"
+    bad.write_text("kind: SimulationJob\n")
+    status, _, errors = laptop.job(bad)
+    assert (status, "apiVersion is ''" in errors) == (2, True)
+
+
+def test_a_simulated_job_runs_as_many_cases_as_are_asked_for(laptop: Laptop) -> None:
+    spec: dict[str, Any] = yaml.safe_load((BARRIER_CAR / "job.yaml").read_text())["spec"]
+    spec["stack"]["command"] = ["/usr/bin/python3", str(BARRIER_CAR / "planner.py")]
+    manifest = laptop.manifest("barrier", spec)
+    status, said, errors = laptop.run(
+        "run", manifest, "--agent", laptop.agent, "--cases", "2", "--output", "json"
+    )
+    assert status == 0, errors
+    told = json.loads(said)
+    assert (told["counts"]["planned"], told["counts"]["passed"]) == (2, 2)
+    assert all(case["criteria"][0]["name"] == "steers" for case in told["cases"])
+
+
+def waiting(laptop: Laptop, cases: int) -> Path:
+    """A job of the exec engine whose cases 0, 1, ... wait for the files `0.bin`, `1.bin`, ..."""
+    (laptop.folder / "recordings").mkdir()
+    for number in range(cases):
+        (laptop.folder / f"recordings/{number}.bin").write_text(str(number))
+    program = WAITS.replace("FOLDER", repr(str(laptop.folder)))
+    spec = {
+        "source": {"files": ["pvc://recordings/*.bin"]},
+        "stack": {"engine": "exec", "image": "any", "command": [sys.executable, "-c", program]},
+        "spark": {"slots": 2},
+        "output": {"uri": "pvc://results/r"},
+    }
+    return laptop.manifest("waits", spec)
+
+
+def let_go(laptop: Laptop, *cases: int) -> None:
+    for number in cases:
+        (laptop.folder / f"{number}.bin").touch()
+
+
+def await_line(process: "subprocess.Popen[str]", wanted: str) -> None:
+    """Read its stderr until a line holds `wanted`; the rest stays for `communicate`."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if wanted in line:
+            return
+    raise AssertionError(f"it ended without saying {wanted!r}")
+
+
+def started_cases(laptop: Laptop) -> int:
+    return sum("binpipe.read()" in line for line in laptop.left_over())
+
+
+def await_cases(laptop: Laptop, count: int, process: "subprocess.Popen[str]") -> None:
+    deadline, pause = time.monotonic() + STEP_SECONDS, threading.Event()
+    while started_cases(laptop) < count:
+        assert process.poll() is None
+        assert time.monotonic() < deadline, laptop.left_over()
+        pause.wait(0.1)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interruption_ends_all_that_was_started_and_is_gone_on_with(
+    laptop: Laptop, number: signal.Signals
+) -> None:
+    manifest = waiting(laptop, 3)
+    process = laptop.start(*laptop.words(manifest), "--slots", "2")
+    await_cases(laptop, 2, process)
+    process.send_signal(number)
+    said, errors = process.communicate(timeout=STEP_SECONDS)
+    assert (process.returncode, said) == (2, ""), errors
+    assert "interrupted after 0 of 3 cases; --resume goes on with the other cases" in errors
+    laptop.await_nothing_left()
+    let_go(laptop, 0, 1, 2)
+    status, said, errors = laptop.job(manifest, "--resume", "--output", "json")
+    assert status == 0, errors
+    assert json.loads(said)["counts"]["passed"] == 3
+
+
+def test_what_was_done_before_an_interruption_is_not_done_again(laptop: Laptop) -> None:
+    manifest = waiting(laptop, 3)
+    let_go(laptop, 0)
+    process = laptop.start(*laptop.words(manifest), "--slots", "1")
+    await_line(process, "1 of 3 cases (1 passed)")
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=STEP_SECONDS)
+    assert (process.returncode, "interrupted after 1 of 3 cases" in errors) == (2, True), errors
+    folder = laptop.folder / "bagpipe-results/waits"
+    (segment,) = (folder / "journal").iterdir()
+    journaled = json.loads(segment.read_text())
+    assert journaled["case"] == "0"
+    status, _, errors = laptop.job(manifest)
+    assert (status, "has an interrupted run: --resume goes on with it" in errors) == (2, True)
+    # Were it run again, it would wait for ever.
+    (laptop.folder / "0.bin").unlink()
+    let_go(laptop, 1, 2)
+    status, _, errors = laptop.job(manifest, "--resume")
+    assert status == 0, errors
+    first, *others = rows_of(folder)
+    assert first["result"] == journaled["result"]
+    assert [row["case"] for row in others] == ["1", "2"]
+
+
+def test_a_run_that_is_killed_takes_its_processes_with_it(laptop: Laptop) -> None:
+    process = laptop.start(*laptop.words(waiting(laptop, 1)))
+    await_cases(laptop, 1, process)
+    process.kill()
+    process.communicate(timeout=10)
+    laptop.await_nothing_left()

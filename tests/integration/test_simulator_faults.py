@@ -1,0 +1,133 @@
+"""What becomes of a drive whose stack does not steer, steers nonsense, or dies; or its worker."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.run.case_run import Row, run_case
+from tests.integration.conftest import RunningAgent
+from tests.integration.drives import PATH, PYTHON, cases_of, context_of, spec_with
+
+pytestmark = pytest.mark.integration
+
+Start = Callable[..., RunningAgent]
+
+# A node that hears the odometry and then does what the test says.
+NODE = """
+import os, rospy, sys, time
+from geometry_msgs.msg import Twist, PointStamped
+from nav_msgs.msg import Odometry
+rospy.init_node("node")
+heard = [0]
+def hear(odometry):
+    heard[0] += 1
+    {body}
+commands = rospy.Publisher("/cmd", {kind}, queue_size=10)
+rospy.Subscriber("/ego/odom", Odometry, hear)
+rospy.spin()
+"""
+STEPS = [{"trigger": "/ego/odom", "answer": "/cmd", "deadline": "50ms"}]
+
+
+def drive(
+    agent: RunningAgent, folder: Path, body: str, kind: str = "Twist", **playback: Any
+) -> Row:
+    """One case of ten simulated seconds with that node as its stack."""
+    spec = spec_with(
+        stack={"image": "x", "command": [PYTHON, "-c", NODE.format(body=body, kind=kind)]},
+        playback={"mode": "lockstep", "steps": STEPS, "subscribeTimeout": "5s"} | playback,
+        evaluate=[],
+    )
+    return run_case(cases_of(spec)[0], context_of(spec, agent, folder))
+
+
+def test_a_stack_that_never_answers_ends_with_a_reason(tmp_path: Path, start_agent: Start) -> None:
+    row = drive(start_agent(path=PATH), tmp_path, "pass")
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackNeverAnswered", 1)
+    assert "did not answer on /cmd in 20 steps in a row, up to 2 s of the drive" in row["message"]
+
+
+def test_a_stack_that_may_be_silent_and_is_proves_nothing(
+    tmp_path: Path, start_agent: Start
+) -> None:
+    steps = [STEPS[0] | {"optional": True, "deadline": "2ms"}]
+    row = drive(start_agent(path=PATH), tmp_path, "pass", steps=steps)
+    assert (row["outcome"], row["reason"]) == ("invalid", "NothingAnswered"), row
+    assert row["result"]["playback"]["steps"][0]["skipped"] == 100
+
+
+def test_an_answer_that_is_missing_now_and_then_is_counted(
+    tmp_path: Path, start_agent: Start
+) -> None:
+    body = "heard[0] % 10 and commands.publish(Twist())"
+    row = drive(start_agent(path=PATH), tmp_path, body)
+    assert row["outcome"] == "passed", row
+    (step,) = row["result"]["playback"]["steps"]
+    assert (step["released"], step["answered"], step["no_output"]) == (100, 90, 10)
+
+
+def test_a_stack_that_publishes_no_control_message_is_told_which_ones_there_are(
+    tmp_path: Path, start_agent: Start
+) -> None:
+    row = drive(
+        start_agent(path=PATH), tmp_path, "commands.publish(PointStamped())", "PointStamped"
+    )
+    assert (row["outcome"], row["reason"]) == ("errored", "BadControl")
+    assert "publishes geometry_msgs/PointStamped on /cmd, and the simulator obeys" in row["message"]
+
+
+def test_a_wish_that_is_no_number_is_an_error(tmp_path: Path, start_agent: Start) -> None:
+    body = "t = Twist(); t.linear.x = float('nan'); commands.publish(t)"
+    row = drive(start_agent(path=PATH), tmp_path, body)
+    assert (row["outcome"], row["reason"]) == ("errored", "BadControl")
+    assert "asks for the speed nan" in row["message"]
+
+
+def test_a_stack_that_dies_in_the_middle_is_told_with_its_last_words(
+    tmp_path: Path, start_agent: Start
+) -> None:
+    body = """commands.publish(Twist())
+    if heard[0] == 30:
+        sys.stderr.write("the brakes are on fire\\n"); sys.stderr.flush(); os._exit(3)"""
+    agent = start_agent(path=PATH)
+    begun = time.monotonic()
+    row = drive(agent, tmp_path, body)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 1)
+    assert "the brakes are on fire" in row["message"]
+    assert time.monotonic() - begun < 20
+    agent.await_no_descendants()
+
+
+def test_a_stack_that_is_not_there_is_named(tmp_path: Path, start_agent: Start) -> None:
+    spec = spec_with(stack={"image": "x", "command": ["no-such-planner"]})
+    row = run_case(cases_of(spec)[0], context_of(spec, start_agent(path=PATH), tmp_path))
+    assert (row["outcome"], row["reason"]) == ("errored", "CommandNotFound")
+
+
+def test_a_worker_that_dies_in_the_middle_leaves_a_free_slot_and_no_stack(
+    tmp_path: Path, start_agent: Start
+) -> None:
+    agent = start_agent(path=PATH)
+    mark = tmp_path / "driving"
+    # Each answer takes 20 ms, so the drive is still under way when the mark is seen.
+    body = f"open({str(mark)!r}, 'w'); time.sleep(0.02); commands.publish(Twist())"
+    worker = os.fork()
+    if worker == 0:
+        drive(agent, tmp_path, body)
+        os._exit(0)
+    deadline, pause = time.monotonic() + 20, threading.Event()
+    while not mark.exists():
+        assert time.monotonic() < deadline, "the stack never heard anything"
+        pause.wait(0.01)
+    os.kill(worker, signal.SIGKILL)
+    os.waitpid(worker, 0)
+    agent.await_no_descendants()
+    spec = spec_with()
+    row = run_case(cases_of(spec)[0], context_of(spec, agent, tmp_path))
+    assert row["outcome"] == "passed", row
