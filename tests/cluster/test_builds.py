@@ -39,7 +39,26 @@ def test_a_builds_key_follows_its_files(module: Path) -> None:
 def test_a_builds_key_follows_its_flags(module: Path) -> None:
     program = builds.Program("kubernetes")
     other = dataclasses.replace(program, variables=(("version", "2"),))
-    assert builds.key(program, module) != builds.key(other, module)
+    tagged = dataclasses.replace(program, tags=("only_this",))
+    assert len({builds.key(each, module) for each in (program, other, tagged)}) == 3
+
+
+def test_a_build_has_the_tags_that_it_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "sources" / "tagged"
+    folder.mkdir(parents=True)
+    (folder / "go.mod").write_text("module tagged\n\ngo 1.24.0\n")
+    (folder / "main.go").write_text("package main\n\nfunc main() { println(said) }\n")
+    for tag, said in (("!loud", "quiet"), ("loud", "loud")):
+        text = f'//go:build {tag}\n\npackage main\n\nconst said = "{said}"\n'
+        (folder / f"{said}.go").write_text(text)
+    monkeypatch.setattr(builds, "sources", lambda: tmp_path / "sources")
+    monkeypatch.setattr(builds, "cache", lambda: tmp_path / "cache")
+    for tags, said in (((), "quiet"), (("loud", "other"), "loud")):
+        made = builds.ensure(builds.Program("tagged", tags=tags))
+        done = subprocess.run([made / "tagged"], capture_output=True, text=True, check=True)
+        assert done.stderr.strip() == said
 
 
 def test_a_failed_build_leaves_nothing_behind(

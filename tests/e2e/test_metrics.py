@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import yaml
+from embedded import builds
 
 from charts.monitoring.boards import DATA_PLANE
 from charts.monitoring.generate import ROOT
@@ -77,7 +78,9 @@ def prometheus(namespace: str, tmp_path: Path) -> Iterator[Prometheus]:
     }  # fmt: skip
     scrapes = [by_annotations(pods), by_the_monitor(pods)]
     rules = ROOT / "charts/bagpipe/files/alerts.yaml"
-    made = Prometheus.configured(tmp_path / "prometheus", scrapes, rules, NODE, _PORT)
+    # Debian's is built without Kubernetes' discovery.
+    program = str(builds.ensure(builds.PROMETHEUS) / "prometheus")
+    made = Prometheus.configured(tmp_path / "prometheus", scrapes, rules, NODE, _PORT, program)
     yield made
     made.server.kill()
 

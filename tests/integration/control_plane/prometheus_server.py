@@ -1,4 +1,4 @@
-"""Debian's Prometheus as a process, with a configuration of the test's own."""
+"""Prometheus as a process, Debian's unless another is named, with a configuration of the test's."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,13 @@ class Prometheus:
 
     @classmethod
     def configured(
-        cls, folder: Path, scrapes: list[dict[str, Any]], rules: Path, host: Host, port: int
+        cls,
+        folder: Path,
+        scrapes: list[dict[str, Any]],
+        rules: Path,
+        host: Host,
+        port: int,
+        program: str = "prometheus",
     ) -> "Prometheus":
         """The same with whatever it is to find its targets by, on a host's port."""
         config = {
@@ -45,7 +51,7 @@ class Prometheus:
         command = [
             *DIES_WITH_US,
             *host.command(
-                "prometheus", f"--config.file={folder / 'prometheus.yaml'}",
+                program, f"--config.file={folder / 'prometheus.yaml'}",
                 f"--storage.tsdb.path={folder / 'data'}",
                 f"--web.listen-address={host.address}:{port}",
             ),
