@@ -107,6 +107,7 @@ def spark(master: str) -> Iterator[SparkContext]:
         "spark.driver.memory": "512m",
         "spark.executor.memory": "512m",
         "spark.locality.wait": "0s",
+        "spark.python.unix.domain.socket.enabled": "true",
         "spark.executorEnv.PYTHONPATH": paths,
         "spark.log.level": "ERROR",
     }

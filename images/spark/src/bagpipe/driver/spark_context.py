@@ -138,6 +138,9 @@ def _endurance(job: JobFile) -> dict[str, str]:
         # Above the driver's own limit, which gives such a case a row instead of ending the job.
         "spark.task.maxFailures": str(quarantine + 8),
         "spark.python.worker.reuse": "true",
+        # Over TCP each task waits some 20 ms for its Python worker, and a stack that shares the
+        # pod's network could try to speak to it; the socket's file is in Spark's own /tmp.
+        "spark.python.unix.domain.socket.enabled": "true",
         "spark.locality.wait": "0s",
     }
 
