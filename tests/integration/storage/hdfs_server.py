@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tests.integration.storage.servers import (
     LOOPBACK,
+    PATIENCE,
     Host,
     Server,
     free_port,
@@ -95,7 +96,7 @@ class Hdfs:
 
     def start_namenode(self) -> None:
         self.namenode.start()
-        self.namenode.await_ready(lambda: listens(self.port, self.host.address), 60)
+        self.namenode.await_ready(lambda: listens(self.port, self.host.address), PATIENCE)
 
     def start_datanode(self) -> None:
         """Start it and wait until the NameNode knows it, without which no block can be placed."""
@@ -104,8 +105,8 @@ class Hdfs:
         self._await_datanode(known)
 
     def _await_datanode(self, known: int) -> None:
-        self.datanode.await_ready(lambda: listens(self.data_port, self.host.address), 60)
-        wait_until(lambda: self._registrations() > known, 60, "the DataNode did not register")
+        self.datanode.await_ready(lambda: listens(self.data_port, self.host.address), PATIENCE)
+        wait_until(lambda: self._registrations() > known, PATIENCE, "the DataNode did not register")
 
     def stop(self) -> None:
         self.datanode.kill()
