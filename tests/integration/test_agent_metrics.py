@@ -20,7 +20,7 @@ from charts.monitoring import generate
 from tests.integration.agent_cases import LOCKSTEP
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording
-from tests.integration.storage.servers import free_port, wait_until
+from tests.integration.storage.servers import PATIENCE, free_port, wait_until
 from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
@@ -88,7 +88,7 @@ def test_a_real_case_is_seen_while_it_runs_and_adds_up(watched: Watched) -> None
     def ended(figures: Figures) -> bool:
         return figures["bagpipe_agent_cases_ended_total", "answered"] == 1
 
-    wait_until(lambda: ended(watched.figures()), 10, "the case's end is not told")
+    wait_until(lambda: ended(watched.figures()), PATIENCE, "the case's end is not told")
     after = watched.figures()
     busy = [each for each in seen if each["bagpipe_agent_slots_busy", ""] == 1]
     played = [each["bagpipe_agent_played_messages_total", ""] for each in busy]

@@ -9,7 +9,7 @@ from embedded.api import ApiError
 
 Object = dict[str, Any]
 
-TIMEOUT_SECONDS = 10.0
+TIMEOUT_SECONDS = 30.0
 JSON = "application/json"
 MERGE_PATCH = "application/merge-patch+json"
 STRATEGIC_PATCH = "application/strategic-merge-patch+json"

@@ -12,11 +12,12 @@ import yaml
 from embedded import tools
 
 from tests.integration.control_plane import server
-from tests.integration.control_plane.client import Client
+from tests.integration.control_plane.client import JOBS, Client
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
+from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import OperatorProcess, rendered
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[3]
 OPERATOR = "bagpipe-operator"
@@ -89,7 +90,10 @@ def installation(
         token = control_plane.token(name, OPERATOR)
         kubeconfig = tmp_path / "operator.kubeconfig"
         control_plane.write_kubeconfig(kubeconfig, token)
-        yield Installation(name, kubeconfig, admin.with_token(token))
+        client = admin.with_token(token)
+        await_right(client, "list", "", "pods")
+        await_right(client, "create", name, "leases", "coordination.k8s.io")
+        yield Installation(name, kubeconfig, client)
         for path in made:
             admin.delete(path)
 
@@ -120,8 +124,11 @@ def fresh_namespace(admin: Client, purpose: str) -> Iterator[str]:
     name = f"{purpose}-{uuid4().hex[:8]}"
     admin.create("/api/v1/namespaces", {"metadata": {"name": name}})
     account = f"/api/v1/namespaces/{name}/serviceaccounts/default"
-    wait_until(lambda: admin.exists(account), 20, f"{account} was not made")
+    wait_until(lambda: admin.exists(account), PATIENCE, f"{account} was not made")
     yield name
+    # A namespace takes its time to go, and the next test's operator would see its jobs and count.
+    for kind in ("simulationschedules", "simulationjobs"):
+        admin.delete(f"{JOBS}/namespaces/{name}/{kind}")
     admin.delete(f"/api/v1/namespaces/{name}")
 
 

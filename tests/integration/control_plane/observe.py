@@ -3,9 +3,11 @@
 from collections.abc import Iterable
 from datetime import datetime
 
+from embedded.api import ApiError
+
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.operator_process import OperatorProcess
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
 
 UID_LABEL = "sim.bagpipe.io/job-uid"
@@ -49,14 +51,14 @@ def statuses(admin: Client, namespace: str) -> dict[str, Object]:
     return {o["metadata"]["name"]: o.get("status") or {} for o in admin.items(jobs(namespace))}
 
 
-def await_phase(admin: Client, namespace: str, phase: str, count: int, seconds: float) -> None:
+def await_phase(admin: Client, namespace: str, phase: str, count: int) -> None:
     """Waits until so many jobs are in a phase."""
 
     def reached() -> bool:
         found = [s.get("phase") for s in statuses(admin, namespace).values()]
         return found.count(phase) == count
 
-    wait_until(reached, seconds, f"{count} jobs did not become {phase} within {seconds:g} s")
+    wait_until(reached, PATIENCE, f"{count} jobs did not become {phase}")
 
 
 def leads(process: OperatorProcess) -> bool:
@@ -64,9 +66,33 @@ def leads(process: OperatorProcess) -> bool:
     return process.metric("bagpipe_leader") == 1.0
 
 
-def await_lead(process: OperatorProcess, seconds: float) -> None:
+def await_lead(process: OperatorProcess, seconds: float = PATIENCE) -> None:
     """Waits until a replica leads."""
     wait_until(lambda: leads(process), seconds, f"it did not lead within {seconds:g} s")
+
+
+def is_admitted(
+    admin: Client, namespace: str, pod: Object, refusal: str = "violates PodSecurity"
+) -> bool:
+    """Whether Pod Security, or who else refuses so, lets a pod pass; other refusals are errors."""
+    try:
+        admin.create(core(namespace, "pods") + "?dryRun=All", pod)
+    except ApiError as error:
+        assert refusal in str(error), error
+        return False
+    return True
+
+
+def await_right(client: Client, verb: str, namespace: str, resource: str, group: str = "") -> None:
+    """Waits until the API server's authorizer, which has Roles from a watch, knows of a right."""
+    asked = {"verb": verb, "namespace": namespace, "resource": resource, "group": group}
+    review = {"spec": {"resourceAttributes": asked}}
+
+    def allowed() -> bool:
+        path = "/apis/authorization.k8s.io/v1/selfsubjectaccessreviews"
+        return bool(client.create(path, review)["status"]["allowed"])
+
+    wait_until(allowed, PATIENCE, f"nobody may {verb} {resource} in {namespace}")
 
 
 def moment(text: str) -> datetime:

@@ -10,11 +10,11 @@ from pathlib import Path
 import urllib3
 
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import Server, free_port
+from tests.integration.storage.servers import PATIENCE, Server, free_port
 
 PROGRAM = Path(sys.executable).with_name("bagpipe-operator")
-READY_SECONDS = 30.0
-TERM_SECONDS = 20.0
+# An answer is asked for once, so it may take its time.
+ANSWER_SECONDS = 20.0
 
 
 @dataclass
@@ -36,7 +36,7 @@ class OperatorProcess:
         }
         self.server = Server([*DIES_WITH_US, str(PROGRAM)], self.log, defaults | self.environment)
 
-    def start(self, ready_seconds: float = READY_SECONDS) -> "OperatorProcess":
+    def start(self, ready_seconds: float = PATIENCE) -> "OperatorProcess":
         """Starts it, again after it has ended, and waits until /readyz says yes."""
         self.server.start()
         self.server.await_ready(lambda: self.ask("/readyz")[0] == 200, ready_seconds)
@@ -62,7 +62,7 @@ class OperatorProcess:
         """Status and text of /livez, /readyz or /metrics; status 0 when nobody answers."""
         try:
             answer = urllib3.request(
-                "GET", f"http://127.0.0.1:{self.port}{path}", timeout=2, retries=False
+                "GET", f"http://127.0.0.1:{self.port}{path}", timeout=ANSWER_SECONDS, retries=False
             )
         except urllib3.exceptions.HTTPError:
             return 0, ""
@@ -87,7 +87,7 @@ class OperatorProcess:
 
     def _signalled(self, number: signal.Signals) -> int:
         self._process.send_signal(number)
-        return self._process.wait(timeout=TERM_SECONDS)
+        return self._process.wait(timeout=PATIENCE)
 
 
 def rendered(helm_values: list[str], namespace: str, templates: list[str]) -> str:

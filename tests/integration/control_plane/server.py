@@ -15,10 +15,9 @@ from pathlib import Path
 from embedded import builds
 
 from tests.integration.control_plane.client import Client, Object
-from tests.integration.storage.servers import Server, free_port, wait_until
+from tests.integration.storage.servers import PATIENCE, Server, free_port, wait_until
 
 CLUSTER = Path(__file__).parents[2] / "cluster"
-READY_SECONDS = 60.0
 # Tests may be killed before they can clean up; the kernel then ends what they started.
 DIES_WITH_US = ["setpriv", "--pdeathsig", "KILL", "--"]
 CRDS = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
@@ -55,7 +54,7 @@ class ControlPlane:
         controllers.start()
         # It has no port here; its work shows that it runs.
         account = "/api/v1/namespaces/default/serviceaccounts/default"
-        controllers.await_ready(lambda: self.admin.exists(account), READY_SECONDS)
+        controllers.await_ready(lambda: self.admin.exists(account), PATIENCE)
         self.start_seconds = time.monotonic() - began
 
     def start_scheduler(self) -> None:
@@ -70,7 +69,7 @@ class ControlPlane:
         """Starts it again on the same port and waits until it serves."""
         server = self.servers["kube-apiserver"]
         server.start()
-        server.await_ready(self.admin.healthy, READY_SECONDS)
+        server.await_ready(self.admin.healthy, PATIENCE)
 
     def stop(self) -> None:
         """Ends every process by its pid and removes the folder."""
@@ -107,7 +106,7 @@ def install_crd(admin: Client, crd: Object) -> None:
             kind["name"] == names["plural"] for kind in admin.get(path)["resources"]
         )
 
-    wait_until(found, 20, f"the API server does not serve {names['plural']}")
+    wait_until(found, PATIENCE, f"the API server does not serve {names['plural']}")
 
 
 def prepare() -> ControlPlane:

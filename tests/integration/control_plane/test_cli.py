@@ -21,14 +21,14 @@ from bagpipe.cli.kubectl import proposals
 from tests.integration.control_plane.cli_process import CliProcess
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import fresh_namespace
-from tests.integration.control_plane.observe import a_job
+from tests.integration.control_plane.observe import a_job, await_right
 from tests.integration.control_plane.server import CRDS, ControlPlane, install_crd
 from tests.integration.storage.servers import wait_until
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.cli.cluster_objects import condition
 from tests.unit.report.publishing import publish
 
-WAIT_SECONDS = 30.0
+WAIT_SECONDS = 90.0
 RUNNING = [
     condition("Accepted", True, "DriverCreated"),
     condition("Running", True, "CasesRunning", "Cases are running."),
@@ -162,7 +162,7 @@ def test_submit_waits_and_ends_with_the_verdict(
     verdict: str, status: int,
 ) -> None:  # fmt: skip
     given = json.dumps(manifest("lane"))
-    words = ("submit", "-", "--wait", "--timeout", "60s", "--output", "json")
+    words = ("submit", "-", "--wait", "--timeout", "300s", "--output", "json")
     done = later.submit(program, *words, given=given)
     wait_until(lambda: admin.exists(jobs(namespace, "lane")), WAIT_SECONDS, "no job was made")
     tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
@@ -179,7 +179,7 @@ def test_watch_follows_a_job_through_trouble_to_its_end(
     admin.create(jobs(namespace), a_job("lane"))
     stuck = condition("Running", False, "VolumeMissing", "The claim drives does not exist.")
     tell(admin, namespace, "lane", [stuck], phase="Pending")
-    words = ("watch", "lane", "-n", namespace, "--timeout", "60s")
+    words = ("watch", "lane", "-n", namespace, "--timeout", "300s")
     with CliProcess(control_plane.kubeconfig, *words) as watch:
         watch.read_until(" Pending; VolumeMissing: The claim drives does not exist.")
         tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 2})
@@ -197,13 +197,13 @@ def test_watch_outlives_an_api_server_that_is_started_anew(
     control_plane: ControlPlane, admin: Client, namespace: str
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
-    words = ("watch", "lane", "-n", namespace, "--timeout", "90s")
+    words = ("watch", "lane", "-n", namespace, "--timeout", "300s")
     with CliProcess(control_plane.kubeconfig, *words) as watch:
         watch.read_until("NotSeen: The operator has not looked at the job yet.")
         control_plane.stop_api_server()
         control_plane.start_api_server()
         tell_end(admin, namespace, "lane", "Passed")
-        assert watch.end(60) == 0
+        assert watch.end(250) == 0
 
 
 def test_a_job_that_is_deleted_ends_the_watch(
@@ -289,9 +289,11 @@ def test_the_role_of_the_page_is_enough(
     admin.create(f"{rbac}/roles", role)
     admin.create(f"{rbac}/rolebindings", binding)
     config = tmp_path / "config"
-    control_plane.write_kubeconfig(config, control_plane.token(namespace, "ci"))
+    token = control_plane.token(namespace, "ci")
+    await_right(admin.with_token(token), "create", namespace, "simulationjobs", "sim.bagpipe.io")
+    control_plane.write_kubeconfig(config, token)
     given = json.dumps(manifest("lane"))
-    words = ("submit", "-", "--wait", "--timeout", "60s", "-n", namespace)
+    words = ("submit", "-", "--wait", "--timeout", "300s", "-n", namespace)
     done = later.submit(run, config, *words, given=given)
     wait_until(lambda: admin.exists(jobs(namespace, "lane")), WAIT_SECONDS, "no job was made")
     tell_end(admin, namespace, "lane", "Passed")

@@ -7,10 +7,10 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
 
-SECONDS = 15.0
+SECONDS = PATIENCE
 
 
 class Jobs:
@@ -147,7 +147,9 @@ def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
         "the job was not removed",
     )  # fmt: skip
     world.await_pods()
-    assert world.events("late").count("DeadlineExceeded") == 1
+    told = "DeadlineExceeded"
+    wait_until(lambda: told in world.events("late"), SECONDS, "the deadline's Event is missing")
+    assert world.events("late").count(told) == 1
     edited = world.edit("late", ttlSecondsAfterFinished=3600)["metadata"]["generation"]
     wait_until(
         lambda: world.get("late")["status"]["observedGeneration"] == edited, SECONDS,

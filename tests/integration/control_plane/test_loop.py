@@ -20,7 +20,7 @@ from tests.integration.control_plane.conftest import Installation, StartOperator
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs, statuses
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import Clock, account
 from tests.unit.operator.fakes import FakeDrivers
 
@@ -35,16 +35,18 @@ def test_nothing_blocks_the_loop(
     operator.server.command[-1:] = [sys.executable, str(WATCHED)]
     operator.start()
     create_jobs(admin, namespace, ["a"])
-    await_phase(admin, namespace, "Pending", 1, 15)
+    await_phase(admin, namespace, "Pending", 1)
     with fake_driver(account()) as driver:
         kubelet.run(namespace, "a-1-driver", ip=driver.ip)
-        await_phase(admin, namespace, "Running", 1, 15)
+        await_phase(admin, namespace, "Running", 1)
         assert statuses(admin, namespace)["a"]["cases"]["planned"] == 4
-        wait_until(lambda: driver.asked >= 2, 10, "the driver was not asked again")
+        wait_until(lambda: driver.asked >= 2, PATIENCE, "the driver was not asked again")
     kubelet.end(namespace, "a-1-driver", 0, account("Complete", verdict="Passed"))
-    await_phase(admin, namespace, "Complete", 1, 15)
+    await_phase(admin, namespace, "Complete", 1)
     admin.delete(jobs(namespace, "a"))
-    wait_until(lambda: operator.metric('bagpipe_jobs{phase="Complete"}') == 0, 10, "still there")
+    wait_until(
+        lambda: operator.metric('bagpipe_jobs{phase="Complete"}') == 0, PATIENCE, "still there"
+    )
     assert operator.terminate() == 0
     assert [line for line in operator.said().splitlines() if line.startswith("BLOCKS")] == []
 

@@ -11,8 +11,9 @@ from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.observe import is_admitted
 from tests.integration.control_plane.operator_process import rendered
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
 from tests.unit.operator.test_pod_templates import POD
 
@@ -42,18 +43,10 @@ def restricted(admin: Client, namespace: str) -> str:
         admin.create(runtime, {"metadata": {"name": "nvidia"}, "handler": "nvidia"})
     lax = {"metadata": {"name": "lax"}, "spec": {"containers": [{"name": "c", "image": "i"}]}}
     # The API server learns of a namespace's new level from a watch.
-    wait_until(lambda: not is_admitted(admin, namespace, lax), 10, "the level is not enforced")
+    wait_until(
+        lambda: not is_admitted(admin, namespace, lax), PATIENCE, "the level is not enforced"
+    )
     return namespace
-
-
-def is_admitted(admin: Client, namespace: str, pod: Object) -> bool:
-    """Whether Pod Security lets a pod pass; any other refusal is an error."""
-    try:
-        admin.create(core(namespace, "pods") + "?dryRun=All", pod)
-    except ApiError as error:
-        assert "violates PodSecurity" in str(error), error
-        return False
-    return True
 
 
 def pods_of(namespace: str, path: str, value: object) -> list[Object]:
@@ -105,7 +98,7 @@ def test_what_a_job_loosens_is_the_namespace_s_to_allow(
         admin.create(path, executor)
     level = {"pod-security.kubernetes.io/enforce": "baseline"}
     admin.merge(f"/api/v1/namespaces/{namespace}", {"metadata": {"labels": level}})
-    wait_until(lambda: is_admitted(admin, namespace, executor), 10, "baseline refuses it too")
+    wait_until(lambda: is_admitted(admin, namespace, executor), PATIENCE, "baseline refuses it too")
 
 
 def test_a_job_whose_stack_the_namespace_refuses_says_so_and_starts_nothing(
@@ -121,7 +114,7 @@ def test_a_job_whose_stack_the_namespace_refuses_says_so_and_starts_nothing(
         found = [c for c in status.get("conditions", []) if c["type"] == "Accepted"]
         return found[0] if found else None
 
-    wait_until(lambda: accepted() is not None, 10, "the operator said nothing of the job")
+    wait_until(lambda: accepted() is not None, PATIENCE, "the operator said nothing of the job")
     told = accepted()
     assert told is not None
     assert (told["status"], told["reason"]) == ("False", "CreationRefused")
@@ -138,6 +131,6 @@ def test_a_job_starts_in_a_restricted_namespace(
     job["metadata"] = {"name": "plain"}
     admin.create(jobs(restricted), job)
     path = core(restricted, "pods", "plain-1-driver")
-    wait_until(lambda: admin.exists(path), 10, "the operator created no driver")
+    wait_until(lambda: admin.exists(path), PATIENCE, "the operator created no driver")
     spec = admin.get(path)["spec"]
     assert not any(v["name"].startswith("kube-api-access") for v in spec["volumes"])

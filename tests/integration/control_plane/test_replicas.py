@@ -14,10 +14,9 @@ from tests.integration.control_plane.observe import (
     leads,
     statuses,
 )
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
 
-TAKEOVER_SECONDS = 15.0
 NAMES = [f"j{number:03}" for number in range(60)]
 LEASE = "/apis/coordination.k8s.io/v1/namespaces/{}/leases/bagpipe-operator"
 
@@ -35,11 +34,11 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
 ) -> None:
     # One worker makes the work last long enough to be interrupted.
     leader = operator_process(BAGPIPE_WORKERS="1")
-    await_lead(leader, 5)
+    await_lead(leader)
     standby = operator_process()
     create_jobs(admin, namespace, NAMES)
     wait_until(
-        lambda: len(children(admin, namespace)["pods"]) >= 10, 20, "the leader made no drivers"
+        lambda: len(children(admin, namespace)["pods"]) >= 10, PATIENCE, "no drivers were made"
     )
     leader.kill()
     killed = time.monotonic()
@@ -48,18 +47,17 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
     uids = {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
     assert not leads(standby)
 
-    await_lead(standby, TAKEOVER_SECONDS)
+    await_lead(standby)
     took = time.monotonic() - killed
-    await_phase(admin, namespace, "Pending", len(NAMES), 20)
+    await_phase(admin, namespace, "Pending", len(NAMES))
     print(f"took over {took:.1f} s after the kill; had {len(before)} of {len(NAMES)} drivers")
-    assert took < TAKEOVER_SECONDS
 
     assert children(admin, namespace) == expected_children(NAMES)
     assert uids <= {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
     assert drivers_and_attempts(admin, namespace) == {(name, 1) for name in NAMES}
     for name in NAMES:
         kubelet.end(namespace, f"{name}-1-driver", 0, account("Complete", verdict="Passed"))
-    await_phase(admin, namespace, "Complete", len(NAMES), 20)
+    await_phase(admin, namespace, "Complete", len(NAMES))
     assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
     told = [e["involvedObject"]["name"] for e in admin.items(core(namespace, "events"))
             if e["reason"] == "DriverCreated"]  # fmt: skip
@@ -70,21 +68,19 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
     admin: Client, namespace: str, installation: Installation, operator_process: StartOperator
 ) -> None:
     # Only this namespace: the first must have nothing to do as long as it rightly leads.
-    terms = {"BAGPIPE_LEASE_SECONDS": "4", "BAGPIPE_WATCH_NAMESPACES": namespace}
+    terms = {"BAGPIPE_LEASE_SECONDS": "6", "BAGPIPE_WATCH_NAMESPACES": namespace}
     first = operator_process(**terms)
-    await_lead(first, 5)
+    await_lead(first)
     second = operator_process(**terms)
     first.pause()
-    await_lead(second, TAKEOVER_SECONDS)
+    await_lead(second)
     create_jobs(admin, namespace, ["a", "b"])
-    await_phase(admin, namespace, "Pending", 2, 10)
+    await_phase(admin, namespace, "Pending", 2)
     first.resume()
-    wait_until(lambda: not leads(first), 5, "the old leader believes in its Lease")
-    wait_until(
-        lambda: "does not lead any more" in first.said(), 10, "the old leader did not step back"
-    )
+    wait_until(lambda: not leads(first), PATIENCE, "the old leader believes in its Lease")
+    wait_until(lambda: "does not lead any more" in first.said(), PATIENCE, "it did not step back")
     create_jobs(admin, namespace, ["c"])
-    await_phase(admin, namespace, "Pending", 3, 10)
+    await_phase(admin, namespace, "Pending", 3)
     assert leads(second)
     assert children(admin, namespace) == expected_children(["a", "b", "c"])
     lease = admin.get(LEASE.format(installation.namespace))
@@ -96,23 +92,23 @@ def test_a_leader_that_is_asked_to_end_gives_the_lease_back(
     admin: Client, namespace: str, installation: Installation, operator_process: StartOperator
 ) -> None:
     leader = operator_process(BAGPIPE_LEASE_SECONDS="30")
-    await_lead(leader, 5)
+    await_lead(leader)
     standby = operator_process(BAGPIPE_LEASE_SECONDS="30")
     assert standby.ask("/readyz") == (200, "ok\n")
     create_jobs(admin, namespace, ["a"])
-    await_phase(admin, namespace, "Pending", 1, 10)
+    await_phase(admin, namespace, "Pending", 1)
     assert leader.terminate() == 0
     began = time.monotonic()
-    await_lead(standby, 10)  # its next look is 6 s away, the Lease's end 30 s
-    assert time.monotonic() - began < 10
+    await_lead(standby)  # its next look is 6 s away, the Lease's end at least 24 s
+    assert time.monotonic() - began < 20
     spec = admin.get(LEASE.format(installation.namespace))["spec"]
     assert spec["leaseTransitions"] == 1
     # The same for a lone one that is replaced: its successor need not wait for the Lease's end.
     assert standby.terminate() == 0
     leader.start()
-    await_lead(leader, 5)
+    await_lead(leader)
     create_jobs(admin, namespace, ["b"])
-    await_phase(admin, namespace, "Pending", 2, 10)
+    await_phase(admin, namespace, "Pending", 2)
 
 
 def test_a_replica_without_the_right_to_the_lease_is_not_ready(
@@ -126,6 +122,6 @@ def test_a_replica_without_the_right_to_the_lease_is_not_ready(
         status, text = operator.ask("/readyz")
         return status == 503 and "the Lease default/bagpipe-operator can't be used: 403" in text
 
-    wait_until(told, 20, operator.said())
+    wait_until(told, PATIENCE, operator.said())
     assert said in operator.ask("/readyz")[1]
     assert operator.ask("/livez") == (200, "ok\n")

@@ -15,11 +15,11 @@ from tests.integration.control_plane.observe import (
     statuses,
 )
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
 
 # Short, so that a successor need not wait long for what a killed operator held.
-QUICK = {"BAGPIPE_LEASE_SECONDS": "3", "BAGPIPE_MISSING_DRIVER_SECONDS": "1"}
+QUICK = {"BAGPIPE_LEASE_SECONDS": "5", "BAGPIPE_MISSING_DRIVER_SECONDS": "1"}
 
 
 def test_what_happens_while_no_operator_runs_is_found(
@@ -27,7 +27,7 @@ def test_what_happens_while_no_operator_runs_is_found(
 ) -> None:
     create_jobs(admin, namespace, ["ends", "fails", "lost", "deleted"])
     operator = operator_process(**QUICK)
-    await_phase(admin, namespace, "Pending", 4, 15)
+    await_phase(admin, namespace, "Pending", 4)
     operator.kill()
 
     kubelet.end(namespace, "ends-1-driver", 0, account("Complete", verdict="Passed"))
@@ -41,18 +41,18 @@ def test_what_happens_while_no_operator_runs_is_found(
             "deleted-1" not in children(admin, namespace)["configmaps"]
             and "deleted-1-driver" not in children(admin, namespace)["pods"]
         ),
-        20,
+        PATIENCE,
         "a deleted job's children are left",
     )
     create_jobs(admin, namespace, ["new"])
 
     operator.start()
-    await_phase(admin, namespace, "Complete", 1, 15)
-    await_phase(admin, namespace, "Failed", 1, 5)
-    wait_until(  # after the pause of ten seconds before a driver is replaced
-        lambda: "lost-2-driver" in children(admin, namespace)["pods"], 20, "no second driver"
-    )
-    await_phase(admin, namespace, "Pending", 2, 10)
+    await_phase(admin, namespace, "Complete", 1)
+    await_phase(admin, namespace, "Failed", 1)
+    second = core(namespace, "pods", "lost-2-driver")
+    # After the pause of ten seconds before a driver is replaced.
+    wait_until(lambda: admin.exists(second), PATIENCE, "no second driver")
+    await_phase(admin, namespace, "Pending", 2)
     found = {name: (s["phase"], s["attempt"]) for name, s in statuses(admin, namespace).items()}
     assert found == {
         "ends": ("Complete", 1),
@@ -67,13 +67,13 @@ def test_a_lone_operator_is_killed_in_the_middle(
 ) -> None:
     names = [f"k{number:02}" for number in range(15)]
     operator = operator_process(BAGPIPE_WORKERS="1", **QUICK)
-    await_lead(operator, 5)
+    await_lead(operator)
     create_jobs(admin, namespace, names)
-    wait_until(lambda: len(children(admin, namespace)["pods"]) >= 3, 10, "no driver was made")
+    wait_until(lambda: len(children(admin, namespace)["pods"]) >= 3, PATIENCE, "no drivers")
     operator.kill()
     before = {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
     operator.start()
-    await_phase(admin, namespace, "Pending", len(names), 15)
+    await_phase(admin, namespace, "Pending", len(names))
     assert children(admin, namespace) == expected_children(names)
     assert before <= {p["metadata"]["uid"] for p in admin.items(core(namespace, "pods"))}
     assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
@@ -84,7 +84,7 @@ def test_every_object_has_its_job_as_owner_and_none_a_finalizer(
 ) -> None:
     operator_process()
     create_jobs(admin, namespace, ["a"])
-    await_phase(admin, namespace, "Pending", 1, 10)
+    await_phase(admin, namespace, "Pending", 1)
     job = admin.get(jobs(namespace, "a"))
     labelled = f"?labelSelector={UID_LABEL}={job['metadata']['uid']}"
     owned = [
@@ -108,15 +108,15 @@ def test_the_api_server_goes_away_and_comes_back(
     admin = control_plane.admin
     operator = operator_process()
     create_jobs(admin, namespace, ["a", "b"])
-    await_phase(admin, namespace, "Pending", 2, 10)
+    await_phase(admin, namespace, "Pending", 2)
     control_plane.stop_api_server()
-    wait_until(lambda: "connect" in operator.said().lower(), 15, "it did not notice")
+    wait_until(lambda: "connect" in operator.said().lower(), PATIENCE, "it did not notice")
     control_plane.start_api_server()
     back = time.monotonic()
     kubelet.end(namespace, "a-1-driver", 0, account("Complete", verdict="Passed"))
     create_jobs(admin, namespace, ["c"])
-    await_phase(admin, namespace, "Complete", 1, 40)
-    await_phase(admin, namespace, "Pending", 2, 40)
+    await_phase(admin, namespace, "Complete", 1)
+    await_phase(admin, namespace, "Pending", 2)
     print(f"all was told {time.monotonic() - back:.1f} s after the API server came back")
     assert operator.server.alive
     assert children(admin, namespace) == expected_children(["a", "b", "c"])

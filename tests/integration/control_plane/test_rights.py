@@ -9,6 +9,7 @@ from embedded.api import ApiError
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import Installation, apply_chart, fresh_namespace
+from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import rendered
 from tests.integration.control_plane.server import ControlPlane
 from tests.unit.operator.builders import make_job
@@ -126,7 +127,9 @@ def user(control_plane: ControlPlane, namespace: str) -> Client:
         "subjects": [{"kind": "ServiceAccount", "name": "developer", "namespace": namespace}],
     }
     admin.create(f"{path}/rolebindings", binding)
-    return admin.with_token(control_plane.token(namespace, "developer"))
+    client = admin.with_token(control_plane.token(namespace, "developer"))
+    await_right(client, "delete", namespace, "simulationjobs", "sim.bagpipe.io")
+    return client
 
 
 def a_job(**changed: str) -> Object:

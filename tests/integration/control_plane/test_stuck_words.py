@@ -17,10 +17,10 @@ import pytest
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
-from tests.integration.storage.servers import wait_until
+from tests.integration.control_plane.observe import is_admitted
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account, make_job
 
-WITHIN_SECONDS = 10.0
 DRIVER_IP = "127.0.7.5"
 PROGRESS_PORT = 8080
 
@@ -39,10 +39,10 @@ def condition(admin: Client, namespace: str, name: str, kind: str) -> Object:
 def await_reason(
     admin: Client, namespace: str, name: str, reason: str, kind: str = "Running"
 ) -> str:
-    """The condition's message once it has the reason, which must be soon."""
+    """The condition's message once it has the reason."""
     wait_until(
         lambda: condition(admin, namespace, name, kind).get("reason") == reason,
-        WITHIN_SECONDS,
+        PATIENCE,
         f"{name} did not become {reason}",
     )
     message: str = condition(admin, namespace, name, kind)["message"]
@@ -51,7 +51,7 @@ def await_reason(
 
 def await_pod(admin: Client, namespace: str, name: str) -> Object:
     path = core(namespace, "pods", name)
-    wait_until(lambda: admin.exists(path), 20, f"{name} was not created")
+    wait_until(lambda: admin.exists(path), PATIENCE, f"{name} was not created")
     return admin.get(path)
 
 
@@ -78,8 +78,14 @@ def driver_says(text: str) -> Iterator[None]:
 
 
 def warnings(admin: Client, namespace: str, reason: str) -> int:
-    found = admin.items(core(namespace, "events"))
-    return sum(e["reason"] == reason and e["type"] == "Warning" for e in found)
+    """How many Warnings of a reason there are, once there is one: it comes after the status."""
+
+    def told() -> int:
+        found = admin.items(core(namespace, "events"))
+        return sum(e["reason"] == reason and e["type"] == "Warning" for e in found)
+
+    wait_until(lambda: told() > 0, PATIENCE, f"there is no Event of {reason}")
+    return told()
 
 
 def test_no_quota_for_executors(
@@ -88,7 +94,9 @@ def test_no_quota_for_executors(
     hard = {"metadata": {"name": "small"}, "spec": {"hard": {"pods": "1"}}}
     admin.create(core(namespace, "resourcequotas"), hard)
     quota = core(namespace, "resourcequotas", "small")
-    wait_until(lambda: "used" in admin.get(quota).get("status", {}), 20, "no quota is counted")
+    wait_until(
+        lambda: "used" in admin.get(quota).get("status", {}), PATIENCE, "no quota is counted"
+    )
     operator_process()
     admin.create(jobs(namespace), a_job("x"))
     await_pod(admin, namespace, "x-1-driver")
@@ -108,7 +116,9 @@ def test_no_quota_for_the_driver(
     hard = {"metadata": {"name": "none"}, "spec": {"hard": {"pods": "0"}}}
     admin.create(core(namespace, "resourcequotas"), hard)
     quota = core(namespace, "resourcequotas", "none")
-    wait_until(lambda: "used" in admin.get(quota).get("status", {}), 20, "no quota is counted")
+    wait_until(
+        lambda: "used" in admin.get(quota).get("status", {}), PATIENCE, "no quota is counted"
+    )
     operator_process()
     admin.create(jobs(namespace), a_job("x"))
     await_reason(admin, namespace, "x", "QuotaExceeded", "Accepted")
@@ -126,6 +136,11 @@ def test_executors_that_a_limit_refuses(
     admin.create(jobs(namespace), a_job("x", memory="3Gi"))
     await_pod(admin, namespace, "x-1-driver")
     admin.create(core(namespace, "limitranges"), limits)
+    # The API server learns of a new limit from a watch.
+    large = {"name": "c", "image": "i", "resources": {"limits": {"memory": "3Gi"}}}
+    probe = {"metadata": {"name": "probe"}, "spec": {"containers": [large]}}
+    words = "maximum memory usage per Container"
+    wait_until(lambda: not is_admitted(admin, namespace, probe, words), PATIENCE, "no limit")
     admin.create(jobs(namespace), a_job("y", memory="3Gi"))
     message = await_reason(admin, namespace, "y", "CreationRefused", "Accepted")
     assert "maximum memory usage per Container is 2Gi, but limit is 3Gi" in message
@@ -226,7 +241,7 @@ def test_every_transition_once_under_an_operator_that_is_killed(
     def killed_after(reason: str, kind: str) -> None:
         wait_until(
             lambda: condition(admin, namespace, "x", kind).get("reason") == reason,
-            20,
+            PATIENCE,
             f"{reason} was not written",
         )
         time.sleep(pause)
@@ -242,9 +257,11 @@ def test_every_transition_once_under_an_operator_that_is_killed(
     kubelet.end(namespace, "x-1-driver", message=json.dumps(done))
     killed_after("AllCasesRan", "Complete")
     wanted = Counter(["DriverCreated", "DriverImageUnavailable", "CasesPlanned", "AllCasesRan"])
-    wait_until(lambda: own_events(admin, namespace) >= wanted, 20, "an Event is missing")
+    wait_until(lambda: own_events(admin, namespace) >= wanted, PATIENCE, "an Event is missing")
     process.kill()
     process.start()
     worked = 'bagpipe_reconciles_total{result="done"}'
-    wait_until(lambda: (process.metric(worked) or 0) > 0, 20, "the job was not looked at again")
+    wait_until(
+        lambda: (process.metric(worked) or 0) > 0, PATIENCE, "the job was not looked at again"
+    )
     assert own_events(admin, namespace) == wanted

@@ -10,7 +10,7 @@ import pytest
 
 from bagpipe.storage import StorageError
 from tests.integration.storage.conftest import Place
-from tests.integration.storage.servers import wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
 
 MIB = 1 << 20
 BIG = 20 * MIB + 12345
@@ -162,7 +162,7 @@ def test_a_bag_that_changed_since_it_was_planned_is_refused(place: Place) -> Non
         write(place, "x.bag", b"other" * MIB)
         return place.storage.open(uri).version != file.version
 
-    wait_until(changed, 10, "the version never changed")
+    wait_until(changed, PATIENCE, "the version never changed")
     with pytest.raises(StorageError, match="is no longer the file that was planned"):
         file.read(0, 4)
     with pytest.raises(StorageError, match="is no longer the file that was planned"):
