@@ -7,10 +7,11 @@ import select
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Self
 
-SECONDS = 40.0
+SECONDS = 90.0
 COLOURS = re.compile(rb"\x1b\[[0-9;?]*[A-Za-z]")
 
 
@@ -43,10 +44,14 @@ class CliProcess:
 
     def read_until(self, text: str) -> None:
         """Reads on until the text is there; fails after SECONDS."""
+        self.read_until_that(text, lambda written: text in written)
+
+    def read_until_that(self, what: str, holds: Callable[[str], bool]) -> None:
+        """Reads on until something holds of all that was written; fails after SECONDS."""
         deadline = time.monotonic() + SECONDS
-        while text not in self.plain():
-            assert time.monotonic() < deadline, f"never wrote {text!r}: {self.plain()}"
-            assert self._read(), f"ended without {text!r}: {self.plain()}"
+        while not holds(self.plain()):
+            assert time.monotonic() < deadline, f"never wrote {what!r}: {self.plain()}"
+            assert self._read(), f"ended without {what!r}: {self.plain()}"
 
     def end(self, seconds: float = SECONDS) -> int:
         """The exit status, with all that it has written read."""

@@ -9,7 +9,7 @@ import urllib3
 import yaml
 
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import LOOPBACK, Host, Server, free_port
+from tests.integration.storage.servers import LOOPBACK, PATIENCE, Host, Server, free_port
 
 
 @dataclass
@@ -58,13 +58,13 @@ class Prometheus:
         ]  # fmt: skip
         made = cls(Server(command, folder / "prometheus.log"), port, host)
         made.server.start()
-        made.server.await_ready(made._ready, 20)
+        made.server.await_ready(made._ready, PATIENCE)
         return made
 
     def get(self, path: str, **fields: str) -> Any:
         """What the API answers to a question."""
         url = f"http://{self.host.address}:{self.port}/api/v1/{path}"
-        answer = urllib3.request("GET", url, fields=fields, timeout=5, retries=False).json()
+        answer = urllib3.request("GET", url, fields=fields, timeout=30, retries=False).json()
         assert answer["status"] == "success", answer
         return answer["data"]
 

@@ -12,17 +12,21 @@ from tests.integration.control_plane.test_cli import RUNNING, tell, tell_end
 UP = re.compile(rb"\x1b\[\d*A")
 
 
+def seconds(written: str) -> set[str]:
+    """The seconds that were shown; a busy machine leaves some out."""
+    return set(re.findall(r"watched for (\d+ s)", written))
+
+
 def test_a_terminal_shows_one_block_that_is_drawn_anew(
     control_plane: ControlPlane, admin: Client, namespace: str
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
     tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
-    words = ("watch", "lane", "-n", namespace, "--timeout", "60s")
+    words = ("watch", "lane", "-n", namespace, "--timeout", "300s")
     with CliProcess(control_plane.kubeconfig, *words, terminal=True) as terminal:
         terminal.read_until("25 % 1 of 4 cases")
         # Nothing changes in the cluster, and the seconds go on: the clock alone draws it anew.
-        terminal.read_until("watched for 1 s")
-        terminal.read_until("watched for 2 s")
+        terminal.read_until_that("three seconds", lambda written: len(seconds(written)) >= 3)
         assert UP.search(terminal.written)
         failure = {"case": "a-3", "reason": "TooSlow", "message": "9 Hz"}
         counts = {"planned": 4, "passed": 2, "failed": 1}

@@ -24,7 +24,7 @@ from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs
 from tests.integration.control_plane.prometheus_server import Prometheus
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import Server, listens, wait_until
+from tests.integration.storage.servers import PATIENCE, Server, listens, wait_until
 from tests.unit.operator.builders import account
 
 DRIVERS = {"drive": "127.83.0.2", "steps": "127.83.0.3"}
@@ -87,13 +87,13 @@ def test_every_panel_and_every_alert_has_data(
     drivers: Server, cases: Server, tmp_path: Path,
 ) -> None:  # fmt: skip
     operator = operator_process()
-    drivers.await_ready(lambda: listens(PORT, DRIVERS["steps"]), 30)
+    drivers.await_ready(lambda: listens(PORT, DRIVERS["steps"]), PATIENCE)
     targets = [f"127.0.0.1:{operator.port}", AGENT]
     targets += [f"{ip}:{PORT}" for ip in DRIVERS.values()]
     rules = ROOT / "charts/bagpipe/files/alerts.yaml"
     prometheus = Prometheus.started(tmp_path / "prometheus", targets, rules)
     try:
-        wait_until(lambda: prometheus.up() == 4, 30, "Prometheus does not reach its targets")
+        wait_until(lambda: prometheus.up() == 4, PATIENCE, "Prometheus does not reach its targets")
         run_jobs(admin, namespace, kubelet)
         asked = [each for board in BOARDS for each in expressions(board, namespace)]
         asked += [(alert.name, alert.value) for alert in ALERTS]
@@ -106,7 +106,7 @@ def test_every_panel_and_every_alert_has_data(
             return left <= set(EXCUSED)
 
         try:
-            wait_until(all_there, 60, "")
+            wait_until(all_there, 2 * PATIENCE, "")
         except AssertionError:
             logs = [process.log.read_text()[-1500:] for process in (drivers, cases)]
             assert left == set(EXCUSED), f"{sorted(left)}\n{logs}"
@@ -120,26 +120,31 @@ def test_every_panel_and_every_alert_has_data(
 def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:
     """Two jobs run, one ends well, one fails."""
     create_jobs(admin, namespace, [*DRIVERS, "well", "broken"])
-    await_phase(admin, namespace, "Pending", 4, 20)
+    await_phase(admin, namespace, "Pending", 4)
     for name, address in DRIVERS.items():
         kubelet.run(namespace, f"{name}-1-driver", ip=address)
     with fake_driver(account()) as driver:
         for name in ("well", "broken"):
             kubelet.run(namespace, f"{name}-1-driver", ip=driver.ip)
-        await_phase(admin, namespace, "Running", 4, 20)
+        await_phase(admin, namespace, "Running", 4)
     kubelet.end(namespace, "well-1-driver", 0, account("Complete", verdict="Passed"))
     kubelet.end(namespace, "broken-1-driver", 1, account("Failed", reason="StorageFailed"))
-    await_phase(admin, namespace, "Complete", 1, 20)
-    await_phase(admin, namespace, "Failed", 1, 20)
+    await_phase(admin, namespace, "Complete", 1)
+    await_phase(admin, namespace, "Failed", 1)
     told: Object = admin.get(jobs(namespace, "drive"))["status"]
     assert told["cases"]["planned"] == 10_000
 
 
 def assert_rules_are_judged(prometheus: Prometheus) -> None:
     """Prometheus has judged each rule without an error."""
-    rules = [rule for group in prometheus.get("rules")["groups"] for rule in group["rules"]]
-    assert sorted(rule["name"] for rule in rules) == sorted(alert.name for alert in ALERTS)
-    assert {rule["health"] for rule in rules} == {"ok"}
+
+    def health() -> dict[str, str]:
+        groups = prometheus.get("rules")["groups"]
+        return {rule["name"]: rule["health"] for group in groups for rule in group["rules"]}
+
+    wait_until(lambda: "unknown" not in health().values(), PATIENCE, "not each rule is judged")
+    assert sorted(health()) == sorted(alert.name for alert in ALERTS)
+    assert set(health().values()) == {"ok"}
 
 
 def assert_failures_are_seen(prometheus: Prometheus) -> None:
@@ -149,10 +154,15 @@ def assert_failures_are_seen(prometheus: Prometheus) -> None:
         sample["metric"]["reason"] for sample in prometheus.get("query", query=faults)["result"]
     }
     assert seen == {"DeliveryIncomplete", "StackExited"}
-    assert prometheus.values('bagpipe_jobs_ended_total{phase="Failed",verdict="None"}') == [1]
+    failed = 'bagpipe_jobs_ended_total{phase="Failed",verdict="None"}'
+    # It is asked for once in a second.
+    wait_until(lambda: prometheus.values(failed) not in ([], [0]), PATIENCE, "no job has failed")
+    assert prometheus.values(failed) == [1]
     assert prometheus.values('sum(bagpipe_cases_ended_total{outcome="errored"})')[0] >= 1
     # It waits for five minutes before it is sent, but is seen at once.
-    wait_until(lambda: "BagpipeCasesErrored" in seen_alerts(prometheus), 20, "no alert of crashes")
+    wait_until(
+        lambda: "BagpipeCasesErrored" in seen_alerts(prometheus), PATIENCE, "no alert of crashes"
+    )
     wrong = {"BagpipeNoLeader", "BagpipeReconcileFaults", "BagpipeResultsNotKept"}
     assert seen_alerts(prometheus).isdisjoint(wrong)
 
