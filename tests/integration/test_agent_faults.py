@@ -45,7 +45,7 @@ def play_once(
     storage = Storage(folders)
     case = sorted(plan(spec, storage).cases, key=lambda case: case.id)[case_number]
     context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 200
     with lease(agent.shared, deadline) as slot, open_ends(slot, deadline) as ends:
         files = [fragment_file(case, storage)]
         return run_session(ends, case_map(case, context), files, io.BytesIO(), deadline).result
@@ -71,12 +71,12 @@ def test_a_stack_that_fails_is_an_error_with_a_sentence(
 ) -> None:
     agent = start_agent()
     begun = time.monotonic()
-    row = run_one(spec_with({"subscribeTimeout": "2s"}, **stack), folders, agent)
+    row = run_one(spec_with({"subscribeTimeout": "5s"}, **stack), folders, agent)
     assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", reason, 1)
     assert words in row["message"]
     if "laser" in stack["command"][-1]:
         assert "the laser is on fire" in row["stderr"]
-    assert time.monotonic() - begun < 20
+    assert time.monotonic() - begun < 60
     agent.await_no_descendants()
 
 
@@ -90,7 +90,7 @@ def test_the_cases_deadline_ends_a_stack_that_never_gets_ready(
     folders: dict[str, str], start_agent: Start
 ) -> None:
     agent = start_agent()
-    timing = {"caseTimeout": "3s", "subscribeTimeout": "60s"}
+    timing = {"caseTimeout": "6s", "subscribeTimeout": "60s"}
     row = run_one(spec_with(timing, command=["sleep", "100"]), folders, agent)
     assert row["reason"] == "CaseDeadlineExceeded"
     agent.await_no_descendants()
@@ -119,7 +119,7 @@ def test_a_worker_that_dies_frees_the_slot_and_ends_the_stack(
         run_case(case, context)
         os._exit(0)
     pause = threading.Event()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 90
     while not any(_is_stack(pid) for pid in agent.descendants()):
         assert time.monotonic() < deadline, "the stack never started"
         pause.wait(0.05)
@@ -140,7 +140,7 @@ def test_a_damaged_frame_is_refused_and_the_next_session_is_served(
     folders: dict[str, str], start_agent: Start
 ) -> None:
     agent = start_agent()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 90
     with lease(agent.shared, deadline) as slot, open_ends(slot, deadline) as ends:
         hello = bytearray(Encoder().encode_fields(FrameType.HELLO, {"session": "0" * 32}))
         hello[-1] ^= 1
@@ -172,12 +172,12 @@ def test_a_killed_slot_is_met_again_by_the_next_attempt(
     runner = threading.Thread(target=lambda: rows.append(run_one(spec, folders, agent)))
     runner.start()
     pause = threading.Event()
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 90
     while not any(_is_stack(pid) for pid in agent.descendants()):
         assert time.monotonic() < deadline, "the stack never started"
         pause.wait(0.05)
     os.kill(agent.slot_processes()[0], signal.SIGKILL)
-    runner.join(timeout=90)
+    runner.join(timeout=300)
     assert not runner.is_alive()
     assert rows[0]["outcome"] in {"passed", "errored"}
     assert rows[0]["attempts"] >= 2

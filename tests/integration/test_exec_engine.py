@@ -193,13 +193,13 @@ def test_a_program_that_hangs_is_ended_with_all_it_started_and_the_next_runs_wel
     while sum(map(hanging.is_sleeper, command_lines(agent))) < hanging.SLEEPERS:
         assert time.monotonic() < deadline, command_lines(agent)
         pause.wait(0.05)
-    runner.join(60)
+    runner.join(120)
     (row,) = rows
     assert (row["outcome"], row["reason"], row["attempts"]) == (
         "errored", "CaseDeadlineExceeded", 1,
     )  # fmt: skip
     assert row["recorded"] is None
-    assert 20 <= row["seconds"] < 40
+    assert 20 <= row["seconds"] < 60
     assert command_lines(agent) == []
     (tmp_path / "go-on").touch()
     row = run_case(well, context)

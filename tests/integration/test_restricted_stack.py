@@ -69,7 +69,7 @@ def restricted_agent(agent_binary: Path) -> Iterator[RunningAgent]:
         yield running
     finally:
         process.send_signal(signal.SIGTERM)
-        process.wait(timeout=15)
+        process.wait(timeout=90)
         shutil.rmtree(folder)
 
 

@@ -322,5 +322,5 @@ def test_a_run_that_is_killed_takes_its_processes_with_it(laptop: Laptop) -> Non
     process = laptop.start(*laptop.words(waiting(laptop, 1)))
     await_cases(laptop, 1, process)
     process.kill()
-    process.communicate(timeout=10)
+    process.communicate(timeout=STEP_SECONDS)
     laptop.await_nothing_left()

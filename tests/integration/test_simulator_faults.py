@@ -32,7 +32,10 @@ commands = rospy.Publisher("/cmd", {kind}, queue_size=10)
 rospy.Subscriber("/ego/odom", Odometry, hear)
 rospy.spin()
 """
-STEPS = [{"trigger": "/ego/odom", "answer": "/cmd", "deadline": "50ms"}]
+# Time enough for a node on a busy machine to answer in.
+STEP = {"trigger": "/ego/odom", "answer": "/cmd", "deadline": "5s"}
+# Of a node that does not: each step costs so much.
+BRIEFLY = {"deadline": "50ms"}
 
 
 def drive(
@@ -41,14 +44,14 @@ def drive(
     """One case of ten simulated seconds with that node as its stack."""
     spec = spec_with(
         stack={"image": "x", "command": [PYTHON, "-c", NODE.format(body=body, kind=kind)]},
-        playback={"mode": "lockstep", "steps": STEPS, "subscribeTimeout": "5s"} | playback,
+        playback={"mode": "lockstep", "steps": [STEP], "subscribeTimeout": "60s"} | playback,
         evaluate=[],
     )
     return run_case(cases_of(spec)[0], context_of(spec, agent, folder))
 
 
 def test_a_stack_that_never_answers_ends_with_a_reason(tmp_path: Path, start_agent: Start) -> None:
-    row = drive(start_agent(path=PATH), tmp_path, "pass")
+    row = drive(start_agent(path=PATH), tmp_path, "pass", steps=[STEP | BRIEFLY])
     assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackNeverAnswered", 1)
     assert "did not answer on /cmd in 20 steps in a row, up to 2 s of the drive" in row["message"]
 
@@ -56,7 +59,7 @@ def test_a_stack_that_never_answers_ends_with_a_reason(tmp_path: Path, start_age
 def test_a_stack_that_may_be_silent_and_is_proves_nothing(
     tmp_path: Path, start_agent: Start
 ) -> None:
-    steps = [STEPS[0] | {"optional": True, "deadline": "2ms"}]
+    steps = [STEP | {"optional": True, "deadline": "2ms"}]
     row = drive(start_agent(path=PATH), tmp_path, "pass", steps=steps)
     assert (row["outcome"], row["reason"]) == ("invalid", "NothingAnswered"), row
     assert row["result"]["playback"]["steps"][0]["skipped"] == 100
@@ -66,7 +69,8 @@ def test_an_answer_that_is_missing_now_and_then_is_counted(
     tmp_path: Path, start_agent: Start
 ) -> None:
     body = "heard[0] % 10 and commands.publish(Twist())"
-    row = drive(start_agent(path=PATH), tmp_path, body)
+    # Ten answers are waited for in vain; the others must not come later than this.
+    row = drive(start_agent(path=PATH), tmp_path, body, steps=[STEP | {"deadline": "1s"}])
     assert row["outcome"] == "passed", row
     (step,) = row["result"]["playback"]["steps"]
     assert (step["released"], step["answered"], step["no_output"]) == (100, 90, 10)
@@ -100,7 +104,7 @@ def test_a_stack_that_dies_in_the_middle_is_told_with_its_last_words(
     row = drive(agent, tmp_path, body)
     assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 1)
     assert "the brakes are on fire" in row["message"]
-    assert time.monotonic() - begun < 20
+    assert time.monotonic() - begun < 60
     agent.await_no_descendants()
 
 
@@ -121,7 +125,7 @@ def test_a_worker_that_dies_in_the_middle_leaves_a_free_slot_and_no_stack(
     if worker == 0:
         drive(agent, tmp_path, body)
         os._exit(0)
-    deadline, pause = time.monotonic() + 20, threading.Event()
+    deadline, pause = time.monotonic() + 90, threading.Event()
     while not mark.exists():
         assert time.monotonic() < deadline, "the stack never heard anything"
         pause.wait(0.01)

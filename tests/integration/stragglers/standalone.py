@@ -13,8 +13,9 @@ import pyspark
 
 _SPARK = Path(pyspark.__file__).parent
 _DEPLOY = "org.apache.spark.deploy"
-_START_SECONDS = 60
+_START_SECONDS = 180
 HOSTS = ("127.0.0.2", "127.0.0.3")
+_REGISTERING = r"Registering worker (127\.0\.0\.\d+)"
 
 
 @contextmanager
@@ -28,7 +29,8 @@ def two_hosts(folder: Path, slots: int) -> Iterator[str]:
         for host in HOSTS:
             resources = ("--cores", str(slots), "--memory", "2g", "--work-dir", str(folder / host))
             stack.enter_context(_daemon(folder, "worker.Worker", "--host", host, *resources, url))
-        _await(master, lambda text: len(re.findall("Registering worker", text)) == len(HOSTS) or "")
+        # A worker whose registration took long asks for it again.
+        _await(master, lambda text: set(HOSTS) <= set(re.findall(_REGISTERING, text)) or "")
         yield url
 
 
