@@ -62,7 +62,7 @@ def test_of_runs_that_commit_at_the_same_moment_one_wins(tmp_path: Path) -> None
         together = threading.Barrier(runs)
 
         def put(manifest: Manifest, together: threading.Barrier = together) -> bool:
-            together.wait(10)
+            together.wait(60)
             return commit(Storage({}), manifest)
 
         with ThreadPoolExecutor(runs) as pool:

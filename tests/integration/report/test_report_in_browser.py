@@ -12,6 +12,7 @@ from selenium.webdriver.support.ui import Select
 from tests.integration.chromium import logged, requests
 from tests.integration.report import drives
 from tests.integration.report.drives import drive_rows, report_of
+from tests.integration.storage.servers import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -41,6 +42,14 @@ def opened(
     logged(browser, "browser")
     browser.get(page.as_uri())
     return made
+
+
+def timed_search(browser: webdriver.Chrome, word: str) -> list[float]:
+    """Milliseconds of each keystroke of a search. Of three turns the shortest: a page that is slow
+    is so in each, and who took the processor meanwhile is not its fault.
+    """
+    turns = [browser.execute_async_script(TIMED_SEARCH, word) for _ in range(3)]
+    return [min(keystroke) for keystroke in zip(*turns, strict=True)]
 
 
 def text_of(browser: webdriver.Chrome, css: str) -> str:
@@ -132,10 +141,10 @@ def test_ten_thousand_cases_stay_quick(
     loaded = browser.execute_script(
         "const [n] = performance.getEntriesByType('navigation'); return n.loadEventEnd"
     )
-    took: list[float] = browser.execute_async_script(TIMED_SEARCH, "0123-heavy-35-pr-812")
+    took = timed_search(browser, "0123-heavy-35-pr-812")
     assert found(browser) == "1 of 10,000 cases"
     browser.find_element(By.ID, "clear").click()
-    took += browser.execute_async_script(TIMED_SEARCH, "lane rate 7.")
+    took += timed_search(browser, "lane rate 7.")
     with capsys.disabled():
         print(
             f"\nreport of 10,000 cases: {len(made) / 1e6:.2f} MB, drawn after {loaded:.0f} ms;"
@@ -194,7 +203,14 @@ def test_the_page_s_own_policy_stops_what_would_leave(
     )
     assert told == ["refused", "undefined"]
     assert asked == []
-    assert len([e for e in logged(browser, "browser") if "Content Security" in e["message"]]) >= 4
+    stopped: list[str] = []
+
+    def all_are_logged() -> bool:
+        found = (entry["message"] for entry in logged(browser, "browser"))
+        stopped.extend(message for message in found if "Content Security" in message)
+        return len(stopped) >= 4
+
+    wait_until(all_are_logged, PATIENCE, f"not each way out is logged: {stopped}")
 
 
 def test_it_prints_the_failing_cases_in_full(browser: webdriver.Chrome, page: Path) -> None:

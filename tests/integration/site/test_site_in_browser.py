@@ -16,7 +16,7 @@ from tests.integration.conftest import ROOT
 
 pytestmark = pytest.mark.integration
 
-SECONDS = 30
+SECONDS = 90
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +52,8 @@ def test_the_start_page_has_the_navigation_and_leads_on(
     ]  # fmt: skip
     assert all(caption.is_displayed() for caption in captions)
     browser.find_element(By.LINK_TEXT, "Five minutes").click()
+    WebDriverWait(browser, SECONDS).until(lambda b: b.current_url.endswith("/start.html"))
     assert browser.find_element(By.TAG_NAME, "h1").text.startswith("Five minutes")
-    assert browser.current_url.endswith("/start.html")
     check_quiet(browser)
 
 

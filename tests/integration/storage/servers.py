@@ -110,7 +110,7 @@ class Server:
         """End it at once, without a word to its clients' connections."""
         if self._process is not None:
             self._process.send_signal(signal.SIGKILL)
-            self._process.wait(timeout=30)
+            self._process.wait(timeout=PATIENCE)
 
     def await_ready(self, ready: Callable[[], bool], seconds: float) -> None:
         """Wait until it serves; fails with the end of its log."""

@@ -193,7 +193,7 @@ def test_memory_stays_flat_over_a_big_file(place: Place) -> None:
         [*command, json.dumps(place.storage.volumes)],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=400,
         check=False,
     )
     assert done.returncode == 0, done.stderr

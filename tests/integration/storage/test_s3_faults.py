@@ -1,5 +1,6 @@
 """S3 that dies, is busy, breaks off, stalls, refuses: a real server, and a proxy that spoils it."""
 
+import dataclasses
 import threading
 import time
 import traceback
@@ -11,7 +12,13 @@ from bagpipe.storage.objects import _CHUNK_BYTES
 from bagpipe.storage.reading import REQUEST_BYTES
 from tests.integration.storage.conftest import QUICK
 from tests.integration.storage.faulty_proxy import Fault, FaultyProxy
-from tests.integration.storage.servers import ACCESS_KEY, BUCKET, SECRET_KEY, S3Server
+from tests.integration.storage.servers import (
+    ACCESS_KEY,
+    BUCKET,
+    PATIENCE,
+    SECRET_KEY,
+    S3Server,
+)
 from tests.integration.storage.test_contract import MIB, pattern
 
 DATA = pattern(3 * REQUEST_BYTES)
@@ -69,11 +76,12 @@ def test_a_server_that_stays_busy_is_an_error_that_tells_all(bag: str, proxy: Fa
 
 
 def test_a_stalled_answer_is_given_up_at_its_deadline(bag: str, proxy: FaultyProxy) -> None:
-    storage = Storage({}, Patience(1.0, 4, 0.05, 0.1))
+    storage = Storage({}, Patience(3.0, 4, 0.05, 0.1))
     proxy.faults["GET"] = [Fault(keep=1000, how="stall"), Fault(how="stall")]
     begun = time.monotonic()
     assert storage.read(bag, 0, 5000) == DATA[:5000]
-    assert 1.9 < time.monotonic() - begun < 15
+    # A stall would last for a minute.
+    assert 5.9 < time.monotonic() - begun < 50
     assert proxy.ranges()[0] == "0-4999"
     assert proxy.count("GET") == 3
 
@@ -83,7 +91,7 @@ def test_a_refused_credential_is_not_tried_again_and_not_told(
 ) -> None:
     wrong = "not-the-secret-of-this-server"
     credentials.setenv("AWS_SECRET_ACCESS_KEY", wrong)
-    storage = Storage({}, Patience(5.0, 4, 0.05, 0.1))
+    storage = Storage({}, Patience(20.0, 4, 0.05, 0.1))
     caplog.set_level("DEBUG")
     for ask in (
         lambda: storage.read(bag, 0, 1),
@@ -135,7 +143,7 @@ def test_parts_of_an_upload_are_sent_again(
 def test_an_upload_that_fails_tells_the_writer_and_leaves_nothing(
     proxy: FaultyProxy, s3: S3Server, s3_folder: str
 ) -> None:
-    storage = Storage({}, Patience(2.0, 2, 0.05, 0.1))
+    storage = Storage({}, Patience(20.0, 2, 0.05, 0.1))
     proxy.faults["PUT"] = [Fault(status=503)] * 50
     with (
         pytest.raises(StorageError, match=r"x\.bag can't be written: the server answered 503"),
@@ -165,9 +173,10 @@ def unfinished_uploads(s3: S3Server) -> list[str]:
 
 
 def test_a_server_that_is_killed_and_comes_back_is_read_on(
-    own_s3: S3Server, storage: Storage, credentials: pytest.MonkeyPatch, s3_folder: str
+    own_s3: S3Server, credentials: pytest.MonkeyPatch, s3_folder: str
 ) -> None:
     credentials.setenv("AWS_ENDPOINT_URL", own_s3.url)
+    storage = Storage({}, dataclasses.replace(QUICK, tries=120))
     uri = f"{s3_folder}/x.bag"
     data = pattern(15 * REQUEST_BYTES)
     with storage.create(uri) as file:
@@ -180,7 +189,7 @@ def test_a_server_that_is_killed_and_comes_back_is_read_on(
     try:
         read += list(pieces)
     finally:
-        again.join(30)
+        again.join(PATIENCE)
     assert b"".join(read) == data
 
 
@@ -195,7 +204,7 @@ def test_a_server_that_stays_away_is_an_error_in_bounded_time(
         storage.put_once(f"{s3_folder}/x", b"x")
     with pytest.raises(StorageError, match=r"no connection to the server \(3 tries in"):
         storage.expand(f"{s3_folder}/*.bag")
-    assert time.monotonic() - begun < 20
+    assert time.monotonic() - begun < 60
 
 
 def test_no_credential_at_all_is_told_as_that(
