@@ -26,7 +26,7 @@ def namespace() -> Iterator[str]:
     k.kubectl("-n", name, "apply", "-f", "-", given=_claims())
     k.start_toolbox(name)
     yield name
-    k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=100s")
+    k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=300s", seconds=320)
 
 
 def _claims() -> str:

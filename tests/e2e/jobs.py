@@ -27,7 +27,7 @@ def make_job(name: str, **changed: dict[str, Any]) -> k.Object:
     spec = job["spec"]
     spec["source"]["fragment"] = {"length": "60s"}
     spec["spark"] = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
-    spec["playback"] = {"mode": "realtime", "rate": 1.0, "subscribeTimeout": "10s"}
+    spec["playback"] = {"mode": "realtime", "rate": 1.0, "subscribeTimeout": "60s"}
     for section, fields in changed.items():
         spec[section] = spec[section] | fields
     return job
@@ -67,8 +67,8 @@ def condition(job: k.Object, kind: str) -> k.Object:
 
 def delete(namespace: str, name: str) -> None:
     """kubectl delete a job and wait until it is gone."""
-    what = ("simjob", name, "--ignore-not-found", "--wait=true", "--timeout=60s")
-    k.kubectl("-n", namespace, "delete", *what)
+    what = ("simjob", name, "--ignore-not-found", "--wait=true", "--timeout=300s")
+    k.kubectl("-n", namespace, "delete", *what, seconds=320)
 
 
 def objects_of(namespace: str) -> list[str]:

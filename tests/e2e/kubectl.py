@@ -110,7 +110,8 @@ def start_toolbox(namespace: str) -> None:
         },
     }
     kubectl("apply", "-f", "-", given=json.dumps(pod))
-    kubectl("-n", namespace, "wait", "--for=condition=Ready", f"pod/{TOOLBOX}", "--timeout=90s")
+    ready = ("wait", "--for=condition=Ready", f"pod/{TOOLBOX}", "--timeout=300s")
+    kubectl("-n", namespace, *ready, seconds=320)
 
 
 def in_toolbox(namespace: str, *command: str) -> str:

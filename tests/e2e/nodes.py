@@ -110,4 +110,4 @@ def namespace(name: str) -> Iterator[str]:
     try:
         yield name
     finally:
-        k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=100s")
+        k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=300s", seconds=320)

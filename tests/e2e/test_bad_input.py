@@ -54,7 +54,12 @@ STACKS = [
         "RosMasterNotFound",
         "python3-rosmaster",
     ),
-    Bad("never-subscribes", stack(command=["sleep", "100"]), "NeverSubscribed", "/joint_states"),
+    Bad(
+        "never-subscribes",
+        stack(command=["sleep", "100"]) | {"playback": {"subscribeTimeout": "10s"}},
+        "NeverSubscribed",
+        "/joint_states",
+    ),
     Bad("crashes", stack(command=["sh", "-c", CRASH]), "StackExited", "exit status 3"),
 ]
 
@@ -66,8 +71,8 @@ def ended(namespace: str) -> Iterator[dict[str, k.Object]]:
         for bad in BAGS + STACKS:
             job = jobs.make_job(bad.name, **bad.changed)
             existing.enter_context(jobs.applied(namespace, job))
-        yield {bad.name: jobs.ended(namespace, bad.name, 240) for bad in BAGS + STACKS}
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 90)
+        yield {bad.name: jobs.ended(namespace, bad.name, 400) for bad in BAGS + STACKS}
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
 
 
 @pytest.mark.parametrize("bad", BAGS + STACKS, ids=lambda bad: bad.name)
@@ -79,8 +84,12 @@ def test_the_job_fails_with_a_reason_and_a_sentence(
     assert job["status"]["phase"] == "Failed"
     assert (failed["status"], failed["reason"]) == ("True", bad.reason)
     assert bad.words in failed["message"]
-    described = k.kubectl("-n", namespace, "describe", "simjob", bad.name)
-    assert bad.reason in described.split("Events:")[1]
+
+    def is_told() -> bool:
+        described = k.kubectl("-n", namespace, "describe", "simjob", bad.name)
+        return bad.reason in described.split("Events:")[1]
+
+    k.await_that(f"an Event of {bad.reason}", is_told, 60)  # it comes after the status
 
 
 def test_a_crashed_stacks_stderr_is_in_the_result(
@@ -96,7 +105,7 @@ def test_a_crashed_stacks_stderr_is_in_the_result(
 def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
     job = jobs.make_job("cut-beside-whole", **bags("bad/cut.bag", "pr2/joint_states.bag"))
     with jobs.applied(namespace, job) as name:
-        status = jobs.ended(namespace, name, 180)["status"]
+        status = jobs.ended(namespace, name, 400)["status"]
         assert (status["cases"]["passed"], status["cases"]["errored"]) == (1, 1)
         (failure,) = status["failures"]
         assert (failure["case"], failure["reason"]) == ("cut", "BagCut")
@@ -110,7 +119,7 @@ def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
 def test_a_stack_that_answers_nothing_is_invalid_and_not_passed(namespace: str) -> None:
     listens = {"image": "bagpipe.local/ros:0.1.0", "command": ["rostopic", "echo", "/joint_states"]}
     with jobs.applied(namespace, jobs.make_job("answers-nothing", **stack(**listens))) as name:
-        status = jobs.ended(namespace, name, 180)["status"]
+        status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Invalid")
         assert status["cases"]["invalid"] == 1
         assert status["failures"][0]["reason"] == "NothingRecorded"

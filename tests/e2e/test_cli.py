@@ -16,7 +16,7 @@ pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
 Ended = subprocess.CompletedProcess[str]
 
-SECONDS = 60
+SECONDS = 120
 WAIT_SECONDS = 400
 SAID = "the stack begins"
 # What the example runs, and before it a line by which its log is known.

@@ -18,7 +18,7 @@ Manifest = dict[str, Any]
 pytestmark = pytest.mark.e2e
 
 CRD = Path(__file__).parents[2] / "crds" / "simulationjobs.yaml"
-KUBECTL_SECONDS = 60
+KUBECTL_SECONDS = 150
 
 GOOD: Manifest = {
     "apiVersion": "sim.bagpipe.io/v1alpha1",
@@ -74,7 +74,7 @@ def crd() -> Iterator[None]:
     if not present:
         applied = kubectl("apply", "-f", str(CRD))
         assert applied.returncode == 0, applied.stderr
-        waited = kubectl("wait", "--for=condition=Established", "--timeout=30s", "-f", str(CRD))
+        waited = kubectl("wait", "--for=condition=Established", "--timeout=120s", "-f", str(CRD))
         assert waited.returncode == 0, waited.stderr
     yield
     if not present:

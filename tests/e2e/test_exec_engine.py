@@ -35,7 +35,7 @@ def job(namespace: str) -> Iterator[k.Object]:
 
 
 def test_every_scenario_is_simulated_and_judged(namespace: str, job: k.Object) -> None:
-    status = jobs.ended(namespace, job["metadata"]["name"], 240)["status"]
+    status = jobs.ended(namespace, job["metadata"]["name"], 400)["status"]
     assert (status["phase"], status["verdict"]) == ("Complete", "Failed"), status
     cases = status["cases"]
     assert (cases["planned"], cases["passed"], cases["failed"]) == (6, 4, 2)

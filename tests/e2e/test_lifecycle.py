@@ -73,7 +73,7 @@ def test_a_suspended_job_goes_on_and_runs_nothing_again(namespace: str) -> None:
     with jobs.applied(namespace, make_job("rests", backoffLimit=0)) as name:
         await_passed(namespace, name, 8)
         edit(namespace, name, suspend=True)
-        status = await_condition(namespace, name, "Suspended", 120)["status"]
+        status = await_condition(namespace, name, "Suspended", 300)["status"]
         assert (status["phase"], pods_of(namespace, name)) == ("Suspended", [])
         done = fleet.journaled(namespace, status["results"])
         # The driver's last segment: nothing that had been counted was lost.
@@ -91,7 +91,7 @@ def test_a_deadline_keeps_what_is_done_and_another_job_goes_on_from_it(namespace
     with jobs.applied(namespace, make_job("late", activeDeadlineSeconds=3600)) as late:
         await_passed(namespace, late, 2)
         edit(namespace, late, activeDeadlineSeconds=seconds_active(namespace, late) + 3)
-        failed = await_condition(namespace, late, "Failed", 180)
+        failed = await_condition(namespace, late, "Failed", 300)
         assert jobs.condition(failed, "Failed")["reason"] == "DeadlineExceeded"
         assert {"startTime", "completionTime"} <= set(failed["status"])
         assert pods_of(namespace, late) == []
@@ -113,11 +113,10 @@ def test_an_ended_job_is_removed_with_its_pods_and_its_results_stay(namespace: s
     one = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
     job = fleet.make_job("brief", spark=WIDTH, source=one, ttlSecondsAfterFinished=15)
     with jobs.applied(namespace, job) as name:
-        status = await_condition(namespace, name, "Complete", 240)["status"]
-        k.kubectl(
-            "-n", namespace, "wait", "--for=delete", f"simjob/{name}", "--timeout=60s", seconds=70
-        )
-        k.await_that("its pods to go", lambda: pods_of(namespace, name) == [], 60)
+        status = await_condition(namespace, name, "Complete", 400)["status"]
+        gone = ("wait", "--for=delete", f"simjob/{name}", "--timeout=240s")
+        k.kubectl("-n", namespace, *gone, seconds=260)
+        k.await_that("its pods to go", lambda: pods_of(namespace, name) == [], 240)
         manifest, _ = k.results(namespace, status["results"])
         assert manifest["verdict"] == "Passed"
 
@@ -127,7 +126,7 @@ def test_a_job_that_can_t_begin_in_time_says_why(namespace: str) -> None:
     job = make_job("wide", startDeadlineSeconds=10)
     job["spec"]["spark"] = WIDTH | {"driver": huge}
     with jobs.applied(namespace, job) as name:
-        failed = await_condition(namespace, name, "Failed", 90)
+        failed = await_condition(namespace, name, "Failed", 300)
         told = jobs.condition(failed, "Failed")
         assert told["reason"] == "StartDeadlineExceeded"
         assert "has no node yet" in told["message"]

@@ -19,7 +19,7 @@ def run(namespace: str, name: str) -> tuple[k.Object, str]:
     job = yaml.safe_load(EXAMPLE.read_text())
     job["metadata"]["name"] = name
     with jobs.applied(namespace, job):
-        status = jobs.ended(namespace, name, 180)["status"]
+        status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Passed"), status
         _, (row,) = k.results(namespace, status["results"])
         path = "/" + status["results"].removeprefix("pvc://") + "/" + row["recorded"]

@@ -22,7 +22,7 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
 def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
     with jobs.applied(namespace, jobs.example()) as name:
         _check_the_examples_job(namespace, name)
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
 
 
 def _check_the_examples_job(namespace: str, name: str) -> None:
@@ -31,14 +31,14 @@ def _check_the_examples_job(namespace: str, name: str) -> None:
         pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor")
         return pods if len(pods) == 2 else None
 
-    executors = k.await_that("both executors", both_executors, 90)
+    executors = k.await_that("both executors", both_executors, 240)
     for pod in executors:
         assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
         assert pod["spec"]["automountServiceAccountToken"] is False
     k.kubectl(
         *("-n", namespace, "wait", "--for=condition=Complete", f"simjob/{name}"),
-        "--timeout=180s",
-        seconds=200,
+        "--timeout=400s",
+        seconds=420,
     )
     job = k.get(namespace, "simjob", name)
     status = job["status"]
@@ -76,5 +76,5 @@ def test_deleting_a_running_job_leaves_nothing_behind(namespace: str) -> None:
             status = k.get(namespace, "simjob", name).get("status", {})
             return bool(status.get("cases", {}).get("running", 0) == 1)
 
-        k.await_that("its case to run", running, 120)
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 60)
+        k.await_that("its case to run", running, 300)
+    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)

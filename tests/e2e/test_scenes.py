@@ -66,7 +66,7 @@ def test_pieces_of_a_recording_are_played_as_one_case(namespace: str) -> None:
     job["spec"]["source"] = {"sequence": PIECES, "topics": ["/joint_states"]}
     del job["spec"]["matrix"]
     with jobs.applied(namespace, job) as name:
-        status = jobs.ended(namespace, name, 180)["status"]
+        status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Passed"), status
         _, (row,) = k.results(namespace, status["results"])
     ledger = row["result"]["ledger"]

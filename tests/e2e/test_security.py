@@ -27,7 +27,8 @@ def executor(namespace: str) -> Iterator[str]:
     from_config = {"configMapKeyRef": {"name": "limits", "key": "speed"}}
     job = jobs.make_job(
         "walls",
-        playback={"rate": 0.1},
+        # Some five minutes, in which all tests look at it.
+        playback={"rate": 0.05},
         stack={
             "env": [{"name": "SPEED", "valueFrom": from_config}],
             "envFrom": [{"prefix": "LIMIT_", "configMapRef": {"name": "limits"}}],
@@ -47,7 +48,7 @@ def executor(namespace: str) -> Iterator[str]:
             pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor,team=lanes")
             return str(pods[0]["metadata"]["name"]) if pods else None
 
-        yield k.await_that("a case to run", running, 120)
+        yield k.await_that("a case to run", running, 300)
 
 
 def inside(namespace: str, pod: str, container: str, script: str) -> str:
@@ -116,7 +117,7 @@ def test_accounts_of_jobs_reach_nothing_else(namespace: str) -> None:
         asked = ["auth", "can-i", verb, kind, f"--subresource={below}", "-n", where]
         done = subprocess.run(
             ["kubectl", *asked, "--as", f"system:serviceaccount:{namespace}:{account}"],
-            capture_output=True, text=True, timeout=30, check=False, env=k.tool_environment(),
+            capture_output=True, text=True, timeout=120, check=False, env=k.tool_environment(),
         )  # fmt: skip
         return done.stdout.strip()
 
@@ -137,7 +138,7 @@ def test_a_stack_that_wants_to_be_root_is_told_who_refuses_it(namespace: str) ->
             found = k.get(namespace, "simjob", name).get("status", {}).get("conditions", [])
             return next((c for c in found if c["type"] == "Accepted"), None)
 
-        told = k.await_that("a word about the job", accepted, 20)
+        told = k.await_that("a word about the job", accepted, 120)
         assert (told["status"], told["reason"]) == ("False", "CreationRefused")
         assert 'violates PodSecurity "restricted' in told["message"]
         pods = k.items(namespace, "pods", "-l", f"sim.bagpipe.io/job={name}")
@@ -149,6 +150,6 @@ def test_a_link_on_a_claim_does_not_lead_to_spark_s_environment(namespace: str) 
     k.in_toolbox(namespace, "sh", "-c", script)
     job = jobs.make_job("link", source={"bags": ["pvc://recordings/evil/evil.bag"]})
     with jobs.applied(namespace, job) as name:
-        status = jobs.ended(namespace, name, 120)["status"]
+        status = jobs.ended(namespace, name, 400)["status"]
     assert status["phase"] == "Failed"
     assert "a symbolic link leads out of the volume" in json.dumps(status)

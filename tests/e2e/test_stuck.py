@@ -58,10 +58,15 @@ def pods(namespace: str, name: str, role: str) -> list[k.Object]:
     return k.items(namespace, "pods", "-l", selector)
 
 
+def events(namespace: str, which: str) -> list[k.Object]:
+    """The Events that a selector finds, once there is one: they come after what they tell."""
+    listed = (namespace, "events", "--field-selector", which)
+    return k.await_that(f"an Event with {which}", lambda: k.items(*listed), 60)
+
+
 def first_event(namespace: str, uid: str, reason: str) -> datetime:
     """When the first Event of a reason was told about an object."""
-    which = f"involvedObject.uid={uid},reason={reason}"
-    found = k.items(namespace, "events", "--field-selector", which)
+    found = events(namespace, f"involvedObject.uid={uid},reason={reason}")
     return min(moment(e["firstTimestamp"] or e["eventTime"]) for e in found)
 
 
@@ -78,8 +83,7 @@ def assert_in_time(what: str, knew: datetime, told: datetime) -> None:
 
 def assert_told_once(namespace: str, name: str, reason: str) -> None:
     uid = k.get(namespace, "simjob", name)["metadata"]["uid"]
-    which = f"involvedObject.uid={uid},reason={reason},type=Warning"
-    found = k.items(namespace, "events", "--field-selector", which)
+    found = events(namespace, f"involvedObject.uid={uid},reason={reason},type=Warning")
     assert [event["count"] for event in found] == [1]
 
 
@@ -101,7 +105,7 @@ def test_an_unknown_image(namespace: str) -> None:
 def test_a_missing_claim(namespace: str) -> None:
     job = jobs.make_job("no-claim", output={"uri": "pvc://absent/results"})
     with jobs.applied(namespace, job) as name:
-        told = seen(namespace, name, "VolumeMissing", 60)
+        told = seen(namespace, name, "VolumeMissing", 240)
         pod = only(pods(namespace, name, "driver"))
         assert_in_time("claim", pod_condition(pod, "PodScheduled"), told)
         assert_told_once(namespace, name, "VolumeMissing")
@@ -111,7 +115,7 @@ def test_a_missing_secret(namespace: str) -> None:
     job = jobs.make_job("no-secret")
     job["spec"]["storage"] = {"secrets": ["absent"]}
     with jobs.applied(namespace, job) as name:
-        told = seen(namespace, name, "SecretMissing", 60)
+        told = seen(namespace, name, "SecretMissing", 240)
         pod = only(pods(namespace, name, "driver"))
         assert_in_time("secret", first_event(namespace, pod["metadata"]["uid"], "Failed"), told)
         assert "absent" in condition(namespace, name, "Running")["message"]
@@ -133,7 +137,7 @@ def test_a_claim_that_is_not_bound(namespace: str) -> None:
     with jobs.applied(
         namespace, jobs.make_job("unbound", output={"uri": "pvc://unbound/results"})
     ) as name:
-        told = seen(namespace, name, "VolumePending", 60)
+        told = seen(namespace, name, "VolumePending", 240)
         pod = only(pods(namespace, name, "driver"))
         assert_in_time("unbound claim", pod_condition(pod, "PodScheduled"), told)
         assert_told_once(namespace, name, "VolumePending")
@@ -171,7 +175,7 @@ def test_a_volume_that_does_not_mount(namespace: str) -> None:
     job = jobs.make_job("unmountable", output={"uri": "pvc://unmountable/results"})
     try:
         with jobs.applied(namespace, job) as name:
-            told = seen(namespace, name, "VolumeNotMounted", 60)
+            told = seen(namespace, name, "VolumeNotMounted", 240)
             pod = only(pods(namespace, name, "driver"))
             knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
             assert_in_time("mount", knew, told)
@@ -197,11 +201,11 @@ def test_no_node_and_then_no_config_map(namespace: str) -> None:
     try:
         with cordoned():
             jobs.apply(namespace, job)
-            told = seen(namespace, "unplaced", "Unschedulable", 60)
+            told = seen(namespace, "unplaced", "Unschedulable", 240)
             pod = only(pods(namespace, "unplaced", "driver"))
             assert_in_time("no node", pod_condition(pod, "PodScheduled"), told)
             k.kubectl("-n", namespace, "delete", "configmap", "unplaced-1")
-        told = seen(namespace, "unplaced", "ConfigMapMissing", 60)
+        told = seen(namespace, "unplaced", "ConfigMapMissing", 240)
         knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
         assert_in_time("ConfigMap", knew, told)
         assert_told_once(namespace, "unplaced", "ConfigMapMissing")
@@ -213,7 +217,7 @@ def test_executors_that_no_node_has_room_for(namespace: str) -> None:
     large = {"resources": {"cpu": "500", "memory": "1Gi"}}
     spark = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": large}
     with jobs.applied(namespace, jobs.make_job("too-large", spark=spark)) as name:
-        told = seen(namespace, name, "Unschedulable", 120)
+        told = seen(namespace, name, "Unschedulable", 240)
         pod = only(pods(namespace, name, "executor"))
         assert_in_time("no room", pod_condition(pod, "PodScheduled"), told)
 
@@ -247,7 +251,7 @@ def quota(namespace: str, more: int) -> Iterator[None]:
 
 def test_no_quota_for_the_driver(namespace: str) -> None:
     with quota(namespace, 0), jobs.applied(namespace, jobs.make_job("no-driver")) as name:
-        told = seen(namespace, name, "QuotaExceeded", 60, "Accepted")
+        told = seen(namespace, name, "QuotaExceeded", 240, "Accepted")
         job = k.get(namespace, "simjob", name)
         assert_in_time("driver's quota", moment(job["metadata"]["creationTimestamp"]), told)
 
@@ -360,7 +364,7 @@ def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> Non
 def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     knew = evict(namespace, pod)
-    told = seen(namespace, running, "DriverEvicted", 60)
+    told = seen(namespace, running, "DriverEvicted", 240)
     # The pod's grace period is Kubernetes' own; the driver's Java ends at once.
     assert_in_time("driver evicted", knew, told)
     assert_told_once(namespace, running, "DriverEvicted")
@@ -382,7 +386,7 @@ def test_an_executor_that_takes_too_much_memory(namespace: str, running: str) ->
 def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     fill_memory(namespace, pod, "driver")
-    told = seen(namespace, running, "DriverOutOfMemory", 60)
+    told = seen(namespace, running, "DriverOutOfMemory", 240)
     assert_in_time("driver's memory", ended_at(k.get(namespace, "pod", pod), "driver"), told)
     assert_told_once(namespace, running, "DriverOutOfMemory")
 

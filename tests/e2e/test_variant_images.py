@@ -52,10 +52,10 @@ def executor(namespace: str, name: str) -> k.Object | None:
 
 def test_each_image_runs_its_variant_s_cases_and_the_worse_one_is_told(namespace: str) -> None:
     with jobs.applied(namespace, job()) as name:
-        pod = k.await_that("an executor", lambda: executor(namespace, name), 120)
+        pod = k.await_that("an executor", lambda: executor(namespace, name), 300)
         containers = {each["name"]: each["image"] for each in pod["spec"]["initContainers"]}
         assert (containers["stack"], containers["stack-1"]) == (RELEASED, CANDIDATE)
-        status = jobs.ended(namespace, name, 240)["status"]
+        status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Failed"), status
         cases = status["cases"]
         counts = [cases[each] for each in ("planned", "passed", "failed", "errored")]
