@@ -44,7 +44,7 @@ def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[process
     child = subprocess.Popen(["sleep", "60"])
     yield processes.remember("kubelet-1", child.pid)
     child.kill()
-    child.wait(timeout=10)
+    child.wait(timeout=60)
 
 
 def test_one_node_is_what_there_is_without_a_record(
@@ -139,9 +139,9 @@ def test_a_kubelet_is_paused_resumed_and_killed(sleeper: processes.Process) -> N
         return Path(f"/proc/{sleeper.pid}/stat").read_text().rsplit(") ", 1)[1][0]
 
     faults.pause_kubelet("bagpipe-1")
-    wait_until("the stop", lambda: state() == "T", seconds=5)
+    wait_until("the stop", lambda: state() == "T", seconds=60)
     faults.resume_kubelet("bagpipe-1")
-    wait_until("the end of the stop", lambda: state() != "T", seconds=5)
+    wait_until("the end of the stop", lambda: state() != "T", seconds=60)
     faults.kill_kubelet("bagpipe-1")
     assert not sleeper.alive
     with pytest.raises(ClusterError, match="kubelet of bagpipe-1 does not run"):

@@ -20,7 +20,7 @@ def sleeper() -> Iterator[subprocess.Popen[bytes]]:
     child = subprocess.Popen(["sleep", "60"])
     yield child
     child.kill()
-    child.wait(timeout=10)
+    child.wait(timeout=60)
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_stop_ends_the_process_and_its_pid_file(sleeper: subprocess.Popen[bytes]
     processes.stop(["sleeper"])
     assert not kept.alive
     assert processes.names() == []
-    assert sleeper.wait(timeout=10) == -signal.SIGTERM
+    assert sleeper.wait(timeout=60) == -signal.SIGTERM
 
 
 @pytest.mark.parametrize("change", [{"started": 1}, {"boot": "another"}])

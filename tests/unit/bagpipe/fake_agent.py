@@ -67,7 +67,7 @@ class FakeAgent:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self._thread.join(timeout=20)
+        self._thread.join(timeout=90)
         assert not self._thread.is_alive(), "the fake agent never saw its session"
 
     def write(self, descriptor: int, kind: FrameType, payload: bytes) -> None:

@@ -108,10 +108,10 @@ def test_a_program_that_works_too_long_on_a_record_is_killed_with_its_children(
         "child.wait()"
     )
     begun = time.monotonic()
-    told = failure(python(code), [record("a"), record("b")], Deadlines(60, record=2))
-    assert time.monotonic() - begun < 15
+    told = failure(python(code), [record("a"), record("b")], Deadlines(60, record=5))
+    assert time.monotonic() - begun < 50
     assert told.reason == "RecordDeadlineExceeded"
-    assert "2 s (record_timeout=)" in str(told)
+    assert "5 s (record_timeout=)" in str(told)
     await_(lambda: not alive(int(mark.read_text())))
 
 
@@ -242,7 +242,7 @@ def test_what_a_dead_session_left_in_the_fifo_is_thrown_away(tmp_path: Path) -> 
     program = subprocess.Popen([sys.executable, "-c", code, *pipes], env=dict(PATH))
     items = list(exchange(Fifos(*pipes), [record("a", b"1")], DEADLINES))
     assert items[1::2] == [b"1"]
-    assert program.wait(20) == 0
+    assert program.wait(90) == 0
 
 
 def test_a_fifo_that_nobody_serves_is_told_within_its_deadline(tmp_path: Path) -> None:
@@ -293,7 +293,7 @@ def alive(pid: int) -> bool:
     return state != "Z"
 
 
-def await_(condition: Callable[[], bool], seconds: float = 20) -> None:
+def await_(condition: Callable[[], bool], seconds: float = 90) -> None:
     deadline = time.monotonic() + seconds
     pause = threading.Event()
     while not condition():

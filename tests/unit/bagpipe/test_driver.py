@@ -115,9 +115,9 @@ def test_progress_and_metrics_are_served() -> None:
     server = serve_progress(progress, registry, "127.0.0.1", 0)
     try:
         address = f"http://127.0.0.1:{server.server_address[1]}"
-        with urllib.request.urlopen(f"{address}/progress", timeout=5) as answer:  # noqa: S310
+        with urllib.request.urlopen(f"{address}/progress", timeout=30) as answer:  # noqa: S310
             assert json.load(answer)["cases"]["passed"] == 1
-        with urllib.request.urlopen(f"{address}/metrics", timeout=5) as answer:  # noqa: S310
+        with urllib.request.urlopen(f"{address}/metrics", timeout=30) as answer:  # noqa: S310
             metrics = answer.read().decode()
         assert 'bagpipe_cases{state="planned"} 3.0' in metrics
         assert 'bagpipe_ledger_messages{counted="received"} 3.0' in metrics

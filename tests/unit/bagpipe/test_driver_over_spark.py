@@ -105,7 +105,7 @@ def test_sparks_executors_are_told_by_its_own_figures(spark: SparkContext, world
     with FakeAgent(world.slot, *[well_behaved()] * 6):
         simulate(spark, world.cases, world.context, keeper)
     value = metrics.registry.get_sample_value
-    deadline = time.monotonic() + 10  # Spark counts its tasks a moment after they have ended
+    deadline = time.monotonic() + 60  # Spark counts its tasks a moment after they have ended
     while value(COMPLETED, {"executor": "driver"}) != before + 6 and time.monotonic() < deadline:
         threading.Event().wait(0.05)
     assert value(COMPLETED, {"executor": "driver"}) == before + 6

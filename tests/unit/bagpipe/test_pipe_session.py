@@ -36,7 +36,7 @@ def big_file(pieces: int = 3) -> InputFile:
     return InputFile("pvc://x/a.bag", pieces * MEBIBYTE, [(0, 100, pieces * MEBIBYTE)], produce)
 
 
-def run(shared: Path, sink: io.BytesIO, file: InputFile, seconds: float = 10.0) -> Answer:
+def run(shared: Path, sink: io.BytesIO, file: InputFile, seconds: float = 60.0) -> Answer:
     deadline = time.monotonic() + seconds
     with lease(shared, deadline) as slot, open_ends(slot, deadline) as ends:
         return run_session(ends, {"id": "case"}, [file], sink, deadline)
@@ -129,7 +129,7 @@ def test_an_agent_that_dies_after_the_last_byte_is_noticed(tmp_path: Path) -> No
     with FakeAgent(folder, vanishing), pytest.raises(SessionError) as failed:
         run(tmp_path, io.BytesIO(), big_file())
     assert failed.value.reason == "AgentDied"
-    assert time.monotonic() - begun < 5
+    assert time.monotonic() - begun < 30
 
 
 @pytest.mark.parametrize("changed", [{"digest": 1}, {"bytes": 4}, {"files": 2}])
@@ -147,7 +147,7 @@ def test_an_agent_that_never_answers_ends_at_the_deadline(tmp_path: Path) -> Non
         with pytest.raises(SessionError) as failed:
             run(tmp_path, io.BytesIO(), big_file(), seconds=0.3)
         assert failed.value.reason == "AgentDied"
-        assert time.monotonic() - begun < 5
+        assert time.monotonic() - begun < 30
     finally:
         os.close(silent)
 
@@ -160,7 +160,7 @@ def test_no_agent_behind_the_fifo_is_told_at_the_deadline(tmp_path: Path) -> Non
 
 def test_a_leased_slot_is_passed_over_and_freed_after_use(tmp_path: Path) -> None:
     first, second = make_slot(tmp_path, "0"), make_slot(tmp_path, "1")
-    deadline = time.monotonic() + 5
+    deadline = time.monotonic() + 60
     with lease(tmp_path, deadline) as one, lease(tmp_path, deadline) as two:
         assert [one.folder, two.folder] == [first, second]
         with (
@@ -176,7 +176,7 @@ def test_the_pipe_is_widened_as_far_as_the_node_allows(tmp_path: Path) -> None:
     folder = make_slot(tmp_path)
     agent = os.open(folder / "to-agent", os.O_RDWR)
     try:
-        deadline = time.monotonic() + 5
+        deadline = time.monotonic() + 60
         with lease(tmp_path, deadline) as slot, open_ends(slot, deadline) as ends:
             assert ends.pipe_bytes == fcntl.fcntl(ends.write, 1032) == 256 * 1024
     finally:
