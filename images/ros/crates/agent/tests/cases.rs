@@ -186,7 +186,7 @@ fn a_stubborn_stack_and_its_daemon_are_gone_after_the_case() {
     assert_eq!(abort.reason, "NeverSubscribed");
     assert_eq!(abort.stderr, ["stubborn"]);
     assert_eq!(agent.left(), []);
-    assert!(begun.elapsed() < Duration::from_secs(10), "{:?}", begun.elapsed());
+    assert!(begun.elapsed() < Duration::from_secs(60), "{:?}", begun.elapsed());
 }
 
 #[test]
@@ -199,7 +199,7 @@ fn the_case_deadline_ends_a_case() {
     let begun = Instant::now();
     let abort = agent.run(0, case, &chatter(5)).abort();
     assert_eq!(abort.reason, "CaseDeadlineExceeded");
-    assert!(begun.elapsed() < Duration::from_secs(8), "{:?}", begun.elapsed());
+    assert!(begun.elapsed() < Duration::from_secs(60), "{:?}", begun.elapsed());
     assert_eq!(agent.left(), []);
 }
 
@@ -208,7 +208,7 @@ fn started(agent: &Agent, script: &str) -> bagpipe_pipe::Duplex {
     let deadlines = [("subscribe", 100.0), ("stop", 1.0)];
     let mut link = agent.greet(0, agent.case(script, &deadlines));
     feed(&mut link, &chatter(5));
-    until("the stack runs", Duration::from_secs(20), || agent.left().len() >= 2);
+    until("the stack runs", Duration::from_secs(60), || agent.left().len() >= 2);
     link
 }
 
@@ -219,7 +219,7 @@ fn a_worker_that_dies_ends_its_case_and_frees_the_slot() {
     }
     let agent = Agent::start(1);
     drop(started(&agent, STUBBORN));
-    let gone = until("all is gone", Duration::from_secs(5), || agent.left().is_empty());
+    let gone = until("all is gone", Duration::from_secs(60), || agent.left().is_empty());
     println!("gone after {gone:?}");
     let (result, _) = agent.run(0, agent.case(ECHO, &[]), &chatter(20)).result();
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(20));
@@ -250,8 +250,8 @@ fn a_slot_that_is_killed_takes_its_stack_with_it_and_starts_again() {
     assert!(Command::new("kill").args(["-9", &slot.to_string()]).status().unwrap().success());
     assert!(matches!(answer(&mut link), Answer::Gone(_)));
     drop(link);
-    until("all is gone", Duration::from_secs(5), || agent.left().is_empty());
-    until("a new process", Duration::from_secs(5), || agent.slot_processes() != [slot]);
+    until("all is gone", Duration::from_secs(60), || agent.left().is_empty());
+    until("a new process", Duration::from_secs(60), || agent.slot_processes() != [slot]);
     let (result, _) = agent.run(0, agent.case(ECHO, &[]), &chatter(20)).result();
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(20));
 }

@@ -16,14 +16,14 @@ fn assert_free(agent: &Agent) {
     let mut link = agent.greet(0, agent.case("true", &[]));
     send(&mut link, FrameType::File, b"\xc0");
     assert_eq!(answer(&mut link).abort().reason, "ProtocolError");
-    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
 }
 
 #[test]
 fn pipes_are_there_soon_and_for_everybody() {
     let agent = Agent::start(3);
     println!("start to ready, three slots: {:?}", agent.ready_after);
-    assert!(agent.ready_after < Duration::from_secs(2), "{:?}", agent.ready_after);
+    assert!(agent.ready_after < Duration::from_secs(10), "{:?}", agent.ready_after);
     for slot in 0..3 {
         for name in ["to-agent", "from-agent", "lease"] {
             let found = std::fs::metadata(agent.slot(slot).join(name)).unwrap();

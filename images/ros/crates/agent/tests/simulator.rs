@@ -87,7 +87,7 @@ fn refused(wrong: impl Fn(&mut Duplex)) -> String {
     wrong(&mut link);
     let abort = answer(&mut link).abort();
     assert_eq!(abort.reason, "ProtocolError");
-    until("nothing is left", Duration::from_secs(10), || agent.left().is_empty());
+    until("nothing is left", Duration::from_secs(60), || agent.left().is_empty());
     abort.message
 }
 
@@ -143,7 +143,7 @@ fn a_worker_that_leaves_between_turns_frees_the_slot() {
     said(&mut link);
     assert!(!agent.left().is_empty());
     drop(link);
-    until("nothing is left", Duration::from_secs(10), || agent.left().is_empty());
+    until("nothing is left", Duration::from_secs(60), || agent.left().is_empty());
     let mut link = agent.greet(0, drive(&agent, ECHO));
     assert!(said(&mut link).is_empty());
 }
@@ -154,9 +154,15 @@ fn a_stack_that_ends_while_the_worker_thinks_is_told() {
         return;
     }
     let agent = Agent::start(1);
-    let dying = ECHO.replace("rospy.spin()", "import time; time.sleep(3); import os; os._exit(4)");
-    let mut link = agent.greet(0, drive(&agent, &dying));
+    let folder = tempfile::tempdir().unwrap();
+    let end = folder.path().join("end");
+    let dies = format!(
+        "import time\nwhile not os.path.exists(\"{}\"): time.sleep(0.05)\nos._exit(4)",
+        end.display()
+    );
+    let mut link = agent.greet(0, drive(&agent, &ECHO.replace("rospy.spin()", &dies)));
     said(&mut link);
+    std::fs::write(&end, "").unwrap();
     let abort = answer(&mut link).abort();
     assert_eq!((abort.reason.as_str(), abort.exit_status), ("StackExited", Some(4)));
     assert!(abort.message.contains("during the play"), "{}", abort.message);

@@ -33,7 +33,7 @@ fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
         let usage = |key: &str| at(&result, &format!("stack.usage.{key}")).as_f64().unwrap();
         println!("usage: {}", at(&result, "stack.usage"));
         // Four burners of half a second each; the shell and `sleep` take next to nothing.
-        assert!((2.0..2.4).contains(&usage("cpu_seconds")), "round {round}: {result}");
+        assert!((2.0..2.5).contains(&usage("cpu_seconds")), "round {round}: {result}");
         assert!(usage("seconds") >= 4.0, "{result}");
         let mebibytes = at(&result, "stack.usage.peak_memory_bytes").as_u64().unwrap() >> 20;
         assert!((256..320).contains(&mebibytes), "round {round}: {mebibytes} MiB");
@@ -70,7 +70,7 @@ fn the_rosmaster_is_not_the_stack() {
             said.unwrap().split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
         println!("node: {said:?}, agent: {}", at(&result, "stack.usage"));
         let cpu = at(&result, "stack.usage.cpu_seconds").as_f64().unwrap();
-        assert!((-0.03..0.12).contains(&(cpu - said[0])), "{cpu} and {}", said[0]);
+        assert!((-0.03..0.25).contains(&(cpu - said[0])), "{cpu} and {}", said[0]);
         let memory = at(&result, "stack.usage.peak_memory_bytes").as_u64().unwrap() as f64;
         assert!((0.98..1.02).contains(&(memory / 1024.0 / said[1])), "{memory} and {}", said[1]);
     }

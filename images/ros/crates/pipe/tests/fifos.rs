@@ -59,7 +59,7 @@ fn opening_without_a_reader_ends_at_the_deadline() {
     assert!(begun.elapsed() >= Duration::from_millis(120));
     let stopped = Instant::now();
     assert!(fifo::open_writer(&path, soon(), &|| true).unwrap().is_none());
-    assert!(stopped.elapsed() < Duration::from_secs(1));
+    assert!(stopped.elapsed() < Duration::from_secs(10));
 }
 
 #[test]

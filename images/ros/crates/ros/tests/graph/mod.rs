@@ -6,13 +6,14 @@ use std::io::{BufRead, BufReader};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros::Master;
 
 /// How long anything in a graph may take to appear on a loaded machine.
-pub const PATIENCE: Duration = Duration::from_secs(30);
+pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A master and the folder that its nodes may write to.
 pub struct Graph {
@@ -26,7 +27,7 @@ pub struct Graph {
 impl Graph {
     /// Starts a rosmaster and waits until it answers.
     pub fn start(tmp: &str) -> Graph {
-        let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+        let port = free_port();
         let uri = format!("http://127.0.0.1:{port}/");
         let folder = Path::new(tmp).join(format!("graph-{}-{port}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();
@@ -49,7 +50,7 @@ impl Graph {
 
     /// A client of the master.
     pub fn client(&self) -> Master {
-        Master::new(&self.uri, "/test", Duration::from_secs(5)).unwrap()
+        Master::new(&self.uri, "/test", Duration::from_secs(20)).unwrap()
     }
 
     /// A command in this graph's environment.
@@ -164,6 +165,18 @@ fn collect(
             lines.1.notify_all();
         }
     });
+}
+
+/// Below those that connections take by themselves: one of these could be taken before its master
+/// listens, or while that is restarted.
+fn free_port() -> u16 {
+    static NEXT: AtomicU32 = AtomicU32::new(0);
+    let turn = || NEXT.fetch_add(1, Ordering::Relaxed);
+    (0..1_000)
+        .map(|_| std::process::id().wrapping_mul(97).wrapping_add(turn()))
+        .map(|number| u16::try_from(12_000 + number % 8_000).unwrap())
+        .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
+        .unwrap()
 }
 
 /// Waits until a condition holds.
