@@ -62,7 +62,7 @@ def test_what_can_not_be_read_is_none(text: str) -> None:
 
 
 @asynccontextmanager
-async def driver(handler: Handler) -> AsyncIterator[ProgressReader]:
+async def driver(handler: Handler, seconds: float = 30.0) -> AsyncIterator[ProgressReader]:
     app = web.Application()
     app.router.add_get("/progress", handler)
     runner = web.AppRunner(app)
@@ -71,7 +71,7 @@ async def driver(handler: Handler) -> AsyncIterator[ProgressReader]:
     await site.start()
     port = runner.addresses[0][1]
     async with aiohttp.ClientSession() as session:
-        yield ProgressReader(session, deadline_seconds=0.3, port=port)
+        yield ProgressReader(session, deadline_seconds=seconds, port=port)
     await runner.cleanup()
 
 
@@ -99,7 +99,7 @@ async def test_a_driver_that_does_not_answer_in_time_is_silent() -> None:
         await given_up.wait()
         return web.Response(text=account())
 
-    async with driver(handler) as reader:
+    async with driver(handler, 0.3) as reader:
         started = asyncio.get_running_loop().time()
         assert await reader.read("uid", "127.0.0.1") is None
         given_up.set()
