@@ -4,6 +4,7 @@ Everything else around it is real: the API server, its admission and the garbage
 """
 
 from dataclasses import dataclass
+from uuid import uuid4
 
 from tests.integration.control_plane.client import STRATEGIC_PATCH, Client, Object, core
 
@@ -48,13 +49,19 @@ class FakeKubelet:
         """The node has ended the pod as a whole."""
         self._patch(namespace, pod, {"phase": "Failed", "reason": "Evicted", "message": message})
 
-    def bind(self, namespace: str, pod: str, node: str = "a-node") -> None:
-        """Gives the pod to a node that nobody runs: its deletion then waits for remove()."""
+    def bind(self, namespace: str, pod: str) -> str:
+        """Gives the pod to a node that nobody runs: its deletion then waits for remove().
+
+        Each to another one, whose name this returns: what is left on a node that is not there is
+        collected some 40 s after its first pod, and with it all that is there by then.
+        """
+        node = f"node-{uuid4().hex[:8]}"
         target = {"apiVersion": "v1", "kind": "Node", "name": node}
         binding = {"apiVersion": "v1", "kind": "Binding", "target": target}
         self.admin.create(
             core(namespace, "pods", pod) + "/binding", binding | {"metadata": {"name": pod}}
         )
+        return node
 
     def remove(self, namespace: str, pod: str) -> None:
         """The pod's processes have ended: a deleted pod goes for good."""

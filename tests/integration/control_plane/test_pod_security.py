@@ -33,19 +33,21 @@ GENEROUS = {
 @pytest.fixture
 def restricted(admin: Client, namespace: str) -> str:
     """A job namespace in which everything that PodSecurity calls restricted is enforced."""
-    level = {"pod-security.kubernetes.io/enforce": "restricted"}
-    admin.merge(f"/api/v1/namespaces/{namespace}", {"metadata": {"labels": level}})
     priority = "/apis/scheduling.k8s.io/v1/priorityclasses"
     if not admin.exists(f"{priority}/nightly"):
         admin.create(priority, {"metadata": {"name": "nightly"}, "value": 10})
     runtime = "/apis/node.k8s.io/v1/runtimeclasses"
     if not admin.exists(f"{runtime}/nvidia"):
         admin.create(runtime, {"metadata": {"name": "nvidia"}, "handler": "nvidia"})
-    lax = {"metadata": {"name": "lax"}, "spec": {"containers": [{"name": "c", "image": "i"}]}}
-    # The API server learns of a namespace's new level from a watch.
+    lax = {"containers": [{"name": "c", "image": "i"}]}
+    hasty = {"metadata": {"name": "hasty"}, "spec": lax | {"priorityClassName": "nightly"}}
+    # The API server learns from watches: of a new class, and of a namespace's new level.
     wait_until(
-        lambda: not is_admitted(admin, namespace, lax), PATIENCE, "the level is not enforced"
+        lambda: is_admitted(admin, namespace, hasty, "no PriorityClass"), PATIENCE, "no class"
     )
+    level = {"pod-security.kubernetes.io/enforce": "restricted"}
+    admin.merge(f"/api/v1/namespaces/{namespace}", {"metadata": {"labels": level}})
+    wait_until(lambda: not is_admitted(admin, namespace, hasty), PATIENCE, "it is not enforced")
     return namespace
 
 

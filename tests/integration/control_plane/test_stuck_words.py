@@ -177,11 +177,11 @@ def test_a_volume_that_does_not_mount(
     operator_process()
     admin.create(jobs(namespace), a_job("x"))
     pod = await_pod(admin, namespace, "x-1-driver")
-    kubelet.bind(namespace, "x-1-driver")
+    node = kubelet.bind(namespace, "x-1-driver")
     for uid, said in ((pod["metadata"]["uid"], "timed out"), ("another", "not this one")):
         admin.create(core(namespace, "events"), mount_failed(namespace, uid, said))
     message = await_reason(admin, namespace, "x", "VolumeNotMounted")
-    assert message.endswith("on node a-node: timed out.")
+    assert message.endswith(f"on node {node}: timed out.")
     assert warnings(admin, namespace, "VolumeNotMounted") == 1
 
 
