@@ -52,7 +52,7 @@ def _daemon(folder: Path, name: str, *arguments: str) -> Iterator[Path]:
         yield log
     finally:
         daemon.terminate()
-        daemon.wait(timeout=30)
+        daemon.wait(timeout=90)
 
 
 def _await(log: Path, look: Callable[[str], object]) -> str:
