@@ -97,6 +97,9 @@ fn play_says_what_it_waited_for_in_vain() {
     let graph = Graph::start(TMP);
     let bag = bag_of_chatter(&graph, 3);
     let _words = words(&graph, "/chatter");
+    wait_until("the node has subscribed", || {
+        graph.client().get_system_state().unwrap().subscribers.contains_key("/chatter")
+    });
     let arguments = ["--wait-for", "/judge", "--subscribers", "/chatter=2"];
     let mut command = graph.command(AGENT, &["play", bag.to_str().unwrap()]);
     let output = command.args(arguments).args(["--subscribe-timeout", "3"]).output().unwrap();
@@ -224,7 +227,7 @@ fn debian_s_rosbag_records_what_we_play_and_we_record_what_it_plays() {
     let arguments = ["--output-name", theirs.to_str().unwrap(), "/chatter"];
     let mut recorder = graph.spawn("/usr/lib/rosbag/record", &arguments);
     // It subscribes with queues of 100: at full speed it would lose some, and be told of.
-    let played = graph.run(AGENT, &["play", bag.to_str().unwrap(), "--rate", "4"]);
+    let played = graph.run(AGENT, &["play", bag.to_str().unwrap(), "--rate", "1"]);
     assert!(played.contains("200 received, 0 dropped"), "{played}");
     interrupt(&mut recorder);
     wait_until("its bag is whole", || theirs.exists());

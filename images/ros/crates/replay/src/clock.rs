@@ -88,7 +88,7 @@ mod tests {
         assert_eq!(clock.now(), 7);
         clock.run(Instant::now() - Duration::from_millis(100), 1_000_000_000, 2.0);
         let now = clock.now();
-        assert!((1_200_000_000..1_400_000_000).contains(&now), "{now}");
+        assert!((1_200_000_000..1_900_000_000).contains(&now), "{now}");
         clock.run(Instant::now() - Duration::from_secs(9), 0, 1.0);
         assert_eq!(clock.now(), 2_000_000_000);
     }

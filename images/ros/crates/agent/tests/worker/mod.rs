@@ -378,7 +378,7 @@ pub fn free_ports(count: u32) -> u16 {
     // Below those that connections take by themselves: a case's rosmaster takes its port later.
     let place = || std::process::id().wrapping_mul(97).wrapping_add(NEXT.fetch_add(count, Relaxed));
     (0..100)
-        .map(|_| u16::try_from(12_000 + place() % 8_000).unwrap())
+        .map(|_| u16::try_from(16_000 + place() % 4_000).unwrap())
         .find(|first| {
             (0..count).all(|n| TcpListener::bind(("127.0.0.1", first + n as u16)).is_ok())
         })

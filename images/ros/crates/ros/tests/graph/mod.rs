@@ -174,7 +174,7 @@ fn free_port() -> u16 {
     let turn = || NEXT.fetch_add(1, Ordering::Relaxed);
     (0..1_000)
         .map(|_| std::process::id().wrapping_mul(97).wrapping_add(turn()))
-        .map(|number| u16::try_from(12_000 + number % 8_000).unwrap())
+        .map(|number| u16::try_from(12_000 + number % 4_000).unwrap())
         .find(|port| TcpListener::bind(("127.0.0.1", *port)).is_ok())
         .unwrap()
 }
