@@ -78,7 +78,7 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
     tail = read_tail(file.read, file.size)
     length = int(duration_seconds(spec.source.fragment.length) * 1e9)
     warm_up = int(duration_seconds(spec.source.fragment.warm_up) * 1e9)
-    fragments = cut(tail, spec.source.topics, length, warm_up)
+    fragments = cut(tail, spec.source.topics, length, warm_up, file.read)
     if not fragments:
         present = ", ".join(sorted({c.topic for c in tail.connections})[:10])
         raise BagError(
@@ -88,7 +88,7 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
     connections = _connection_ranges(tail)
     return [
         Case(
-            id=f"{name}-{number:04d}",
+            id=f"{name}-{fragment.number:04d}",
             bag=uri,
             bag_version=file.version,
             window=fragment.window,
@@ -96,7 +96,7 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
             ranges=fragment.ranges,
             messages=fragment.messages,
         )
-        for number, fragment in enumerate(fragments)
+        for fragment in fragments
     ]
 
 
