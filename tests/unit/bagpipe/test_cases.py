@@ -4,6 +4,8 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import plan
@@ -121,3 +123,18 @@ def test_a_gap_of_ten_minutes_leaves_the_jobs_verdict_alone(
         progress.add(make_row(case.id, verdict.outcome, verdict.reason))
     assert progress.finish()
     assert progress.verdict == "Passed"
+
+
+def test_a_topic_without_a_message_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    with Writer(tmp_path / "a.bag") as writer:
+        store = get_typestore(Stores.ROS1_NOETIC)
+        kind = "std_msgs/msg/String"
+        writer.add_connection("/scan", kind, typestore=store)
+        camera = writer.add_connection("/camera", kind, typestore=store)
+        data = store.serialize_ros1(store.types[kind]("seen"), kind)
+        writer.write(camera, SECOND, data)
+    made = plan(make_spec(source=source("a.bag")), Storage({"recordings": str(tmp_path)}))
+    assert made.cases == []
+    (bag,) = made.unplanned
+    assert bag.reason == "NoMatchingTopics"
+    assert bag.message.endswith("/scan is in the bag without a message; it has /camera")

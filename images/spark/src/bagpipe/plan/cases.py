@@ -12,7 +12,7 @@ from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing, crossing
 from bagpipe.plan.files import file_cases
-from bagpipe.plan.fragments import cut
+from bagpipe.plan.fragments import cut, holding
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.plan.put_together import drives, sequences
 from bagpipe.plan.simulated import check_scenarios
@@ -80,11 +80,7 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
     warm_up = int(duration_seconds(spec.source.fragment.warm_up) * 1e9)
     fragments = cut(tail, spec.source.topics, length, warm_up, file.read)
     if not fragments:
-        present = ", ".join(sorted({c.topic for c in tail.connections})[:10])
-        raise BagError(
-            "NoMatchingTopics",
-            f"none of the topics {', '.join(spec.source.topics)} is in the bag; it has {present}",
-        )
+        raise BagError("NoMatchingTopics", _without_messages(tail, spec.source.topics))
     connections = _connection_ranges(tail)
     return [
         Case(
@@ -98,6 +94,16 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
         )
         for fragment in fragments
     ]
+
+
+def _without_messages(tail: BagTail, topics: list[str]) -> str:
+    """A publisher is in the bag's index even if it never said anything."""
+    named = {connection.id: connection.topic for connection in tail.connections}
+    said = {named.get(each, "") for chunk in tail.chunks for each in holding(chunk)} - {""}
+    what = f"none of the topics {', '.join(topics)} is in the bag"
+    if silent := [topic for topic in topics if topic in named.values()]:
+        what = f"{', '.join(silent)} is in the bag without a message"
+    return f"{what}; it has {', '.join(sorted(said)[:10])}"
 
 
 def _connection_ranges(tail: BagTail) -> list[tuple[int, int]]:
