@@ -18,7 +18,7 @@ from typing import Any
 
 Json = dict[str, Any]
 RESULTS = Path(__file__).parent / "results"
-LESS_IS_BETTER = frozenset({"s", "ms", "us", "MB", "MiB", "messages", "objects"})
+LESS_IS_BETTER = frozenset({"s", "ms", "us", "KiB", "MB", "MiB", "messages", "objects"})
 
 
 @dataclass(frozen=True)

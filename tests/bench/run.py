@@ -25,6 +25,7 @@ NOT_BENCHES = {
     "play_graph",
     "scale_fleet",
     "scale_model",
+    "scale_planning",
     "cache_ways",
 }
 # A module of the bench's own name would hide one of Python's.

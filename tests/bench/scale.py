@@ -2,7 +2,8 @@
 
 A workload of calibrated latency, 0.3 s for an image as in the paper, over 1, 2, 4 and 8 workers:
 Spark executors as processes of this machine, with the real driver, pipe and agent. Then 100,000
-cases that do nothing, for the driver alone; and a simulation of 10,000 workers from both.
+files planned and as many cases that do nothing, for the driver alone; and a simulation of 10,000
+workers from both.
 """
 
 import os
@@ -16,6 +17,7 @@ import pyspark
 from tests.bench.rows import Row
 from tests.bench.scale_fleet import IMAGE_SECONDS, Fleet, Planned, run, schedule
 from tests.bench.scale_model import Costs, efficiency
+from tests.bench.scale_planning import planned
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
@@ -24,6 +26,7 @@ WORKERS = (1, 2, 4, 8)
 SCALE = float(os.environ.get("BENCH_SCALE", "1"))
 CASES, IMAGES = max(8, int(32 * SCALE)), 20
 FEW, MANY = max(100, int(10_000 * SCALE)), max(1000, int(100_000 * SCALE))
+PLANNINGS = 3
 FLEETS = (1, 10, 100, 1_000, 10_000)
 PICTURE = Path(__file__).parents[2] / "docs/scale.png"
 # The paper: 3 hours on one machine, 25 minutes on 8 workers.
@@ -36,16 +39,20 @@ def measure() -> tuple[list[Row], dict[str, str], str]:
     for workers in WORKERS:
         fleets[workers] = run(workers, CASES, IMAGES)
         print(f"  {workers} workers: {fleets[workers].seconds:.1f} s")
+    plans = {count: planned(count, PLANNINGS) for count in (FEW, MANY)}
     few, many = schedule(FEW), schedule(MANY)
     print(f"  {many.cases} cases scheduled in {many.seconds:.0f} s")
     costs = Costs(many.seconds / many.cases, fleets[1].cost_per_case)
     shares = {n: efficiency([60.0] * 10 * n, n, costs) for n in FLEETS}
-    rows = [*_speedups(fleets), *_costs(fleets), *_driver(few, many), *_fleet(shares)]
+    rows = [*_speedups(fleets), *_costs(fleets), *_plans(plans), *_driver(few, many)]
+    rows += _fleet(shares)
     draw(fleets, shares)
     versions = {"pyspark": pyspark.__version__, "python": platform.python_version()}
     note = (
         f"{CASES} cases of {IMAGES} images, each {IMAGE_SECONDS} s of sleep, which is the paper's"
-        f" figure for a real detector; one slot for each worker; {MANY:,} cases that do nothing."
+        f" figure for a real detector; one slot for each worker; {MANY:,} empty files of one local"
+        f" folder planned, and {MANY:,} cases that do nothing, in a driver that is also their"
+        " executor."
     )
     return rows, versions, note
 
@@ -79,6 +86,11 @@ def _costs(fleets: dict[int, Fleet]) -> list[Row]:
     ]
 
 
+def _plans(plans: dict[int, list[float]]) -> list[Row]:
+    few, many = plans
+    return [Row(f"{many:,} cases", "planned", "cases/s", plans[many], f"{few:,} cases", plans[few])]
+
+
 def _driver(few: Planned, many: Planned) -> list[Row]:
     case, small = f"{many.cases:,} cases", f"{few.cases:,} cases"
     rate, less = many.cases / many.seconds, few.cases / few.seconds
@@ -86,7 +98,8 @@ def _driver(few: Planned, many: Planned) -> list[Row]:
     return [
         Row(case, "scheduled and kept", "cases/s", [rate], small, [less]),
         Row(case, "driver's memory", "MiB", [many.most], small, [few.most]),
-        Row(case, "driver's memory for each", "KiB", [per_case], "budget", [4.0], None),
+        Row(case, "driver's memory for each", "KiB", [per_case], "budget", [4.0], 1),
+        Row(case, "driver's JVM memory", "MiB", [many.jvm], small, [few.jvm]),
     ]
 
 

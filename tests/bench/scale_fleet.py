@@ -54,12 +54,16 @@ class Fleet:
 
 @dataclass(frozen=True)
 class Planned:
-    """A great job's cost to its driver: seconds in all, and memory in MiB before and at most."""
+    """A great job's cost to its driver: seconds in all, and memory in MiB.
+
+    `before` and `most` are the Python process', `jvm` is its Java machine's at most.
+    """
 
     cases: int
     seconds: float
     before: float
     most: float
+    jvm: float
 
 
 def agent_binary() -> Path:
@@ -233,8 +237,9 @@ def _schedule(count: int) -> Planned:
     progress = Progress("results")
     progress.begin(count)
     with spark("local[2]") as context, RowFile(Path(folder, "rows")) as rows:
-        before = _resident()
-        most, ended = [before], threading.Event()
+        own, jvm = os.getpid(), _jvm(context)
+        before = _resident(own)
+        most, ended = {own: before, jvm: 0.0}, threading.Event()
         # A daemon, so that a job that fails ends the process.
         watcher = threading.Thread(target=_watch, args=(most, ended), daemon=True)
         watcher.start()
@@ -250,16 +255,28 @@ def _schedule(count: int) -> Planned:
     shutil.rmtree(folder)
     if kept != count:
         raise RuntimeError(f"{kept} rows of {count} cases")
-    return Planned(count, seconds, before, most[0])
+    return Planned(count, seconds, before, most[own], most[jvm])
 
 
-def _watch(most: list[float], ended: threading.Event) -> None:
+def _jvm(context: SparkContext) -> int:
+    """The process of the driver's Java machine: spark-submit's own, which becomes it."""
+    gateway = context._gateway
+    if gateway is None:
+        raise RuntimeError("Spark has no gateway")
+    process: int = gateway.proc.pid
+    return process
+
+
+def _watch(most: dict[int, float], ended: threading.Event) -> None:
+    """Keep each process' largest memory."""
     while not ended.wait(0.2):
-        most[0] = max(most[0], _resident())
+        for process, before in most.items():
+            most[process] = max(before, _resident(process))
 
 
-def _resident() -> float:
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
+def _resident(process: int) -> float:
+    """MiB of memory that a process has now."""
+    pages = int(Path(f"/proc/{process}/statm").read_text().split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / (1 << 20)
 
 

@@ -2,6 +2,9 @@
 
 import base64
 import hashlib
+import json
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from tests.e2e import kubectl as k
@@ -69,6 +72,34 @@ def outputs(namespace: str, uri: str) -> dict[str, str]:
     folder = "/" + uri.removeprefix("pvc://") + "/cases"
     listed = k.in_toolbox(namespace, "sh", "-c", f"cd {folder} && grep -H '' *")
     return dict(line.split(":", 1) for line in listed.splitlines())
+
+
+@dataclass(frozen=True)
+class Left:
+    """What a job left in the folder of its results; `kept` is file name -> content of cases/."""
+
+    manifest: k.Object
+    rows: list[k.Object]
+    kept: dict[str, str]
+    journal: list[str]
+
+
+def left_on_claim(namespace: str, uri: str) -> Left:
+    """Below a results URI on the claim `results`, by the toolbox."""
+    manifest, rows = k.results(namespace, uri)
+    folder = "/" + uri.removeprefix("pvc://")
+    journal = k.in_toolbox(namespace, "sh", "-c", f"ls -A {folder}/journal").split()
+    return Left(manifest, rows, outputs(namespace, uri), journal)
+
+
+def left_in(folder: Path) -> Left:
+    """In a folder of this machine, such as that of a volume which the toolbox hasn't mounted."""
+    return Left(
+        json.loads((folder / "manifest.json").read_text()),
+        [json.loads(line) for line in (folder / "results.jsonl").read_text().splitlines()],
+        {path.name: path.read_text() for path in (folder / "cases").iterdir()},
+        [path.name for path in (folder / "journal").glob("*")],
+    )
 
 
 def journaled(namespace: str, uri: str) -> dict[str, str]:

@@ -6,6 +6,7 @@
 import os
 import random
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from embedded import faults
@@ -37,20 +38,23 @@ def await_done(namespace: str, job: str, least: int, seconds: float = 150) -> in
     return k.await_that(f"{least} cases of {job} to pass", look, seconds)
 
 
-def assert_undisturbed(namespace: str, job: k.Object) -> dict[str, str]:
-    """The job's result is that of a job to which nothing happened; gives case -> recorded name."""
+def assert_undisturbed(namespace: str, job: k.Object, folder: Path | None = None) -> dict[str, str]:
+    """The job's result is that of a job to which nothing happened; gives case -> recorded name.
+
+    It is looked for on the claim `results`, or in `folder`.
+    """
     status = job["status"]
     assert (status["phase"], status["verdict"]) == ("Complete", "Passed"), status
     assert status["cases"]["passed"] == status["cases"]["planned"] == fleet.CASES
-    manifest, rows = k.results(namespace, status["results"])
-    assert sorted(row["case"] for row in rows) == sorted(fleet.expected())
-    recorded = {entry["case"]: entry["recorded"][0] for entry in manifest["cases"]}
-    assert len(manifest["cases"]) == fleet.CASES
-    kept = fleet.outputs(namespace, status["results"])
-    assert {case: kept[name.split("/")[1]] for case, name in recorded.items()} == fleet.expected()
-    assert len(kept) == fleet.CASES, "files that the manifest does not name were left behind"
-    folder = "/" + status["results"].removeprefix("pvc://")
-    assert k.in_toolbox(namespace, "sh", "-c", f"ls -A {folder}/journal").split() == []
+    left = fleet.left_in(folder) if folder else fleet.left_on_claim(namespace, status["results"])
+    assert sorted(row["case"] for row in left.rows) == sorted(fleet.expected())
+    entries = left.manifest["cases"]
+    assert [entry["outcome"] for entry in entries] == ["passed"] * fleet.CASES
+    recorded = {entry["case"]: entry["recorded"][0] for entry in entries}
+    contents = {case: left.kept[name.split("/")[1]] for case, name in recorded.items()}
+    assert contents == fleet.expected()
+    assert len(left.kept) == fleet.CASES, "files that the manifest does not name were left behind"
+    assert left.journal == []
     return recorded
 
 
@@ -171,10 +175,8 @@ def test_a_full_volume_is_waited_for(namespace: str) -> None:
             assert warned
             small.relieve()
             ended = jobs.ended(namespace, name, 240)
-            status = ended["status"]
-            assert (status["phase"], status["cases"]["passed"]) == ("Complete", fleet.CASES)
-            manifest = small.folder / "out" / name / ended["metadata"]["uid"] / "manifest.json"
-            assert manifest.read_text().count('"outcome": "passed"') == fleet.CASES
+            folder = small.folder / "out" / name / ended["metadata"]["uid"]
+            assert_undisturbed(namespace, ended, folder)
     finally:
         k.kubectl("-n", namespace, "delete", "pvc", "small", "--ignore-not-found")
         k.kubectl("delete", "persistentvolume", small.name, "--ignore-not-found")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, message_times, read_tail
 from tests.recording import fetch
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
@@ -115,3 +115,31 @@ def test_damage_is_an_error_and_never_another_exception(
         assert error.reason.startswith("Bag")
     else:
         assert all(0 < chunk.offset < chunk.end <= len(damaged) for chunk in tail.chunks)
+
+
+def test_the_index_behind_a_chunk_has_the_times_of_its_messages(two_topics: bytes) -> None:
+    tail = tail_of(two_topics)
+    chunk = tail.chunks[0]
+    times = message_times(lambda at, length: two_topics[at : at + length], chunk)
+    assert {connection: len(found) for connection, found in times.items()} == chunk.counts
+    assert min(map(min, times.values())) == chunk.start_time
+    assert max(map(max, times.values())) == chunk.end_time
+
+
+@settings(max_examples=200, deadline=None)
+@given(data=st.data())
+def test_a_damaged_index_behind_a_chunk_is_an_error_or_within_the_chunk(
+    two_topics: bytes, data: st.DataObject
+) -> None:
+    chunk = tail_of(two_topics).chunks[0]
+    damaged = bytearray(two_topics)
+    for _ in range(data.draw(st.integers(1, 4))):
+        regions = [(chunk.offset, chunk.offset + 80), (chunk.end - 300, chunk.end)]
+        region = data.draw(st.sampled_from(regions))
+        damaged[data.draw(st.integers(region[0], region[1] - 1))] = data.draw(st.integers(0, 255))
+    try:
+        times = message_times(lambda at, length: bytes(damaged[at : at + length]), chunk)
+    except BagError as error:
+        assert error.reason.startswith("Bag")
+    else:
+        assert all(chunk.start_time <= t <= chunk.end_time for each in times.values() for t in each)

@@ -3,10 +3,18 @@
 import dataclasses
 from pathlib import Path
 
+import pytest
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import plan
+from bagpipe.run.judge import judge
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
-from tests.unit.bagpipe.jobs import make_spec
+from tests.unit.bagpipe.jobs import make_row, make_spec
+
+SECOND = 1_000_000_000
 
 
 def storage_with(folder: Path, *names: str) -> Storage:
@@ -89,3 +97,44 @@ def test_what_is_wrong_with_a_bag_is_told_and_the_others_go_on(tmp_path: Path) -
     assert f"the file ends at byte {len(whole) // 2}" in sentences["cut"]
     assert sentences["camera"].endswith("/scan is in the bag; it has /camera")
     assert all(sentence.find("pvc://recordings/") >= 0 for sentence in sentences.values())
+
+
+@pytest.mark.parametrize("chunk_bytes", [1024, 1 << 20])
+def test_a_gap_of_ten_minutes_leaves_the_jobs_verdict_alone(
+    tmp_path: Path, chunk_bytes: int
+) -> None:
+    recorded = [
+        *steady("/scan", 600, SECOND // 10),
+        *steady("/scan", 600, SECOND // 10, 661 * SECOND),
+    ]
+    write_bag(tmp_path / "a.bag", recorded, chunk_bytes)
+    spec = make_spec(source=source("a.bag", length="60s"))
+    made = plan(spec, Storage({"recordings": str(tmp_path)}))
+    assert made.unplanned == []
+    assert {case.id for case in made.cases} >= {"a-0000", "a-0011"}
+    # A cut near the gap moves to its chunk, so that two more may have a message or some.
+    assert len(made.cases) <= 4
+    progress = Progress("pvc://results/r")
+    progress.begin(len(made.cases))
+    for case in made.cases:
+        played = sum(case.window.start <= each.time < case.window.end for each in recorded)
+        answered = {"ledger": {"topics": [], "sent": played}, "recorded": {"messages": played}}
+        verdict = judge(answered)
+        progress.add(make_row(case.id, verdict.outcome, verdict.reason))
+    assert progress.finish()
+    assert progress.verdict == "Passed"
+
+
+def test_a_topic_without_a_message_is_not_said_to_be_missing(tmp_path: Path) -> None:
+    with Writer(tmp_path / "a.bag") as writer:
+        store = get_typestore(Stores.ROS1_NOETIC)
+        kind = "std_msgs/msg/String"
+        writer.add_connection("/scan", kind, typestore=store)
+        camera = writer.add_connection("/camera", kind, typestore=store)
+        data = store.serialize_ros1(store.types[kind]("seen"), kind)
+        writer.write(camera, SECOND, data)
+    made = plan(make_spec(source=source("a.bag")), Storage({"recordings": str(tmp_path)}))
+    assert made.cases == []
+    (bag,) = made.unplanned
+    assert bag.reason == "NoMatchingTopics"
+    assert bag.message.endswith("/scan is in the bag without a message; it has /camera")

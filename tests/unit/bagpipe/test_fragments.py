@@ -1,13 +1,16 @@
 """Cutting: each message counts once, warm-up and latched state come along, reads stay few."""
 
 import itertools
+from pathlib import Path
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, read_tail
-from bagpipe.plan.fragments import cut
+from bagpipe.plan.fragments import FragmentPlan, cut
 from tests.recording import fetch
+from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
 SECOND = 1_000_000_000
 
@@ -106,3 +109,120 @@ def test_adjacent_chunks_are_one_read() -> None:
     chunks = [(float(n), n + 0.9, {0: 5}) for n in range(10)]
     (only,) = cut(tail_with(chunks, SCAN), [], 60 * SECOND, 0)
     assert only.ranges == [(1000, 10_000)]
+
+
+def drive_with_gap(gap: float) -> list[tuple[float, float, dict[int, int]]]:
+    """A minute, a gap and a minute, in chunks of a second that end before the gap."""
+    starts = [*range(60), *(60 + gap + second for second in range(60))]
+    return [(start, start + 0.9, {0: 10}) for start in starts]
+
+
+def test_a_gap_gives_no_fragments_and_the_others_keep_their_numbers() -> None:
+    fragments = cut(tail_with(drive_with_gap(600.0), SCAN), [], 60 * SECOND, 0)
+    windows = [(f.number, f.window.start / SECOND, f.window.end / SECOND) for f in fragments]
+    # The first cut moves to the last chunk before the gap.
+    assert windows == [(0, 0, 59), (1, 59, 120), (11, 660, 719.900000001)]
+    assert [f.messages for f in fragments] == [590, 10, 600]
+
+
+@pytest.mark.parametrize(("gap", "numbers"), [(0, [0, 1]), (30, [0, 1, 2]), (60, [0, 1, 2])])
+def test_a_gap_that_leaves_no_window_empty_changes_nothing(gap: int, numbers: list[int]) -> None:
+    fragments = cut(tail_with(drive_with_gap(gap), SCAN), [], 60 * SECOND, 0)
+    assert [fragment.number for fragment in fragments] == numbers
+
+
+def test_behind_a_gap_warm_up_and_latched_state_are_those_of_the_recording() -> None:
+    chunks = [(0.0, 1.0, {0: 5, 1: 1}), (1.5, 3.9, {0: 5}), (40.0, 44.0, {0: 5})]
+    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    first, last = cut(tail, [], 4 * SECOND, 2 * SECOND)
+    assert (first.number, first.window.start, first.messages) == (0, 0, 11)
+    # Neither the lead-in behind the first fragment nor the map makes cases of the gap.
+    assert last.number == 10
+    assert last.window.lead_in_start == last.window.start - 2 * SECOND
+    assert last.ranges == [(1000, 1000), (3000, 1000)]
+
+
+def test_a_topic_that_pauses_while_others_go_on_has_a_gap() -> None:
+    camera = connection(1, "/camera")
+    chunks = [(float(n), n + 0.9, {1: 5} | ({} if 4 <= n < 12 else {0: 5})) for n in range(16)]
+    tail = tail_with(chunks, SCAN, camera)
+    assert [f.number for f in cut(tail, ["/scan"], 4 * SECOND, 0)] == [0, 1, 3]
+    assert [f.number for f in cut(tail, [], 4 * SECOND, 0)] == [0, 1, 2, 3]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("gaps")
+
+
+def cut_file(path: Path, topics: list[str], length: int, warm_up: int) -> list[FragmentPlan]:
+    data = path.read_bytes()
+
+    def read(offset: int, count: int) -> bytes:
+        return data[offset : offset + count]
+
+    return cut(read_tail(read, len(data)), topics, length, warm_up, read)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    gaps=st.lists(st.integers(0, 900 * SECOND), min_size=1, max_size=3),
+    length=st.integers(5 * SECOND, 60 * SECOND),
+    warm_up=st.integers(0, 10 * SECOND),
+    chunk_bytes=st.sampled_from([200, 2000, 1 << 20]),
+    latching=st.booleans(),
+    others=st.booleans(),
+)
+def test_of_a_real_bag_with_gaps_every_fragment_has_messages_and_every_message_one(
+    folder: Path,
+    gaps: list[int],
+    length: int,
+    warm_up: int,
+    chunk_bytes: int,
+    latching: bool,
+    others: bool,
+) -> None:
+    recorded = [Recorded("/map", 1, "the map", latching=True)] if latching else []
+    begin = SECOND
+    for gap in [*gaps, 0]:
+        recorded += steady("/scan", 20, SECOND, begin)
+        begin = recorded[-1].time + SECOND + gap
+    times = [message.time for message in recorded]
+    if others:
+        recorded += steady("/camera", 60, (begin - SECOND) // 60)
+        recorded.sort(key=lambda message: message.time)
+    (folder / "gaps.bag").unlink(missing_ok=True)
+    path = write_bag(folder / "gaps.bag", recorded, chunk_bytes)
+    fragments = cut_file(path, ["/scan", "/map"], length, warm_up)
+    windows = [fragment.window for fragment in fragments]
+    inside = [sum(w.start <= time < w.end for time in times) for w in windows]
+    assert all(inside)
+    assert sum(inside) == len(times)
+    numbers = [fragment.number for fragment in fragments]
+    assert numbers == sorted(set(numbers))
+    for (number, before), (following, after) in itertools.pairwise(
+        zip(numbers, windows, strict=True)
+    ):
+        assert (before.end == after.start) == (following == number + 1)
+        assert before.end <= after.start
+
+
+def test_no_index_behind_a_chunk_is_read_where_the_tail_tells() -> None:
+    def refused(offset: int, length: int) -> bytes:
+        raise AssertionError(f"{length} bytes at {offset} were read")
+
+    for gap in (0.0, 600.0):
+        tail = tail_with(drive_with_gap(gap), SCAN, connection(1, "/camera"))
+        assert cut(tail, ["/scan"], 60 * SECOND, 0, refused)
+
+
+def test_a_chunk_without_its_own_index_keeps_its_windows(tmp_path: Path) -> None:
+    recorded = [*steady("/scan", 5, SECOND), *steady("/scan", 5, SECOND, 60 * SECOND)]
+    path = write_bag(tmp_path / "one.bag", recorded)
+    assert [f.number for f in cut_file(path, [], 10 * SECOND, 0)] == [0, 5, 6]
+    (chunk,) = read_tail(lambda at, n: path.read_bytes()[at : at + n], path.stat().st_size).chunks
+    data = bytearray(path.read_bytes())
+    # The seconds of the last message, which its index record ends with beside an offset.
+    data[chunk.end - 12 : chunk.end - 8] = b"\xff" * 4
+    path.write_bytes(data)
+    assert [f.number for f in cut_file(path, [], 10 * SECOND, 0)] == [0, 1, 2, 3, 4, 5, 6]

@@ -69,10 +69,10 @@ def bag_fragments(
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
         connections = tuple((c.offset, c.length) for c in tail.connections)
-        for number, part in enumerate(cut(tail, list(topics), int(seconds * _NANOSECONDS), 0)):
+        for part in cut(tail, list(topics), int(seconds * _NANOSECONDS), 0):
             window: Fields = {"start": part.window.start, "end": part.window.end}
             ranges = connections + tuple(part.ranges)
-            name = f"{uri}#{number}"
+            name = f"{uri}#{part.number}"
             found.append(Descriptor(name, uri, ranges, unindexed_head(), window))
     return found
 

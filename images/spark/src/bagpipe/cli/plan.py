@@ -35,8 +35,9 @@ _MOST_ROWS = 40
 def plan_command(manifest: Path, volumes: tuple[str, ...], output: str) -> None:
     """Show the cases of the SimulationJob in MANIFEST, and what its rules left out.
 
-    Bags are read only at their tails. Where they can't be reached from here, such as those of a
-    claim without --volume, the scenarios and variants of one fragment are shown.
+    Of bags only the indexes are read. Numbers that are missing among a bag's fragments are of times
+    in which nothing was recorded. Where bags can't be reached from here, such as those of a claim
+    without --volume, the scenarios and variants of one fragment are shown.
 
     \b
     bagpipe plan job.yaml

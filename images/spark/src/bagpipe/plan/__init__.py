@@ -1,1 +1,1 @@
-"""From a job's spec to its cases: bags' tails are read, fragments cut, nothing is played."""
+"""From a job's spec to its cases: bags' indexes are read, fragments cut, nothing is played."""

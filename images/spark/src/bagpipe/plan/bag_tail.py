@@ -10,10 +10,12 @@ from dataclasses import dataclass
 
 MAGIC = b"#ROSBAG V2.0\n"
 _FILE_HEADER_BYTES = 4096
-_OP_FILE_HEADER, _OP_CHUNK_INFO, _OP_CONNECTION = 3, 6, 7
+_OP_FILE_HEADER, _OP_INDEX, _OP_CHUNK_INFO, _OP_CONNECTION = 3, 4, 6, 7
 _MAX_TAIL_BYTES = 1 << 30
 # op, compression and size, each with its name and length, are some 50 bytes.
 _CHUNK_HEADER_BYTES = 256
+# An index record has a time and an offset for each message, and a header of some 60 bytes.
+_INDEX_ENTRY, _INDEX_HEADER_BYTES = struct.Struct("<III"), 128
 
 Read = Callable[[int, int], bytes]
 
@@ -96,6 +98,36 @@ def compression_of(read: Read, chunk: Chunk) -> str:
     data = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
     header, _ = _sized(data, 0, chunk.offset)
     return _fields(header, chunk.offset).get("compression", b"").decode(errors="replace")
+
+
+def message_times(read: Read, chunk: Chunk) -> dict[int, list[int]]:
+    """Times in ns of a chunk's messages for each connection, from the index records behind it.
+
+    Raises BagError where these are not what the chunk's counts say.
+    """
+    head = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
+    _, at = _sized(head, 0, chunk.offset)
+    begin = chunk.offset + at + 4 + int.from_bytes(head[at : at + 4], "little")
+    counts = {connection: count for connection, count in chunk.counts.items() if count}
+    most = _INDEX_ENTRY.size * sum(counts.values()) + _INDEX_HEADER_BYTES * len(counts)
+    times: dict[int, list[int]] = {}
+    if 0 < chunk.end - begin <= most:
+        for operation, header, _, body, offset in _records(
+            read(begin, chunk.end - begin), begin, 0
+        ):
+            if operation == _OP_INDEX and len(body) % _INDEX_ENTRY.size == 0:
+                times.setdefault(_u32(header, "conn", offset), []).extend(
+                    seconds * 1_000_000_000 + nanoseconds
+                    for seconds, nanoseconds, _ in _INDEX_ENTRY.iter_unpack(body)
+                )
+    inside = all(
+        chunk.start_time <= time <= chunk.end_time for found in times.values() for time in found
+    )
+    if not inside or {connection: len(found) for connection, found in times.items()} != counts:
+        raise BagError(
+            "BagUnreadable", f"the chunk at byte {chunk.offset} has no index of all its messages"
+        )
+    return times
 
 
 def _file_header(head: bytes) -> dict[str, bytes]:

@@ -12,7 +12,7 @@ from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing, crossing
 from bagpipe.plan.files import file_cases
-from bagpipe.plan.fragments import cut
+from bagpipe.plan.fragments import cut, holding
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.plan.put_together import drives, sequences
 from bagpipe.plan.simulated import check_scenarios
@@ -78,17 +78,13 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
     tail = read_tail(file.read, file.size)
     length = int(duration_seconds(spec.source.fragment.length) * 1e9)
     warm_up = int(duration_seconds(spec.source.fragment.warm_up) * 1e9)
-    fragments = cut(tail, spec.source.topics, length, warm_up)
+    fragments = cut(tail, spec.source.topics, length, warm_up, file.read)
     if not fragments:
-        present = ", ".join(sorted({c.topic for c in tail.connections})[:10])
-        raise BagError(
-            "NoMatchingTopics",
-            f"none of the topics {', '.join(spec.source.topics)} is in the bag; it has {present}",
-        )
+        raise BagError("NoMatchingTopics", _without_messages(tail, spec.source.topics))
     connections = _connection_ranges(tail)
     return [
         Case(
-            id=f"{name}-{number:04d}",
+            id=f"{name}-{fragment.number:04d}",
             bag=uri,
             bag_version=file.version,
             window=fragment.window,
@@ -96,8 +92,18 @@ def _fragments_of(uri: str, name: str, spec: SimulationJobSpec, storage: Storage
             ranges=fragment.ranges,
             messages=fragment.messages,
         )
-        for number, fragment in enumerate(fragments)
+        for fragment in fragments
     ]
+
+
+def _without_messages(tail: BagTail, topics: list[str]) -> str:
+    """A publisher is in the bag's index even if it never said anything."""
+    named = {connection.id: connection.topic for connection in tail.connections}
+    said = {named.get(each, "") for chunk in tail.chunks for each in holding(chunk)} - {""}
+    what = f"none of the topics {', '.join(topics)} is in the bag"
+    if silent := [topic for topic in topics if topic in named.values()]:
+        what = f"{', '.join(silent)} is in the bag without a message"
+    return f"{what}; it has {', '.join(sorted(said)[:10])}"
 
 
 def _connection_ranges(tail: BagTail) -> list[tuple[int, int]]:

@@ -1,14 +1,16 @@
-"""Cutting a bag into fragments, from its tail alone.
+"""Cutting a bag into fragments, from its indexes alone.
 
 A fragment's window is half-open, so each message counts in exactly one fragment whatever
 the chunks' overlaps. Cuts move to a near chunk boundary, so that most chunks travel once.
+A window in which nothing was recorded becomes no fragment, as it would prove nothing.
 """
 
 import bisect
 import itertools
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
-from bagpipe.plan.bag_tail import BagTail, Chunk
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times
 
 # A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
 # than it becomes a fragment of its own.
@@ -26,17 +28,24 @@ class Window:
 
 @dataclass(frozen=True)
 class FragmentPlan:
-    """One window and the (offset, length) byte ranges of the bag that it needs."""
+    """One window and the (offset, length) byte ranges of the bag that it needs.
+
+    `number` counts all windows of the bag, so that those behind an empty one keep their names.
+    """
 
     window: Window
     ranges: list[tuple[int, int]]
     messages: int
+    number: int = 0
 
 
-def cut(tail: BagTail, topics: list[str], length: int, warm_up: int) -> list[FragmentPlan]:
+def cut(
+    tail: BagTail, topics: list[str], length: int, warm_up: int, read: Read | None = None
+) -> list[FragmentPlan]:
     """The fragments of a bag for `topics` (resolved names; empty: all); times in ns.
 
-    Empty where the bag has no message on any of the topics.
+    Empty where the bag has no message on any of the topics. A chunk that was open during a gap
+    reaches over windows that it has no message in: `read` lets its index records tell.
     """
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
     latching = {c.id for c in tail.connections if c.latching} & wanted
@@ -46,9 +55,14 @@ def cut(tail: BagTail, topics: list[str], length: int, warm_up: int) -> list[Fra
     begin = min(chunk.start_time for chunk in chunks)
     end = max(chunk.end_time for chunk in chunks) + 1
     edges = _edges(begin, end, length, sorted(chunk.start_time for chunk in chunks))
+    recorded = _Recorded(chunks, wanted, read)
     return [
-        _fragment(chunks, Window(max(begin, start - warm_up), start, stop), wanted, latching)
-        for start, stop in itertools.pairwise(edges)
+        replace(
+            _fragment(chunks, Window(max(begin, start - warm_up), start, stop), wanted, latching),
+            number=number,
+        )
+        for number, (start, stop) in enumerate(itertools.pairwise(edges))
+        if recorded.between(start, stop)
     ]
 
 
@@ -63,6 +77,44 @@ def cut_one(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
 def holding(chunk: Chunk) -> set[int]:
     """The connections that a chunk has messages of."""
     return {connection for connection, count in chunk.counts.items() if count}
+
+
+class _Recorded:
+    """When messages of some connections were recorded, as far as a bag's indexes tell."""
+
+    def __init__(self, chunks: list[Chunk], wanted: set[int], read: Read | None) -> None:
+        self._chunks, self._wanted, self._read = chunks, wanted, read
+        self._times: dict[int, list[int] | None] = {}
+
+    def between(self, start: int, end: int) -> bool:
+        """Whether a time t with start <= t < end has a message; True where nothing can tell."""
+        return any(self._surely(chunk, start, end) for chunk in self._near(start, end)) or any(
+            self._maybe(chunk, start, end) for chunk in self._near(start, end)
+        )
+
+    def _near(self, start: int, end: int) -> Iterator[Chunk]:
+        return (c for c in self._chunks if c.start_time < end and c.end_time >= start)
+
+    def _surely(self, chunk: Chunk, start: int, end: int) -> bool:
+        """By the tail: a chunk has a message at its first and one at its last time."""
+        first, last = chunk.start_time >= start, chunk.end_time < end
+        return (first and last) or ((first or last) and holding(chunk) <= self._wanted)
+
+    def _maybe(self, chunk: Chunk, start: int, end: int) -> bool:
+        if self._read is None:
+            return True
+        if chunk.offset not in self._times:
+            self._times[chunk.offset] = self._times_of(chunk, self._read)
+        times = self._times[chunk.offset]
+        return times is None or bisect.bisect_left(times, start) < bisect.bisect_left(times, end)
+
+    def _times_of(self, chunk: Chunk, read: Read) -> list[int] | None:
+        """None where the chunk's own index is damaged: players don't need it, so it is no fault."""
+        try:
+            found = message_times(read, chunk)
+        except BagError:
+            return None
+        return sorted(time for each in self._wanted for time in found.get(each, []))
 
 
 def _edges(begin: int, end: int, length: int, boundaries: list[int]) -> list[int]:
