@@ -19,7 +19,7 @@ class NotLeadingError(ApiError):
     """Another replica leads, or this one can't know: the write was not made, or not awaited."""
 
     def __init__(self) -> None:
-        super().__init__(0, "NotLeading", "this replica does not lead any more")
+        super().__init__(0, "NotLeading", "this replica does not lead any more, as far as it knew")
 
 
 def elapsed() -> float:
