@@ -34,7 +34,7 @@ SILENT_DRIVER_SECONDS = 30.0
 
 
 class Drivers(Protocol):
-    """Who asks drivers for their progress."""
+    """Who asks drivers for their progress; each is known by its pod's UID."""
 
     async def read(self, uid: str, ip: str) -> Progress | None:
         """The driver's last account."""
@@ -43,7 +43,7 @@ class Drivers(Protocol):
         """How long it has not answered."""
 
     def forget(self, uid: str) -> None:
-        """The job is over."""
+        """Nobody will ask it again."""
 
 
 def utc_now() -> datetime:
@@ -64,6 +64,7 @@ class Reconciler:
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
     _patience: Patience = field(default_factory=Patience)
     _missing: Patience = field(default_factory=Patience)
+    _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _lookout: Lookout = field(init=False)
     _teller: Teller = field(init=False)
 
@@ -124,7 +125,7 @@ class Reconciler:
         if driver is not None:
             ending = ending_of(driver, self.now())
             if ending is None and driver.phase == "Running" and driver.ip:
-                progress = await self.drivers.read(job.uid, driver.ip)
+                progress = await self._account_of(driver)
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
@@ -202,10 +203,17 @@ class Reconciler:
         self.view.put_pod(driver)
         return driver, None
 
+    async def _account_of(self, driver: PodView) -> Progress | None:
+        """What this driver says; what the one before it said is not its account."""
+        if self._asked.get(driver.job_uid) != driver.uid:
+            self._forget_driver(driver.job_uid)
+        self._asked[driver.job_uid] = driver.uid
+        return await self.drivers.read(driver.uid, driver.ip)
+
     async def _refreshed_if_silent(self, driver: PodView) -> PodView | None:
         """The driver as it is now if it has not answered for long; None when it is gone."""
         self._missing.forget(driver.job_uid)
-        if driver.ended or self.drivers.silent_seconds(driver.job_uid) < SILENT_DRIVER_SECONDS:
+        if driver.ended or self.drivers.silent_seconds(driver.uid) < SILENT_DRIVER_SECONDS:
             return driver
         live = await self._get_pod(driver.namespace, driver.name)
         if live is None or live.uid != driver.uid:
@@ -307,7 +315,12 @@ class Reconciler:
         self._patience.forget(uid)
         self._missing.forget(uid)
         self._lookout.forget(uid)
-        self.drivers.forget(uid)
+        self._forget_driver(uid)
+
+    def _forget_driver(self, uid: str) -> None:
+        asked = self._asked.pop(uid, None)
+        if asked is not None:
+            self.drivers.forget(asked)
 
 
 def _backoff_limit(job: JobView) -> int:

@@ -60,7 +60,7 @@ async def test_a_whole_life_tells_each_transition_once() -> None:
     ]
     assert world.reason("Complete") == "True/AllCasesPassed"
     assert world.api.calls.count("patch status") == 7
-    assert world.drivers.forgotten == [UID] * 4
+    assert world.drivers.forgotten == ["uid-of-x-1-driver"]
 
 
 async def test_what_the_driver_gets() -> None:
