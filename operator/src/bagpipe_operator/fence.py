@@ -74,8 +74,8 @@ class FencedApi:
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         return await self._api.get(resource, namespace, name)
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
-        await self._leading(lambda: self._api.delete_pod(namespace, name, uid))
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        return await self._leading(lambda: self._api.delete_pod(namespace, name, uid))
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._api.get_job(namespace, name)

@@ -25,6 +25,7 @@ from bagpipe_operator.progress import Progress
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.status import Observation, acknowledged, decide
 from bagpipe_operator.teller import Teller
+from bagpipe_operator.unheard import Rounds, serves
 from bagpipe_operator.view import JobView, Json, PodView, View
 
 logger = logging.getLogger(__name__)
@@ -66,10 +67,12 @@ class Reconciler:
     _missing: Patience = field(default_factory=Patience)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _lookout: Lookout = field(init=False)
+    _rounds: Rounds = field(init=False)
     _teller: Teller = field(init=False)
 
     def __post_init__(self) -> None:
         self._lookout = Lookout(self.api, self.settings, self.monotonic)
+        self._rounds = Rounds(self.monotonic)
         self._teller = Teller(self.api)
 
     async def reconcile(self, uid: str) -> None:
@@ -118,13 +121,13 @@ class Reconciler:
         elif driver is None and halt is None and not pausing(job, self.now()):
             driver, refusal, ending = await self._start(job, attempt)
         if driver is not None:
-            driver = await self._refreshed_if_silent(driver)
+            driver = await self._refreshed_if_unheard(driver)
             if driver is None:
                 ending = lost_driver(job.namespace, names.driver_name(job.name, attempt))
         progress = None
         if driver is not None:
             ending = ending_of(driver, self.now())
-            if ending is None and driver.phase == "Running" and driver.ip:
+            if ending is None and serves(driver):
                 progress = await self._account_of(driver)
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
@@ -210,17 +213,24 @@ class Reconciler:
         self._asked[driver.job_uid] = driver.uid
         return await self.drivers.read(driver.uid, driver.ip)
 
-    async def _refreshed_if_silent(self, driver: PodView) -> PodView | None:
-        """The driver as it is now if it has not answered for long; None when it is gone."""
+    async def _refreshed_if_unheard(self, driver: PodView) -> PodView | None:
+        """The driver as it is now if nothing was heard of it for long; None when it is gone."""
         self._missing.forget(driver.job_uid)
-        if driver.ended or self.drivers.silent_seconds(driver.uid) < SILENT_DRIVER_SECONDS:
+        if driver.ended or not self._is_unheard(driver):
             return driver
         live = await self._get_pod(driver.namespace, driver.name)
+        self._rounds.forget(driver.job_uid)
         if live is None or live.uid != driver.uid:
             self.view.drop_pod(driver)
             return None
         self.view.put_pod(live)
         return live
+
+    def _is_unheard(self, driver: PodView) -> bool:
+        if not serves(driver):
+            return self._rounds.due(driver)
+        self._rounds.forget(driver.job_uid)
+        return self.drivers.silent_seconds(driver.uid) >= SILENT_DRIVER_SECONDS
 
     async def _get_pod(self, namespace: str, name: str) -> PodView | None:
         try:
@@ -274,7 +284,7 @@ class Reconciler:
         attempt = int(job.status.get("attempt") or 1)
         for pod in self.view.pods(job.uid):
             if pod.attempt < attempt and not pod.ended and not pod.deleting:
-                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+                await self._delete(pod)
 
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves.
@@ -285,7 +295,7 @@ class Reconciler:
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
             if not over(pod):
-                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+                await self._delete(pod)
 
     async def _stop_gracefully(self, job: JobView) -> None:
         """Deletes the driver, which journals what is done; then what it has left of executors."""
@@ -294,9 +304,14 @@ class Reconciler:
         drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
         for pod in drivers or working:
             if not pod.deleting:
-                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+                await self._delete(pod)
         if not alive:
             self._forget(job.uid)
+
+    async def _delete(self, pod: PodView) -> None:
+        """Deletes a pod; one that went while the watch began anew is told by nobody else."""
+        if not await self.api.delete_pod(pod.namespace, pod.name, pod.uid):
+            self.view.drop_pod(pod)
 
     async def _remove(self, job: JobView) -> None:
         """Deletes a job that was kept for long enough; one that has changed is looked at again."""
@@ -315,6 +330,7 @@ class Reconciler:
         self._patience.forget(uid)
         self._missing.forget(uid)
         self._lookout.forget(uid)
+        self._rounds.forget(uid)
         self._forget_driver(uid)
 
     def _forget_driver(self, uid: str) -> None:

@@ -181,11 +181,11 @@ async def test_a_write_that_outlasts_a_renewal_is_made_again() -> None:
     class Slow(FakeApi):
         """Its first deletion gets no answer."""
 
-        async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
+        async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
             self._called("slow delete")
             if self.calls.count("slow delete") == 1:
                 await asyncio.Event().wait()
-            await super().delete_pod(namespace, name, uid)
+            return await super().delete_pod(namespace, name, uid)
 
     world, loop = World(), asyncio.get_running_loop()
     await ended(world)
