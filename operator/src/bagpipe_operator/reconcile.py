@@ -63,17 +63,25 @@ class Reconciler:
     now: Callable[[], datetime] = utc_now
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
-    _patience: Patience = field(default_factory=Patience)
-    _missing: Patience = field(default_factory=Patience)
-    _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
+    _patience: Patience = field(init=False)
+    _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
     _rounds: Rounds = field(init=False)
+    _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _teller: Teller = field(init=False)
 
     def __post_init__(self) -> None:
+        self._teller = Teller(self.api)
+        self.begin_to_lead()
+
+    def begin_to_lead(self) -> None:
+        """Forgets what was seen when this replica led before: another may have led since."""
+        self._patience, self._missing = Patience(), Patience()
         self._lookout = Lookout(self.api, self.settings, self.monotonic)
         self._rounds = Rounds(self.monotonic)
-        self._teller = Teller(self.api)
+        for uid in list(self._asked):
+            self._forget_driver(uid)
+        self._teller.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
         """Brings one job forward; raises ApiError when it should be tried again."""
