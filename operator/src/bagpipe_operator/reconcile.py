@@ -6,7 +6,7 @@ Level-triggered: it is right whenever and however often it is called.
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Protocol
 
@@ -23,7 +23,7 @@ from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.status import Observation, acknowledged, decide
+from bagpipe_operator.status import Observation, acknowledged, decide, fatal
 from bagpipe_operator.teller import Teller
 from bagpipe_operator.unheard import Rounds, serves
 from bagpipe_operator.view import JobView, Json, PodView, View
@@ -106,12 +106,26 @@ class Reconciler:
     async def _advance(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""
         seen = await self._observe(job)
+        if await self._was_behind(seen):
+            return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)
         await self._stop_earlier_attempts(job)
         written = await self._write(job, status)
         if written is not None and not written.finished and seen.halt is not None:
             await self._stop_gracefully(written)
         return written
+
+    async def _was_behind(self, seen: Observation) -> bool:
+        """Whether the pod whose trouble is about to end the job is another by now, or gone."""
+        trouble = fatal(seen, self.settings.stuck_seconds)
+        if trouble is None or seen.ending is not None or seen.halt is not None:
+            return False
+        pods = self.view.pods(seen.job.uid)
+        pod = next((pod for pod in pods if pod.name == trouble.pod), None)
+        if pod is None:
+            return False
+        live = await self._refreshed(pod)
+        return live is None or replace(live, resource_version=pod.resource_version) != pod
 
     async def _observe(self, job: JobView) -> Observation:
         """Everything that the decision needs; creates the children if they were never there."""
@@ -226,12 +240,8 @@ class Reconciler:
         self._missing.forget(driver.job_uid)
         if driver.ended or not self._is_unheard(driver):
             return driver
-        live = await self._get_pod(driver.namespace, driver.name)
+        live = await self._refreshed(driver)
         self._rounds.forget(driver.job_uid)
-        if live is None or live.uid != driver.uid:
-            self.view.drop_pod(driver)
-            return None
-        self.view.put_pod(live)
         return live
 
     def _is_unheard(self, driver: PodView) -> bool:
@@ -239,6 +249,15 @@ class Reconciler:
             return self._rounds.due(driver)
         self._rounds.forget(driver.job_uid)
         return self.drivers.silent_seconds(driver.uid) >= SILENT_DRIVER_SECONDS
+
+    async def _refreshed(self, pod: PodView) -> PodView | None:
+        """The pod as the API server has it, and the view from now on; None when it is gone."""
+        live = await self._get_pod(pod.namespace, pod.name)
+        if live is None or live.uid != pod.uid:
+            self.view.drop_pod(pod)
+            return None
+        self.view.put_pod(live)
+        return live
 
     async def _get_pod(self, namespace: str, name: str) -> PodView | None:
         try:

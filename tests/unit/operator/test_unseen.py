@@ -108,3 +108,44 @@ async def test_an_executor_of_a_replaced_driver_that_went_unseen_is_asked_for_on
     for _ in range(5):
         await world.reconcile(after=5)
     assert world.api.calls.count("delete x-1-exec-1") == 1
+
+
+async def test_the_trouble_of_an_executor_that_went_unseen_ends_no_job() -> None:
+    world = World()
+    await running(world)
+    world.deliver(make_executor("x").waiting("stack", "ImagePullBackOff", "Back-off", "none:1"))
+    await world.reconcile(after=2)
+    assert world.reason("Running") == "False/StackImageUnavailable"
+    vanish(world, "x-1-exec-1")
+    world.deliver(make_executor("x", 2))  # in its place, and not begun with yet
+    await world.reconcile(after=29)
+    assert world.reason("Running") == "False/StackImageUnavailable"
+    world.api.calls.clear()
+    await world.reconcile(after=1)
+    await world.reconcile(after=2)
+    assert (world.status()["phase"], world.reason("Running")) == ("Running", "True/CasesRunning")
+    assert world.api.calls == ["get pods", "patch status", "create events"]
+
+
+async def test_no_executor_of_several_that_went_unseen_ends_the_job() -> None:
+    world = World()
+    await running(world)
+    stuck = [make_executor("x", number).waiting("stack", "ErrImagePull") for number in (1, 2, 3)]
+    world.deliver(*stuck)
+    await world.reconcile(after=2)
+    vanish(world, *[pod.name for pod in stuck])
+    for _ in range(30):
+        await world.reconcile(after=2)
+    assert world.status()["phase"] == "Running"
+    assert world.api.calls.count("get pods") == 3
+
+
+async def test_a_trouble_that_was_mended_unseen_ends_no_job() -> None:
+    world = World()
+    await running(world)
+    world.deliver(make_executor("x").waiting("stack", "ImagePullBackOff", "Back-off", "none:1"))
+    await world.reconcile(after=2)
+    world.api.put("pods", make_executor("x").running().object())
+    await world.reconcile(after=30)
+    await world.reconcile(after=2)
+    assert (world.status()["phase"], world.reason("Running")) == ("Running", "True/CasesRunning")
