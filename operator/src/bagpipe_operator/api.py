@@ -45,8 +45,8 @@ class Api(Protocol):
     async def events_of(self, namespace: str, uid: str) -> list[Json]:
         """At most MOST_EVENTS Events about the object with that UID."""
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
-        """Deletes a pod if it still is the one with that UID; a missing one is no error."""
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        """Deletes a pod if it still is the one with that UID; says whether it was there."""
 
     async def get_job(self, namespace: str, name: str) -> Json:
         """One SimulationJob."""
@@ -91,9 +91,9 @@ class KubernetesApi:
         found = await self._call("GET", f"/api/v1/namespaces/{namespace}/events?{query}")
         return list(found.get("items") or [])
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
         options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
-        await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", options)
+        return await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", options)
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._call("GET", self._job_path(namespace, name))
@@ -186,13 +186,16 @@ class KubernetesApi:
         below = f"/apis/{names.API_VERSION}/namespaces/{namespace}/{plural}"
         return f"{below}/{name}" if name else below
 
-    async def _delete(self, path: str, options: Json) -> None:
+    async def _delete(self, path: str, options: Json) -> bool:
+        """Whether there was something to delete."""
         try:
             await self._call("DELETE", path, options)
         except ApiError as error:
             # 409: another object has taken the name. Either way this one is gone.
             if error.status not in {404, 409}:
                 raise
+            return False
+        return True
 
     async def _call(
         self,

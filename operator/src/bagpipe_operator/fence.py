@@ -19,7 +19,7 @@ class NotLeadingError(ApiError):
     """Another replica leads, or this one can't know: the write was not made, or not awaited."""
 
     def __init__(self) -> None:
-        super().__init__(0, "NotLeading", "this replica does not lead any more")
+        super().__init__(0, "NotLeading", "this replica does not lead any more, as far as it knew")
 
 
 def elapsed() -> float:
@@ -74,8 +74,8 @@ class FencedApi:
     async def get(self, resource: str, namespace: str, name: str) -> Json:
         return await self._api.get(resource, namespace, name)
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
-        await self._leading(lambda: self._api.delete_pod(namespace, name, uid))
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        return await self._leading(lambda: self._api.delete_pod(namespace, name, uid))
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._api.get_job(namespace, name)

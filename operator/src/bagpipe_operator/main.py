@@ -74,9 +74,15 @@ async def run(settings: Settings) -> None:
     async with AsyncExitStack() as stack:
         client = await stack.enter_async_context(_client())
         api = KubernetesApi(client, settings.request_seconds, metrics.api_called)
+        session = await stack.enter_async_context(aiohttp.ClientSession())
+        drivers = ProgressReader(session, settings.progress_seconds, counted=metrics.driver_asked)
+        reconciler = Reconciler(
+            FencedApi(api, fence), view, drivers, settings, counted=metrics.job_written
+        )
         schedules = ScheduleLoop(FencedScheduleApi(api, fence), metrics, fence.leads)
 
         def take_up() -> None:
+            reconciler.begin_to_lead()
             sweeper.sweep_all()
             schedules.sweep_all()
 
@@ -89,16 +95,10 @@ async def run(settings: Settings) -> None:
             on_lead=take_up,
         )
         health = serve.Health(sweeper, lease_trouble=election.trouble)
-        session = await stack.enter_async_context(aiohttp.ClientSession())
         application = serve.application(health, metrics)
         runner = await serve.start(application, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
         await wait_until_watchable(api, settings)
-
-        drivers = ProgressReader(session, settings.progress_seconds, counted=metrics.driver_asked)
-        reconciler = Reconciler(
-            FencedApi(api, fence), view, drivers, settings, counted=metrics.job_written
-        )
         tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election)]
         tasks += [
             asyncio.create_task(work(queue, reconciler.reconcile, metrics, fence.leads))

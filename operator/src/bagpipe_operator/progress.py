@@ -134,7 +134,10 @@ class _Answer:
 
 @dataclass
 class ProgressReader:
-    """Asks drivers, each at most every LEAST_INTERVAL_SECONDS, and remembers their last answer."""
+    """Asks drivers, each at most every LEAST_INTERVAL_SECONDS, and remembers their last answer.
+
+    A driver is known by its pod's UID: the next one of the same job starts without an account.
+    """
 
     session: aiohttp.ClientSession
     deadline_seconds: float
@@ -165,7 +168,7 @@ class ProgressReader:
         return asyncio.get_running_loop().time() - answer.silent_since
 
     def forget(self, uid: str) -> None:
-        """Drops what is remembered of a job that is over."""
+        """Drops what is remembered of a driver that is over."""
         self._answers.pop(uid, None)
 
     async def _ask(self, ip: str) -> Progress | None:

@@ -80,6 +80,12 @@ class WorkQueue:
         if self._not_before.get(key, 0.0) <= self._now():
             self.add(key, Lane.ROUND)
 
+    def rested(self) -> list[str]:
+        """The keys that have failed and may be tried again now; their times go with done()."""
+        now = self._now()
+        waiting = ((key, at) for key, at in self._not_before.items() if key not in self._busy)
+        return [key for key, at in waiting if at <= now]
+
     async def get(self) -> str:
         """The next key; its worker must end with done() or retry()."""
         await self._places.acquire()
@@ -97,7 +103,7 @@ class WorkQueue:
         self._release(key)
 
     def retry(self, key: str) -> float:
-        """The key failed; the sweeper may ask for it again after the seconds that this returns."""
+        """The key failed; the sweeper asks for it again after the seconds that this returns."""
         failures = self._failures.get(key, 0) + 1
         self._failures[key] = failures
         delay = retry_delay(failures)

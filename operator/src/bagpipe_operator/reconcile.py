@@ -6,7 +6,7 @@ Level-triggered: it is right whenever and however often it is called.
 import asyncio
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Protocol
 
@@ -23,8 +23,9 @@ from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.status import Observation, acknowledged, decide
+from bagpipe_operator.status import Observation, acknowledged, decide, fatal
 from bagpipe_operator.teller import Teller
+from bagpipe_operator.unheard import Rounds, serves
 from bagpipe_operator.view import JobView, Json, PodView, View
 
 logger = logging.getLogger(__name__)
@@ -34,7 +35,7 @@ SILENT_DRIVER_SECONDS = 30.0
 
 
 class Drivers(Protocol):
-    """Who asks drivers for their progress."""
+    """Who asks drivers for their progress; each is known by its pod's UID."""
 
     async def read(self, uid: str, ip: str) -> Progress | None:
         """The driver's last account."""
@@ -43,7 +44,7 @@ class Drivers(Protocol):
         """How long it has not answered."""
 
     def forget(self, uid: str) -> None:
-        """The job is over."""
+        """Nobody will ask it again."""
 
 
 def utc_now() -> datetime:
@@ -62,14 +63,25 @@ class Reconciler:
     now: Callable[[], datetime] = utc_now
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
-    _patience: Patience = field(default_factory=Patience)
-    _missing: Patience = field(default_factory=Patience)
+    _patience: Patience = field(init=False)
+    _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
+    _rounds: Rounds = field(init=False)
+    _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _teller: Teller = field(init=False)
 
     def __post_init__(self) -> None:
-        self._lookout = Lookout(self.api, self.settings, self.monotonic)
         self._teller = Teller(self.api)
+        self.begin_to_lead()
+
+    def begin_to_lead(self) -> None:
+        """Forgets what was seen when this replica led before: another may have led since."""
+        self._patience, self._missing = Patience(), Patience()
+        self._lookout = Lookout(self.api, self.settings, self.monotonic)
+        self._rounds = Rounds(self.monotonic)
+        for uid in list(self._asked):
+            self._forget_driver(uid)
+        self._teller.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
         """Brings one job forward; raises ApiError when it should be tried again."""
@@ -94,12 +106,26 @@ class Reconciler:
     async def _advance(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""
         seen = await self._observe(job)
+        if await self._was_behind(seen):
+            return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)
         await self._stop_earlier_attempts(job)
         written = await self._write(job, status)
         if written is not None and not written.finished and seen.halt is not None:
             await self._stop_gracefully(written)
         return written
+
+    async def _was_behind(self, seen: Observation) -> bool:
+        """Whether the pod whose trouble is about to end the job is another by now, or gone."""
+        trouble = fatal(seen, self.settings.stuck_seconds)
+        if trouble is None or seen.ending is not None or seen.halt is not None:
+            return False
+        pods = self.view.pods(seen.job.uid)
+        pod = next((pod for pod in pods if pod.name == trouble.pod), None)
+        if pod is None:
+            return False
+        live = await self._refreshed(pod)
+        return live is None or replace(live, resource_version=pod.resource_version) != pod
 
     async def _observe(self, job: JobView) -> Observation:
         """Everything that the decision needs; creates the children if they were never there."""
@@ -117,14 +143,14 @@ class Reconciler:
         elif driver is None and halt is None and not pausing(job, self.now()):
             driver, refusal, ending = await self._start(job, attempt)
         if driver is not None:
-            driver = await self._refreshed_if_silent(driver)
+            driver = await self._refreshed_if_unheard(driver)
             if driver is None:
                 ending = lost_driver(job.namespace, names.driver_name(job.name, attempt))
         progress = None
         if driver is not None:
             ending = ending_of(driver, self.now())
-            if ending is None and driver.phase == "Running" and driver.ip:
-                progress = await self.drivers.read(job.uid, driver.ip)
+            if ending is None and serves(driver):
+                progress = await self._account_of(driver)
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
@@ -202,14 +228,33 @@ class Reconciler:
         self.view.put_pod(driver)
         return driver, None
 
-    async def _refreshed_if_silent(self, driver: PodView) -> PodView | None:
-        """The driver as it is now if it has not answered for long; None when it is gone."""
+    async def _account_of(self, driver: PodView) -> Progress | None:
+        """What this driver says; what the one before it said is not its account."""
+        if self._asked.get(driver.job_uid) != driver.uid:
+            self._forget_driver(driver.job_uid)
+        self._asked[driver.job_uid] = driver.uid
+        return await self.drivers.read(driver.uid, driver.ip)
+
+    async def _refreshed_if_unheard(self, driver: PodView) -> PodView | None:
+        """The driver as it is now if nothing was heard of it for long; None when it is gone."""
         self._missing.forget(driver.job_uid)
-        if driver.ended or self.drivers.silent_seconds(driver.job_uid) < SILENT_DRIVER_SECONDS:
+        if driver.ended or not self._is_unheard(driver):
             return driver
-        live = await self._get_pod(driver.namespace, driver.name)
-        if live is None or live.uid != driver.uid:
-            self.view.drop_pod(driver)
+        live = await self._refreshed(driver)
+        self._rounds.forget(driver.job_uid)
+        return live
+
+    def _is_unheard(self, driver: PodView) -> bool:
+        if not serves(driver):
+            return self._rounds.due(driver)
+        self._rounds.forget(driver.job_uid)
+        return self.drivers.silent_seconds(driver.uid) >= SILENT_DRIVER_SECONDS
+
+    async def _refreshed(self, pod: PodView) -> PodView | None:
+        """The pod as the API server has it, and the view from now on; None when it is gone."""
+        live = await self._get_pod(pod.namespace, pod.name)
+        if live is None or live.uid != pod.uid:
+            self.view.drop_pod(pod)
             return None
         self.view.put_pod(live)
         return live
@@ -266,7 +311,7 @@ class Reconciler:
         attempt = int(job.status.get("attempt") or 1)
         for pod in self.view.pods(job.uid):
             if pod.attempt < attempt and not pod.ended and not pod.deleting:
-                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+                await self._delete(pod)
 
     async def _stop_leftovers(self, job: JobView) -> None:
         """Deletes the pods of an ended job that have not ended themselves.
@@ -277,7 +322,7 @@ class Reconciler:
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
             if not over(pod):
-                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+                await self._delete(pod)
 
     async def _stop_gracefully(self, job: JobView) -> None:
         """Deletes the driver, which journals what is done; then what it has left of executors."""
@@ -286,9 +331,14 @@ class Reconciler:
         drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
         for pod in drivers or working:
             if not pod.deleting:
-                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+                await self._delete(pod)
         if not alive:
             self._forget(job.uid)
+
+    async def _delete(self, pod: PodView) -> None:
+        """Deletes a pod; one that went while the watch began anew is told by nobody else."""
+        if not await self.api.delete_pod(pod.namespace, pod.name, pod.uid):
+            self.view.drop_pod(pod)
 
     async def _remove(self, job: JobView) -> None:
         """Deletes a job that was kept for long enough; one that has changed is looked at again."""
@@ -307,7 +357,13 @@ class Reconciler:
         self._patience.forget(uid)
         self._missing.forget(uid)
         self._lookout.forget(uid)
-        self.drivers.forget(uid)
+        self._rounds.forget(uid)
+        self._forget_driver(uid)
+
+    def _forget_driver(self, uid: str) -> None:
+        asked = self._asked.pop(uid, None)
+        if asked is not None:
+            self.drivers.forget(asked)
 
 
 def _backoff_limit(job: JobView) -> int:

@@ -1,4 +1,8 @@
-"""Time as a source of work: visits every job that time may bring forward, or to its removal."""
+"""Time as a source of work: visits every job that time may bring forward, or to its removal.
+
+And every job whose last visit failed, whatever it is in: a job that has ended, or that rests, may
+have an Event untold or a pod undeleted, and nothing else would ever ask for it.
+"""
 
 import asyncio
 from collections.abc import Callable
@@ -12,7 +16,7 @@ from bagpipe_operator.view import JobView, View
 
 @dataclass
 class Sweeper:
-    """Asks every `period_seconds` for all jobs that run or were kept for long enough.
+    """Asks every `period_seconds` for the jobs that are due.
 
     Its pulse tells that the loop lives.
     """
@@ -25,9 +29,10 @@ class Sweeper:
 
     def sweep(self) -> int:
         """One visit; how many jobs were asked for."""
-        due = [job for job in self.view.jobs() if not job.deleting and self._is_due(job)]
-        for job in due:
-            self.queue.add_if_rested(job.uid)
+        jobs = (job for job in self.view.jobs() if not job.deleting and self._is_due(job))
+        due = {job.uid: None for job in jobs} | dict.fromkeys(self.queue.rested())
+        for uid in due:
+            self.queue.add_if_rested(uid)
         return len(due)
 
     def _is_due(self, job: JobView) -> bool:

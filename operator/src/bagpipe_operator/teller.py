@@ -29,8 +29,17 @@ class Teller:
     _met: set[str] = field(default_factory=set)
     _untold: dict[str, list[Note]] = field(default_factory=dict)
 
+    def begin_to_lead(self, known: Iterable[str]) -> None:
+        """All jobs are to be met anew: another may have led, written and died.
+
+        What this one could not write before is kept, but for jobs that went since: where the other
+        has told it, the Event's name says so.
+        """
+        self._met.clear()
+        self._untold = {uid: self._untold[uid] for uid in known if uid in self._untold}
+
     async def meet(self, job: JobView, now: datetime) -> None:
-        """The first sight of a job by this operator: tells what its predecessor owes.
+        """The first sight of a job by this leader: tells what its predecessor owes.
 
         At once: the next status may say something else, and this operator be killed in its turn.
         Release 0.1.0 wrote no lostDrivers and named its Events at random: they would be told twice.

@@ -24,7 +24,8 @@ async def work(
 ) -> None:
     """Reconciles keys until cancelled. A fault costs its own key a delay and no other anything.
 
-    Without leadership keys are dropped: whoever begins to lead asks for all jobs anew.
+    Without leadership keys are dropped: whoever begins to lead asks for all jobs anew. A write that
+    the fence stopped although the lead has been renewed since is a fault like any other.
     """
     while True:
         key = await queue.get()
@@ -38,10 +39,11 @@ async def work(
         except asyncio.CancelledError:
             queue.done(key)
             raise
-        except NotLeadingError:
-            queue.done(key)
-            metrics.reconciles.labels(result="fenced").inc()
         except (ApiError, TimeoutError) as error:
+            if isinstance(error, NotLeadingError) and not leads():
+                queue.done(key)
+                metrics.reconciles.labels(result="fenced").inc()
+                continue
             delay = queue.retry(key)
             metrics.reconciles.labels(result="retried").inc()
             logger.warning("%s %s: %s; tried again in %.1f s", kind, key, error, delay)

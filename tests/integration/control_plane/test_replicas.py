@@ -91,6 +91,78 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
     assert first.metric('bagpipe_reconciles_total{result="done"}') == 0
 
 
+def test_a_replica_that_leads_a_second_time_begins_anew(
+    admin: Client,
+    namespace: str,
+    installation: Installation,
+    kubelet: FakeKubelet,
+    operator_process: StartOperator,
+) -> None:
+    """The image that the first saw missing was there while the second led, and is missing again."""
+    stuck = 8.0
+    terms = {
+        "BAGPIPE_LEASE_SECONDS": "4",
+        "BAGPIPE_WATCH_NAMESPACES": namespace,
+        "BAGPIPE_STUCK_SECONDS": str(stuck),
+    }
+    first = operator_process(**terms)
+    await_lead(first, 5)
+    second = operator_process(**terms)
+    create_jobs(admin, namespace, ["a"])
+    await_phase(admin, namespace, "Pending", 1, 10)
+    kubelet.bind(namespace, "a-1-driver")  # else its claims, which are not there, are told of
+    kubelet.wait(namespace, "a-1-driver", "ErrImagePull", "no such image")
+    await_reason(admin, namespace, "a", "DriverImageUnavailable")
+
+    first.pause()
+    await_lead(second, TAKEOVER_SECONDS)
+    kubelet.wait(namespace, "a-1-driver", "ContainerCreating")
+    await_reason(admin, namespace, "a", "DriverPending")
+    complete_job(admin, namespace, kubelet, "b")
+    kubelet.wait(namespace, "a-1-driver", "ErrImagePull", "no such image")
+    await_reason(admin, namespace, "a", "DriverImageUnavailable")
+    second.kill()
+
+    first.resume()
+    wait_until(lambda: not leads(first), 5, "the old leader believes in its Lease")
+    await_lead(first, TAKEOVER_SECONDS)
+    led = time.monotonic()
+    complete_job(admin, namespace, kubelet, "c")
+    await_phase(admin, namespace, "Failed", 1, stuck + 20)
+    assert time.monotonic() - led > stuck - 1, "it counted from when it led before"
+
+    assert children(admin, namespace)["configmaps"] == ["a-1", "b-1", "c-1"]
+    assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
+    told = [e["involvedObject"]["name"] for e in admin.items(core(namespace, "events"))
+            if e["reason"] == "DriverCreated"]  # fmt: skip
+    assert sorted(told) == ["a", "b", "c"]
+    lease = admin.get(LEASE.format(installation.namespace))
+    assert lease["spec"]["leaseTransitions"] == 2
+
+
+def await_reason(admin: Client, namespace: str, name: str, reason: str) -> None:
+    """Waits until a job's condition Running has a reason."""
+
+    def told() -> bool:
+        said = statuses(admin, namespace)[name].get("conditions") or []
+        return any(c["type"] == "Running" and c["reason"] == reason for c in said)
+
+    wait_until(told, 10, f"{name} did not become {reason}")
+
+
+def complete_job(admin: Client, namespace: str, kubelet: FakeKubelet, name: str) -> None:
+    """A job from its creation to its end, which whoever leads has written."""
+    driver = f"{name}-1-driver"
+    create_jobs(admin, namespace, [name])
+    wait_until(lambda: admin.exists(core(namespace, "pods", driver)), 10, f"there is no {driver}")
+    kubelet.end(namespace, driver, 0, account("Complete", verdict="Passed"))
+    wait_until(
+        lambda: statuses(admin, namespace)[name].get("phase") == "Complete",
+        10,
+        f"{name} did not become Complete",
+    )
+
+
 def test_a_leader_that_is_asked_to_end_gives_the_lease_back(
     admin: Client, namespace: str, installation: Installation, operator_process: StartOperator
 ) -> None:

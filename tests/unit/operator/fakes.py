@@ -64,11 +64,13 @@ class FakeApi:
         self._called(f"events of {uid}")
         return copy.deepcopy(self.told.get(uid, []))
 
-    async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
         self._called(f"delete {name}")
         pod = self.objects.get(("pods", name))
-        if pod and pod["metadata"]["uid"] == uid:
-            del self.objects["pods", name]
+        if pod is None or pod["metadata"]["uid"] != uid:
+            return False
+        del self.objects["pods", name]
+        return True
 
     async def get_job(self, namespace: str, name: str) -> Json:
         self._called("get job")

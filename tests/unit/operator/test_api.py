@@ -57,7 +57,7 @@ async def test_the_calls() -> None:
     async with server(recorder.answer) as api:
         assert await api.create("pods", manifest) == {"kind": "Any"}
         await api.get("configmaps", "lanes", "x-1")
-        await api.delete_pod("lanes", "p", "uid-of-p")
+        assert await api.delete_pod("lanes", "p", "uid-of-p") is True
         await api.get_job("lanes", "x")
         await api.patch_status("lanes", "x", patch)
         await api.try_create("pods", manifest)
@@ -128,9 +128,9 @@ async def test_a_proxy_s_page_is_an_error_too() -> None:
 
 
 @pytest.mark.parametrize("status", [404, 409])
-async def test_deleting_what_is_gone_is_no_error(status: int) -> None:
+async def test_deleting_what_is_gone_is_no_error_and_is_told(status: int) -> None:
     async with server(Recorder((status, {"kind": "Status"})).answer) as api:
-        await api.delete_pod("lanes", "p", "uid-of-p")
+        assert await api.delete_pod("lanes", "p", "uid-of-p") is False
 
 
 async def test_a_server_that_does_not_answer_is_given_up_at_the_deadline() -> None:

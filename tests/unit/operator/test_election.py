@@ -312,8 +312,8 @@ async def test_a_write_that_hangs_ends_with_the_lead() -> None:
             await asyncio.Event().wait()
             return await super().get_job(namespace, name)
 
-        async def delete_pod(self, namespace: str, name: str, uid: str) -> None:
-            await self.get_job(namespace, f"{name} {uid}")
+        async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+            return bool(await self.get_job(namespace, f"{name} {uid}"))
 
     fence = Fence()
     fence.open_until(elapsed() + 0.2)

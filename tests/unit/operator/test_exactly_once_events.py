@@ -51,6 +51,39 @@ async def test_a_whole_life_under_an_operator_that_is_killed_at_every_step() -> 
     ]
 
 
+async def test_a_replica_that_leads_again_tells_what_the_one_between_owed() -> None:
+    world = World()
+    first = world.reconciler
+    await world.reconcile()
+    second = world.restarted(world.view)
+    world.reconciler = second
+    await world.reconcile(after=2)
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    await killed_before_telling(world)
+    assert world.api.event_reasons() == ["DriverCreated"]
+    world.reconciler = first
+    first.begin_to_lead()
+    for _ in range(3):
+        await world.reconcile(after=2)
+    assert world.api.event_reasons() == ["DriverCreated", "CasesPlanned", "CasesRunning"]
+
+
+async def test_a_lead_that_lapses_loses_no_event_that_could_not_be_written() -> None:
+    """An API server that takes no Events for long is also one that renews no Lease."""
+    world = World()
+    world.api.fail("create events", KILLED, KILLED)
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile()
+    world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile(after=2)
+    assert world.api.event_reasons() == []
+    world.reconciler.begin_to_lead()
+    await world.reconcile(after=1200)
+    assert world.api.event_reasons() == ["DriverCreated", "CasesPlanned", "AllCasesRan"]
+
+
 async def test_what_was_owed_is_told_before_another_status_takes_its_place() -> None:
     """Else an operator that is killed between the two would leave nobody who knows of it."""
     world = World()

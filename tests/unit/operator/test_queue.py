@@ -83,6 +83,29 @@ async def test_the_sweeper_waits_for_the_retry_and_an_event_does_not() -> None:
     assert queue.retry("a") == pytest.approx(0.5)
 
 
+async def test_keys_that_have_failed_are_named_when_they_are_due() -> None:
+    clock = Clock()
+    queue = WorkQueue(clock.monotonic)
+    for key in ("a", "b", "fine"):
+        queue.add(key)
+        await queue.get()
+    queue.done("fine")
+    queue.retry("a")
+    clock.advance(0.3)
+    queue.retry("b")
+    assert queue.rested() == []
+    clock.advance(0.2)
+    assert queue.rested() == ["a"]
+    clock.advance(0.3)
+    assert queue.rested() == ["a", "b"]
+    queue.add("a")
+    await queue.get()
+    assert queue.rested() == ["b"]  # what becomes of the other is not known yet
+    queue.done("a")
+    queue.forget("b")
+    assert queue.rested() == []
+
+
 async def _taken(queue: WorkQueue, count: int) -> list[str]:
     keys = []
     for _ in range(count):

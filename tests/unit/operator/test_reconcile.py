@@ -60,7 +60,7 @@ async def test_a_whole_life_tells_each_transition_once() -> None:
     ]
     assert world.reason("Complete") == "True/AllCasesPassed"
     assert world.api.calls.count("patch status") == 7
-    assert world.drivers.forgotten == [UID] * 4
+    assert world.drivers.forgotten == ["uid-of-x-1-driver"]
 
 
 async def test_what_the_driver_gets() -> None:
@@ -207,6 +207,53 @@ async def test_an_image_that_arrives_in_time_is_forgiven() -> None:
         world.deliver(make_driver("x").running(), executor)
         await world.reconcile(after=25)
     assert world.status()["phase"] == "Running"
+
+
+async def test_a_replica_that_leads_again_is_as_patient_as_at_first() -> None:
+    """What it saw when it led before may have been mended while another led."""
+    world = World()
+    first = world.reconciler
+    await world.reconcile()
+    stuck = make_executor("x").waiting("stack", "ImagePullBackOff", "Back-off", "none/such:1")
+    world.deliver(make_driver("x").running(), stuck)
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+    world.reconciler = world.restarted(world.view)
+    world.deliver(make_executor("x").running())
+    await world.reconcile(after=20)
+    assert world.reason("Running") == "True/CasesRunning"
+    world.deliver(stuck)
+    world.reconciler = first
+    first.begin_to_lead()
+    await world.reconcile(after=20)
+    await world.reconcile(after=29)
+    assert world.reason("Running") == "False/StackImageUnavailable"
+    await world.reconcile(after=1)
+    assert world.reason("Failed") == "True/StackImageUnavailable"
+
+
+async def test_a_replica_that_leads_again_waits_for_a_driver_out_of_sight() -> None:
+    world = World()
+    await world.reconcile()
+    world.forget_everything()
+    first = world.reconciler
+    await world.reconcile()
+    world.clock.advance(3600)
+    first.begin_to_lead()
+    world.api.calls.clear()
+    await world.reconcile()
+    assert "get pods" not in world.api.calls
+
+
+async def test_a_replica_that_leads_again_knows_no_account_of_before() -> None:
+    """A driver that does not answer just then would be said to have gone back."""
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    world.drivers.says = account()
+    await world.reconcile()
+    world.reconciler.begin_to_lead()
+    assert world.drivers.forgotten == ["uid-of-x-1-driver"]
 
 
 async def test_pods_that_outlive_their_job_are_deleted() -> None:

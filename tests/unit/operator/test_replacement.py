@@ -3,9 +3,11 @@
 from itertools import pairwise
 
 import pytest
+from aiohttp import web
 
 from bagpipe_operator.life import pause_seconds
 from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
+from tests.unit.operator.test_progress import driver
 from tests.unit.operator.world import UID, World
 
 
@@ -43,6 +45,33 @@ async def test_a_lost_driver_is_replaced(reason: str) -> None:
     assert world.status()["driver"] == "x-2-driver"
     assert "x-2" in world.api.named("configmaps")
     assert world.api.event_reasons().count(reason) == 1
+
+
+async def test_the_next_driver_is_not_given_the_last_words_of_the_one_before() -> None:
+    """The first serves its progress; the second runs, and its server is not up yet."""
+
+    async def handler(_: web.Request) -> web.Response:
+        return web.Response(text=account())
+
+    world = World()
+    await world.reconcile()
+    async with driver(handler) as reader:
+        world.reconciler.drivers = reader
+        world.deliver(make_driver("x").running("127.0.0.1"), make_executor("x").running())
+        await world.reconcile(after=2)
+        assert world.reason("Running") == "True/CasesRunning"
+        world.deliver(make_driver("x").ended(137))
+        await world.reconcile(after=2)
+        await world.reconcile(after=10)
+        world.deliver(make_driver("x", 2).running("127.0.0.2"))  # where nobody listens
+        await world.reconcile(after=2)
+        assert (world.status()["phase"], world.status()["attempt"]) == ("Planning", 2)
+        assert world.reason("Running") == "False/DriverFailed"
+        assert world.api.event_reasons().count("CasesRunning") == 1
+        assert list(reader._answers) == ["uid-of-x-2-driver"]  # the first's are not kept for ever
+        world.deliver(make_driver("x", 2).ended(0, account("Complete")))
+        await world.reconcile(after=2)
+        assert reader._answers == {}
 
 
 async def test_a_driver_that_told_why_it_failed_is_not_replaced() -> None:

@@ -2,15 +2,21 @@
 
 import asyncio
 import logging
+from collections.abc import Awaitable, Callable
 
 import pytest
 
 from bagpipe_operator.api import ApiError
-from bagpipe_operator.fence import NotLeadingError
+from bagpipe_operator.fence import Fence, FencedApi, NotLeadingError
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.sweep import Sweeper
 from bagpipe_operator.view import View
 from bagpipe_operator.work import RECONCILE_SECONDS, work
+from tests.unit.operator.builders import account, make_driver, make_executor, make_job
+from tests.unit.operator.fakes import FakeApi
+from tests.unit.operator.test_life import edit
+from tests.unit.operator.world import UID, World
 
 
 class Bench:
@@ -18,6 +24,7 @@ class Bench:
         self.queue = WorkQueue()
         self.metrics = Metrics(View(), self.queue)
         self.seen: list[str] = []
+        self.leads = True
 
     async def reconcile(self, key: str) -> None:
         self.seen.append(key)
@@ -27,13 +34,16 @@ class Bench:
             case "bug":
                 raise KeyError("status")
             case "fenced":
+                self.leads = False
+                raise NotLeadingError
+            case "renewed meanwhile":
                 raise NotLeadingError
             case "hangs":
                 await asyncio.Event().wait()
 
-    async def run(self, *keys: str, seconds: float = 1.0, leads: bool = True) -> None:
+    async def run(self, *keys: str, seconds: float = 1.0) -> None:
         worker = asyncio.create_task(
-            work(self.queue, self.reconcile, self.metrics, leads=lambda: leads)
+            work(self.queue, self.reconcile, self.metrics, leads=lambda: self.leads)
         )
         for key in keys:
             self.queue.add(key)
@@ -70,14 +80,120 @@ async def test_a_reconcile_that_hangs_is_given_up() -> None:
 @pytest.mark.looptime
 async def test_a_replica_that_stands_by_drops_its_keys() -> None:
     bench = Bench()
-    await bench.run("fine", "bug", leads=False)
+    bench.leads = False
+    await bench.run("fine", "bug")
     assert bench.seen == []
     assert (len(bench.queue), bench.count("done")) == (0, 0)
 
 
 @pytest.mark.looptime
-async def test_what_the_fence_stops_is_not_tried_again() -> None:
+async def test_what_the_fence_stops_is_not_tried_again_once_the_lead_is_lost() -> None:
     bench = Bench()
     await bench.run("fenced", "fine", seconds=60)
-    assert bench.seen == ["fenced", "fine"]
-    assert [bench.count(r) for r in ("done", "retried", "fenced")] == [1, 0, 1]
+    assert bench.seen == ["fenced"]
+    assert bench.queue.rested() == []
+    assert [bench.count(r) for r in ("done", "retried", "fenced")] == [0, 0, 1]
+
+
+@pytest.mark.looptime
+async def test_what_the_fence_stops_is_tried_again_by_a_replica_that_still_leads() -> None:
+    """A write ends with the time that was left when it began, also if the Lease was renewed."""
+    bench = Bench()
+    await bench.run("renewed meanwhile", "fine")
+    assert bench.queue.rested() == ["renewed meanwhile"]
+    assert [bench.count(r) for r in ("done", "retried", "fenced")] == [1, 1, 0]
+
+
+async def at_work(world: World, queue: WorkQueue, seconds: float = 5.0) -> None:
+    """The loop as main ties it together, for a while; nothing happens but time."""
+    sweeper = Sweeper(world.view, queue, 2.0, now=world.clock.now)
+    reconcile = world.reconciler.reconcile
+    parts = [sweeper.run(), work(queue, reconcile, Metrics(world.view, queue))]
+    tasks = [asyncio.create_task(part) for part in parts]
+    await asyncio.sleep(seconds)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def ended(world: World) -> None:
+    """The driver has ended, and an executor is left; no reconcile has seen it."""
+    await world.reconcile()
+    done = account("Complete", reason="AllCasesRan", cases={"planned": 4, "passed": 4})
+    world.deliver(make_driver("x").ended(0, done), make_executor("x").running())
+
+
+async def edited_after_its_end(world: World) -> None:
+    await ended(world)
+    await world.reconcile()
+    await world.reconcile()
+    edit(world, ttlSecondsAfterFinished=600)
+
+
+async def just_suspended(world: World) -> None:
+    """Nothing but an event would bring a job that rests forward again."""
+    edit(world, suspend=True)
+
+
+def is_told(world: World) -> bool:
+    return "AllCasesRan" in world.api.event_reasons()
+
+
+def is_alone(world: World) -> bool:
+    return world.api.named("pods") == ["x-1-driver"]
+
+
+def is_acknowledged(world: World) -> bool:
+    return bool(world.status()["observedGeneration"] == 2)
+
+
+def is_told_to_rest(world: World) -> bool:
+    return world.api.event_reasons() == ["JobSuspended"]
+
+
+# The call, what happens before it, and whether it has been made.
+LastCall = tuple[str, Callable[[World], Awaitable[None]], Callable[[World], bool]]
+LAST_CALLS: dict[str, LastCall] = {
+    "the Event": ("create events", ended, is_told),
+    "the deletion": ("delete x-1-exec-1", ended, is_alone),
+    "the acknowledgement": ("patch status", edited_after_its_end, is_acknowledged),
+    "the Event of a rest": ("create events", just_suspended, is_told_to_rest),
+}
+
+
+@pytest.mark.looptime
+@pytest.mark.parametrize("status", [0, 429, 500])
+@pytest.mark.parametrize("case", LAST_CALLS)
+async def test_what_fails_when_the_end_is_written_is_tried_again(case: str, status: int) -> None:
+    call, happens, is_done = LAST_CALLS[case]
+    world, queue = World(make_job("x")), WorkQueue()
+    await happens(world)
+    world.api.fail(call, ApiError(status, "", "not now"))
+    queue.add(UID)
+    await at_work(world, queue)
+    assert world.api.faults == {call: []}
+    assert is_done(world)
+    assert queue.rested() == []
+
+
+@pytest.mark.looptime
+async def test_a_write_that_outlasts_a_renewal_is_made_again() -> None:
+    class Slow(FakeApi):
+        """Its first deletion gets no answer."""
+
+        async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+            self._called("slow delete")
+            if self.calls.count("slow delete") == 1:
+                await asyncio.Event().wait()
+            return await super().delete_pod(namespace, name, uid)
+
+    world, loop = World(), asyncio.get_running_loop()
+    await ended(world)
+    slow, fence = Slow(world.api.objects), Fence(loop.time)
+    world.api, world.reconciler.api = slow, FencedApi(slow, fence)
+    fence.open_until(loop.time() + 2.0)
+    loop.call_later(1.0, fence.open_until, loop.time() + 60.0)
+    queue = WorkQueue()
+    queue.add(UID)
+    await at_work(world, queue, seconds=10.0)
+    assert is_alone(world)

@@ -7,7 +7,7 @@ has one name, so that a second operator meets AlreadyExists.
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import datetime, timedelta
 from typing import Protocol
 
 from bagpipe_operator import names
@@ -22,6 +22,10 @@ from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleVie
 from bagpipe_operator.view import Json
 
 logger = logging.getLogger(__name__)
+
+# A run that waits for a job asks this often whether it is still there: a deletion that falls
+# between two watches is told by nobody.
+LIST_EVERY = timedelta(seconds=30)
 
 
 class ScheduleApi(events.Creator, Protocol):
@@ -52,14 +56,14 @@ class ScheduleReconciler:
     alarms: Alarms
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
-    _listed: set[str] = field(default_factory=set)
+    _listed: dict[str, datetime] = field(default_factory=dict)
 
     async def reconcile(self, uid: str) -> None:
         """Brings one schedule forward; raises ApiError when it should be tried again."""
         schedule = self.view.schedule(uid)
         if schedule is None or schedule.deleting:
             self.alarms.set(uid, None)
-            self._listed.discard(uid)  # its jobs go by their ownerReferences
+            self._listed.pop(uid, None)  # its jobs go by their ownerReferences
             return
         now = self.now()
         self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
@@ -67,6 +71,9 @@ class ScheduleReconciler:
             # A new operator's watch may not have brought the jobs yet.
             await self._list(schedule)
         decision = decide(schedule, self.view.jobs(uid), now)
+        if decision.verdict is Verdict.WAIT and now >= self._listed[uid] + LIST_EVERY:
+            await self._list(schedule)
+            decision = decide(schedule, self.view.jobs(uid), now)
         if decision.verdict is Verdict.START:
             schedule = await self._refreshed(schedule)
             if schedule is None:
@@ -79,7 +86,11 @@ class ScheduleReconciler:
         if outcome.refused is not None:
             # The queue's growing pauses apply until the run is started, or the next one is due.
             raise ApiError(422, outcome.refused.reason, outcome.refused.message)
-        self.alarms.set(uid, decision.wake)
+        wake = decision.wake
+        if decision.verdict is Verdict.WAIT:
+            again = self._listed[uid] + LIST_EVERY
+            wake = again if wake is None else min(wake, again)
+        self.alarms.set(uid, wake)
 
     async def _refreshed(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule and its jobs as the API server has them: a lagging watch starts nothing."""
@@ -90,7 +101,7 @@ class ScheduleReconciler:
         label = f"{names.LABEL_SCHEDULE}={schedule.name}"
         found = await self.api.list_jobs(schedule.namespace, label)
         self.view.replace_jobs(schedule.uid, [ScheduledJob.from_object(job) for job in found])
-        self._listed.add(schedule.uid)
+        self._listed[schedule.uid] = self.now()
 
     async def _reread(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule from the API server; None when it is gone."""

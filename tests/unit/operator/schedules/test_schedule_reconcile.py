@@ -128,6 +128,34 @@ async def test_forbid_asks_the_server_when_the_watch_has_not_brought_the_jobs() 
     assert world.names == [name_of(1)]
 
 
+async def test_forbid_does_not_wait_for_a_job_that_went_unseen() -> None:
+    """Its deletion fell between two watches: only the API server knows."""
+    world = World(schedule="0 * * * *", concurrencyPolicy="Forbid")
+    await world.at(60)
+    await world.at(120)
+    assert world.condition("OnTime") == ("False", "JobActive")
+    del world.api.jobs[name_of(60)]
+    await world.at(120, 29)
+    assert (world.names, world.alarms.ring()) == ([], 0)
+    world.clock = minute(120) + timedelta(seconds=30)
+    assert world.alarms.ring() == 1
+    await world.at(120, 30)
+    assert world.names == [name_of(120)]
+
+
+async def test_a_run_that_waits_asks_for_the_jobs_every_thirty_seconds_and_no_more() -> None:
+    world = World(schedule="0 * * * *", concurrencyPolicy="Forbid")
+    await world.at(60)
+    world.api.calls.clear()
+    for seconds in range(100):
+        await world.at(120, seconds)
+    assert world.api.calls.count("list") == 4
+    assert world.names == [name_of(60)]
+    world.end(name_of(60))
+    await world.at(120, 100)
+    assert world.names == [name_of(60), name_of(120)]
+
+
 async def test_a_waiting_run_is_looked_at_again_when_its_deadline_is_over() -> None:
     world = World(schedule="0 * * * *", concurrencyPolicy="Forbid", startingDeadlineSeconds=60)
     await world.at(60)

@@ -1,0 +1,41 @@
+"""When a driver that can't be asked yet is looked for: the watch may have lost its end.
+
+A pod that goes while a watch begins anew goes untold. A driver that serves its progress is missed
+by its silence; one that waits for its place or its image is looked for in rounds.
+"""
+
+from collections.abc import Callable
+
+from bagpipe_operator.patience import Patience
+from bagpipe_operator.view import PodView
+
+LOOK_EVERY_SECONDS = 30.0
+# Thousands may wait for a place at once, and the API server has others to serve.
+MOST_LOOKS_PER_SECOND = 10.0
+
+
+def seconds_between(waiting: int) -> float:
+    """After how long a driver is looked for when so many wait."""
+    return max(LOOK_EVERY_SECONDS, waiting / MOST_LOOKS_PER_SECOND)
+
+
+def serves(driver: PodView) -> bool:
+    """Whether a driver can be asked for its progress."""
+    return driver.phase == "Running" and bool(driver.ip)
+
+
+class Rounds:
+    """Since when each job's driver has not been looked for."""
+
+    def __init__(self, monotonic: Callable[[], float]) -> None:
+        self._monotonic = monotonic
+        self._waiting = Patience()
+
+    def due(self, driver: PodView) -> bool:
+        """Whether a driver that waits is to be looked for now."""
+        waited = self._waiting.observe(driver.job_uid, [driver.uid], self._monotonic())
+        return waited[driver.uid] >= seconds_between(len(self._waiting))
+
+    def forget(self, uid: str) -> None:
+        """The job's driver was looked for just now, or serves, or is over."""
+        self._waiting.forget(uid)
