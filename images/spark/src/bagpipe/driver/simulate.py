@@ -17,6 +17,15 @@ from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 log = logging.getLogger(__name__)
 
 
+class SparkGoneError(Exception):
+    """Spark's JVM has ended, or has stopped its work, while cases were to run."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Spark's Java process is gone or has stopped its work; what is done is in the journal"
+        )
+
+
 class _RowsParam(AccumulatorParam[list[Row]]):
     """Rows of finished tasks. Spark adds a task's rows once, when the task has succeeded."""
 
@@ -41,6 +50,37 @@ def settle_worker() -> None:
 
 def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
     """Run all cases, one task each; their rows go to the keeper, which may end the work early.
+
+    Raises SparkGoneError where nothing of the job is at fault, so that another driver may go on.
+    """
+    try:
+        _run_all(spark, cases, context, keeper)
+    except Exception as error:
+        gone = _is_gone(spark)
+        if keeper.stop is not None and (gone or isinstance(error, Py4JError)):
+            log.info("stopped: %s", keeper.stop.message)
+            return
+        if gone:
+            raise SparkGoneError from error
+        raise
+
+
+def _is_gone(spark: SparkContext) -> bool:
+    """Whether Spark can run no further case.
+
+    What its end raises tells that poorly: a call that it cut off is a plain Py4JError, and one
+    that comes later finds nobody who listens.
+    """
+    try:
+        # pyspark offers no public way to its JVM.
+        return bool(spark._jsc.sc().isStopped())  # noqa: SLF001
+    except (Py4JError, OSError, AttributeError) as error:
+        log.info("Spark does not answer: %s", error)
+        return True
+
+
+def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
+    """Run all cases over Spark.
 
     Spark merges the rows of every successful task before it calls the job done, each task's once
     whatever was retried or speculated, so nothing has to be collected a second time.
@@ -69,13 +109,8 @@ def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         return taken
 
     keeping = Keeping(keeper, new_rows, lambda: _active_tasks(spark), spark.cancelAllJobs)
-    try:
-        with keeping:
-            spark.parallelize(cases, len(cases)).foreachPartition(run)
-    except Py4JError:
-        if keeper.stop is None:
-            raise
-        log.info("stopped: %s", keeper.stop.message)
+    with keeping:
+        spark.parallelize(cases, len(cases)).foreachPartition(run)
 
 
 def _active_tasks(spark: SparkContext) -> int:
