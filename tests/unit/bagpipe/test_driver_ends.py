@@ -1,6 +1,7 @@
 """How a driver ends whose cases were not all run: what is kept, and what it says of it."""
 
 import json
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,7 +15,7 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
-from bagpipe.driver.simulate import simulate
+from bagpipe.driver.simulate import active_tasks, simulate
 from bagpipe.plan.cases import Case, Plan
 from bagpipe.plan.fragments import Window
 from bagpipe.run.case_run import Row, RunContext
@@ -142,3 +143,32 @@ def test_a_jvm_that_goes_after_the_driver_was_told_to_end_is_no_trouble(tmp_path
     progress, rows, status = ended(tmp_path, Told(spark))
     assert [row["case"] for row in rows] == ["a"]
     assert (status, progress.snapshot()["reason"]) == (143, "Interrupted")
+
+
+def test_a_keeper_that_fails_ends_the_job_with_its_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Cancelled(FakeSpark):
+        def foreachPartition(self, run: object) -> None:  # noqa: N802  Spark's name
+            assert cancelled.wait(10)
+            super().foreachPartition(run)
+
+        def cancelAllJobs(self) -> None:  # noqa: N802  Spark's name
+            cancelled.set()
+
+    def fails(_keeper: Keeper) -> None:
+        raise KeyError("a fault of ours")
+
+    cancelled = threading.Event()
+    monkeypatch.setattr(Keeper, "look", fails)
+    spark = Cancelled(Py4JError("Job 0 cancelled"), lambda: True)
+    progress, rows, complete = ended(tmp_path, Place(spark))
+    assert [row["case"] for row in rows] == ["a"]
+    told = progress.snapshot()
+    assert (complete, told["reason"]) == (False, "DriverFailed")
+    assert told["message"] == "KeyError: 'a fault of ours'"
+
+
+def test_a_spark_that_does_not_tell_how_many_cases_run_is_no_trouble() -> None:
+    spark: Any = FakeSpark(Py4JError("busy"), lambda: True)
+    assert active_tasks(spark) == 0

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagpipe.driver.journal import Journal
-from bagpipe.driver.keep import Keeper, segment_seconds
+from bagpipe.driver.keep import Keeper, Keeping, segment_seconds
 from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results, results_uri
@@ -87,6 +87,13 @@ def test_the_first_row_of_a_case_stays(rows: list[tuple[str, int]]) -> None:
         added = [file.add({"case": name, "value": value}) for name, value in rows]
         assert sum(added) == len(file) == len(first)
         assert [(row["case"], row["value"]) for row in file.rows()] == sorted(first.items())
+
+
+def test_a_row_that_could_not_be_kept_does_not_count() -> None:
+    with RowFile(Path("/dev/full")) as file:
+        with pytest.raises(OSError, match="No space left on device"):
+            file.add({"case": "a"})
+        assert ("a" in file, len(file), list(file.rows())) == (False, 0, [])
 
 
 def test_rows_reach_the_journal_after_a_second_and_only_once(world: World) -> None:
@@ -204,6 +211,46 @@ def test_an_interrupted_driver_journals_what_it_has_and_tries_that_once(
     monkeypatch.undo()
     finish(keeper)
     assert [row["case"] for row in journal.rows()] == ["a", "b"]
+
+
+def test_a_keeper_that_fails_cancels_the_work_and_what_was_taken_is_journaled(
+    world: World,
+) -> None:
+    keeper, journal = world.driver()
+    handed, cancelled = [[ran("a")]], threading.Event()
+
+    def running() -> int:
+        raise KeyError("a fault of ours")
+
+    def work() -> None:
+        with Keeping(keeper, lambda: handed.pop() if handed else [], running, cancelled.set):
+            assert cancelled.wait(10)
+            handed.append([ran("b")])  # of a task that ended before it could be cancelled
+            raise RuntimeError("cancelled")
+
+    with pytest.raises(KeyError, match="a fault of ours"):
+        work()
+    finish(keeper)
+    assert [row["case"] for row in journal.rows()] == ["a", "b"]
+    assert keeper.stop is None
+
+
+def test_a_keeper_that_fails_is_told_also_where_nothing_can_be_cancelled(world: World) -> None:
+    tried = threading.Event()
+
+    def running() -> int:
+        raise KeyError("a fault of ours")
+
+    def cancel() -> None:
+        tried.set()
+        raise ConnectionRefusedError(111, "Connection refused")
+
+    def work() -> None:
+        with Keeping(world.driver()[0], list, running, cancel):
+            assert tried.wait(10)
+
+    with pytest.raises(KeyError, match="a fault of ours"):
+        work()
 
 
 def test_an_end_that_is_the_job_s_own_is_not_made_an_interruption(world: World) -> None:

@@ -108,12 +108,17 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         del rows[: len(taken)]
         return taken
 
-    keeping = Keeping(keeper, new_rows, lambda: _active_tasks(spark), spark.cancelAllJobs)
+    keeping = Keeping(keeper, new_rows, lambda: active_tasks(spark), spark.cancelAllJobs)
     with keeping:
         spark.parallelize(cases, len(cases)).foreachPartition(run)
 
 
-def _active_tasks(spark: SparkContext) -> int:
-    tracker = spark.statusTracker()
-    stages = [tracker.getStageInfo(stage) for stage in tracker.getActiveStageIds()]
+def active_tasks(spark: SparkContext) -> int:
+    """How many tasks run; 0 where Spark does not say, since a figure is not worth a job."""
+    try:
+        tracker = spark.statusTracker()
+        stages = [tracker.getStageInfo(stage) for stage in tracker.getActiveStageIds()]
+    except (Py4JError, OSError) as error:
+        log.debug("Spark does not tell what runs: %s", error)
+        return 0
     return sum(stage.numActiveTasks for stage in stages if stage is not None)
