@@ -265,7 +265,7 @@ def test_a_driver_after_a_commit_runs_nothing(
     assert driver.run(world.job, progress)
     told = progress.snapshot()
     assert (told["phase"], told["verdict"], told["cases"]["passed"]) == ("Complete", "Passed", 6)
-    assert world.results.is_published()
+    assert world.results.is_published(world.journal)
     assert world.storage.names(f"{world.results.folder}/journal") == []
 
 

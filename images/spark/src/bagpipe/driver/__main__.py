@@ -194,7 +194,7 @@ def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: P
     """Another driver has committed: finish what it may have left, and say what it said."""
     log.info("attempt %s of this job has committed; nothing is run", manifest["attempt"])
     progress.adopt(manifest)
-    if not results.is_published():
+    if not results.is_published(journal):
         patiently(partial(results.publish, manifest, journal.rows, journal), progress)
     progress.compared(results.comparisons())
     return progress.phase == "Complete"
