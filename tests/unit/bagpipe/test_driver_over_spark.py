@@ -225,6 +225,12 @@ def test_a_case_that_takes_its_executors_with_it_is_quarantined(
         "this case was started 4 times and no executor brought it to an end, at least 3 of them"
     )
     assert keeper.progress.snapshot()["cases"]["retried"] == 3
+    assert "task" not in row
+    lost = row["evidence"]["starts"]
+    assert len(lost) >= 3
+    # All of local Spark is its driver.
+    assert {start["executor"] for start in lost} == {"driver"}
+    assert all(start["error"] for start in lost)
 
 
 def test_a_row_says_how_often_its_case_was_started_before_it_ended(

@@ -10,6 +10,7 @@ from pyspark import SparkContext, TaskContext
 from pyspark.accumulators import AccumulatorParam
 
 from bagpipe.driver.keep import Keeper, Keeping
+from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
 from bagpipe.plan.cases import Case
 from bagpipe.run.attempts import quarantine_attempt
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
@@ -96,8 +97,9 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         # Spark counts a task's launches from 0, copies of slow ones too.
         before = task.attemptNumber() if task else 0
         for case in partition:
-            if before >= quarantine:
-                finished.add([lost_row(case, before)])
+            if task and before >= quarantine:
+                lost = lost_row(case, before)
+                finished.add([given_up(lost, task.stageId(), task.partitionId())])
             else:
                 finished.add([run_case(case, shared_context.value, before + 1)])
 
@@ -106,7 +108,7 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         rows = finished.value
         taken = rows[: len(rows)]
         del rows[: len(taken)]
-        return taken
+        return with_evidence(taken, lambda stage: failed_tasks(spark, stage))
 
     keeping = Keeping(keeper, new_rows, lambda: active_tasks(spark), spark.cancelAllJobs)
     with keeping:
