@@ -14,6 +14,7 @@ import pytest
 
 from tests.e2e import fleet, jobs
 from tests.e2e import kubectl as k
+from tests.e2e.quotas import quota, refusals
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
@@ -222,33 +223,6 @@ def test_executors_that_no_node_has_room_for(namespace: str) -> None:
         assert_in_time("no room", pod_condition(pod, "PodScheduled"), told)
 
 
-@contextmanager
-def quota(namespace: str, more: int) -> Iterator[None]:
-    """Room for so many more pods, once those of earlier jobs are gone."""
-
-    def others() -> list[str]:
-        found = (pod["metadata"]["name"] for pod in k.items(namespace, "pods"))
-        return [name for name in found if name != k.TOOLBOX]
-
-    k.await_that("the pods of earlier jobs to go", lambda: not others(), 120)
-    limit = {
-        "apiVersion": "v1",
-        "kind": "ResourceQuota",
-        "metadata": {"name": "small"},
-        "spec": {"hard": {"pods": str(1 + more)}},
-    }
-    k.kubectl("-n", namespace, "apply", "-f", "-", given=json.dumps(limit))
-    k.await_that(
-        "the quota to count",
-        lambda: k.get(namespace, "resourcequota", "small").get("status", {}).get("used"),
-        30,
-    )
-    try:
-        yield
-    finally:
-        k.kubectl("-n", namespace, "delete", "resourcequota", "small")
-
-
 def test_no_quota_for_the_driver(namespace: str) -> None:
     with quota(namespace, 0), jobs.applied(namespace, jobs.make_job("no-driver")) as name:
         told = seen(namespace, name, "QuotaExceeded", 240, "Accepted")
@@ -258,17 +232,29 @@ def test_no_quota_for_the_driver(namespace: str) -> None:
 
 @pytest.mark.unproven
 def test_no_quota_for_executors(namespace: str) -> None:
-    with quota(namespace, 1), jobs.applied(namespace, jobs.make_job("no-executors")) as name:
-        told = seen(namespace, name, "QuotaExceeded", 240)
-        pod = only(pods(namespace, name, "driver"))["metadata"]["name"]
+    """Refused more often than Spark would bear by its default, and as if nothing had been."""
+    name = "no-executors"
+    try:
+        with quota(namespace, 1):
+            jobs.apply(namespace, jobs.make_job(name))
+            told = seen(namespace, name, "QuotaExceeded", 240)
+            pod = only(pods(namespace, name, "driver"))["metadata"]["name"]
 
-        def refused() -> str | None:
-            log = k.kubectl("-n", namespace, "logs", pod, "--timestamps")
-            return next((line for line in log.splitlines() if "exceeded quota" in line), None)
+            def refused() -> list[str]:
+                return refusals(k.kubectl("-n", namespace, "logs", pod, "--timestamps"))
 
-        line = k.await_that("Spark to be refused an executor", refused, 120)
-        assert_in_time("executors' quota", moment(line.split()[0][:26] + "+00:00"), told)
-        assert_told_once(namespace, name, "QuotaExceeded")
+            first = k.await_that("Spark to be refused an executor", refused, 120)[-1]
+            knew = moment(first.split()[0][:26] + "+00:00")
+            assert_in_time("executors' quota", knew, told)
+            assert_told_once(namespace, name, "QuotaExceeded")
+            # Spark asks once a second, and with its default of failures it gives up soon.
+            k.await_that("more refusals", lambda: len(refused()) > 25, 120, every=2.0)
+        job = jobs.ended(namespace, name, 240)
+        assert job["status"]["phase"] == "Complete", jobs.condition(job, "Failed")
+        # Without another driver.
+        assert (job["status"]["attempt"], job["status"].get("lostDrivers", 0)) == (1, 0)
+    finally:
+        jobs.delete(namespace, name)
 
 
 def long_job(name: str) -> k.Object:

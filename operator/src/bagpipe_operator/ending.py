@@ -9,6 +9,8 @@ from bagpipe_operator.progress import Progress, parse
 from bagpipe_operator.view import ContainerView, Disruption, PodView
 
 _AGAIN = "Create the job again."
+# What a driver gives as the reason of its last account when it could not go on without Spark.
+_SPARK_GONE = "SparkGone"
 
 # The kubelet that should end a deleted pod has the pod's grace period, and this much more.
 UNREACHABLE_SECONDS = 15.0
@@ -93,6 +95,16 @@ def _without_account(
             _AGAIN,
             lost=True,
         )
+    log = f"Read its log: kubectl logs -n {driver.namespace} {driver.name}"
+    if progress is not None and progress.reason == _SPARK_GONE:
+        return Ending(
+            False,
+            reasons.DRIVER_FAILED,
+            f"The driver's pod {driver.name} ended before its job did: {progress.message}.",
+            progress,
+            log,
+            lost=True,
+        )
     account = (
         f"although its last account says {progress.phase}"
         if progress
@@ -103,7 +115,7 @@ def _without_account(
         reasons.DRIVER_FAILED,
         f"The driver's pod {driver.name} ended with exit status {code} {account}.",
         progress,
-        f"Read its log: kubectl logs -n {driver.namespace} {driver.name}",
+        log,
         lost=True,
     )
 

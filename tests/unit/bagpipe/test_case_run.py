@@ -107,13 +107,35 @@ def test_a_lost_message_runs_the_case_again_and_its_bag_never_counts(
 def test_ten_losses_are_an_error_that_names_the_node(
     context: RunContext, case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    lossy = copy.deepcopy(RESULT)
+    lossy["ledger"]["topics"][0]["subscribers"][0] |= {"received": 2, "dropped": 1}
+
     def losing(*_: object) -> Row:
-        raise DeliveryIncompleteError("/stack processed 2 of 3 messages on /scan")
+        judge(lossy)
+        raise AssertionError
 
     monkeypatch.setattr(case_run, "_played", losing)
     row = run_case(case, context)
     assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "DeliveryIncomplete", 10)
     assert "/stack processed 2 of 3" in row["message"]
+    # Beside `result`, whose ledgers are summed over the cases that count.
+    assert (row["result"], row["evidence"]) == (None, {"ledger": lossy["ledger"]})
+
+
+def test_the_evidence_of_a_try_that_was_lossy_goes_with_it(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lossy = copy.deepcopy(RESULT)
+    lossy["ledger"]["topics"][0]["subscribers"][0] |= {"received": 2, "dropped": 1}
+
+    def losing(agent: FakeAgent) -> None:
+        with monkeypatch.context() as patched:
+            patched.setattr("tests.unit.bagpipe.fake_agent.RESULT", lossy)
+            well_behaved(b"lossy")(agent)
+
+    row, _ = run(losing, well_behaved(b"whole"))
+    assert row["discarded"] == ["DeliveryIncomplete"]
+    assert "evidence" not in row
 
 
 def test_a_dead_agent_is_met_again(run: Run) -> None:

@@ -151,6 +151,8 @@ def test_spark_settings_that_decide() -> None:
         "spark.kubernetes.executor.podNamePrefix": "drive-1",
         "spark.authenticate": "true",
         "spark.network.crypto.enabled": "true",
+        "spark.executor.maxNumFailures": "2147483647",
+        "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError",
     }
     assert {key: settings[key] for key in chosen} == chosen
 

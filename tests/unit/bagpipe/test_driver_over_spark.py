@@ -225,6 +225,12 @@ def test_a_case_that_takes_its_executors_with_it_is_quarantined(
         "this case was started 4 times and no executor brought it to an end, at least 3 of them"
     )
     assert keeper.progress.snapshot()["cases"]["retried"] == 3
+    assert "task" not in row
+    lost = row["evidence"]["starts"]
+    assert len(lost) >= 3
+    # All of local Spark is its driver.
+    assert {start["executor"] for start in lost} == {"driver"}
+    assert all(start["error"] for start in lost)
 
 
 def test_a_row_says_how_often_its_case_was_started_before_it_ended(
@@ -265,7 +271,7 @@ def test_a_driver_after_a_commit_runs_nothing(
     assert driver.run(world.job, progress)
     told = progress.snapshot()
     assert (told["phase"], told["verdict"], told["cases"]["passed"]) == ("Complete", "Passed", 6)
-    assert world.results.is_published()
+    assert world.results.is_published(world.journal)
     assert world.storage.names(f"{world.results.folder}/journal") == []
 
 

@@ -1,81 +1,27 @@
 """Rows, journal, manifest: each case counts once, whatever dies between them."""
 
-import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagpipe.driver.journal import Journal
-from bagpipe.driver.keep import Keeper, segment_seconds
+from bagpipe.driver.keep import Keeping, segment_seconds
 from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
-from bagpipe.driver.results import Results, results_uri
+from bagpipe.driver.results import results_uri
 from bagpipe.driver.row_file import RowFile
-from bagpipe.plan.cases import Case, Plan, Unplanned
-from bagpipe.plan.fragments import Window
-from bagpipe.run.case_run import Row, unplanned_row
+from bagpipe.plan.cases import Plan
+from bagpipe.run.case_run import Row
 from bagpipe.storage import Storage, StorageError
-from tests.unit.bagpipe.jobs import make_job, make_row
-
-MISSING = Unplanned("lost", "pvc://recordings/lost.bag", "BagMissing", "no file at lost.bag")
-WINDOW = [10, 20, 30]
-
-
-class World:
-    """One job's results folder, and drivers that come and go over it."""
-
-    def __init__(self, tmp_path: Path) -> None:
-        self.tmp_path = tmp_path
-        self.job = make_job({"results": str(tmp_path)})
-        self.storage = Storage(self.job.volumes)
-        self.results = Results(self.job, self.storage)
-        self.folder = tmp_path / "out/drive/uid-1"
-        self.seconds = 0.0
-        self.drivers = 0
-
-    def driver(self, max_failed: int | None = None) -> tuple[Keeper, Journal]:
-        self.drivers += 1
-        journal = Journal(self.storage, results_uri(self.job), self.drivers)
-        progress = Progress(results_uri(self.job))
-        progress.begin(4)
-        rows = RowFile(self.tmp_path / f"rows-{self.drivers}")
-        keeper = Keeper(
-            progress, rows, journal, max_failed, self.results.is_committed, lambda: self.seconds
-        )
-        return keeper, journal
-
-    def record(self, name: str) -> None:
-        with self.storage.create(f"{results_uri(self.job)}/cases/{name}") as file:
-            file.write(b"bag")
-
-    def names(self, folder: str) -> list[str]:
-        return self.storage.names(f"{results_uri(self.job)}/{folder}")
-
-    def lines(self) -> list[Row]:
-        text = (self.folder / "results.jsonl").read_text()
-        return [json.loads(line) for line in text.splitlines()]
+from tests.unit.bagpipe.drivers import MISSING, World, case, finish, ran
 
 
 @pytest.fixture
 def world(tmp_path: Path) -> World:
     return World(tmp_path)
-
-
-def case(name: str, start: int = 20) -> Case:
-    return Case(name, "pvc://recordings/a.bag", "9-1", Window(10, start, 30), [], [(0, 9)], 1)
-
-
-def ran(name: str, outcome: str = "passed", **changed: Any) -> Row:
-    return make_row(name, outcome, **({"window": WINDOW, "bag_version": "9-1"} | changed))
-
-
-def finish(keeper: Keeper) -> None:
-    keeper.finish(threading.Event())
 
 
 @given(st.lists(st.tuples(st.sampled_from("abcdef"), st.integers()), max_size=30))
@@ -87,6 +33,13 @@ def test_the_first_row_of_a_case_stays(rows: list[tuple[str, int]]) -> None:
         added = [file.add({"case": name, "value": value}) for name, value in rows]
         assert sum(added) == len(file) == len(first)
         assert [(row["case"], row["value"]) for row in file.rows()] == sorted(first.items())
+
+
+def test_a_row_that_could_not_be_kept_does_not_count() -> None:
+    with RowFile(Path("/dev/full")) as file:
+        with pytest.raises(OSError, match="No space left on device"):
+            file.add({"case": "a"})
+        assert ("a" in file, len(file), list(file.rows())) == (False, 0, [])
 
 
 def test_rows_reach_the_journal_after_a_second_and_only_once(world: World) -> None:
@@ -146,44 +99,6 @@ def test_a_segment_that_is_damaged_is_named(world: World) -> None:
         next(rows)
 
 
-def test_the_manifest_names_what_counts_and_the_rest_is_removed(world: World) -> None:
-    for name in ("a.bag", "b.bag", "stale.bag"):
-        world.record(name)
-    keeper, journal = world.driver()
-    keeper.take([ran("b"), ran("a"), ran("a", recorded="cases/stale.bag"), unplanned_row(MISSING)])
-    finish(keeper)
-    manifest = world.results.commit(keeper.rows, keeper.progress, journal.driver)
-    world.results.publish(manifest, keeper.rows.rows, journal)
-    assert world.names("cases") == ["a.bag", "b.bag"]
-    assert world.names("journal") == []
-    assert [(c["case"], c["outcome"], c["recorded"]) for c in manifest["cases"]] == [
-        ("a", "passed", "cases/a.bag"),
-        ("b", "passed", "cases/b.bag"),
-        ("lost", "errored", None),
-    ]
-    assert json.loads((world.folder / "manifest.json").read_text()) == manifest
-    assert [row["case"] for row in world.lines()] == ["a", "b", "lost"]
-
-
-def test_of_two_drivers_one_commits_and_the_other_adopts(world: World) -> None:
-    for name in ("a.bag", "a-too.bag"):
-        world.record(name)
-    one, journal_one = world.driver()
-    two, journal_two = world.driver()
-    one.take([ran("a")])
-    two.take([ran("a", recorded="cases/a-too.bag")])
-    finish(one)
-    finish(two)
-    won = world.results.commit(two.rows, two.progress, journal_two.driver)
-    lost = world.results.commit(one.rows, one.progress, journal_one.driver)
-    assert lost == won
-    assert won["driver"] == journal_two.driver
-    # The one that lost may have to publish what the one that won did not live to.
-    world.results.publish(lost, journal_one.rows, journal_one)
-    assert [row["recorded"] for row in world.lines()] == ["cases/a-too.bag"]
-    assert world.names("cases") == ["a-too.bag"]
-
-
 def test_an_interrupted_driver_journals_what_it_has_and_tries_that_once(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,6 +119,46 @@ def test_an_interrupted_driver_journals_what_it_has_and_tries_that_once(
     monkeypatch.undo()
     finish(keeper)
     assert [row["case"] for row in journal.rows()] == ["a", "b"]
+
+
+def test_a_keeper_that_fails_cancels_the_work_and_what_was_taken_is_journaled(
+    world: World,
+) -> None:
+    keeper, journal = world.driver()
+    handed, cancelled = [[ran("a")]], threading.Event()
+
+    def running() -> int:
+        raise KeyError("a fault of ours")
+
+    def work() -> None:
+        with Keeping(keeper, lambda: handed.pop() if handed else [], running, cancelled.set):
+            assert cancelled.wait(10)
+            handed.append([ran("b")])  # of a task that ended before it could be cancelled
+            raise RuntimeError("cancelled")
+
+    with pytest.raises(KeyError, match="a fault of ours"):
+        work()
+    finish(keeper)
+    assert [row["case"] for row in journal.rows()] == ["a", "b"]
+    assert keeper.stop is None
+
+
+def test_a_keeper_that_fails_is_told_also_where_nothing_can_be_cancelled(world: World) -> None:
+    tried = threading.Event()
+
+    def running() -> int:
+        raise KeyError("a fault of ours")
+
+    def cancel() -> None:
+        tried.set()
+        raise ConnectionRefusedError(111, "Connection refused")
+
+    def work() -> None:
+        with Keeping(world.driver()[0], list, running, cancel):
+            assert tried.wait(10)
+
+    with pytest.raises(KeyError, match="a fault of ours"):
+        work()
 
 
 def test_an_end_that_is_the_job_s_own_is_not_made_an_interruption(world: World) -> None:

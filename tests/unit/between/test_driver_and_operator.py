@@ -9,7 +9,9 @@ import yaml
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import unplanned_row
+from bagpipe_operator.ending import ending_of
 from bagpipe_operator.progress import parse
+from tests.unit.operator.builders import START, make_driver
 
 CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
 
@@ -62,6 +64,17 @@ def test_every_end_is_understood_and_fits_the_schema(
     assert status["ledger"] == {"sent": 10, "received": 10, "dropped": 0, "leadIn": 4}
     assert set(status["cases"]) <= set(schema["cases"]["properties"])
     assert set(status) <= set(schema)
+
+
+def test_a_driver_whose_spark_is_gone_is_replaced() -> None:
+    progress = Progress("pvc://results/r")
+    progress.begin(3)
+    progress.lose("Spark's Java process is gone")
+    pod = make_driver("x").ended(75, progress.termination_message()).view()
+    ending = ending_of(pod, START)
+    assert ending is not None
+    assert (ending.lost, ending.reason) == (True, "DriverFailed")
+    assert "ended before its job did: Spark's Java process is gone." in ending.message
 
 
 def test_the_beginning_and_a_refused_bag_are_understood() -> None:

@@ -67,6 +67,20 @@ def test_a_case_that_was_answered_keeps_both_streams() -> None:
     ]
 
 
+def test_a_case_that_was_given_up_tells_of_the_starts_that_were_lost() -> None:
+    start = {"executor": "3", "host": "10.0.0.7", "seconds": 12.34, "error": "exit code 137\n(OOM)"}
+    unknown = {"executor": "4", "host": "10.0.0.8", "seconds": None, "error": ""}
+    row = make_row("a-1", "errored", "ExecutorLost", evidence={"starts": [start, unknown]})
+    (_, lost) = kept(row, "here")
+    assert (lost.of, lost.lines) == (
+        "lost starts",
+        [
+            "executor 3 at 10.0.0.7 after 12.3 s: exit code 137 (OOM)",
+            "executor 4 at 10.0.0.8: Spark does not say why",
+        ],
+    )
+
+
 def test_a_silent_stack_is_said_to_be_one() -> None:
     assert kept(make_row("a-1"), "here")[1].missing == "the stack wrote nothing in this case"
 

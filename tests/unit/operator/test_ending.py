@@ -57,6 +57,19 @@ def test_a_good_account_does_not_outweigh_a_bad_exit() -> None:
     assert "although its last account says Complete" in ending.message
 
 
+def test_a_driver_that_lost_its_spark_is_lost_and_says_so() -> None:
+    said = account(reason="SparkGone", message="Spark's Java process is gone")
+    ending = ending_of(make_driver("x").ended(75, said).view())
+    assert ending is not None
+    assert (ending.complete, ending.lost, ending.reason) == (False, True, "DriverFailed")
+    assert ending.last_words == (
+        "The driver's pod x-1-driver ended before its job did: Spark's Java process is gone."
+        " Read its log: kubectl logs -n lanes x-1-driver"
+    )
+    assert ending.progress is not None
+    assert ending.progress.cases.passed == 1
+
+
 def test_out_of_memory() -> None:
     ending = ending_of(make_driver("x").ended(137, reason="OOMKilled").view())
     assert ending is not None

@@ -102,6 +102,20 @@ def test_a_detail_has_bounds() -> None:
     assert (len(told["ledger"]), told["timings"]) == (1000, {"play": 1.0})
 
 
+def test_the_evidence_of_a_case_that_does_not_count_is_told() -> None:
+    topic = {"topic": "/a", "sent": 3, "subscribers": [{"node": "/n", "received": 2}]}
+    evidence = {"ledger": {"topics": [topic]}}
+    lossy = detail_of(make_row("a", "errored", "DeliveryIncomplete", evidence=evidence))
+    assert [(line["node"], line["received"]) for line in lossy["ledger"]] == [("/n", 2)]
+    starts = [{"executor": str(n), "host": "h", "seconds": 1.0, "error": "e" * 900} for n in (1, 2)]
+    lost = detail_of(make_row("b", "errored", "ExecutorLost", evidence={"starts": starts}))["lost"]
+    assert [line[:29] for line in lost] == [
+        f"executor {n} at h after 1.0 s: ee"[:29] for n in (1, 2)
+    ]
+    assert {len(line) for line in lost} == {500}
+    assert detail_of(make_row("c", "failed", "Bad"))["lost"] == []
+
+
 def test_words_name_the_criteria_that_failed_most() -> None:
     columns = Columns()
     for n in range(2):

@@ -121,6 +121,45 @@ def test_a_page_that_can_t_be_made_costs_no_verdict(
     assert not (folder / "report.html").exists()
 
 
+FORMS = ["job.json", "junit.xml", "report.html", "results.parquet"]
+
+
+@pytest.mark.parametrize(
+    ("broken", "lost"),
+    [
+        ("bagpipe.report.table.TableWriter.__init__", {"results.parquet"}),
+        ("bagpipe.report.table.TableWriter.add", {"results.parquet"}),
+        ("bagpipe.report.junit.JUnitWriter.finish", {"junit.xml"}),
+        ("bagpipe.report.html.Report.add", {"report.html"}),
+        ("bagpipe.driver.artefacts.job_manifest", {"job.json"}),
+        ("tempfile.TemporaryDirectory.__init__", {"results.parquet", "junit.xml"}),
+    ],
+)
+def test_a_form_that_can_t_be_made_costs_itself_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str, lost: set[str]
+) -> None:
+    def full(*_arguments: object, **_named: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(broken, full)
+    folder = publish(tmp_path, [make_row("a-0000")])
+    assert (folder / "results.jsonl").exists()
+    assert {name for name in FORMS if not (folder / name).exists()} == lost
+
+
+def test_a_comparison_that_can_t_be_made_costs_itself_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def break_off(*_arguments: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("bagpipe.driver.artefacts.compare", break_off)
+    variants = [{"name": "released"}, {"name": "pr-812"}]
+    folder = publish(tmp_path, versions(failing=set()), variants=variants)
+    assert not (folder / "comparison.json").exists()
+    assert {name for name in FORMS if not (folder / name).exists()} == set()
+
+
 def test_the_page_on_results_names_every_key() -> None:
     page = (Path(__file__).parents[3] / "docs/reference/results.md").read_text()
     case = Case("a", "pvc://r/a.bag", "v", Window(0, 1, 2), [], [], 1)

@@ -26,7 +26,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
 from bagpipe.driver.results import Manifest, Results, results_uri
 from bagpipe.driver.row_file import RowFile
-from bagpipe.driver.simulate import simulate
+from bagpipe.driver.simulate import SparkGoneError, simulate
 from bagpipe.driver.spark_context import DriverPod, spark_settings
 from bagpipe.evaluate.judge import faults
 from bagpipe.matrix.faults import MatrixError
@@ -39,6 +39,8 @@ PROGRESS_PORT = 8080
 _TERMINATION_LOG = Path("/dev/termination-log")
 # What a shell says of a process that SIGTERM ended; the account tells that it was in order.
 _INTERRUPTED_STATUS = 128 + signal.SIGTERM
+# Neither 0 nor 1, which are the ends of a job: this one has not ended.
+_SPARK_GONE_STATUS = os.EX_TEMPFAIL
 _REASONS: list[tuple[type[Exception], str]] = [
     (CannotResumeError, "ResumeRefused"),
     (StorageError, "StorageFailed"),
@@ -65,7 +67,7 @@ class Interruption:
 def main(arguments: list[str] | None = None) -> int:
     """Run a job to its end; 0 when it is Complete, 1 when it Failed.
 
-    Raises SystemExit with status 143 when SIGTERM has interrupted it.
+    Raises SystemExit with status 143 when SIGTERM has interrupted it, and 75 when Spark is gone.
     """
     parser = argparse.ArgumentParser(prog="bagpipe.driver", description=__doc__)
     parser.add_argument("--job", type=Path, required=True, help="the job.json of the operator")
@@ -92,13 +94,17 @@ def main(arguments: list[str] | None = None) -> int:
 def ended(progress: Progress, work: Callable[[], bool]) -> bool:
     """Do a job's work; what it raises becomes the progress' last word. True when Complete.
 
-    Raises SystemExit after an interruption.
+    Raises SystemExit after an interruption, and where Spark is gone.
     """
     try:
         return work()
     except SystemExit:
         progress.interrupt()
         raise
+    except SparkGoneError as error:
+        log.exception("the driver can't go on")
+        progress.lose(str(error))
+        sys.exit(_SPARK_GONE_STATUS)
     except Exception as error:  # the last word of a driver must be a reason
         for kind, reason in _REASONS:
             if isinstance(error, kind):
@@ -130,7 +136,7 @@ def run(
 ) -> bool:
     """Plan, simulate what the journal does not have, and commit; True when the job is Complete.
 
-    Raises CannotResumeError, StorageError, and SystemExit after an interruption.
+    Raises CannotResumeError, StorageError, SparkGoneError, and SystemExit after an interruption.
     """
     place = place or Cluster()
     storage = Storage(job.volumes)
@@ -157,11 +163,7 @@ def run(
         if job.resume is not None:
             taken = keeper.take_over(passed_rows(job.resume, planned, storage))
             log.info("%d cases were taken over from job %s", taken, job.resume.job)
-        left = [case for case in planned.cases if case.id not in rows]
-        log.info("%d cases were done before, %d are to run", len(rows), len(left))
-        if left and keeper.stop is None:
-            place.simulate(job, left, keeper)
-        keeper.finish(threading.Event())
+        _run_the_rest(place, job, planned, keeper)
         if keeper.interrupted:
             sys.exit(_INTERRUPTED_STATUS)
         if keeper.stop is not None:
@@ -177,11 +179,22 @@ def run(
     return progress.phase == "Complete"
 
 
+def _run_the_rest(place: Cluster, job: JobFile, planned: Plan, keeper: Keeper) -> None:
+    """Run the cases without a row; however that ends, the rows there are reach the journal."""
+    left = [case for case in planned.cases if case.id not in keeper.rows]
+    log.info("%d cases were done before, %d are to run", len(keeper.rows), len(left))
+    try:
+        if left and keeper.stop is None:
+            place.simulate(job, left, keeper)
+    finally:
+        keeper.finish(threading.Event())
+
+
 def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: Progress) -> bool:
     """Another driver has committed: finish what it may have left, and say what it said."""
     log.info("attempt %s of this job has committed; nothing is run", manifest["attempt"])
     progress.adopt(manifest)
-    if not results.is_published():
+    if not results.is_published(journal):
         patiently(partial(results.publish, manifest, journal.rows, journal), progress)
     progress.compared(results.comparisons())
     return progress.phase == "Complete"

@@ -1,16 +1,18 @@
 """The counted rows in other forms, beside results.jsonl: JUnit XML, Parquet, comparisons, report.
 
-All of them can be made again from results.jsonl; so a fault here costs a warning, not a job.
+All of them can be made again from results.jsonl; so a fault here costs a warning in the log and
+the one file that it concerns, not a job. Faults of storage alone are raised: they may pass.
 """
 
+import contextlib
 import json
 import logging
 import posixpath
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from bagpipe.compare.compare import compare
 from bagpipe.driver.baseline import baseline_rows
@@ -19,14 +21,17 @@ from bagpipe.report.junit import JUnitWriter
 from bagpipe.report.table import TableWriter
 from bagpipe.run.case_run import Row
 from bagpipe.spec import JobFile
-from bagpipe.storage import Storage
+from bagpipe.storage import Storage, StorageError
 
 # Without its ledger and timings a row is some hundred bytes: all that a comparison reads.
 _COMPARED = (
     "case", "fragment", "variant", "values", "seed", "round", "outcome", "reason", "message",
 )  # fmt: skip
 _PIECE_BYTES = 1 << 20
-COMPARISONS = "comparison.json"
+TABLE, JUNIT, REPORT = "results.parquet", "junit.xml", "report.html"
+COMPARISONS, JOB = "comparison.json", "job.json"
+_SCRATCH = "the folder for results.parquet and junit.xml"
+_OVER_SCRATCH = (TABLE, JUNIT)
 COMPARISON_SCHEMA = "sim.bagpipe.io/comparison/v1alpha1"
 
 log = logging.getLogger(__name__)
@@ -39,13 +44,14 @@ class Artefacts:
         self._job = job
         self._storage = storage
         self._folder = folder
-        self._scratch = tempfile.TemporaryDirectory()
-        path = Path(self._scratch.name)
-        self._table = TableWriter(path / "results.parquet")
-        self._junit_file = (path / "junit.xml").open("wb")
-        self._junit = JUnitWriter(self._junit_file, job.name)
-        self._report = Report(job.spec, folder)
+        self._given_up: set[str] = set()
+        self._open = contextlib.ExitStack()
         self._rows: list[Row] = []
+        self._report = Report(job.spec, folder)
+        self._scratch = Path()
+        self._tried(_SCRATCH, self._begin)
+        self._tried(TABLE, self._begin_table)
+        self._tried(JUNIT, self._begin_junit)
 
     def __enter__(self) -> Self:
         return self
@@ -56,38 +62,64 @@ class Artefacts:
         _error: BaseException | None,
         _trace: TracebackType | None,
     ) -> None:
-        self._junit_file.close()
-        self._scratch.cleanup()
+        self._open.close()
 
     def add(self, row: Row) -> None:
         """One row that counts."""
-        self._table.add(row)
-        self._report.add(row)
+        self._tried(TABLE, lambda: self._table.add(row))
+        self._tried(REPORT, lambda: self._report.add(row))
         self._rows.append({key: row.get(key) for key in _COMPARED} | {"criteria": _figures(row)})
 
     def store(self, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
         """Write everything below the results; what the comparisons say. Raises StorageError."""
+        compared: list[dict[str, Any]] = []
+        self._tried(TABLE, self._store_table)
+        self._tried(JUNIT, self._store_junit)
+        self._tried(JOB, lambda: self._put(JOB, _json(job_manifest(self._job))))
+        self._tried(COMPARISONS, lambda: compared.extend(self._compare()))
+        self._tried(REPORT, lambda: self._put(REPORT, self._report.html(manifest, compared)))
+        return compared
+
+    def _tried(self, name: str, action: Callable[[], None]) -> None:
+        """Do what one file needs, unless something that it needs failed before."""
+        if name in self._given_up or (name in _OVER_SCRATCH and _SCRATCH in self._given_up):
+            return
+        try:
+            action()
+        except StorageError:
+            raise
+        except Exception:  # the verdict stands without the file
+            log.exception("%s could not be made; the job's results are whole without", name)
+            self._given_up.add(name)
+
+    def _begin(self) -> None:
+        scratch = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        self._scratch = Path(self._open.enter_context(scratch))
+
+    def _begin_table(self) -> None:
+        self._table = TableWriter(self._scratch / TABLE)
+
+    def _begin_junit(self) -> None:
+        file = (self._scratch / JUNIT).open("wb")
+        self._open.callback(_close, file)
+        self._junit_file = file
+        self._junit = JUnitWriter(file, self._job.name)
+
+    def _store_table(self) -> None:
         self._table.finish()
+        self._put_scratch(TABLE)
+
+    def _store_junit(self) -> None:
         for row in sorted(self._rows, key=lambda row: row["variant"] or ""):
             self._junit.add(row)
         self._junit.finish()
         self._junit_file.flush()
-        for name in ("results.parquet", "junit.xml"):
-            with self._storage.create(posixpath.join(self._folder, name)) as file:
-                for piece in _pieces(Path(self._scratch.name, name)):
-                    file.write(piece)
-        self._put("job.json", json.dumps(job_manifest(self._job), indent=1).encode())
-        compared = self._compare()
-        self._store_report(manifest, compared)
-        return compared
+        self._put_scratch(JUNIT)
 
-    def _store_report(self, manifest: Mapping[str, Any], comparisons: list[dict[str, Any]]) -> None:
-        try:
-            page = self._report.html(manifest, comparisons)
-        except Exception:  # the verdict stands without its page, which can be made again
-            log.exception("report.html could not be made: `bagpipe report` makes it anew")
-            return
-        self._put("report.html", page)
+    def _put_scratch(self, name: str) -> None:
+        with self._storage.create(posixpath.join(self._folder, name)) as file:
+            for piece in _pieces(self._scratch / name):
+                file.write(piece)
 
     def _put(self, name: str, data: bytes) -> None:
         with self._storage.create(posixpath.join(self._folder, name)) as file:
@@ -102,7 +134,7 @@ class Artefacts:
         variants = [variant.name for variant in spec.variants]
         found = [comparison.as_json() for comparison in compare(self._rows, variants, earlier)]
         document = {"schema": COMPARISON_SCHEMA, "job": self._job.name, "comparisons": found}
-        self._put(COMPARISONS, json.dumps(document, indent=1).encode())
+        self._put(COMPARISONS, _json(document))
         for comparison in found:
             log.info("%s: %s (%s)", comparison["variant"], comparison["verdict"],
                      comparison["message"])  # fmt: skip
@@ -131,6 +163,16 @@ def _figures(row: Row) -> list[dict[str, Any]]:
         {key: value for key, value in finding.items() if key != "course"}
         for finding in row.get("criteria") or []
     ]
+
+
+def _json(document: Mapping[str, Any]) -> bytes:
+    return json.dumps(document, indent=1).encode()
+
+
+def _close(file: IO[bytes]) -> None:
+    """What a full disk has not taken belongs to a file that was given up."""
+    with contextlib.suppress(OSError):
+        file.close()
 
 
 def _pieces(path: Path) -> Iterator[bytes]:

@@ -158,7 +158,10 @@ class Keeper:
 
 
 class Keeping:
-    """Runs a keeper beside Spark: `with Keeping(...)` around the Spark job."""
+    """Runs a keeper beside Spark: `with Keeping(...)` around the Spark job.
+
+    What goes wrong in the keeper itself cancels that job, and the block raises it.
+    """
 
     def __init__(
         self,
@@ -172,6 +175,7 @@ class Keeping:
         self._running = running
         self._cancel = cancel
         self._ended = threading.Event()
+        self._error: Exception | None = None
         self._thread = threading.Thread(target=self._work, name="keeper", daemon=True)
 
     def __enter__(self) -> None:
@@ -180,15 +184,36 @@ class Keeping:
     def __exit__(self, *_error: Any) -> None:
         self._ended.set()
         self._thread.join()
-        self._keeper.take(self._new_rows())
+        try:
+            self._keeper.take(self._new_rows())
+        finally:
+            if self._error is not None:
+                raise self._error
 
     def _work(self) -> None:
-        while not self._ended.wait(_LOOK_SECONDS):
-            self._keeper.take(self._new_rows())
-            self._keeper.look()
-            self._keeper.progress.set_running(self._running())
-            if self._keeper.stop is not None:
-                if self._keeper.interrupted:
-                    self._keeper.finish(self._ended)
-                # Each time: Spark's job may not have begun when it was cancelled first.
+        try:
+            while not self._ended.wait(_LOOK_SECONDS):
+                self._look()
+        except Exception as error:
+            log.exception("the keeper failed: no further case is run")
+            self._error = error
+            self._cancel_until_ended()
+
+    def _look(self) -> None:
+        self._keeper.take(self._new_rows())
+        self._keeper.look()
+        self._keeper.progress.set_running(self._running())
+        if self._keeper.stop is not None:
+            if self._keeper.interrupted:
+                self._keeper.finish(self._ended)
+            # At each look: Spark's job may not have begun when it was cancelled first.
+            self._cancel()
+
+    def _cancel_until_ended(self) -> None:
+        """Without a keeper a job would run on, its rows kept by nobody and its signals unheard."""
+        while not self._ended.is_set():
+            try:
                 self._cancel()
+            except Exception:  # where Spark is gone, its job ends of itself
+                log.exception("the cases could not be cancelled")
+            self._ended.wait(_LOOK_SECONDS)

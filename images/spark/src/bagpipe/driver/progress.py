@@ -121,6 +121,11 @@ class Progress:
             self.running, self.reason = 0, "Interrupted"
             self.message = "the driver's pod was told to end; what is done is in the journal"
 
+    def lose(self, message: str) -> None:
+        """Spark is gone: the job has not ended, and another driver may go on."""
+        with self._lock:
+            self.running, self.reason, self.message = 0, "SparkGone", message
+
     def fail(self, reason: str, message: str) -> None:
         """End the job for a fault of the whole, such as storage that can't be written."""
         with self._lock:

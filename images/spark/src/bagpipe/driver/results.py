@@ -7,7 +7,7 @@ A recorded bag that the manifest does not name came from an attempt that did not
 
 import json
 import posixpath
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from bagpipe.driver.artefacts import COMPARISONS, Artefacts, in_short
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.row_file import RowFile
+from bagpipe.report.stored import StoredResults
 from bagpipe.run.case_run import Row
 from bagpipe.run.exec_outputs import recorded_names
 from bagpipe.spec import JobFile
@@ -22,6 +23,7 @@ from bagpipe.storage import Storage, StorageError
 
 CASE_SCHEMA = "sim.bagpipe.io/case/v1alpha1"
 MANIFEST_SCHEMA = "sim.bagpipe.io/manifest/v1alpha1"
+LINES = "results.jsonl"
 _MAX_MANIFEST_BYTES = 1 << 30
 _MAX_COMPARISON_BYTES = 64 << 20
 
@@ -88,17 +90,12 @@ class Results:
     ) -> list[dict[str, Any]]:
         """Write results.jsonl as the manifest counts, then remove what does not count.
 
-        May be done again, by another driver too, until the journal is gone. Gives what the
-        comparisons with a baseline say, in short.
+        May be done again, by another driver too, until the journal is gone, which goes last.
+        Gives what the comparisons with a baseline say, in short.
         """
-        counted = {_key(entry) for entry in manifest["cases"]}
         with Artefacts(self.job, self.storage, self.folder) as artefacts:
-            with self.storage.create(self._uri("results.jsonl")) as file:
-                for row in rows():
-                    if _key(row) in counted:
-                        counted.remove(_key(row))
-                        file.write(json.dumps({"schema": CASE_SCHEMA} | row).encode() + b"\n")
-                        artefacts.add(row)
+            for row in self._lines(manifest, rows):
+                artefacts.add(row)
             compared = artefacts.store(manifest)
         self._remove_uncounted(manifest)
         journal.remove()
@@ -112,9 +109,31 @@ class Results:
         told = json.loads(self.storage.read_all(uri, _MAX_COMPARISON_BYTES))
         return [in_short(comparison) for comparison in told["comparisons"]]
 
-    def is_published(self) -> bool:
-        """Whether results.jsonl has been written."""
-        return self.storage.exists(self._uri("results.jsonl"))
+    def is_published(self, journal: Journal) -> bool:
+        """Whether `publish` has come to its end."""
+        return self.storage.exists(self._uri(LINES)) and journal.is_empty()
+
+    def _lines(self, manifest: Manifest, rows: Callable[[], Iterable[Row]]) -> Iterator[Row]:
+        """The rows that count, written to results.jsonl as they go by, unless that was done.
+
+        It is not done twice: a journal that somebody was removing no longer has all rows.
+        """
+        uri = self._uri(LINES)
+        if self.storage.exists(uri):
+            yield from StoredResults(self.folder, self.storage).rows()
+            return
+        counted = {_key(entry) for entry in manifest["cases"]}
+        with self.storage.create(uri) as file:
+            for row in rows():
+                if _key(row) in counted:
+                    counted.remove(_key(row))
+                    file.write(json.dumps({"schema": CASE_SCHEMA} | row).encode() + b"\n")
+                    yield row
+            if counted:
+                raise StorageError(
+                    f"{uri} can't be written: there is no row of case {min(counted)[0]}, one of"
+                    f" {len(counted)} that the manifest has and the journal has not"
+                )
 
     def _remove_uncounted(self, manifest: Manifest) -> None:
         cases = manifest["cases"]

@@ -17,7 +17,8 @@ class RowFile:
     """Rows by case. Memory: a case's name and two integers for each, whatever its row holds."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("w+b")
+        # Unbuffered, so that a full disk is met by the row that it has no room for.
+        self._file = path.open("w+b", buffering=0)
         self._places: dict[str, tuple[int, int]] = {}
 
     def __enter__(self) -> Self:
@@ -38,17 +39,22 @@ class RowFile:
         return case in self._places
 
     def add(self, row: Row) -> bool:
-        """Keep a row; False where its case has one already, which stays."""
+        """Keep a row; False where its case has one already, which stays.
+
+        Raises OSError, and the case has no row then.
+        """
         if row["case"] in self._places:
             return False
         data = json.dumps(row).encode()
-        self._places[row["case"]] = (self._file.seek(0, 2), len(data))
-        self._file.write(data)
+        place = (self._file.seek(0, 2), len(data))
+        rest = memoryview(data)
+        while rest:
+            rest = rest[self._file.write(rest) :]
+        self._places[row["case"]] = place
         return True
 
     def rows(self) -> Iterator[Row]:
         """All rows in the order of the case names."""
-        self._file.flush()
         for case in sorted(self._places):
             offset, length = self._places[case]
             self._file.seek(offset)

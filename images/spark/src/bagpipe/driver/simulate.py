@@ -10,11 +10,21 @@ from pyspark import SparkContext, TaskContext
 from pyspark.accumulators import AccumulatorParam
 
 from bagpipe.driver.keep import Keeper, Keeping
+from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
 from bagpipe.plan.cases import Case
 from bagpipe.run.attempts import quarantine_attempt
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 
 log = logging.getLogger(__name__)
+
+
+class SparkGoneError(Exception):
+    """Spark's JVM has ended, or has stopped its work, while cases were to run."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "Spark's Java process is gone or has stopped its work; what is done is in the journal"
+        )
 
 
 class _RowsParam(AccumulatorParam[list[Row]]):
@@ -42,6 +52,37 @@ def settle_worker() -> None:
 def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
     """Run all cases, one task each; their rows go to the keeper, which may end the work early.
 
+    Raises SparkGoneError where nothing of the job is at fault, so that another driver may go on.
+    """
+    try:
+        _run_all(spark, cases, context, keeper)
+    except Exception as error:
+        gone = _is_gone(spark)
+        if keeper.stop is not None and (gone or isinstance(error, Py4JError)):
+            log.info("stopped: %s", keeper.stop.message)
+            return
+        if gone:
+            raise SparkGoneError from error
+        raise
+
+
+def _is_gone(spark: SparkContext) -> bool:
+    """Whether Spark can run no further case.
+
+    What its end raises tells that poorly: a call that it cut off is a plain Py4JError, and one
+    that comes later finds nobody who listens.
+    """
+    try:
+        # pyspark offers no public way to its JVM.
+        return bool(spark._jsc.sc().isStopped())  # noqa: SLF001
+    except (Py4JError, OSError, AttributeError) as error:
+        log.info("Spark does not answer: %s", error)
+        return True
+
+
+def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
+    """Run all cases over Spark.
+
     Spark merges the rows of every successful task before it calls the job done, each task's once
     whatever was retried or speculated, so nothing has to be collected a second time.
     """
@@ -56,8 +97,9 @@ def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         # Spark counts a task's launches from 0, copies of slow ones too.
         before = task.attemptNumber() if task else 0
         for case in partition:
-            if before >= quarantine:
-                finished.add([lost_row(case, before)])
+            if task and before >= quarantine:
+                lost = lost_row(case, before)
+                finished.add([given_up(lost, task.stageId(), task.partitionId())])
             else:
                 finished.add([run_case(case, shared_context.value, before + 1)])
 
@@ -66,19 +108,19 @@ def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         rows = finished.value
         taken = rows[: len(rows)]
         del rows[: len(taken)]
-        return taken
+        return with_evidence(taken, lambda stage: failed_tasks(spark, stage))
 
-    keeping = Keeping(keeper, new_rows, lambda: _active_tasks(spark), spark.cancelAllJobs)
+    keeping = Keeping(keeper, new_rows, lambda: active_tasks(spark), spark.cancelAllJobs)
+    with keeping:
+        spark.parallelize(cases, len(cases)).foreachPartition(run)
+
+
+def active_tasks(spark: SparkContext) -> int:
+    """How many tasks run; 0 where Spark does not say, since a figure is not worth a job."""
     try:
-        with keeping:
-            spark.parallelize(cases, len(cases)).foreachPartition(run)
-    except Py4JError:
-        if keeper.stop is None:
-            raise
-        log.info("stopped: %s", keeper.stop.message)
-
-
-def _active_tasks(spark: SparkContext) -> int:
-    tracker = spark.statusTracker()
-    stages = [tracker.getStageInfo(stage) for stage in tracker.getActiveStageIds()]
+        tracker = spark.statusTracker()
+        stages = [tracker.getStageInfo(stage) for stage in tracker.getActiveStageIds()]
+    except (Py4JError, OSError) as error:
+        log.debug("Spark does not tell what runs: %s", error)
+        return 0
     return sum(stage.numActiveTasks for stage in stages if stage is not None)

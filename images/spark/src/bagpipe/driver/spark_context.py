@@ -126,8 +126,14 @@ def _endurance(job: JobFile) -> dict[str, str]:
         "spark.kubernetes.resource.type": "python",
         "spark.kubernetes.executor.enablePollingWithResourceVersion": "true",
         "spark.kubernetes.executor.deleteOnTermination": "true",
-        "spark.executor.maxNumFailures": "20",
+        # Past this Spark ends its own process and the job with it, and a pod that quota refuses
+        # counts too. What bounds failures is the quarantine of each case, and what is told of
+        # executors that don't come is the operator's; so Spark has none (the largest integer).
+        "spark.executor.maxNumFailures": str((1 << 31) - 1),
+        # Spark keeps the time of each failure for so long.
         "spark.executor.failuresValidityInterval": "1h",
+        # Without it a JVM that has lost a thread for lack of heap hangs instead of being replaced.
+        "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError",
         "spark.excludeOnFailure.enabled": "false",
         # An executor on a node that was cut off is missed after a minute, not after two.
         "spark.network.timeout": "60s",

@@ -4,7 +4,6 @@ Spark's own endpoint is a part of its web UI, which is off: anybody who reaches 
 settings and can end its stages. The same figures are asked of Spark's status store, in one call.
 """
 
-import json
 import logging
 import threading
 from collections.abc import Iterator
@@ -14,6 +13,8 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 from py4j.protocol import Py4JError
 from pyspark import SparkContext
+
+from bagpipe.driver.spark_json import as_json, status_store
 
 # A JVM that is busy must not cost the scrape all the other figures: the last answer is told then.
 _PATIENCE_SECONDS = 1.0
@@ -112,13 +113,7 @@ class SparkExecutors(Collector):
 def _told_by_spark() -> list[dict[str, Any]]:
     spark: Any = SparkContext._active_spark_context  # noqa: SLF001
     try:
-        jackson = spark._jvm.com.fasterxml.jackson  # noqa: SLF001
-        store = spark._jsc.sc().statusStore()  # noqa: SLF001
-        mapper = jackson.databind.ObjectMapper()
-        mapper.registerModule(jackson.module.scala.DefaultScalaModule())
-        found: list[dict[str, Any]] = json.loads(
-            mapper.writeValueAsString(store.executorList(True))
-        )
+        found: list[dict[str, Any]] = as_json(spark, status_store(spark).executorList(True))
     except (Py4JError, AttributeError, OSError) as error:
         # Spark is being started or stopped: a scrape of that moment goes without its figures.
         log.debug("Spark tells nothing of its executors: %s", error)

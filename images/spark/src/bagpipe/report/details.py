@@ -14,6 +14,7 @@ _LINE_CHARACTERS = 500
 _LEDGER_TOPICS = 50
 _LEDGER_NODES = 20
 _MOST_COURSES = 8
+_MOST_STARTS = 10
 
 
 class Details:
@@ -48,6 +49,7 @@ def _not_passed(row: Row) -> list[str]:
 def detail_of(row: Row) -> dict[str, Any]:
     """What the page says of one case beyond its line in the table."""
     result = row.get("result") or {}
+    evidence = row.get("evidence") or {}
     stack = result.get("stack") or {}
     stderr = row.get("stderr") or stack.get("stderr") or []
     return {
@@ -63,7 +65,8 @@ def detail_of(row: Row) -> dict[str, Any]:
         "bag": str(row.get("bag") or ""),
         "window": row.get("window"),
         "recorded": row.get("recorded"),
-        "ledger": _ledger(result.get("ledger") or {}),
+        "ledger": _ledger(result.get("ledger") or evidence.get("ledger") or {}),
+        "lost": [lost_start(start) for start in (evidence.get("starts") or [])[:_MOST_STARTS]],
         "timings": {
             str(name): seconds
             for name, seconds in (result.get("timings") or {}).items()
@@ -75,6 +78,15 @@ def detail_of(row: Row) -> dict[str, Any]:
             if finding.get("course")
         ][:_MOST_COURSES],
     }
+
+
+def lost_start(start: Mapping[str, Any]) -> str:
+    """A line for a start of a case that came to no end."""
+    seconds = start.get("seconds")
+    after = f" after {seconds:.1f} s" if isinstance(seconds, int | float) else ""
+    error = " ".join(str(start.get("error") or "Spark does not say why").split())
+    where = f"executor {start.get('executor')} at {start.get('host')}"
+    return f"{where}{after}: {error}"[:_LINE_CHARACTERS]
 
 
 def _ledger(ledger: Mapping[str, Any]) -> list[dict[str, Any]]:

@@ -38,7 +38,6 @@ _MEETING_SECONDS = 60.0
 _RECORD_BYTES = 1 << 30
 
 _REASONS: list[tuple[type[Exception], str]] = [
-    (DeliveryIncompleteError, "DeliveryIncomplete"),
     (SlotUnavailableError, "SlotUnavailable"),
     (StorageError, "StorageFailed"),
     # The pipes and locks of the shared volume: an agent that starts anew makes them again.
@@ -87,7 +86,7 @@ def lost_row(case: Case, starts: int) -> Row:
         " spec.spark.executor.resources or spec.stack.resources allow, or its nodes are failing"
     )
     lost = _row(case, _errored("ExecutorLost", message), [], starts, 0.0)
-    return lost | {"attempts": 0}
+    return lost | {"attempts": 0, "evidence": {"starts": []}}
 
 
 def unplanned_row(bag: Unplanned) -> Row:
@@ -139,6 +138,10 @@ def _attempt(case: Case, context: RunContext) -> Row:
         return _played(case, context)
     except SessionError as error:
         return _errored(error.reason, str(error), error.stderr)
+    except DeliveryIncompleteError as error:
+        lossy = _errored("DeliveryIncomplete", str(error))
+        # Not as `result`, whose ledgers are summed: this try does not count.
+        return lossy | {"evidence": {"ledger": error.ledger}}
     except Exception as error:  # a fault of ours costs one case, never the whole job
         for kind, reason in _REASONS:
             if isinstance(error, kind):

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 from bagpipe.cli.cluster.case_lines import of_all, of_case
 from bagpipe.cli.cluster.faults import ClusterError
 from bagpipe.cli.cluster.state import JobState, Json
+from bagpipe.report.details import lost_start
 
 STACK, AGENT, DRIVER, EXECUTOR = "stack", "agent", "driver", "executor"
 
@@ -41,7 +42,7 @@ class Piece:
 
 
 def kept(row: Json, where: str) -> list[Piece]:
-    """What the results keep of one case: how it ended, and the stack's last lines."""
+    """What the results keep of one case: how it ended, the stack's last lines, starts lost."""
     ended = [f"{row['outcome']} {row.get('reason') or ''}".strip()]
     ended += [str(row["message"])] if row.get("message") else []
     pieces = [Piece("outcome", where, ended)]
@@ -50,6 +51,9 @@ def kept(row: Json, where: str) -> list[Piece]:
         lines = stack.get(stream) or (row.get("stderr") if stream == "stderr" else None) or []
         if lines:
             pieces.append(Piece(f"stack {stream}", f"{where}, the last lines", list(lines)))
+    lost = (row.get("evidence") or {}).get("starts") or []
+    if lost:
+        pieces.append(Piece("lost starts", where, [lost_start(start) for start in lost]))
     if len(pieces) == 1:
         pieces.append(Piece(STACK, where, missing="the stack wrote nothing in this case"))
     return pieces

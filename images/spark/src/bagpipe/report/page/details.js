@@ -35,6 +35,7 @@ function detailParts(detail) {
   const parts = detail.series.map((series) => el("div", {},
     el("h4", {}, `${series.criterion}: ${series.label}`), course(series)));
   if (detail.stderr.length) parts.push(el("h4", {}, "Last lines of the stack's stderr"), el("pre", {}, detail.stderr.join("\n")));
+  if (detail.lost.length) parts.push(el("h4", {}, "Starts that were lost"), el("pre", {}, detail.lost.join("\n")));
   if (detail.ledger.length) parts.push(el("h4", {}, "Delivery"), ledgerTable(detail.ledger));
   const seconds = Object.entries(detail.timings);
   if (seconds.length) {

@@ -1,0 +1,125 @@
+"""From rows to results: what a commit makes of them, whoever lives to finish it."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.driver import __main__ as driver
+from bagpipe.driver.artefacts import Artefacts
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.keep import Keeper
+from bagpipe.driver.progress import Progress
+from bagpipe.driver.results import results_uri
+from bagpipe.run.case_run import unplanned_row
+from bagpipe.storage import StorageError
+from tests.unit.bagpipe.drivers import MISSING, World, finish, ran
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path)
+
+
+def test_the_manifest_names_what_counts_and_the_rest_is_removed(world: World) -> None:
+    for name in ("a.bag", "b.bag", "stale.bag"):
+        world.record(name)
+    keeper, journal = world.driver()
+    keeper.take([ran("b"), ran("a"), ran("a", recorded="cases/stale.bag"), unplanned_row(MISSING)])
+    finish(keeper)
+    manifest = world.results.commit(keeper.rows, keeper.progress, journal.driver)
+    world.results.publish(manifest, keeper.rows.rows, journal)
+    assert world.names("cases") == ["a.bag", "b.bag"]
+    assert world.names("journal") == []
+    assert [(c["case"], c["outcome"], c["recorded"]) for c in manifest["cases"]] == [
+        ("a", "passed", "cases/a.bag"),
+        ("b", "passed", "cases/b.bag"),
+        ("lost", "errored", None),
+    ]
+    assert json.loads((world.folder / "manifest.json").read_text()) == manifest
+    assert [row["case"] for row in world.lines()] == ["a", "b", "lost"]
+
+
+def test_of_two_drivers_one_commits_and_the_other_adopts(world: World) -> None:
+    for name in ("a.bag", "a-too.bag"):
+        world.record(name)
+    one, journal_one = world.driver()
+    two, journal_two = world.driver()
+    one.take([ran("a")])
+    two.take([ran("a", recorded="cases/a-too.bag")])
+    finish(one)
+    finish(two)
+    won = world.results.commit(two.rows, two.progress, journal_two.driver)
+    lost = world.results.commit(one.rows, one.progress, journal_one.driver)
+    assert lost == won
+    assert won["driver"] == journal_two.driver
+    # The one that lost may have to publish what the one that won did not live to.
+    world.results.publish(lost, journal_one.rows, journal_one)
+    assert [row["recorded"] for row in world.lines()] == ["cases/a-too.bag"]
+    assert world.names("cases") == ["a-too.bag"]
+
+
+def committed(world: World) -> tuple[dict[str, Any], Keeper, Journal]:
+    """A driver that has committed two cases, in two segments of its journal."""
+    for name in ("a.bag", "b.bag", "stale.bag"):
+        world.record(name)
+    keeper, journal = world.driver()
+    keeper.progress.begin(2)
+    for name in ("a", "b"):
+        keeper.take([ran(name)])
+        finish(keeper)
+    manifest = world.results.commit(keeper.rows, keeper.progress, journal.driver)
+    return manifest, keeper, journal
+
+
+def assert_adopted(world: World) -> None:
+    """Another driver finishes what the one that committed did not live to."""
+    progress = Progress(results_uri(world.job))
+    assert driver.run(world.job, progress)
+    assert progress.verdict == "Passed"
+    assert [row["case"] for row in world.lines()] == ["a", "b"]
+    assert world.names("cases") == ["a.bag", "b.bag"]
+    assert world.names("journal") == []
+    assert (world.folder / "junit.xml").read_text().count("<testcase ") == 2
+    assert (world.folder / "results.parquet").exists()
+    assert (world.folder / "report.html").exists()
+
+
+def killed(*_arguments: object) -> None:
+    raise SystemExit
+
+
+def test_what_a_driver_left_unpublished_another_one_finishes(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    manifest, keeper, journal = committed(world)
+    with monkeypatch.context() as patch, pytest.raises(SystemExit):
+        patch.setattr(Artefacts, "store", killed)
+        world.results.publish(manifest, keeper.rows.rows, journal)
+    assert (world.folder / "results.jsonl").exists()
+    assert not world.results.is_published(journal)
+    assert_adopted(world)
+    assert world.results.is_published(journal)
+
+
+def test_a_journal_that_is_half_removed_takes_no_line_away(
+    world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    manifest, keeper, journal = committed(world)
+    with monkeypatch.context() as patch, pytest.raises(SystemExit):
+        patch.setattr(Journal, "remove", killed)
+        world.results.publish(manifest, keeper.rows.rows, journal)
+    first = world.names("journal")[0]
+    world.storage.remove(f"{results_uri(world.job)}/journal/{first}")
+    assert_adopted(world)
+
+
+def test_lines_are_published_all_or_not_at_all(world: World) -> None:
+    manifest, _, journal = committed(world)
+    first = world.names("journal")[0]
+    world.storage.remove(f"{results_uri(world.job)}/journal/{first}")
+    with pytest.raises(StorageError, match=r"results\.jsonl .* no row of case a"):
+        world.results.publish(manifest, journal.rows, journal)
+    assert not (world.folder / "results.jsonl").exists()
+    assert len(world.names("journal")) == 1
