@@ -22,6 +22,7 @@ from bagpipe_operator.life import Halt, expired, halt_of, living, over, pausing,
 from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
+from bagpipe_operator.refusals import Refusals
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.status import Observation, acknowledged, decide
 from bagpipe_operator.teller import Teller
@@ -65,10 +66,12 @@ class Reconciler:
     _patience: Patience = field(default_factory=Patience)
     _missing: Patience = field(default_factory=Patience)
     _lookout: Lookout = field(init=False)
+    _refusals: Refusals = field(init=False)
     _teller: Teller = field(init=False)
 
     def __post_init__(self) -> None:
         self._lookout = Lookout(self.api, self.settings, self.monotonic)
+        self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
         self._teller = Teller(self.api)
 
     async def reconcile(self, uid: str) -> None:
@@ -175,14 +178,22 @@ class Reconciler:
         self, job: JobView, attempt: int
     ) -> tuple[PodView | None, Refusal | None, Ending | None]:
         """Creates ConfigMap and driver; what can't be run ends the job with a sentence."""
+        standing = self._refusals.standing(job, attempt)
+        if standing is not None:
+            return None, standing, None
+        again = self._refusals.asked(job.uid)
         try:
-            made = await create_children(self.api, job, read_spec(job), attempt, self.settings)
+            made = await create_children(
+                self.api, job, read_spec(job), attempt, self.settings, again
+            )
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)
         except JobTooLargeError as error:
             return None, None, _refused(reasons.JOB_TOO_LARGE, error)
         if isinstance(made, Refusal):
+            self._refusals.keep(job, attempt, made)
             return None, made, None
+        self._refusals.forget(job.uid)
         self.view.put_pod(made)
         return made, None, None
 
@@ -307,6 +318,7 @@ class Reconciler:
         self._patience.forget(uid)
         self._missing.forget(uid)
         self._lookout.forget(uid)
+        self._refusals.forget(uid)
         self.drivers.forget(uid)
 
 

@@ -57,6 +57,18 @@ async def test_a_prepared_config_is_not_taken_for_ours() -> None:
         assert again.api.named("pods") == []
 
 
+async def test_a_config_that_was_exchanged_while_there_was_no_room_is_not_ours() -> None:
+    """A quota may refuse the driver for hours after its ConfigMap was made."""
+    world = World()
+    world.api.fail("create pods", ApiError(403, "Forbidden", "exceeded quota: pods"))
+    await world.reconcile()
+    config = world.api.objects["configmaps", "x-1"]
+    config["data"] = config["data"] | {"executor.yaml": "spec: {hostPID: true}"}
+    await world.reconcile(after=4)
+    assert world.reason("Accepted") == "False/NameTaken"
+    assert world.api.named("pods") == []
+
+
 async def test_a_config_that_a_former_run_made_is_taken_over() -> None:
     world = World()
     await world.reconcile()
