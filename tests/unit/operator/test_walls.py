@@ -2,7 +2,7 @@
 
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.view import PodView
-from tests.unit.operator.builders import account, make_driver, make_job
+from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 from tests.unit.operator.world import UID, World
 
 
@@ -37,6 +37,27 @@ async def test_a_forged_driver_of_another_namespace_ends_no_job() -> None:
     await world.reconcile(after=2)
     assert world.status()["phase"] == "Pending"
     assert "delete x-1-driver" not in world.api.calls
+
+
+async def test_a_pod_of_another_namespace_tells_no_job_why_it_ended() -> None:
+    """Nor does its end count: the last pods that went are asked why executors do."""
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    world.drivers.says = account()
+    killed = make_executor("x").ended(137, reason="OOMKilled")
+    killed.with_container(
+        "spark",
+        {"terminated": {"exitCode": 137, "reason": "OOMKilled", "finishedAt": START.isoformat()}},
+    )
+    forged = killed.object()
+    forged["metadata"] |= {"namespace": "attackers", "uid": "uid-of-forged"}
+    for pod in (PodView.from_object(forged), killed.view()):
+        world.view.put_pod(pod)
+        world.view.drop_pod(pod)
+        await world.reconcile(after=2)
+        foreign = pod.namespace == "attackers"
+        assert ("ExecutorOutOfMemory" in world.reason("Running")) is not foreign
 
 
 async def test_a_prepared_config_is_not_taken_for_ours() -> None:
