@@ -37,8 +37,8 @@ SILENT_DRIVER_SECONDS = 30.0
 class Drivers(Protocol):
     """Who asks drivers for their progress."""
 
-    async def read(self, uid: str, ip: str) -> Progress | None:
-        """The driver's last account."""
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
+        """The last account of the driver of a job's (UID's) attempt."""
 
     def silent_seconds(self, uid: str) -> float:
         """How long it has not answered."""
@@ -127,7 +127,7 @@ class Reconciler:
         if driver is not None:
             ending = ending_of(driver, self.now())
             if ending is None and driver.phase == "Running" and driver.ip:
-                progress = await self.drivers.read(job.uid, driver.ip)
+                progress = await self.drivers.read(job.uid, driver.ip, (job.uid, attempt))
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
