@@ -53,6 +53,10 @@ class ScheduleReconciler:
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
     _listed: set[str] = field(default_factory=set)
+    _teller: events.Teller = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._teller = events.Teller(self.api)
 
     async def reconcile(self, uid: str) -> None:
         """Brings one schedule forward; raises ApiError when it should be tried again."""
@@ -60,6 +64,7 @@ class ScheduleReconciler:
         if schedule is None or schedule.deleting:
             self.alarms.set(uid, None)
             self._listed.discard(uid)  # its jobs go by their ownerReferences
+            self._teller.forget(uid)
             return
         now = self.now()
         self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
@@ -76,10 +81,12 @@ class ScheduleReconciler:
         await self._write(schedule, outcome, now)
         for job in decision.surplus:
             await self._delete(job)
+        again = await self._teller.tell(schedule, now)
         if outcome.refused is not None:
             # The queue's growing pauses apply until the run is started, or the next one is due.
             raise ApiError(422, outcome.refused.reason, outcome.refused.message)
-        self.alarms.set(uid, decision.wake)
+        moments = [moment for moment in (decision.wake, again) if moment is not None]
+        self.alarms.set(uid, min(moments, default=None))
 
     async def _refreshed(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule and its jobs as the API server has them: a lagging watch starts nothing."""
@@ -144,7 +151,7 @@ class ScheduleReconciler:
         self.view.drop_job(job)
 
     async def _write(self, schedule: ScheduleView, outcome: Outcome, now: datetime) -> None:
-        """Writes what changed, then tells it."""
+        """Writes what changed, and keeps what is to be told of it."""
         status = status_of(schedule, outcome, now)
         old = schedule.status
         changed = {key: value for key, value in status.items() if old.get(key) != value}
@@ -163,5 +170,4 @@ class ScheduleReconciler:
             raise
         current = ScheduleView.from_object(written)
         self.view.put_schedule(current)
-        told = notes_of(schedule, outcome, now)
-        await events.tell(self.api, current, told, now)
+        self._teller.add(current, notes_of(schedule, outcome, now))
