@@ -14,11 +14,12 @@ from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
-from bagpipe_operator.schedules.decide import Decision, Verdict, decide
+from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
 from bagpipe_operator.schedules.job import job_manifest, name_taken, refusal_of
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
+from bagpipe_operator.schedules.zones import Zones
 from bagpipe_operator.view import Json
 
 logger = logging.getLogger(__name__)
@@ -53,6 +54,7 @@ class ScheduleReconciler:
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
     _listed: set[str] = field(default_factory=set)
+    _zones: Zones = field(default_factory=Zones)
     _teller: events.Teller = field(init=False)
 
     def __post_init__(self) -> None:
@@ -71,12 +73,12 @@ class ScheduleReconciler:
         if uid not in self._listed:
             # A new operator's watch may not have brought the jobs yet.
             await self._list(schedule)
-        decision = decide(schedule, self.view.jobs(uid), now)
+        decision = await self._decided(schedule, now)
         if decision.verdict is Verdict.START:
             schedule = await self._refreshed(schedule)
             if schedule is None:
                 return
-            decision = decide(schedule, self.view.jobs(uid), now)
+            decision = await self._decided(schedule, now)
         outcome = await self._carried_out(schedule, decision)
         await self._write(schedule, outcome, now)
         for job in decision.surplus:
@@ -87,6 +89,10 @@ class ScheduleReconciler:
             raise ApiError(422, outcome.refused.reason, outcome.refused.message)
         moments = [moment for moment in (decision.wake, again) if moment is not None]
         self.alarms.set(uid, min(moments, default=None))
+
+    async def _decided(self, schedule: ScheduleView, now: datetime) -> Decision:
+        zone = await self._zones.read(time_zone_of(schedule))
+        return decide(schedule, self.view.jobs(schedule.uid), now, zone)
 
     async def _refreshed(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule and its jobs as the API server has them: a lagging watch starts nothing."""
