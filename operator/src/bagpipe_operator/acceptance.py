@@ -84,9 +84,14 @@ async def faults(api: ReleaseApi, release: str, operator: str, namespace: str) -
         if error.status != 404:
             raise
         kinds = []
+    found = [
+        f"{kind}s of {names.API_VERSION} are not served: is their CRD installed?"
+        for kind in (names.KIND, names.SCHEDULE_KIND)
+        if kind not in kinds
+    ]
     if names.KIND not in kinds:
-        return [f"{names.API_VERSION} is not served: is the CRD installed?"]
-    found = [not_ready(await api.deployment(release, operator))]
+        return found
+    found += [not_ready(await api.deployment(release, operator))]
     try:
         await api.would_take(job(namespace))
     except ApiError as error:
@@ -126,7 +131,7 @@ def main() -> None:
         print(fault, file=sys.stderr)
     if found:
         sys.exit(1)
-    print("SimulationJobs are served and checked, and the operator is ready")
+    print("jobs and schedules are served, jobs are checked, and the operator is ready")
 
 
 if __name__ == "__main__":

@@ -28,10 +28,17 @@ class Refusal:
 
 
 async def create_children(
-    api: Api, job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings
+    api: Api,
+    job: JobView,
+    spec: SimulationJobSpec,
+    attempt: int,
+    settings: Settings,
+    again: bool = False,
 ) -> PodView | Refusal:
     """The attempt's driver, created now or found to exist already.
 
+    `again`: it was refused before, so its ConfigMap is looked for first. It is looked at each time,
+    since it could have been replaced by another's while there was no room for the driver.
     Raises UnusableSpecError, JobTooLargeError, and ApiError for faults that may pass.
     """
     if evaluator_config_maps(spec) and not settings.own_evaluators:
@@ -44,7 +51,8 @@ async def create_children(
     try:
         await _try_executor(api, executor_trial(job, spec, attempt, settings))
         what = f"{names.driver_name(job.name, attempt)} or its ConfigMap"
-        made = await _create_or_find(api, job, "configmaps", config)
+        made = await _find(api, job, "configmaps", config) if again else None
+        made = made or await _create_or_find(api, job, "configmaps", config)
         if isinstance(made, Refusal):
             return made
         pod = driver_pod(job, spec, attempt, settings)
@@ -75,7 +83,23 @@ async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json)
         if not (error.status == 409 and error.reason == "AlreadyExists"):
             raise
     # A former run of the operator made it and could not write so into the status.
-    found = await api.get(resource, job.namespace, name)
+    return _judged(job, manifest, await api.get(resource, job.namespace, name))
+
+
+async def _find(api: Api, job: JobView, resource: str, manifest: Json) -> Json | Refusal | None:
+    """The object if there is one of its name, or the refusal that it is another's."""
+    try:
+        found = await api.get(resource, job.namespace, manifest["metadata"]["name"])
+    except ApiError as error:
+        if error.status != 404:
+            raise
+        return None
+    return _judged(job, manifest, found)
+
+
+def _judged(job: JobView, manifest: Json, found: Json) -> Json | Refusal:
+    """An object of the wanted name, if it is the wanted one."""
+    name = manifest["metadata"]["name"]
     owners = found["metadata"].get("ownerReferences") or []
     if any(owner.get("uid") == job.uid for owner in owners) and _is_ours(manifest, found):
         return found

@@ -92,8 +92,10 @@ def _first_comparisons(comparisons: object) -> object:
 
 
 class Progress(_Model):
-    """The driver's account."""
+    """The driver's account; without `uid` and `attempt` it is an earlier release's."""
 
+    uid: Word = ""
+    attempt: Count = 0
     phase: Literal["Planning", "Running", "Complete", "Failed"]
     reason: Word = ""
     message: Sentence = ""
@@ -104,6 +106,10 @@ class Progress(_Model):
     results: Annotated[str, BeforeValidator(_cut(2048))] = ""
     failures: Annotated[list[Failure], BeforeValidator(_last_failures)] = []
     comparisons: Annotated[list[VariantComparison], BeforeValidator(_first_comparisons)] = []
+
+    def is_of(self, uid: str, attempt: int) -> bool:
+        """Whether it may be of that attempt of the job with that UID."""
+        return self.uid in {"", uid} and self.attempt in {0, attempt}
 
     def as_status(self) -> Json:
         """The part of a job's status that comes from the driver."""
@@ -145,14 +151,21 @@ class ProgressReader:
     counted: Callable[[bool], None] = lambda _answered: None
     _answers: dict[str, _Answer] = field(default_factory=dict)
 
-    async def read(self, uid: str, ip: str) -> Progress | None:
-        """The driver's last account; None as long as it has never answered."""
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
+        """The driver's last account; None as long as it has never answered.
+
+        `whose`: the job's UID and the attempt. What another job's driver answers there is silence.
+        """
         answer = self._answers.setdefault(uid, _Answer())
         now = asyncio.get_running_loop().time()
         if now - answer.asked_at < LEAST_INTERVAL_SECONDS:
             return answer.progress
         answer.asked_at = now
         progress = await self._ask(ip)
+        if progress is not None and not progress.is_of(*whose):
+            # The pod is gone, the watch does not know it yet, and another has its address.
+            logger.info("%s answers for job %s, not for %s", ip, progress.uid, whose[0])
+            progress = None
         self.counted(progress is not None)
         if progress is None:
             answer.silent_since = answer.silent_since if answer.silent_since is not None else now

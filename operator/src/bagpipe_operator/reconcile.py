@@ -22,6 +22,7 @@ from bagpipe_operator.life import Halt, expired, halt_of, living, over, pausing,
 from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
+from bagpipe_operator.refusals import Refusals
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.status import Observation, acknowledged, decide, fatal
 from bagpipe_operator.teller import Teller
@@ -37,8 +38,8 @@ SILENT_DRIVER_SECONDS = 30.0
 class Drivers(Protocol):
     """Who asks drivers for their progress; each is known by its pod's UID."""
 
-    async def read(self, uid: str, ip: str) -> Progress | None:
-        """The driver's last account."""
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
+        """The last account of the driver of a job's (UID's) attempt."""
 
     def silent_seconds(self, uid: str) -> float:
         """How long it has not answered."""
@@ -66,6 +67,7 @@ class Reconciler:
     _patience: Patience = field(init=False)
     _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
+    _refusals: Refusals = field(init=False)
     _rounds: Rounds = field(init=False)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _teller: Teller = field(init=False)
@@ -78,6 +80,7 @@ class Reconciler:
         """Forgets what was seen when this replica led before: another may have led since."""
         self._patience, self._missing = Patience(), Patience()
         self._lookout = Lookout(self.api, self.settings, self.monotonic)
+        self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
         self._rounds = Rounds(self.monotonic)
         for uid in list(self._asked):
             self._forget_driver(uid)
@@ -201,14 +204,22 @@ class Reconciler:
         self, job: JobView, attempt: int
     ) -> tuple[PodView | None, Refusal | None, Ending | None]:
         """Creates ConfigMap and driver; what can't be run ends the job with a sentence."""
+        standing = self._refusals.standing(job, attempt)
+        if standing is not None:
+            return None, standing, None
+        again = self._refusals.asked(job.uid)
         try:
-            made = await create_children(self.api, job, read_spec(job), attempt, self.settings)
+            made = await create_children(
+                self.api, job, read_spec(job), attempt, self.settings, again
+            )
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)
         except JobTooLargeError as error:
             return None, None, _refused(reasons.JOB_TOO_LARGE, error)
         if isinstance(made, Refusal):
+            self._refusals.keep(job, attempt, made)
             return None, made, None
+        self._refusals.forget(job.uid)
         self.view.put_pod(made)
         return made, None, None
 
@@ -233,7 +244,8 @@ class Reconciler:
         if self._asked.get(driver.job_uid) != driver.uid:
             self._forget_driver(driver.job_uid)
         self._asked[driver.job_uid] = driver.uid
-        return await self.drivers.read(driver.uid, driver.ip)
+        whose = (driver.job_uid, driver.attempt)
+        return await self.drivers.read(driver.uid, driver.ip, whose)
 
     async def _refreshed_if_unheard(self, driver: PodView) -> PodView | None:
         """The driver as it is now if nothing was heard of it for long; None when it is gone."""
@@ -357,6 +369,7 @@ class Reconciler:
         self._patience.forget(uid)
         self._missing.forget(uid)
         self._lookout.forget(uid)
+        self._refusals.forget(uid)
         self._rounds.forget(uid)
         self._forget_driver(uid)
 

@@ -18,7 +18,7 @@ logger = logging.getLogger(__name__)
 
 # A job's transitions that wait for an API server which takes no Events.
 MOST_UNTOLD = 20
-_TRANSIENT = frozenset({0, 429, 500, 502, 503, 504})
+TRANSIENT = frozenset({0, 429, 500, 502, 503, 504})
 
 
 @dataclass
@@ -67,7 +67,7 @@ class Teller:
             try:
                 await self.api.create("events", events.manifest(job, notes[0], now))
             except ApiError as error:
-                if error.status in _TRANSIENT:
+                if error.status in TRANSIENT:
                     raise
                 if error.status != 409:  # 409: it was told before
                     logger.warning(

@@ -291,7 +291,7 @@ class View:
         if known and known.uid == pod.uid:
             del pods[pod.namespace, pod.name]
             job = self._jobs.get(pod.job_uid)
-            if job is not None and not job.finished:
+            if job is not None and not job.finished and pod.namespace == job.namespace:
                 gone = self._gone.setdefault(pod.job_uid, deque(maxlen=MOST_GONE_PODS))
                 gone.append(pod)
         if not pods:

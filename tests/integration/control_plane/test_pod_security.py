@@ -72,13 +72,25 @@ def test_driver_and_executors_are_admitted(admin: Client, restricted: str, case:
         admin.create(core(restricted, "pods") + "?dryRun=All", pod)
 
 
+def pod_of(template: str, kind: str) -> Object:
+    """The pod that a template of the chart makes: itself, or what a Deployment makes it of."""
+    objects = [o for o in yaml.safe_load_all(rendered([], "bagpipe-system", [template])) if o]
+    (found,) = [o for o in objects if o["kind"] == kind]
+    pod: Object = found if kind == "Pod" else found["spec"]["template"]
+    return {"metadata": {"name": kind.lower()}, "spec": pod["spec"]}
+
+
 @pytest.mark.usefixtures("_helm")
-def test_the_operator_s_pod_is_admitted(admin: Client, restricted: str) -> None:
-    deployment = yaml.safe_load(rendered([], "bagpipe-system", ["deployment.yaml"]))
-    template = deployment["spec"]["template"]
-    template["metadata"]["name"] = "operator"
-    template["spec"]["serviceAccountName"] = "default"
-    admin.create(core(restricted, "pods") + "?dryRun=All", template)
+@pytest.mark.parametrize(
+    ("template", "kind"), [("deployment.yaml", "Deployment"), ("tests/acceptance.yaml", "Pod")]
+)
+def test_the_operator_s_pod_is_admitted(
+    admin: Client, restricted: str, template: str, kind: str
+) -> None:
+    """And the one of `helm test`, which is made in the same namespace."""
+    pod = pod_of(template, kind)
+    pod["spec"]["serviceAccountName"] = "default"
+    admin.create(core(restricted, "pods") + "?dryRun=All", pod)
 
 
 LOOSENED = {

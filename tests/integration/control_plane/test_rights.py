@@ -96,7 +96,7 @@ def test_the_operator_of_a_cluster(
 def narrow(admin: Client, namespace: str) -> Iterator[str]:
     """The namespace of a release that watches `namespace` alone."""
     with fresh_namespace(admin, "narrow") as home:
-        values = [f'watchNamespaces=["{namespace}"]']
+        values = [f'watchNamespaces=["{namespace}"]', f'jobNamespaces=["{namespace}"]']
         apply_chart(admin, home, ["serviceaccount.yaml", "operator-rights.yaml"], values)
         yield home
 

@@ -6,12 +6,21 @@ from typing import Any
 import pytest
 import yaml
 
+from bagpipe.driver.__main__ import progress_of
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import unplanned_row
+<<<<<<< HEAD
 from bagpipe_operator.ending import ending_of
 from bagpipe_operator.progress import parse
 from tests.unit.operator.builders import START, make_driver
+=======
+from bagpipe.spec import JobFile
+from bagpipe_operator.job_config import job_file, read_spec
+from bagpipe_operator.progress import parse
+from bagpipe_operator.settings import Settings
+from tests.unit.operator.builders import make_job
+>>>>>>> part-walls
 
 CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
 
@@ -88,3 +97,18 @@ def test_the_beginning_and_a_refused_bag_are_understood() -> None:
     refused = parse(progress.termination_message())
     assert refused is not None
     assert (refused.reason, refused.cases.errored, len(refused.failures)) == ("BagCut", 1, 1)
+
+
+def test_a_driver_says_whose_it_is() -> None:
+    """Whoever has its address next says another name, or another attempt."""
+    job = make_job("x").view()
+    told = job_file(job, read_spec(job), 2, Settings())
+    understood = parse(progress_of(JobFile.model_validate(told)).termination_message())
+    assert understood is not None
+    assert (understood.uid, understood.attempt) == (job.uid, 2)
+    for whose, believed in [
+        ((job.uid, 2), True),
+        ((job.uid, 1), False),
+        (("uid-of-y", 2), False),
+    ]:
+        assert understood.is_of(*whose) is believed

@@ -122,7 +122,7 @@ def test_the_operator_may_do_what_it_does_and_no_more() -> None:
 
 
 def test_named_namespaces_need_no_cluster_wide_right() -> None:
-    objects = rendered('watchNamespaces=["lanes","maps"]')
+    objects = rendered('watchNamespaces=["lanes","maps"]', 'jobNamespaces=["lanes"]')
     assert of_kind(objects, "ClusterRole") == of_kind(objects, "ClusterRoleBinding") == []
     (account,) = {o["metadata"]["name"] for o in of_kind(objects, "Deployment")}
     roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"].endswith(account)]
@@ -239,6 +239,7 @@ REFUSED = {
     "no workers": ("operator.workers=0", "minimum"),
     "a short lease": ("operator.leaseSeconds=2", "minimum"),
     "jobs beside the operator": ('jobNamespaces=["bagpipe-system"]', "in a namespace of its own"),
+    "jobs that nobody watches": ('watchNamespaces=["lanes"]', "jobNamespaces names default"),
 }
 
 
@@ -248,6 +249,12 @@ def test_wrong_values_are_refused(case: str) -> None:
     answer = template(value)
     assert answer.returncode != 0
     assert sentence in answer.stderr or sentence.replace("Minimum", " minimum") in answer.stderr
+
+
+def test_a_watching_release_may_leave_accounts_to_others() -> None:
+    objects = rendered('watchNamespaces=["lanes"]', "jobNamespaces=[]")
+    accounts = [o["metadata"]["name"] for o in of_kind(objects, "ServiceAccount")]
+    assert accounts == ["bagpipe-operator"]
 
 
 def test_every_value_is_commented_and_has_a_schema() -> None:

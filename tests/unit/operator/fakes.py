@@ -115,7 +115,7 @@ class FakeDrivers:
     silent: float = 0.0
     forgotten: list[str] = field(default_factory=list)
 
-    async def read(self, uid: str, ip: str) -> Progress | None:
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
         return parse(self.says) if self.says is not None else None
 
     def silent_seconds(self, uid: str) -> float:

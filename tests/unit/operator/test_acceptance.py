@@ -36,6 +36,7 @@ class FakeRelease(acceptance.ReleaseApi):
             raise error
 
 
+KINDS = ["SimulationJob", "SimulationSchedule"]
 GOOD, BAD = "pvc://results/helm-test", "pvc://recordings/drive.bag"
 RULE = ApiError(422, "Invalid", "output.uri is equal to a bag")
 
@@ -44,7 +45,7 @@ async def faults(
     kinds: list[str] | None = None, deployment: Json = READY, **refusals: ApiError
 ) -> list[str]:
     by_uri = {GOOD if key == "good" else BAD: error for key, error in refusals.items()}
-    served = ["SimulationJob"] if kinds is None else kinds
+    served = KINDS if kinds is None else kinds
     release = FakeRelease(served, deployment, by_uri)
     return await acceptance.faults(release, "bagpipe-system", "bagpipe-operator", "lanes")
 
@@ -53,9 +54,13 @@ async def test_a_fit_release() -> None:
     assert await faults(bad=RULE) == []
 
 
-async def test_without_the_crd() -> None:
-    (fault,) = await faults(kinds=[])
-    assert fault == "sim.bagpipe.io/v1alpha1 is not served: is the CRD installed?"
+@pytest.mark.parametrize("missing", [KINDS, KINDS[:1], KINDS[1:]])
+async def test_without_a_crd(missing: list[str]) -> None:
+    """The operator watches both: without one of them it never becomes ready."""
+    assert await faults(kinds=[kind for kind in KINDS if kind not in missing], bad=RULE) == [
+        f"{kind}s of sim.bagpipe.io/v1alpha1 are not served: is their CRD installed?"
+        for kind in missing
+    ]
 
 
 def counts(replicas: int, updated: int, ready: int, seen: int = 2) -> Json:

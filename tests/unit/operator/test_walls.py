@@ -2,7 +2,7 @@
 
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.view import PodView
-from tests.unit.operator.builders import account, make_driver, make_job
+from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 from tests.unit.operator.world import UID, World
 
 
@@ -39,6 +39,27 @@ async def test_a_forged_driver_of_another_namespace_ends_no_job() -> None:
     assert "delete x-1-driver" not in world.api.calls
 
 
+async def test_a_pod_of_another_namespace_tells_no_job_why_it_ended() -> None:
+    """Nor does its end count: the last pods that went are asked why executors do."""
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    world.drivers.says = account()
+    killed = make_executor("x").ended(137, reason="OOMKilled")
+    killed.with_container(
+        "spark",
+        {"terminated": {"exitCode": 137, "reason": "OOMKilled", "finishedAt": START.isoformat()}},
+    )
+    forged = killed.object()
+    forged["metadata"] |= {"namespace": "attackers", "uid": "uid-of-forged"}
+    for pod in (PodView.from_object(forged), killed.view()):
+        world.view.put_pod(pod)
+        world.view.drop_pod(pod)
+        await world.reconcile(after=2)
+        foreign = pod.namespace == "attackers"
+        assert ("ExecutorOutOfMemory" in world.reason("Running")) is not foreign
+
+
 async def test_a_prepared_config_is_not_taken_for_ours() -> None:
     """Who may create ConfigMaps, but no pods, knows the name and the UID of the next attempt's."""
     for forged in ({"executor.yaml": "spec: {hostPID: true}"}, None):
@@ -55,6 +76,18 @@ async def test_a_prepared_config_is_not_taken_for_ours() -> None:
         await again.reconcile()
         assert again.reason("Accepted") == "False/NameTaken"
         assert again.api.named("pods") == []
+
+
+async def test_a_config_that_was_exchanged_while_there_was_no_room_is_not_ours() -> None:
+    """A quota may refuse the driver for hours after its ConfigMap was made."""
+    world = World()
+    world.api.fail("create pods", ApiError(403, "Forbidden", "exceeded quota: pods"))
+    await world.reconcile()
+    config = world.api.objects["configmaps", "x-1"]
+    config["data"] = config["data"] | {"executor.yaml": "spec: {hostPID: true}"}
+    await world.reconcile(after=4)
+    assert world.reason("Accepted") == "False/NameTaken"
+    assert world.api.named("pods") == []
 
 
 async def test_a_config_that_a_former_run_made_is_taken_over() -> None:

@@ -46,8 +46,11 @@ class Cron:
     zone: ZoneInfo
 
     @classmethod
-    def parse(cls, schedule: str, time_zone: str) -> "Cron":
-        """Reads spec.schedule and spec.timeZone; raises UnusableScheduleError."""
+    def parse(cls, schedule: str, time_zone: str, zone: ZoneInfo | None) -> "Cron":
+        """Reads spec.schedule and spec.timeZone, whose zone is `zone`, or None for no zone's name.
+
+        Raises UnusableScheduleError.
+        """
         expression = MACROS.get(schedule.strip().lower(), schedule.strip())
         try:
             if len(expression.split()) != FIELDS:
@@ -59,7 +62,13 @@ class Cron:
                 f"spec.schedule {schedule!r} is no cron expression: {error}. Write minute, hour, "
                 'day of month, month and day of week, for example "30 2 * * MON-FRI".',
             ) from None
-        return cls(expression, _zone(time_zone))
+        if zone is None:
+            raise UnusableScheduleError(
+                reasons.UNKNOWN_TIME_ZONE,
+                f"spec.timeZone {time_zone!r} is no zone of the IANA time zone database: write for "
+                "example Europe/Berlin or Etc/UTC.",
+            )
+        return cls(expression, zone)
 
     def next_run(self, after: datetime) -> datetime | None:
         """The first run later than a moment, in UTC; None when there is none in 50 years."""
@@ -97,15 +106,12 @@ class Cron:
         return count
 
 
-def _zone(name: str) -> ZoneInfo:
+def read_zone(name: str) -> ZoneInfo | None:
+    """The zone of that name, which is read from a file; None where there is none."""
+    # Lower-case names are of files that lie beside the zones, such as right/ and localtime.
+    if not name[:1].isupper():
+        return None
     try:
-        # Lower-case names are of files that lie beside the zones, such as right/ and localtime.
-        if not name[:1].isupper():
-            raise ZoneInfoNotFoundError(name)
         return ZoneInfo(name)
     except (ZoneInfoNotFoundError, ValueError, OSError):
-        raise UnusableScheduleError(
-            reasons.UNKNOWN_TIME_ZONE,
-            f"spec.timeZone {name!r} is no zone of the IANA time zone database: write for example "
-            "Europe/Berlin or Etc/UTC.",
-        ) from None
+        return None

@@ -8,6 +8,7 @@ runs that were missed at most the latest is made up for, and only within startin
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from enum import Enum
+from zoneinfo import ZoneInfo
 
 from bagpipe_operator import reasons
 from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
@@ -46,8 +47,15 @@ class Decision:
     wake: datetime | None = None  # None: only a change of the schedule or its jobs matters
 
 
-def decide(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...], now: datetime) -> Decision:
-    """The decision for a schedule and its jobs, the earliest first."""
+def time_zone_of(schedule: ScheduleView) -> str:
+    """The name of the zone whose clock the runs go by."""
+    return str(schedule.spec.get("timeZone") or DEFAULT_TIME_ZONE)
+
+
+def decide(
+    schedule: ScheduleView, jobs: tuple[ScheduledJob, ...], now: datetime, zone: ZoneInfo | None
+) -> Decision:
+    """The decision for a schedule, in its zone, and its jobs, the earliest first."""
     last_run = _last_run(schedule, jobs, now)
     seen = Decision(
         Verdict.NOTHING_DUE,
@@ -57,10 +65,8 @@ def decide(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...], now: datetime
         unwritten=last_run is not None and last_run != _written(schedule),
     )
     try:
-        cron = Cron.parse(
-            str(schedule.spec.get("schedule") or ""),
-            str(schedule.spec.get("timeZone") or DEFAULT_TIME_ZONE),
-        )
+        expression = str(schedule.spec.get("schedule") or "")
+        cron = Cron.parse(expression, time_zone_of(schedule), zone)
         next_run = _some_run(cron, now)
     except UnusableScheduleError as error:
         return replace(seen, unusable=error)

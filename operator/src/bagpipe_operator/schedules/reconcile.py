@@ -14,11 +14,12 @@ from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
-from bagpipe_operator.schedules.decide import Decision, Verdict, decide
+from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
 from bagpipe_operator.schedules.job import job_manifest, name_taken, refusal_of
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
+from bagpipe_operator.schedules.zones import Zones
 from bagpipe_operator.view import Json
 
 logger = logging.getLogger(__name__)
@@ -57,6 +58,11 @@ class ScheduleReconciler:
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
     _listed: dict[str, datetime] = field(default_factory=dict)
+    _zones: Zones = field(default_factory=Zones)
+    _teller: events.Teller = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._teller = events.Teller(self.api)
 
     async def reconcile(self, uid: str) -> None:
         """Brings one schedule forward; raises ApiError when it should be tried again."""
@@ -64,33 +70,38 @@ class ScheduleReconciler:
         if schedule is None or schedule.deleting:
             self.alarms.set(uid, None)
             self._listed.pop(uid, None)  # its jobs go by their ownerReferences
+            self._teller.forget(uid)
             return
         now = self.now()
         self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
         if uid not in self._listed:
             # A new operator's watch may not have brought the jobs yet.
             await self._list(schedule)
-        decision = decide(schedule, self.view.jobs(uid), now)
+        decision = await self._decided(schedule, now)
         if decision.verdict is Verdict.WAIT and now >= self._listed[uid] + LIST_EVERY:
             await self._list(schedule)
-            decision = decide(schedule, self.view.jobs(uid), now)
+            decision = await self._decided(schedule, now)
         if decision.verdict is Verdict.START:
             schedule = await self._refreshed(schedule)
             if schedule is None:
                 return
-            decision = decide(schedule, self.view.jobs(uid), now)
+            decision = await self._decided(schedule, now)
         outcome = await self._carried_out(schedule, decision)
         await self._write(schedule, outcome, now)
         for job in decision.surplus:
             await self._delete(job)
+        again = await self._teller.tell(schedule, now)
         if outcome.refused is not None:
             # The queue's growing pauses apply until the run is started, or the next one is due.
             raise ApiError(422, outcome.refused.reason, outcome.refused.message)
-        wake = decision.wake
+        moments = [decision.wake, again]
         if decision.verdict is Verdict.WAIT:
-            again = self._listed[uid] + LIST_EVERY
-            wake = again if wake is None else min(wake, again)
-        self.alarms.set(uid, wake)
+            moments.append(self._listed[uid] + LIST_EVERY)
+        self.alarms.set(uid, min((at for at in moments if at is not None), default=None))
+
+    async def _decided(self, schedule: ScheduleView, now: datetime) -> Decision:
+        zone = await self._zones.read(time_zone_of(schedule))
+        return decide(schedule, self.view.jobs(schedule.uid), now, zone)
 
     async def _refreshed(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule and its jobs as the API server has them: a lagging watch starts nothing."""
@@ -155,7 +166,7 @@ class ScheduleReconciler:
         self.view.drop_job(job)
 
     async def _write(self, schedule: ScheduleView, outcome: Outcome, now: datetime) -> None:
-        """Writes what changed, then tells it."""
+        """Writes what changed, and keeps what is to be told of it."""
         status = status_of(schedule, outcome, now)
         old = schedule.status
         changed = {key: value for key, value in status.items() if old.get(key) != value}
@@ -174,5 +185,4 @@ class ScheduleReconciler:
             raise
         current = ScheduleView.from_object(written)
         self.view.put_schedule(current)
-        told = notes_of(schedule, outcome, now)
-        await events.tell(self.api, current, told, now)
+        self._teller.add(current, notes_of(schedule, outcome, now))

@@ -76,8 +76,15 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Told
         )  # fmt: skip
         begun = condition.type == ON_TIME and (outcome.started or _unwritten(outcome.decision))
         if begun or (not same and _is_told(condition, known)):
-            notes.append(Told(_worth(condition), condition.reason, condition.message))
+            mark = f"{condition.type} {status} {_moment(condition, outcome.decision, now)}"
+            notes.append(Told(_worth(condition), condition.reason, condition.message, mark))
     return notes
+
+
+def _moment(condition: Condition, decision: Decision, now: datetime) -> str:
+    """What a transition is told once of: a run, or a moment in the schedule's own life."""
+    run = decision.run or decision.last_run
+    return conditions.timestamp(run if condition.type == ON_TIME and run is not None else now)
 
 
 def _worth(condition: Condition) -> str:

@@ -8,7 +8,8 @@ import pytest
 import yaml
 
 from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator.schedules.decide import decide
+from bagpipe_operator.schedules.cron import read_zone
+from bagpipe_operator.schedules.decide import decide, time_zone_of
 from bagpipe_operator.schedules.job import job_manifest
 from bagpipe_operator.schedules.view import ScheduleView
 from bagpipe_operator.view import Json
@@ -37,7 +38,8 @@ def test_a_documented_schedule_makes_a_valid_job(read: object) -> None:
     assert len(manifest["metadata"]["name"]) <= 31
     manifest["metadata"] = make_schedule()["metadata"] | manifest["metadata"]
     schedule = ScheduleView.from_object(manifest)
-    decision = decide(schedule, (), datetime(2026, 11, 20, 4, 0, 40, tzinfo=UTC))
+    zone = read_zone(time_zone_of(schedule))
+    decision = decide(schedule, (), datetime(2026, 11, 20, 4, 0, 40, tzinfo=UTC), zone)
     assert decision.next_run is not None
     assert decision.next_run.strftime("%H:%M") == "01:30"
     job = job_manifest(schedule, decision.next_run)

@@ -85,6 +85,7 @@ class FakeApi:
     told: list[Json] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
     faults: dict[str, list[ApiError]] = field(default_factory=dict)
+    lost: dict[str, bool] = field(default_factory=dict)  # answers that don't arrive
     version: int = 100
 
     def fail(self, call: str, *errors: ApiError) -> None:
@@ -92,7 +93,11 @@ class FakeApi:
 
     async def create(self, resource: str, manifest: Json) -> Json:
         self._called("event")
+        if any(event["metadata"] == manifest["metadata"] for event in self.told):
+            raise ApiError(409, "AlreadyExists", "it already exists")
         self.told.append(manifest)
+        if self.lost.pop("event", None):
+            raise ApiError(0, "Unreachable", "no answer")
         return manifest
 
     async def create_job(self, manifest: Json) -> Json:

@@ -75,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("py4j").setLevel(logging.WARNING)
     job = JobFile.model_validate_json(options.job.read_bytes())
-    progress = Progress(results_uri(job), slots=job.spec.spark.executors * job.spec.spark.slots)
+    progress = progress_of(job)
     metrics = DriverMetrics(progress, job)
     server = serve_progress(progress, metrics.registry, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
     interruption = Interruption()
@@ -89,6 +89,12 @@ def main(arguments: list[str] | None = None) -> int:
             _TERMINATION_LOG.write_text(message)
         server.shutdown()
     return 0 if complete else 1
+
+
+def progress_of(job: JobFile) -> Progress:
+    """The account of one driver, which says whose it is: its address may be another's next."""
+    slots = job.spec.spark.executors * job.spec.spark.slots
+    return Progress(results_uri(job), slots=slots, uid=job.uid, attempt=job.attempt)
 
 
 def ended(progress: Progress, work: Callable[[], bool]) -> bool:

@@ -29,6 +29,8 @@ class Progress:
     message: str = "reading the bags' indexes"
     warning: str = ""
     slots: int = 1
+    uid: str = ""
+    attempt: int = 0
     planned: int = 0
     running: int = 0
     verdict: str = ""
@@ -137,6 +139,8 @@ class Progress:
         with self._lock:
             counts = {outcome: self._outcomes[outcome] for outcome in (*OUTCOMES, "retried")}
             return {
+                "uid": self.uid,
+                "attempt": self.attempt,
                 "phase": self.phase,
                 "reason": self.reason,
                 "message": self.message,

@@ -1,0 +1,58 @@
+"""What the API server has refused to create, and when it is asked again.
+
+A refusal is an answer, so the queue's growing pauses do not apply to it; and a quota that is used
+up refuses all jobs of a namespace for as long as others run. All of them together ask
+MOST_LOOKS_PER_SECOND times a second, like those that Lookout looks into.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bagpipe_operator.children import Refusal
+from bagpipe_operator.lookout import seconds_between
+from bagpipe_operator.view import JobView
+
+
+@dataclass(frozen=True)
+class _Held:
+    what: tuple[int, int]  # another attempt, or a job that was edited, is another question
+    since: float
+    asked_at: float
+    refusal: Refusal
+
+
+@dataclass
+class Refusals:
+    """The last refusal of each job that has no driver for it."""
+
+    stuck_seconds: float
+    monotonic: Callable[[], float]
+    _held: dict[str, _Held] = field(default_factory=dict)
+
+    def standing(self, job: JobView, attempt: int) -> Refusal | None:
+        """The last refusal as long as it is not to be asked again.
+
+        Before a lasting one ends its job it is asked once more: it may have been mended meanwhile.
+        """
+        held = self._held.get(job.uid)
+        if held is None or held.what != (attempt, job.generation):
+            return None
+        now = self.monotonic()
+        if held.refusal.lasting and now - held.since >= self.stuck_seconds:
+            return None
+        return held.refusal if now - held.asked_at < seconds_between(len(self._held)) else None
+
+    def asked(self, uid: str) -> bool:
+        """Whether the job was refused before, so that its ConfigMap may be there."""
+        return uid in self._held
+
+    def keep(self, job: JobView, attempt: int, refusal: Refusal) -> None:
+        """The API server has just said no."""
+        now, what = self.monotonic(), (attempt, job.generation)
+        held = self._held.get(job.uid)
+        since = held.since if held is not None and held.what == what else now
+        self._held[job.uid] = _Held(what, since, now, refusal)
+
+    def forget(self, uid: str) -> None:
+        """The job has a driver, or needs none any more."""
+        self._held.pop(uid, None)

@@ -1,0 +1,58 @@
+"""Each Event of a schedule is written once, whatever the API server answers, and delays no run."""
+
+from datetime import timedelta
+
+import pytest
+
+from bagpipe_operator.api import ApiError
+from tests.unit.operator.schedules.world import World, minute, name_of
+
+
+@pytest.mark.parametrize("status", [0, 429, 500, 503])
+async def test_an_event_that_is_not_taken_is_told_later_and_holds_no_run_up(status: int) -> None:
+    world = World()
+    world.api.fail("event", *[ApiError(status, "", "not now")] * 3)
+    await world.at(1)
+    assert (world.names, world.told()) == ([name_of(1)], [])
+    world.clock = minute(1) + timedelta(seconds=1)
+    assert world.alarms.ring() == 1
+    await world.at(1, 1)
+    await world.at(2)
+    assert (world.names, world.told()) == ([name_of(1), name_of(2)], [])
+    await world.at(2, 30)
+    assert world.told() == ["Normal/JobStarted"] * 2
+    messages = [event["message"] for event in world.api.told]
+    assert messages == sorted(messages)
+    world.clock = minute(3) - timedelta(seconds=1)
+    assert world.alarms.ring() == 0
+
+
+async def test_an_event_whose_answer_was_lost_is_not_told_twice() -> None:
+    world = World()
+    world.api.lost["event"] = True
+    await world.at(1)
+    await world.at(1, 30)
+    await world.at(2)
+    assert world.told() == ["Normal/JobStarted"] * 2
+    assert world.api.calls.count("event") == 3
+
+
+async def test_an_event_that_is_refused_is_let_go() -> None:
+    world = World()
+    world.api.fail("event", ApiError(403, "Forbidden", "no"))
+    await world.at(1)
+    await world.at(1, 30)
+    assert world.told() == []
+    assert world.api.calls.count("event") == 1
+
+
+async def test_each_suspension_has_an_event_of_its_own() -> None:
+    world = World(schedule="0 * * * *")
+    for number, suspend in enumerate([False, True, False, True]):
+        world.change(suspend=suspend)
+        await world.at(5, number)
+    assert world.told() == [
+        "Normal/SuspendedBySpec",
+        "Normal/NotSuspended",
+        "Normal/SuspendedBySpec",
+    ]

@@ -1,0 +1,77 @@
+"""How often the API server is asked for what it has refused, and what is told meanwhile."""
+
+from collections import Counter
+
+import pytest
+
+from bagpipe_operator.api import ApiError
+from tests.unit.operator.builders import make_job
+from tests.unit.operator.test_reconcile import MISSING_ACCOUNT
+from tests.unit.operator.world import UID, World
+
+FULL = ApiError(403, "Forbidden", "exceeded quota: pods, requested: pods=1, used: pods=5")
+
+
+def with_jobs(world: World, count: int) -> list[str]:
+    """Their UIDs."""
+    for number in range(count):
+        job = make_job(f"job-{number}")
+        world.api.put("jobs", job.object)
+        world.view.put_job(job.view())
+    return [f"uid-of-job-{number}" for number in range(count)]
+
+
+@pytest.mark.parametrize(("jobs", "attempts"), [(1, 15), (500, 1000)])
+async def test_refused_jobs_do_not_flood_the_api_server(jobs: int, attempts: int) -> None:
+    """60 seconds of visits: one job is tried every 4 s, and 500 together ten times a second."""
+    world = World()
+    uids = with_jobs(world, jobs)
+    world.api.fail("create pods", *[FULL] * (30 * jobs))
+    for _ in range(30):
+        for uid in uids:
+            await world.reconciler.reconcile(uid)
+        world.clock.advance(2)
+    assert Counter(world.api.calls) == {
+        "try pods": attempts,
+        "create configmaps": jobs,
+        "get configmaps": attempts - jobs,
+        "create pods": attempts,
+        "patch status": jobs,
+        "create events": jobs,
+    }
+    assert Counter(world.api.event_reasons()) == {"QuotaExceeded": jobs}
+
+
+async def test_a_job_that_is_edited_is_tried_at_once() -> None:
+    world = World()
+    world.api.fail("create pods", FULL)
+    await world.reconcile()
+    edited = world.api.objects["jobs", "x"]
+    edited["metadata"]["generation"] = 2
+    world.api.put("jobs", edited)
+    world.deliver_job()
+    await world.reconcile(after=0.1)
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
+async def test_what_was_mended_in_time_does_not_end_the_job() -> None:
+    """However seldom each of many jobs is tried, none ends by what it was told long ago."""
+    world = World()
+    uids = with_jobs(world, 400)
+    world.api.fail("create pods", *[MISSING_ACCOUNT] * 401)
+    for uid in [UID, *uids]:
+        await world.reconciler.reconcile(uid)
+    await world.reconcile(after=29)
+    assert world.reason("Accepted") == "False/ServiceAccountMissing"
+    await world.reconcile(after=1)
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
+async def test_a_config_that_went_while_there_was_no_room_is_made_again() -> None:
+    world = World()
+    world.api.fail("create pods", FULL)
+    await world.reconcile()
+    del world.api.objects["configmaps", "x-1"]
+    await world.reconcile(after=4)
+    assert world.api.named("configmaps") == ["x-1"]
+    assert world.reason("Accepted") == "True/DriverCreated"
