@@ -20,12 +20,8 @@ from tests.integration.control_plane.conftest import Installation, StartOperator
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs, statuses
-<<<<<<< HEAD
-from tests.integration.storage.servers import PATIENCE, wait_until
-=======
 from tests.integration.control_plane.test_schedules import a_schedule, schedules
-from tests.integration.storage.servers import wait_until
->>>>>>> part-walls
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import Clock, account
 from tests.unit.operator.fakes import FakeDrivers
 
@@ -43,19 +39,15 @@ def test_nothing_blocks_the_loop(
     operator.server.command[-1:] = [sys.executable, str(WATCHED)]
     operator.start()
     create_jobs(admin, namespace, ["a"])
-<<<<<<< HEAD
-    await_phase(admin, namespace, "Pending", 1)
-=======
     yearly = a_schedule(schedule="0 0 1 1 *", timeZone="Europe/Berlin")
     admin.create(schedules(namespace), yearly)
-    await_phase(admin, namespace, "Pending", 1, 15)
+    await_phase(admin, namespace, "Pending", 1)
     path = schedules(namespace, "nightly")
     wait_until(
         lambda: admin.get(path).get("status", {}).get("nextScheduleTime", "").endswith("23:00:00Z"),
-        15,
+        PATIENCE,
         "the schedule's next run is not told",
     )
->>>>>>> part-walls
     with fake_driver(account()) as driver:
         kubelet.run(namespace, "a-1-driver", ip=driver.ip)
         await_phase(admin, namespace, "Running", 1)

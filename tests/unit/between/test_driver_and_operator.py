@@ -10,17 +10,12 @@ from bagpipe.driver.__main__ import progress_of
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import unplanned_row
-<<<<<<< HEAD
-from bagpipe_operator.ending import ending_of
-from bagpipe_operator.progress import parse
-from tests.unit.operator.builders import START, make_driver
-=======
 from bagpipe.spec import JobFile
+from bagpipe_operator.ending import ending_of
 from bagpipe_operator.job_config import job_file, read_spec
 from bagpipe_operator.progress import parse
 from bagpipe_operator.settings import Settings
-from tests.unit.operator.builders import make_job
->>>>>>> part-walls
+from tests.unit.operator.builders import START, make_driver, make_job
 
 CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
 

@@ -130,14 +130,9 @@ async def test_a_driver_that_does_not_answer_in_time_is_silent() -> None:
 
     async with driver(handler, 0.3) as reader:
         started = asyncio.get_running_loop().time()
-<<<<<<< HEAD
-        assert await reader.read("uid", "127.0.0.1") is None
+        assert await reader.read("uid", "127.0.0.1", WHOSE) is None
         given_up.set()
         assert asyncio.get_running_loop().time() - started > 0.2
-=======
-        assert await reader.read("uid", "127.0.0.1", WHOSE) is None
-        assert 0.2 < asyncio.get_running_loop().time() - started < 0.9
->>>>>>> part-walls
         assert reader.silent_seconds("uid") >= 0.2
         reader.forget("uid")
         assert reader.silent_seconds("uid") == 0.0
