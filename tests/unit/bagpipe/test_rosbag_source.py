@@ -69,6 +69,7 @@ def test_planning_reads_no_payload(tmp_path: Path, asked: Asked) -> None:
     fragments = plan(options(bag, fragment=10), Storage({}))
     assert len(fragments) == 10
     ranges = list(asked.ranges)
+    assert (len(asked.stats), len(ranges)) == (2, 3)
     size = bag.stat().st_size
     tail = read_tail(lambda at, n: Storage({}).read(f"file://{bag}", at, n), size)
     first, last = tail.chunks[0].offset, tail.chunks[-1].end
@@ -76,6 +77,23 @@ def test_planning_reads_no_payload(tmp_path: Path, asked: Asked) -> None:
     # The head is read 4 KiB and some bytes far, as the format pads it; chunks begin right behind.
     assert payload <= 64 + 13
     assert sum(end - begin for begin, end in ranges) < size / 4
+
+
+@pytest.mark.parametrize("topics", ["", "/t7,/t12"])
+def test_the_requests_of_planning_do_not_grow_with_the_topics(
+    tmp_path: Path, asked: Asked, monkeypatch: pytest.MonkeyPatch, topics: str
+) -> None:
+    # Neighbours share a request, as on remote storage.
+    monkeypatch.setattr(LocalBackend, "gap_bytes", 256 << 10)
+    recorded = [Recorded(f"/t{number % 20}", 1 + number, "x") for number in range(100)]
+    bag = write_bag(tmp_path / "a.bag", recorded)
+    (fragment,) = plan(options(bag, **({"topics": topics} if topics else {})), Storage({}))
+    assert sorted(kind.topic for kind in fragment.types.values()) == sorted(
+        topics.split(",") if topics else (f"/t{number}" for number in range(20))
+    )
+    assert all(kind.type == "std_msgs/String" for kind in fragment.types.values())
+    # Whether it is there, and its size and version; its head, its index, its connections.
+    assert (len(asked.stats), len(asked.ranges)) == (2, 3)
 
 
 def test_every_message_is_in_one_fragment(tmp_path: Path) -> None:

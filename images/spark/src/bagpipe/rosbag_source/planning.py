@@ -1,13 +1,14 @@
 """Partitions of `spark.read.format("rosbag")`, from the bags' heads and tails alone."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields, read_tail
 from bagpipe.plan.bag_tail import resolve as resolved
 from bagpipe.plan.fragments import Window, cut
 from bagpipe.storage import OpenFile, Storage, StorageError
+from bagpipe.storage.reading import REQUEST_BYTES
 
 DEFAULT_FRAGMENT_SECONDS = 60.0
 _NANOSECONDS = 1_000_000_000
@@ -132,14 +133,22 @@ def _tail(file: OpenFile) -> BagTail:
 
 
 def _types(options: Options, file: OpenFile, connections: list[Connection]) -> dict[int, TopicType]:
+    wanted = [one for one in connections if not options.topics or one.topic in options.topics]
     found = {}
-    for connection in connections:
-        if options.topics and connection.topic not in options.topics:
-            continue
-        record = file.read(connection.offset, connection.length)
+    for connection, record in zip(wanted, _records(file, wanted), strict=True):
         fields = connection_fields(record, connection.offset)
         text = fields.get("message_definition", b"").decode(errors="replace")
         md5sum = fields.get("md5sum", b"").decode(errors="replace")
         definition = text if options.decode else ""
         found[connection.id] = TopicType(connection.topic, connection.datatype, md5sum, definition)
     return found
+
+
+def _records(file: OpenFile, connections: list[Connection]) -> Iterator[bytes]:
+    """The connections' records; they lie side by side, so that one request brings them all."""
+    ranges = [(one.offset, one.length) for one in connections]
+    data = b"".join(file.pieces(ranges, REQUEST_BYTES))
+    at = 0
+    for _offset, length in ranges:
+        yield data[at : at + length]
+        at += length
