@@ -64,7 +64,7 @@ class Upload:
             self._send(None)
             self._thread.join(self._seconds())
             if self._thread.is_alive():
-                raise OSError("the upload did not end in time")
+                raise TransientError("the upload did not end in time")
             if self._error is not None:
                 raise self._error
         self._done = True
@@ -95,7 +95,7 @@ class Upload:
                 return self._parts.put(part, timeout=0.1)
             except queue.Full:
                 if time.monotonic() > deadline:
-                    raise OSError("the server took no part of the upload in time") from None
+                    raise TransientError("the server took no part of the upload in time") from None
 
     def _seconds(self) -> float:
         """The library gives up a part after this long."""
@@ -113,7 +113,8 @@ class Upload:
                     max_concurrency=_AT_ONCE,
                 )
         except TransientError as error:
-            self._error = OSError(f"{error}, also when asked again for {self._seconds():.0f} s")
+            seconds = f"{self._seconds():.0f} s"
+            self._error = TransientError(f"{error}, also when asked again for {seconds}")
         except OSError as error:
             self._error = error
         except BaseException as error:  # noqa: BLE001  a thread has nobody to raise to
