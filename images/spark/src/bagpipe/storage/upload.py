@@ -18,8 +18,9 @@ from bagpipe.storage.retries import Clock, Patience, persistently
 if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
-# S3 takes 10,000 parts of at least 5 MiB: an object has at most 80 GB.
-PART_BYTES = 8 << 20
+# S3 takes 10,000 parts of at least 5 MiB, and the library wants to know their size before it sends
+# the first: an object has at most 83.8 GB. Larger parts would take more memory in every worker.
+PART_BYTES, MOST_PARTS = 8 << 20, 10_000
 # One part is sent while the next fills up: with one that waits, and one that the library
 # collects, at most 32 MiB. Recordings grow more slowly than a part takes.
 _AT_ONCE = 1
@@ -45,6 +46,7 @@ class Upload:
         self._thread: threading.Thread | None = None
         self._error: OSError | None = None
         self._done = False
+        self._sent_parts = 0
 
     def write(self, data: bytes) -> None:
         """Append. Raises OSError, also for a part that was sent earlier."""
@@ -52,7 +54,7 @@ class Upload:
         while len(self._buffer) >= PART_BYTES:
             part = bytes(memoryview(self._buffer)[:PART_BYTES])
             del self._buffer[:PART_BYTES]
-            self._send(part)
+            self._send_part(part)
 
     def commit(self) -> None:
         """Send what is left and complete the object. Raises OSError."""
@@ -60,7 +62,7 @@ class Upload:
             persistently(self._put, self._patience, Clock())
         else:
             if self._buffer:
-                self._send(bytes(self._buffer))
+                self._send_part(bytes(self._buffer))
             self._send(None)
             self._thread.join(self._seconds())
             if self._thread.is_alive():
@@ -82,6 +84,15 @@ class Upload:
     def _put(self) -> None:
         with asked():
             obstore.put(self._store, self._path, bytes(self._buffer), use_multipart=False)
+
+    def _send_part(self, part: bytes) -> None:
+        if self._sent_parts == MOST_PARTS:
+            raise OSError(
+                f"an object has at most {MOST_PARTS * PART_BYTES:,} bytes ({MOST_PARTS:,} parts):"
+                " write smaller files, or to a volume or HDFS, which have no such bound"
+            )
+        self._send(part)
+        self._sent_parts += 1
 
     def _send(self, part: bytes | bool | None) -> None:
         if self._thread is None:
