@@ -119,6 +119,23 @@ def test_collect_refuses_a_gigabyte_and_the_driver_lives(
     assert context.parallelize([1, 2], 2).sum() == 3
 
 
+def test_collect_refuses_a_record_that_the_heap_can_not_carry_and_the_driver_lives(
+    context: SparkContext, files: Path
+) -> None:
+    code = IDENTITY + "binpipe.write(bytes(300 << 20))"
+    piped = bagpipe.bin_piped(
+        context,
+        f"{files}/0000.bin",
+        command=python("-c", code),
+        max_record_bytes=400 << 20,
+    )
+    with pytest.raises(bagpipe.CollectTooLargeError, match="save_as_binary_files") as refused:
+        piped.collect(max_bytes=1 << 30)
+    assert refused.value.actual > 300 << 20
+    assert refused.value.limit <= HEAP_BYTES / 16
+    assert context.parallelize([1, 2], 2).sum() == 3
+
+
 def test_collect_brings_what_the_heap_can_carry(context: SparkContext, files: Path) -> None:
     code = IDENTITY + "[binpipe.write(bytes(20 << 20)) for _ in range(6)]"
     piped = bagpipe.bin_piped(

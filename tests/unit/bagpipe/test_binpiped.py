@@ -156,12 +156,15 @@ def test_an_iteration_that_ends_early_leaves_no_process_behind(tmp_path: Path) -
     await_(lambda: not alive(int(mark.read_text())))
 
 
-def test_storage_that_fails_in_a_record_ends_the_program(tmp_path: Path) -> None:
-    (tmp_path / "a").write_bytes(bytes(10))
+@pytest.mark.parametrize(("planned", "replaced"), [(10, 5), (10, 25), (0, 25)])
+def test_storage_that_fails_in_a_record_ends_the_program(
+    tmp_path: Path, planned: int, replaced: int
+) -> None:
+    (tmp_path / "a").write_bytes(b"A" * planned)
     (descriptor,) = whole_files(Storage({}), [str(tmp_path / "a")])
-    (tmp_path / "a").write_bytes(bytes(5))
+    (tmp_path / "a").write_bytes(b"B" * replaced)
     settings = PartitionRun(python(EACH + "binpipe.write(r.read())"), DEADLINES, Storage({}))
-    with pytest.raises(StorageError, match="the file changed"):
+    with pytest.raises(StorageError, match="is no longer the file that was planned"):
         list(settings.records([descriptor]))
 
 
@@ -276,6 +279,14 @@ def test_a_bag_becomes_fragments_that_are_bags(tmp_path: Path) -> None:
         assert len(data) == opened.size
         assert data.startswith(MAGIC)
         assert opened.fields["end"] - opened.fields["start"] > 7_000_000_000  # type: ignore[operator]
+
+
+def test_a_bag_that_was_replaced_since_it_was_planned_is_no_record(tmp_path: Path) -> None:
+    planned = write_bag(tmp_path / "a.bag", [Recorded("/a", 1, "x")])
+    (descriptor,) = bag_fragments(Storage({}), [str(planned)], 10, ["/a"])
+    write_bag(tmp_path / "b.bag", [Recorded("/a", 1, "y" * 1000)]).replace(planned)
+    with pytest.raises(StorageError, match="is no longer the file that was planned"):
+        list(descriptor.open(Storage({})).pieces())
 
 
 def test_files_are_found_by_glob_and_by_path(tmp_path: Path) -> None:

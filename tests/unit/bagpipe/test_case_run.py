@@ -16,8 +16,11 @@ from bagpipe.run.attempts import Again, next_attempt, quarantine_attempt
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.judge import DeliveryIncompleteError, judge
-from bagpipe.storage import NewFile, Storage
+from bagpipe.storage import NewFile, Patience, Storage
+from bagpipe.storage.backend import TransientError
 from bagpipe.storage.faults import told
+from bagpipe.storage.local import LocalSink
+from bagpipe.storage.retries import Clock, persistently
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import (
     RESULT,
@@ -174,6 +177,46 @@ def test_a_bag_that_vanished_is_a_storage_error(context: RunContext, run: Run) -
     assert "pvc://recordings/a.bag can't be read" in row["message"]
 
 
+@pytest.mark.parametrize("asked_again", [False, True])
+def test_storage_that_did_not_answer_may_answer_the_next_try(
+    run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch, asked_again: bool
+) -> None:
+    real = LocalSink.commit
+    lost = [TransientError("HDFS did not answer in 30 s")]
+
+    def commit(sink: LocalSink) -> None:
+        if not lost:
+            return real(sink)
+        if asked_again:
+            persistently(_raised(lost.pop()), Patience(tries=1), Clock())
+        raise lost.pop()
+
+    monkeypatch.setattr(LocalSink, "commit", commit)
+    row, _ = run(well_behaved(b"first"), well_behaved(b"second"))
+    assert (row["outcome"], row["discarded"]) == ("passed", ["StorageFailed"])
+    assert len(kept(context)) == 1
+
+
+def _raised(error: OSError) -> Callable[[], None]:
+    def ask() -> None:
+        raise error
+
+    return ask
+
+
+def test_storage_that_never_answers_has_three_tries(
+    context: RunContext, case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unanswered(*_: object) -> Row:
+        with told("hdfs://namenode/a.bag", "written"):
+            raise TransientError("the connection to HDFS broke or was refused")
+
+    monkeypatch.setattr(case_run, "_played", unanswered)
+    row = run_case(case, context)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StorageFailed", 3)
+    assert "hdfs://namenode/a.bag can't be written" in row["message"]
+
+
 def test_nothing_played_or_recorded_is_invalid_and_never_passed() -> None:
     silent = copy.deepcopy(RESULT)
     silent["recorded"]["messages"] = 0
@@ -256,6 +299,15 @@ def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
 def test_only_what_may_pass_is_tried_again(reason: str, mode: str, attempts: int) -> None:
     tries = [next_attempt(reason, [reason] * before, mode) for before in range(attempts)]
     assert tries == [Again()] * (attempts - 1) + [None]
+
+
+@pytest.mark.parametrize(("limit", "attempts"), [(None, 3), (0, 1), (4, 5)])
+def test_storage_that_may_answer_later_is_bounded_as_the_others_are(
+    limit: int | None, attempts: int
+) -> None:
+    reason = "StorageFailed"
+    tries = [next_attempt(reason, [reason] * n, "max", limit, True) for n in range(attempts)]
+    assert tries == [*[Again()] * (attempts - 1), None]
 
 
 def test_each_fault_has_an_allowance_of_its_own() -> None:

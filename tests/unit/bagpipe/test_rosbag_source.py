@@ -14,22 +14,41 @@ from bagpipe.rosbag_source import RosbagReader
 from bagpipe.rosbag_source.columns import Decoder
 from bagpipe.rosbag_source.messages import messages
 from bagpipe.rosbag_source.planning import OptionError, parse_options, plan, topic_type
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Stat, Storage, StorageError
+from bagpipe.storage.local import LocalBackend
 from tests.unit.bagpipe.bags import Recorded, write_bag
 
 SECOND = 1_000_000_000
 STORE = get_typestore(Stores.ROS1_NOETIC)
 
 
-@dataclasses.dataclass(frozen=True)
-class CountingStorage(Storage):
-    """Tells which bytes were read."""
+@dataclasses.dataclass
+class Asked:
+    """What was asked of the file system: looks at files, and the bytes from begin to end."""
 
+    stats: list[str] = dataclasses.field(default_factory=list)
     ranges: list[tuple[int, int]] = dataclasses.field(default_factory=list)
 
-    def read(self, uri: str, offset: int, length: int) -> bytes:
-        self.ranges.append((offset, offset + length))
-        return super().read(uri, offset, length)
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
+    """Every request of the test, as a remote storage would get it."""
+    found = Asked()
+    stat, read = LocalBackend.stat, LocalBackend.read
+
+    def counted_stat(backend: LocalBackend, path: str) -> Stat:
+        found.stats.append(path)
+        return stat(backend, path)
+
+    def counted_read(
+        backend: LocalBackend, path: str, offset: int, length: int, version: str
+    ) -> bytes:
+        found.ranges.append((offset, offset + length))
+        return read(backend, path, offset, length, version)
+
+    monkeypatch.setattr(LocalBackend, "stat", counted_stat)
+    monkeypatch.setattr(LocalBackend, "read", counted_read)
+    return found
 
 
 def chunked_bag(path: Path) -> Path:
@@ -45,18 +64,36 @@ def options(path: Path, **given: Any) -> Any:
     return parse_options({"path": f"file://{path}", **{k: str(v) for k, v in given.items()}})
 
 
-def test_planning_reads_no_payload(tmp_path: Path) -> None:
+def test_planning_reads_no_payload(tmp_path: Path, asked: Asked) -> None:
     bag = chunked_bag(tmp_path / "a.bag")
-    storage = CountingStorage({})
-    fragments = plan(options(bag, fragment=10), storage)
+    fragments = plan(options(bag, fragment=10), Storage({}))
     assert len(fragments) == 10
+    ranges = list(asked.ranges)
+    assert (len(asked.stats), len(ranges)) == (2, 3)
     size = bag.stat().st_size
     tail = read_tail(lambda at, n: Storage({}).read(f"file://{bag}", at, n), size)
     first, last = tail.chunks[0].offset, tail.chunks[-1].end
-    payload = sum(max(0, min(end, last) - max(begin, first)) for begin, end in storage.ranges)
+    payload = sum(max(0, min(end, last) - max(begin, first)) for begin, end in ranges)
     # The head is read 4 KiB and some bytes far, as the format pads it; chunks begin right behind.
     assert payload <= 64 + 13
-    assert sum(end - begin for begin, end in storage.ranges) < size / 4
+    assert sum(end - begin for begin, end in ranges) < size / 4
+
+
+@pytest.mark.parametrize("topics", ["", "/t7,/t12"])
+def test_the_requests_of_planning_do_not_grow_with_the_topics(
+    tmp_path: Path, asked: Asked, monkeypatch: pytest.MonkeyPatch, topics: str
+) -> None:
+    # Neighbours share a request, as on remote storage.
+    monkeypatch.setattr(LocalBackend, "gap_bytes", 256 << 10)
+    recorded = [Recorded(f"/t{number % 20}", 1 + number, "x") for number in range(100)]
+    bag = write_bag(tmp_path / "a.bag", recorded)
+    (fragment,) = plan(options(bag, **({"topics": topics} if topics else {})), Storage({}))
+    assert sorted(kind.topic for kind in fragment.types.values()) == sorted(
+        topics.split(",") if topics else (f"/t{number}" for number in range(20))
+    )
+    assert all(kind.type == "std_msgs/String" for kind in fragment.types.values())
+    # Whether it is there, and its size and version; its head, its index, its connections.
+    assert (len(asked.stats), len(asked.ranges)) == (2, 3)
 
 
 def test_every_message_is_in_one_fragment(tmp_path: Path) -> None:
@@ -104,13 +141,22 @@ def test_compressed_chunks_are_read(tmp_path: Path, compression: str) -> None:
 
 def test_a_damaged_chunk_is_named_with_its_byte(tmp_path: Path) -> None:
     bag = chunked_bag(tmp_path / "a.bag")
-    (fragment,) = plan(options(bag, fragment=1000), Storage({}))
-    offset = fragment.chunks[3][0]
+    offset = plan(options(bag, fragment=1000), Storage({}))[0].chunks[3][0]
     with bag.open("r+b") as file:
         file.seek(offset + 4)
         file.write(b"\xff" * 8)
+    (fragment,) = plan(options(bag, fragment=1000), Storage({}))
     with pytest.raises(StorageError, match=rf"a\.bag.*byte {offset}"):
         list(messages(fragment, Storage({})))
+
+
+def test_a_bag_that_was_replaced_since_it_was_planned_is_refused(tmp_path: Path) -> None:
+    bag = chunked_bag(tmp_path / "a.bag")
+    (fragment,) = plan(options(bag, fragment=1000), Storage({}))
+    other = write_bag(tmp_path / "b.bag", [Recorded("/a", 1, "y" * 1_000_000)])
+    other.replace(bag)
+    with pytest.raises(StorageError, match=r"a\.bag is no longer the file that was planned"):
+        next(messages(fragment, Storage({})))
 
 
 def test_options_are_refused_with_what_to_write(tmp_path: Path) -> None:

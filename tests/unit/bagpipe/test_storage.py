@@ -1,5 +1,6 @@
 """Storage on a real folder: globs, ranges, whole-or-nothing writes."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -44,6 +45,28 @@ def test_a_file_appears_only_when_it_is_whole(storage: Storage, tmp_path: Path) 
         file.write(b"whole")
     assert (tmp_path / "out/x/result").read_bytes() == b"whole"
     assert storage.names("pvc://claim/out/x") == ["result"]
+
+
+def test_a_file_is_on_the_volume_before_it_has_its_name(
+    storage: Storage, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls: list[str] = []
+    fsync, replace = os.fsync, Path.replace
+
+    def noted_fsync(descriptor: int) -> None:
+        calls.append(f"fsync of {os.fstat(descriptor).st_size} bytes")
+        fsync(descriptor)
+
+    def noted_replace(path: Path, target: Path) -> Path:
+        calls.append(f"rename to {target.name}")
+        return replace(path, target)
+
+    monkeypatch.setattr(os, "fsync", noted_fsync)
+    monkeypatch.setattr(Path, "replace", noted_replace)
+    with storage.create("pvc://claim/out/result") as file:
+        file.write(b"whole")
+    assert calls == ["fsync of 5 bytes", "rename to result"]
+    assert (tmp_path / "out/result").read_bytes() == b"whole"
 
 
 def test_an_unmounted_claim_and_a_missing_file_are_sentences(storage: Storage) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from functools import partial
+from typing import NamedTuple
 
 from pyspark import RDD, SparkContext, StorageLevel
 
@@ -35,25 +36,26 @@ def collect(
 ) -> list[Record]:
     """All records, after a pass that keeps them on the executors' disks and tells their bytes.
 
-    The program runs once. A partition that is above the budget alone keeps only its sizes.
-    Raises CollectTooLargeError.
+    The program runs once. Of a partition that is above the budget alone, and of a record that is
+    larger than a slice, only the sizes are kept. Raises CollectTooLargeError.
     """
+    slice_bytes = min(_heap_bytes(spark) // _HEAP_SHARE, _SLICE_BYTES)
 
     def within_budget(descriptors: Iterable[Descriptor]) -> Iterator[Record | int]:
         held = 0
         for record in run.records(descriptors):
-            held += weight(record)
-            yield record if held <= max_bytes else weight(record)
+            size = weight(record)
+            held += size
+            yield record if held <= max_bytes and size <= slice_bytes else size
 
     kept = planned.mapPartitions(within_budget, preservesPartitioning=True)
     kept = kept._reserialize(ByteBatchSerializer())  # noqa: SLF001  the only way to bound a batch
     kept.persist(StorageLevel.DISK_ONLY)
     try:
-        sizes: list[int] = kept.mapPartitions(_sum).collect()
-        slice_bytes = min(_heap_bytes(spark) // _HEAP_SHARE, _SLICE_BYTES)
-        _refuse_above(sizes, max_bytes, slice_bytes)
+        sums: list[_Sum] = kept.mapPartitions(_sum).collect()
+        _refuse_above(sums, max_bytes, slice_bytes)
         found: list[Record] = []
-        for partition, size in enumerate(sizes):
+        for partition, (size, _) in enumerate(sums):
             for begin in range(0, size, slice_bytes):
                 part = partial(_slice, begin=begin, end=begin + slice_bytes)
                 found += spark.runJob(kept, part, [partition])
@@ -62,8 +64,20 @@ def collect(
         kept.unpersist()
 
 
-def _sum(records: Iterable[Record | int]) -> Iterator[int]:
-    yield sum(record if isinstance(record, int) else weight(record) for record in records)
+class _Sum(NamedTuple):
+    """What a partition's records weigh together, and the heaviest of them."""
+
+    all: int
+    largest: int
+
+
+def _sum(records: Iterable[Record | int]) -> Iterator[_Sum]:
+    together = largest = 0
+    for record in records:
+        size = record if isinstance(record, int) else weight(record)
+        together += size
+        largest = max(largest, size)
+    yield _Sum(together, largest)
 
 
 def _slice(records: Iterable[Record | int], begin: int, end: int) -> Iterator[Record]:
@@ -76,8 +90,10 @@ def _slice(records: Iterable[Record | int], begin: int, end: int) -> Iterator[Re
             at += weight(record)
 
 
-def _refuse_above(sizes: list[int], max_bytes: int, slice_bytes: int) -> None:
-    actual, largest = sum(sizes), max(sizes, default=0)
+def _refuse_above(sums: list[_Sum], max_bytes: int, slice_bytes: int) -> None:
+    actual = sum(one.all for one in sums)
+    largest = max((one.all for one in sums), default=0)
+    record = max((one.largest for one in sums), default=0)
     instead = "save_as_binary_files(uri) stores them without the driver"
     if actual > max_bytes:
         raise CollectTooLargeError(
@@ -85,6 +101,15 @@ def _refuse_above(sizes: list[int], max_bytes: int, slice_bytes: int) -> None:
             f" {instead}",
             actual,
             max_bytes,
+        )
+    if record > slice_bytes:
+        memory = "" if record > _SLICE_BYTES else "use a larger spark.driver.memory, or "
+        raise CollectTooLargeError(
+            f"one record is {record:,} bytes; the driver's JVM holds a record several times while"
+            f" it passes it on, and takes {slice_bytes:,} of one (a sixteenth of its heap, at most"
+            f" {_SLICE_BYTES:,}): {memory}{instead}",
+            record,
+            slice_bytes,
         )
     most = slice_bytes * _MOST_SLICES
     if largest > most:

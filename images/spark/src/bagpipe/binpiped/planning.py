@@ -10,7 +10,7 @@ from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.fragments import cut
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Stat, Storage, StorageError
 
 # A partition of this many bytes is work for some seconds and little to repeat.
 PARTITION_BYTES = 128 << 20
@@ -26,6 +26,8 @@ class Descriptor:
     ranges: tuple[tuple[int, int], ...]
     head: bytes = b""
     fields: Fields = field(default_factory=dict)
+    # The file's mark when it was planned: another file's bytes in its ranges are no record.
+    version: str = ""
 
     @property
     def size(self) -> int:
@@ -38,17 +40,20 @@ class Descriptor:
         def pieces() -> Iterable[bytes]:
             if self.head:
                 yield self.head
-            yield from storage.pieces(self.uri, list(self.ranges), MAX_PAYLOAD_BYTES)
+            ranges = list(self.ranges)
+            yield from storage.pieces(self.uri, ranges, MAX_PAYLOAD_BYTES, self.version)
 
         return InputRecord(self.name, self.size, lambda: iter(pieces()), self.fields)
 
 
 def whole_files(storage: Storage, patterns: Iterable[str]) -> list[Descriptor]:
     """One record for each file that the patterns name. Raises StorageError."""
-    return [
-        Descriptor(uri, uri, ((0, size),) if (size := storage.size(uri)) else ())
-        for uri in _expand(storage, patterns)
-    ]
+    return [_whole(uri, storage.stat(uri)) for uri in _expand(storage, patterns)]
+
+
+def _whole(uri: str, found: Stat) -> Descriptor:
+    ranges = ((0, found.size),) if found.size else ()
+    return Descriptor(uri, uri, ranges, version=found.version)
 
 
 def bag_fragments(
@@ -61,11 +66,9 @@ def bag_fragments(
     """
     found = []
     for uri in _expand(storage, patterns):
+        file = storage.open(uri)
         try:
-            tail = read_tail(
-                lambda offset, length, uri=uri: storage.read(uri, offset, length),  # type: ignore[misc]
-                storage.size(uri),
-            )
+            tail = read_tail(file.read, file.size)
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
         connections = tuple((c.offset, c.length) for c in tail.connections)
@@ -73,7 +76,7 @@ def bag_fragments(
             window: Fields = {"start": part.window.start, "end": part.window.end}
             ranges = connections + tuple(part.ranges)
             name = f"{uri}#{part.number}"
-            found.append(Descriptor(name, uri, ranges, unindexed_head(), window))
+            found.append(Descriptor(name, uri, ranges, unindexed_head(), window, file.version))
     return found
 
 

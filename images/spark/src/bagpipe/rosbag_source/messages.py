@@ -23,10 +23,14 @@ class Message(NamedTuple):
 
 
 def messages(fragment: Fragment, storage: Storage) -> Iterator[Message]:
-    """In the chunks' order, which is the recorder's. Raises StorageError with the byte offset."""
+    """In the chunks' order, which is the recorder's.
+
+    Raises StorageError with the byte offset, also where the bag is another one than was planned.
+    """
+    file = storage.open(fragment.uri, fragment.version)
     for offset, end in fragment.chunks:
         try:
-            yield from _of_chunk(fragment, storage.read(fragment.uri, offset, end - offset), offset)
+            yield from _of_chunk(fragment, file.read(offset, end - offset), offset)
         except BagError as error:
             raise StorageError(f"{fragment.uri}: {error}") from error
 

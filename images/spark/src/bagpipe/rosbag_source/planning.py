@@ -1,13 +1,14 @@
 """Partitions of `spark.read.format("rosbag")`, from the bags' heads and tails alone."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields, read_tail
 from bagpipe.plan.bag_tail import resolve as resolved
 from bagpipe.plan.fragments import Window, cut
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import OpenFile, Storage, StorageError
+from bagpipe.storage.reading import REQUEST_BYTES
 
 DEFAULT_FRAGMENT_SECONDS = 60.0
 _NANOSECONDS = 1_000_000_000
@@ -76,6 +77,8 @@ class Fragment:
     window: Window
     chunks: tuple[tuple[int, int], ...]
     types: dict[int, TopicType]
+    # The bag's mark when it was planned: another bag's bytes are none of its messages.
+    version: str
 
 
 def plan(options: Options, storage: Storage) -> list[Fragment]:
@@ -90,8 +93,8 @@ def topic_type(options: Options, storage: Storage) -> TopicType:
     """The one type of the one topic. Raises StorageError where bags differ or none has it."""
     found: dict[str, TopicType] = {}
     for uri in storage.expand(options.path):
-        tail = _tail(storage, uri)
-        for kind in _types(options, storage, uri, tail.connections).values():
+        file = storage.open(uri)
+        for kind in _types(options, file, _tail(file).connections).values():
             found[kind.md5sum] = kind
     if len(found) != 1:
         kinds = ", ".join(sorted(f"{kind.type} {md5}" for md5, kind in found.items())) or "none"
@@ -103,8 +106,9 @@ def topic_type(options: Options, storage: Storage) -> TopicType:
 
 
 def _of_bag(options: Options, storage: Storage, uri: str) -> list[Fragment]:
-    tail = _tail(storage, uri)
-    types = _types(options, storage, uri, tail.connections)
+    file = storage.open(uri)
+    tail = _tail(file)
+    types = _types(options, file, tail.connections)
     found = []
     for part in cut(tail, list(options.topics), options.fragment, 0):
         start = max(part.window.start, options.start or part.window.start)
@@ -116,30 +120,35 @@ def _of_bag(options: Options, storage: Storage, uri: str) -> list[Fragment]:
             if any(chunk.counts.get(connection) for connection in types)
         )
         if start < end and chunks:
-            found.append(Fragment(uri, Window(start, start, end), chunks, types))
+            window = Window(start, start, end)
+            found.append(Fragment(uri, window, chunks, types, file.version))
     return found
 
 
-def _tail(storage: Storage, uri: str) -> BagTail:
+def _tail(file: OpenFile) -> BagTail:
     try:
-        return read_tail(
-            lambda offset, length: storage.read(uri, offset, length), storage.size(uri)
-        )
+        return read_tail(file.read, file.size)
     except BagError as error:
-        raise StorageError(f"{uri}: {error}") from error
+        raise StorageError(f"{file.uri}: {error}") from error
 
 
-def _types(
-    options: Options, storage: Storage, uri: str, connections: list[Connection]
-) -> dict[int, TopicType]:
+def _types(options: Options, file: OpenFile, connections: list[Connection]) -> dict[int, TopicType]:
+    wanted = [one for one in connections if not options.topics or one.topic in options.topics]
     found = {}
-    for connection in connections:
-        if options.topics and connection.topic not in options.topics:
-            continue
-        record = storage.read(uri, connection.offset, connection.length)
+    for connection, record in zip(wanted, _records(file, wanted), strict=True):
         fields = connection_fields(record, connection.offset)
         text = fields.get("message_definition", b"").decode(errors="replace")
         md5sum = fields.get("md5sum", b"").decode(errors="replace")
         definition = text if options.decode else ""
         found[connection.id] = TopicType(connection.topic, connection.datatype, md5sum, definition)
     return found
+
+
+def _records(file: OpenFile, connections: list[Connection]) -> Iterator[bytes]:
+    """The connections' records; they lie side by side, so that one request brings them all."""
+    ranges = [(one.offset, one.length) for one in connections]
+    data = b"".join(file.pieces(ranges, REQUEST_BYTES))
+    at = 0
+    for _offset, length in ranges:
+        yield data[at : at + length]
+        at += length

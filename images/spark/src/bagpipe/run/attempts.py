@@ -17,6 +17,8 @@ _WORTH_ANOTHER_TRY = {
     "ProtocolError",
     "RosMasterFailed",
     "SlotUnavailable",
+    # Where storage did not answer: each try asks it as often and as long as the first.
+    "StorageFailed",
 }
 
 # Faults of the stack itself: run again only where spec.stackBackoffLimit asks for it, since a
@@ -38,7 +40,7 @@ REASONS = frozenset(
     | {"CriteriaFailed", "CriterionFailed", "NoMatchingTopics", "NotEnoughEvidence"}
     | {"NothingPlayed", "NothingRecorded", "ProgramFailed", "ProgramInvalid", "UnknownOutcome"}
     | {"ExecutorLost", "Internal", "RecorderBudgetExceeded", "StackProtocolError"}
-    | {"StorageFailed", "StorageFull"}
+    | {"StorageFull"}
 )
 
 
@@ -50,18 +52,25 @@ class Again:
 
 
 def next_attempt(
-    reason: str, discarded: Sequence[str], mode: str, limit: int | None = None
+    reason: str,
+    discarded: Sequence[str],
+    mode: str,
+    limit: int | None = None,
+    may_pass: bool = False,
 ) -> Again | None:
     """Whether a case whose try ended with `reason` is run again.
 
     `discarded` are the reasons of its earlier tries. Each fault has its own allowance: an agent
     that dies once does not end a case because its node was lossy some times before.
-    `limit` is spec.stackBackoffLimit: how many tries may follow the first.
+    `limit` is spec.stackBackoffLimit: how many tries may follow the first. `may_pass` says of
+    StorageFailed that storage did not answer: what it refuses or lacks it refuses again.
     """
     attempts = discarded.count(reason) + 1
     if reason == "StorageFull":
         left = FULL_VOLUME_PAUSES[attempts - 1 : attempts]
         return Again(left[0]) if left else None
+    if reason == "StorageFailed" and not may_pass:
+        return None
     return Again() if attempts < _allowed(reason, mode, limit) else None
 
 

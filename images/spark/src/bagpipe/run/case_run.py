@@ -66,15 +66,13 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
     `starts` says how often the case was given to an executor, this time included.
     """
     begun = time.monotonic()
-    row = _attempt(case, context)
+    row, may_pass = _attempt(case, context)
     discarded: list[str] = []
-    spec = context.spec
-    while again := next_attempt(
-        row["reason"], discarded, spec.playback.mode, spec.stack_backoff_limit
-    ):
+    mode, limit = context.spec.playback.mode, context.spec.stack_backoff_limit
+    while again := next_attempt(row["reason"], discarded, mode, limit, may_pass):
         discarded.append(row["reason"])
         threading.Event().wait(again.seconds)
-        row = _attempt(case, context)
+        row, may_pass = _attempt(case, context)
     return _row(case, row, discarded, starts, time.monotonic() - begun)
 
 
@@ -133,21 +131,24 @@ def _row(case: Case, ended: Row, discarded: list[str], starts: int, seconds: flo
     return ended | _identity(case) | tries | {"seconds": round(seconds, 3)}
 
 
-def _attempt(case: Case, context: RunContext) -> Row:
+def _attempt(case: Case, context: RunContext) -> tuple[Row, bool]:
+    """One run, and whether storage may give another answer the next time."""
     try:
-        return _played(case, context)
+        return _played(case, context), False
     except SessionError as error:
-        return _errored(error.reason, str(error), error.stderr)
+        return _errored(error.reason, str(error), error.stderr), False
     except DeliveryIncompleteError as error:
         lossy = _errored("DeliveryIncomplete", str(error))
         # Not as `result`, whose ledgers are summed: this try does not count.
-        return lossy | {"evidence": {"ledger": error.ledger}}
+        return lossy | {"evidence": {"ledger": error.ledger}}, False
     except Exception as error:  # a fault of ours costs one case, never the whole job
+        may_pass = isinstance(error, StorageError) and error.may_pass
         for kind, reason in _REASONS:
             if isinstance(error, kind):
-                return _errored("StorageFull" if _says_full(error) else reason, str(error))
+                full = _says_full(error)
+                return _errored("StorageFull" if full else reason, str(error)), may_pass
         log.exception("case %s", case.id)
-        return _errored("Internal", f"{type(error).__name__}: {error}")
+        return _errored("Internal", f"{type(error).__name__}: {error}"), False
 
 
 def _says_full(error: BaseException) -> bool:

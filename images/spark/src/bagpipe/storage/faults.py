@@ -3,11 +3,19 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bagpipe.storage.backend import ChangedError
+from bagpipe.storage.backend import ChangedError, TransientError
 
 
 class StorageError(Exception):
     """Storage refused; the sentence names the URI as the user wrote it."""
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether storage did not answer, also when asked again, rather than said no."""
+        cause = self.__cause__
+        while cause is not None and not isinstance(cause, TransientError):
+            cause = cause.__cause__
+        return cause is not None
 
 
 @contextmanager

@@ -15,7 +15,7 @@ import hdfs_native
 from bagpipe.storage.backend import ChangedError, Stat
 from bagpipe.storage.globs import fixed_folder, matcher
 from bagpipe.storage.hdfs_faults import within
-from bagpipe.storage.retries import Patience
+from bagpipe.storage.retries import Clock, Patience, persistently
 
 T = TypeVar("T")
 
@@ -27,6 +27,7 @@ class HdfsBackend:
     gap_bytes = 256 << 10
 
     def __init__(self, authority: str, patience: Patience) -> None:
+        self._patience = patience
         self._seconds = patience.request_seconds
         # Our own retries are above these; the library's own last for minutes.
         limits = {
@@ -77,16 +78,16 @@ class HdfsBackend:
 
     def create(self, path: str) -> "HdfsSink":
         """Begin a file beside its later name, making its folders."""
-        return HdfsSink(self._client, self._seconds, f"/{path}", uuid.uuid4().hex)
+        return HdfsSink(self._client, self._patience, f"/{path}", uuid.uuid4().hex)
 
     def put_once(self, path: str, data: bytes, writer: str) -> bool:
         """Create a whole file by a rename, which HDFS refuses where the name is taken."""
         part = _part(f"/{path}", writer)
-        if writer in self._unheard and not self._is_there(part):
+        if writer in self._unheard and not _is_there(self._client, self._seconds, part):
             self._unheard.discard(writer)
             return True
         if writer not in self._unheard:
-            sink = HdfsSink(self._client, self._seconds, f"/{path}", writer)
+            sink = HdfsSink(self._client, self._patience, f"/{path}", writer)
             sink.write(data)
             sink.close()
         self._unheard.add(writer)
@@ -99,13 +100,6 @@ class HdfsBackend:
         if not won:
             self.remove(part.lstrip("/"))
         return won
-
-    def _is_there(self, path: str) -> bool:
-        try:
-            self._ask(lambda: self._client.get_file_info(path))
-        except FileNotFoundError:
-            return False
-        return True
 
     def _listed(self, folder: str, deep: bool) -> list[hdfs_native.FileStatus]:
         try:
@@ -120,14 +114,19 @@ class HdfsBackend:
 class HdfsSink:
     """A file that is written under a name of its own and renamed when it is whole."""
 
-    def __init__(self, client: hdfs_native.Client, seconds: float, path: str, writer: str) -> None:
+    def __init__(
+        self, client: hdfs_native.Client, patience: Patience, path: str, writer: str
+    ) -> None:
         self._client = client
-        self._seconds = seconds
+        self._patience = patience
+        self._seconds = patience.request_seconds
         self._path = path
         self._part: str | None = _part(path, writer)
+        # A rename was sent and its answer was lost.
+        self._unheard = False
         options = hdfs_native.WriteOptions(overwrite=True, create_parent=True)
         self._file: hdfs_native.FileWriter | None = within(
-            seconds, lambda: client.create(_part(path, writer), options)
+            self._seconds, lambda: client.create(_part(path, writer), options)
         )
 
     def write(self, data: bytes) -> None:
@@ -137,7 +136,7 @@ class HdfsSink:
             within(self._seconds, lambda: file.write(data))
 
     def close(self) -> None:
-        """Have HDFS confirm every block. Raises OSError."""
+        """Have HDFS confirm every block, once: the library can't repeat it. Raises OSError."""
         file, self._file = self._file, None
         if file is not None:
             within(self._seconds, file.close)
@@ -147,8 +146,20 @@ class HdfsSink:
         self.close()
         part = self._part
         if part is not None:
-            within(self._seconds, lambda: self._client.rename(part, self._path, True))
+            persistently(lambda: self._rename(part), self._patience, Clock())
             self._part = None
+
+    def _rename(self, part: str) -> None:
+        """Once; a try whose answer was lost has succeeded if only the later name is there.
+
+        Nobody else knows the name of the part.
+        """
+        if self._unheard and not _is_there(self._client, self._seconds, part):
+            if _is_there(self._client, self._seconds, self._path):
+                return
+            raise FileNotFoundError("it vanished while it was renamed")
+        self._unheard = True
+        within(self._seconds, lambda: self._client.rename(part, self._path, True))
 
     def abandon(self) -> None:
         """Remove what is left of the file under its temporary name."""
@@ -158,6 +169,14 @@ class HdfsSink:
         # HDFS also takes away a file that is still open; nobody closes a writer that failed.
         with contextlib.suppress(OSError):
             within(self._seconds, lambda: self._client.delete(part, False))
+
+
+def _is_there(client: hdfs_native.Client, seconds: float, path: str) -> bool:
+    try:
+        within(seconds, lambda: client.get_file_info(path))
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def _part(path: str, writer: str) -> str:

@@ -127,7 +127,9 @@ class LocalSink:
         os.fsync(self._file.fileno())
 
     def commit(self) -> None:
-        """Rename: readers see the file whole or not at all."""
+        """Rename: readers see the file whole or not at all, also after its node lost power."""
+        # A manifest that is put later is durable: the files that it names must not be empty then.
+        self.flush()
         self._file.close()
         self.part.replace(self.path)
 

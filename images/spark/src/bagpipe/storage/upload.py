@@ -18,8 +18,9 @@ from bagpipe.storage.retries import Clock, Patience, persistently
 if TYPE_CHECKING:
     from obstore.store import ObjectStore
 
-# S3 takes 10,000 parts of at least 5 MiB: an object has at most 80 GB.
-PART_BYTES = 8 << 20
+# S3 takes 10,000 parts of at least 5 MiB, and the library wants to know their size before it sends
+# the first: an object has at most 83.8 GB. Larger parts would take more memory in every worker.
+PART_BYTES, MOST_PARTS = 8 << 20, 10_000
 # One part is sent while the next fills up: with one that waits, and one that the library
 # collects, at most 32 MiB. Recordings grow more slowly than a part takes.
 _AT_ONCE = 1
@@ -45,6 +46,7 @@ class Upload:
         self._thread: threading.Thread | None = None
         self._error: OSError | None = None
         self._done = False
+        self._sent_parts = 0
 
     def write(self, data: bytes) -> None:
         """Append. Raises OSError, also for a part that was sent earlier."""
@@ -52,7 +54,7 @@ class Upload:
         while len(self._buffer) >= PART_BYTES:
             part = bytes(memoryview(self._buffer)[:PART_BYTES])
             del self._buffer[:PART_BYTES]
-            self._send(part)
+            self._send_part(part)
 
     def commit(self) -> None:
         """Send what is left and complete the object. Raises OSError."""
@@ -60,11 +62,11 @@ class Upload:
             persistently(self._put, self._patience, Clock())
         else:
             if self._buffer:
-                self._send(bytes(self._buffer))
+                self._send_part(bytes(self._buffer))
             self._send(None)
             self._thread.join(self._seconds())
             if self._thread.is_alive():
-                raise OSError("the upload did not end in time")
+                raise TransientError("the upload did not end in time")
             if self._error is not None:
                 raise self._error
         self._done = True
@@ -83,6 +85,15 @@ class Upload:
         with asked():
             obstore.put(self._store, self._path, bytes(self._buffer), use_multipart=False)
 
+    def _send_part(self, part: bytes) -> None:
+        if self._sent_parts == MOST_PARTS:
+            raise OSError(
+                f"an object has at most {MOST_PARTS * PART_BYTES:,} bytes ({MOST_PARTS:,} parts):"
+                " write smaller files, or to a volume or HDFS, which have no such bound"
+            )
+        self._send(part)
+        self._sent_parts += 1
+
     def _send(self, part: bytes | bool | None) -> None:
         if self._thread is None:
             self._thread = threading.Thread(target=self._run, name="storage-upload", daemon=True)
@@ -95,7 +106,7 @@ class Upload:
                 return self._parts.put(part, timeout=0.1)
             except queue.Full:
                 if time.monotonic() > deadline:
-                    raise OSError("the server took no part of the upload in time") from None
+                    raise TransientError("the server took no part of the upload in time") from None
 
     def _seconds(self) -> float:
         """The library gives up a part after this long."""
@@ -113,7 +124,8 @@ class Upload:
                     max_concurrency=_AT_ONCE,
                 )
         except TransientError as error:
-            self._error = OSError(f"{error}, also when asked again for {self._seconds():.0f} s")
+            seconds = f"{self._seconds():.0f} s"
+            self._error = TransientError(f"{error}, also when asked again for {seconds}")
         except OSError as error:
             self._error = error
         except BaseException as error:  # noqa: BLE001  a thread has nobody to raise to
