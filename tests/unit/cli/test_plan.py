@@ -141,3 +141,21 @@ def test_the_parts_of_a_sequence_are_shown(tmp_path: Path) -> None:
         [bag, "1.000", "1.500", "3.500"],
     ]
     assert text.count("Parts of sequence-s0-pr-812") == 1
+
+
+def test_what_looks_like_markup_is_shown_as_it_is(tmp_path: Path) -> None:
+    values = ["[/front]", "[red]", "a[bold]b"]
+    matrix = {
+        "variables": {"mount": values},
+        "exclude": [{"when": "mount == 'a[bold]b'", "because": "see [/wiki]"}],
+    }
+    status, text = run(tmp_path, matrix=matrix, stack={"image": "i", "command": ["c"]})
+    assert status == 0
+    for shown in ("[/front]", "[red]", "mount == 'a[bold]b'", "see [/wiki]"):
+        assert shown in text
+
+
+def test_a_pattern_that_no_bag_matches_is_named_as_it_is_written(tmp_path: Path) -> None:
+    source = {"bags": ["pvc://recordings/run[ab]/*.bag"], "topics": ["/scan"]}
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", source=source)
+    assert (status, "run[ab]/*.bag" in text) == (2, True), text

@@ -141,7 +141,7 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     results = results_at(str(folder), {})
     if not (folder / "manifest.json").exists():
         raise RunError(f"{told['reason']}: {told['message']} ({folder / 'driver.log'} says more)")
-    console.print(f"{folder} has report.html, results.jsonl and more", soft_wrap=True)
+    console.print(escape(f"{folder} has report.html, results.jsonl and more"), soft_wrap=True)
     return {"results": str(folder.resolve())} | describe(results, failed=False)
 
 
