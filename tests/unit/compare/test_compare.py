@@ -1,5 +1,6 @@
 """Versions compared on the same cases: regressions, repairs, flaky cases, differences."""
 
+import math
 from typing import Any
 
 import pytest
@@ -189,6 +190,20 @@ def test_many_regressions_are_counted_and_some_named() -> None:
 def test_mcnemar_s_exact_test(worse: int, better: int, chance: float) -> None:
     assert chance_of(worse, better) == pytest.approx(chance)
     assert chance_of(better, worse) == pytest.approx(chance)
+
+
+@given(st.integers(0, 120), st.integers(0, 120))
+def test_the_chance_is_the_sum_of_the_binomial_s_tail(worse: int, better: int) -> None:
+    changed, few = worse + better, min(worse, better)
+    tail = sum(math.comb(changed, k) for k in range(few + 1))
+    assert chance_of(worse, better) == min(1.0, 2 * tail / 2**changed)
+
+
+def test_the_chance_of_a_hundred_thousand_changed_cases_is_found_in_one_pass() -> None:
+    """Each term of the sum anew would take the better part of an hour."""
+    worse, better = 49_900, 50_100
+    normal = math.erfc((better - worse - 1) / math.sqrt(2 * (worse + better)))
+    assert chance_of(worse, better) == pytest.approx(normal, rel=1e-3)
 
 
 figures = st.lists(st.floats(-1e6, 1e6), min_size=5, max_size=40)
