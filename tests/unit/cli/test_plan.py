@@ -27,6 +27,7 @@ SPEC = {
     "record": {"topics": ["/out"]},
     "output": {"uri": "pvc://results/out"},
 }
+HEAD = "apiVersion: sim.bagpipe.io/v1alpha1\nkind: SimulationJob\n"
 
 
 def run(folder: Path, *arguments: str, **changed: object) -> tuple[int, str]:
@@ -106,6 +107,8 @@ def test_what_can_t_be_planned_is_refused(
         (b"\xff\xfe", "is no text (byte 0)"),
         (b"kind: ConfigMap\n", "holds 0 SimulationJobs"),
         (b"kind: SimulationJob\n", "apiVersion is ''"),
+        (f"{HEAD}metadata: my-job\n".encode(), "metadata is no map: write metadata: {name:"),
+        (f"{HEAD}metadata: {{}}\n".encode(), "metadata.name is missing"),
     ],
 )
 def test_what_is_no_manifest_is_refused(tmp_path: Path, content: bytes, sentence: str) -> None:

@@ -24,7 +24,7 @@ def read_job(path: Path) -> tuple[str, SimulationJobSpec]:
     Raises ManifestError.
     """
     job, _ = _only_job(path)
-    name = str((job.get("metadata") or {}).get("name", ""))
+    name = str(_metadata(path, job).get("name") or "")
     if not name:
         raise ManifestError(f"{path}: metadata.name is missing: give the job a name")
     try:
@@ -40,10 +40,14 @@ def read_object(path: Path) -> tuple[dict[str, Any], int]:
     ManifestError.
     """
     job, others = _only_job(path)
+    return dict(job) | {"metadata": _metadata(path, job)}, others
+
+
+def _metadata(path: Path, job: Mapping[str, Any]) -> dict[str, Any]:
     metadata = job.get("metadata") or {}
     if not isinstance(metadata, dict):
         raise ManifestError(f"{path}: metadata is no map: write metadata: {{name: my-job}}")
-    return dict(job) | {"metadata": dict(metadata)}, others
+    return dict(metadata)
 
 
 def _only_job(path: Path) -> tuple[Mapping[str, Any], int]:
