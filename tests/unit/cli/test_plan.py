@@ -105,7 +105,11 @@ def test_what_can_t_be_planned_is_refused(
     [
         (b"{", "is no YAML"),
         (b"\xff\xfe", "is no text (byte 0)"),
-        (b"kind: ConfigMap\n", "holds 0 SimulationJobs"),
+        (b"kind: ConfigMap\n", "holds 0 SimulationJobs, but ConfigMap: it"),
+        (b"kind: A\n---\nkind: B\n---\nkind: A\n", "holds 0 SimulationJobs, but A and B: it must"),
+        (b"a: 1\n---\n- 2\n", "holds 0 SimulationJobs, but what has no kind: it must"),
+        (b"", "holds 0 SimulationJobs: it must hold one"),
+        (f"{HEAD}---\n{HEAD}".encode(), "holds 2 SimulationJobs: it must hold one"),
         (b"kind: SimulationJob\n", "apiVersion is ''"),
         (f"{HEAD}metadata: my-job\n".encode(), "metadata is no map: write metadata: {name:"),
         (f"{HEAD}metadata: {{}}\n".encode(), "metadata.name is missing"),

@@ -12,6 +12,7 @@ from bagpipe.spec import SimulationJobSpec
 
 API_GROUP = "sim.bagpipe.io/"
 _LARGEST_BYTES = 4 << 20
+_MOST_KINDS = 5
 
 
 class ManifestError(ValueError):
@@ -54,7 +55,9 @@ def _only_job(path: Path) -> tuple[Mapping[str, Any], int]:
     found = _objects(path)
     jobs = [each for each in found if each.get("kind") == "SimulationJob"]
     if len(jobs) != 1:
-        raise ManifestError(f"{path} holds {len(jobs)} SimulationJobs: it must hold one")
+        kinds = dict.fromkeys(str(each.get("kind") or "what has no kind") for each in found)
+        there = f", but {' and '.join(list(kinds)[:_MOST_KINDS])}" if kinds and not jobs else ""
+        raise ManifestError(f"{path} holds {len(jobs)} SimulationJobs{there}: it must hold one")
     version = str(jobs[0].get("apiVersion", ""))
     if not version.startswith(API_GROUP):
         raise ManifestError(f"{path}: apiVersion is {version!r}: write {API_GROUP}v1alpha1")

@@ -92,9 +92,3 @@ def _names(ctx: click.Context) -> list[str]:
         return place.cluster(_COMPLETION_SECONDS).names()
     except ClusterError:
         return []
-
-
-def program() -> str:
-    """What the user typed to get here: `bagpipe` or `kubectl bagpipe`."""
-    context = click.get_current_context(silent=True)
-    return (context.find_root().info_name if context else None) or "bagpipe"
