@@ -33,7 +33,8 @@ class Place:
             if error.name is None or error.name.partition(".")[0] != "kubernetes":
                 raise
             raise ClusterError(
-                "the package kubernetes is not installed: pip install 'bagpipe[cli]'"
+                "the package kubernetes is not installed: in a checkout of Bagpipe write"
+                " pip install './images/spark[cli]'"
             ) from error
         if seconds is None:
             return connect(self.context, self.namespace)
