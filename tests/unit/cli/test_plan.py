@@ -151,14 +151,14 @@ def test_the_parts_of_a_sequence_are_shown(tmp_path: Path) -> None:
 
 
 def test_what_looks_like_markup_is_shown_as_it_is(tmp_path: Path) -> None:
-    values = ["[/front]", "[red]", "a[bold]b"]
+    values = ["[/front]", "[red]", "a[bold]b", "a:camera:b"]
     matrix = {
         "variables": {"mount": values},
         "exclude": [{"when": "mount == 'a[bold]b'", "because": "see [/wiki]"}],
     }
     status, text = run(tmp_path, matrix=matrix, stack={"image": "i", "command": ["c"]})
     assert status == 0
-    for shown in ("[/front]", "[red]", "mount == 'a[bold]b'", "see [/wiki]"):
+    for shown in ("[/front]", "[red]", "a:camera:b", "mount == 'a[bold]b'", "see [/wiki]"):
         assert shown in text
 
 

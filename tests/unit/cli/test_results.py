@@ -96,6 +96,11 @@ def test_jobs_without_a_common_case_can_t_be_compared(tmp_path: Path) -> None:
     assert "no case of both could be compared" in text
 
 
+def test_what_looks_like_a_pictogram_is_shown_as_it_is(tmp_path: Path) -> None:
+    folder = publish(tmp_path, [make_row("a-0", "failed", "Bad", message="node:camera:died")])
+    assert "node:camera:died" in run("results", folder)[1]
+
+
 def test_a_job_that_lost_cases_is_no_better_for_it(tmp_path: Path) -> None:
     before = publish(tmp_path, [make_row(f"a-{n}") for n in range(10)], uid="a")
     after = publish(tmp_path, [make_row("a-0")], uid="b")

@@ -243,7 +243,7 @@ def _written(made: Any, target: str, uri: str, storage: Storage) -> dict[str, An
 
 def _tell(found: Any, output: str, show: Callable[[Any, Console], None]) -> None:
     if output == "table":
-        show(found, Console())
+        show(found, Console(emoji=False))
     else:
         told(found, output)
 

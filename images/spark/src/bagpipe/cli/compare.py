@@ -55,7 +55,7 @@ def compare_command(
         raise RefusedError(str(error)) from error
     if output == "table":
         for comparison in found:
-            _show(comparison, Console())
+            _show(comparison, Console(emoji=False))
     else:
         told(found, output)
     missing = not allow_missing and _tell_missing(found)

@@ -51,7 +51,7 @@ def plan_command(manifest: Path, volumes: tuple[str, ...], output: str) -> None:
     except (ManifestError, MatrixError, StorageError) as error:
         raise RefusedError(str(error)) from error
     if output == "table":
-        _show(description, Console())
+        _show(description, Console(emoji=False))
     else:
         told(description, output)
     if description["unplanned"]:

@@ -123,7 +123,7 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     agent = _checked(spec, volumes, wanted)
     _prepare(folder, wanted)
     slots = wanted.slots or _slots(spec)
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     for note in notes(spec, folder):
         console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
     job = JobFile(

@@ -60,7 +60,7 @@ def submit_command(
     _call(job, name, generate_name)
     cluster = Place(place.context, _namespace(job, place.namespace)).cluster()
     made = cluster.create(job, dry_run)
-    progress = Console(stderr=output != "table")
+    progress = Console(stderr=output != "table", emoji=False)
     if others:
         click.echo(
             f"{others} other objects of {manifest} were not created: kubectl apply -f {manifest}",
