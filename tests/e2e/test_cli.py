@@ -84,6 +84,8 @@ def test_a_job_from_submit_to_its_results(
     assert bagpipe(namespace, "watch", "cli", program=("kubectl", "bagpipe")).returncode == 0
     driver = bagpipe(namespace, "logs", "cli")
     assert "1 cases planned, 0 bags refused" in driver.stdout
+    of_case = bagpipe(namespace, "logs", "cli", case, "--of", "driver")
+    assert (of_case.returncode, f"case {case}: passed, attempts 1" in of_case.stdout) == (0, True)
 
 
 def running_case(namespace: str) -> str:

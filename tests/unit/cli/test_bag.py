@@ -12,6 +12,7 @@ from click.testing import CliRunner
 import bagpipe
 from bagpipe import MemoryBag
 from bagpipe.cli.__main__ import main
+from bagpipe.cli.bag_reading import BagFile
 from bagpipe.storage.local import LocalBackend
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
@@ -204,6 +205,26 @@ def test_wrong_words_are_refused(bag: Path, tmp_path: Path) -> None:
             ("slice", bag, "--to", new, "--start", "3", "--end", "3"),
             "--start must lie before --end",
         ),
+        (
+            ("slice", bag, "--to", new, "--start", "1000"),
+            "drive.bag lasts 9.9 s: --start 1000 lies behind its last message",
+        ),
+        (
+            ("slice", bag, "--to", new, "--start", "9.95", "--end", "1000"),
+            "drive.bag lasts 9.9 s: --start 9.95 lies behind",
+        ),
+        (
+            ("slice", unindexed(bag), "--to", new, "--start", "1234567.89"),
+            "died.bag lasts 9.9 s: --start 1234567.89 lies behind",
+        ),
+        (
+            ("slice", bag, "--to", "pvc://rec/x.bag"),
+            "rec is not on this machine: give --volume rec=",
+        ),
+        (
+            ("merge", bag, "--to", "pvc://rec/x.bag"),
+            "rec is not on this machine: give --volume rec=",
+        ),
         (("slice", bag, "--to", new, "--end", "1e3"), "1e3 is no number of seconds"),
         (("check", bag, "--memory-budget", "4 gigs"), "write bytes, or a number with KiB"),
         (("merge", bag, "--to", new, "--memory-budget", "1KiB"), "are more than --memory-budget"),
@@ -212,6 +233,21 @@ def test_wrong_words_are_refused(bag: Path, tmp_path: Path) -> None:
         status, text = run(*words)
         assert (status, sentence in " ".join(text.split())) == (2, True), text
     assert not new.exists()
+
+
+def test_a_new_bag_goes_into_a_claim_that_has_a_folder(bag: Path, tmp_path: Path) -> None:
+    volume = ("--volume", f"rec={tmp_path}")
+    found = told("slice", bag, "--end", "1", "--to", "pvc://rec/part.bag", *volume)
+    assert found["bytes"] == (tmp_path / "part.bag").stat().st_size
+
+
+def test_what_can_t_be_written_is_refused_before_anything_is_read(
+    bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BagFile, "part", None)
+    monkeypatch.setattr(BagFile, "whole", None)
+    for verb in ("slice", "merge"):
+        assert "is there already" in run(verb, bag, "--to", bag)[1]
 
 
 def record(fields: list[bytes], data: bytes = b"") -> bytes:

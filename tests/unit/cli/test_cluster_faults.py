@@ -2,6 +2,7 @@
 
 import json
 
+import click
 import pytest
 
 from bagpipe.cli.cluster.faults import Asked, no_job, refused, unreachable
@@ -100,6 +101,17 @@ def test_a_refusal_in_other_words_is_passed_on() -> None:
 )
 def test_a_job_that_is_not_there(near: list[str], others: int, sentence: str) -> None:
     assert sentence in no_job(ASKED, near, others)
+
+
+def test_kubectl_is_asked_in_the_context_that_was_given() -> None:
+    with click.Context(click.Command("watch")) as context:
+        context.params["context"] = "lab"
+        unknown = refused(401, "Unauthorized", "", ASKED).message
+        forbidden = refused(403, "Forbidden", status(403, "x cannot get y"), ASKED).message
+        missing = no_job(ASKED, [], 9)
+    assert "`kubectl --context lab -n robots get simulationjobs`" in unknown
+    assert "`kubectl --context lab -n robots get simulationjobs`" in missing
+    assert "simulationjobs.sim.bagpipe.io -n robots --context lab`" in forbidden
 
 
 def test_a_server_that_is_not_there() -> None:

@@ -1,10 +1,16 @@
 """Following a job to its end, through whatever a connection does."""
 
+from typing import Any
+
+import click
 import pytest
+from rich.console import Console
 
 from bagpipe.cli.cluster.faults import ClusterError
 from bagpipe.cli.cluster.following import PATIENCE_SECONDS, TimedOutError, states
-from tests.unit.cli.cluster_objects import FakeClock, FaultySource, a_job, ended, running
+from bagpipe.cli.cluster.state import JobState
+from bagpipe.cli.cluster.watching import followed, tell_end
+from tests.unit.cli.cluster_objects import Answer, FakeClock, FaultySource, a_job, ended, running
 
 AWAY = ClusterError("the cluster does not answer", passing=True)
 
@@ -81,6 +87,71 @@ def test_the_time_that_is_allowed_bounds_it() -> None:
     with pytest.raises(TimedOutError, match=r"has not ended within 30 s.*it is Running") as error:
         phases(FaultySource([running()]), clock, 30)
     assert (clock.seconds, error.value.exit_code) == (30, 2)
+
+
+@pytest.mark.parametrize(
+    ("program", "given", "message", "said"),
+    [
+        ("bagpipe", {}, "Cases are running.", "running. Follow it with `bagpipe watch nightly -n"),
+        ("bagpipe", {}, "of 4", ": of 4. Follow it with `bagpipe watch nightly -n robots`, or"),
+        (
+            "kubectl bagpipe",
+            {},
+            "",
+            "Running. Follow it with `kubectl bagpipe watch nightly -n robots`",
+        ),
+        ("bagpipe", {"context": "my lab"}, "", "watch nightly -n robots --context 'my lab'`, or"),
+    ],
+)
+def test_the_hint_can_be_copied(
+    program: str, given: dict[str, str], message: str, said: str
+) -> None:
+    job = running()
+    job["status"]["conditions"][1]["message"] = message
+    with click.Context(click.Command("watch"), info_name=program) as context:
+        context.params.update(given)
+        with pytest.raises(TimedOutError) as error:
+            phases(FaultySource([job]), FakeClock(), 30)
+    assert said in error.value.message
+
+
+@pytest.mark.parametrize(
+    ("looks", "given", "said"),
+    [
+        ([running()], {"context": "lab"}, "goes on: bagpipe watch nightly -n robots --context lab"),
+        ([], {"namespace": "robots"}, "goes on: bagpipe watch nightly -n robots\n"),
+    ],
+)
+def test_the_hint_of_ctrl_c_can_be_copied(
+    looks: list[Answer],
+    given: dict[str, str],
+    said: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    class Silent(FaultySource):
+        def job(self, _name: str) -> dict[str, Any]:
+            raise KeyboardInterrupt
+
+    source = FaultySource(looks, [[interrupted]]) if looks else Silent([])
+    with click.Context(click.Command("watch"), info_name="bagpipe") as context:
+        context.params.update(given)
+        with pytest.raises(SystemExit) as ended:
+            followed(source, "nightly", 30, Console(stderr=True))
+    assert (ended.value.code, said in capsys.readouterr().err) == (130, True)
+
+
+def test_the_hints_at_a_job_s_end_can_be_copied(capsys: pytest.CaptureFixture[str]) -> None:
+    with click.Context(click.Command("watch"), info_name="kubectl bagpipe") as context:
+        context.params["context"] = "lab"
+        tell_end(JobState.of(ended("Failed")), Console(width=40))
+        tell_end(JobState.of(ended("")), Console(width=40))
+    said = capsys.readouterr().out
+    place = "-n robots --context lab"
+    assert f"why: kubectl bagpipe results job/nightly {place} --failed\n" in said
+    assert f"why: kubectl bagpipe logs nightly {place}\n" in said
 
 
 def test_the_time_bounds_a_watch_full_of_news() -> None:

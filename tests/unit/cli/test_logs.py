@@ -1,11 +1,20 @@
 """Pieces of logs: which lines belong to a case, where they come from, and why there are none."""
 
+from pathlib import Path
+
 import pytest
 
 from bagpipe.cli.cluster.case_lines import of_all, of_case
 from bagpipe.cli.cluster.faults import ClusterError
 from bagpipe.cli.cluster.pieces import driver_log, executor_logs, kept
 from bagpipe.cli.cluster.state import JobState
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.keep import Keeper
+from bagpipe.driver.progress import Progress
+from bagpipe.driver.row_file import RowFile
+from bagpipe.plan.made import Unplanned
+from bagpipe.run.case_run import unplanned_row
+from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.cli.cluster_objects import FakePods, a_job, ended, running
 
@@ -21,6 +30,7 @@ bagpipe-agent: 2 slots
 [slot 0] of the next
 """
 STATE = JobState.of(running())
+UNPLANNED = Unplanned("cut", "pvc://r/cut.bag", "BagCut", "its end is missing")
 
 
 def test_the_lines_of_a_case_are_its_own() -> None:
@@ -128,6 +138,33 @@ def test_the_driver_s_log() -> None:
     pods = FakePods({("nightly-1-driver", "driver"): "planned\ncase a-1 failed\nended"})
     assert driver_log(pods, STATE, 2, None).lines == ["case a-1 failed", "ended"]
     assert driver_log(pods, STATE, 9, "a-1").lines == ["case a-1 failed"]
-    assert "no line names a-7" in driver_log(pods, STATE, 9, "a-7").missing
+    assert "no line of the last 20,000 names a-7" in driver_log(pods, STATE, 9, "a-7").missing
     assert "there is no log of pod" in driver_log(FakePods({}), STATE, 9, None).missing
     assert "the job has no driver" in driver_log(pods, JobState.of(a_job()), 9, None).missing
+
+
+@pytest.mark.parametrize("case", ["a-0003-s1", "a-0003-s10", "a-0003", "b.a-0003-s1", "a+b-0"])
+def test_of_the_driver_s_log_a_case_has_the_lines_that_name_it_whole(case: str) -> None:
+    names = ["a-0003-s1", "a-0003-s10", "a-0003", "b.a-0003-s1", "a+b-0", "aab-0"]
+    log = "\n".join(f"case {name}: passed; then {name}." for name in names)
+    (line,) = driver_log(FakePods({("nightly-1-driver", "driver"): log}), STATE, 9, case).lines
+    assert line == f"case {case}: passed; then {case}."
+
+
+def test_the_driver_s_log_says_how_each_case_ended(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    errored = make_row("a-10", "errored", "StackExited", attempts=2, seconds=12.34)
+    with RowFile(tmp_path / "rows") as rows:
+        journal = Journal(Storage({}), "file:///nowhere", 1)
+        keeper = Keeper(Progress("file:///nowhere"), rows, journal)
+        keeper.take([make_row("a-1", seconds=3.0), errored, errored, unplanned_row(UNPLANNED)])
+    pods = FakePods({("nightly-1-driver", "driver"): "\n".join(caplog.messages)})
+    assert driver_log(pods, STATE, 9, "a-1").lines == ["case a-1: passed, attempts 1, seconds 3.0"]
+    assert driver_log(pods, STATE, 9, "a-10").lines == [
+        "case a-10: errored StackExited, attempts 2, seconds 12.3"
+    ]
+    assert driver_log(pods, STATE, 9, "cut").lines == [
+        "case cut: errored BagCut, attempts 0, seconds 0.0"
+    ]

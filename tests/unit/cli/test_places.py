@@ -110,7 +110,7 @@ def test_what_can_t_be_meant_is_refused(
 @pytest.mark.parametrize(
     ("given", "sentence"),
     [
-        ("kind: ConfigMap\n", "holds 0 SimulationJobs"),
+        ("kind: ConfigMap\n", "holds 0 SimulationJobs, but ConfigMap: it"),
         ("{", "is no YAML"),
         (yaml.safe_dump(JOB | {"metadata": {}}), "metadata.name is missing"),
         (yaml.safe_dump(JOB | {"metadata": [1]}), "metadata is no map"),

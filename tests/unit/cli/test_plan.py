@@ -27,6 +27,7 @@ SPEC = {
     "record": {"topics": ["/out"]},
     "output": {"uri": "pvc://results/out"},
 }
+HEAD = "apiVersion: sim.bagpipe.io/v1alpha1\nkind: SimulationJob\n"
 
 
 def run(folder: Path, *arguments: str, **changed: object) -> tuple[int, str]:
@@ -104,8 +105,14 @@ def test_what_can_t_be_planned_is_refused(
     [
         (b"{", "is no YAML"),
         (b"\xff\xfe", "is no text (byte 0)"),
-        (b"kind: ConfigMap\n", "holds 0 SimulationJobs"),
+        (b"kind: ConfigMap\n", "holds 0 SimulationJobs, but ConfigMap: it"),
+        (b"kind: A\n---\nkind: B\n---\nkind: A\n", "holds 0 SimulationJobs, but A and B: it must"),
+        (b"a: 1\n---\n- 2\n", "holds 0 SimulationJobs, but what has no kind: it must"),
+        (b"", "holds 0 SimulationJobs: it must hold one"),
+        (f"{HEAD}---\n{HEAD}".encode(), "holds 2 SimulationJobs: it must hold one"),
         (b"kind: SimulationJob\n", "apiVersion is ''"),
+        (f"{HEAD}metadata: my-job\n".encode(), "metadata is no map: write metadata: {name:"),
+        (f"{HEAD}metadata: {{}}\n".encode(), "metadata.name is missing"),
     ],
 )
 def test_what_is_no_manifest_is_refused(tmp_path: Path, content: bytes, sentence: str) -> None:
@@ -141,3 +148,21 @@ def test_the_parts_of_a_sequence_are_shown(tmp_path: Path) -> None:
         [bag, "1.000", "1.500", "3.500"],
     ]
     assert text.count("Parts of sequence-s0-pr-812") == 1
+
+
+def test_what_looks_like_markup_is_shown_as_it_is(tmp_path: Path) -> None:
+    values = ["[/front]", "[red]", "a[bold]b", "a:camera:b"]
+    matrix = {
+        "variables": {"mount": values},
+        "exclude": [{"when": "mount == 'a[bold]b'", "because": "see [/wiki]"}],
+    }
+    status, text = run(tmp_path, matrix=matrix, stack={"image": "i", "command": ["c"]})
+    assert status == 0
+    for shown in ("[/front]", "[red]", "a:camera:b", "mount == 'a[bold]b'", "see [/wiki]"):
+        assert shown in text
+
+
+def test_a_pattern_that_no_bag_matches_is_named_as_it_is_written(tmp_path: Path) -> None:
+    source = {"bags": ["pvc://recordings/run[ab]/*.bag"], "topics": ["/scan"]}
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", source=source)
+    assert (status, "run[ab]/*.bag" in text) == (2, True), text

@@ -23,9 +23,11 @@ This page is the program's own help; a test compares them.
 | exit status | meaning |
 |---|---|
 | 0 | passed; or nothing is worse; or what was asked for is written |
-| 1 | the verdict is Failed or Invalid; or a variant is worse; or a bag is damaged |
-| 2 | it could not be read or run, or there is no verdict |
-| 130 | Ctrl-C ended a wait; the job goes on in the cluster |
+| 1 | the verdict is Failed or Invalid; or a variant is worse or lacks cases; or a bag is damaged |
+| 2 | it could not be read or run, or there is no verdict; or the program has a fault of its own |
+| 130 | Ctrl-C ended it; a job in the cluster goes on |
+
+`BAGPIPE_TRACEBACK=1` in the environment shows where a fault of the program is.
 
 Commands that read storage take credentials from the environment
 ([storage](storage.md#credentials)); `--volume CLAIM=FOLDER` says which folder of this machine

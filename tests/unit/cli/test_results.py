@@ -96,6 +96,41 @@ def test_jobs_without_a_common_case_can_t_be_compared(tmp_path: Path) -> None:
     assert "no case of both could be compared" in text
 
 
+def test_what_looks_like_a_pictogram_is_shown_as_it_is(tmp_path: Path) -> None:
+    folder = publish(tmp_path, [make_row("a-0", "failed", "Bad", message="node:camera:died")])
+    assert "node:camera:died" in run("results", folder)[1]
+
+
+def test_a_job_that_lost_cases_is_no_better_for_it(tmp_path: Path) -> None:
+    before = publish(tmp_path, [make_row(f"a-{n}") for n in range(10)], uid="a")
+    after = publish(tmp_path, [make_row("a-0")], uid="b")
+    status, text = run("compare", before, after)
+    assert status == 1
+    assert "no case changed of 1 cases; 9 missing" in text
+    assert "missing: a-9" in text
+    assert "9 cases of BEFORE are missing in AFTER: --allow-missing lets that pass" in text
+    status, text = run("compare", before, after, "--allow-missing")
+    assert (status, "--allow-missing" in text) == (0, False)
+    # New cases are nothing that was lost.
+    status, text = run("compare", after, before, "--output", "json")
+    assert (status, json.loads(text)[0]["counts"]["unpaired"]) == (0, 9)
+
+
+def test_a_variant_without_any_case_is_missing(tmp_path: Path) -> None:
+    before = publish(tmp_path, versions(failing=set()), uid="a", variants=VARIANTS)
+    rows = [row for row in versions(failing=set()) if row["variant"] == "pr-812"]
+    after = publish(tmp_path, rows, uid="b", variants=VARIANTS)
+    status, text = run("compare", before, after)
+    assert status == 1
+    assert "6 cases of BEFORE are missing in released of AFTER" in text
+
+
+def test_a_worse_job_stays_worse_whatever_may_be_missing(tmp_path: Path) -> None:
+    before = publish(tmp_path, [make_row(f"a-{n}") for n in range(3)], uid="a")
+    after = publish(tmp_path, [make_row("a-0", "failed")], uid="b")
+    assert run("compare", before, after, "--allow-missing")[0] == 1
+
+
 def test_the_page_is_made_anew(tmp_path: Path) -> None:
     folder = publish(tmp_path, versions(failing={3}), variants=VARIANTS)
     page = tmp_path / "again.html"

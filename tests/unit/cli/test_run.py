@@ -96,7 +96,42 @@ def test_an_earlier_run_is_never_overwritten_unasked(tmp_path: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.parametrize("options", [{}, {"replace": True}, {"resume": True}])
+@pytest.mark.parametrize(
+    "name", ["cases/night/mine.bag", "job.json", "manifest.json", "journal/mine.txt"]
+)
+def test_what_no_run_has_left_is_neither_removed_nor_written_over(
+    tmp_path: Path, name: str, options: dict[str, bool]
+) -> None:
+    mine = tmp_path / name
+    mine.parent.mkdir(parents=True, exist_ok=True)
+    mine.write_text('{"name": "mine"}')
+    # One log alone may be of anything.
+    (tmp_path / "agent.log").write_text("mine too")
+    with pytest.raises(RunError, match=f"has {Path(name).parts[0]}, which no run has left"):
+        module._prepare(tmp_path, wanted(**options))
+    assert mine.read_text() == '{"name": "mine"}'
+
+
+def test_a_run_that_died_before_its_first_journal_is_replaced(tmp_path: Path) -> None:
+    for name in ("agent.log", "driver.log", "cases/a-0.1.bag"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    module._prepare(tmp_path, wanted())
+    assert (tmp_path / "cases/a-0.1.bag").exists()
+    module._prepare(tmp_path, wanted(replace=True))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_there_need_be_no_run_to_replace(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").touch()
+    module._prepare(tmp_path, wanted(replace=True))
+    module._prepare(tmp_path / "new", wanted(replace=True))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "notes.txt"]
+
+
 def test_an_interrupted_run_is_gone_on_with_or_begun_anew(tmp_path: Path) -> None:
+    (tmp_path / "driver.log").touch()
     (tmp_path / "journal").mkdir()
     module._prepare(tmp_path, wanted())
     (tmp_path / "journal/0001-x-000000.jsonl").touch()

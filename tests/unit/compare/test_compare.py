@@ -1,5 +1,6 @@
 """Versions compared on the same cases: regressions, repairs, flaky cases, differences."""
 
+import math
 from typing import Any
 
 import pytest
@@ -47,6 +48,7 @@ def test_a_case_that_fails_now_is_a_regression_and_named() -> None:
     assert found.regressed == ["a-0001-pr-812"]
     assert found.counts == {
         "regressed": 1, "fixed": 0, "flaky": 0, "same": 3, "unknown": 0, "unpaired": 0,
+        "missing": 0,
     }  # fmt: skip
     assert found.message == "1 regressed of 4 cases"
 
@@ -81,6 +83,28 @@ def test_a_case_without_a_verdict_is_unknown_and_not_the_same() -> None:
     assert (found.verdict, found.counts["unknown"]) == ("unknown", 1)
     found = only([row(0, "released"), row(1, "pr-812")])
     assert (found.verdict, found.counts["unpaired"]) == ("unknown", 2)
+
+
+def test_cases_that_one_of_the_two_lacks_are_counted_and_told() -> None:
+    rows = [row(n, "released") for n in range(10)] + [row(n, "pr-812") for n in (0, 10, 11)]
+    found = only(rows)
+    assert (found.counts["missing"], found.counts["unpaired"]) == (9, 11)
+    assert found.missing == [f"a-{n:04d}-released" for n in range(1, 10)]
+    # The word is of the cases that both have.
+    assert found.verdict == "same"
+    assert found.message == "no case changed of 1 cases; 9 missing, 2 new"
+    found = only([row(n, "pr-812") for n in range(2)] + [row(0, "released")])
+    assert (found.missing, found.message) == ([], "no case changed of 1 cases; 1 new")
+
+
+def test_what_has_no_case_in_common_says_what_is_missing() -> None:
+    found = only([row(0, "released"), row(1, "pr-812")])
+    assert found.message == "no case of both could be compared; 1 missing, 1 new"
+
+
+def test_many_missing_cases_are_counted_and_some_named() -> None:
+    found = only([row(n, "released") for n in range(80)] + [row(0, "pr-812")])
+    assert (found.counts["missing"], len(found.missing)) == (79, 50)
 
 
 def with_latency(change: float, spread: float = 0.01, cases: int = 20, **more: Any) -> Comparison:
@@ -166,6 +190,20 @@ def test_many_regressions_are_counted_and_some_named() -> None:
 def test_mcnemar_s_exact_test(worse: int, better: int, chance: float) -> None:
     assert chance_of(worse, better) == pytest.approx(chance)
     assert chance_of(better, worse) == pytest.approx(chance)
+
+
+@given(st.integers(0, 120), st.integers(0, 120))
+def test_the_chance_is_the_sum_of_the_binomial_s_tail(worse: int, better: int) -> None:
+    changed, few = worse + better, min(worse, better)
+    tail = sum(math.comb(changed, k) for k in range(few + 1))
+    assert chance_of(worse, better) == min(1.0, 2 * tail / 2**changed)
+
+
+def test_the_chance_of_a_hundred_thousand_changed_cases_is_found_in_one_pass() -> None:
+    """Each term of the sum anew would take the better part of an hour."""
+    worse, better = 49_900, 50_100
+    normal = math.erfc((better - worse - 1) / math.sqrt(2 * (worse + better)))
+    assert chance_of(worse, better) == pytest.approx(normal, rel=1e-3)
 
 
 figures = st.lists(st.floats(-1e6, 1e6), min_size=5, max_size=40)

@@ -14,6 +14,7 @@ from bagpipe.driver.baseline import baseline_rows, check_baseline
 from bagpipe.evaluate.finding import Finding
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.report.html import Report
 from bagpipe.report.table import SCHEMA
 from bagpipe.run.case_run import lost_row
 from bagpipe.storage import Storage, StorageError
@@ -61,6 +62,21 @@ def test_an_earlier_job_is_the_baseline(tmp_path: Path) -> None:
     [comparison] = json.loads((second / "comparison.json").read_text())["comparisons"]
     assert (comparison["baseline"], comparison["verdict"]) == ("the earlier job", "worse")
     assert comparison["regressed"] == ["a-1"]
+
+
+def test_cases_of_the_earlier_job_that_are_missing_are_told(tmp_path: Path) -> None:
+    first = publish(tmp_path, [make_row(f"a-{n}", fragment=f"a-{n}") for n in range(3)])
+    uri = f"pvc://results/{first.relative_to(tmp_path)}"
+    now = [make_row("a-0", fragment="a-0")]
+    second = publish(tmp_path, now, uid="uid-2", baseline={"results": uri})
+    page = (second / "report.html").read_text()
+    assert "no case changed of 1 cases; 2 missing" in page
+    assert "Missing, which the baseline has: 2" in page
+    # A comparison of before this was told is drawn as well.
+    told = json.loads((second / "comparison.json").read_text())
+    del told["comparisons"][0]["missing"]
+    manifest = json.loads((second / "manifest.json").read_text())
+    assert b"no case changed" in Report(None, "").html(manifest, told["comparisons"])
 
 
 def test_of_an_earlier_job_with_variants_its_first_one_counts(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ import click
 from bagpipe.cli.bag import bag_group
 from bagpipe.cli.compare import compare_command
 from bagpipe.cli.completion import completion_command
+from bagpipe.cli.last_words import LastWords
 from bagpipe.cli.logs import logs_command
 from bagpipe.cli.plan import plan_command
 from bagpipe.cli.replay import replay_command
@@ -15,7 +16,10 @@ from bagpipe.cli.submit import submit_command
 from bagpipe.cli.watch import watch_command
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=LastWords,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
 @click.version_option(package_name="bagpipe")
 def main() -> None:
     """Replays recorded drives through the software under test, and says whether it still works.

@@ -3,7 +3,6 @@
 import re
 from collections.abc import Callable, Iterator
 from decimal import Decimal
-from pathlib import Path
 from typing import Any
 
 import click
@@ -14,7 +13,6 @@ from rich.table import Table
 from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_of, naming, native
 from bagpipe.cli.places import (
     RefusedError,
-    file_uri,
     folders,
     output_option,
     told,
@@ -132,8 +130,9 @@ def slice_command(bag: str, target: str, output: str, **given: Any) -> None:
         if end is not None and end <= start:
             raise BagRefusedError("--start must lie before --end")
         file = _bag(bag, given["volumes"], given["budget"])
+        uri = _new(target, file.storage)
         made = file.part(start, end, given["topics"], given["compression"])
-        return _written(made, target, file.storage)
+        return _written(made, target, uri, file.storage)
 
     _tell(_done(done), output, _show_written)
 
@@ -158,10 +157,11 @@ def merge_command(bags: tuple[str, ...], target: str, output: str, **given: Any)
 
     def done() -> dict[str, Any]:
         files = [_bag(bag, given["volumes"], given["budget"]) for bag in bags]
+        uri = _new(target, files[0].storage)
         read = [file.whole() for file in files]
         with naming(target):
             made = native().merge(read, compression=given["compression"])
-        return _written(made, target, files[0].storage)
+        return _written(made, target, uri, files[0].storage)
 
     _tell(_done(done), output, _show_written)
 
@@ -218,10 +218,15 @@ def _checked(where: str, volumes: tuple[str, ...], budget: int) -> dict[str, Any
     return {"bag": where, "state": state, "messages": found.messages, "problems": problems}
 
 
-def _written(made: Any, target: str, storage: Storage) -> dict[str, Any]:
-    uri = target if "://" in target else file_uri(Path(target))
+def _new(target: str, storage: Storage) -> str:
+    """The URI of a bag that is not there yet, known before anything is read for it."""
+    uri = uri_of(target, storage.volumes)
     if storage.exists(uri):
         raise BagRefusedError(f"{target} is there already: choose another name")
+    return uri
+
+
+def _written(made: Any, target: str, uri: str, storage: Storage) -> dict[str, Any]:
     view = made.view()
     with storage.create(uri) as file:
         for first in range(0, len(view), _PIECE_BYTES):
@@ -238,7 +243,7 @@ def _written(made: Any, target: str, storage: Storage) -> dict[str, Any]:
 
 def _tell(found: Any, output: str, show: Callable[[Any, Console], None]) -> None:
     if output == "table":
-        show(found, Console())
+        show(found, Console(emoji=False))
     else:
         told(found, output)
 

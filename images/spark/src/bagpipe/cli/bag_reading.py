@@ -4,6 +4,7 @@ import contextlib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import bagpipe
@@ -79,12 +80,14 @@ class BagFile:
         else:
             first = min(chunk.start_time for chunk in tail.chunks)
             last = max(chunk.end_time for chunk in tail.chunks)
+            self._reaches(start, last - first)
             self._known(topics, {connection.topic for connection in tail.connections})
             until = last + 1 if end is None else min(first + end, last + 1)
             planned = cut_one(tail, list(topics), Window(first + start, first + start, until))
             ranges = [(each.offset, each.length) for each in tail.connections] + planned.ranges
             self._bounded(sum(length for _, length in ranges), "cut a shorter part")
             bag = self._opened(b"".join([unindexed_head(), *file.pieces(ranges, _PIECE_BYTES)]))
+        self._reaches(start, last - first)
         until = last + 1 if end is None else first + end
         self._known(topics, {resolve(topic) for topic in bag.topics})
         names = [topic for topic in bag.topics if not topics or resolve(topic) in topics]
@@ -100,6 +103,13 @@ class BagFile:
             raise BagRefusedError(
                 f"{self.uri}: {size:,} bytes are more than --memory-budget allows: raise it, or"
                 f" {instead}"
+            )
+
+    def _reaches(self, start: int, length: int) -> None:
+        if start > length:
+            raise BagRefusedError(
+                f"{self.uri} lasts {_seconds(length)} s: --start {_seconds(start)} lies behind its"
+                " last message"
             )
 
     def _known(self, topics: tuple[str, ...], present: set[str]) -> None:
@@ -140,6 +150,10 @@ def damage_of(bag: "MemoryBag") -> dict[str, Any] | None:
         "messages": lost.messages,
         "description": lost.description,
     }
+
+
+def _seconds(nanoseconds: int) -> str:
+    return f"{Decimal(nanoseconds).scaleb(-9).normalize():f}"
 
 
 def _of_tail(tail: BagTail, compressions: list[str] | None) -> dict[str, Any]:

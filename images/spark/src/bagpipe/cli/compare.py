@@ -20,17 +20,28 @@ _COLOURS = {"better": "green", "worse": "red", "unknown": "yellow"}
 @click.command("compare")
 @click.argument("before", metavar="BEFORE", shell_complete=results_places)
 @click.argument("after", metavar="AFTER", shell_complete=results_places)
+@click.option(
+    "--allow-missing",
+    is_flag=True,
+    help="Cases of BEFORE that AFTER lacks are told and make no difference to the exit status.",
+)
 @place_options
 @volume_option
 @output_option
 def compare_command(
-    before: str, after: str, place: Place, volumes: tuple[str, ...], output: str
+    before: str,
+    after: str,
+    allow_missing: bool,
+    place: Place,
+    volumes: tuple[str, ...],
+    output: str,
 ) -> None:
     """Compare the results AFTER with the results BEFORE, case by case and criterion by criterion.
 
     Each is job/NAME for a job in the cluster (NAME alone after -n), a URI as in status.results, or
     a folder of this machine. Cases are the same if they have the same fragment, values and seed.
-    The exit status is 1 if a variant of AFTER is worse, and 2 if nothing could be compared.
+    The exit status is 1 if a variant of AFTER is worse or lacks cases of BEFORE, and 2 if nothing
+    could be compared.
 
     \b
     bagpipe compare job/nightly-41 job/nightly-42 -n robots
@@ -44,11 +55,27 @@ def compare_command(
         raise RefusedError(str(error)) from error
     if output == "table":
         for comparison in found:
-            _show(comparison, Console())
+            _show(comparison, Console(emoji=False))
     else:
         told(found, output)
+    missing = not allow_missing and _tell_missing(found)
     verdicts = {comparison["verdict"] for comparison in found}
-    raise SystemExit(1 if "worse" in verdicts else 2 if verdicts <= {"unknown"} else 0)
+    if verdicts <= {"unknown"}:
+        raise SystemExit(2)
+    raise SystemExit(1 if "worse" in verdicts or missing else 0)
+
+
+def _tell_missing(found: list[dict[str, Any]]) -> bool:
+    """Whether cases are missing, which a gate must not take for none that got worse."""
+    lacking = [comparison for comparison in found if comparison["counts"]["missing"]]
+    for comparison in lacking:
+        where = f"{comparison['variant']} of AFTER" if comparison["variant"] else "AFTER"
+        click.echo(
+            f"{comparison['counts']['missing']} cases of BEFORE are missing in {where}:"
+            " --allow-missing lets that pass",
+            err=True,
+        )
+    return bool(lacking)
 
 
 def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]]:
@@ -81,7 +108,7 @@ def _show(comparison: dict[str, Any], console: Console) -> None:
                 escape(criterion["message"]),
             )
         console.print(table)
-    for word in ("regressed", "fixed", "flaky"):
+    for word in ("regressed", "fixed", "flaky", "missing"):
         for case in comparison[word]:
             console.print(f"  {word}: {escape(case)}", highlight=False)
 

@@ -54,6 +54,7 @@ def logs_command(
     \b
     bagpipe logs nightly                           what the driver wrote
     bagpipe logs nightly drive-0003-s2 -n robots   what the stack and the agent wrote in a case
+    bagpipe logs nightly drive-0003-s2 --of driver how it ended, and what else the driver says of it
     bagpipe logs nightly drive-0003-s2 --volume results=/mnt/results
     bagpipe logs nightly --of executor --tail 50
     """

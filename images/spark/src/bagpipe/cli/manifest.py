@@ -12,6 +12,7 @@ from bagpipe.spec import SimulationJobSpec
 
 API_GROUP = "sim.bagpipe.io/"
 _LARGEST_BYTES = 4 << 20
+_MOST_KINDS = 5
 
 
 class ManifestError(ValueError):
@@ -24,7 +25,7 @@ def read_job(path: Path) -> tuple[str, SimulationJobSpec]:
     Raises ManifestError.
     """
     job, _ = _only_job(path)
-    name = str((job.get("metadata") or {}).get("name", ""))
+    name = str(_metadata(path, job).get("name") or "")
     if not name:
         raise ManifestError(f"{path}: metadata.name is missing: give the job a name")
     try:
@@ -40,17 +41,23 @@ def read_object(path: Path) -> tuple[dict[str, Any], int]:
     ManifestError.
     """
     job, others = _only_job(path)
+    return dict(job) | {"metadata": _metadata(path, job)}, others
+
+
+def _metadata(path: Path, job: Mapping[str, Any]) -> dict[str, Any]:
     metadata = job.get("metadata") or {}
     if not isinstance(metadata, dict):
         raise ManifestError(f"{path}: metadata is no map: write metadata: {{name: my-job}}")
-    return dict(job) | {"metadata": dict(metadata)}, others
+    return dict(metadata)
 
 
 def _only_job(path: Path) -> tuple[Mapping[str, Any], int]:
     found = _objects(path)
     jobs = [each for each in found if each.get("kind") == "SimulationJob"]
     if len(jobs) != 1:
-        raise ManifestError(f"{path} holds {len(jobs)} SimulationJobs: it must hold one")
+        kinds = dict.fromkeys(str(each.get("kind") or "what has no kind") for each in found)
+        there = f", but {' and '.join(list(kinds)[:_MOST_KINDS])}" if kinds and not jobs else ""
+        raise ManifestError(f"{path} holds {len(jobs)} SimulationJobs{there}: it must hold one")
     version = str(jobs[0].get("apiVersion", ""))
     if not version.startswith(API_GROUP):
         raise ManifestError(f"{path}: apiVersion is {version!r}: write {API_GROUP}v1alpha1")

@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from bagpipe.cli.manifest import ManifestError, read_job
@@ -51,7 +52,7 @@ def plan_command(manifest: Path, volumes: tuple[str, ...], output: str) -> None:
     except (ManifestError, MatrixError, StorageError) as error:
         raise RefusedError(str(error)) from error
     if output == "table":
-        _show(description, Console())
+        _show(description, Console(emoji=False))
     else:
         told(description, output)
     if description["unplanned"]:
@@ -130,7 +131,7 @@ def _show(description: dict[str, Any], console: Console) -> None:
     if any(case["variant"] for case in cases):
         table.add_column("Variant")
     for name in names:
-        table.add_column(name)
+        table.add_column(escape(name))
     if description["fragments"] is not None:
         for column in ("Seconds", "Messages", "Bytes"):
             table.add_column(column, justify="right")
@@ -146,7 +147,7 @@ def _show(description: dict[str, Any], console: Console) -> None:
 
 def _row(case: dict[str, Any], names: list[str], variants: bool) -> list[str]:
     row = [case["case"]] + ([case["variant"]] if variants else [])
-    row += [str(case["values"].get(name, "")) for name in names]
+    row = [escape(cell) for cell in [*row, *(str(case["values"].get(n, "")) for n in names)]]
     if "bytes" in case:
         row += [f"{case['seconds']:g}", f"{case['messages']:,}", f"{case['bytes']:,}"]
     return row
@@ -159,13 +160,14 @@ def _show_parts(cases: list[dict[str, Any]], console: Console) -> None:
         if "parts" in case:
             shown.setdefault(json.dumps(case["parts"]), (case["case"], case["parts"]))
     for name, parts in list(shown.values())[:_MOST_ROWS]:
-        table = Table(box=None, header_style="bold", title=f"Parts of {name}", title_justify="left")
+        title = f"Parts of {escape(name)}"
+        table = Table(box=None, header_style="bold", title=title, title_justify="left")
         table.add_column("Bag", overflow="fold")
         for column in ("From", "To", "Played at"):
             table.add_column(column, justify="right")
         for part in parts:
             times = [*part["window"], part["at"]]
-            table.add_row(part["bag"], *(f"{time / 1e9:.3f}" for time in times))
+            table.add_row(escape(part["bag"]), *(f"{time / 1e9:.3f}" for time in times))
         console.print()
         console.print(table)
 
@@ -182,7 +184,7 @@ def _show_exclusions(matrix: dict[str, Any] | None, console: Console) -> None:
     table.add_column("Rule")
     table.add_column("Because")
     for (when, because), count in by_rule.items():
-        table.add_row(str(count), when, because or "(no reason given)")
+        table.add_row(str(count), escape(when), escape(because) or "(no reason given)")
     console.print()
     console.print(table)
 
@@ -190,7 +192,7 @@ def _show_exclusions(matrix: dict[str, Any] | None, console: Console) -> None:
 def _show_sums(description: dict[str, Any], console: Console) -> None:
     cases, fragments = len(description["cases"]), description["fragments"]
     if fragments is None:
-        claims_missing = ", ".join(description["unreachable"])
+        claims_missing = escape(", ".join(description["unreachable"]))
         console.print(
             f"\n{cases} cases for each fragment. The recordings of {claims_missing} are not on this"
             " machine: give --volume CLAIM=FOLDER to see the fragments."
@@ -201,4 +203,6 @@ def _show_sums(description: dict[str, Any], console: Console) -> None:
             " conditions."
         )
     for bag in description["unplanned"]:
-        console.print(f"[red]{bag['reason']}[/red] {bag['message']}")
+        console.print(
+            f"[red]{escape(bag['reason'])}[/red] {escape(bag['message'])}", soft_wrap=True
+        )

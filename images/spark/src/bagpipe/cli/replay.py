@@ -143,7 +143,7 @@ def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, target: Path
 
 
 def _show(before: Row, again: dict[str, Any], target: Path) -> None:
-    console = Console()
+    console = Console(emoji=False)
     console.print(
         f"[bold]{again['outcome']}[/] here, {escape(str(before['outcome']))} in the job:"
         f" {escape(str(again['case']))}"

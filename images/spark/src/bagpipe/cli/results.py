@@ -73,7 +73,7 @@ def results_command(
 def tell(found: dict[str, Any], output: str) -> None:
     """Write what `describe` gives to stdout, as table, json or yaml."""
     if output == "table":
-        _show(found, Console())
+        _show(found, Console(emoji=False))
     else:
         told(found, output)
 

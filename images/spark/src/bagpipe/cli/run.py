@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from bagpipe.cli.here import Machine, notes, of_variants, refusals
-from bagpipe.cli.manifest import ManifestError, read_job
+from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job
 from bagpipe.cli.places import (
     RefusedError,
     file_uri,
@@ -32,11 +32,14 @@ from bagpipe.storage import StorageError
 
 _MOST_SLOTS = 64
 # All that a run leaves in its folder: what --replace removes.
+_LOGS = ("agent.log", "driver.log")
 _FILES = (
     "manifest.json", "results.jsonl", "results.parquet", "junit.xml", "report.html",
-    "comparison.json", "job.json", "agent.log", "driver.log",
+    "comparison.json", "job.json", *_LOGS,
 )  # fmt: skip
 _FOLDERS = ("cases", "journal")
+# A manifest of ours says so in its first field; the whole of it may be as long as its cases.
+_HEAD_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,7 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     agent = _checked(spec, volumes, wanted)
     _prepare(folder, wanted)
     slots = wanted.slots or _slots(spec)
-    console = Console(stderr=True)
+    console = Console(stderr=True, emoji=False)
     for note in notes(spec, folder):
         console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
     job = JobFile(
@@ -138,7 +141,7 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     results = results_at(str(folder), {})
     if not (folder / "manifest.json").exists():
         raise RunError(f"{told['reason']}: {told['message']} ({folder / 'driver.log'} says more)")
-    console.print(f"{folder} has report.html, results.jsonl and more", soft_wrap=True)
+    console.print(escape(f"{folder} has report.html, results.jsonl and more"), soft_wrap=True)
     return {"results": str(folder.resolve())} | describe(results, failed=False)
 
 
@@ -163,10 +166,14 @@ def _slots(spec: SimulationJobSpec) -> int:
 
 
 def _prepare(folder: Path, wanted: Wanted) -> None:
-    """Make the folder; raises RunError where it has a run that was not meant."""
+    """Make the folder; raises RunError where it has what was not meant to be touched."""
     if wanted.resume and wanted.replace:
         raise RunError("--resume keeps what --replace removes: write one of them")
     try:
+        if not _is_a_run_s(folder) and (others := _others(folder)):
+            raise RunError(
+                f"{folder} has {others}, which no run has left there: choose another --results"
+            )
         if wanted.replace:
             _remove(folder)
         if (folder / "manifest.json").exists() and not wanted.resume:
@@ -180,6 +187,26 @@ def _prepare(folder: Path, wanted: Wanted) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RunError(f"{folder} can't be written: {error.strerror}") from error
+
+
+def _is_a_run_s(folder: Path) -> bool:
+    """Whether the folder has what only a run leaves: its manifest, or its logs."""
+    manifest = folder / "manifest.json"
+    if manifest.is_file():
+        with manifest.open("rb") as file:
+            if f'"{API_GROUP}manifest/'.encode() in file.read(_HEAD_BYTES):
+                return True
+    # A run that died before its first journal has both logs.
+    return (folder / "driver.log").is_file() and any(
+        (folder / name).exists() for name in ("journal", "agent.log")
+    )
+
+
+def _others(folder: Path) -> str:
+    """Files and filled folders that bear the names of a run's, whose logs are no loss."""
+    found = [name for name in _FILES if name not in _LOGS and (folder / name).exists()]
+    found += [n for n in _FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
+    return ", ".join(found)
 
 
 def _remove(folder: Path) -> None:

@@ -5,8 +5,10 @@ from typing import Any
 
 import click
 from rich.console import Console
+from rich.markup import escape
 
-from bagpipe.cli.cluster.place import Place, place_options, program
+from bagpipe.cli.cluster.hints import again
+from bagpipe.cli.cluster.place import Place, place_options
 from bagpipe.cli.cluster.state import JobState
 from bagpipe.cli.cluster.watching import followed, tell_end, timeout_option
 from bagpipe.cli.manifest import ManifestError, read_object
@@ -58,7 +60,7 @@ def submit_command(
     _call(job, name, generate_name)
     cluster = Place(place.context, _namespace(job, place.namespace)).cluster()
     made = cluster.create(job, dry_run)
-    progress = Console(stderr=output != "table")
+    progress = Console(stderr=output != "table", emoji=False)
     if others:
         click.echo(
             f"{others} other objects of {manifest} were not created: kubectl apply -f {manifest}",
@@ -113,7 +115,8 @@ def _tell_created(made: dict[str, Any], dry_run: bool, wait: bool, console: Cons
     )
     if not wait:
         for verb in (f"watch {name}", f"logs {name}", f"results job/{name}"):
-            console.print(f"  {program()} {verb} -n {namespace}", highlight=False, soft_wrap=True)
+            hint = escape(again(verb, namespace))
+            console.print(f"  {hint}", highlight=False, soft_wrap=True)
 
 
 def _tell_end(state: JobState, output: str, console: Console) -> None:

@@ -27,7 +27,7 @@ def watch_command(name: str, place: Place, timeout: float, output: str) -> None:
     bagpipe watch nightly
     bagpipe watch nightly -n robots --timeout 30m
     """
-    console = Console(stderr=output != "table")
+    console = Console(stderr=output != "table", emoji=False)
     state = followed(place.cluster(), name.removeprefix("job/"), timeout, console)
     if output == "table":
         tell_end(state, console)

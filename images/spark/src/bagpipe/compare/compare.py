@@ -36,8 +36,9 @@ class CriterionComparison:
 class Comparison:
     """One variant against the baseline.
 
-    `regressed`, `fixed` and `flaky` name cases of the variant, at most MOST_NAMED of each;
-    `counts` has their numbers, and those of `same`, `unknown` and of cases without a partner.
+    `regressed`, `fixed` and `flaky` name cases of the variant, `missing` those of the baseline that
+    the variant lacks, at most MOST_NAMED of each; `counts` has their numbers, and those of `same`,
+    `unknown` and `unpaired`, the cases that only one of the two has.
     """
 
     variant: str
@@ -50,6 +51,7 @@ class Comparison:
     flaky: list[str]
     chance: float
     criteria: list[CriterionComparison] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         """As it stands in comparison.json."""
@@ -103,7 +105,9 @@ def _compared(
         counts[change] += 1
         if change in named and len(named[change]) < MOST_NAMED:
             named[change].append(variant[key].cases[0])
-    counts["unpaired"] = len(variant) + len(baseline) - 2 * len(both)
+    missing = [rounds.cases[0] for key, rounds in baseline.items() if key not in variant]
+    counts["missing"] = len(missing)
+    counts["unpaired"] = len(missing) + len(variant) - len(both)
     criteria = [
         _criterion(criterion, unit, direction, [(baseline[k], variant[k]) for k in both])
         for criterion, (unit, direction) in units.items()
@@ -111,8 +115,9 @@ def _compared(
     verdict, message = _verdict(counts, criteria)
     chance = chance_of(counts["regressed"], counts["fixed"])
     return Comparison(
-        name, called, verdict, message, counts, **named, chance=chance, criteria=criteria
-    )
+        name, called, verdict, message, counts, **named, chance=chance, criteria=criteria,
+        missing=missing[:MOST_NAMED],
+    )  # fmt: skip
 
 
 def _change(before: str, after: str) -> str:
@@ -173,8 +178,12 @@ def _verdict(counts: Mapping[str, int], criteria: list[CriterionComparison]) -> 
         said += f"; worse in {', '.join(worse)}"
     if better:
         said += f"; better in {', '.join(better)}"
+    new = counts["unpaired"] - counts["missing"]
+    alone = [f"{n} {word}" for n, word in ((counts["missing"], "missing"), (new, "new")) if n]
+    lone = f"; {', '.join(alone)}" if alone else ""
+    said += lone
     if counts["regressed"] or worse:
         return "worse", said
     if not compared:
-        return "unknown", "no case of both could be compared"
+        return "unknown", f"no case of both could be compared{lone}"
     return ("better" if counts["fixed"] or better else "same"), said

@@ -44,6 +44,13 @@ def segment_seconds(elapsed: float) -> float:
     return min(30.0, max(1.0, elapsed / 100))
 
 
+def said(row: Row) -> str:
+    """How a case ended, in the line of the driver's log that `bagpipe logs` looks for."""
+    outcome = f"{row['outcome']} {row.get('reason') or ''}".strip()
+    seconds = row.get("seconds") or 0.0
+    return f"case {row['case']}: {outcome}, attempts {row['attempts']}, seconds {seconds:.1f}"
+
+
 @dataclass
 class Keeper:
     """Takes rows, each case's first one only, into progress, row file and journal."""
@@ -81,6 +88,7 @@ class Keeper:
             if self.rows.add(row):
                 self.progress.add(row)
                 self.counted(row)
+                log.info("%s", said(row))
                 self._unwritten.append(row)
         if self.max_failed is not None and self.progress.failed() > self.max_failed:
             self._end(

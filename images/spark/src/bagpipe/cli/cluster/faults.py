@@ -1,4 +1,4 @@
-"""What the API server refuses, in sentences that say what to do next. Pure."""
+"""What the API server refuses, in sentences that say what to do next."""
 
 import json
 import re
@@ -6,6 +6,7 @@ import ssl
 from dataclasses import dataclass
 from typing import Any
 
+from bagpipe.cli.cluster.hints import in_context
 from bagpipe.cli.places import RefusedError
 
 _RULES = "docs/tasks/ci-gate.md has a Role to ask for"
@@ -57,7 +58,7 @@ def refused(status: int, reason: str, body: str, asked: Asked) -> ClusterError:
         text = (
             f"the cluster of context {asked.context} does not know you: the credentials in the"
             " kubeconfig are missing, wrong or have expired. Log in again and try"
-            f" `kubectl -n {asked.namespace} get simulationjobs`"
+            f" `{_listing(asked)}`"
         )
     elif status == 403:
         text = _forbidden(message, asked)
@@ -130,8 +131,8 @@ def _forbidden(message: str, asked: Asked) -> str:
         resource = f"{resource}.sim.bagpipe.io"
     return (
         f"you may not {asked.verb} {asked.resource} in namespace {asked.namespace}: {message}."
-        f" `kubectl auth can-i {asked.verb} {resource} -n {asked.namespace}` says whether you may;"
-        f" {_RULES}"
+        f" `kubectl auth can-i {asked.verb} {resource} -n {asked.namespace}{in_context()}` says"
+        f" whether you may; {_RULES}"
     )
 
 
@@ -162,8 +163,12 @@ def no_job(asked: Asked, near: list[str], others: int) -> str:
     if near:
         return f"{said}: did you mean {' or '.join(near)}?"
     if others:
-        return f"{said}: `kubectl -n {asked.namespace} get simulationjobs` lists those there are"
+        return f"{said}: `{_listing(asked)}` lists those there are"
     return f"{said}, and no other: is it in another namespace (-n)?"
+
+
+def _listing(asked: Asked) -> str:
+    return f"kubectl{in_context()} -n {asked.namespace} get simulationjobs"
 
 
 def _status_object(body: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from bagpipe.cli.cluster.faults import ClusterError
+from bagpipe.cli.cluster.hints import again
 from bagpipe.cli.cluster.state import JobState, Json
 
 # An API server that is upgraded is away for a minute; one that is away longer needs somebody.
@@ -95,8 +96,9 @@ def _gone(state: JobState) -> ClusterError:
 
 
 def _still(name: str, state: JobState | None, seconds: float) -> str:
-    now = f"it is {state.phase}: {state.message}" if state else "it was not seen"
+    now = f"it is {state.phase}: {state.message}".rstrip(" :.") if state else "it was not seen"
+    hint = again(f"watch {name}", state.namespace if state else None)
     return (
-        f"job {name} has not ended within {seconds:g} s, and goes on in the cluster; {now}"
-        f" Follow it with `bagpipe watch {name}`, or give a longer --timeout"
+        f"job {name} has not ended within {seconds:g} s, and goes on in the cluster; {now}."
+        f" Follow it with `{hint}`, or give a longer --timeout"
     )

@@ -1,5 +1,6 @@
 """Pieces of logs, each with where it comes from or why it is not there."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -69,9 +70,12 @@ def driver_log(cluster: Pods, state: JobState, tail: int, case: str | None) -> P
     except ClusterError as error:
         return Piece(DRIVER, source, missing=error.message)
     if case is not None:
-        lines = [line for line in lines if case in line]
+        lines = [line for line in lines if _names(line, case)]
         if not lines:
-            missing = f"no line names {case}: leave out the case to see the whole log"
+            missing = (
+                f"no line of the last {_MOST_LINES:,} names {case}: leave out the case to see the"
+                " whole log"
+            )
             return Piece(DRIVER, source, missing=missing)
     return Piece(DRIVER, source, lines[-tail:], "" if lines else "it has written nothing yet")
 
@@ -151,6 +155,11 @@ def _no_executors(state: JobState) -> str:
             " kept is in the results"
         )
     return f"the job has no executors yet: {state.message}"
+
+
+def _names(line: str, case: str) -> bool:
+    """Whether the case is named, and not one whose name only holds this one's."""
+    return re.search(rf"(?<![\w.-]){re.escape(case)}(?![\w-]|\.\w)", line) is not None
 
 
 def _lines(tail: int, case: str | None) -> int:

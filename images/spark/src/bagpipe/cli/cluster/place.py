@@ -33,7 +33,8 @@ class Place:
             if error.name is None or error.name.partition(".")[0] != "kubernetes":
                 raise
             raise ClusterError(
-                "the package kubernetes is not installed: pip install 'bagpipe[cli]'"
+                "the package kubernetes is not installed: in a checkout of Bagpipe write"
+                " pip install './images/spark[cli]'"
             ) from error
         if seconds is None:
             return connect(self.context, self.namespace)
@@ -92,9 +93,3 @@ def _names(ctx: click.Context) -> list[str]:
         return place.cluster(_COMPLETION_SECONDS).names()
     except ClusterError:
         return []
-
-
-def program() -> str:
-    """What the user typed to get here: `bagpipe` or `kubectl bagpipe`."""
-    context = click.get_current_context(silent=True)
-    return (context.find_root().info_name if context else None) or "bagpipe"

@@ -1,6 +1,7 @@
 """The results of a job by its name in the cluster, beside those by URI or folder."""
 
-from bagpipe.cli.cluster.place import Place, program
+from bagpipe.cli.cluster.hints import again
+from bagpipe.cli.cluster.place import Place
 from bagpipe.cli.cluster.state import JobState
 from bagpipe.cli.places import RefusedError, results_at
 from bagpipe.report.stored import StoredResults
@@ -20,7 +21,7 @@ def results_of(place: Place, where: str, volumes: dict[str, str]) -> StoredResul
         done = f"{state.cases.done} of {state.cases.planned} cases are done"
         raise RefusedError(
             f"job {name} is {state.phase}, {done}: its results are there when it has ended:"
-            f" {program()} watch {name} -n {state.namespace}"
+            f" {again(f'watch {name}', state.namespace)}"
         )
     if not state.results:
         raise RefusedError(f"job {name} ended without results: {state.reason}: {state.message}")

@@ -11,8 +11,8 @@ from rich.live import Live
 from rich.markup import escape
 
 from bagpipe.cli.cluster.following import Source, Times, states
+from bagpipe.cli.cluster.hints import again
 from bagpipe.cli.cluster.pace import Pace
-from bagpipe.cli.cluster.place import program
 from bagpipe.cli.cluster.screen import Seen, block, line
 from bagpipe.cli.cluster.state import JobState
 from bagpipe.cli.places import RefusedError
@@ -101,7 +101,8 @@ def followed(source: Source, name: str, seconds: float, console: Console) -> Job
                 watcher.show(state)
                 last = state
     except KeyboardInterrupt:
-        click.echo(f"no longer watched; job {name} goes on: {program()} watch {name}", err=True)
+        hint = again(f"watch {name}", last.namespace if last else None)
+        click.echo(f"no longer watched; job {name} goes on: {hint}", err=True)
         raise SystemExit(_INTERRUPTED) from None
     if last is None:
         raise RefusedError(f"job {name} was not seen")
@@ -124,10 +125,10 @@ def tell_end(state: JobState, console: Console) -> None:
         console.print(escape(f"{name} is {found.get('verdict')}: {counts}"), highlight=False)
     if state.results:
         console.print(escape(f"results: {state.results}"), highlight=False, soft_wrap=True)
-    where = f"-n {state.namespace}"
+    hint = ""
     if not state.verdict:
-        console.print(f"why: {program()} logs {state.name} {where}", highlight=False)
+        hint = again(f"logs {state.name}", state.namespace)
     elif state.verdict != "Passed":
-        console.print(
-            f"why: {program()} results job/{state.name} {where} --failed", highlight=False
-        )
+        hint = again(f"results job/{state.name}", state.namespace, "--failed")
+    if hint:
+        console.print(escape(f"why: {hint}"), highlight=False, soft_wrap=True)

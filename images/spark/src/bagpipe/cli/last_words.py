@@ -1,0 +1,35 @@
+"""How the program ends when something happens that no verb foresaw."""
+
+import os
+import sys
+import traceback
+from typing import Any
+
+import click
+
+# A shell's status of a program that Ctrl-C ended.
+_INTERRUPTED = 130
+_UNFORESEEN = 2
+_TRACEBACK = "BAGPIPE_TRACEBACK"
+
+
+class LastWords(click.Group):
+    """A program that never ends with 1, a verdict that failed, because of a fault or of Ctrl-C."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """The verb, with a sentence and a status of its own for all that it does not catch."""
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.Abort, click.exceptions.Exit, BrokenPipeError):
+            raise  # click's own, and what it ends quietly
+        except KeyboardInterrupt:
+            click.echo("\ninterrupted" if sys.stderr.isatty() else "interrupted", err=True)
+            raise SystemExit(_INTERRUPTED) from None
+        except Exception as error:  # whatever it is
+            wanted = bool(os.environ.get(_TRACEBACK))
+            if wanted:
+                traceback.print_exc()
+            said = f"{type(error).__name__}: {error}".removesuffix(": ")
+            where = "" if wanted else f"; {_TRACEBACK}=1 shows where"
+            click.echo(f"Error: nobody foresaw this, please report it: {said}{where}", err=True)
+            raise SystemExit(_UNFORESEEN) from error

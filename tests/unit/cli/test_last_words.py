@@ -1,0 +1,82 @@
+"""What the program says and ends with when something happens that nobody foresaw, or Ctrl-C."""
+
+import contextlib
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from bagpipe.cli.__main__ import main
+from bagpipe.cli.last_words import LastWords
+from tests.unit.bagpipe.jobs import make_row
+from tests.unit.report.publishing import publish
+
+_MANIFEST_BYTES = 1 << 20
+
+
+def test_what_nobody_foresaw_is_a_sentence_and_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = publish(tmp_path, [make_row("a-0")])
+    (folder / "manifest.json").write_text("{}")
+    monkeypatch.delenv("BAGPIPE_TRACEBACK", raising=False)
+    ended = CliRunner().invoke(main, ["results", str(folder)])
+    assert ended.exit_code == 2
+    assert ended.stdout == ""
+    (line,) = ended.stderr.splitlines()
+    assert "KeyError: 'job'" in line
+    assert "BAGPIPE_TRACEBACK=1 shows where" in line
+    ended = CliRunner(env={"BAGPIPE_TRACEBACK": "1"}).invoke(main, ["results", str(folder)])
+    assert (ended.exit_code, "Traceback" in ended.stderr) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("raised", "status", "said"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted\n"),
+        (MemoryError(), 2, "MemoryError"),
+        (click.UsageError("write it otherwise"), 2, "Error: write it otherwise"),
+        (click.ClickException("no"), 1, "Error: no"),
+        (click.exceptions.Exit(3), 3, ""),
+        (SystemExit(1), 1, ""),
+        # Whoever reads no further knows why: there is nothing to be said.
+        (BrokenPipeError(32, "Broken pipe"), 1, ""),
+    ],
+)
+def test_what_is_raised_and_how_it_ends(raised: BaseException, status: int, said: str) -> None:
+    @click.group(cls=LastWords)
+    def program() -> None:
+        pass
+
+    @program.command()
+    def fails() -> None:
+        raise raised
+
+    ended = CliRunner(env={"BAGPIPE_TRACEBACK": ""}).invoke(program, ["fails"])
+    assert (ended.exit_code, said in ended.stderr) == (status, True), ended.stderr
+    assert ("nobody foresaw" in ended.stderr) == isinstance(raised, MemoryError)
+
+
+def test_ctrl_c_ends_a_verb_with_130() -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-m", "bagpipe.cli", "submit", "-"],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    with program:
+        assert program.stdin is not None
+        # It reads: so much does not fit into the pipe.
+        program.stdin.write(b" " * _MANIFEST_BYTES)
+        program.stdin.flush()
+        # A signal that comes between two reads is seen only with the next one.
+        for _ in range(60):
+            program.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                program.wait(timeout=1)
+                break
+        assert program.returncode == 130
+        assert program.stderr is not None
+        assert program.stderr.read().strip() == b"interrupted"
