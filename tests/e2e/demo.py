@@ -106,12 +106,33 @@ def _show(job: k.Object) -> int:
     console.print(f"\n$ kubectl exec {k.TOOLBOX} -- {' '.join(command)}", soft_wrap=True)
     info = k.in_toolbox(NAMESPACE, *command)
     console.print(info, markup=False, highlight=False, soft_wrap=True)
+    take_out(status["results"])
     console.print(
         "The cluster stays up: export KUBECONFIG="
         f"{k.EMBEDDED_KUBECONFIG}; kubectl get simjob,pods -A. make down removes it.",
         soft_wrap=True,
     )
     return 0 if status["verdict"] == "Passed" else 1
+
+
+def take_out(uri: str) -> None:
+    """Copy the results to this machine, and say how to look at them; or why there is no copy."""
+    folder = k.cache() / "demo" / JOB
+    try:
+        k.take_results(NAMESPACE, uri, folder)
+    except (k.KubectlError, subprocess.TimeoutExpired, OSError) as error:
+        # The job's verdict stands: what is missing is a copy, and it is said.
+        _say(f"The results could not be copied to {folder}: {error}")
+        _say(f"They are in the cluster. Try: kubectl cp {k.on_claim(NAMESPACE, uri)} {folder}")
+        return
+    _say(f"A copy of the results is in {folder}. Look at it with")
+    _say(f"$ .venv/bin/bagpipe results {folder}")
+    _say(f"and at its page in a browser: {folder / 'report.html'}\n")
+
+
+def _say(text: str) -> None:
+    """A line that can be copied as it is."""
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def _table(rows: list[k.Object]) -> Table:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import threading
 import time
@@ -29,11 +30,15 @@ class KubectlError(Exception):
     """kubectl ended with an error; the text is what it said."""
 
 
+def cache() -> Path:
+    """Where the project keeps what it has built and fetched."""
+    return Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
+
+
 def tool_environment() -> dict[str, str]:
     """The environment in which the project's own kubectl and helm are found, and the cluster."""
-    cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
     environment = {"KUBECONFIG": EMBEDDED_KUBECONFIG, **os.environ}
-    environment["PATH"] = f"{cache / 'bin/tools'}:{environment['PATH']}"
+    environment["PATH"] = f"{cache() / 'bin/tools'}:{environment['PATH']}"
     return environment
 
 
@@ -131,3 +136,23 @@ def results(namespace: str, uri: str) -> tuple[Object, list[Object]]:
     manifest: Object = json.loads(in_toolbox(namespace, "cat", f"{folder}/manifest.json"))
     lines = in_toolbox(namespace, "cat", f"{folder}/results.jsonl").splitlines()
     return manifest, [json.loads(line) for line in lines]
+
+
+def on_claim(namespace: str, uri: str) -> str:
+    """A URI on a claim of the toolbox as `kubectl cp` names it."""
+    return f"{namespace}/{TOOLBOX}:/{uri.removeprefix('pvc://')}"
+
+
+def take_results(namespace: str, uri: str, target: Path) -> None:
+    """Copy a results folder out of the claim `results`, in place of what was there.
+
+    Raises KubectlError (also where the copy lacks a file of every job), TimeoutExpired and OSError.
+    """
+    if target.exists():
+        shutil.rmtree(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    kubectl("cp", on_claim(namespace, uri), str(target))
+    # kubectl says nothing of a folder that it found empty, and ends well.
+    missing = [name for name in ("manifest.json", "report.html") if not (target / name).is_file()]
+    if missing:
+        raise KubectlError(f"kubectl cp left no {' and no '.join(missing)} in {target}")

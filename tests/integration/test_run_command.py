@@ -169,7 +169,7 @@ def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> N
 
     status, said, _ = laptop.run("results", folder)
     assert (status, said.split("\n")[0]) == (0, "Passed  pr2")
-    status, said, _ = laptop.run("report", folder, "--output", laptop.folder / "page.html")
+    status, said, _ = laptop.run("report", folder, "--to", laptop.folder / "page.html")
     assert (status, "page.html" in said) == (0, True)
     status, _, errors = laptop.job(manifest)
     assert (status, "has a run already: write --replace" in errors) == (2, True)

@@ -4,6 +4,7 @@ No operator runs here: a test patches a job's status as the operator would.
 """
 
 import json
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -25,10 +26,12 @@ from tests.integration.control_plane.observe import a_job, await_right
 from tests.integration.control_plane.server import CRDS, ControlPlane, install_crd
 from tests.integration.storage.servers import wait_until
 from tests.unit.bagpipe.jobs import make_row
+from tests.unit.cli import pipeline
 from tests.unit.cli.cluster_objects import condition
 from tests.unit.report.publishing import publish
 
 WAIT_SECONDS = 90.0
+PROGRAM = f'exec {sys.executable} -m bagpipe.cli "$@"'
 RUNNING = [
     condition("Accepted", True, "DriverCreated"),
     condition("Running", True, "CasesRunning", "Cases are running."),
@@ -300,6 +303,39 @@ def test_the_role_of_the_page_is_enough(
     assert done.result(WAIT_SECONDS).status == 0
     logs = run(config, "logs", "lane", "-n", namespace)
     assert "the job has no driver" in logs.stdout
+
+
+@pytest.mark.parametrize(("outcome", "verdict", "status"), [
+    ("passed", "Passed", 0), ("failed", "Failed", 1),
+])  # fmt: skip
+def test_the_pipeline_of_the_page_ends_with_the_verdict(
+    control_plane: ControlPlane, admin: Client, namespace: str, tmp_path: Path,
+    later: ThreadPoolExecutor, outcome: str, verdict: str, status: int,
+) -> None:  # fmt: skip
+    folder = publish(tmp_path, [make_row("a-0", outcome, "" if status == 0 else "Bad")])
+    words = (tmp_path, manifest("lane"), namespace, PROGRAM)
+    config = str(control_plane.kubeconfig)
+    done = later.submit(pipeline.step, *words, KUBECONFIG=config)
+    wait_until(lambda: bool(admin.items(jobs(namespace))), WAIT_SECONDS, "no job was made")
+    [made] = admin.items(jobs(namespace))
+    assert made["spec"]["stack"]["image"] == pipeline.IMAGE
+    tell_end(admin, namespace, made["metadata"]["name"], verdict, results=folder.as_uri())
+    ended = done.result(WAIT_SECONDS)
+    assert ended.returncode == status, ended.stderr
+    assert (tmp_path / "results.txt").read_text().startswith(verdict)
+    assert (tmp_path / "junit.xml").read_text().count("<testcase") == 1
+    assert f"<title>{verdict}: drive</title>" in (tmp_path / "report.html").read_text()
+
+
+def test_the_pipeline_of_the_page_stops_at_a_refused_job(
+    control_plane: ControlPlane, admin: Client, namespace: str, tmp_path: Path
+) -> None:
+    words = (tmp_path, manifest("lane", sourc={}), namespace, PROGRAM)
+    ended = pipeline.step(*words, KUBECONFIG=str(control_plane.kubeconfig))
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert "spec.sourc: there is no such field" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert admin.items(jobs(namespace)) == []
 
 
 def test_results_by_name_and_logs_of_a_case(

@@ -5,6 +5,7 @@ agent through which cases of a real node go.
 """
 
 import itertools
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -19,6 +20,7 @@ from charts.monitoring.generate import ROOT
 from tests.integration.conftest import RunningAgent
 from tests.integration.control_plane.client import Client, Object, jobs
 from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.due_schedules import start_run
 from tests.integration.control_plane.fake_driver import PORT, fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs
@@ -31,7 +33,6 @@ DRIVERS = {"drive": "127.83.0.2", "steps": "127.83.0.3"}
 AGENT = f"127.83.0.4:{names.METRICS_PORT}"
 # What has no data in this minute, and why.
 EXCUSED = {
-    "Fleet: Start of scheduled jobs": "schedules go by whole minutes, and none was due",
     "BagpipeOperatorAbsent": "absent() has a value when there is no operator",
 }
 
@@ -111,6 +112,7 @@ def test_every_panel_and_every_alert_has_data(
             logs = [process.log.read_text()[-1500:] for process in (drivers, cases)]
             assert left == set(EXCUSED), f"{sorted(left)}\n{logs}"
         assert left == set(EXCUSED)
+        assert_jobs_can_be_chosen(prometheus, namespace)
         assert_rules_are_judged(prometheus)
         assert_failures_are_seen(prometheus)
     finally:
@@ -118,7 +120,7 @@ def test_every_panel_and_every_alert_has_data(
 
 
 def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:
-    """Two jobs run, one ends well, one fails."""
+    """Two jobs run, one ends well, one fails, and a schedule starts a fifth."""
     create_jobs(admin, namespace, [*DRIVERS, "well", "broken"])
     await_phase(admin, namespace, "Pending", 4)
     for name, address in DRIVERS.items():
@@ -133,6 +135,22 @@ def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:
     await_phase(admin, namespace, "Failed", 1)
     told: Object = admin.get(jobs(namespace, "drive"))["status"]
     assert told["cases"]["planned"] == 10_000
+    # Behind the counts of phases, which its job would change.
+    start_run(admin, namespace, "nightly")
+    await_phase(admin, namespace, "Pending", 1, 20)
+
+
+def assert_jobs_can_be_chosen(prometheus: Prometheus, namespace: str) -> None:
+    """The variables of the boards offer what there is, asked as Grafana asks label_values()."""
+    wanted = {"namespace": [namespace], "job_name": sorted(DRIVERS)}
+    offered = {}
+    for name, query in JOB.variables.items():
+        asked = re.fullmatch(r"label_values\((.+), (\w+)\)", query.replace("$namespace", namespace))
+        assert asked is not None, query
+        selector, label = asked.groups()
+        offered[name] = prometheus.get(f"label/{label}/values", **{"match[]": selector})
+    assert offered == wanted
+    assert [board.title for board in BOARDS if board.variables] == [JOB.title]
 
 
 def assert_rules_are_judged(prometheus: Prometheus) -> None:

@@ -28,33 +28,22 @@ from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.schedules.loop import ScheduleLoop
 from bagpipe_operator.view import View
-from tests.integration.control_plane.client import JOBS, Client, Object, jobs
+from tests.integration.control_plane.client import Client, Object, jobs
 from tests.integration.control_plane.conftest import Installation, StartOperator
+from tests.integration.control_plane.due_schedules import (
+    a_schedule,
+    due_once,
+    schedules,
+    set_last_run,
+    start_run,
+)
 from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.control_plane.server import ControlPlane, binaries
 from tests.integration.storage.servers import PATIENCE, wait_until
-from tests.unit.operator.builders import make_job
 
 SECONDS = PATIENCE
 DAY = timedelta(days=1)
 PUBLISHED = Path(__file__).parents[3] / "docs/examples/schedule/schedule.yaml"
-
-
-def schedules(namespace: str, name: str = "") -> str:
-    below = f"{JOBS}/namespaces/{namespace}/simulationschedules"
-    return f"{below}/{name}" if name else below
-
-
-def a_schedule(name: str = "nightly", **spec: Any) -> Object:
-    """At 02:30 in Berlin, with fields of its spec changed."""
-    template = {"metadata": {"labels": {"team": "lanes"}}, "spec": make_job("x").object["spec"]}
-    timed = {"schedule": "30 2 * * *", "timeZone": "Europe/Berlin", "jobTemplate": template}
-    return {
-        "apiVersion": "sim.bagpipe.io/v1alpha1",
-        "kind": "SimulationSchedule",
-        "metadata": {"name": name},
-        "spec": timed | spec,
-    }
 
 
 @dataclass
@@ -268,32 +257,19 @@ async def test_the_history_is_kept_short(bench: Bench, operator: Callable[[], An
     assert bench.status["lastSuccessfulTime"] == "2026-11-20T04:00:00Z"
 
 
-def due_once() -> Object:
-    """Once a day, two minutes ago: with the last run an hour ago exactly one is due."""
-    run = datetime.now(UTC) - timedelta(minutes=2)
-    return {"schedule": f"{run.minute} {run.hour} * * *", "timeZone": "Etc/UTC"}
-
-
-def set_last_run(bench: Bench, name: str) -> None:
-    """Says in the schedule's status that its last run was an hour ago."""
-    before = (datetime.now(UTC) - timedelta(hours=1)).strftime("%Y-%m-%dT%H:%M:%SZ")
-    path = schedules(bench.namespace, name) + "/status"
-    bench.admin.merge(path, {"status": {"lastScheduleTime": before}})
-
-
 def test_the_operator_killed_makes_no_run_twice(
     bench: Bench, operator_process: StartOperator
 ) -> None:
     """SIGKILL at any moment between the job and its status; here with the status taken back."""
     bench.create(**due_once())
-    set_last_run(bench, "nightly")
+    set_last_run(bench.admin, bench.namespace, "nightly")
     process = operator_process()
     wait_until(lambda: bench.on_time() == "JobStarted", SECONDS, "no job")
     (name,) = bench.names
     uid = bench.admin.get(jobs(bench.namespace, name))["metadata"]["uid"]
     assert process.metric("bagpipe_schedule_jobs_started_total") == 1.0
     process.kill()
-    set_last_run(bench, "nightly")
+    set_last_run(bench.admin, bench.namespace, "nightly")
     process.start()
     last = f"{datetime.fromtimestamp(int(name.split('-')[1]) * 60, UTC):%Y-%m-%dT%H:%M:%SZ}"
     wait_until(lambda: bench.status["lastScheduleTime"] == last, SECONDS, "it was not put right")
@@ -307,10 +283,7 @@ def test_the_operator_killed_makes_no_run_twice(
 def test_two_operators_make_one_job(bench: Bench, operator_process: StartOperator) -> None:
     operators = [operator_process(), operator_process()]
     for count in range(3):
-        name = f"nightly{count}"
-        bench.admin.create(schedules(bench.namespace), a_schedule(name, suspend=True, **due_once()))
-        set_last_run(bench, name)
-        bench.admin.merge(schedules(bench.namespace, name), {"spec": {"suspend": False}})
+        start_run(bench.admin, bench.namespace, f"nightly{count}")
     wait_until(lambda: len(bench.names) == 3, SECONDS, "not each has its job")
     # An operator counts a job once the API server has answered, which is after the job is listed.
     wait_until(lambda: jobs_started(operators) >= 3.0, SECONDS, "not each job is counted")

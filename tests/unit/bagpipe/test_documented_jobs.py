@@ -14,7 +14,7 @@ from bagpipe.evaluate.model import KINDS
 from bagpipe.evaluate.own import own
 from bagpipe.plan.conditions import crossing
 from bagpipe.plan.variant import check_templates
-from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec import SimulationJobSpec, claims
 from tests.unit.evaluate.recordings import STORE, evidence, header, pose
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -44,7 +44,14 @@ def objects_of(page: str) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(
-    "page", ["tasks/criteria.md", "tasks/gpus.md", "tasks/own-evaluator.md", "concepts/matrix.md"]
+    "page",
+    [
+        "tasks/criteria.md",
+        "tasks/gpus.md",
+        "tasks/own-evaluator.md",
+        "tasks/own-stack.md",
+        "concepts/matrix.md",
+    ],
 )
 def test_the_jobs_of_a_page_can_be_planned_and_judged(page: str) -> None:
     jobs = [o for o in objects_of(page) if o["kind"] == "SimulationJob"]
@@ -52,6 +59,35 @@ def test_the_jobs_of_a_page_can_be_planned_and_judged(page: str) -> None:
     spec = SimulationJobSpec.model_validate(jobs[0]["spec"])
     check_templates(spec)
     assert faults(spec.evaluate) == []
+
+
+def test_the_pod_for_copying_has_the_claims_of_the_job_beside_it() -> None:
+    found = {o["kind"]: o for o in objects_of("tasks/own-stack.md")}
+    spec = SimulationJobSpec.model_validate(found["SimulationJob"]["spec"])
+    pod = found["Pod"]["spec"]
+    [container] = pod["containers"]
+    mounted = {mount["name"]: mount["mountPath"] for mount in container["volumeMounts"]}
+    volumes = {v["name"]: v["persistentVolumeClaim"]["claimName"] for v in pod["volumes"]}
+    assert {volumes[name]: path for name, path in mounted.items()} == {
+        claim: f"/{claim}" for claim in claims(spec)
+    }
+    # Any image will do that the nodes have already.
+    assert container["image"] == spec.stack.image
+
+
+def test_the_examples_say_how_a_recording_gets_onto_the_claim() -> None:
+    anchor = "../../tasks/own-stack.md#copy-to-a-claim-and-from-it"
+    for path in sorted(EXAMPLES.rglob("*")):
+        if path.suffix not in (".md", ".yaml"):
+            continue
+        text = path.read_text()
+        copied = re.findall(r"kubectl cp \S+ (.*):/recordings/(?:(.*)/)?", text)
+        assert {pod for pod, _ in copied} <= {"toolbox"}, path
+        # kubectl cp makes no folders.
+        for folder in {folder for _, folder in copied if folder}:
+            assert f"kubectl exec toolbox -- mkdir -p /recordings/{folder}\n" in text, path
+        if path.name == "README.md" and "kubectl cp" in text:
+            assert anchor in text, path
 
 
 def test_the_page_on_criteria_has_every_kind() -> None:

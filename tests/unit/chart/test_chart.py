@@ -231,12 +231,25 @@ def test_the_images() -> None:
     assert environment["BAGPIPE_AGENT_IMAGE"] == "r.example/b/agent:7"
 
 
+@pytest.mark.parametrize("slash", ["", "/"])
+def test_whoever_is_paged_gets_a_link(slash: str) -> None:
+    where = "https://wiki.example.com/alerts"
+    made = rendered("alerts.prometheusRule.enabled=true", f'alerts.runbooks="{where}{slash}"')
+    (rule,) = of_kind(made, "PrometheusRule")
+    found = {r["alert"]: r["annotations"] for g in rule["spec"]["groups"] for r in g["rules"]}
+    assert len(found) > 20
+    for alert, annotations in found.items():
+        assert annotations["runbook_url"] == f"{where}/{alert}.md"
+        assert "runbook" not in annotations
+
+
 REFUSED = {
     "a misspelt value": ('watchNamespace=["a"]', "'watchNamespace' not allowed"),
     "a namespace's name": ('jobNamespaces=["Lanes"]', "does not match pattern"),
     "a pull policy": ('images.pullPolicy="Sometimes"', "value must be one of"),
     "no patience": ("operator.stuckSeconds=0", "exclusiveMinimum"),
     "no workers": ("operator.workers=0", "minimum"),
+    "a page without an address": ('alerts.runbooks="docs/operations"', "does not match pattern"),
     "a short lease": ("operator.leaseSeconds=2", "minimum"),
     "jobs beside the operator": ('jobNamespaces=["bagpipe-system"]', "in a namespace of its own"),
     "jobs that nobody watches": ('watchNamespaces=["lanes"]', "jobNamespaces names default"),

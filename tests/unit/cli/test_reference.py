@@ -7,9 +7,11 @@ import os
 from pathlib import Path
 
 import click
+import pytest
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
+from bagpipe.cli.verb import Verb
 
 PAGE = Path(__file__).parents[3] / "docs/reference/cli.md"
 HEAD = """\
@@ -46,11 +48,20 @@ def test_the_reference_is_the_program_s_own_help() -> None:
     parts = [HEAD, helped()]
     for name in main.list_commands(click.Context(main)):
         parts += [f"## {name}\n", helped(name)]
-        command = main.commands[name]
+        verb = main.commands[name]
+        assert isinstance(verb, Verb)
+        command = verb.load()
         if isinstance(command, click.Group):
-            for verb in command.list_commands(click.Context(command)):
-                parts += [f"### {name} {verb}\n", helped(name, verb)]
+            for below in command.list_commands(click.Context(command)):
+                parts += [f"### {name} {below}\n", helped(name, below)]
     page = "\n".join(parts)
     if os.environ.get("BAGPIPE_WRITE_REFERENCE"):
         PAGE.write_text(page)
     assert PAGE.read_text() == page, "write it: BAGPIPE_WRITE_REFERENCE=1 pytest tests/unit/cli"
+
+
+@pytest.mark.parametrize("group", [(), ("bag",)], ids=["bagpipe", "bag"])
+def test_the_list_of_verbs_says_each_whole_summary(group: tuple[str, ...]) -> None:
+    _, heading, listed = helped(*group).partition("\nCommands:\n")
+    assert heading
+    assert "..." not in listed

@@ -1,7 +1,9 @@
 """`bagpipe results`, `compare` and `report` over folders that a job has published."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -141,5 +143,17 @@ def test_the_page_is_made_anew(tmp_path: Path) -> None:
     uri = "pvc://results/out/drive/uid-1"
     assert made.replace(folder.as_uri(), uri).count("regressed") == first.count("regressed")
     assert "<title>Failed: drive</title>" in made
-    status, text = run("report", folder, "-o", tmp_path / "no" / "page.html")
+    status, text = run("report", folder, "--to", tmp_path / "no" / "page.html")
     assert (status, "can't be written: No such file" in text) == (2, True)
+
+
+@pytest.mark.parametrize(("output", "read"), [("json", json.loads), ("yaml", yaml.safe_load)])
+def test_where_the_page_lies_is_told_as_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, read: Callable[[str], Any]
+) -> None:
+    folder = publish(tmp_path, [make_row("a-0")])
+    monkeypatch.chdir(tmp_path)
+    status, text = run("report", folder, "--output", output)
+    page = tmp_path / "report.html"
+    assert (status, read(text)) == (0, {"uri": page.as_uri(), "bytes": page.stat().st_size})
+    assert not (tmp_path / output).exists()

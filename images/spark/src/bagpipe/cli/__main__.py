@@ -2,18 +2,8 @@
 
 import click
 
-from bagpipe.cli.bag import bag_group
-from bagpipe.cli.compare import compare_command
-from bagpipe.cli.completion import completion_command
 from bagpipe.cli.last_words import LastWords
-from bagpipe.cli.logs import logs_command
-from bagpipe.cli.plan import plan_command
-from bagpipe.cli.replay import replay_command
-from bagpipe.cli.report import report_command
-from bagpipe.cli.results import results_command
-from bagpipe.cli.run import run_command
-from bagpipe.cli.submit import submit_command
-from bagpipe.cli.watch import watch_command
+from bagpipe.cli.verb import Verb
 
 
 @click.group(
@@ -29,11 +19,21 @@ def main() -> None:
     """
 
 
-for command in (
-    plan_command, run_command, submit_command, watch_command, logs_command, results_command,
-    compare_command, report_command, replay_command, bag_group, completion_command,
-):  # fmt: skip
-    main.add_command(command)
+# Each by its command in the module of its name, and in so few words that a list cuts none.
+for name, command, short_help in (
+    ("plan", "plan_command", "Show the cases that a job would run."),
+    ("run", "run_command", "Run a job on this machine, without a cluster."),
+    ("submit", "submit_command", "Create a job in the cluster."),
+    ("watch", "watch_command", "Follow a job in the cluster to its end."),
+    ("logs", "logs_command", "Show what was written in a case of a job."),
+    ("results", "results_command", "Show the verdict of a job, and its cases."),
+    ("compare", "compare_command", "Compare two jobs' results, case by case."),
+    ("report", "report_command", "Make the HTML page of a job's results."),
+    ("replay", "replay_command", "Run a case of a job again on this machine."),
+    ("bag", "bag_group", "Look into ROS 1 bags, cut, join, check them."),
+    ("completion", "completion_command", "Print a script that completes words."),
+):
+    main.add_command(Verb(name, command, short_help))
 
 if __name__ == "__main__":
     main()

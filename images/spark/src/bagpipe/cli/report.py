@@ -6,7 +6,14 @@ import click
 
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
-from bagpipe.cli.places import RefusedError, folders, volume_option
+from bagpipe.cli.places import (
+    RefusedError,
+    file_uri,
+    folders,
+    output_option,
+    told,
+    volume_option,
+)
 from bagpipe.report.html import Report
 from bagpipe.storage import StorageError
 
@@ -15,21 +22,25 @@ from bagpipe.storage import StorageError
 @click.argument("where", metavar="RESULTS", shell_complete=results_places)
 @place_options
 @volume_option
+@output_option
 @click.option(
     "-o",
-    "--output",
+    "--to",
     "page",
     type=click.Path(path_type=Path, dir_okay=False),
     default=Path("report.html"),
     show_default=True,
     help="Where the page is written.",
 )
-def report_command(where: str, place: Place, volumes: tuple[str, ...], page: Path) -> None:
+def report_command(
+    where: str, place: Place, volumes: tuple[str, ...], output: str, page: Path
+) -> None:
     """Make one self-contained HTML page of a job's results.
 
     RESULTS is job/NAME for a job in the cluster (NAME alone after -n), the URI in the job's
     status.results, or a folder of this machine. Every job leaves such a page as report.html
-    already; this makes it anew, for example with a newer version.
+    already; this makes it anew, for example with a newer version. With --output json or yaml stdout
+    gets the page's uri and its length in bytes; the page is HTML always.
 
     \b
     bagpipe report job/nightly -n robots
@@ -47,4 +58,7 @@ def report_command(where: str, place: Place, volumes: tuple[str, ...], page: Pat
         raise RefusedError(str(error)) from error
     except OSError as error:
         raise RefusedError(f"{page} can't be written: {error.strerror}") from error
-    click.echo(f"{page}: {len(made):,} bytes")
+    if output == "table":
+        click.echo(f"{page}: {len(made):,} bytes")
+    else:
+        told({"uri": file_uri(page), "bytes": len(made)}, output)

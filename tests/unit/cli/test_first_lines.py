@@ -1,0 +1,36 @@
+"""The first lines of docs/start.md: what they install is there, and what they show is shown."""
+
+import re
+import tomllib
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from bagpipe.cli.__main__ import main
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs/start.md").read_text()
+
+
+def test_the_program_comes_before_what_takes_long() -> None:
+    assert PAGE.index("pip install") < PAGE.index("make demo")
+
+
+def test_the_extras_are_the_package_s() -> None:
+    project = tomllib.loads((ROOT / "images/spark/pyproject.toml").read_text())["project"]
+    named = re.findall(r"pip install '\./images/spark\[(.*)\]'", PAGE)
+    assert named
+    for extras in named:
+        assert set(extras.split(",")) == set(project["optional-dependencies"])
+
+
+def test_the_plan_is_the_one_on_the_page() -> None:
+    (manifest,) = set(re.findall(r"bagpipe plan (\S+)", PAGE))
+    ended = CliRunner().invoke(main, ["plan", str(ROOT / manifest)])
+    assert ended.exit_code == 0, ended.output
+    said = [line.strip() for line in ended.output.splitlines()]
+    shown = re.search(rf"bagpipe plan {re.escape(manifest)}\n\n(.*?)\n\n", PAGE, re.DOTALL)
+    assert shown is not None
+    lines = [line[4:] for line in shown[1].splitlines()]
+    assert lines
+    assert [line for line in lines if line != "..." and line not in said] == []
