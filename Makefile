@@ -74,15 +74,11 @@ test-integration: preflight-all venv ## Run worker, agent and real nodes togethe
 
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
-	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e -m "not unproven and not slow"
-
-.PHONY: test-unproven
-test-unproven: cluster install ## Run the tests of whole jobs that are not proven yet (docs/limits.md)
-	$(STEP) "Testing what is not proven" -- .venv/bin/python -m pytest tests/e2e -m "unproven and not nodes"
+	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e -m "not slow"
 
 .PHONY: test-slow
 test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes
-	$(STEP) "Testing what takes minutes" -- .venv/bin/python -m pytest tests/e2e -m "slow and not unproven"
+	$(STEP) "Testing what takes minutes" -- .venv/bin/python -m pytest tests/e2e -m slow
 
 .PHONY: test-nodes
 ifeq ($(CLUSTER),embedded)

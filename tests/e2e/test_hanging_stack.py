@@ -6,7 +6,7 @@ from tests import hanging
 from tests.e2e import fleet, jobs
 from tests.e2e import kubectl as k
 
-pytestmark = [pytest.mark.e2e, pytest.mark.unproven]
+pytestmark = [pytest.mark.e2e, pytest.mark.slow]
 
 CASE_SECONDS = 20
 _SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}

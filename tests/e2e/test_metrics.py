@@ -21,8 +21,7 @@ from tests.integration.control_plane.prometheus_server import Prometheus
 from tests.recording import MESSAGES
 from tests.unit.chart.test_chart import of_kind, rendered
 
-# Not run on a cluster yet: docs/limits.md.
-pytestmark = [pytest.mark.e2e, pytest.mark.unproven, pytest.mark.usefixtures("recordings")]
+pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.usefixtures("recordings")]
 
 _META = "__meta_kubernetes_pod"
 _PORT = 21990  # below those that connections take by themselves
@@ -116,7 +115,9 @@ def test_executors_and_drivers_are_found_and_tell_what_happens_now(
         assert ended["status"]["verdict"] == "Passed"
         assert ended["status"]["ledger"]["sent"] == MESSAGES
         counted = 'max_over_time(bagpipe_agent_played_messages_total{job="annotations"}[5m])'
-        assert prometheus.values(counted)[0] <= MESSAGES
+        # On a busy machine a stack with a short queue is played to again.
+        _, (row,) = k.results(namespace, ended["status"]["results"])
+        assert played < prometheus.values(counted)[0] <= MESSAGES * row["attempts"]
 
 
 def assert_panels_have_data(prometheus: Prometheus, panels: dict[str, Any]) -> None:

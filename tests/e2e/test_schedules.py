@@ -9,7 +9,7 @@ import yaml
 from tests.e2e import jobs
 from tests.e2e import kubectl as k
 
-pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.unproven]
+pytestmark = [pytest.mark.e2e, pytest.mark.slow]
 
 EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 NAME = "highway-nightly"

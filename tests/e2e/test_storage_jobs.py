@@ -189,7 +189,6 @@ def test_the_manifest_can_be_put_only_once(ran: Ran, kind: str) -> None:
     assert len(json.loads(before)["driver"]) == 12
 
 
-@pytest.mark.unproven
 def test_no_credential_is_in_a_job_a_pod_a_log_a_status_or_a_result(ran: Ran) -> None:
     heard = ran.heard
     kinds = {json.loads(text)["kind"] for text in heard.objects}

@@ -93,7 +93,6 @@ def only(found: list[k.Object]) -> k.Object:
     return one
 
 
-@pytest.mark.unproven
 def test_an_unknown_image(namespace: str) -> None:
     job = jobs.make_job("no-image-time", stack={"image": "bagpipe.local/none:9"})
     with jobs.applied(namespace, job) as name:
@@ -230,7 +229,7 @@ def test_no_quota_for_the_driver(namespace: str) -> None:
         assert_in_time("driver's quota", moment(job["metadata"]["creationTimestamp"]), told)
 
 
-@pytest.mark.unproven
+@pytest.mark.slow
 def test_no_quota_for_executors(namespace: str) -> None:
     """Refused more often than Spark would bear by its default, and as if nothing had been."""
     name = "no-executors"
@@ -334,7 +333,6 @@ def evict(namespace: str, pod: str) -> datetime:
 
 
 @pytest.mark.slow
-@pytest.mark.unproven
 def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = executor(namespace, running)["metadata"]["name"]
     fill_memory(namespace, pod, "stack")
@@ -346,7 +344,6 @@ def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.unproven
 def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     knew = evict(namespace, pod)
@@ -357,7 +354,6 @@ def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.unproven
 def test_an_executor_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = executor(namespace, running)
     begun = datetime.now(UTC)
@@ -368,7 +364,6 @@ def test_an_executor_that_takes_too_much_memory(namespace: str, running: str) ->
 
 
 @pytest.mark.slow
-@pytest.mark.unproven
 def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     fill_memory(namespace, pod, "driver")
@@ -378,7 +373,6 @@ def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.unproven
 def test_an_executor_that_is_evicted(namespace: str, running: str) -> None:
     pod = executor(namespace, running)["metadata"]["name"]
     knew = evict(namespace, pod)

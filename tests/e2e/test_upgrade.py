@@ -111,7 +111,6 @@ def long_job() -> k.Object:
     return fleet.make_job("upgraded", "pvc://results/upgraded", **changed)
 
 
-@pytest.mark.unproven
 @pytest.mark.usefixtures("as_before")
 def test_a_job_that_runs_while_bagpipe_is_upgraded(namespace: str, release: Release) -> None:
     fleet.put_files(namespace)

@@ -51,7 +51,7 @@ def faults(manifest: str, file: str, test: str) -> list[str]:
         return [f"{file} has no {test}"]
     marks = [ast.unparse(mark) for mark in found[0].decorator_list]
     marks += [ast.unparse(n) for n in tree.body if ast.unparse(n).startswith("pytestmark")]
-    told = [f"{test} is not in make test" for mark in marks if "unproven" in mark]
+    told = [f"{test} is not in make test" for mark in marks if "slow" in mark]
     if not reads("\n".join(sources(path, set())), manifest):
         told.append(f"{file} does not read {manifest}")
     return told
