@@ -137,7 +137,7 @@ def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:
     assert told["cases"]["planned"] == 10_000
     # Behind the counts of phases, which its job would change.
     start_run(admin, namespace, "nightly")
-    await_phase(admin, namespace, "Pending", 1, 20)
+    await_phase(admin, namespace, "Pending", 1)
 
 
 def assert_jobs_can_be_chosen(prometheus: Prometheus, namespace: str) -> None:
