@@ -31,6 +31,7 @@ from bagpipe.plan.fragments import Window
 from bagpipe.run.case_run import Row, RunContext
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
+from tests.agent_binary import built
 
 ROOT = Path(__file__).parents[2]
 IMAGE_SECONDS = 0.3
@@ -64,12 +65,6 @@ class Planned:
     before: float
     most: float
     jvm: float
-
-
-def agent_binary() -> Path:
-    command = [sys.executable, "-c", "import context; print(context.agent_binary())"]
-    done = subprocess.run(command, cwd=ROOT / "images", capture_output=True, text=True, check=True)
-    return Path(done.stdout.strip().splitlines()[-1])
 
 
 @contextlib.contextmanager
@@ -134,7 +129,7 @@ def run(workers: int, cases: int, images: int) -> Fleet:
                 (recordings / kind / f"{number:05d}").write_bytes(taken)
         compile_detector(folder / "detector")
         with (
-            serving(agent_binary(), folder / "shared", workers),
+            serving(built(), folder / "shared", workers),
             spark(f"local-cluster[{workers},1,640]") as context,
         ):
             _wait_for_executors(context, workers)

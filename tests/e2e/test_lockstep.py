@@ -1,12 +1,20 @@
-"""The lock-step example: nothing dropped by a queue of one, and the same bytes on every run."""
+"""The lock-step example: nothing dropped by a queue of one, and the same bytes on every run.
 
+On the cluster twice, and by `bagpipe run` on this machine.
+"""
+
+import hashlib
+import json
 from pathlib import Path
 
 import pytest
 import yaml
 
+from tests.agent_binary import built
 from tests.e2e import jobs
 from tests.e2e import kubectl as k
+from tests.integration.laptop import Laptop
+from tests.integration.stacks import folders_with_recording
 from tests.recording import MESSAGES
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
@@ -26,14 +34,29 @@ def run(namespace: str, name: str) -> tuple[k.Object, str]:
         return row, k.in_toolbox(namespace, "sha256sum", path).split()[0]
 
 
-def test_every_message_is_answered_and_two_runs_record_the_same_bytes(namespace: str) -> None:
+def run_here(folder: Path) -> tuple[k.Object, str]:
+    """The same of a run without a cluster, with Debian's node in place of the image's."""
+    laptop = Laptop(folder, built())
+    folders_with_recording(folder)
+    status, _, errors = laptop.job(EXAMPLE, "--results", folder / "kept")
+    laptop.await_nothing_left()
+    assert status == 0, errors
+    (line,) = (folder / "kept/results.jsonl").read_text().splitlines()
+    row = json.loads(line)
+    return row, hashlib.sha256((folder / "kept" / row["recorded"]).read_bytes()).hexdigest()
+
+
+def test_every_message_is_answered_and_each_run_records_the_same_bytes(
+    namespace: str, tmp_path: Path
+) -> None:
     first, digest = run(namespace, "lockstep-once")
     second, again = run(namespace, "lockstep-again")
-    for row in (first, second):
+    third, here = run_here(tmp_path)
+    for row in (first, second, third):
         ledger = row["result"]["ledger"]
         assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
         assert row["attempts"] == 1
         recorded = {t["topic"]: t["messages"] for t in row["result"]["recorded"]["topics"]}
         assert recorded == {"/tf": MESSAGES}
         assert row["result"]["playback"]["played_seconds"] < 16
-    assert digest == again
+    assert digest == again == here

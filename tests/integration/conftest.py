@@ -4,7 +4,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -12,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+
+from tests.agent_binary import built
 
 ROOT = Path(__file__).parents[2]
 # Reached in failure only: the agent ends within 5 s, and a stack within its grace, where nothing
@@ -47,12 +48,7 @@ class RunningAgent:
 @pytest.fixture(scope="session")
 def agent_binary() -> Path:
     """The static agent, built as the images build it."""
-    command = [sys.executable, "-c", "import context; print(context.agent_binary())"]
-    done = subprocess.run(
-        command, cwd=ROOT / "images", capture_output=True, text=True, timeout=1800, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    return Path(done.stdout.strip().splitlines()[-1])
+    return built()
 
 
 @pytest.fixture
