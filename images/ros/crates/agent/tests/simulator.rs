@@ -157,7 +157,7 @@ fn a_stack_that_ends_while_the_worker_thinks_is_told() {
     let folder = tempfile::tempdir().unwrap();
     let end = folder.path().join("end");
     let dies = format!(
-        "import time\nwhile not os.path.exists(\"{}\"): time.sleep(0.05)\nos._exit(4)",
+        "import os, time\nwhile not os.path.exists(\"{}\"): time.sleep(0.05)\nos._exit(4)",
         end.display()
     );
     let mut link = agent.greet(0, drive(&agent, &ECHO.replace("rospy.spin()", &dies)));
