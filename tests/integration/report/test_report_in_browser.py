@@ -1,13 +1,16 @@
 """report.html in a real browser: verdict first, filters, many cases, hostile words, no request."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from selenium import webdriver
+from selenium.common.exceptions import NoSuchElementException, StaleElementReferenceException
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.support.ui import Select
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from tests.integration.chromium import logged, requests
 from tests.integration.report import drives
@@ -54,6 +57,20 @@ def timed_search(browser: webdriver.Chrome, word: str) -> list[float]:
 
 def text_of(browser: webdriver.Chrome, css: str) -> str:
     return browser.find_element(By.CSS_SELECTOR, css).text
+
+
+def awaited(browser: webdriver.Chrome, css: str, right: Callable[[WebElement], bool]) -> WebElement:
+    """The first such element once it is right: rows are drawn anew after they were scrolled."""
+    drawn_anew = [StaleElementReferenceException, NoSuchElementException]
+    wait = WebDriverWait(browser, PATIENCE, ignored_exceptions=drawn_anew)
+
+    def look(_: webdriver.Chrome) -> WebElement | None:
+        element = browser.find_element(By.CSS_SELECTOR, css)
+        return element if right(element) else None
+
+    found_right = wait.until(look)
+    assert found_right is not None
+    return found_right
 
 
 def found(browser: webdriver.Chrome) -> str:
@@ -123,12 +140,13 @@ def test_the_table_is_used_with_keys(browser: webdriver.Chrome, page: Path) -> N
     opened(browser, page, rows)
     body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
     body.send_keys(Keys.END)
-    last = text_of(browser, ".grid .row.active")
-    assert last.startswith(max(r["case"] for r in rows if r["outcome"] == "passed"))
+    last = max(r["case"] for r in rows if r["outcome"] == "passed")
+    awaited(browser, ".grid .row.active", lambda row: row.text.startswith(last))
     body.send_keys(Keys.HOME, Keys.ARROW_DOWN, Keys.ENTER)
-    chosen = browser.find_element(By.CSS_SELECTOR, "#chosen .case")
     second = sorted(r["case"] for r in rows if r["outcome"] == "failed")[1]
-    assert chosen.get_attribute("data-case") == second
+    chosen = awaited(
+        browser, "#chosen .case", lambda case: case.get_attribute("data-case") == second
+    )
     assert f"bagpipe replay {second} --results {URI}" in chosen.text
     assert "--volume results=FOLDER --volume recordings=FOLDER" in chosen.text
     assert len(browser.find_elements(By.CSS_SELECTOR, ".grid .space .row")) < 60
