@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Protocol
 
 from bagpipe_operator import conditions, names, reasons
 from bagpipe_operator.view import JobView, Json
@@ -86,20 +87,40 @@ def _worth(condition: Json) -> str | None:
             return NORMAL if true else None
 
 
+class Subject(Protocol):
+    """An object of ours that an Event can be about."""
+
+    @property
+    def namespace(self) -> str: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def uid(self) -> str: ...
+    @property
+    def resource_version(self) -> str: ...
+
+
 def manifest(job: JobView, note: Note, now: datetime) -> Json:
-    """The Event as core/v1 wants it."""
+    """A job's Event as core/v1 wants it."""
+    return event(job, names.KIND, note, _mark(job, note), now)
+
+
+def event(about: Subject, kind: str, note: Note, mark: str, now: datetime) -> Json:
+    """The Event as core/v1 wants it; its name is always the same for one mark of one reason."""
     moment = conditions.timestamp(now)
+    identity = f"{about.uid} {note.reason} {mark}"
+    name = f"{about.name}.{hashlib.sha256(identity.encode()).hexdigest()[:16]}"
     return {
         "apiVersion": "v1",
         "kind": "Event",
-        "metadata": {"name": _name(job, note), "namespace": job.namespace},
+        "metadata": {"name": name, "namespace": about.namespace},
         "involvedObject": {
             "apiVersion": names.API_VERSION,
-            "kind": names.KIND,
-            "namespace": job.namespace,
-            "name": job.name,
-            "uid": job.uid,
-            "resourceVersion": job.resource_version,
+            "kind": kind,
+            "namespace": about.namespace,
+            "name": about.name,
+            "uid": about.uid,
+            "resourceVersion": about.resource_version,
         },
         "type": note.type,
         "reason": note.reason,
@@ -111,7 +132,7 @@ def manifest(job: JobView, note: Note, now: datetime) -> Json:
     }
 
 
-def _name(job: JobView, note: Note) -> str:
+def _mark(job: JobView, note: Note) -> str:
     """Of one transition always the same.
 
     Of a trouble that comes and goes while cases run on (the condition stays True) the first is
@@ -124,5 +145,4 @@ def _name(job: JobView, note: Note) -> str:
             mark = driver[0]
         else:
             mark = f"{job.status.get('attempt')} {mark}"
-    identity = f"{job.uid} {note.reason} {mark}"
-    return f"{job.name}.{hashlib.sha256(identity.encode()).hexdigest()[:16]}"
+    return mark

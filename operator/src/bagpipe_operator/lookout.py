@@ -30,9 +30,12 @@ EXECUTORS_AFTER_SECONDS = 4.0
 _EXECUTORS = "executors"
 
 
-def seconds_between(waiting: int) -> float:
-    """After how long a job is looked into again when so many have been found waiting."""
-    return max(LOOK_EVERY_SECONDS, waiting / MOST_LOOKS_PER_SECOND)
+def seconds_between(waiting: int, least: float = LOOK_EVERY_SECONDS) -> float:
+    """After how long one of so many that wait is asked about again.
+
+    Thousands may wait at once, and the API server has others to serve.
+    """
+    return max(least, waiting / MOST_LOOKS_PER_SECOND)
 
 
 @dataclass

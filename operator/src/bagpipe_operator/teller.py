@@ -12,13 +12,10 @@ from datetime import datetime
 from bagpipe_operator import events
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.events import Note
+from bagpipe_operator.untold import Untold
 from bagpipe_operator.view import JobView
 
 logger = logging.getLogger(__name__)
-
-# A job's transitions that wait for an API server which takes no Events.
-MOST_UNTOLD = 20
-TRANSIENT = frozenset({0, 429, 500, 502, 503, 504})
 
 
 @dataclass
@@ -27,7 +24,10 @@ class Teller:
 
     api: Api
     _met: set[str] = field(default_factory=set)
-    _untold: dict[str, list[Note]] = field(default_factory=dict)
+    _untold: Untold = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._untold = Untold(self.api)
 
     def begin_to_lead(self, known: Iterable[str]) -> None:
         """All jobs are to be met anew: another may have led, written and died.
@@ -36,7 +36,7 @@ class Teller:
         has told it, the Event's name says so.
         """
         self._met.clear()
-        self._untold = {uid: self._untold[uid] for uid in known if uid in self._untold}
+        self._untold.keep_only(known)
 
     async def meet(self, job: JobView, now: datetime) -> None:
         """The first sight of a job by this leader: tells what its predecessor owes.
@@ -56,28 +56,13 @@ class Teller:
 
     def add(self, job: JobView, notes: Iterable[Note]) -> None:
         """Keeps what is to be told."""
-        notes = [*self._untold.get(job.uid, ()), *notes][-MOST_UNTOLD:]
-        if notes:
-            self._untold[job.uid] = notes
+        self._untold.add(job.uid, notes)
 
     async def tell(self, job: JobView, now: datetime) -> None:
         """Writes what is kept; raises the ApiError after which to try again."""
-        notes = self._untold.get(job.uid, [])
-        while notes:
-            try:
-                await self.api.create("events", events.manifest(job, notes[0], now))
-            except ApiError as error:
-                if error.status in TRANSIENT:
-                    raise
-                if error.status != 409:  # 409: it was told before
-                    logger.warning(
-                        "%s/%s: the event %s was not written: %s",
-                        job.namespace, job.name, notes[0].reason, error,
-                    )  # fmt: skip
-            del notes[0]  # only now: a call that is cancelled is made again
-        self._untold.pop(job.uid, None)
+        await self._untold.write(job, lambda note: events.manifest(job, note, now))
 
     def forget(self, uid: str) -> None:
         """The job is gone."""
         self._met.discard(uid)
-        self._untold.pop(uid, None)
+        self._untold.forget(uid)

@@ -6,17 +6,11 @@ by its silence; one that waits for its place or its image is looked for in round
 
 from collections.abc import Callable
 
+from bagpipe_operator.lookout import seconds_between
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.view import PodView
 
 LOOK_EVERY_SECONDS = 30.0
-# Thousands may wait for a place at once, and the API server has others to serve.
-MOST_LOOKS_PER_SECOND = 10.0
-
-
-def seconds_between(waiting: int) -> float:
-    """After how long a driver is looked for when so many wait."""
-    return max(LOOK_EVERY_SECONDS, waiting / MOST_LOOKS_PER_SECOND)
 
 
 def serves(driver: PodView) -> bool:
@@ -34,7 +28,7 @@ class Rounds:
     def due(self, driver: PodView) -> bool:
         """Whether a driver that waits is to be looked for now."""
         waited = self._waiting.observe(driver.job_uid, [driver.uid], self._monotonic())
-        return waited[driver.uid] >= seconds_between(len(self._waiting))
+        return waited[driver.uid] >= seconds_between(len(self._waiting), LOOK_EVERY_SECONDS)
 
     def forget(self, uid: str) -> None:
         """The job's driver was looked for just now, or serves, or is over."""

@@ -20,6 +20,7 @@ from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
 from bagpipe_operator.schedules.zones import Zones
+from bagpipe_operator.untold import Creator
 from bagpipe_operator.view import Json
 
 logger = logging.getLogger(__name__)
@@ -29,7 +30,7 @@ logger = logging.getLogger(__name__)
 LIST_EVERY = timedelta(seconds=30)
 
 
-class ScheduleApi(events.Creator, Protocol):
+class ScheduleApi(Creator, Protocol):
     """What schedules need of an API server; every method raises ApiError."""
 
     async def create_job(self, manifest: Json) -> Json:

@@ -5,9 +5,8 @@ from datetime import datetime
 
 from bagpipe_operator import conditions, reasons
 from bagpipe_operator.conditions import Condition
-from bagpipe_operator.events import NORMAL, WARNING
+from bagpipe_operator.events import NORMAL, WARNING, Note
 from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict
-from bagpipe_operator.schedules.events import Told
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, job_name
 from bagpipe_operator.view import Json
 
@@ -64,10 +63,10 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
     return status | {k: conditions.timestamp(v) for k, v in moments.items() if v is not None}
 
 
-def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Told]:
+def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note]:
     """What is worth telling of the way from the status before to the one of the outcome."""
     old = before.status.get("conditions") or []
-    notes: list[Told] = []
+    notes: list[Note] = []
     for condition in _conditions(before, outcome, now):
         known = conditions.find(old, condition.type)
         status = "True" if condition.status else "False"
@@ -77,7 +76,7 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Told
         begun = condition.type == ON_TIME and (outcome.started or _unwritten(outcome.decision))
         if begun or (not same and _is_told(condition, known)):
             mark = f"{condition.type} {status} {_moment(condition, outcome.decision, now)}"
-            notes.append(Told(_worth(condition), condition.reason, condition.message, mark))
+            notes.append(Note(_worth(condition), condition.reason, condition.message, mark))
     return notes
 
 
