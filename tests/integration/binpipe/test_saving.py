@@ -136,6 +136,28 @@ def test_a_job_that_fails_has_no_manifest_and_no_files(
     assert stored(out) == []
 
 
+def test_what_tasks_write_until_spark_cancels_them_is_removed(
+    context: SparkContext, files: Path, tmp_path: Path
+) -> None:
+    """One task fails for good while another has whole files and a torn one, and goes on."""
+    out, both = tmp_path / "out", tmp_path / "both"
+    os.mkfifo(both)
+    code = (
+        "import signal, sys\nfrom bagpipe import binpipe\n"
+        "for r in binpipe.read():\n"
+        f"    if '0000.bin' in r.name: open({str(both)!r}); sys.exit(2)\n"
+        "    binpipe.write(r.read(), name=r.name)\n"
+        "    binpipe.flush()\n"
+        f"written = open({str(both)!r}, 'w')\n"
+        "signal.pause()"
+    )
+    piped = bagpipe.bin_piped(context, f"{files}/*.bin", command=python("-c", code))
+    with pytest.raises(PySparkException, match="exit status 2"):
+        piped.save_as_binary_files(str(out))
+    assert (out / "data").is_dir(), "no task wrote anything: this shows nothing"
+    assert stored(out) == []
+
+
 def test_three_gibibytes_in_one_record_leave_the_worker_small(
     context: SparkContext, tmp_path: Path
 ) -> None:

@@ -6,14 +6,16 @@ attempts that failed left behind is in no manifest, and is removed.
 """
 
 import base64
+import contextlib
 import json
 import re
+import time
 import uuid
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 
 import google_crc32c
-from pyspark import RDD
+from pyspark import RDD, SparkContext
 
 from bagpipe.binpiped.partition import PartitionRun
 from bagpipe.binpiped.planning import Descriptor, located
@@ -23,6 +25,8 @@ from bagpipe.storage import Storage, StorageError
 MANIFEST = "manifest.json"
 _DATA = "data"
 _NAME_CHARACTERS = 80
+# Spark kills the Python worker of a task that it cancels within 4 s.
+_CANCEL_SECONDS, _LOOK_SECONDS = 10.0, 0.1
 
 
 @dataclass(frozen=True)
@@ -62,9 +66,13 @@ def save(planned: RDD[Descriptor], run: PartitionRun, uri: str) -> Manifest:
     def store(index: int, descriptors: Iterable[Descriptor]) -> Iterable[SavedRecord]:
         return _store(run, uri, f"{own}-{index:05d}-{uuid.uuid4().hex[:12]}", descriptors)
 
+    jobs = _Jobs(planned.context)
     try:
         rows: list[SavedRecord] = planned.mapPartitionsWithIndex(store).collect()
     except Exception:
+        jobs.await_tasks()
+        with contextlib.suppress(StorageError):
+            _remove(run.storage, uri, lambda attempt: attempt.startswith(f"{own}-"))
         # A run that has committed since then removed this one's files while it wrote them.
         _refuse_second(run.storage, uri)
         raise
@@ -98,6 +106,31 @@ def read_manifest(uri: str, storage: Storage | None = None) -> Manifest:
     document = json.loads(storage.read(path, 0, storage.size(path)))
     rows = [row | {"fields": _typed(row["fields"])} for row in document["records"]]
     return Manifest(uri, [SavedRecord(**row) for row in rows])
+
+
+class _Jobs:
+    """What this thread's group of Spark jobs starts from now on.
+
+    A job fails with its first hopeless task; the others are cancelled, and write until they are.
+    """
+
+    def __init__(self, context: SparkContext) -> None:
+        self._tracker = context.statusTracker()
+        # Without a group it is None, which the tracker takes for just that.
+        self._group = context.getLocalProperty("spark.jobGroup.id")
+        self._before = set(self._tracker.getJobIdsForGroup(self._group))
+
+    def await_tasks(self) -> None:
+        """Return when none of their tasks runs, or after 10 s."""
+        limit = time.monotonic() + _CANCEL_SECONDS
+        while self._active() and time.monotonic() < limit:
+            time.sleep(_LOOK_SECONDS)
+
+    def _active(self) -> bool:
+        jobs = set(self._tracker.getJobIdsForGroup(self._group)) - self._before
+        known = filter(None, (self._tracker.getJobInfo(job) for job in jobs))
+        stages = [self._tracker.getStageInfo(stage) for job in known for stage in job.stageIds]
+        return any(stage and stage.numActiveTasks for stage in stages)
 
 
 def _refuse_second(storage: Storage, uri: str) -> None:
