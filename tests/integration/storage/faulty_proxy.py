@@ -17,6 +17,9 @@ SLOW_DOWN = (
     b"<Error><Code>SlowDown</Code><Message>Please reduce your request rate.</Message></Error>"
 )
 
+# Longer than anybody waits: the end of the proxy ends a stall.
+STALL_SECONDS = 600
+
 
 @dataclass(frozen=True)
 class Fault:
@@ -157,7 +160,7 @@ class _Handler(BaseHTTPRequestHandler):
     def _break(self, fault: Fault) -> None:
         self.close_connection = True
         if fault.how == "stall":
-            self.proxy.over.wait(60)
+            self.proxy.over.wait(STALL_SECONDS)
         elif fault.how == "reset":
             self._reset()
 

@@ -123,6 +123,7 @@ def hdfs(folder: Path, host: Host = LOOPBACK, ports: tuple[int, int] | None = No
     """
     port, data_port = ports or (free_port(), free_port())
     (folder / "conf").mkdir()
+    (folder / "tmp").mkdir()
     settings = {
         "dfs.namenode.name.dir": f"file://{folder}/name",
         "dfs.datanode.data.dir": f"file://{folder}/data",
@@ -146,7 +147,9 @@ def hdfs(folder: Path, host: Host = LOOPBACK, ports: tuple[int, int] | None = No
     _write_settings(
         folder / "conf/core-site.xml", {"fs.defaultFS": f"hdfs://{host.address}:{port}"}
     )
-    java = [*_JAVA, *_OPENS, "-cp", ":".join(map(str, [folder / "conf", *jars()]))]
+    # Its web servers unpack themselves there, and a killed one removes nothing.
+    scratch = f"-Djava.io.tmpdir={folder}/tmp"
+    java = [*_JAVA, scratch, *_OPENS, "-cp", ":".join(map(str, [folder / "conf", *jars()]))]
     done = subprocess.run(
         [*java, _NAMENODE, "-format", "-force"],
         cwd=folder,

@@ -74,7 +74,7 @@ def test_one_of_eight_threads_puts(place: Place) -> None:
         gate = threading.Barrier(8)
 
         def put(number: int, uri: str = uri, gate: threading.Barrier = gate) -> bool:
-            gate.wait(30)
+            gate.wait(PATIENCE)
             return place.storage.put_once(uri, bytes([number]) * 1000)
 
         with ThreadPoolExecutor(8) as writers:
@@ -119,7 +119,7 @@ def test_one_of_two_processes_puts(place: Place) -> None:
             assert place.storage.read_all(uri, 1000) == str(won.index("True")).encode() * 1000
     finally:
         for putter in putters:
-            putter.communicate(timeout=30)
+            putter.communicate(timeout=PATIENCE)
 
 
 def test_wildcards_find_files_sorted(place: Place) -> None:

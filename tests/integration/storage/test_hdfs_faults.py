@@ -55,12 +55,12 @@ def test_a_datanode_that_stays_away_is_an_error_that_names_the_byte(
 
 
 def test_a_namenode_that_is_killed_is_met_again(bag: str, running_hdfs: Hdfs) -> None:
-    storage = Storage({}, Patience(3, 2, 0.05, 0.1))
+    storage = Storage({}, Patience(20, 2, 0.05, 0.1))
     running_hdfs.namenode.kill()
     begun = time.monotonic()
     with pytest.raises(StorageError, match="the connection to HDFS broke or was refused"):
         storage.put_once(f"{bag}.json", b"{}")
-    assert time.monotonic() - begun < 60
+    assert time.monotonic() - begun < PATIENCE
     running_hdfs.start_namenode()
     patient = Storage({}, PATIENT)
     assert patient.read(bag, 0, 10) == DATA[:10]
@@ -72,11 +72,11 @@ def test_a_user_without_rights_is_refused_at_once(
 ) -> None:
     storage_kinds._remote.cache_clear()
     credentials.setenv("HADOOP_USER_NAME", "stranger")
-    # A second try would have to wait for half a minute at least.
-    storage = Storage({}, Patience(20, 50, 60, 60))
+    # A second try would have to wait for five minutes at least.
+    storage = Storage({}, Patience(20, 50, 600, 600))
     begun = time.monotonic()
     with pytest.raises(
         StorageError, match=r"refused \(AccessControlException\): check HADOOP_USER"
     ):
         storage.put_once(f"{bag}.json", b"{}")
-    assert time.monotonic() - begun < 25
+    assert time.monotonic() - begun < 2 * PATIENCE

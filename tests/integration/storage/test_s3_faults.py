@@ -11,7 +11,7 @@ from bagpipe.storage import Patience, Storage, StorageError
 from bagpipe.storage.objects import _CHUNK_BYTES
 from bagpipe.storage.reading import REQUEST_BYTES
 from tests.integration.storage.conftest import QUICK
-from tests.integration.storage.faulty_proxy import Fault, FaultyProxy
+from tests.integration.storage.faulty_proxy import STALL_SECONDS, Fault, FaultyProxy
 from tests.integration.storage.servers import (
     ACCESS_KEY,
     BUCKET,
@@ -76,14 +76,15 @@ def test_a_server_that_stays_busy_is_an_error_that_tells_all(bag: str, proxy: Fa
 
 
 def test_a_stalled_answer_is_given_up_at_its_deadline(bag: str, proxy: FaultyProxy) -> None:
-    storage = Storage({}, Patience(3.0, 4, 0.05, 0.1))
+    # Long enough for a whole answer on a busy machine, which may need a further try even so.
+    seconds = 5.0
+    storage = Storage({}, Patience(seconds, 12, 0.05, 0.1))
     proxy.faults["GET"] = [Fault(keep=1000, how="stall"), Fault(how="stall")]
     begun = time.monotonic()
     assert storage.read(bag, 0, 5000) == DATA[:5000]
-    # A stall would last for a minute.
-    assert 5.9 < time.monotonic() - begun < 50
+    assert 2 * seconds - 0.1 < time.monotonic() - begun < STALL_SECONDS / 2
     assert proxy.ranges()[0] == "0-4999"
-    assert proxy.count("GET") == 3
+    assert proxy.count("GET") >= 3
 
 
 def test_a_refused_credential_is_not_tried_again_and_not_told(
@@ -198,13 +199,13 @@ def test_a_server_that_stays_away_is_an_error_in_bounded_time(
 ) -> None:
     credentials.setenv("AWS_ENDPOINT_URL", own_s3.url)
     own_s3.kill()
-    storage = Storage({}, Patience(2.0, 3, 0.05, 0.1))
+    storage = Storage({}, Patience(20.0, 3, 0.05, 0.1))
     begun = time.monotonic()
     with pytest.raises(StorageError, match="no connection to the server"):
         storage.put_once(f"{s3_folder}/x", b"x")
     with pytest.raises(StorageError, match=r"no connection to the server \(3 tries in"):
         storage.expand(f"{s3_folder}/*.bag")
-    assert time.monotonic() - begun < 60
+    assert time.monotonic() - begun < 2 * PATIENCE
 
 
 def test_no_credential_at_all_is_told_as_that(
@@ -215,6 +216,6 @@ def test_no_credential_at_all_is_told_as_that(
         credentials.delenv(name)
     # A port that nothing listens on, in place of a cloud's metadata service.
     credentials.setenv("AWS_METADATA_ENDPOINT", "http://127.0.0.1:9")
-    storage = Storage({}, Patience(2.0, 2, 0.05, 0.1))
+    storage = Storage({}, Patience(20.0, 2, 0.05, 0.1))
     with pytest.raises(StorageError, match=r"there is no credential: name a Secret in spec\.st"):
         storage.read(f"{s3_folder}/x", 0, 1)
