@@ -12,7 +12,7 @@ import yaml
 from embedded import tools
 
 from tests.integration.control_plane import server
-from tests.integration.control_plane.client import JOBS, Client
+from tests.integration.control_plane.client import JOBS, Client, core
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import OperatorProcess, rendered
@@ -29,6 +29,7 @@ COLLECTIONS = {
     "ClusterRole": "/apis/rbac.authorization.k8s.io/v1/clusterroles",
     "ClusterRoleBinding": "/apis/rbac.authorization.k8s.io/v1/clusterrolebindings",
 }
+CLAIMS = ("recordings", "results")
 StartOperator = Callable[..., OperatorProcess]
 
 
@@ -77,6 +78,37 @@ def namespace(admin: Client, _helm: None) -> Iterator[str]:
         chart = [f'jobNamespaces=["{name}"]']
         apply_chart(admin, "bagpipe-system", ["driver-rights.yaml"], chart)
         yield name
+
+
+@pytest.fixture
+def bound_claims(admin: Client, namespace: str) -> Iterator[None]:
+    """The claims of the tests' jobs with a volume each: else a job tells after 2 s what it misses.
+
+    For tests of which Events there are, and of no other.
+    """
+    volumes = "/api/v1/persistentvolumes"
+    claims = core(namespace, "persistentvolumeclaims")
+    common = {"storageClassName": "", "accessModes": ["ReadWriteOnce"]}
+    for name in CLAIMS:
+        volume = common | {
+            "capacity": {"storage": "1Gi"},
+            "hostPath": {"path": "/nowhere"},
+            "claimRef": {"namespace": namespace, "name": name},
+        }
+        admin.create(volumes, {"metadata": {"name": f"{namespace}-{name}"}, "spec": volume})
+        claim = common | {
+            "volumeName": f"{namespace}-{name}",
+            "resources": {"requests": {"storage": "1Gi"}},
+        }
+        admin.create(claims, {"metadata": {"name": name}, "spec": claim})
+
+    def bound() -> bool:
+        return all(claim["status"].get("phase") == "Bound" for claim in admin.items(claims))
+
+    wait_until(bound, PATIENCE, "the claims were not bound")
+    yield
+    for name in CLAIMS:
+        admin.delete(f"{volumes}/{namespace}-{name}")
 
 
 @pytest.fixture
@@ -129,6 +161,8 @@ def fresh_namespace(admin: Client, purpose: str) -> Iterator[str]:
     # A namespace takes its time to go, and the next test's operator would see its jobs and count.
     for kind in ("simulationschedules", "simulationjobs"):
         admin.delete(f"{JOBS}/namespaces/{name}/{kind}")
+    # Nobody else would say of a bound pod that it has ended.
+    admin.delete(core(name, "pods"), grace_seconds=0)
     admin.delete(f"/api/v1/namespaces/{name}")
 
 

@@ -50,10 +50,9 @@ class FakeKubelet:
         self._patch(namespace, pod, {"phase": "Failed", "reason": "Evicted", "message": message})
 
     def bind(self, namespace: str, pod: str) -> str:
-        """Gives the pod to a node that nobody runs: its deletion then waits for remove().
+        """Gives the pod to a node that is not there: its deletion then waits for remove().
 
-        Each to another one, whose name this returns: what is left on a node that is not there is
-        collected some 40 s after its first pod, and with it all that is there by then.
+        Each to another one, whose name this returns.
         """
         node = f"node-{uuid4().hex[:8]}"
         target = {"apiVersion": "v1", "kind": "Node", "name": node}

@@ -33,6 +33,8 @@ class OperatorProcess:
             "BAGPIPE_LISTEN_HOST": "127.0.0.1",
             "BAGPIPE_LISTEN_PORT": str(self.port),
             "BAGPIPE_SWEEP_SECONDS": "0.5",
+            # Claims that are not there end no job while a test is slow.
+            "BAGPIPE_STUCK_SECONDS": str(10 * PATIENCE),
         }
         self.server = Server([*DIES_WITH_US, str(PROGRAM)], self.log, defaults | self.environment)
 

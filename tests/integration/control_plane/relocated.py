@@ -55,7 +55,12 @@ def flags_of(etcd_port: int, peer_port: int) -> dict[str, list[str]]:
             # An endpoint can't be a loopback address, and nobody looks the API server up by it.
             "--endpoint-reconciler-type=none",
         ],
-        "kube-controller-manager": [*control_plane.controller_manager_flags(1), "--secure-port=0"],
+        "kube-controller-manager": [
+            *control_plane.controller_manager_flags(1),
+            "--secure-port=0",
+            # It takes away pods of nodes that are not there, some 40 s after a fake kubelet's work.
+            "--controllers=*,-pod-garbage-collector-controller",
+        ],
         "kube-scheduler": [*control_plane.scheduler_flags(), "--secure-port=0"],
     }
 

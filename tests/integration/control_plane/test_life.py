@@ -31,20 +31,25 @@ class Jobs:
     def get(self, name: str) -> Object:
         return self.admin.get(jobs(self.namespace, name))
 
-    def told(self, name: str, type_: str) -> str:
+    @staticmethod
+    def told_in(status: Object, type_: str) -> str:
         """`status/reason` of a condition; empty before it is written."""
-        for condition in self.get(name).get("status", {}).get("conditions", []):
+        for condition in status.get("conditions", []):
             if condition["type"] == type_:
                 return f"{condition['status']}/{condition['reason']}"
         return ""
 
     def await_told(self, name: str, type_: str, expected: str, seconds: float = SECONDS) -> Object:
-        wait_until(
-            lambda: self.told(name, type_) == expected, seconds,
-            f"{type_} of {name} did not become {expected}",
-        )  # fmt: skip
-        status: Object = self.get(name)["status"]
-        return status
+        """The status that says so."""
+        found: Object = {}
+
+        def told() -> bool:
+            found.clear()
+            found.update(self.get(name).get("status", {}))
+            return self.told_in(found, type_) == expected
+
+        wait_until(told, seconds, f"{type_} of {name} did not become {expected}")
+        return found
 
     def pods(self) -> list[str]:
         found = self.admin.items(core(self.namespace, "pods"))
@@ -91,6 +96,7 @@ def test_only_what_can_be_honoured_can_be_changed(world: Jobs) -> None:
             world.create("bad", **bad)
 
 
+@pytest.mark.usefixtures("bound_claims")
 def test_suspend_before_any_pod_and_while_running(
     world: Jobs, kubelet: FakeKubelet, operator_process: StartOperator
 ) -> None:

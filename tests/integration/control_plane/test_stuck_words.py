@@ -40,13 +40,15 @@ def await_reason(
     admin: Client, namespace: str, name: str, reason: str, kind: str = "Running"
 ) -> str:
     """The condition's message once it has the reason."""
-    wait_until(
-        lambda: condition(admin, namespace, name, kind).get("reason") == reason,
-        PATIENCE,
-        f"{name} did not become {reason}",
-    )
-    message: str = condition(admin, namespace, name, kind)["message"]
-    return message
+    found: Object = {}
+
+    def told() -> bool:
+        found.clear()
+        found.update(condition(admin, namespace, name, kind))
+        return found.get("reason") == reason
+
+    wait_until(told, PATIENCE, f"{name} did not become {reason}")
+    return str(found["message"])
 
 
 def await_pod(admin: Client, namespace: str, name: str) -> Object:
@@ -227,6 +229,7 @@ def own_events(admin: Client, namespace: str) -> Counter[str]:
     return Counter(e["reason"] for e in found if e["involvedObject"]["kind"] == "SimulationJob")
 
 
+@pytest.mark.usefixtures("bound_claims")
 @pytest.mark.parametrize("pause", [0.0, 0.02, 0.05, 0.1])
 def test_every_transition_once_under_an_operator_that_is_killed(
     admin: Client,
