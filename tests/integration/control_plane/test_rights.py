@@ -12,6 +12,7 @@ from tests.integration.control_plane.conftest import Installation, apply_chart, 
 from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import rendered
 from tests.integration.control_plane.server import ControlPlane
+from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
 
 pytestmark = pytest.mark.integration
@@ -52,6 +53,23 @@ def of_account(admin: Client, home: str, account: str, namespace: str) -> set[st
     return rights(admin, f"system:serviceaccount:{home}:{account}", groups, namespace)
 
 
+def await_rights(
+    admin: Client, home: str, account: str, namespace: str, expected: set[str]
+) -> None:
+    """Until an account has just these rights: Roles come to the authorizer by a watch."""
+    found: set[str] = set()
+
+    def had() -> bool:
+        found.clear()
+        found.update(of_account(admin, home, account, namespace))
+        return found == expected
+
+    try:
+        wait_until(had, PATIENCE, "")
+    except AssertionError:
+        assert found == expected
+
+
 @pytest.fixture
 def other(admin: Client) -> Iterator[str]:
     """Another team's namespace, with jobs of its own."""
@@ -74,12 +92,14 @@ OPERATOR = {
 def test_a_driver_may_do_with_pods_of_its_namespace_what_spark_does(
     admin: Client, namespace: str, other: str
 ) -> None:
-    assert of_account(admin, namespace, "bagpipe-driver", namespace) == PODS
+    await_rights(admin, namespace, "bagpipe-driver", namespace, PODS)
     for elsewhere in (other, "kube-system", ""):
         assert of_account(admin, namespace, "bagpipe-driver", elsewhere) == set()
 
 
 def test_executors_may_do_nothing(admin: Client, namespace: str) -> None:
+    # Theirs would be known by then as well.
+    await_rights(admin, namespace, "bagpipe-driver", namespace, PODS)
     for where in (namespace, "kube-system", ""):
         assert of_account(admin, namespace, "bagpipe-executor", where) == set()
 
@@ -89,7 +109,7 @@ def test_the_operator_of_a_cluster(
 ) -> None:
     home = installation.namespace
     for where in (namespace, ""):
-        assert of_account(admin, home, "bagpipe-operator", where) == OPERATOR
+        await_rights(admin, home, "bagpipe-operator", where, OPERATOR)
 
 
 @pytest.fixture
@@ -104,7 +124,7 @@ def narrow(admin: Client, namespace: str) -> Iterator[str]:
 def test_the_operator_of_a_namespace_may_do_the_same_there_and_nothing_elsewhere(
     admin: Client, narrow: str, namespace: str, other: str
 ) -> None:
-    assert of_account(admin, narrow, "bagpipe-operator", namespace) == OPERATOR
+    await_rights(admin, narrow, "bagpipe-operator", namespace, OPERATOR)
     for elsewhere in (other, narrow, "kube-system", ""):
         assert of_account(admin, narrow, "bagpipe-operator", elsewhere) == set()
 
