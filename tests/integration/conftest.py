@@ -1,6 +1,7 @@
 """The real agent as a process, with slots below a folder of the test's own."""
 
 import os
+import random
 import signal
 import socket
 import subprocess
@@ -63,6 +64,8 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
         environment = dict(os.environ)
         # Debian's ROS tools are scripts of Debian's Python, not of the tests' environment.
         environment["PATH"] = path or "/usr/lib/robot_state_publisher:/usr/bin:/bin"
+        # What ROS writes in a case whose slot is killed stays with the test.
+        environment["TMPDIR"] = str(tmp_path)
         command = [str(agent_binary), "serve", "--shared", str(shared), "--slots", str(slots)]
         with log.open("wb") as output:
             process = subprocess.Popen(
@@ -93,8 +96,14 @@ def _await_ready(binary: Path, agent: RunningAgent) -> None:
 
 
 def _free_ports(count: int) -> int:
-    """The first of `count` neighbouring ports that are free now."""
-    for first in range(21311, 31311, 97):
+    """The first of `count` neighbouring ports that are free now.
+
+    Nothing listens there before a case runs, so they are not always the same: another agent, of
+    another run of the tests, looks for ports as well.
+    """
+    firsts = list(range(12011, 22011, 97))  # below those of free_port
+    random.shuffle(firsts)
+    for first in firsts:
         with_all = []
         try:
             for port in range(first, first + count):

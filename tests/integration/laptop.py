@@ -37,7 +37,10 @@ class Laptop:
 
     def start(self, *words: str | Path) -> "subprocess.Popen[str]":
         """The program, in this folder, with Debian's ROS on its PATH."""
-        environment = os.environ | {"PATH": ROS_PATH, MARK: self.mark}
+        # A run that is killed can't remove its folder for temporary files.
+        scratch = self.folder / "tmp"
+        scratch.mkdir(exist_ok=True)
+        environment = os.environ | {"PATH": ROS_PATH, "TMPDIR": str(scratch), MARK: self.mark}
         return subprocess.Popen(
             [sys.executable, "-m", "bagpipe.cli", *map(str, words)],
             cwd=self.folder,

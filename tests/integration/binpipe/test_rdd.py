@@ -14,6 +14,7 @@ from pyspark.sql import SparkSession
 import bagpipe
 from bagpipe.storage import StorageError
 from tests.integration.binpipe.conftest import EXAMPLES, HEAP_BYTES, python
+from tests.integration.storage.servers import PATIENCE
 
 REPEAT = python(EXAMPLES / "repeat.py")
 IDENTITY = "from bagpipe import binpipe\nfor r in binpipe.read():\n "
@@ -164,7 +165,7 @@ def test_a_task_that_is_cancelled_leaves_no_program_behind(
     pid = int(mark.read_text())
     context.cancelAllJobs()
     await_(lambda: not alive(pid))
-    asking.join(30)
+    asking.join(PATIENCE)
     assert not asking.is_alive()
 
 
@@ -186,7 +187,7 @@ def alive(pid: int) -> bool:
     return state != "Z"
 
 
-def await_(condition: Callable[[], bool], seconds: float = 60) -> None:
+def await_(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
     deadline = time.monotonic() + seconds
     pause = threading.Event()
     while not condition():
