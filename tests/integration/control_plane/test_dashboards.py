@@ -5,6 +5,7 @@ agent through which cases of a real node go.
 """
 
 import itertools
+import random
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -29,8 +30,10 @@ from tests.integration.control_plane.server import DIES_WITH_US
 from tests.integration.storage.servers import PATIENCE, Server, listens, wait_until
 from tests.unit.operator.builders import account
 
-DRIVERS = {"drive": "127.83.0.2", "steps": "127.83.0.3"}
-AGENT = f"127.83.0.4:{names.METRICS_PORT}"
+# Of this run alone: another one on this machine has these ports as well.
+_NETWORK = f"127.83.{random.randint(1, 250)}"  # noqa: S311
+DRIVERS = {"drive": f"{_NETWORK}.2", "steps": f"{_NETWORK}.3"}
+AGENT = f"{_NETWORK}.4:{names.METRICS_PORT}"
 # What has no data in this minute, and why.
 EXCUSED = {
     "BagpipeOperatorAbsent": "absent() has a value when there is no operator",
@@ -104,14 +107,15 @@ def test_every_panel_and_every_alert_has_data(
         def all_there() -> bool:
             left.clear()
             left.update(without_data(prometheus, asked))
-            return left <= set(EXCUSED)
+            # Not less: what is excused has data while a busy target misses its scrape.
+            return left == set(EXCUSED)
 
         try:
-            wait_until(all_there, 2 * PATIENCE, "")
+            # Spark starts within this, and on a busy machine it takes most of it.
+            wait_until(all_there, 4 * PATIENCE, "")
         except AssertionError:
             logs = [process.log.read_text()[-1500:] for process in (drivers, cases)]
             assert left == set(EXCUSED), f"{sorted(left)}\n{logs}"
-        assert left == set(EXCUSED)
         assert_jobs_can_be_chosen(prometheus, namespace)
         assert_rules_are_judged(prometheus)
         assert_failures_are_seen(prometheus)
@@ -166,23 +170,30 @@ def assert_rules_are_judged(prometheus: Prometheus) -> None:
 
 
 def assert_failures_are_seen(prometheus: Prometheus) -> None:
-    """What went wrong is in the figures, and only that."""
-    faults = "sum by (reason) (bagpipe_case_faults_total) > 0"
+    """What went wrong is in the figures, and only that.
+
+    Asked over a while: a target that is too busy for one scrape has no figure at that moment.
+    """
+    faults = "sum by (reason) (max_over_time(bagpipe_case_faults_total[10m])) > 0"
     seen = {
         sample["metric"]["reason"] for sample in prometheus.get("query", query=faults)["result"]
     }
     assert seen == {"DeliveryIncomplete", "StackExited"}
-    failed = 'bagpipe_jobs_ended_total{phase="Failed",verdict="None"}'
+    failed = 'max_over_time(bagpipe_jobs_ended_total{phase="Failed",verdict="None"}[10m])'
     # It is asked for once in a second.
     wait_until(lambda: prometheus.values(failed) not in ([], [0]), PATIENCE, "no job has failed")
     assert prometheus.values(failed) == [1]
-    assert prometheus.values('sum(bagpipe_cases_ended_total{outcome="errored"})')[0] >= 1
+    errored = 'sum(max_over_time(bagpipe_cases_ended_total{outcome="errored"}[10m]))'
+    assert prometheus.values(errored)[0] >= 1
     # It waits for five minutes before it is sent, but is seen at once.
     wait_until(
         lambda: "BagpipeCasesErrored" in seen_alerts(prometheus), PATIENCE, "no alert of crashes"
     )
     wrong = {"BagpipeNoLeader", "BagpipeReconcileFaults", "BagpipeResultsNotKept"}
-    assert seen_alerts(prometheus).isdisjoint(wrong)
+    # A leader that a busy machine held up for a Lease's time leads again, and the alert goes.
+    wait_until(
+        lambda: seen_alerts(prometheus).isdisjoint(wrong), PATIENCE, "an alert holds that must not"
+    )
 
 
 def seen_alerts(prometheus: Prometheus) -> set[str]:

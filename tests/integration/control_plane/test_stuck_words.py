@@ -7,22 +7,16 @@ claims and the Events' selectors are Kubernetes' own.
 import json
 import time
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
 
 import pytest
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import is_admitted
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account, make_job
-
-DRIVER_IP = "127.0.7.5"
-PROGRESS_PORT = 8080
 
 
 def a_job(name: str, memory: str = "1Gi") -> Object:
@@ -57,28 +51,6 @@ def await_pod(admin: Client, namespace: str, name: str) -> Object:
     return admin.get(path)
 
 
-@contextmanager
-def driver_says(text: str) -> Iterator[None]:
-    """A driver's /progress on an address of its own."""
-
-    class Answer(BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(text.encode())
-
-        def log_message(self, *_: object) -> None:
-            """Say nothing."""
-
-    server = ThreadingHTTPServer((DRIVER_IP, PROGRESS_PORT), Answer)
-    Thread(target=server.serve_forever, daemon=True).start()
-    try:
-        yield
-    finally:
-        server.shutdown()
-        server.server_close()
-
-
 def warnings(admin: Client, namespace: str, reason: str) -> int:
     """How many Warnings of a reason there are, once there is one: it comes after the status."""
 
@@ -102,8 +74,8 @@ def test_no_quota_for_executors(
     operator_process()
     admin.create(jobs(namespace), a_job("x"))
     await_pod(admin, namespace, "x-1-driver")
-    with driver_says(account(cases={"planned": 4, "running": 0})):
-        kubelet.run(namespace, "x-1-driver", ip=DRIVER_IP)
+    with fake_driver(account(cases={"planned": 4, "running": 0})) as driver:
+        kubelet.run(namespace, "x-1-driver", ip=driver.ip)
         message = await_reason(admin, namespace, "x", "QuotaExceeded")
         assert "exceeded quota: small, requested: pods=1, used: pods=1, limited: pods=1" in message
         assert len(admin.items(core(namespace, "pods"))) == 1, "the dry run has created a pod"
@@ -147,8 +119,8 @@ def test_executors_that_a_limit_refuses(
     message = await_reason(admin, namespace, "y", "CreationRefused", "Accepted")
     assert "maximum memory usage per Container is 2Gi, but limit is 3Gi" in message
     assert not admin.exists(core(namespace, "pods", "y-1-driver"))
-    with driver_says(account(cases={"planned": 4, "running": 0})):
-        kubelet.run(namespace, "x-1-driver", ip=DRIVER_IP)
+    with fake_driver(account(cases={"planned": 4, "running": 0})) as driver:
+        kubelet.run(namespace, "x-1-driver", ip=driver.ip)
         message = await_reason(admin, namespace, "x", "ExecutorsRefused")
     assert "maximum memory usage per Container is 2Gi, but limit is 3Gi" in message
 
