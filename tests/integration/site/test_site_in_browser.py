@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from selenium import webdriver
+from selenium.common.exceptions import NoSuchElementException, StaleElementReferenceException
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
@@ -68,7 +69,8 @@ def test_the_search_finds_without_a_network(browser: webdriver.Chrome, site: Pat
         return {link.text.partition(":")[0]: link for link in shown}
 
     wait.until(lambda b: {"Playback", "Lock-step", "SimulationJob"} <= set(found(b)))
-    found(browser)["Playback"].click()
+    # Not by a click, which would go where it was: the page may still grow above it.
+    found(browser)["Playback"].send_keys(Keys.ENTER)
     wait.until(lambda b: "/concepts/playback.html" in b.current_url)
     assert "what is guaranteed" in browser.find_element(By.TAG_NAME, "h1").text
     check_quiet(browser)
@@ -78,7 +80,8 @@ def test_a_word_that_is_nowhere_is_said_so(browser: webdriver.Chrome, site: Path
     opened(browser, site / "search.html")
     browser.get((site / "search.html").as_uri() + "?q=xylophone")
     summary = (By.CSS_SELECTOR, "#search-results .search-summary")
-    wait = WebDriverWait(browser, SECONDS)
+    drawn_anew = [StaleElementReferenceException, NoSuchElementException]
+    wait = WebDriverWait(browser, SECONDS, ignored_exceptions=drawn_anew)
     wait.until(lambda b: "did not match any documents" in b.find_element(*summary).text)
     check_quiet(browser)
 
