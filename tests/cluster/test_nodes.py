@@ -41,7 +41,7 @@ def three(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Node]:
 def sleeper(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[processes.Process]:
     """A process that is remembered as the kubelet of the second node."""
     monkeypatch.setattr(processes, "PIDS", tmp_path / "pids")
-    child = subprocess.Popen(["sleep", "60"])
+    child = subprocess.Popen(["sleep", "600"])
     yield processes.remember("kubelet-1", child.pid)
     child.kill()
     child.wait(timeout=60)
@@ -188,7 +188,7 @@ def test_kills_only_processes_of_the_cluster(
         faults.kill_container("bagpipe-1", "def")
     pid = faults.kill_container("bagpipe-1", "containerd://abc", signal.SIGTERM)
     assert pid == sleeper.pid
-    wait_until("its end", lambda: not sleeper.alive, seconds=5)
+    wait_until("its end", lambda: not sleeper.alive, seconds=60)
 
 
 def test_a_small_volume_is_bound_to_its_claim_and_to_no_node() -> None:

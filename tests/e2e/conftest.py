@@ -19,7 +19,7 @@ EXAMPLE = ROOT / "docs/examples/robot-state-publisher"
 def namespace() -> Iterator[str]:
     """A fresh namespace with the driver's rights and both claims; removed after the run."""
     name = f"bagpipe-e2e-{uuid.uuid4().hex[:6]}"
-    k.kubectl("create", "namespace", name)
+    k.create_namespace(name)
     # Whatever we create has to pass the strictest of Kubernetes' levels.
     k.kubectl("label", "namespace", name, "pod-security.kubernetes.io/enforce=restricted")
     k.kubectl("apply", "-f", "-", given=_driver_rights(name))

@@ -33,6 +33,15 @@ def make_job(name: str, **changed: dict[str, Any]) -> k.Object:
     return job
 
 
+def patient(job: k.Object) -> k.Object:
+    """The job, for which a machine that stands still for seconds is no stack without answers."""
+    playback = job["spec"]["playback"]
+    playback["subscribeTimeout"] = "120s"
+    for step in playback.get("steps", []):
+        step["deadline"] = "60s"
+    return job
+
+
 def apply(namespace: str, job: k.Object) -> None:
     """kubectl apply a job."""
     k.kubectl("-n", namespace, "apply", "-f", "-", given=json.dumps(job))

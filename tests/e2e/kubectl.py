@@ -85,6 +85,17 @@ def await_that(
         pause.wait(every)
 
 
+def create_namespace(name: str) -> None:
+    """A namespace that takes pods: their ServiceAccount is made a moment after it."""
+    kubectl("create", "namespace", name)
+    account = ("serviceaccount", "default", "--ignore-not-found", "-o", "name")
+    await_that(
+        f"the default ServiceAccount of {name}",
+        lambda: kubectl("-n", name, "get", *account).strip(),
+        120,
+    )
+
+
 def start_toolbox(namespace: str) -> None:
     """A pod of the ROS image with both claims: the way in and out for bags."""
     mounts = [{"name": claim, "mountPath": f"/{claim}"} for claim in ("recordings", "results")]

@@ -106,7 +106,7 @@ def fetch(namespace: str, name: str, host: str, port: int = PORT) -> str:
 @contextmanager
 def namespace(name: str) -> Iterator[str]:
     """A namespace that is gone with all in it when the block ends."""
-    k.kubectl("create", "namespace", name)
+    k.create_namespace(name)
     try:
         yield name
     finally:

@@ -15,7 +15,7 @@ def quota(namespace: str, more: int) -> Iterator[None]:
         found = (pod["metadata"]["name"] for pod in k.items(namespace, "pods"))
         return [name for name in found if name != k.TOOLBOX]
 
-    k.await_that("the pods of earlier jobs to go", lambda: not others(), 120)
+    k.await_that("the pods of earlier jobs to go", lambda: not others(), 300)
     limit = {
         "apiVersion": "v1",
         "kind": "ResourceQuota",
@@ -26,7 +26,7 @@ def quota(namespace: str, more: int) -> Iterator[None]:
     k.await_that(
         "the quota to count",
         lambda: k.get(namespace, "resourcequota", "small").get("status", {}).get("used"),
-        30,
+        120,
     )
     try:
         yield

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.e2e import jobs
+from tests.e2e import fleet, jobs
 from tests.e2e import kubectl as k
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
@@ -19,8 +19,10 @@ Ended = subprocess.CompletedProcess[str]
 SECONDS = 120
 WAIT_SECONDS = 400
 SAID = "the stack begins"
-# What the example runs, and before it a line by which its log is known.
-COMMAND = ["sh", "-c", f"echo {SAID}; exec robot_state_publisher"]
+# What the example runs, once it is told to; before it a line by which its log is known.
+GO_ON = "/tmp/go-on"
+WAIT = f"until [ -e {GO_ON} ]; do sleep 0.1; done"
+COMMAND = ["sh", "-c", f"echo {SAID}; {WAIT}; exec robot_state_publisher"]
 
 
 def environment() -> dict[str, str]:
@@ -40,7 +42,8 @@ def bagpipe(namespace: str, *words: str, program: tuple[str, ...] = ("bagpipe",)
 def submitted(namespace: str, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """`bagpipe submit --wait` of a job of one case, under way; killed and deleted afterwards."""
     manifest = tmp_path / "job.yaml"
-    manifest.write_text(json.dumps(jobs.make_job("cli", stack={"command": COMMAND})))
+    job = jobs.patient(jobs.make_job("cli", stack={"command": COMMAND}))
+    manifest.write_text(json.dumps(job))
     words = ["submit", str(manifest), "--wait", "--timeout", f"{WAIT_SECONDS}s"]
     program = subprocess.Popen(
         ["bagpipe", *words, "--output", "json", "-n", namespace], env=environment(),
@@ -61,6 +64,8 @@ def test_a_job_from_submit_to_its_results(
     assert live.returncode == 0, live.stderr
     assert "container stack)" in live.stdout
     assert f"\n{SAID}\n" in live.stdout
+    k.await_that("the case to be told as running", lambda: running(namespace) == 1, 60)
+    go_on(namespace)
 
     stdout, stderr = submitted.communicate(timeout=WAIT_SECONDS)
     assert submitted.returncode == 0, stderr
@@ -85,7 +90,10 @@ def test_a_job_from_submit_to_its_results(
     driver = bagpipe(namespace, "logs", "cli")
     assert "1 cases planned, 0 bags refused" in driver.stdout
     of_case = bagpipe(namespace, "logs", "cli", case, "--of", "driver")
-    assert (of_case.returncode, f"case {case}: passed, attempts 1" in of_case.stdout) == (0, True)
+    assert of_case.returncode == 0, of_case.stderr
+    # On a busy machine a stack with a short queue is played to again.
+    _, (row,) = k.results(namespace, state["results"])
+    assert f"case {case}: passed, attempts {row['attempts']}, " in of_case.stdout
 
 
 def running_case(namespace: str) -> str:
@@ -98,6 +106,20 @@ def running_case(namespace: str) -> str:
         return lines[0].removeprefix("[").partition("]")[0] if lines else None
 
     return k.await_that("the stack to speak", look, 240)
+
+
+def running(namespace: str) -> int:
+    """How many cases run, as the job's status says."""
+    status = k.get(namespace, "simjob", "cli").get("status", {})
+    found: int = status.get("cases", {}).get("running", 0)
+    return found
+
+
+def go_on(namespace: str) -> None:
+    """Let the stack go on to be what the example runs."""
+    (pod,) = fleet.pods(namespace, "cli", "executor")
+    touch = ("exec", pod["metadata"]["name"], "-c", "stack", "--", "touch", GO_ON)
+    k.kubectl("-n", namespace, *touch)
 
 
 def copied(namespace: str, uri: str, target: Path) -> Path:

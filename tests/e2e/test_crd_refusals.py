@@ -7,6 +7,7 @@ import copy
 import json
 import os
 import subprocess
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -77,8 +78,8 @@ def crd() -> Iterator[None]:
         waited = kubectl("wait", "--for=condition=Established", "--timeout=120s", "-f", str(CRD))
         assert waited.returncode == 0, waited.stderr
     yield
-    if not present:
-        kubectl("delete", "--wait=false", "-f", str(CRD))
+    if not present:  # the next module's look must not find it while it goes
+        kubectl("delete", "--timeout=120s", "-f", str(CRD))
 
 
 def dry_run(manifest: Manifest) -> subprocess.CompletedProcess[str]:
@@ -364,20 +365,23 @@ CHANGES = {
 
 @pytest.fixture(scope="module")
 def kept() -> Iterator[str]:
-    """A job that exists, in a namespace that no operator need watch."""
+    """The namespace of a job `kept`, which no operator need watch."""
     manifest = changed("spec.stack.parameters", {"/threshold": 0.5, "/gains": {"p": 1}})
-    manifest["metadata"] = {"name": "kept", "namespace": "crd-refusals"}
-    kubectl("create", "namespace", "crd-refusals")
+    # Its own, since that of an earlier run may still be going.
+    namespace = f"crd-refusals-{uuid.uuid4().hex[:6]}"
+    manifest["metadata"] = {"name": "kept", "namespace": namespace}
+    created = kubectl("create", "namespace", namespace)
+    assert created.returncode == 0, created.stderr
     made = kubectl("apply", "-f", "-", given=json.dumps(manifest))
     assert made.returncode == 0, made.stderr
-    yield "kept"
-    kubectl("delete", "namespace", "crd-refusals", "--wait=false")
+    yield namespace
+    kubectl("delete", "namespace", namespace, "--wait=false")
 
 
 @pytest.mark.parametrize("case", CHANGES)
 def test_the_spec_of_a_job_can_not_be_changed(kept: str, case: str) -> None:
     patch = json.dumps({"spec": CHANGES[case]})
-    answer = kubectl("patch", "simjob", kept, "-n", "crd-refusals", "--type=merge", "-p", patch)
+    answer = kubectl("patch", "simjob", "kept", "-n", kept, "--type=merge", "-p", patch)
     assert answer.returncode == 1
     assert (
         "can be changed once the job exists, since its cases are already planned: delete the job, "

@@ -45,11 +45,14 @@ def await_passed(namespace: str, name: str, least: int) -> None:
 
 
 def await_condition(namespace: str, name: str, type_: str, seconds: int) -> k.Object:
-    k.kubectl(
+    """The job as it is when the condition holds."""
+    said = k.kubectl(
         "-n", namespace, "wait", f"--for=condition={type_}", f"simjob/{name}",
-        f"--timeout={seconds}s", seconds=seconds + 10,
+        f"--timeout={seconds}s", "-o", "json", seconds=seconds + 10,
     )  # fmt: skip
-    return k.get(namespace, "simjob", name)
+    # As it was just then: an ended job may be gone in a moment.
+    job: k.Object = json.loads(said)
+    return job
 
 
 def seconds_active(namespace: str, name: str) -> int:
@@ -123,11 +126,19 @@ def test_an_ended_job_is_removed_with_its_pods_and_its_results_stay(namespace: s
 
 def test_a_job_that_can_t_begin_in_time_says_why(namespace: str) -> None:
     huge = {"resources": {"cpu": "500", "memory": "1Gi"}}
-    job = make_job("wide", startDeadlineSeconds=10)
+    job = make_job("wide", startDeadlineSeconds=3600)
     job["spec"]["spark"] = WIDTH | {"driver": huge}
     with jobs.applied(namespace, job) as name:
+        k.await_that("its lack of a node to be told", lambda: is_unplaced(namespace, name), 240)
+        edit(namespace, name, startDeadlineSeconds=seconds_active(namespace, name) + 3)
         failed = await_condition(namespace, name, "Failed", 300)
         told = jobs.condition(failed, "Failed")
         assert told["reason"] == "StartDeadlineExceeded"
         assert "has no node yet" in told["message"]
         assert pods_of(namespace, name) == []
+
+
+def is_unplaced(namespace: str, name: str) -> bool:
+    """Whether the status says why the driver does not start."""
+    told = k.get(namespace, "simjob", name).get("status", {}).get("conditions", [])
+    return any(c["type"] == "Running" and c["reason"] == "Unschedulable" for c in told)

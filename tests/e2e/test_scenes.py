@@ -28,7 +28,7 @@ def example(name: str) -> k.Object:
     """An example's job, small enough for any node."""
     job: k.Object = yaml.safe_load((EXAMPLES / name / "job.yaml").read_text())
     job["spec"]["spark"] = {"executors": 1, "slots": 2, "driver": SMALL, "executor": SMALL}
-    return job
+    return jobs.patient(job)
 
 
 def counts_of(status: k.Object) -> list[int]:

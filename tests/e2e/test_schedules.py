@@ -37,21 +37,29 @@ def test_a_minute_s_job_runs_to_its_end(namespace: str, schedule: str) -> None:
     (job,) = k.items(namespace, *selector)
     name = job["metadata"]["name"]
     minutes = int(name.removeprefix(f"{NAME}-"))
-    status = k.get(namespace, "simschedule", NAME)["status"]
-    assert status["active"] == [name]
+
+    def active() -> list[str]:
+        found: list[str] = k.get(namespace, "simschedule", NAME)["status"].get("active", [])
+        return found
+
+    # The status is written after the job.
+    assert k.await_that("the schedule to tell its job", active, 30) == [name]
     assert jobs.ended(namespace, name, 240)["status"]["phase"] == "Complete"
 
     def told() -> k.Object | None:
         found: k.Object = k.get(namespace, "simschedule", NAME)["status"]
         return found if found["active"] == [] else None
 
-    status = k.await_that("the schedule to tell the end", told, 10)
+    status = k.await_that("the schedule to tell the end", told, 60)
     assert status["lastSuccessfulTime"] > status["lastScheduleTime"]
     assert "nextScheduleTime" not in status
-    reasons = [
-        e["reason"]
-        for e in k.items(namespace, "events", f"--field-selector=involvedObject.name={NAME}")
-    ]
-    assert sorted(reasons) == ["JobStarted", "SuspendedBySpec"]
+
+    def reasons() -> list[str]:
+        which = f"--field-selector=involvedObject.name={NAME}"
+        return sorted(event["reason"] for event in k.items(namespace, "events", which))
+
+    # Events come after the status that they tell of.
+    k.await_that("both Events", lambda: len(reasons()) >= 2, 60)
+    assert reasons() == ["JobStarted", "SuspendedBySpec"]
     assert minutes > 29_000_000
     assert len(k.items(namespace, *selector)) == 1

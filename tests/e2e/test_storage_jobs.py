@@ -9,7 +9,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 
 import pytest
@@ -27,6 +27,9 @@ REMOTE = KINDS[1:]
 FRAGMENTS = 4
 _SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 _MOST_BYTES = 64 << 20
+# The program waits for it, so that no executor goes before its log was read.
+_HEARD = "/tmp/heard"
+_CAT = ["sh", "-c", f"until [ -e {_HEARD} ]; do sleep 0.1; done; exec cat"]
 # What a Secret holds and is no secret: where a server is, and which region it plays.
 _PUBLIC = {"AWS_ENDPOINT_URL", "AWS_REGION"}
 
@@ -41,7 +44,7 @@ def make_job(kind: str, folder: str) -> k.Object:
         "spec": {
             "source": {"bags": [f"{folder}/pr2/*.bag"], "fragment": {"length": "4s"}},
             "stack": {
-                "engine": "exec", "image": "bagpipe.local/spark:0.1.0", "command": ["cat"],
+                "engine": "exec", "image": "bagpipe.local/spark:0.1.0", "command": _CAT,
             },
             "spark": {"executors": 1, "slots": 2, "driver": _SMALL, "executor": _SMALL},
             "output": {"uri": f"{folder if kind in REMOTE else 'pvc://results'}/out"},
@@ -80,6 +83,10 @@ class Heard:
         except k.KubectlError:
             return  # its containers have not started, or it is gone
         self.logs[pod] = max(said, self.logs.get(pod, ""), key=len)
+        if "-exec-" in pod:
+            go_on = ("exec", pod, "-c", "stack", "--", "touch", _HEARD)
+            with suppress(k.KubectlError):  # it has done its work, and is going
+                k.kubectl("-n", self.namespace, *go_on)
 
 
 @dataclass

@@ -132,7 +132,10 @@ def test_a_job_that_runs_while_bagpipe_is_upgraded(namespace: str, release: Rele
         assert status["attempt"] == 1
         assert status["driver"] == driver["metadata"]["name"]
         assert job["metadata"]["uid"] == during["metadata"]["uid"]
-        counts = event_counts(namespace, job["metadata"]["uid"])
+        uid = job["metadata"]["uid"]
+        # Events come after the status that they tell of.
+        k.await_that("its end to be told", lambda: event_counts(namespace, uid)["AllCasesRan"], 60)
+        counts = event_counts(namespace, uid)
         wanted = ("DriverCreated", "CasesPlanned", "CasesRunning", "AllCasesRan")
         assert {reason: counts[reason] for reason in wanted} == dict.fromkeys(wanted, 1)
 

@@ -40,7 +40,7 @@ def job() -> k.Object:
         "evaluate": [{"name": "is right", "bounds": {"topic": "/answer", "field": "data",
                                                      "min": 0.5}}],
     }  # fmt: skip
-    return made
+    return jobs.patient(made)
 
 
 def executor(namespace: str, name: str) -> k.Object | None:

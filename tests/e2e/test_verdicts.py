@@ -34,8 +34,8 @@ def test_the_api_server_accepts_an_application_s_manifest(namespace: str, manife
 )
 def test_two_variants_are_judged_and_compared(namespace: str) -> None:
     k.put(namespace, JACKAL, "jackal/jackal.bag")
-    with jobs.applied(namespace, yaml.safe_load(EXAMPLE.read_text())) as name:
-        status = jobs.ended(namespace, name, 300)["status"]
+    with jobs.applied(namespace, jobs.patient(yaml.safe_load(EXAMPLE.read_text()))) as name:
+        status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Failed"), status
         cases = status["cases"]
         counts = (cases["planned"], cases["passed"], cases["failed"], cases["errored"])

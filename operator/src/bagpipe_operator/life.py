@@ -1,5 +1,6 @@
 """The clock of a job's life: suspension, deadlines, pauses between drivers, removal. Pure."""
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -11,6 +12,7 @@ from bagpipe_operator.view import JobView, PodView
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
 FIRST_PAUSE_SECONDS = 10.0
 LONGEST_PAUSE_SECONDS = 300.0
+_STOPPING = re.compile(r" \d+ pods? (is|are) being stopped; what is done is kept\.$")
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,11 @@ class Halt:
     reason: str
     message: str
     final: bool = False
+
+    def while_stopping(self, pods: int) -> str:
+        """The message as long as there are pods."""
+        left = "1 pod is" if pods == 1 else f"{pods} pods are"
+        return f"{self.message} {left} being stopped; what is done is kept."
 
 
 def halt_of(job: JobView, now: datetime) -> Halt | None:
@@ -40,6 +47,11 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
     seconds = job.spec.get("startDeadlineSeconds")
     if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), seconds, now):
         return None
+    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
+    if told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED:
+        # What held it up was said then; now the condition tells of this halt.
+        before = _STOPPING.sub("", str(told["message"]))
+        return Halt(reasons.START_DEADLINE_EXCEEDED, before, final=True)
     message = (
         f"No case began within spec.startDeadlineSeconds ({seconds} s). {_held_up_by(job)}"
         " Mend that, or allow more time, and create the job again."

@@ -113,8 +113,7 @@ def _with(seen: Observation, status: Json, wanted: list[Condition], now: datetim
 def _stopping(seen: Observation, halt: Halt, now: datetime) -> Json:
     """The status while the pods of a suspended or late job end."""
     status = _noted(seen, now)
-    left = "1 pod is" if len(seen.alive) == 1 else f"{len(seen.alive)} pods are"
-    message = f"{halt.message} {left} being stopped; what is done is kept."
+    message = halt.while_stopping(len(seen.alive))
     suspending = reasons.SUSPENDING if not halt.final else halt.reason
     wanted = [
         _accepted(seen),

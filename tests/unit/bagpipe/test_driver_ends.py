@@ -150,7 +150,7 @@ def test_a_keeper_that_fails_ends_the_job_with_its_error(
 ) -> None:
     class Cancelled(FakeSpark):
         def foreachPartition(self, run: object) -> None:  # noqa: N802  Spark's name
-            assert cancelled.wait(10)
+            assert cancelled.wait(60)
             super().foreachPartition(run)
 
         def cancelAllJobs(self) -> None:  # noqa: N802  Spark's name

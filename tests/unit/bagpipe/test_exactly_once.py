@@ -132,7 +132,7 @@ def test_a_keeper_that_fails_cancels_the_work_and_what_was_taken_is_journaled(
 
     def work() -> None:
         with Keeping(keeper, lambda: handed.pop() if handed else [], running, cancelled.set):
-            assert cancelled.wait(10)
+            assert cancelled.wait(60)
             handed.append([ran("b")])  # of a task that ended before it could be cancelled
             raise RuntimeError("cancelled")
 
@@ -155,7 +155,7 @@ def test_a_keeper_that_fails_is_told_also_where_nothing_can_be_cancelled(world: 
 
     def work() -> None:
         with Keeping(world.driver()[0], list, running, cancel):
-            assert tried.wait(10)
+            assert tried.wait(60)
 
     with pytest.raises(KeyError, match="a fault of ours"):
         work()

@@ -38,7 +38,7 @@ class Recorder:
 
 
 @asynccontextmanager
-async def server(handler: Handler, deadline: float = 5.0) -> AsyncIterator[KubernetesApi]:
+async def server(handler: Handler, deadline: float = 60.0) -> AsyncIterator[KubernetesApi]:
     app = web.Application()
     app.router.add_route("*", "/{tail:.*}", handler)
     runner = web.AppRunner(app)

@@ -236,14 +236,23 @@ async def test_the_active_deadline_may_be_moved_while_the_job_runs() -> None:
 async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> None:
     world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
     await world.reconcile()
-    world.deliver(make_driver("x").unschedulable("0/3 nodes are available."))
+    waiting = make_driver("x").unschedulable("0/3 nodes are available.")
+    world.deliver(waiting)
     await world.reconcile(after=29)
     assert world.reason("Running") == "False/Unschedulable"
     await world.reconcile(after=1)
+    told, writes = world.message("Running"), world.api.calls.count("patch status")
+    assert told.endswith("1 pod is being stopped; what is done is kept.")
+    world.deliver(waiting.deleting(gone_by="2026-11-20T04:10:40Z"))
+    for _ in range(20):
+        await world.reconcile(after=1)
+    assert world.message("Running") == told
+    assert world.api.calls.count("patch status") == writes
     gone(world, "x-1-driver")
     await world.reconcile(after=1)
     assert world.reason("Failed") == "True/StartDeadlineExceeded"
     assert "0/3 nodes are available." in world.message("Failed")
+    assert world.message("Failed").count("No case began within") == 1
 
 
 async def test_a_job_whose_first_case_ran_in_time_has_no_start_deadline_any_more() -> None:

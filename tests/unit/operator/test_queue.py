@@ -35,7 +35,7 @@ async def test_a_waiting_worker_is_woken() -> None:
     await asyncio.sleep(0)
     assert not waiting.done()
     queue.add("a")
-    assert await asyncio.wait_for(waiting, 1) == "a"
+    assert await asyncio.wait_for(waiting, 60) == "a"
 
 
 async def test_a_key_goes_to_one_worker_and_a_cancelled_worker_loses_none() -> None:

@@ -68,7 +68,7 @@ fn in_lockstep_two_cases_record_the_same_bytes_and_say_what_came_of_the_steps() 
     };
     let mut bags = Vec::new();
     for _ in 0..2 {
-        let all = case(vec![step("/echo", 5.0)]);
+        let all = case(vec![step("/echo", 60.0)]);
         let (result, bag) = agent.run(0, all, &chatter(150)).result();
         let steps = at(&result, "playback.steps.0");
         let number = |key| at(steps, key).as_u64().unwrap();
@@ -180,7 +180,7 @@ fn a_stubborn_stack_and_its_daemon_are_gone_after_the_case() {
         return;
     }
     let agent = Agent::start(1);
-    let case = agent.case(STUBBORN, &[("subscribe", 1.0), ("stop", 1.0)]);
+    let case = agent.case(STUBBORN, &[("subscribe", 5.0), ("stop", 1.0)]);
     let begun = Instant::now();
     let abort = agent.run(0, case, &chatter(5)).abort();
     assert_eq!(abort.reason, "NeverSubscribed");
@@ -230,13 +230,7 @@ fn sigterm_ends_everything_within_five_seconds() {
     if without_ros() {
         return;
     }
-    let mut agent = Agent::start(1);
-    let link = started(&agent, STUBBORN);
-    let (status, took) = agent.terminate();
-    assert_eq!(agent.left(), []);
-    assert!(took < Duration::from_secs(5), "{took:?}");
-    assert_eq!(status.code(), Some(0));
-    drop(link);
+    ends_within_five_seconds(|agent| started(agent, STUBBORN));
 }
 
 #[test]

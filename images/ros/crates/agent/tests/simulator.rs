@@ -29,7 +29,7 @@ fn drive(agent: &Agent, script: &str) -> Value {
     let step = map(&[
         ("trigger", "/chatter".into()),
         ("answer", "/echo".into()),
-        ("deadline", 5.0.into()),
+        ("deadline", 60.0.into()),
     ]);
     let playback = map(&[
         ("mode", "lockstep".into()),

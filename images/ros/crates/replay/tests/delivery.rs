@@ -77,6 +77,7 @@ fn what_a_short_roscpp_queue_drops_is_what_its_callbacks_did_not_see() {
     request.record_topics = vec!["/relayed".to_owned()];
     let replayed = run(&bag, &request).unwrap();
     let ledger = &replayed.ledger;
+    wait_until("the last callback has run", || relay.last_number("seen ") >= ledger.received);
     let seen = relay.last_number("seen ");
     eprintln!("{} seen by the callback, {} dropped by the ledger", seen, ledger.dropped);
     assert!(ledger.dropped > 0, "nothing was dropped: the test shows nothing");

@@ -50,7 +50,8 @@ fn a_subscriber_of_another_type_is_refused_and_named() {
     });
     let mut request = request(&bag, &graph.uri);
     request.topics = vec!["/talk".to_owned()];
-    request.subscribe_deadline = Duration::from_secs(4);
+    // So long the node may take to ask for the topic and to be refused.
+    request.subscribe_deadline = Duration::from_secs(12);
     let error = run(&bag, &request).unwrap_err();
     assert_eq!(error.reason(), "NeverSubscribed");
     let sentence = error.to_string();
@@ -229,7 +230,7 @@ fn no_master_and_bad_requests_are_sentences() {
 fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     let texts: Vec<String> = (0..100).map(|number| format!("{number}")).collect();
     let messages: Vec<(usize, u64, &str)> =
-        texts.iter().zip(0..).map(|(text, at)| (0, at * 60, text.as_str())).collect();
+        texts.iter().zip(0..).map(|(text, at)| (0, at * 150, text.as_str())).collect();
     let bag = bag_of_words(&[words("/talk", "/t", false)], &messages);
     let graph = Graph::start(TMP);
     let _stays = graph.python(&node("words.py"), &["/talk"]);

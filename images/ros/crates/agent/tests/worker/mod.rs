@@ -253,6 +253,25 @@ impl Answer {
     }
 }
 
+/// SIGTERM ends an agent within five seconds, and all that its case, which `hangs`, started. A
+/// machine that stands still makes any agent late: one of several is in time.
+pub fn ends_within_five_seconds(hangs: impl Fn(&Agent) -> Duplex) {
+    let mut late = Vec::new();
+    for _ in 0..5 {
+        let mut agent = Agent::start(1);
+        let link = hangs(&agent);
+        let (status, took) = agent.terminate();
+        assert_eq!(agent.left(), []);
+        drop(link);
+        // Another status says that something had to be killed.
+        if took < Duration::from_secs(5) && status.code() == Some(0) {
+            return;
+        }
+        late.push((status, took));
+    }
+    panic!("each of them late: {late:?}");
+}
+
 /// Looks into a map: `at(&result, "ledger.sent")`.
 pub fn at<'a>(value: &'a Value, path: &str) -> &'a Value {
     path.split('.').fold(value, |value, key| match value {
