@@ -215,7 +215,8 @@ fn still_waiting(absent: &[String], request: &ReplayRequest) -> ReplayError {
 
 /// Waits until the connections stand that the master knows of: several nodes may
 /// subscribe to one topic, and the recorder must hear every publisher. At most 2 s, and
-/// not an error: a registration may be a dead node's.
+/// not an error: a registration may be a dead node's, and a node that answers may be moved
+/// by something else than topics.
 fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
@@ -230,7 +231,8 @@ fn settle(
                 let connected = open_subscribers(publication);
                 others(registered, name).all(|node| connected.contains(node))
             });
-            if heard && discovery.hears_everyone(&state) {
+            let begun = begun(&state, &discovery.expected);
+            if heard && begun && discovery.hears_everyone(&state) {
                 return Ok(());
             }
         }
@@ -238,6 +240,19 @@ fn settle(
         player.show_clock(watch)?;
     }
     Ok(())
+}
+
+/// Whether each node that publishes one of these answers has subscribed to anything but the
+/// clock. One that has not is most likely between its two registrations.
+fn begun(state: &SystemState, answers: &[String]) -> bool {
+    let listening: BTreeSet<&String> = state
+        .subscribers
+        .iter()
+        .filter(|(topic, _)| *topic != "/clock")
+        .flat_map(|(_, n)| n)
+        .collect();
+    let mut answering = answers.iter().filter_map(|topic| state.publishers.get(topic)).flatten();
+    answering.all(|node| listening.contains(node))
 }
 
 /// The state of the wait.
@@ -343,6 +358,23 @@ pub(crate) fn whole(pattern: &str) -> Result<Regex, ReplayError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_node_that_answers_has_begun_once_it_listens_to_more_than_the_clock() {
+        let named = |topics: &[(&str, &[&str])]| {
+            let nodes = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+            topics.iter().map(|(topic, names)| ((*topic).to_owned(), nodes(names))).collect()
+        };
+        let seen = |subscribers: &[(&str, &[&str])]| SystemState {
+            publishers: named(&[("/a", &["/quick"]), ("/b", &["/slow"]), ("/c", &["/other"])]),
+            subscribers: named(subscribers),
+        };
+        let answers = ["/a".to_owned(), "/b".to_owned()];
+        let clock: (&str, &[&str]) = ("/clock", &["/quick", "/slow"]);
+        assert!(!begun(&seen(&[clock, ("/in", &["/quick"])]), &answers));
+        assert!(begun(&seen(&[clock, ("/in", &["/quick", "/slow"])]), &answers));
+        assert!(begun(&seen(&[clock, ("/in", &["/quick"])]), &answers[..1]));
+    }
 
     #[test]
     fn names_are_plain_and_patterns_match_whole_names_only() {

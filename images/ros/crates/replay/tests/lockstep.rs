@@ -87,10 +87,13 @@ fn twenty_runs_of_a_rospy_and_a_roscpp_relay_record_the_same_bytes_on_a_loaded_m
         let steps = [step("/joint_states", "/relayed"), stamped];
         let mut request = lockstep(&bag, &graph, &steps);
         request.window.end = request.window.start + 4_000 * MS;
+        let named = |argument: &str| argument.trim_start_matches("__name:=").to_owned();
+        request.start.nodes = vec![named(&cpp), named(&py)];
         let replayed = run(&bag, &request).unwrap();
         let sent = replayed.ledger.sent;
         assert!(sent > 300, "{sent}");
-        assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (sent, 0));
+        let (ledger, told) = (&replayed.ledger, &replayed.playback);
+        assert_eq!((ledger.received, ledger.dropped), (sent, 0), "{ledger:?} {told:?}");
         assert_eq!(replayed.recorded.messages, 2 * sent);
         for step in &replayed.playback.steps {
             assert_eq!((step.released, step.answered, step.no_output), (sent, sent, 0), "{step:?}");
@@ -118,6 +121,7 @@ fn the_time_that_a_callback_sees_is_its_input_s_in_rospy_and_never_a_later_one_i
     let _load = Load::start(2);
     let mut request = lockstep(&bag, &graph, &[step("/in", "/now_cpp"), step("/in", "/now_py")]);
     request.use_sim_time = true;
+    request.start.nodes = vec!["/clock_of".to_owned(), "/fuse".to_owned()];
     let replayed = run(&bag, &request).unwrap();
     assert_eq!(replayed.recorded.messages, 400);
     let mut behind = 0;
