@@ -9,6 +9,7 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from archive import make_oci
 from context import BASE, BuildError, Image, cache
 
 BUILD_SECONDS = 1800.0
@@ -148,10 +149,9 @@ class Docker:
     def base(self) -> str:
         """The base's identity; fetched, or made by mmdebstrap where no registry answers."""
         if not self._inspect(BASE, "{{.Id}}") and not pulled(["docker", "pull", BASE]):
-            shell = 'CMD ["/bin/bash"]'
+            take = ["docker", "import", "--change", 'CMD ["/bin/bash"]']
             with minimal_debian() as tar:
-                command = ["docker", "import", "--change", shell, tar, BASE]
-                run(command, log=logs("base-import"))
+                run([*take, tar, BASE], log=logs("base-import"))
         found = self._inspect(BASE, "{{.Id}}")
         if not found:
             raise BuildError(f"Docker does not find the image {BASE} that it was just given.")
@@ -171,7 +171,10 @@ class Docker:
         run([*command, folder], log=logs(image.name))
 
     def save(self, image: Image, archive: Path) -> None:
-        run(["docker", "save", "-o", archive, image.reference], log=logs(f"{image.name}-save"))
+        saved = archive.with_suffix(".saved")
+        run(["docker", "save", "-o", saved, image.reference], log=logs(f"{image.name}-save"))
+        make_oci(saved, archive, image.reference)
+        saved.unlink(missing_ok=True)
 
 
 class Buildah:

@@ -70,7 +70,8 @@ def test_what_docker_said_is_said_where_no_base_can_be_made(
     assert calls(folder) == ["pull"]
 
 
-def test_what_an_interrupted_making_of_a_base_left_is_removed(folder: Path) -> None:
+@pytest.mark.usefixtures("folder")
+def test_what_an_interrupted_making_of_a_base_left_is_removed() -> None:
     left = engines.temporary() / "debian-1.tar"
     left.touch()
     (engines.temporary() / "mmdebstrap.a").mkdir()
