@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from archive import make_oci
 from context import BASE, BuildError, Image, cache
 
 BUILD_SECONDS = 1800.0
@@ -99,23 +100,69 @@ def secrets() -> list[str]:
     return [*flags, f"--secret=id=pip-conf,src={path}"]
 
 
-@dataclass(frozen=True)
-class Docker:
-    """A Docker engine, which pulls the base itself."""
+@contextlib.contextmanager
+def minimal_debian() -> Iterator[Path]:
+    """A tar of Debian's packages, in the place of a base image that could not be pulled."""
+    # A name of its own: the orphan of a killed build may still be writing the last one.
+    tar = temporary() / f"debian-{os.getpid()}.tar"
+    # Its proc, sys and dev are mounted in a namespace that ends with it: a killed one would
+    # else leave them below the cache, where a deletion of the cache would walk into them.
+    make = ["unshare", "--mount", "mmdebstrap", "--variant=minbase", "bookworm"]
+    try:
+        run([*make, tar], log=logs("mmdebstrap"))
+        yield tar
+    finally:
+        tar.unlink(missing_ok=True)
 
-    name: str = "docker"
+
+def pulled(command: Sequence[str | Path]) -> bool:
+    """Whether a pull of the base succeeds. Raises BuildError when it can't be made either."""
+    try:
+        run(command, log=logs("pull"), seconds=PULL_SECONDS)
+    except BuildError:
+        if os.geteuid() or not shutil.which("mmdebstrap"):
+            raise
+        print("  no registry answers: making the base image from Debian's packages", flush=True)
+        return False
+    return True
+
+
+def remove_leftovers() -> None:
+    """Remove what an interrupted making of a base left behind."""
+    for folder in temporary().glob("mmdebstrap.*"):
+        remove_tree(folder)
+    for tar in temporary().glob("debian-*.tar"):
+        tar.unlink()
+
+
+class Docker:
+    """A Docker engine, asked for BuildKit: only that lends a step its secrets."""
+
+    name = "docker"
+
+    def _inspect(self, reference: str, template: str) -> str:
+        """What the engine knows of an image, or nothing if it has none of that name."""
+        command = ["docker", "image", "inspect", reference, "--format", template]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        return done.stdout.strip() if done.returncode == 0 else ""
 
     def base(self) -> str:
-        return BASE
+        """The base's identity; fetched, or made by mmdebstrap where no registry answers."""
+        if not self._inspect(BASE, "{{.Id}}") and not pulled(["docker", "pull", BASE]):
+            take = ["docker", "import", "--change", 'CMD ["/bin/bash"]']
+            with minimal_debian() as tar:
+                run([*take, tar, BASE], log=logs("base-import"))
+        found = self._inspect(BASE, "{{.Id}}")
+        if not found:
+            raise BuildError(f"Docker does not find the image {BASE} that it was just given.")
+        return found
 
     def release(self) -> None:
-        """Docker looks after its own."""
+        """Docker looks after its own, but not after what makes a base for it."""
+        remove_leftovers()
 
     def has(self, image: Image, content: str) -> bool:
-        command = ["docker", "image", "inspect", image.reference, "--format"]
-        label = '{{index .Config.Labels "' + LABEL + '"}}'
-        done = subprocess.run([*command, label], capture_output=True, text=True, check=False)
-        return done.returncode == 0 and done.stdout.strip() == content
+        return self._inspect(image.reference, '{{index .Config.Labels "' + LABEL + '"}}') == content
 
     def build(self, image: Image, folder: Path, content: str) -> None:
         command = ["docker", "build", "--network=host", f"--label={LABEL}={content}"]
@@ -124,7 +171,10 @@ class Docker:
         run([*command, folder], log=logs(image.name))
 
     def save(self, image: Image, archive: Path) -> None:
-        run(["docker", "save", "-o", archive, image.reference], log=logs(f"{image.name}-save"))
+        saved = archive.with_suffix(".saved")
+        run(["docker", "save", "-o", saved, image.reference], log=logs(f"{image.name}-save"))
+        make_oci(saved, archive, image.reference)
+        saved.unlink(missing_ok=True)
 
 
 class Buildah:
@@ -152,10 +202,7 @@ class Buildah:
 
     def release(self) -> None:
         """Remove the working containers and folders that an interrupted build left behind."""
-        for folder in temporary().glob("mmdebstrap.*"):
-            remove_tree(folder)
-        for tar in temporary().glob("debian-*.tar"):
-            tar.unlink()
+        remove_leftovers()
         if (self._root / "storage").is_dir():
             self._ask("rm", "--all")
 
@@ -170,27 +217,15 @@ class Buildah:
         return self._base
 
     def _fetch_base(self) -> None:
-        try:
-            run(self._command("pull", BASE), log=logs("pull"), seconds=PULL_SECONDS)
-        except BuildError:
-            print("  no registry answers: making the base image from Debian's packages", flush=True)
-            self._make_base()
-
-    def _make_base(self) -> None:
-        """A minimal Debian from the package registry, under the name of the published image."""
-        # A name of its own: the orphan of a killed build may still be writing the last one.
-        tar = temporary() / f"debian-{os.getpid()}.tar"
-        # Its proc, sys and dev are mounted in a namespace that ends with it: a killed one would
-        # else leave them below the cache, where a deletion of the cache would walk into them.
-        make = ["unshare", "--mount", "mmdebstrap", "--variant=minbase", "bookworm"]
-        run([*make, tar], log=logs("mmdebstrap"))
-        container = self._ask("from", "scratch")
-        if container is None:
-            raise BuildError(f"buildah can't make a container below {self._root}.")
-        run(self._command("add", container, tar, "/"), log=logs("base-add"))
+        if pulled(self._command("pull", BASE)):
+            return
+        with minimal_debian() as tar:
+            container = self._ask("from", "scratch")
+            if container is None:
+                raise BuildError(f"buildah can't make a container below {self._root}.")
+            run(self._command("add", container, tar, "/"), log=logs("base-add"))
         run(self._command("config", "--cmd", "/bin/bash", container), log=logs("base-config"))
         run(self._command("commit", "--rm", container, BASE), log=logs("base-commit"))
-        tar.unlink()
 
     def has(self, _image: Image, _content: str) -> bool:
         return False  # the archives' records know it without a start of buildah
