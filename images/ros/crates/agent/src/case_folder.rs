@@ -13,10 +13,8 @@ impl CaseFolder {
     /// Makes the folder in the first place that can be written: the system's for temporary
     /// files, or the slot's own on the shared volume (a container may be read-only).
     pub fn make(slot: u32, slot_folder: &Path) -> Result<Self, String> {
-        let name = format!("bagpipe-case-{slot}-{}", std::process::id());
         let mut refused = Vec::new();
-        for parent in [&std::env::temp_dir(), slot_folder] {
-            let path = parent.join(&name);
+        for path in places(slot, std::process::id(), slot_folder) {
             // One that a killed predecessor left behind must not speak for this case.
             let fresh = match fs::remove_dir_all(&path) {
                 Ok(()) => Ok(()),
@@ -31,9 +29,24 @@ impl CaseFolder {
         Err(format!("no folder for ROS's logs can be made: {}", refused.join("; ")))
     }
 
+    /// Removes what a process of a slot that was killed could not.
+    pub fn remove_left(slot: u32, process: u32, slot_folder: &Path) {
+        for path in places(slot, process, slot_folder) {
+            if path.exists() {
+                drop(Self { path });
+            }
+        }
+    }
+
     pub fn path(&self) -> &Path {
         &self.path
     }
+}
+
+/// The process in the name keeps agents apart that share a folder for temporary files.
+fn places(slot: u32, process: u32, slot_folder: &Path) -> [PathBuf; 2] {
+    let name = format!("bagpipe-case-{slot}-{process}");
+    [std::env::temp_dir().join(&name), slot_folder.join(&name)]
 }
 
 impl Drop for CaseFolder {

@@ -2,12 +2,14 @@
 //! reaps, and ends everything on SIGTERM.
 
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal};
 
+use crate::case_folder::CaseFolder;
 use crate::cli::ServeOptions;
 use crate::layout::Shared;
 use crate::metrics::Metrics;
@@ -38,13 +40,15 @@ pub fn serve(options: &ServeOptions) -> Result<(), String> {
     let metrics = options.metrics.and_then(|address| Metrics::start(address, options.slots));
     let mut keepers: Vec<Keeper> = (0..options.slots).map(Keeper::new).collect();
     while !stop.load(Ordering::Relaxed) {
-        let mut died = false;
+        let mut died = Vec::new();
         for keeper in &mut keepers {
-            died |= keeper.look(options, &mut children, metrics.as_ref())?;
+            let ended = keeper.look(options, &mut children, metrics.as_ref())?;
+            died.extend(ended.map(|pid| (keeper.slot, pid)));
         }
         metrics.iter().for_each(Metrics::take_in);
-        if died {
+        if !died.is_empty() {
             end_orphans(&keepers, &mut children)?;
+            remove_folders(&died, &options.shared);
         }
         pause(GLANCE);
     }
@@ -64,27 +68,27 @@ impl Keeper {
         Self { slot, process: None, deaths: 0, again: Instant::now() }
     }
 
-    /// Starts the process if it is time to; returns whether it has ended.
+    /// Starts the process if it is time to; returns the one that has ended.
     fn look(
         &mut self,
         options: &ServeOptions,
         children: &mut Children,
         metrics: Option<&Metrics>,
-    ) -> Result<bool, String> {
+    ) -> Result<Option<Pid>, String> {
         let Some((pid, since)) = self.process else {
             if Instant::now() >= self.again {
                 let pid = start(self.slot, options, metrics)?;
                 children.watch(pid);
                 self.process = Some((pid, Instant::now()));
             }
-            return Ok(false);
+            return Ok(None);
         };
         match children.ended(pid) {
-            None => Ok(false),
+            None => Ok(None),
             Some(ended) => {
                 self.note_death(ended, since);
                 metrics.iter().for_each(|metrics| metrics.ended(self.slot));
-                Ok(true)
+                Ok(Some(pid))
             }
         }
     }
@@ -133,6 +137,14 @@ fn end_orphans(keepers: &[Keeper], children: &mut Children) -> Result<(), String
         eprintln!("bagpipe-agent: {killed} processes that it had started were killed");
     }
     Ok(())
+}
+
+/// Nothing of theirs runs any more that could write into the folders.
+fn remove_folders(died: &[(u32, Pid)], shared: &Path) {
+    for (slot, pid) in died {
+        let folder = Shared::new(shared).slot(*slot);
+        CaseFolder::remove_left(*slot, pid.as_raw_nonzero().get().unsigned_abs(), folder.path());
+    }
 }
 
 fn end(keepers: &[Keeper], children: &mut Children) -> Result<(), String> {

@@ -241,10 +241,12 @@ fn a_slot_that_is_killed_takes_its_stack_with_it_and_starts_again() {
     let agent = Agent::start(1);
     let mut link = started(&agent, STUBBORN);
     let slot = agent.slot_processes()[0];
+    let folder = std::env::temp_dir().join(format!("bagpipe-case-0-{slot}"));
+    assert!(folder.is_dir(), "{}", folder.display());
     assert!(Command::new("kill").args(["-9", &slot.to_string()]).status().unwrap().success());
     assert!(matches!(answer(&mut link), Answer::Gone(_)));
     drop(link);
-    until("all is gone", Duration::from_secs(60), || agent.left().is_empty());
+    until("all is gone", Duration::from_secs(60), || agent.left().is_empty() && !folder.exists());
     until("a new process", Duration::from_secs(60), || agent.slot_processes() != [slot]);
     let (result, _) = agent.run(0, agent.case(ECHO, &[]), &chatter(20)).result();
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(20));
