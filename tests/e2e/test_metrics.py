@@ -1,10 +1,11 @@
-"""A Prometheus on the cluster finds drivers and executors in both documented ways, and sees a job.
+"""A Prometheus on the cluster finds all pods in both documented ways, and sees what happens.
 
 By the pods' annotations, as plain configurations do, and by the ports' names, as the chart's
 PodMonitors have a Prometheus operator do.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,76 +13,75 @@ import pytest
 import yaml
 from embedded import builds
 
-from charts.monitoring.boards import DATA_PLANE
+from charts.monitoring.alerts import ALERTS
 from charts.monitoring.generate import ROOT
-from tests.e2e import jobs
+from tests.e2e import failing_jobs, fleet, jobs, scrapes
 from tests.e2e import kubectl as k
 from tests.e2e.storage_servers import NODE
 from tests.integration.control_plane.prometheus_server import Prometheus
+from tests.integration.control_plane.questions import all_questions, without_data
 from tests.recording import MESSAGES
-from tests.unit.chart.test_chart import of_kind, rendered
 
-pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.usefixtures("recordings")]
+pytestmark = [
+    pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(1200),
+    pytest.mark.usefixtures("recordings"),
+]  # fmt: skip
 
-_META = "__meta_kubernetes_pod"
 _PORT = 21990  # below those that connections take by themselves
-_ROLE = {"source_labels": [f"{_META}_label_sim_bagpipe_io_role"], "target_label": "role"}
-_LOCKSTEP = "of lock-step, and this job plays in real time"
-EXCUSED = {"Each wait in lock-step": _LOCKSTEP}
-
-
-def by_annotations(pods: dict[str, Any]) -> dict[str, Any]:
-    """As the documentation of Prometheus shows it."""
-    note = f"{_META}_annotation_prometheus_io"
-    return {
-        "job_name": "annotations", "kubernetes_sd_configs": [pods],
-        "relabel_configs": [
-            {"action": "keep", "source_labels": [f"{note}_scrape"], "regex": "true"},
-            {"source_labels": [f"{note}_path"], "target_label": "__metrics_path__"},
-            {"source_labels": [f"{_META}_ip", f"{note}_port"], "separator": ":",
-             "target_label": "__address__"},
-            _ROLE,
-        ],
-    }  # fmt: skip
-
-
-def by_the_monitor(pods: dict[str, Any]) -> dict[str, Any]:
-    """What a Prometheus operator makes of the chart's PodMonitor of executors."""
-    monitors = of_kind(rendered("metrics.podMonitor.enabled=true"), "PodMonitor")
-    spec = next(m for m in monitors if m["metadata"]["name"].endswith("executors"))["spec"]
-    (endpoint,) = spec["podMetricsEndpoints"]
-    underscored = str.maketrans("./-", "___")
-    labels = [
-        {"action": "keep", "source_labels": [f"{_META}_label_{name.translate(underscored)}"],
-         "regex": value}
-        for name, value in spec["selector"]["matchLabels"].items()
-    ]  # fmt: skip
-    own = [
-        {"action": rule["action"], "source_labels": rule["sourceLabels"], "regex": rule["regex"]}
-        for rule in endpoint["relabelings"]
-    ]
-    return {
-        "job_name": "monitor", "kubernetes_sd_configs": [pods],
-        "metrics_path": endpoint["path"], "relabel_configs": [*labels, *own, _ROLE],
-    }  # fmt: skip
+# What has no data while jobs run and fail on one healthy node, and why.
+EXCUSED = {
+    "BagpipeOperatorAbsent": "absent() has a value when there is no operator",
+}
+START = Callable[[list[dict[str, Any]]], Prometheus]
 
 
 @pytest.fixture
-def prometheus(namespace: str, tmp_path: Path) -> Iterator[Prometheus]:
-    """One in the network of the cluster's first node, for the run's own namespace."""
+def access(tmp_path: Path) -> str:
+    """A kubeconfig with all that it needs in one file."""
     settings = yaml.safe_load(k.kubectl("config", "view", "--raw"))
-    access = tmp_path / "access.yaml"
-    access.write_text(yaml.safe_dump(settings))
-    pods = {
-        "role": "pod", "kubeconfig_file": str(access), "namespaces": {"names": [namespace]},
-    }  # fmt: skip
-    scrapes = [by_annotations(pods), by_the_monitor(pods)]
-    rules = ROOT / "charts/bagpipe/files/alerts.yaml"
-    # Debian's is built without Kubernetes' discovery.
-    program = str(builds.ensure(builds.PROMETHEUS) / "prometheus")
-    made = Prometheus.configured(tmp_path / "prometheus", scrapes, rules, NODE, _PORT, program)
-    yield made
-    made.server.kill()
+    path = tmp_path / "access.yaml"
+    path.write_text(yaml.safe_dump(settings))
+    return str(path)
+
+
+@pytest.fixture
+def start_prometheus(tmp_path: Path) -> Iterator[START]:
+    """Starts one in the network of the cluster's first node."""
+    with ExitStack() as running:
+
+        def start(found: list[dict[str, Any]]) -> Prometheus:
+            rules = ROOT / "charts/bagpipe/files/alerts.yaml"
+            # Debian's is built without Kubernetes' discovery.
+            program = str(builds.ensure(builds.PROMETHEUS) / "prometheus")
+            folder = tmp_path / "prometheus"
+            made = Prometheus.configured(folder, found, rules, NODE, _PORT, program)
+            running.callback(made.server.kill)
+            return made
+
+        yield start
+
+
+@contextmanager
+def scheduled(namespace: str) -> Iterator[None]:
+    """A schedule has started a job of one short case, which has ended well."""
+    job = fleet.make_job("each-minute")
+    job["spec"]["source"] = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
+    job["spec"]["spark"] |= {"executors": 1, "slots": 1}
+    template = {"metadata": {"labels": {"by": "the-clock"}}, "spec": job["spec"]}
+    spec = {"schedule": "* * * * *", "jobTemplate": template, "successfulJobsHistoryLimit": 9}
+    jobs.apply(namespace, job | {"kind": "SimulationSchedule", "spec": spec})
+    schedule = ("simschedule", "each-minute")
+    try:
+        made = k.await_that(
+            "a minute's job", lambda: k.items(namespace, "simjob", "-l", "by=the-clock"), 90
+        )
+        rest = ("--type=merge", "-p", '{"spec":{"suspend":true}}')
+        k.kubectl("-n", namespace, "patch", *schedule, *rest)
+        ended = jobs.ended(namespace, made[0]["metadata"]["name"], 240)
+        assert ended["status"]["verdict"] == "Passed"
+        yield
+    finally:
+        k.kubectl("-n", namespace, "delete", *schedule, "--wait=true", "--timeout=60s")
 
 
 def awaited(prometheus: Prometheus, expression: str, seconds: float) -> list[float]:
@@ -93,25 +93,26 @@ def awaited(prometheus: Prometheus, expression: str, seconds: float) -> list[flo
     return k.await_that(expression, look, seconds)
 
 
-def test_executors_and_drivers_are_found_and_tell_what_happens_now(
-    namespace: str, prometheus: Prometheus
+def test_all_pods_are_found_and_executors_tell_what_happens_now(
+    namespace: str, access: str, start_prometheus: START
 ) -> None:
+    ways = [scrapes.by_annotations(access, namespace), *scrapes.by_the_monitors(access, namespace)]
+    prometheus = start_prometheus(ways)
     job = jobs.make_job("watched", playback={"mode": "realtime", "rate": 0.5})
-    ways = 'up{role="%s", job="%s"} == 1'
-    panels = {p.title: p for p in DATA_PLANE.rows["Now, by the agents in the executors"]}
+    agent = 'job="bagpipe-operator-executors"'
     with jobs.applied(namespace, job) as name:
-        for role, way in (("driver", "annotations"), ("executor", "annotations"),
-                          ("executor", "monitor")):  # fmt: skip
-            assert awaited(prometheus, ways % (role, way), 120) == [1]
-        half = 'bagpipe_agent_played_messages_total{job="monitor"} > 100'
+        for target in ('job="annotations",role="driver"', 'job="bagpipe-operator-drivers"',
+                       'job="annotations",role="executor"', agent,
+                       'job="annotations",role=""', 'job="bagpipe-operator"'):  # fmt: skip
+            assert awaited(prometheus, f"up{{{target}}} == 1", 120) == [1]
+        half = f"bagpipe_agent_played_messages_total{{{agent}}} > 100"
         (played,) = awaited(prometheus, half, 60)
         assert played < MESSAGES
-        assert prometheus.values('bagpipe_agent_slots_busy{job="monitor"}') == [1]
-        assert_panels_have_data(prometheus, panels)
+        assert prometheus.values(f"bagpipe_agent_slots_busy{{{agent}}}") == [1]
         # Spark's own figures of the executor, told by the driver: 1 is its first executor.
         for figure in ("active_tasks", "tasks_max", "jvm_heap_peak_bytes"):
             awaited(prometheus, f'spark_executor_{figure}{{executor="1"}}', 30)
-        ended = jobs.ended(namespace, name, 120)
+        ended = jobs.ended(namespace, name, 400)
         assert ended["status"]["verdict"] == "Passed"
         assert ended["status"]["ledger"]["sent"] == MESSAGES
         counted = 'max_over_time(bagpipe_agent_played_messages_total{job="annotations"}[5m])'
@@ -120,13 +121,90 @@ def test_executors_and_drivers_are_found_and_tell_what_happens_now(
         assert played < prometheus.values(counted)[0] <= MESSAGES * row["attempts"]
 
 
-def assert_panels_have_data(prometheus: Prometheus, panels: dict[str, Any]) -> None:
-    """The dashboard's row of what happens now."""
+def test_every_panel_and_every_alert_has_data_while_jobs_fail(
+    namespace: str, access: str, start_prometheus: START
+) -> None:
+    fleet.put_files(namespace)
+    prometheus = start_prometheus(scrapes.by_the_monitors(access, namespace))
+    # One after the other: on a small machine drivers that start together take minutes.
+    with scheduled(namespace), ExitStack() as existing:
+        lost = existing.enter_context(jobs.applied(namespace, failing_jobs.given_up()))
+        take_executors(namespace, prometheus, lost, 2)
+        ended = jobs.ended(namespace, lost, 240)
+        assert jobs.condition(ended, "Failed")["reason"] == "ExecutorLost"
+        run = []
+        for job in (failing_jobs.paced(), failing_jobs.stepped()):
+            run.append(existing.enter_context(jobs.applied(namespace, job)))
+            await_ended_cases(namespace, run[-1])
+        asked = all_questions(namespace, run)
+        assert len(asked) > 100
+        await_data(prometheus, asked)
+        assert_failures_are_seen(prometheus)
+    assert_rules_are_judged(prometheus)
 
-    def without() -> set[str]:
-        return {
-            title for title, panel in panels.items() for expression, _ in panel.queries
-            if not prometheus.values(expression.replace("$__rate_interval", "20s"))
-        }  # fmt: skip
 
-    k.await_that("panels without data", lambda: without() <= set(EXCUSED), 20)
+def await_ended_cases(namespace: str, name: str) -> None:
+    """Some cases of the job have passed, and it is far from its end."""
+
+    def look() -> bool:
+        status = k.get(namespace, "simjob", name).get("status", {})
+        return bool(status.get("cases", {}).get("passed", 0) >= 2)
+
+    k.await_that(f"the first cases of {name}", look, 240)
+
+
+def take_executors(namespace: str, prometheus: Prometheus, job: str, times: int) -> None:
+    """Delete the job's only executor as often, each while a case runs in it."""
+    agents = f'bagpipe_agent_slots_busy{{pod=~"{job}-.*"}} == 1'
+    seen: set[str] = set()
+
+    def another() -> str | None:
+        busy = prometheus.get("query", query=agents)["result"]
+        return next((s["metric"]["pod"] for s in busy if s["metric"]["pod"] not in seen), None)
+
+    for _ in range(times):
+        pod = k.await_that("an executor with a case", another, 240)
+        seen.add(pod)
+        k.kubectl("-n", namespace, "delete", "pod", pod, "--grace-period=1", "--wait=true")
+
+
+def await_data(prometheus: Prometheus, asked: list[tuple[str, str]]) -> None:
+    """All of it has an answer at one moment but what is excused."""
+    left: set[str] = set()
+
+    def look() -> bool:
+        left.clear()
+        left.update(without_data(prometheus, asked))
+        return left <= set(EXCUSED)
+
+    try:
+        k.await_that("every panel to have data", look, 180)
+    except TimeoutError:
+        assert left == set(EXCUSED)
+    assert left == set(EXCUSED)
+
+
+def assert_failures_are_seen(prometheus: Prometheus) -> None:
+    """What went wrong is in the figures, a job's that has ended too."""
+    faults = "sum by (reason) (max_over_time(bagpipe_case_faults_total[10m])) > 0"
+    wanted = {*failing_jobs.REASONS.values(), "ExecutorLost"}
+
+    def seen() -> bool:
+        found = prometheus.get("query", query=faults)["result"]
+        return wanted <= {sample["metric"]["reason"] for sample in found}
+
+    k.await_that(f"faults of all of {wanted}", seen, 120)
+    assert prometheus.values('sum(bagpipe_cases_ended_total{outcome="failed"})')[0] >= 1
+    awaited(prometheus, 'bagpipe_jobs_ended_total{phase="Failed",verdict="None"} > 0', 30)
+    awaited(prometheus, 'bagpipe_jobs_ended_total{phase="Complete",verdict="Passed"} > 0', 120)
+    firing = {alert["labels"]["alertname"] for alert in prometheus.get("alerts")["alerts"]}
+    assert "BagpipeCasesErrored" in firing
+    wrong = {"BagpipeNoLeader", "BagpipeReconcileFaults", "BagpipeResultsNotKept"}
+    assert firing.isdisjoint(wrong | set(EXCUSED))
+
+
+def assert_rules_are_judged(prometheus: Prometheus) -> None:
+    """Prometheus has judged each rule without an error."""
+    groups = prometheus.get("rules")["groups"]
+    health = {rule["name"]: rule["health"] for group in groups for rule in group["rules"]}
+    assert health == dict.fromkeys((alert.name for alert in ALERTS), "ok")

@@ -238,9 +238,13 @@ def test_no_quota_for_the_driver(namespace: str) -> None:
 def test_no_quota_for_executors(namespace: str) -> None:
     """Refused more often than Spark would bear by its default, and as if nothing had been."""
     name = "no-executors"
+    fleet.put_files(namespace)
+    spark = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
+    # No replay, which a busy machine could make lossy after so long a wait.
+    inputs = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
     try:
         with quota(namespace, 1):
-            jobs.apply(namespace, jobs.make_job(name))
+            jobs.apply(namespace, fleet.make_job(name, source=inputs, spark=spark))
             told = seen(namespace, name, "QuotaExceeded", 240)
             pod = only(pods(namespace, name, "driver"))["metadata"]["name"]
 

@@ -4,7 +4,6 @@ A real Prometheus asks a real operator, a real driver whose cases fail now and t
 agent through which cases of a real node go.
 """
 
-import itertools
 import random
 import re
 import sys
@@ -15,7 +14,6 @@ import pytest
 
 from bagpipe_operator import names
 from charts.monitoring.alerts import ALERTS
-from charts.monitoring.board import Board
 from charts.monitoring.boards import BOARDS, JOB
 from charts.monitoring.generate import ROOT
 from tests.integration.conftest import RunningAgent
@@ -26,6 +24,7 @@ from tests.integration.control_plane.fake_driver import PORT, fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs
 from tests.integration.control_plane.prometheus_server import Prometheus
+from tests.integration.control_plane.questions import all_questions, without_data
 from tests.integration.control_plane.server import DIES_WITH_US
 from tests.integration.storage.servers import PATIENCE, Server, listens, wait_until
 from tests.unit.operator.builders import account
@@ -68,24 +67,6 @@ def cases(tmp_path: Path, start_agent: Callable[..., RunningAgent]) -> Iterator[
     server.kill()
 
 
-def expressions(board: Board, namespace: str) -> Iterator[tuple[str, str]]:
-    """Each panel's expressions as Grafana would ask them, for each job where there is a choice."""
-    names = list(DRIVERS) if board is JOB else [""]
-    for panel, name in itertools.product(board.panels, names):
-        for number, (expression, _) in enumerate(panel.queries):
-            asked = expression.replace("$__rate_interval", "20s")
-            asked = asked.replace("$namespace", namespace).replace("$job_name", name)
-            title = board.title.removeprefix("Bagpipe / ")
-            # A later query of a panel is asked by its number; the first by the panel's name.
-            yield f"{title}: {panel.title}{f' #{number}' if number else ''}", asked
-
-
-def without_data(prometheus: Prometheus, asked: list[tuple[str, str]]) -> set[str]:
-    """The names of what has no number; of several questions with one name one answer is enough."""
-    names = {name for name, _ in asked}
-    return names - {name for name, expression in asked if prometheus.values(expression)}
-
-
 def test_every_panel_and_every_alert_has_data(
     admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator,
     drivers: Server, cases: Server, tmp_path: Path,
@@ -99,8 +80,7 @@ def test_every_panel_and_every_alert_has_data(
     try:
         wait_until(lambda: prometheus.up() == 4, PATIENCE, "Prometheus does not reach its targets")
         run_jobs(admin, namespace, kubelet)
-        asked = [each for board in BOARDS for each in expressions(board, namespace)]
-        asked += [(alert.name, alert.value) for alert in ALERTS]
+        asked = all_questions(namespace, list(DRIVERS))
         assert len(asked) > 100
         left: set[str] = set()
 
