@@ -66,19 +66,23 @@ def save(planned: RDD[Descriptor], run: PartitionRun, uri: str) -> Manifest:
     def store(index: int, descriptors: Iterable[Descriptor]) -> Iterable[SavedRecord]:
         return _store(run, uri, f"{own}-{index:05d}-{uuid.uuid4().hex[:12]}", descriptors)
 
+    def ours(attempt: str) -> bool:
+        return attempt.startswith(f"{own}-")
+
     jobs = _Jobs(planned.context)
     try:
         rows: list[SavedRecord] = planned.mapPartitionsWithIndex(store).collect()
     except Exception:
         jobs.await_tasks()
+        # What failed is to be told, not that its traces stay: whoever commits here removes them.
         with contextlib.suppress(StorageError):
-            _remove(run.storage, uri, lambda attempt: attempt.startswith(f"{own}-"))
+            _remove(run.storage, uri, ours)
         # A run that has committed since then removed this one's files while it wrote them.
         _refuse_second(run.storage, uri)
         raise
     manifest = Manifest(uri, sorted(rows, key=lambda row: (row.name, row.file)))
     if not commit(run.storage, manifest):
-        _remove(run.storage, uri, lambda attempt: attempt.startswith(f"{own}-"))
+        _remove(run.storage, uri, ours)
         raise _taken(uri)
     kept = {record.file.split("/")[1] for record in manifest.records}
     _remove(run.storage, uri, lambda attempt: attempt not in kept)
