@@ -27,7 +27,10 @@ from bagpipe_operator.view import JobView, View
 RELEASE = version("bagpipe-operator")  # it reads files, so not when the loop runs already
 PHASES = ("Pending", "Planning", "Running", "Suspended", "Complete", "Failed")
 POD_PHASES = ("Pending", "Running", "Succeeded", "Failed", "Unknown")
-CASE_STATES = ("planned", "running", "passed", "failed", "invalid", "errored", "retried")
+CASE_STATES = (
+    "planned", "running", "passed", "failed", "invalid", "errored", "crashed", "lost", "regressed",
+    "discarded",
+)  # fmt: skip
 LIFE_BUCKETS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 900, 1800, 3600, 7200, 21600, 86400)
 CALL_BUCKETS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
 

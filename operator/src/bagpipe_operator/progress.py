@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 import aiohttp
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from bagpipe_operator.names import PROGRESS_PORT
 from bagpipe_operator.view import Json
@@ -48,7 +48,13 @@ class Cases(_Model):
     failed: Count = 0
     invalid: Count = 0
     errored: Count = 0
-    retried: Count = 0
+    crashed: Count = 0
+    lost: Count = 0
+    regressed: Count = 0
+    # A driver of release 0.1 says `retried`.
+    discarded: Annotated[
+        int, Field(ge=0, validation_alias=AliasChoices("discarded", "retried"))
+    ] = 0
 
     @property
     def begun(self) -> bool:

@@ -33,7 +33,7 @@ def test_a_job_whose_cases_all_passed_is_complete() -> None:
     assert (told["phase"], told["verdict"], told["reason"]) == ("Complete", "Passed", "AllCasesRan")
     assert told["cases"] == {
         "planned": 2, "running": 0, "passed": 2, "failed": 0, "invalid": 0, "errored": 0,
-        "retried": 4,
+        "crashed": 0, "lost": 0, "regressed": 0, "discarded": 4,
     }  # fmt: skip
     assert told["ledger"] == {"sent": 6, "received": 6, "dropped": 0, "leadIn": 2}
 

@@ -224,7 +224,7 @@ def test_a_case_that_takes_its_executors_with_it_is_quarantined(
     assert row["message"].startswith(
         "this case was started 4 times and no executor brought it to an end, at least 3 of them"
     )
-    assert keeper.progress.snapshot()["cases"]["retried"] == 3
+    assert keeper.progress.snapshot()["cases"]["discarded"] == 3
     assert "task" not in row
     lost = row["evidence"]["starts"]
     assert len(lost) >= 3
@@ -253,7 +253,7 @@ def test_a_row_says_how_often_its_case_was_started_before_it_ended(
     assert (row["starts"], row["attempts"], row["discarded"]) == (3, 2, ["DeliveryIncomplete"])
     assert sorted(path.name for path in marks.iterdir()) == ["1", "2", "3"]
     # Two starts that were lost and one try that was lossy do not count.
-    assert keeper.progress.snapshot()["cases"]["retried"] == 3
+    assert keeper.progress.snapshot()["cases"]["discarded"] == 3
 
 
 def test_a_driver_after_a_commit_runs_nothing(

@@ -157,7 +157,7 @@ def test_a_block_has_all_that_is_known() -> None:
     text = drawn(seen(job, done=4), 66)
     assert "nightly  Running  in namespace robots, watched for 1 min 6 s" in text
     assert "40 % 4 of 10 cases" in text
-    assert "passed 3  failed 1  invalid 0  errored 0  running 2  retried 0" in text
+    assert "passed 3  failed 1  invalid 0  errored 0  running 2" in text
     assert "3.6 cases/min, about 1 min 39 s left" in text
     assert "a-1: Slow: [b]9 Hz[/b]" in text
     assert "CasesRunning: Cases are running." in text

@@ -27,7 +27,7 @@ def test_what_nobody_foresaw_is_a_sentence_and_no_verdict(
     assert ended.exit_code == 2
     assert ended.stdout == ""
     (line,) = ended.stderr.splitlines()
-    assert "KeyError: 'job'" in line
+    assert "KeyError: 'counts'" in line
     assert "BAGPIPE_TRACEBACK=1 shows where" in line
     ended = CliRunner(env={"BAGPIPE_TRACEBACK": "1"}).invoke(main, ["results", str(folder)])
     assert (ended.exit_code, "Traceback" in ended.stderr) == (2, True)

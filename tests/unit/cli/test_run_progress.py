@@ -14,7 +14,7 @@ def told(
     passed: int = 0, planned: int = 100, phase: str = "Running", **more: Any
 ) -> dict[str, Any]:
     counts = {"planned": planned, "running": 2, "passed": passed, "failed": 0, "invalid": 0}
-    return {"phase": phase, "warning": "", "cases": counts | {"errored": 0, "retried": 0}} | more
+    return {"phase": phase, "warning": "", "cases": counts | {"errored": 0, "discarded": 0}} | more
 
 
 def paced(*looks: tuple[float, int]) -> Pace:

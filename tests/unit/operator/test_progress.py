@@ -28,7 +28,10 @@ def test_what_is_written_into_the_status() -> None:
             "failed": 0,
             "invalid": 0,
             "errored": 0,
-            "retried": 0,
+            "crashed": 0,
+            "lost": 0,
+            "regressed": 0,
+            "discarded": 0,
         },
         "ledger": {"sent": 400, "received": 400, "dropped": 0, "leadIn": 8},
         "verdict": "",
@@ -165,3 +168,10 @@ async def test_nobody_there_is_none() -> None:
     async with aiohttp.ClientSession() as session:
         reader = ProgressReader(session, deadline_seconds=1, port=1)
         assert await reader.read("uid", "127.0.0.1", WHOSE) is None
+
+
+def test_a_driver_of_the_earlier_release_is_understood() -> None:
+    progress = parse(account(cases={"planned": 4, "retried": 3}))
+    assert progress is not None
+    assert progress.cases.discarded == 3
+    assert progress.as_status()["cases"]["discarded"] == 3

@@ -90,7 +90,10 @@ def test_a_good_job_from_creation_to_its_end() -> None:
     assert last["verdict"] == "Passed"
     assert last["cases"] == {
         "planned": 4, "running": 0, "passed": 4, "failed": 0, "invalid": 0, "errored": 0,
-        "retried": 0,
+        "crashed": 0,
+        "lost": 0,
+        "regressed": 0,
+        "discarded": 0,
     }  # fmt: skip
     assert last["ledger"] == {"sent": 400, "received": 400, "dropped": 0, "leadIn": 8}
     assert last["driver"] == "x-1-driver"

@@ -15,7 +15,10 @@ from bagpipe.report.html import Report, render
 from bagpipe.report.words import headline, sentence
 from tests.unit.bagpipe.jobs import make_row
 
-COUNTS = {"planned": 5, "passed": 2, "failed": 2, "invalid": 1, "errored": 0, "retried": 0}
+COUNTS = {
+    "planned": 5, "passed": 2, "failed": 2, "invalid": 1, "errored": 0, "crashed": 0, "lost": 0,
+    "regressed": 0, "discarded": 0,
+}  # fmt: skip
 MANIFEST = {
     "job": {"name": "n", "namespace": "lab", "uid": "u"}, "attempt": 1, "phase": "Complete",
     "verdict": "Failed", "message": "m", "counts": COUNTS,

@@ -4,14 +4,15 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-_OUTCOMES = ("passed", "failed", "invalid", "errored")
+from bagpipe.row_facts import OUTCOMES
+
 # The rate is that of the last minute: the first case waits for Spark, and long ones come first.
 _WINDOW_SECONDS = 60.0
 
 
 def done_of(told: dict[str, Any]) -> int:
     """The cases that have ended, of a driver's /progress."""
-    return sum(told["cases"][outcome] for outcome in _OUTCOMES)
+    return sum(told["cases"][outcome] for outcome in OUTCOMES)
 
 
 @dataclass
@@ -40,7 +41,7 @@ def line(told: dict[str, Any], pace: Pace) -> str:
     cases, done = told["cases"], done_of(told)
     if told["phase"] == "Planning":
         return "planning: reading the recordings' indexes"
-    counts = ", ".join(f"{cases[outcome]} {outcome}" for outcome in _OUTCOMES if cases[outcome])
+    counts = ", ".join(f"{cases[outcome]} {outcome}" for outcome in OUTCOMES if cases[outcome])
     parts = [f"{done} of {cases['planned']} cases" + (f" ({counts})" if counts else "")]
     left = cases["planned"] - done
     if left:

@@ -10,8 +10,9 @@ from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, Proc
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from bagpipe.driver.progress import OUTCOMES, Progress
+from bagpipe.driver.progress import Progress
 from bagpipe.driver.spark_executors import SparkExecutors
+from bagpipe.row_facts import OUTCOMES, discarded_runs
 from bagpipe.run.attempts import REASONS
 from bagpipe.run.case_run import Row
 from bagpipe.spec import JobFile
@@ -181,7 +182,8 @@ class DriverMetrics:
         if "ran_in" in row:
             return
         self._ended.labels(row["outcome"]).inc()
-        reasons = [*row.get("discarded", []), *([row["reason"]] if row["reason"] else [])]
+        reasons = [run["reason"] for run in discarded_runs(row)]
+        reasons += [row["reason"]] if row["reason"] else []
         for reason in reasons:
             self._faults.labels(reason if reason in REASONS else "Other").inc()
         if "seconds" in row:

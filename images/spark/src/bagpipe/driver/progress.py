@@ -6,17 +6,12 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from bagpipe.row_facts import OUTCOMES, TALLIES, counts_of, tally
 from bagpipe.run.case_run import Row
 
 Phase = Literal["Planning", "Running", "Complete", "Failed"]
 MAX_FAILURES = 5
 _MAX_MESSAGE = 300
-OUTCOMES = ("passed", "failed", "invalid", "errored")
-
-
-def thrown_away(row: Row) -> int:
-    """Runs of a case that do not count: tries of its last start, and starts before that one."""
-    return max(0, int(row["attempts"]) - 1) + max(0, int(row.get("starts", 1)) - 1)
 
 
 @dataclass
@@ -63,9 +58,9 @@ class Progress:
         with self._lock:
             self.phase, self.verdict = manifest["phase"], manifest["verdict"]
             self.reason, self.message = manifest["reason"], manifest["message"]
-            counts, ledger = manifest["counts"], manifest["ledger"]
+            counts, ledger = counts_of(manifest), manifest["ledger"]
             self.planned, self.running = counts["planned"], 0
-            self._outcomes = Counter({key: counts[key] for key in (*OUTCOMES, "retried")})
+            self._outcomes = Counter({key: counts[key] for key in TALLIES})
             self._ledger = Counter(
                 sent=ledger["sent"], received=ledger["received"],
                 dropped=ledger["dropped"], lead_in=ledger["leadIn"],
@@ -75,8 +70,7 @@ class Progress:
     def add(self, row: Row) -> None:
         """Count one finished case."""
         with self._lock:
-            self._outcomes[row["outcome"]] += 1
-            self._outcomes["retried"] += thrown_away(row)
+            self._outcomes.update(tally(row))
             ledger = (row["result"] or {}).get("ledger")
             if ledger:
                 for key in ("sent", "received", "dropped", "lead_in"):
@@ -137,7 +131,8 @@ class Progress:
     def snapshot(self) -> dict[str, Any]:
         """The JSON of /progress and of the termination message, well under 4 KiB."""
         with self._lock:
-            counts = {outcome: self._outcomes[outcome] for outcome in (*OUTCOMES, "retried")}
+            counts = {word: self._outcomes[word] for word in TALLIES}
+            counts["regressed"] = sum(found["regressed"] for found in self._comparisons)
             return {
                 "uid": self.uid,
                 "attempt": self.attempt,

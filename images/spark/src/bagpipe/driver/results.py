@@ -16,6 +16,7 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.row_file import RowFile
 from bagpipe.report.stored import StoredResults
+from bagpipe.row_facts import counts_of
 from bagpipe.run.case_run import Row
 from bagpipe.run.exec_outputs import recorded_names
 from bagpipe.spec import JobFile
@@ -60,7 +61,7 @@ class Results:
             manifest: Manifest = json.loads(self.storage.read_all(uri, _MAX_MANIFEST_BYTES))
         except ValueError as error:
             raise StorageError(f"{uri} is no JSON: {error}") from error
-        return manifest
+        return manifest | {"counts": counts_of(manifest)}
 
     def commit(self, rows: RowFile, progress: Progress, driver: str) -> Manifest:
         """Put the manifest, unless another driver has; the one that counts is returned."""

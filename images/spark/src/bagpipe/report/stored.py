@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from bagpipe.row_facts import counts_of
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 
@@ -32,7 +33,8 @@ class StoredResults:
                 f"there is no {uri}: write status.results of a job that has ended (a job that"
                 " still runs has none)"
             )
-        return self._map("manifest.json", _MOST_MANIFEST_BYTES)
+        manifest = self._map("manifest.json", _MOST_MANIFEST_BYTES)
+        return manifest | {"counts": counts_of(manifest)}
 
     def rows(self) -> Iterator[Row]:
         """The lines of results.jsonl, in the order of the case names."""

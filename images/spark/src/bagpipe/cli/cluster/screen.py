@@ -15,6 +15,9 @@ _PHASES = {"Complete": "green", "Failed": "red", "Suspended": "yellow"}
 # Nothing to be said: the job goes its way.
 _ORDINARY = frozenset({"CasesRunning", "Planning", "DriverPending", "InProgress"})
 _MOST_FAILURES = 3
+# Of each, what is not 0; in a terminal's block the first ones always.
+_ALWAYS = ("passed", "failed", "invalid", "errored", "running")
+_WORDS = (*_ALWAYS, "regressed", "crashed", "lost", "discarded")
 
 
 @dataclass(frozen=True)
@@ -71,18 +74,16 @@ def _bar(cases: Counts) -> RenderableType:
 
 
 def _counts(cases: Counts) -> str:
-    told = [
-        f"{getattr(cases, word)} {word}"
-        for word in ("passed", "failed", "invalid", "errored", "running", "retried")
-        if getattr(cases, word)
-    ]
+    told = [f"{getattr(cases, word)} {word}" for word in _WORDS if getattr(cases, word)]
     return ", ".join(told) or "none has ended"
 
 
 def _coloured(cases: Counts) -> Text:
     text = Text()
-    for word in ("passed", "failed", "invalid", "errored", "running", "retried"):
+    for word in _WORDS:
         count = getattr(cases, word)
+        if not count and word not in _ALWAYS:
+            continue
         style = _COLOURS.get(word, "") if count else "dim"
         text.append(f"{'  ' if len(text) else ''}{word} {count}", style=style)
     return text

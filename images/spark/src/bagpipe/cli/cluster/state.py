@@ -24,7 +24,10 @@ class Counts:
     failed: int = 0
     invalid: int = 0
     errored: int = 0
-    retried: int = 0
+    crashed: int = 0
+    lost: int = 0
+    regressed: int = 0
+    discarded: int = 0
 
     @property
     def done(self) -> int:
