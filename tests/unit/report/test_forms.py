@@ -17,7 +17,8 @@ from tests.unit.bagpipe.jobs import make_row
 FAILED = {
     "name": "lane rate", "kind": "rate", "outcome": "failed", "figure": 3.5, "unit": "Hz",
     "limit": "at least 9 Hz", "direction": "higher", "message": "3.5 Hz & <less>",
-    "expected_failure": False,
+    "expected_failure": False, "coverage": 1.0,
+    "covered": "of the whole window", "clock": "receipt",
 }  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 Outcome = Literal["passed", "failed", "invalid"]
+Clock = Literal["header", "receipt", "none"]
 
 
 @dataclass(frozen=True)
@@ -12,7 +13,9 @@ class Finding:
     """One criterion's answer. `figure` is None where nothing could be measured.
 
     `direction` says which way of `figure` is better: `lower`, `higher`, or `` where a comparison
-    of two figures says nothing. `limit` is the bound as people write it.
+    of two figures says nothing. `limit` is the bound as people write it. `coverage` is the part of
+    the window, or of the truth's samples, that it was judged on, `covered` the same in words, and
+    `clock` what its times were read from.
     """
 
     name: str
@@ -24,6 +27,9 @@ class Finding:
     direction: str = ""
     message: str = ""
     expected_failure: bool = False
+    coverage: float | None = None
+    covered: str = ""
+    clock: Clock = "none"
     # Over time, of a failed one only (courses.py).
     course: dict[str, Any] | None = None
 

@@ -20,6 +20,9 @@ _CRITERION = pa.struct(
         ("limit", pa.string()),
         ("message", pa.string()),
         ("expected_failure", pa.bool_()),
+        ("coverage", pa.float64()),
+        ("covered", pa.string()),
+        ("clock", pa.string()),
     ]
 )
 _FIGURES = [field.name for field in _CRITERION]
