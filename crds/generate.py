@@ -41,8 +41,9 @@ API version `{group}/{version}`, kind `{kind}`, short name `{short}`, namespaced
 {more}
 """
 MORE_OF_JOBS = """\
-`kubectl wait --for=condition=Complete simjob/<name>` waits for a job's good end; exactly one of the
-conditions Complete and Failed becomes True. One change of a spec is not noticed by the API server:
+`kubectl wait --for=condition=Passed simjob/<name>` is the gate: it ends well when the job has ended
+with the verdict Passed. Complete says only that the job could be run; exactly one of the conditions
+Complete and Failed becomes True. One change of a spec is not noticed by the API server:
 a parameter that gets another name. It has no effect, since a job's description is fixed when it
 starts."""
 MORE_OF_SCHEDULES = """\

@@ -36,7 +36,7 @@ def _check_the_examples_job(namespace: str, name: str) -> None:
         assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
         assert pod["spec"]["automountServiceAccountToken"] is False
     k.kubectl(
-        *("-n", namespace, "wait", "--for=condition=Complete", f"simjob/{name}"),
+        *("-n", namespace, "wait", "--for=condition=Passed", f"simjob/{name}"),
         "--timeout=400s",
         seconds=420,
     )
@@ -65,8 +65,8 @@ def _check_the_examples_job(namespace: str, name: str) -> None:
         assert topics["/tf"] > 40 * (row["window"][2] - row["window"][1]) / 1e9
 
     table = k.kubectl("-n", namespace, "get", "simjob", name)
-    assert table.splitlines()[0].split()[:5] == ["NAME", "PHASE", "CASES", "PASSED", "FAILED"]
-    assert table.splitlines()[1].split()[:4] == [name, "Complete", "4", "4"]
+    assert table.splitlines()[0].split()[:5] == ["NAME", "VERDICT", "PHASE", "CASES", "PASSED"]
+    assert table.splitlines()[1].split()[:4] == [name, "Passed", "Complete", "4"]
 
 
 def test_deleting_a_running_job_leaves_nothing_behind(namespace: str) -> None:

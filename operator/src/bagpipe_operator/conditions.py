@@ -12,16 +12,20 @@ RUNNING = "Running"
 COMPLETE = "Complete"
 FAILED = "Failed"
 SUSPENDED = "Suspended"
+PASSED = "Passed"
+
+ENDS = (COMPLETE, FAILED)
 
 LONGEST_MESSAGE = 1024
+_STATUS = {True: "True", False: "False", None: "Unknown"}
 
 
 @dataclass(frozen=True)
 class Condition:
-    """One statement about a job: `status` True or False, with the reason and a sentence."""
+    """One statement about a job: True, False or (None) unknown, with the reason and a sentence."""
 
     type: str
-    status: bool
+    status: bool | None
     reason: str
     message: str
 
@@ -43,19 +47,20 @@ def merged(
     before = list(old)
     result: list[Json] = []
     for condition in new:
-        status = "True" if condition.status else "False"
         known = find(before, condition.type)
-        kept = known is not None and known.get("status") == status
-        result.append(
-            {
-                "type": condition.type,
-                "status": status,
-                "reason": condition.reason,
-                "message": condition.message[:LONGEST_MESSAGE],
-                "observedGeneration": generation,
-                "lastTransitionTime": known["lastTransitionTime"]
-                if kept and known
-                else timestamp(now),
-            }
-        )
+        kept = known is not None and known.get("status") == _STATUS[condition.status]
+        since = known["lastTransitionTime"] if kept and known else timestamp(now)
+        result.append(written(condition, generation, since))
     return result
+
+
+def written(condition: Condition, generation: int, since: str) -> Json:
+    """A condition as a status holds it; `since` is when its status last changed."""
+    return {
+        "type": condition.type,
+        "status": _STATUS[condition.status],
+        "reason": condition.reason,
+        "message": condition.message[:LONGEST_MESSAGE],
+        "observedGeneration": generation,
+        "lastTransitionTime": since,
+    }

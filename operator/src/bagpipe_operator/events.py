@@ -83,8 +83,9 @@ def _worth(condition: Json) -> str | None:
             return WARNING if condition["reason"] not in _QUIET else None
         case conditions.SUSPENDED if not true:
             return NORMAL if condition["reason"] == reasons.JOB_RESUMED else None
-        case _:
-            return NORMAL if true else None
+        case kind:
+            # Complete and Failed have told what Passed says.
+            return NORMAL if true and kind != conditions.PASSED else None
 
 
 class Subject(Protocol):

@@ -15,6 +15,12 @@ JOB_COMPLETE = "JobComplete"
 JOB_FAILED = "JobFailed"
 JOB_FINISHED = "JobFinished"
 
+# Whether an ended job passed; where it failed, Passed has the reason of Failed.
+NOT_ENDED = "NotEnded"
+PASSED = "Passed"
+REGRESSED = "Regressed"
+NO_VERDICT = "NoVerdict"
+
 # Stopped and going on again.
 NOT_SUSPENDED = "NotSuspended"
 SUSPENDING = "Suspending"

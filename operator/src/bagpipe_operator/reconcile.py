@@ -96,7 +96,7 @@ class Reconciler:
         await self._teller.meet(job, self.now())
         if not job.finished:
             job = await self._advance(job)
-        elif job.status.get("observedGeneration") != job.generation:
+        else:
             job = await self._write(job, acknowledged(job))
         if job is not None and job.finished:
             await self._stop_leftovers(job)

@@ -8,7 +8,7 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
-from bagpipe_operator import conditions, names, reasons
+from bagpipe_operator import conditions, names, reasons, verdict
 from bagpipe_operator.children import Refusal
 from bagpipe_operator.conditions import Condition
 from bagpipe_operator.ending import Ending
@@ -20,6 +20,7 @@ from bagpipe_operator.view import JobView, Json, PodView
 _UNENDED = (
     Condition(conditions.COMPLETE, False, reasons.IN_PROGRESS, "The job has not ended."),
     Condition(conditions.FAILED, False, reasons.IN_PROGRESS, "The job has not failed."),
+    verdict.NOT_ENDED,
 )
 
 
@@ -73,14 +74,20 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
         status["phase"] = conditions.COMPLETE if ending.complete else conditions.FAILED
         status["completionTime"] = conditions.timestamp(now)
         status["cases"] = (status.get("cases") or {}) | {"running": 0}
-        return _with(seen, status, _ended_conditions(seen, ending, progress), now)
+        passed = verdict.passed(status, ending.complete, ending.reason, ending.last_words)
+        return _with(seen, status, [*_ended_conditions(seen, ending, progress), passed], now)
     status["phase"] = _phase(seen)
     return _with(seen, status, _live_conditions(seen, status["phase"]), now)
 
 
 def acknowledged(job: JobView) -> Json:
-    """The status of a job that has ended, after an edit that changes nothing of its end."""
-    told = job.status.get("conditions") or []
+    """The status of a job that has ended: an edit changes nothing of its end.
+
+    One that ended under an earlier release has the condition Passed from here on.
+    """
+    told = verdict.completed(job.status)
+    if job.status.get("observedGeneration") == job.generation:
+        return job.status | {"conditions": told}
     seen = [condition | {"observedGeneration": job.generation} for condition in told]
     return job.status | {"observedGeneration": job.generation, "conditions": seen}
 

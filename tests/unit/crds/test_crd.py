@@ -111,7 +111,7 @@ def test_every_field_but_those_that_can_be_honoured_is_immutable(crd: Schema) ->
 def test_the_columns(crd: Schema) -> None:
     columns = crd["spec"]["versions"][0]["additionalPrinterColumns"]
     assert [c["name"] for c in columns if not c.get("priority")] == [
-        "Phase", "Cases", "Passed", "Failed", "Errored", "Age",
+        "Verdict", "Phase", "Cases", "Passed", "Failed", "Regressed", "Errored", "Age",
     ]  # fmt: skip
 
 

@@ -24,7 +24,7 @@ CONDITIONS = [
         "message": "",
         "lastTransitionTime": "2026-11-20T03:00:00Z",
     }
-    for kind, status in (("Complete", "True"), ("Failed", "False"))
+    for kind, status in (("Complete", "True"), ("Failed", "False"), ("Passed", "True"))
 ]
 
 

@@ -46,6 +46,12 @@ async def complete(world: World) -> None:
     await world.reconcile(after=2)
 
 
+async def passed(world: World) -> None:
+    await running(world)
+    world.deliver(make_driver("x").ended(0, account("Complete", verdict="Passed")))
+    await world.reconcile(after=2)
+
+
 async def failed(world: World) -> None:
     await running(world)
     world.deliver(make_driver("x").ended(1, account("Failed", reason="BagMissing")))
@@ -56,7 +62,8 @@ EXPECTED = {
     new: ("InProgress", "Progressing"),
     planning: ("InProgress", "Progressing"),
     running: ("InProgress", "Progressing"),
-    complete: ("Current", "Healthy"),
+    complete: ("Failed", "Degraded"),
+    passed: ("Current", "Healthy"),
     failed: ("Failed", "Degraded"),
 }
 
@@ -77,8 +84,8 @@ async def test_flux_is_told_what_a_job_is(reached: object) -> None:
 
 def test_argo_cd_is_told_of_the_conditions_that_end_or_rest_a_job() -> None:
     script = documented("data")[f"resource.customizations.health.{names.GROUP}_{names.KIND}"]
+    known = (conditions.PASSED, conditions.SUSPENDED, conditions.RUNNING)
+    assert re.findall(r'condition\.type == "(\w+)"', script) == list(known)
     means = dict(re.findall(r'(\w+) = "(Healthy|Degraded|Suspended)"', script))
-    ends = (conditions.COMPLETE, conditions.FAILED, conditions.SUSPENDED)
-    assert means == dict(zip(ends, ("Healthy", "Degraded", "Suspended"), strict=True))
-    assert f'condition.type == "{conditions.RUNNING}"' in script
-    assert script.count("return") == 3
+    assert means == {"True": "Healthy", "False": "Degraded", "status": "Suspended"}
+    assert script.count("return") == 4

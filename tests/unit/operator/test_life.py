@@ -267,18 +267,21 @@ async def test_a_job_whose_first_case_ran_in_time_has_no_start_deadline_any_more
 
 
 def ended_job(condition: str, ttl: int = 60) -> JobBuilder:
-    told = {
-        "type": condition,
-        "status": "True",
-        "reason": "R",
-        "message": "M.",
-        "observedGeneration": 1,
-        "lastTransitionTime": "2026-11-20T04:00:00Z",
-    }
+    told = [
+        {
+            "type": kind,
+            "status": status,
+            "reason": "R",
+            "message": "M.",
+            "observedGeneration": 1,
+            "lastTransitionTime": "2026-11-20T04:00:00Z",
+        }
+        for kind, status in ((condition, "True"), ("Passed", "False"))
+    ]
     return (
         make_job("x")
         .with_spec("ttlSecondsAfterFinished", ttl)
-        .with_status(conditions=[told], completionTime="2026-11-20T04:00:00Z", observedGeneration=1)
+        .with_status(conditions=told, completionTime="2026-11-20T04:00:00Z", observedGeneration=1)
     )
 
 

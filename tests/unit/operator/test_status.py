@@ -77,11 +77,14 @@ def test_a_good_job_from_creation_to_its_end() -> None:
         ["Accepted"],
         ["Accepted", "Planned"],
         ["Accepted", "Planned", "Running"],
-        ["Accepted", "Planned", "Complete"],
+        ["Accepted", "Planned", "Complete", "Passed"],
     ]
     assert [condition(s, "Running")[1] for s in written] == [
         "DriverPending", "DriverPending", "Planning", "Planning", "ExecutorsPending",
         "CasesRunning", "JobFinished",
+    ]  # fmt: skip
+    assert [condition(s, "Passed") for s in written] == [
+        *[("Unknown", "NotEnded")] * 6, ("True", "Passed"),
     ]  # fmt: skip
     assert {s["observedGeneration"] for s in written} == {1}
     assert {s["startTime"] for s in written} == {"2026-11-20T04:00:00Z"}

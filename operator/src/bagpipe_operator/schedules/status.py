@@ -96,10 +96,10 @@ def _worth(condition: Condition) -> str:
 def _is_told(condition: Condition, known: Json | None) -> bool:
     match condition.type:
         case "Stalled":
-            return condition.status
+            return bool(condition.status)
         case "Suspended":
             # A schedule that was never suspended needs no word about it.
-            return condition.status or known is not None
+            return bool(condition.status) or known is not None
         case "OnTime":
             return not condition.status
         case _:

@@ -1,0 +1,105 @@
+"""The condition Passed: what gates wait for, of every end of a job, also of earlier ends."""
+
+from typing import Any
+
+import pytest
+
+from bagpipe_operator.view import Json
+from tests.unit.operator.builders import JobBuilder, account, make_driver, make_executor, make_job
+from tests.unit.operator.test_life import untold
+from tests.unit.operator.world import World
+
+GOOD = {"planned": 4, "passed": 4}
+
+
+async def ended(phase: str, **said: Any) -> World:
+    world = World(make_job("x"))
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    world.deliver(make_executor("x").running())
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+    assert world.reason("Passed") == "Unknown/NotEnded"
+    world.deliver(make_driver("x").ended(int(phase == "Failed"), account(phase, **said)))
+    await world.reconcile(after=2)
+    return world
+
+
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({"verdict": "Passed", "cases": GOOD}, "True/Passed"),
+        ({"verdict": "Failed", "cases": {"planned": 4, "passed": 3, "failed": 1}}, "False/Failed"),
+        ({"verdict": "Failed", "cases": GOOD | {"regressed": 2}}, "False/Regressed"),
+        ({"verdict": "Invalid", "cases": {"planned": 4, "invalid": 4}}, "False/Invalid"),
+        ({"verdict": "", "cases": GOOD}, "False/NoVerdict"),
+    ],
+)
+async def test_a_complete_job_passed_by_its_verdict_alone(said: Json, told: str) -> None:
+    world = await ended("Complete", reason="AllCasesRan", message="All ran.", **said)
+    assert world.reason("Complete") == "True/AllCasesRan"
+    assert world.reason("Passed") == told
+    passed = next(c for c in world.status()["conditions"] if c["type"] == "Passed")
+    assert passed["message"] == "All ran."
+    assert passed["lastTransitionTime"] == world.status()["completionTime"]
+
+
+async def test_a_failed_job_has_not_passed_for_the_reason_of_its_failure() -> None:
+    # Whatever a driver said of a verdict: a job that could not be run has none that counts.
+    world = await ended("Failed", reason="BagMissing", message="no bag", verdict="Passed")
+    assert world.reason("Failed") == "True/BagMissing"
+    assert world.reason("Passed") == "False/BagMissing"
+
+
+async def test_passed_is_told_by_no_event_of_its_own() -> None:
+    world = await ended("Complete", reason="AllCasesRan", verdict="Passed", cases=GOOD)
+    told = world.api.event_reasons()
+    assert told.count("AllCasesRan") == 1
+    assert "Passed" not in told
+
+
+def of_an_earlier_release(kind: str, reason: str, **status: Any) -> JobBuilder:
+    told = [
+        {
+            "type": each,
+            "status": "True" if each == kind else "False",
+            "reason": reason if each == kind else "JobComplete",
+            "message": "As it was.",
+            "observedGeneration": 1,
+            "lastTransitionTime": "2026-11-20T03:00:00Z",
+        }
+        for each in ("Accepted", "Running", "Complete", "Failed")
+    ]
+    return make_job("x").with_status(
+        conditions=told, completionTime="2026-11-20T03:00:00Z", observedGeneration=1,
+        lostDrivers=0, **status,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("job", "told"),
+    [
+        (of_an_earlier_release("Complete", "AllCasesRan", verdict="Passed"), "True/Passed"),
+        (
+            of_an_earlier_release("Complete", "AllCasesRan", verdict="Failed", cases={"failed": 1}),
+            "False/Failed",
+        ),
+        (of_an_earlier_release("Failed", "StorageFailed", verdict=""), "False/StorageFailed"),
+    ],
+)
+async def test_a_job_that_ended_before_the_upgrade_gets_it_by_one_write(
+    job: JobBuilder, told: str
+) -> None:
+    before = list(job.object["status"]["conditions"])
+    world = World(job)
+    await world.reconcile()
+    assert untold(world.api.calls) == ["patch status"]
+    assert world.reason("Passed") == told
+    assert world.status()["conditions"][:4] == before  # it keeps what it told
+    assert world.status()["conditions"][4]["lastTransitionTime"] == "2026-11-20T03:00:00Z"
+    for _ in range(3):
+        await world.reconcile(after=2)
+    world.reconciler = world.restarted(world.view)
+    await world.reconcile(after=600)
+    assert untold(world.api.calls) == ["patch status"]
+    assert world.api.event_reasons() == []
