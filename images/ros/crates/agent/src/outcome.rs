@@ -1,7 +1,7 @@
 //! RESULT: what came of a case.
 
 use bagpipe_pipe::Abort;
-use bagpipe_replay::{Ledger, Playback, Recorded, Replayed};
+use bagpipe_replay::{Ledger, Machine, Playback, Recorded, Replayed};
 use serde::Serialize;
 
 use crate::usage::Usage;
@@ -14,6 +14,8 @@ pub struct Outcome {
     pub recorded: Recorded,
     pub playback: Playback,
     pub timings: Timings,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub machine: Option<Machine>,
 }
 
 /// How the user's command ended.
@@ -63,11 +65,11 @@ pub struct Timings {
 impl Outcome {
     /// Joins what the player knows with what the supervisor knows.
     pub fn new(replayed: Replayed, stack: StackEnd, mut timings: Timings) -> (Self, Vec<u8>) {
-        let Replayed { ledger, recorded, playback, timings: played, recorded_bag } = replayed;
+        let Replayed { ledger, recorded, playback, timings: played, machine, recorded_bag } = replayed;
         timings.subscribe = played.subscribe;
         timings.lead_in = played.lead_in;
         timings.play = played.play;
         timings.drain = played.drain;
-        (Self { stack, ledger, recorded, playback, timings }, recorded_bag)
+        (Self { stack, ledger, recorded, playback, timings, machine }, recorded_bag)
     }
 }

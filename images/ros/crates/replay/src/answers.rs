@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use bagpipe_ros::Incoming;
 
+use crate::pairing::Pairing;
 use crate::simulate::Said;
 use crate::stamp::{has_header, stamp};
 
@@ -21,21 +22,26 @@ pub(crate) struct Answers {
 }
 
 /// What was heard on one topic.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Heard {
     /// Messages, the warm-up's included.
     pub(crate) count: u64,
-    /// The latest header stamp in nanoseconds, if the messages have one.
-    pub(crate) stamp: Option<u64>,
+    /// Whether there was one without a header stamp.
+    pub(crate) unstamped: bool,
+    /// Their stamps, if anybody goes by them.
+    pub(crate) pairing: Option<Pairing>,
 }
 
 impl Answers {
-    /// Listens for these topics.
-    pub(crate) fn new<'a>(topics: impl Iterator<Item = &'a str>) -> Answers {
-        let places: BTreeMap<_, _> =
-            topics.enumerate().map(|(place, topic)| (topic.to_owned(), place)).collect();
-        let heard = Mutex::new(vec![Heard::default(); places.values().max().map_or(0, |n| n + 1)]);
-        Answers { places, heard, more: Condvar::new(), latest: None }
+    /// Listens for these topics, each of which is once there: name and whether anybody goes by
+    /// its messages' stamps.
+    pub(crate) fn new<'a>(topics: impl Iterator<Item = (&'a str, bool)>) -> Answers {
+        let (mut places, mut heard) = (BTreeMap::new(), Vec::new());
+        for (place, (topic, stamped)) in topics.enumerate() {
+            places.insert(topic.to_owned(), place);
+            heard.push(Heard { pairing: stamped.then(Pairing::default), ..Heard::default() });
+        }
+        Answers { places, heard: Mutex::new(heard), more: Condvar::new(), latest: None }
     }
 
     /// Keeps the latest message on each topic as well, for a simulator.
@@ -63,18 +69,23 @@ impl Answers {
             latest.insert(said.topic.clone(), said);
         }
         let mut all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
-        all[place].count += 1;
-        if has_header(incoming.header.text("message_definition")) {
-            all[place].stamp = all[place].stamp.max(stamp(incoming.data));
+        let heard = &mut all[place];
+        heard.count += 1;
+        if let Some(pairing) = &mut heard.pairing {
+            let headed = has_header(incoming.header.text("message_definition"));
+            match stamp(incoming.data).filter(|_| headed) {
+                Some(stamp) => pairing.hear(stamp),
+                None => heard.unstamped = true,
+            }
         }
         drop(all);
         self.more.notify_all();
     }
 
-    /// What was heard on a topic until now.
-    pub(crate) fn heard(&self, topic: &str) -> Heard {
-        let all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
-        self.places.get(topic).map(|place| all[*place]).unwrap_or_default()
+    /// Looks at what was heard on a topic until now; `None` if nobody listens for it.
+    pub(crate) fn of<T>(&self, topic: &str, look: impl FnOnce(&mut Heard) -> T) -> Option<T> {
+        let mut all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+        self.places.get(topic).map(|place| look(&mut all[*place]))
     }
 
     /// Waits until what was heard on a topic satisfies, at most for `limit`; whether it did.
@@ -82,13 +93,18 @@ impl Answers {
         &self,
         topic: &str,
         limit: Duration,
-        satisfied: impl Fn(Heard) -> bool,
+        mut satisfied: impl FnMut(&mut Heard) -> bool,
     ) -> bool {
         let Some(&place) = self.places.get(topic) else { return false };
         let all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
-        let waited = self.more.wait_timeout_while(all, limit, |all| !satisfied(all[place]));
-        // A poisoned lock is as good as another: the figures are whole.
-        let (all, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        satisfied(all[place])
+        let mut over = false;
+        let waited = self.more.wait_timeout_while(all, limit, |all| {
+            over = satisfied(&mut all[place]);
+            !over
+        });
+        // A poisoned lock is as good as another: the figures are whole. The last look is after
+        // the last message; what satisfies is looked for once, since that may use it up.
+        drop(waited);
+        over
     }
 }

@@ -7,7 +7,7 @@ use bagpipe_ros::{LinkState, Publication};
 
 use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic};
 use crate::play::Played;
-use crate::prove::Proof;
+use crate::prove::{Known, Proof};
 
 /// Adds up. `present` are the connections that existed when the last message was played;
 /// whoever came later could not have received anything and is no subscriber of the case.
@@ -23,8 +23,7 @@ pub(crate) fn ledger(
         let sent = played[at].counted;
         for link in publication.subscribers() {
             if present[at].contains(&link.id) {
-                let reached = proof.known(at, link.id).reached(&link);
-                add(&mut nodes, &link, reached);
+                add(&mut nodes, &link, &proof.known(at, link.id));
             }
         }
         let subscribers: Vec<_> = nodes.into_values().map(|node| settle(node, sent)).collect();
@@ -40,6 +39,8 @@ pub(crate) fn ledger(
         ledger.lead_in += topic.lead_in;
         ledger.received += topic.subscribers.iter().map(|s| s.received).min().unwrap_or(0);
         ledger.dropped += topic.subscribers.iter().map(|s| s.dropped).sum::<u64>();
+        let weakest = topic.subscribers.iter().map(|line| line.strength).min();
+        ledger.strength = [ledger.strength, weakest].into_iter().flatten().min();
         ledger.topics.push(topic);
     }
     ledger
@@ -52,10 +53,12 @@ pub(crate) fn present(topics: &[Arc<Publication>]) -> Vec<BTreeSet<u64>> {
 }
 
 /// A node that left and came back has several connections and one line.
-fn add(nodes: &mut BTreeMap<String, LedgerSubscriber>, link: &LinkState, reached: u64) {
-    let line = nodes.entry(link.node.clone()).or_default();
-    line.node.clone_from(&link.node);
-    line.received += reached;
+fn add(nodes: &mut BTreeMap<String, LedgerSubscriber>, link: &LinkState, known: &Known) {
+    let strength = known.strength();
+    let new = || LedgerSubscriber { node: link.node.clone(), strength, ..Default::default() };
+    let line = nodes.entry(link.node.clone()).or_insert_with(new);
+    line.strength = line.strength.min(strength);
+    line.received += known.reached(link);
     line.bytes += link.counted_bytes;
 }
 

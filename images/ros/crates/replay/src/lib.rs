@@ -14,9 +14,11 @@ mod error;
 mod laps;
 mod ledger;
 mod lockstep;
+mod machine;
 mod meter;
 mod ordered;
 mod outcome;
+mod pairing;
 mod pause;
 mod plan;
 mod play;
@@ -35,10 +37,11 @@ mod subscribe;
 mod watch;
 
 pub use error::ReplayError;
+pub use machine::Machine;
 pub use meter::{Meter, Reading, WAIT_BOUNDS};
 pub use outcome::{
     Ledger, LedgerSubscriber, LedgerTopic, Playback, Recorded, RecordedTopic, Replayed, StepReport,
-    Timings,
+    Strength, Timings,
 };
 pub use pause::{Pause, Resumed};
 pub use record::{Keep, RecordRequest, RecordedLive, record};

@@ -7,8 +7,11 @@
 //! - by count: one more message than there was when the input that completed the group
 //!   was released. Inputs that come twice before their partner keep their place: the n-th
 //!   answer is due with the n-th message of the slowest input.
-//! - by stamp: a message whose header stamp has reached the stamp that every input of the
-//!   group has reached. A late answer to an earlier input does not count.
+//! - by stamp: a message whose header stamp can belong to the inputs ([`crate::pairing`]): not
+//!   before the stamp that every input of the group has reached, not after the latest that
+//!   is out. A late answer to an earlier input does not count, and each one counts once.
+//!   Where stamps stand still or run backward, a group is complete once all of its inputs
+//!   have come again.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -17,6 +20,7 @@ use bagpipe_ros::TopicInfo;
 
 use crate::answers::{Answers, Heard};
 use crate::outcome::StepReport;
+use crate::pairing::{Pairing, Span};
 use crate::request::resolved;
 use crate::stamp::{has_header, stamp};
 use crate::{AnswerBy, Meter, ReplayError, Step};
@@ -25,6 +29,9 @@ use crate::{AnswerBy, Meter, ReplayError, Step};
 #[derive(Debug, Default)]
 pub(crate) struct Lockstep {
     groups: Vec<Group>,
+    /// The latest stamp of each published topic whose messages have one.
+    stamps: Vec<Option<u64>>,
+    stamped: Vec<bool>,
     meter: Arc<Meter>,
 }
 
@@ -46,8 +53,10 @@ struct Input {
     topic: usize,
     optional: bool,
     deadline: Duration,
-    /// How many messages have come, or their latest stamp.
+    /// How many messages have come, or the latest of their stamps.
     reached: Option<u64>,
+    /// The stamp of the last message, if that is no later than an earlier one's.
+    again: Option<u64>,
 }
 
 /// An answer that is due.
@@ -55,7 +64,16 @@ struct Input {
 pub(crate) struct Due {
     group: usize,
     deadline: Duration,
-    target: u64,
+    target: Target,
+}
+
+/// What has to come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Target {
+    /// So many messages.
+    Count(u64),
+    /// A message with such a stamp.
+    Stamp(Span),
 }
 
 impl Lockstep {
@@ -84,7 +102,8 @@ impl Lockstep {
             group.skippable &= input.optional;
             group.inputs.push(input);
         }
-        Ok(Lockstep { groups, meter: Arc::default() })
+        let stamped: Vec<bool> = topics.iter().map(|info| has_header(&info.definition)).collect();
+        Ok(Lockstep { groups, stamps: vec![None; stamped.len()], stamped, meter: Arc::default() })
     }
 
     /// Tells its waits to `meter` too.
@@ -97,23 +116,45 @@ impl Lockstep {
         self.groups.iter().map(|group| group.answer.as_str())
     }
 
+    /// The topics of the answers, and whether they go by stamp.
+    pub(crate) fn awaited(&self) -> impl Iterator<Item = (&str, bool)> {
+        self.groups.iter().map(|group| (group.answer.as_str(), group.by == AnswerBy::Stamp))
+    }
+
     /// The answers without which the play makes no sense.
     pub(crate) fn required(&self) -> impl Iterator<Item = &str> {
         self.groups.iter().filter(|group| !group.skippable).map(|group| group.answer.as_str())
     }
 
-    /// A message of a published topic goes out next: which answers it makes due.
-    pub(crate) fn release(&mut self, topic: usize, data: &[u8], answers: &Answers) -> Vec<Due> {
+    /// A message of a published topic goes out next, at simulated time `now`: which answers it
+    /// makes due.
+    pub(crate) fn release(
+        &mut self,
+        topic: usize,
+        data: &[u8],
+        now: Option<u64>,
+        answers: &Answers,
+    ) -> Vec<Due> {
+        if self.stamped.get(topic).is_some_and(|stamped| *stamped) {
+            self.stamps[topic] = stamp(data).or(self.stamps[topic]);
+        }
+        // A stack may stamp what it says with the time of anything that it knows of.
+        let known = self.stamps.iter().copied().max().flatten().max(now);
         let mut dues = Vec::new();
         for (at, group) in self.groups.iter_mut().enumerate() {
-            let Some(deadline) = group.take(topic, data) else { continue };
-            let Some(reached) = group.reached().filter(|reached| Some(*reached) > group.due) else {
-                continue;
-            };
-            group.due = Some(reached);
+            let Some((deadline, reached)) = group.take(topic, data) else { continue };
+            let Some(from) = reached else { continue };
             let target = match group.by {
-                AnswerBy::Count => answers.heard(&group.answer).count + 1,
-                AnswerBy::Stamp => reached,
+                AnswerBy::Count => {
+                    let heard = answers.of(&group.answer, |heard| heard.count);
+                    Target::Count(heard.unwrap_or_default() + 1)
+                }
+                AnswerBy::Stamp => {
+                    let span = Span { from, to: known.unwrap_or(from).max(from) };
+                    let fused = group.inputs.len() > 1;
+                    pair(answers, &group.answer, |pairing| pairing.begin(span, fused));
+                    Target::Stamp(span)
+                }
             };
             group.report.released += 1;
             dues.push(Due { group: at, deadline, target });
@@ -132,9 +173,9 @@ impl Lockstep {
     ) -> Result<(), ReplayError> {
         const LOOK: Duration = Duration::from_millis(10);
         let Some(group) = self.groups.get_mut(due.group) else { return Ok(()) };
-        let come = |heard: Heard| match group.by {
-            AnswerBy::Count => heard.count >= due.target,
-            AnswerBy::Stamp => heard.stamp >= Some(due.target),
+        let come = |heard: &mut Heard| match due.target {
+            Target::Count(count) => heard.count >= count,
+            Target::Stamp(span) => heard.pairing.as_mut().is_some_and(|pairing| pairing.take(span)),
         };
         loop {
             let left = due.deadline.saturating_sub(released.elapsed());
@@ -147,11 +188,13 @@ impl Lockstep {
                 group.report.slowest_seconds = group.report.slowest_seconds.max(waited);
                 return Ok(());
             }
-            let heard = answers.heard(&group.answer);
-            if group.by == AnswerBy::Stamp && heard.count > 0 && heard.stamp.is_none() {
+            if answers.of(&group.answer, |heard| heard.unstamped) == Some(true) {
                 return Err(no_stamp("answer", &group.answer));
             }
             if left.is_zero() {
+                if let Target::Stamp(span) = due.target {
+                    pair(answers, &group.answer, |pairing| pairing.miss(span));
+                }
                 self.meter.unanswered();
                 match group.skippable {
                     true => group.report.skipped += 1,
@@ -163,9 +206,17 @@ impl Lockstep {
         }
     }
 
-    /// What came of every group.
-    pub(crate) fn reports(self) -> Vec<StepReport> {
-        self.groups.into_iter().map(|group| group.report).collect()
+    /// What came of every group, and what the user should know of it, as sentences.
+    pub(crate) fn reports(self, answers: &Answers) -> (Vec<StepReport>, Vec<String>) {
+        let (mut reports, mut warnings) = (Vec::new(), Vec::new());
+        for Group { answer, mut report, .. } in self.groups {
+            pair(answers, &answer, |pairing| {
+                report.unmatched = pairing.end();
+                warnings.extend(pairing.warning(&answer));
+            });
+            reports.push(report);
+        }
+        (reports, warnings)
     }
 }
 
@@ -175,24 +226,43 @@ impl Group {
         Group { answer, by, inputs: Vec::new(), skippable: true, due: None, report }
     }
 
-    /// Takes an input in; its deadline if it is one of the group's.
-    fn take(&mut self, topic: usize, data: &[u8]) -> Option<Duration> {
+    /// Takes an input in; if it is one of the group's, its deadline, and up to where an answer
+    /// is due now, if one is.
+    fn take(&mut self, topic: usize, data: &[u8]) -> Option<(Duration, Option<u64>)> {
         let input = self.inputs.iter_mut().find(|input| input.topic == topic)?;
-        input.reached = match self.by {
-            AnswerBy::Count => Some(input.reached.unwrap_or(0) + 1),
-            AnswerBy::Stamp => input.reached.max(stamp(data)),
-        };
-        Some(input.deadline)
+        let deadline = input.deadline;
+        match (self.by, stamp(data)) {
+            (AnswerBy::Count, _) => input.reached = Some(input.reached.unwrap_or(0) + 1),
+            // Too short for its own definition: nobody could tell its answer.
+            (AnswerBy::Stamp, None) => return Some((deadline, None)),
+            (AnswerBy::Stamp, stamp) if self.skippable => return Some((deadline, stamp)),
+            (AnswerBy::Stamp, stamp) => {
+                let later = stamp > input.reached;
+                input.again = stamp.filter(|_| !later);
+                input.reached = input.reached.max(stamp);
+                self.begin_again();
+            }
+        }
+        let reached = self.reached().filter(|reached| Some(*reached) > self.due);
+        self.due = reached.or(self.due);
+        Some((deadline, reached))
+    }
+
+    /// Forgets how far stamps had come once every input has come with no later one.
+    fn begin_again(&mut self) {
+        let mut required = self.inputs.iter_mut().filter(|input| !input.optional);
+        if required.all(|input| input.again.is_some()) {
+            for input in self.inputs.iter_mut().filter(|input| !input.optional) {
+                input.reached = input.again.take();
+            }
+            self.due = None;
+        }
     }
 
     /// Up to where the group is complete.
     fn reached(&self) -> Option<u64> {
         if self.skippable {
-            let reached = self.inputs.iter().map(|input| input.reached);
-            return match self.by {
-                AnswerBy::Count => Some(reached.flatten().sum()),
-                AnswerBy::Stamp => reached.max().flatten(),
-            };
+            return Some(self.inputs.iter().filter_map(|input| input.reached).sum());
         }
         let required = self.inputs.iter().filter(|input| !input.optional);
         required.map(|input| input.reached).min().flatten()
@@ -211,7 +281,18 @@ fn input(step: &Step, topics: &[TopicInfo]) -> Result<Input, ReplayError> {
     if step.by == AnswerBy::Stamp && !has_header(&topics[topic].definition) {
         return Err(no_stamp("trigger", &trigger));
     }
-    Ok(Input { topic, optional: step.optional, deadline: step.deadline, reached: None })
+    Ok(Input {
+        topic,
+        optional: step.optional,
+        deadline: step.deadline,
+        reached: None,
+        again: None,
+    })
+}
+
+/// Does something to what is known of an answer's stamps.
+fn pair(answers: &Answers, topic: &str, then: impl FnOnce(&mut Pairing)) {
+    answers.of(topic, |heard| heard.pairing.as_mut().map(then));
 }
 
 fn no_stamp(role: &str, topic: &str) -> ReplayError {
@@ -249,14 +330,23 @@ mod tests {
         [[0; 4], second.to_le_bytes(), [0; 4]].concat()
     }
 
-    /// How many answers each message of (topic, second) makes due.
-    fn dues(steps: &[Step], messages: &[(usize, u32)]) -> Vec<Option<u64>> {
+    /// What each message of (topic, second) makes due.
+    fn dues(steps: &[Step], messages: &[(usize, u32)]) -> Vec<Option<Target>> {
         let mut lockstep = Lockstep::new(steps, &topics()).unwrap();
-        let answers = Answers::new(lockstep.answers());
+        let answers = Answers::new(lockstep.awaited());
         let one = |(topic, second): &(usize, u32)| {
-            lockstep.release(*topic, &at(*second), &answers).first().map(|due| due.target)
+            lockstep.release(*topic, &at(*second), None, &answers).first().map(|due| due.target)
         };
         messages.iter().map(one).collect()
+    }
+
+    /// The seconds of the stamps that each message makes due.
+    fn spans(steps: &[Step], messages: &[(usize, u32)]) -> Vec<Option<(u64, u64)>> {
+        let span = |target| match target {
+            Target::Stamp(Span { from, to }) => (from / SECOND, to / SECOND),
+            Target::Count(_) => panic!("by count"),
+        };
+        dues(steps, messages).into_iter().map(|target| target.map(span)).collect()
     }
 
     #[test]
@@ -270,8 +360,59 @@ mod tests {
     #[test]
     fn by_stamp_the_slowest_input_says_how_far_the_answer_must_be() {
         let steps = [step("left", AnswerBy::Stamp, false), step("/right", AnswerBy::Stamp, false)];
-        let due = dues(&steps, &[(0, 1), (0, 2), (1, 2), (1, 3), (0, 5)]);
-        assert_eq!(due, [None, None, Some(2 * SECOND), None, Some(3 * SECOND)]);
+        let due = spans(&steps, &[(0, 1), (0, 2), (1, 2), (1, 3), (0, 5)]);
+        assert_eq!(due, [None, None, Some((2, 2)), None, Some((3, 5))]);
+    }
+
+    #[test]
+    fn every_stamp_of_a_single_input_is_due_equal_backward_zero_and_after_2038() {
+        for optional in [false, true] {
+            let steps = [step("/left", AnswerBy::Stamp, optional)];
+            let seconds = [5, 5, 3, 0, 0, 2_147_483_648, u32::MAX, u32::MAX, 1];
+            let messages: Vec<(usize, u32)> = seconds.iter().map(|second| (0, *second)).collect();
+            let due: Vec<_> =
+                seconds.iter().map(|s| Some((u64::from(*s), u64::from(*s)))).collect();
+            assert_eq!(spans(&steps, &messages), due);
+        }
+    }
+
+    #[test]
+    fn fused_inputs_whose_stamps_begin_again_are_complete_when_all_have() {
+        let steps = [step("/left", AnswerBy::Stamp, false), step("/right", AnswerBy::Stamp, false)];
+        let messages = [(0, 8), (1, 8), (0, 8), (1, 8), (0, 2), (1, 2), (0, 3), (1, 3)];
+        let due = spans(&steps, &messages);
+        let back = [Some((8, 8)), Some((2, 2)), Some((3, 3))];
+        assert_eq!(due, [None, back[0], None, back[0], None, back[1], None, back[2]]);
+        // One that only stumbles takes nothing from the others.
+        let due = spans(&steps, &[(0, 8), (1, 8), (0, 7), (0, 9), (1, 9)]);
+        assert_eq!(due, [None, Some((8, 8)), None, None, Some((9, 9))]);
+    }
+
+    #[test]
+    fn a_step_reports_the_answers_that_belong_to_no_input() {
+        let steps = [step("/left", AnswerBy::Stamp, false)];
+        let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+        let answers = Answers::new(lockstep.awaited());
+        for (input, said) in [(5, Some(4_000_000_000)), (6, None), (7, Some(7))] {
+            let due = lockstep.release(0, &at(input), None, &answers)[0];
+            if let Some(said) = said {
+                pair(&answers, "/out", |pairing| pairing.hear(said * SECOND));
+            }
+            lockstep.wait(due, Instant::now(), &answers, || Ok(())).unwrap();
+        }
+        let (reports, warnings) = lockstep.reports(&answers);
+        let counts = (reports[0].answered, reports[0].no_output, reports[0].unmatched);
+        assert_eq!((counts, reports[0].released), ((1, 2, 1), 3));
+        assert!(warnings[0].starts_with("1 messages of /out have stamps"), "{warnings:?}");
+    }
+
+    #[test]
+    fn an_answer_may_carry_simulated_time() {
+        let steps = [step("/left", AnswerBy::Stamp, false)];
+        let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+        let answers = Answers::new(lockstep.awaited());
+        let due = lockstep.release(0, &at(5), Some(6 * SECOND), &answers)[0];
+        assert_eq!(due.target, Target::Stamp(Span { from: 5 * SECOND, to: 6 * SECOND }));
     }
 
     #[test]
@@ -302,10 +443,10 @@ mod tests {
         for (optional, no_output, skipped) in [(false, 1, 0), (true, 0, 1)] {
             let steps = [step("/x", AnswerBy::Count, optional)];
             let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
-            let answers = Answers::new(lockstep.answers());
-            let due = lockstep.release(2, &[1], &answers)[0];
+            let answers = Answers::new(lockstep.awaited());
+            let due = lockstep.release(2, &[1], None, &answers)[0];
             lockstep.wait(due, Instant::now(), &answers, || Ok(())).unwrap();
-            let report = &lockstep.reports()[0];
+            let report = &lockstep.reports(&answers).0[0];
             assert_eq!(
                 (report.no_output, report.skipped, report.released),
                 (no_output, skipped, 1)

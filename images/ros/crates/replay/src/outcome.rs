@@ -2,6 +2,8 @@
 
 use serde::Serialize;
 
+use crate::machine::Machine;
+
 /// A replay that was done. Serialises to the keys of the RESULT map, without the bag.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Replayed {
@@ -13,9 +15,27 @@ pub struct Replayed {
     pub playback: Playback,
     /// How long each part took.
     pub timings: Timings,
+    /// How the machine was meanwhile; `None` where nothing was played.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub machine: Option<Machine>,
     /// The recording: a bag 2.0, also when it is empty.
     #[serde(skip)]
     pub recorded_bag: Vec<u8>,
+}
+
+/// How far along its way a message is known to have come. The weakest comes first.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Strength {
+    /// It was written to the subscriber's socket; the subscriber has not said a word.
+    #[default]
+    Sent,
+    /// Its process has read it, and may keep it in a queue.
+    Received,
+    /// The node has taken it for its callback, which may still be to come.
+    Taken,
+    /// Its callback has run.
+    Called,
 }
 
 /// The proof of delivery. Lossless means: for every subscriber of every topic `received`
@@ -30,6 +50,8 @@ pub struct Ledger {
     pub received: u64,
     /// Sum over all subscribers of all topics.
     pub dropped: u64,
+    /// The weakest of the subscribers' proofs; `None` without a subscriber.
+    pub strength: Option<Strength>,
     /// Each published topic.
     pub topics: Vec<LedgerTopic>,
 }
@@ -55,12 +77,16 @@ pub struct LedgerTopic {
 pub struct LedgerSubscriber {
     /// The node's name.
     pub node: String,
-    /// Messages of the window that reached its callback, by its own statistics.
+    /// Messages of the window that came as far as `strength` says, by its own statistics.
     pub received: u64,
     /// Messages of the window that did not.
     pub dropped: u64,
     /// Bytes of messages of the window written to its socket, without length prefixes.
     pub bytes: u64,
+    /// What `received` proves.
+    pub strength: Strength,
+    /// Messages known to wait in its queue; `None` if that can't be known.
+    pub queue: Option<u64>,
 }
 
 /// What was recorded.
@@ -125,6 +151,8 @@ pub struct StepReport {
     pub no_output: u64,
     /// How often it did not, where the input may be skipped.
     pub skipped: u64,
+    /// By stamp: messages on the answer's topic that no input was waiting for.
+    pub unmatched: u64,
     /// The time from the inputs' release to the answer, summed over those that came.
     pub waited_seconds: f64,
     /// The longest of these times.

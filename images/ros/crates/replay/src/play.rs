@@ -375,8 +375,8 @@ impl<'a> Player<'a> {
         self.tick(time, watch)
     }
 
-    /// What came of the steps, once the play is over.
-    pub(crate) fn end_steps(&mut self) -> Vec<StepReport> {
+    /// What came of the steps, once the play is over, and what the user should know of it.
+    pub(crate) fn end_steps(&mut self) -> (Vec<StepReport>, Vec<String>) {
         self.stepper.take().map(Stepper::reports).unwrap_or_default()
     }
 }

@@ -7,6 +7,8 @@ use std::time::{Duration, Instant};
 use bagpipe_ros::audit::{Audit, Received};
 use bagpipe_ros::{LinkState, Publication};
 
+use crate::outcome::Strength;
+
 /// A subscriber of a topic: the topic's place and the connection's number.
 type Key = (usize, u64);
 
@@ -139,6 +141,17 @@ impl Proof {
 }
 
 impl Known {
+    /// What the node's word proves. roscpp counts what it reads from its socket and what its
+    /// queues throw away; the rest may still wait in them. rospy counts what it takes for the
+    /// callback, and runs that afterwards.
+    pub(crate) fn strength(&self) -> Strength {
+        match self.now {
+            None => Strength::Sent,
+            Some(Received { drops: Some(_), .. }) => Strength::Received,
+            Some(Received { drops: None, .. }) => Strength::Taken,
+        }
+    }
+
     /// Messages of the window that reached the callback.
     pub(crate) fn reached(&self, link: &LinkState) -> u64 {
         let Some(now) = self.now else { return 0 };

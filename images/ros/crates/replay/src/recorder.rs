@@ -78,6 +78,15 @@ enum Failure {
     Other(String),
 }
 
+impl From<Failure> for ReplayError {
+    fn from(failure: Failure) -> ReplayError {
+        match failure {
+            Failure::Budget(why) => ReplayError::RecorderBudgetExceeded(why),
+            Failure::Other(why) => ReplayError::Internal(why),
+        }
+    }
+}
+
 impl Recorder {
     /// An empty recording; `ordered`, as lock-step wants it.
     pub(crate) fn new(
@@ -176,16 +185,17 @@ impl Recorder {
 
     /// Why recording has failed, if it has.
     pub(crate) fn failure(&self) -> Option<ReplayError> {
-        self.state().failure.clone().map(|failure| match failure {
-            Failure::Budget(why) => ReplayError::RecorderBudgetExceeded(why),
-            Failure::Other(why) => ReplayError::Internal(why),
-        })
+        self.state().failure.clone().map(ReplayError::from)
     }
 
     /// The figures and the bag. What arrives later is not in it.
     pub(crate) fn finish(&self) -> Result<(Recorded, Vec<u8>), ReplayError> {
         self.end_step();
         let mut state = self.state();
+        // The last step may have been the one for which there was no room.
+        if let Some(failure) = state.failure.clone() {
+            return Err(failure.into());
+        }
         let writer = std::mem::replace(&mut state.writer, BagWriter::new(WriterOptions::default()));
         state.counting = false;
         let recorded = Recorded {
@@ -337,5 +347,53 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
         definition: header.text("message_definition").to_owned(),
         caller_id: header.get("callerid").map(str::to_owned),
         latching: header.latching(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn recorder(bytes: u64) -> Recorder {
+        let room = Room { bytes, file: None };
+        Recorder::new(Arc::new(BagClock::new(0, u64::MAX)), room, Arc::default(), true)
+    }
+
+    fn connection() -> Arc<Connection> {
+        Arc::new(Connection {
+            id: 0,
+            topic: "/out".to_owned(),
+            datatype: "std_msgs/String".to_owned(),
+            md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
+            definition: "string data\n".to_owned(),
+            caller_id: None,
+            latching: false,
+        })
+    }
+
+    #[test]
+    fn a_last_step_that_does_not_fit_is_an_error_and_never_a_shorter_recording() {
+        let recorder = recorder(2_000);
+        recorder.count_from(0);
+        // They fit while they are held: a bag needs room for more than its messages' bytes.
+        for _ in 0..3 {
+            recorder.keep(&connection(), &[7; 600]);
+        }
+        assert!(recorder.failure().is_none());
+        let error = recorder.finish().unwrap_err();
+        assert_eq!(error.reason(), "RecorderBudgetExceeded");
+        assert!(error.to_string().contains("2000"), "{error}");
+    }
+
+    #[test]
+    fn a_last_step_that_fits_is_recorded_whole() {
+        let recorder = recorder(20_000);
+        recorder.count_from(0);
+        for _ in 0..3 {
+            recorder.keep(&connection(), &[7; 600]);
+        }
+        let (recorded, bag) = recorder.finish().unwrap();
+        assert_eq!((recorded.messages, recorded.bytes), (3, 1_800));
+        assert!(!bag.is_empty());
     }
 }

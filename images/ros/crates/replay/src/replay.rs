@@ -16,6 +16,7 @@ use crate::clock::BagClock;
 use crate::laps::Laps;
 use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
+use crate::machine::{Foreign, Gauge};
 use crate::outcome::{Ledger, Playback, Replayed, Timings};
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
@@ -88,7 +89,7 @@ pub(crate) fn carry_out(
     let ordered = request.mode == Mode::Lockstep;
     let steps = if ordered { request.steps.as_slice() } else { &[] };
     let lockstep = Lockstep::new(steps, &plan.topics)?.metered(&request.meter);
-    let answers = Answers::new(lockstep.answers());
+    let answers = Answers::new(lockstep.awaited());
     let answers = Arc::new(if world.is_some() { answers.keeping() } else { answers });
     let file = request.record_to.as_deref().map(recording_file).transpose()?;
     let room = Room { bytes: request.byte_budget, file };
@@ -166,7 +167,8 @@ fn perform(
     let subscribe = laps.lap();
 
     let window = request.window;
-    let (lead_in, pace) = std::thread::scope(|scope| {
+    let foreign = Foreign::default();
+    let (lead_in, gauge, pace) = std::thread::scope(|scope| {
         scope.spawn(|| rounds.run(&discovery));
         let _ends = EndOnDrop(&rounds);
         watch.enter(Stage::LeadIn);
@@ -174,6 +176,7 @@ fn perform(
         let lead_in = laps.lap();
         watch.enter(Stage::Play);
         clock.stand(window.start);
+        let gauge = Gauge::start(&foreign);
         if request.mode == Mode::Lockstep {
             // What was said before the window is before it in every run.
             node.sweep(PAUSE);
@@ -184,7 +187,7 @@ fn perform(
             Some(turns) => turns.play(&mut player, watch)?,
             None => player.play(plan.counted.clone(), schedule, Share::Counted, watch)?,
         };
-        Ok::<_, ReplayError>((lead_in, pace))
+        Ok::<_, ReplayError>((lead_in, gauge, pace))
     })?;
     let play = laps.lap();
 
@@ -197,7 +200,8 @@ fn perform(
     let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
     let ledger = ledger(player.publications(), player.played(), &there, &proof);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
-    Ok(Replayed { ledger, playback, timings, ..Replayed::default() })
+    let machine = Some(gauge.finish(playback.late_max_seconds));
+    Ok(Replayed { ledger, playback, timings, machine, ..Replayed::default() })
 }
 
 /// Plays what is latched, and then the lead-in; each is received before the next thing
@@ -361,7 +365,9 @@ fn report(
     let refused: BTreeSet<String> = topics.flat_map(|topic| topic.refused()).collect();
     playback.warnings.extend(refused);
     playback.warnings.extend(discovery.restarted());
-    playback.steps = player.end_steps();
+    let (steps, unpaired) = player.end_steps();
+    playback.steps = steps;
+    playback.warnings.extend(unpaired);
     playback
 }
 

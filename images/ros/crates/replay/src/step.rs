@@ -69,7 +69,7 @@ impl<'a> Stepper<'a> {
 
     /// A message goes out next: the answers that are due to it.
     pub(crate) fn release(&mut self, topic: usize, data: &[u8]) -> (Vec<Due>, Instant) {
-        (self.lockstep.release(topic, data, &self.answers), Instant::now())
+        (self.lockstep.release(topic, data, self.now, &self.answers), Instant::now())
     }
 
     /// Waits until the message has been answered, and read by all of its subscribers.
@@ -85,9 +85,9 @@ impl<'a> Stepper<'a> {
         await_read(topic, watch)
     }
 
-    /// What came of the steps.
-    pub(crate) fn reports(self) -> Vec<StepReport> {
-        self.lockstep.reports()
+    /// What came of the steps, and what the user should know of it.
+    pub(crate) fn reports(self) -> (Vec<StepReport>, Vec<String>) {
+        self.lockstep.reports(&self.answers)
     }
 }
 

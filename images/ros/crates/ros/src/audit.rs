@@ -90,6 +90,18 @@ impl Audit {
         Ok(found)
     }
 
+    /// The process of a node, by its own word.
+    ///
+    /// # Errors
+    /// As [`Audit::ask`].
+    pub fn pid(&mut self, node: &str) -> Result<i32, RosError> {
+        let caller = self.master.caller().to_owned();
+        let client = &mut self.asked(node)?.client;
+        let pid = client.call("getPid", &[caller.as_str().into()])?;
+        let pid = pid.as_int().and_then(|pid| i32::try_from(pid).ok()).filter(|pid| *pid > 0);
+        pid.ok_or_else(|| client.bad_answer("getPid", "expected a process's number"))
+    }
+
     fn asked(&mut self, node: &str) -> Result<&mut Asked, RosError> {
         if !self.nodes.contains_key(node) {
             let uri = self.master.lookup_node(node)?;

@@ -46,7 +46,7 @@ pub use inbox::{Incoming, Sink};
 pub use master::{Master, SystemState};
 pub use node::{Node, NodeOptions};
 pub use pages::{Page, Pages};
-pub use publisher::{LinkState, Publication, SendError, Share, TopicInfo};
+pub use publisher::{FarEnd, LinkState, Publication, SendError, Share, TopicInfo};
 pub use value::Value;
 
 /// The largest message accepted, in bytes. roscpp refuses anything above as well.

@@ -16,18 +16,28 @@ use rustix::net::{
 
 use crate::sockets::lock;
 
-/// netlink(7), sock_diag(7): `struct nlmsghdr`, `struct inet_diag_req_v2`, and the place of
-/// `idiag_rqueue` in the `struct inet_diag_msg` behind the answer's header.
+/// netlink(7), sock_diag(7): `struct nlmsghdr`, `struct inet_diag_req_v2`, and the places of
+/// `idiag_rqueue` and `idiag_inode` in the `struct inet_diag_msg` behind the answer's header.
 const HEADER: usize = 16;
 const REQUEST: usize = 56;
 const SOCK_DIAG_BY_FAMILY: u16 = 20;
 const NLM_F_REQUEST: u16 = 1;
 const UNREAD: usize = HEADER + 4 + 48 + 4;
+const INODE: usize = UNREAD + 12;
 const AF_INET: u8 = 2;
 const IPPROTO_TCP: u8 = 6;
 
-/// Bytes that wait in the socket at the other end of `stream`; `None` if that can't be told.
-pub(crate) fn unread(stream: &TcpStream) -> Option<u64> {
+/// The socket at the other end of a connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct FarSocket {
+    /// Bytes that wait in it.
+    pub(crate) unread: u64,
+    /// Its number, by which /proc/PID/fd names it.
+    pub(crate) inode: u32,
+}
+
+/// The socket at the other end of `stream`; `None` if nothing can be told of it.
+pub(crate) fn far_socket(stream: &TcpStream) -> Option<FarSocket> {
     static KERNEL: OnceLock<Option<Mutex<OwnedFd>>> = OnceLock::new();
     let (SocketAddr::V4(ours), SocketAddr::V4(theirs)) =
         (stream.local_addr().ok()?, stream.peer_addr().ok()?)
@@ -42,15 +52,16 @@ pub(crate) fn unread(stream: &TcpStream) -> Option<u64> {
     ask(&lock(kernel.as_ref()?), theirs, ours)
 }
 
-fn ask(kernel: &OwnedFd, owner: SocketAddrV4, peer: SocketAddrV4) -> Option<u64> {
+fn ask(kernel: &OwnedFd, owner: SocketAddrV4, peer: SocketAddrV4) -> Option<FarSocket> {
     send(kernel, &question(owner, peer), SendFlags::DONTWAIT).ok()?;
     let mut answer = [0; 1024];
     // The kernel answers within the send, so that there is nothing to wait for.
     let (length, _) = recv(kernel, &mut answer, RecvFlags::DONTWAIT).ok()?;
     let answer = answer.get(..length)?;
     let kind = u16::from_ne_bytes(*answer.get(4..)?.first_chunk()?);
-    let unread = u32::from_ne_bytes(*answer.get(UNREAD..)?.first_chunk()?);
-    (kind == SOCK_DIAG_BY_FAMILY).then_some(u64::from(unread))
+    let number = |at: usize| Some(u32::from_ne_bytes(*answer.get(at..)?.first_chunk()?));
+    let (unread, inode) = (number(UNREAD)?, number(INODE)?);
+    (kind == SOCK_DIAG_BY_FAMILY).then_some(FarSocket { unread: unread.into(), inode })
 }
 
 fn question(owner: SocketAddrV4, peer: SocketAddrV4) -> [u8; HEADER + REQUEST] {
@@ -77,14 +88,18 @@ mod tests {
     use std::net::TcpListener;
 
     #[test]
-    fn what_the_peer_has_not_read_is_known_to_the_byte() {
+    fn what_the_peer_has_not_read_is_known_to_the_byte_and_its_socket_by_number() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut near = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let (mut far, _) = listener.accept().unwrap();
-        if unread(&near).is_none() {
+        let Some(FarSocket { inode, .. }) = far_socket(&near) else {
             eprintln!("skipped: this kernel does not answer sock_diag");
             return;
-        }
+        };
+        let unread = |stream: &TcpStream| far_socket(stream).map(|far| far.unread);
+        let name = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&far));
+        let name = std::fs::read_link(name).unwrap();
+        assert_eq!(name.to_str().unwrap(), format!("socket:[{inode}]"));
         near.write_all(&[7; 777]).unwrap();
         assert_eq!(unread(&near), Some(777));
         far.read_exact(&mut [0; 700]).unwrap();

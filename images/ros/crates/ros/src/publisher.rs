@@ -82,6 +82,17 @@ pub struct LinkState {
     pub open: bool,
 }
 
+/// What the kernel knows of one subscriber's connection.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FarEnd {
+    /// The connection, as in [`LinkState`].
+    pub id: u64,
+    /// Bytes that the subscriber has not read, in our socket or in its own.
+    pub unread: u64,
+    /// The number of its socket, if it is on this machine.
+    pub inode: Option<u32>,
+}
+
 struct Link {
     state: LinkState,
     stream: TcpStream,
@@ -161,6 +172,12 @@ impl Publication {
         let links = lock(&self.links);
         let open = links.all.iter().filter(|link| link.state.open);
         open.map(Link::unread).max().unwrap_or(0)
+    }
+
+    /// The other end of every open connection.
+    pub fn far_ends(&self) -> Vec<FarEnd> {
+        let links = lock(&self.links);
+        links.all.iter().filter(|link| link.state.open).map(Link::far_end).collect()
     }
 
     /// Waits until every subscriber has read everything that was sent. For subscribers on
@@ -326,7 +343,16 @@ impl Publication {
 
 impl Link {
     fn unread(&self) -> u64 {
-        unsent(&self.stream).unwrap_or(0) + peer_queue::unread(&self.stream).unwrap_or(0)
+        self.far_end().unread
+    }
+
+    fn far_end(&self) -> FarEnd {
+        let far = peer_queue::far_socket(&self.stream);
+        FarEnd {
+            id: self.state.id,
+            unread: unsent(&self.stream).unwrap_or(0) + far.map_or(0, |far| far.unread),
+            inode: far.map(|far| far.inode),
+        }
     }
 }
 
