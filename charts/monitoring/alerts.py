@@ -197,17 +197,17 @@ _DATA_PLANE = [
          "ExecutorOutOfMemory: raise `spark.executor.resources.memory` or lower `spark.slots`."),
     ),
     Alert(
-        "BagpipeDeliveryIncomplete", "data-plane", "warning",
-        'sum by (instance) (increase(bagpipe_case_faults_total{reason="DeliveryIncomplete"}[15m]))'
+        "BagpipeMachineBusy", "data-plane", "warning",
+        'sum by (instance) (increase(bagpipe_case_faults_total{reason="MachineBusy"}[15m]))'
         f" / clamp_min({_ALL_CASES}, 1)", "> 1", "5m",
-        "A case is played {{ $value | humanize }} times more than once, since nodes lose messages"
-        " (driver {{ $labels.instance }}).",
-        "Nodes of the stack drop messages from their queues; such a run proves nothing and is"
-        " made again.",
-        "The job takes longer, and cases end as DeliveryIncomplete when the tries are used up.",
-        ("Lower `playback.rate`, or use `max` or `lockstep`, which wait for the nodes.",
-         "Give the node a longer queue: results.jsonl names node and topic.",
-         "Is the executors' node too busy? Fewer `spark.slots`, or more CPU."),
+        "A case is played {{ $value | humanize }} times more than once, since its machine is too"
+        " busy (driver {{ $labels.instance }}).",
+        "Messages are lost while the executors' machines have no CPU for them; such a run proves"
+        " nothing and is made again.",
+        "The job takes longer, and cases end as MachineBusy when the tries are used up.",
+        ("Fewer `spark.slots`, or more CPU in `stack.resources`: is the pod throttled?",
+         "What else runs on the executors' nodes? results.jsonl says what was measured.",
+         "Lower `playback.rate`, or use `max` or `lockstep`, which wait for the nodes."),
     ),
     Alert(
         "BagpipeReplaySlow", "data-plane", "warning",

@@ -203,8 +203,9 @@ DATA_PLANE = Board(
         "Proof and recording": [
             Panel("Messages", "short", "Sums of the ledgers of the jobs that run.",
                   [("sum by (counted) (bagpipe_ledger_messages)", "{{counted}}")]),
-            Panel("Lossy runs", "ops", "Runs whose ledger showed a loss, and that did not count.",
-                  [(rate('bagpipe_case_faults_total{reason="DeliveryIncomplete"}'), "lossy")]),
+            Panel("Lossy runs", "ops", "Runs whose ledger showed a loss, by whose it was.",
+                  [(rate('bagpipe_case_faults_total{reason="MachineBusy"}'), "busy machine"),
+                   (rate('bagpipe_case_faults_total{reason="MessagesLost"}'), "stack")]),
             Panel("Recorded", "Bps", "Bytes of recorded messages.",
                   [(rate("bagpipe_recorded_bytes_total"), "recorded")]),
             Panel("Recorded messages", "ops", "Per second.",

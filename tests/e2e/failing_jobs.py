@@ -27,7 +27,7 @@ rospy.Subscriber("/joint_states", JointState, answer, queue_size=1 if manner == 
 rospy.spin()
 """
 # What comes of a case by its manner, as the driver counts it.
-REASONS = {"wrong": "CriterionFailed", "crashes": "StackExited", "slow": "DeliveryIncomplete"}
+REASONS = {"wrong": "CriterionFailed", "crashes": "StackCrashed", "slow": "MessagesLost"}
 _STEPS = [{"trigger": "/joint_states", "answer": "/answer"}]
 
 
@@ -47,8 +47,8 @@ def stepped() -> k.Object:
 
 
 def given_up() -> k.Object:
-    """One case that lasts until its executor is taken from it, which it survives once."""
-    made = fleet.make_job("given-up", stackBackoffLimit=0)
+    """One case that lasts until its executor is taken from it, which it survives three times."""
+    made = fleet.make_job("given-up")
     source = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
     endless = {"command": ["sleep", "3600"]}
     spark = {"executors": 1, "slots": 1}
@@ -68,7 +68,6 @@ def _make(name: str, playback: dict[str, Any]) -> k.Object:
         "record": {"topics": ["/answer"]},
         "evaluate": [{"name": "is right", "bounds": {"topic": "/answer", "field": "data",
                                                      "min": 0.5}}],
-        "stackBackoffLimit": 0,
     }  # fmt: skip
     made["spec"]["spark"] |= {"slots": 2}
     return made

@@ -60,18 +60,18 @@ STACKS = [
         "NeverSubscribed",
         "/joint_states",
     ),
-    Bad("crashes", stack(command=["sh", "-c", CRASH]), "StackExited", "exit status 3"),
 ]
+CRASHES = Bad("crashes", stack(command=["sh", "-c", CRASH]), "StackCrashed", "exit status 3")
 
 
 @pytest.fixture(scope="module")
 def ended(namespace: str) -> Iterator[dict[str, k.Object]]:
     """All bad jobs, run side by side, and how each ended."""
     with ExitStack() as existing:
-        for bad in BAGS + STACKS:
+        for bad in [*BAGS, *STACKS, CRASHES]:
             job = jobs.make_job(bad.name, **bad.changed)
             existing.enter_context(jobs.applied(namespace, job))
-        yield {bad.name: jobs.ended(namespace, bad.name, 400) for bad in BAGS + STACKS}
+        yield {bad.name: jobs.ended(namespace, bad.name, 400) for bad in [*BAGS, *STACKS, CRASHES]}
     k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
 
 
@@ -92,13 +92,15 @@ def test_the_job_fails_with_a_reason_and_a_sentence(
     k.await_that(f"an Event of {bad.reason}", is_told, 60)  # it comes after the status
 
 
-def test_a_crashed_stacks_stderr_is_in_the_result(
+def test_a_crash_is_a_finding_with_the_stacks_last_words(
     ended: dict[str, k.Object], namespace: str
 ) -> None:
-    status = ended["crashes"]["status"]
-    assert status["cases"]["errored"] == 1
+    status = ended[CRASHES.name]["status"]
+    assert (status["phase"], status["verdict"]) == ("Complete", "Failed")
+    assert (status["cases"]["failed"], status["cases"]["errored"]) == (1, 0)
+    assert CRASHES.words in status["failures"][0]["message"]
     _, (row,) = k.results(namespace, status["results"])
-    assert (row["outcome"], row["reason"], row["recorded"]) == ("errored", "StackExited", None)
+    assert (row["outcome"], row["reason"], row["recorded"]) == ("failed", CRASHES.reason, None)
     assert "the laser is on fire" in row["stderr"]
 
 

@@ -129,7 +129,7 @@ def test_every_panel_and_every_alert_has_data_while_jobs_fail(
     # One after the other: on a small machine drivers that start together take minutes.
     with scheduled(namespace), ExitStack() as existing:
         lost = existing.enter_context(jobs.applied(namespace, failing_jobs.given_up()))
-        take_executors(namespace, prometheus, lost, 2)
+        take_executors(namespace, prometheus, lost, 4)
         ended = jobs.ended(namespace, lost, 240)
         assert jobs.condition(ended, "Failed")["reason"] == "ExecutorLost"
         run = []

@@ -106,7 +106,7 @@ def test_a_stack_that_ignores_sigterm_and_leaves_a_daemon_is_ended_whole(
     stubborn = "trap '' TERM INT; setsid sleep 300 & exec robot_state_publisher"
     spec = spec_with({"rate": 20.0}, command=[*SH, stubborn])
     row = run_one(spec, folders, agent)
-    assert row["reason"] in {"", "DeliveryIncomplete"}
+    assert row["reason"] in {"", "MachineBusy", "MessagesLost"}
     agent.await_no_descendants()
 
 

@@ -79,7 +79,7 @@ def test_only_what_can_be_honoured_can_be_changed(world: Jobs) -> None:
     assert edited["metadata"]["generation"] == 2
     for change in (
         {"backoffLimit": 1},
-        {"stackBackoffLimit": 1},
+        {"faultPolicy": [{"cause": "StackCrashed", "action": "retry"}]},
         {"queueName": "q"},
         {"resumeFrom": "other"},
         {"maxFailedCases": 1},

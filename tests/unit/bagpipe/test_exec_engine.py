@@ -75,7 +75,7 @@ def giving(files: dict[str, bytes], last: bool = True, **changed: Any) -> Script
             if data:
                 agent.write(outgoing, FrameType.DATA, data)
         if not last:
-            abort = {"reason": "StackExited", "message": "it crashed", "exit_status": 3}
+            abort = {"reason": "StackCrashed", "message": "it crashed", "exit_status": 3}
             agent.tell(outgoing, FrameType.ABORT, abort)
             return
         agent.tell(outgoing, FrameType.RESULT, RESULT | changed)
@@ -141,7 +141,7 @@ def test_a_file_of_unknown_size_has_the_bytes_that_came(run: Run, context: RunCo
 
 def test_nothing_stays_of_an_attempt_that_breaks_off(run: Run, context: RunContext) -> None:
     row, _ = run(giving({"whole": b"data", "cut": b"more"}, last=False))
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 1)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackCrashed", 1)
     assert (row["recorded"], kept(context)) == (None, {})
 
 

@@ -104,11 +104,11 @@ WORLDS: dict[str, tuple[Series, Series]] = {
          driver("bagpipe_executors", state="registered"): "8+0x90",
          driver("bagpipe_slots_busy"): "4+0x90"},
     ),
-    "BagpipeDeliveryIncomplete": (
-        {driver(FAULTS, reason="DeliveryIncomplete"): "0+9x90",
+    "BagpipeMachineBusy": (
+        {driver(FAULTS, reason="MachineBusy"): "0+9x90",
          driver(ENDED, outcome="passed"): "0+3x90"},
-        {driver(FAULTS, reason="DeliveryIncomplete"): "0+1x90",
-         driver(FAULTS, reason="StackExited"): "0+50x90",
+        {driver(FAULTS, reason="MachineBusy"): "0+1x90",
+         driver(FAULTS, reason="MessagesLost"): "0+50x90",
          driver(ENDED, outcome="passed"): "0+3x90"},
     ),
     "BagpipeReplaySlow": (

@@ -108,7 +108,7 @@ def test_a_detail_has_bounds() -> None:
 def test_the_evidence_of_a_case_that_does_not_count_is_told() -> None:
     topic = {"topic": "/a", "sent": 3, "subscribers": [{"node": "/n", "received": 2}]}
     evidence = {"ledger": {"topics": [topic]}}
-    lossy = detail_of(make_row("a", "errored", "DeliveryIncomplete", evidence=evidence))
+    lossy = detail_of(make_row("a", "errored", "MachineBusy", evidence=evidence))
     assert [(line["node"], line["received"]) for line in lossy["ledger"]] == [("/n", 2)]
     starts = [{"executor": str(n), "host": "h", "seconds": 1.0, "error": "e" * 900} for n in (1, 2)]
     lost = detail_of(make_row("b", "errored", "ExecutorLost", evidence={"starts": starts}))["lost"]

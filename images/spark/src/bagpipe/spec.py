@@ -11,6 +11,7 @@ from typing import Literal, Self
 from pydantic import BaseModel, Field, JsonValue, field_validator, model_validator
 
 from bagpipe.evaluate.model import Criterion, topics_of
+from bagpipe.faults import FaultRule
 from bagpipe.matrix.model import Matrix
 from bagpipe.pieces import SequencePart
 from bagpipe.pod_spec import (
@@ -217,7 +218,7 @@ class SimulationJobSpec(_Model):
     evaluate: list[Criterion] = Field(default=[], max_length=100)
     max_failed_cases: int | None = Field(default=None, ge=0)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
-    stack_backoff_limit: int | None = Field(default=None, ge=0, le=20)
+    fault_policy: list[FaultRule] = Field(default=[], max_length=9)
     suspend: bool = False
     queue_name: str | None = None
     start_deadline_seconds: int | None = Field(default=None, ge=1)
@@ -232,6 +233,13 @@ class SimulationJobSpec(_Model):
         if len(set(names)) != len(names):
             raise ValueError("two variants have one name: give each a name of its own")
         return variants
+
+    @field_validator("fault_policy")
+    @classmethod
+    def _each_cause_once(cls, rules: list[FaultRule]) -> list[FaultRule]:
+        if len({rule.cause for rule in rules}) != len(rules):
+            raise ValueError("faultPolicy has two rules of one cause: write one")
+        return rules
 
     @field_validator("evaluate")
     @classmethod

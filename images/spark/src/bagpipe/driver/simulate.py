@@ -12,7 +12,7 @@ from pyspark.accumulators import AccumulatorParam
 from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
 from bagpipe.plan.cases import Case
-from bagpipe.run.attempts import quarantine_attempt
+from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 
 log = logging.getLogger(__name__)
@@ -88,8 +88,6 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
     """
     finished = spark.accumulator([], _RowsParam())
     shared_context = spark.broadcast(context)
-    # Spark itself gives up later (spark.task.maxFailures).
-    quarantine = quarantine_attempt(context.spec.stack_backoff_limit)
 
     def run(partition: Iterable[Case]) -> None:
         settle_worker()
@@ -97,7 +95,7 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         # Spark counts a task's launches from 0, copies of slow ones too.
         before = task.attemptNumber() if task else 0
         for case in partition:
-            if task and before >= quarantine:
+            if task and before >= QUARANTINE_ATTEMPT:
                 lost = lost_row(case, before)
                 finished.add([given_up(lost, task.stageId(), task.partitionId())])
             else:

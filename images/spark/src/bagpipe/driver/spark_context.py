@@ -8,7 +8,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from bagpipe.run.attempts import quarantine_attempt
+from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.spec import JobFile, PodResources
 from bagpipe.texts import duration_seconds
 
@@ -52,12 +52,12 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 
 def spark_settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
     """All Spark settings of a job."""
-    return _where(job, pod) | _size(job) | _endurance(job) | _speculation(job)
+    return _where(job, pod) | _size(job) | _endurance() | _speculation(job)
 
 
 def local_settings(job: JobFile, slots: int) -> dict[str, str]:
     """All Spark settings of a job whose cases run in this machine's own processes."""
-    endurance = _endurance(job)
+    endurance = _endurance()
     failures = endurance.pop("spark.task.maxFailures")
     return {
         # Local Spark takes its number of failures from here alone.
@@ -120,8 +120,7 @@ def _size(job: JobFile) -> dict[str, str]:
     }
 
 
-def _endurance(job: JobFile) -> dict[str, str]:
-    quarantine = quarantine_attempt(job.spec.stack_backoff_limit)
+def _endurance() -> dict[str, str]:
     return {
         "spark.kubernetes.resource.type": "python",
         "spark.kubernetes.executor.enablePollingWithResourceVersion": "true",
@@ -142,7 +141,7 @@ def _endurance(job: JobFile) -> dict[str, str]:
         "spark.task.reaper.enabled": "true",
         "spark.task.reaper.killTimeout": "60s",
         # Above the driver's own limit, which gives such a case a row instead of ending the job.
-        "spark.task.maxFailures": str(quarantine + 8),
+        "spark.task.maxFailures": str(QUARANTINE_ATTEMPT + 8),
         "spark.python.worker.reuse": "true",
         # Over TCP each task waits some 20 ms for its Python worker, and a stack that shares the
         # pod's network could try to speak to it; the socket's file is in Spark's own /tmp.

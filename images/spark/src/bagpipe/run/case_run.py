@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bagpipe.faults import FAILURES, FaultPolicy
 from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session, run_turns
 from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
 from bagpipe.plan.cases import Case, Unplanned
@@ -24,7 +25,7 @@ from bagpipe.run.exec_input import program_file
 from bagpipe.run.exec_judge import judge_program
 from bagpipe.run.exec_outputs import Outputs, collected
 from bagpipe.run.fragment_stream import fragment_file
-from bagpipe.run.judge import DeliveryIncompleteError, Judgement, judge
+from bagpipe.run.judge import Judgement, judge
 from bagpipe.run.pieces import sequence_file
 from bagpipe.run.simulated import Drive, judge_steering
 from bagpipe.spec import SimulationJobSpec, shared_folder
@@ -65,14 +66,20 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
 
     `starts` says how often the case was given to an executor, this time included.
     """
-    begun = time.monotonic()
+    begun = since = time.monotonic()
     row, may_pass = _attempt(case, context)
-    discarded: list[str] = []
-    mode, limit = context.spec.playback.mode, context.spec.stack_backoff_limit
-    while again := next_attempt(row["reason"], discarded, mode, limit, may_pass):
-        discarded.append(row["reason"])
+    discarded: list[Row] = []
+    reasons: list[str] = []
+    policy = FaultPolicy(context.spec.fault_policy)
+    while again := next_attempt(row["reason"], reasons, policy, may_pass):
+        _throw_away(row, context)
+        discarded.append(_discarded(row, time.monotonic() - since))
+        reasons.append(row["reason"])
         threading.Event().wait(again.seconds)
+        since = time.monotonic()
         row, may_pass = _attempt(case, context)
+    if row["reason"] == "MachineBusy":
+        row = _unproved(row, context)
     return _row(case, row, discarded, starts, time.monotonic() - begun)
 
 
@@ -126,7 +133,35 @@ def _identity(case: Case) -> Row:
     } | parts
 
 
-def _row(case: Case, ended: Row, discarded: list[str], starts: int, seconds: float) -> Row:
+def _throw_away(row: Row, context: RunContext) -> None:
+    """Remove what a run recorded that does not count."""
+    recorded = row["recorded"] or []
+    for name in [recorded] if isinstance(recorded, str) else recorded:
+        try:
+            Storage(context.volumes).remove(posixpath.join(context.results, name))
+        except StorageError as error:
+            # Its name is no other's, and what the manifest does not name goes at the job's end.
+            log.warning("a run that does not count leaves %s: %s", name, error)
+
+
+def _discarded(row: Row, seconds: float) -> Row:
+    """A run that does not count, as the row of its case tells of it."""
+    result = row["result"] or {}
+    measured = {key: result[key] for key in ("ledger", "machine") if result.get(key)}
+    told = {"reason": row["reason"], "message": row["message"], "seconds": round(seconds, 3)}
+    return told | measured
+
+
+def _unproved(row: Row, context: RunContext) -> Row:
+    """The row of a run whose recording proves nothing: its figures stay, apart from `result`,
+    whose ledgers are summed.
+    """
+    _throw_away(row, context)
+    measured = {key: row["result"][key] for key in ("ledger", "machine")}
+    return row | {"recorded": None, "result": None, "criteria": [], "evidence": measured}
+
+
+def _row(case: Case, ended: Row, discarded: list[Row], starts: int, seconds: float) -> Row:
     tries = {"attempts": len(discarded) + 1, "discarded": discarded, "starts": starts}
     return ended | _identity(case) | tries | {"seconds": round(seconds, 3)}
 
@@ -136,11 +171,7 @@ def _attempt(case: Case, context: RunContext) -> tuple[Row, bool]:
     try:
         return _played(case, context), False
     except SessionError as error:
-        return _errored(error.reason, str(error), error.stderr), False
-    except DeliveryIncompleteError as error:
-        lossy = _errored("DeliveryIncomplete", str(error))
-        # Not as `result`, whose ledgers are summed: this try does not count.
-        return lossy | {"evidence": {"ledger": error.ledger}}, False
+        return _ended(error), False
     except Exception as error:  # a fault of ours costs one case, never the whole job
         may_pass = isinstance(error, StorageError) and error.may_pass
         for kind, reason in _REASONS:
@@ -154,6 +185,12 @@ def _attempt(case: Case, context: RunContext) -> tuple[Row, bool]:
 def _says_full(error: BaseException) -> bool:
     cause = error.__cause__ if isinstance(error, StorageError) else None
     return isinstance(cause, OSError) and cause.errno in (errno.ENOSPC, errno.EDQUOT)
+
+
+def _ended(error: SessionError) -> Row:
+    """A run that was cut short: failed where the stack's end is why."""
+    row = _errored(error.reason, str(error), error.stderr)
+    return row | {"outcome": "failed"} if error.reason in FAILURES else row
 
 
 def _errored(reason: str, message: str, stderr: list[str] | None = None) -> Row:
@@ -173,32 +210,30 @@ def _played(case: Case, context: RunContext) -> Row:
     if context.spec.stack.engine == "exec":
         with collected(storage, context.results, attempt) as outputs:
             answer = _answered(case, context, storage, outputs)
-            judgement = judge_program(answer.result)
+            judgement = judge_program(answer.result, FaultPolicy(context.spec.fault_policy))
         return _judged(judgement, outputs.names or None, answer)
     name = f"{attempt}.bag"
     recorded = posixpath.join(context.results, name)
-    try:
-        with storage.create(recorded) as sink:
-            answer = _answered(case, context, storage, sink)
-        judgement = judge(answer.result)
-        if context.spec.source.simulator is not None:
-            control = context.spec.source.simulator.topics.control
-            judgement = judge_steering(answer.result, judgement, control)
-        judgement, criteria = judged_by_criteria(
-            judgement, case, context.spec, storage, recorded, answer.result
-        )
-    except DeliveryIncompleteError:
-        storage.remove(recorded)
-        raise
+    with storage.create(recorded) as sink:
+        answer = _answered(case, context, storage, sink)
+    judgement = judge(answer.result, FaultPolicy(context.spec.fault_policy))
+    if context.spec.source.simulator is not None:
+        control = context.spec.source.simulator.topics.control
+        judgement = judge_steering(answer.result, judgement, control)
+    judgement, criteria = judged_by_criteria(
+        judgement, case, context.spec, storage, recorded, answer.result
+    )
     return _judged(judgement, name, answer) | {"criteria": criteria}
 
 
 def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answer) -> Row:
-    return {
+    stack = answer.result["stack"]
+    allowed = {"allowed": [each.as_row() for each in judgement.allowed]}
+    return (allowed if judgement.allowed else {}) | {
         "outcome": judgement.outcome,
         "reason": judgement.reason,
         "message": judgement.message,
-        "stderr": [],
+        "stderr": stack.get("stderr", []) if judgement.reason in FAILURES else [],
         "recorded": recorded,
         "result": answer.result
         | {"pipe_bytes": _pipe_bytes(answer), "input_bytes": answer.input_bytes},

@@ -31,10 +31,12 @@ def judged_by_criteria(
 ) -> tuple[Judgement, list[dict[str, Any]]]:
     """The verdict on a delivered case, and the findings behind it, as the results have them.
 
-    Without criteria the delivery alone is judged; a case in which nothing was played proves
-    nothing whatever its criteria say.
+    Without criteria the delivery alone is judged; a case in which nothing was played, or whose
+    stack has failed, is what it is whatever its criteria say.
     """
-    if not spec.evaluate or judgement.reason in {"NothingPlayed", "NothingAnswered"}:
+    if not spec.evaluate or judgement.outcome in {"failed", "errored"}:
+        return judgement, []
+    if judgement.reason in {"NothingPlayed", "NothingAnswered"}:
         return judgement, []
     evidence = Evidence(
         recorded=Recording(
@@ -50,7 +52,8 @@ def judged_by_criteria(
     )
     findings = evaluate(spec.evaluate, evidence)
     outcome, reason, message = verdict(findings)
-    return Judgement(outcome, reason, message), [finding.as_row() for finding in findings]
+    judged = Judgement(outcome, reason, message, judgement.allowed)
+    return judged, [finding.as_row() for finding in findings]
 
 
 def _source(case: Case, criteria: list[Criterion], storage: Storage) -> bytes:

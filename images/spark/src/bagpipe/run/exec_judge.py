@@ -4,15 +4,17 @@ import json
 import re
 from typing import Any
 
+from bagpipe.faults import FaultPolicy
 from bagpipe.pipe.session import SessionError
 from bagpipe.run.exec_outputs import REASON
-from bagpipe.run.judge import Judgement
+from bagpipe.run.judge import Judgement, ends, first_that_counts
 
 _MAX_MESSAGE = 2000
+_NO_POLICY = FaultPolicy([])
 _REASON = re.compile(r"[A-Z][A-Za-z0-9]{0,63}")
 
 
-def judge_program(result: dict[str, Any]) -> Judgement:
+def judge_program(result: dict[str, Any], policy: FaultPolicy = _NO_POLICY) -> Judgement:
     """Judge a RESULT map of the exec engine (docs/reference/binpipe.md, "The exec engine").
 
     Raises SessionError where the agent's answer is none of that engine, or the program's own
@@ -25,7 +27,13 @@ def judge_program(result: dict[str, Any]) -> Judgement:
         )
     stack = result["stack"]
     if stack["exit_status"] != 0:
-        raise SessionError("StackExited", f"the program's exit status is {stack['exit_status']}")
+        message = f"the program's exit status is {stack['exit_status']}"
+        raise SessionError("StackCrashed", message, stack.get("stderr"))
+    return first_that_counts(ends(result), policy, _said(result))
+
+
+def _said(result: dict[str, Any]) -> Judgement:
+    """The verdict by what the program gave back."""
     program = result.get("program")
     if program is None:
         if result["records_out"]:
