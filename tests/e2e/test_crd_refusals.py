@@ -106,6 +106,24 @@ GOOD_VARIATIONS = {
     ),
     "any parameters": ("spec.stack.parameters", {"/a": 1.5, "/b": [1, "x"], "/c": {"d": True}}),
     "forty characters": ("metadata.name", "a" * 40),
+    "criteria": (
+        "spec.evaluate",
+        [
+            {"name": "never", "presence": {"topic": "/alarm", "min": 0, "max": 0}},
+            {
+                "name": "near",
+                "error": {
+                    "topic": "/a",
+                    "fields": ["p[0].x"],
+                    "recording": True,
+                    "max": 1,
+                    "within": "1m30s",
+                    "minCoverage": 0.5,
+                },
+            },
+            {"name": "lane", "own": {"configMap": "lane", "timeout": "24h"}},
+        ],
+    ),
 }
 
 
@@ -315,6 +333,46 @@ REFUSED: dict[str, tuple[str, object, str]] = {
     "cpu of the driver": (
         "spec.spark.driver.resources.cpu", "0",
         "spark.driver.resources.cpu must be a quantity of CPU above zero: write for example 500m",
+    ),
+    "latency without a unit": (
+        "spec.evaluate", [{"name": "a", "latency": {"topic": "/a", "max": "100"}}],
+        "latency.max must be a duration with its unit: write for example 100ms or 2s",
+    ),
+    "criterion's topic without slash": (
+        "spec.evaluate", [{"name": "a", "presence": {"topic": "imu"}}],
+        "a topic's name begins with a slash and holds letters, digits, underscores and hyphens",
+    ),
+    "presence with a max alone": (
+        "spec.evaluate", [{"name": "a", "presence": {"topic": "/a", "max": 0}}],
+        "presence has a max below its min: write min: 0 as well",
+    ),
+    "bounds the wrong way round": (
+        "spec.evaluate",
+        [{"name": "a", "bounds": {"topic": "/a", "field": "x", "min": 2, "max": 1}}],
+        "bounds has a max below its min: write the greater one as max",
+    ),
+    "field that is no path": (
+        "spec.evaluate", [{"name": "a", "bounds": {"topic": "/a", "field": "x..y", "max": 1}}],
+        "a field is a path of names, with an element's number in brackets",
+    ),
+    "fewer fields in the truth": (
+        "spec.evaluate",
+        [{"name": "a", "error": {"topic": "/a", "truth": "/b", "max": 1,
+                                 "fields": ["x", "y"], "truthFields": ["x"]}}],
+        "error.truthFields and fields differ in number: write one for each field, or none",
+    ),
+    "more than all of it covered": (
+        "spec.evaluate",
+        [{"name": "a", "rate": {"topic": "/a", "min": 1, "minCoverage": 1.5}}],
+        "should be less than or equal to 1",
+    ),
+    "memory of a criterion": (
+        "spec.evaluate", [{"name": "a", "resources": {"maxMemory": "2 GB"}}],
+        "resources.maxMemory is no quantity: write for example 500Mi or 2Gi",
+    ),
+    "an evaluator that never has time": (
+        "spec.evaluate", [{"name": "a", "own": {"configMap": "lane", "timeout": "0s"}}],
+        "own.timeout must be a duration above zero and of at most 24h",
     ),
     "unknown field": (
         "spec.playback.speed", 2, 'unknown field "spec.playback.speed"',

@@ -17,7 +17,9 @@ Entry = tuple[str, float, Any]
 
 def time(seconds: float) -> Any:
     whole = round(seconds * SECOND)
-    return STORE.types["builtin_interfaces/msg/Time"](whole // SECOND, whole % SECOND)
+    # rosbags writes the seconds with a sign; on the wire they have none.
+    signed = (whole // SECOND + 2**31) % 2**32 - 2**31
+    return STORE.types["builtin_interfaces/msg/Time"](signed, whole % SECOND)
 
 
 def header(stamp: float) -> Any:

@@ -18,7 +18,7 @@ RECORDED = [
     ("/v", 12.0, number(7.0)),
     ("/p", 11.0, stamped(10.75, 3.0, 4.0)),
     ("/p", 12.0, stamped(11.5, 6.0, 8.0)),
-    ("/o", 11.5, poses(11.5, (3.0, 5.0), (9.0, 9.0))),
+    ("/o", 11.5, poses(11.2, (3.0, 5.0), (9.0, 9.0))),
 ]
 SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0, 8.0))]
 
@@ -39,7 +39,7 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
             [[1.0, 0.25], [2.0, 0.5]],
         ),
         (
-            "finalPose", {"topic": "/p", "position": [0, 0], "within": 1},
+            "finalPose", {"topic": "/p", "position": [0, 0], "within": 1, "minCoverage": 0.5},
             "/p, distance from the goal", None, 1.0, [[1.0, 5.0], [2.0, 10.0]],
         ),
         (
@@ -48,7 +48,7 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
         ),
         (
             "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
-            "/p, distance to the nearest of /o", 2.0, None, [[1.5, 1.0]],
+            "/p, distance to the nearest of /o", 2.0, None, [[1.2, 1.0]],
         ),
     ],
 )  # fmt: skip
@@ -60,7 +60,7 @@ def test_a_failing_criterion_has_a_course(
     high: float | None,
     points: list[list[float]],
 ) -> None:
-    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED, SOURCE))
+    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED, SOURCE, end=12.5))
     assert found.outcome == "failed"
     course = found.as_row()["course"]
     assert (course["label"], course["low"], course["high"]) == (label, low, high)

@@ -237,7 +237,8 @@ def test_a_truth_that_is_never_near_is_no_evidence() -> None:
     ],
 )
 def test_the_final_pose(wanted: dict[str, Any], outcome: str) -> None:
-    assert found(evidence(course(1.0)), finalPose={"topic": "/pose"} | wanted).outcome == outcome
+    given = evidence(course(1.0), end=18.5)
+    assert found(given, finalPose={"topic": "/pose"} | wanted).outcome == outcome
 
 
 def test_a_type_without_a_pose_is_no_evidence() -> None:
@@ -268,7 +269,7 @@ def drive(obstacle_speed: float) -> list[Any]:
     ],
 )
 def test_separation(speed: float, wanted: dict[str, Any], outcome: str, figure: float) -> None:
-    given = evidence(drive(speed))
+    given = evidence(drive(speed), end=14.5)
     finding = found(given, separation={"ego": "/ego", "obstacles": "/obstacles"} | wanted)
     assert finding.figure == pytest.approx(figure)
     assert finding.outcome == outcome

@@ -55,13 +55,13 @@ def test_a_recording_that_can_t_be_read_is_never_a_pass(tmp_path: Path) -> None:
 
 def test_a_truth_in_the_job_s_own_bag(tmp_path: Path) -> None:
     """Texts of digits, the same in the recording and in the output: no distance between them."""
-    recorded = bag([("/out", 1.0 + n * 0.01, text(f"{n}")) for n in range(10)])
+    recorded = bag([("/out", 1.0 + n * 0.01, text(f"{n}")) for n in range(50)])
     wanted = {"topic": "/out", "truth": "/scan", "recording": True, "fields": ["data"], "max": 1}
     row = run(tmp_path, recorded, {"name": "as before", "error": wanted})
     [finding] = row["criteria"]
     assert finding["outcome"] == "passed"
     assert finding["figure"] == 0.0
-    assert finding["message"] == "0 rmse over 10 pairs of /out"
+    assert finding["message"] == "0 rmse over 50 pairs of /out"
 
 
 def test_a_criterion_over_what_is_not_recorded_is_refused_at_once() -> None:

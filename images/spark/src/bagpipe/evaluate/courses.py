@@ -16,6 +16,7 @@ from bagpipe.evaluate.fields import number_at
 from bagpipe.evaluate.limits import seconds
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.motion import closest
+from bagpipe.evaluate.window import heard, samples
 
 # 200 points are some 3 KB of a row, which passes through the driver.
 MOST_POINTS = 200
@@ -67,22 +68,22 @@ _Told = tuple[str, str, float | None, float | None, Course]
 
 
 def _bounds(wanted: Any, evidence: Evidence) -> _Told:
-    samples = evidence.recorded.samples(wanted.topic)
-    course = [(sample.time, number_at(sample.message, wanted.field)) for sample in samples]
+    answers = samples(heard(wanted.topic, evidence), evidence)
+    course = [(sample.time, number_at(sample.message, wanted.field)) for sample in answers]
     return f"{wanted.topic} {wanted.field}", "", wanted.min, wanted.max, course
 
 
 def _rate(wanted: Any, evidence: Evidence) -> _Told:
-    pairs = itertools.pairwise(evidence.recorded.times(wanted.topic))
+    pairs = itertools.pairwise(each.time for each in heard(wanted.topic, evidence).inside)
     course = [(after, 1e9 / (after - before)) for before, after in pairs if after > before]
     return f"{wanted.topic}, 1 / time since the last", "Hz", wanted.min, wanted.max, course
 
 
 def _latency(wanted: Any, evidence: Evidence) -> _Told:
     course = [
-        (sample.time, (sample.time - sample.stamp) / 1e9)
-        for sample in evidence.recorded.samples(wanted.topic)
-        if sample.stamp is not None
+        (each.time, (each.time - each.stamp) / 1e9)
+        for each in heard(wanted.topic, evidence).answers
+        if each.stamp is not None
     ]
     return f"{wanted.topic}, stamp to receipt", "s", None, seconds(wanted.max), course
 
@@ -100,7 +101,7 @@ def _error(wanted: Any, evidence: Evidence) -> _Told:
 
 def _final_pose(wanted: Any, evidence: Evidence) -> _Told:
     course = []
-    for sample in evidence.recorded.samples(wanted.topic):
+    for sample in samples(heard(wanted.topic, evidence), evidence):
         pose = pose_of(sample.message)
         if pose is not None:
             distance = math.dist(wanted.position[:2], (float(pose[0].x), float(pose[0].y)))

@@ -3,58 +3,138 @@
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
-from bagpipe.evaluate.evidence import Evidence
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
+from bagpipe.evaluate.evidence import Evidence, Received
+from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, seconds
 from bagpipe.evaluate.model import Latency, Presence, Rate
+from bagpipe.evaluate.window import Heard, backward, heard, over_window, spread, times_of
+
+_SAY_LESS = "look at when they came, or lower minCoverage"
 
 
 def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
-    """Counts messages; none is an answer here, and no lack of evidence."""
-    count = len(evidence.recorded.times(wanted.topic))
-    return bounded(
+    """Counts messages; none is an answer here, and no lack of evidence.
+
+    Where no stamp tells what a message after the window's end answers, it counts as one that is
+    late, and the most must have come in the window.
+    """
+    found = heard(wanted.topic, evidence)
+    least = found.answers + (found.others if found.clock == "receipt" else [])
+    own = _own(least)
+    count = len(own) if len(own) < wanted.min else len(least)
+    finding = bounded(
         Finding(name, "presence", "passed", float(count), "messages"),
         float(wanted.min),
-        None if wanted.max is None else float(wanted.max),
-        f"on {wanted.topic}",
+        None if wanted.max is None or len(found.answers) <= wanted.max else float(wanted.max),
+        f"on {wanted.topic}{_repeated(least, own)}",
     )
+    late = len(least) - len(found.answers)
+    share = 1.0 if not least else len(found.answers) / len(least)
+    said = f"the whole window, and {late} of {len(least)} messages after its end"
+    return covering(
+        _with_limits(finding, wanted),
+        share,
+        said if late else "the whole window",
+        found.clock,
+        wanted.min_coverage,
+        lasting=True,
+        remedy="play slower, let the stack stamp its answers, or lower minCoverage",
+    )
+
+
+def _with_limits(finding: Finding, wanted: Presence) -> Finding:
+    most = "" if wanted.max is None else f"{wanted.min} to {wanted.max} messages"
+    return replace(finding, limit=most or finding.limit)
+
+
+def _own(messages: Sequence[Received]) -> list[Received]:
+    """The messages without those that repeat another one, to the byte."""
+    return list({each.identity: each for each in reversed(messages)}.values())[::-1]
+
+
+def _repeated(messages: Sequence[Received], own: Sequence[Received]) -> str:
+    repeated = len(messages) - len(own)
+    return f", {repeated} of {len(messages)} repeat another one" if repeated else ""
 
 
 def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     """Messages per second. Raises NoEvidenceError for a window that is too short to tell."""
-    times = evidence.recorded.times(wanted.topic)
+    found = heard(wanted.topic, evidence)
     if evidence.seconds <= 0:
         raise NoEvidenceError("the case's window has no length")
+    counted = _counted(found, evidence)
+    own = _own(counted)
+    if not counted and not (wanted.min or 0) > 0:
+        raise NoEvidenceError(f"no message on {wanted.topic}: a stack that is silent shows no rate")
+    few = wanted.min is not None and len(own) / evidence.seconds < wanted.min
+    figure = len(own if few else counted) / evidence.seconds
     if wanted.over == "worst":
+        times = [each.time for each in found.inside]
         edges = [evidence.start, *times, evidence.end]
         gap = max(after - before for before, after in itertools.pairwise(edges))
         figure = 1e9 / gap if gap > 0 else math.inf
-    else:
-        figure = len(times) / evidence.seconds
-    return bounded(
+    finding = bounded(
         Finding(name, "rate", "passed", figure, "Hz", direction="higher"),
         wanted.min,
         wanted.max,
-        f"on {wanted.topic}",
+        f"on {wanted.topic}{_repeated(counted, own)}{_unheard(found)}",
+    )
+    if wanted.over == "worst":
+        return covering(finding, 1.0, "the whole window", "receipt", 0.0)
+    usual = (evidence.end - evidence.start) / max(1, len(own))
+    share: float | None = spread(times_of(found), evidence, usual)
+    said = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
+    if found.latching or (found.clock == "receipt" and not evidence.paced):
+        share, said = over_window(found, evidence)
+    return covering(
+        finding, share, said, found.clock, wanted.min_coverage, lasting=True, remedy=_SAY_LESS
     )
 
 
+def _counted(found: Heard, evidence: Evidence) -> list[Received]:
+    """The window's messages by receipt or by stamp, whichever are more.
+
+    A slow stack answers in the window what belongs to the lead-in, and after it what belongs to
+    the window.
+    """
+    if found.clock == "receipt":
+        return found.inside
+    stamped = [e for e in found.answers if not evidence.led_in or (e.stamp or 0) >= evidence.start]
+    return stamped if len(stamped) > len(found.inside) else found.inside
+
+
+def _unheard(found: Heard) -> str:
+    return f", {len(found.others)} more after the window's end" if found.others else ""
+
+
 def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
-    """Seconds from stamp to receipt. Raises NoEvidenceError where the type has no header."""
-    samples = evidence.recorded.samples(wanted.topic)
-    delays = [s.time - s.stamp for s in samples if s.stamp is not None]
-    if not delays:
+    """Seconds from stamp to receipt. Raises NoEvidenceError where no stamp can be believed."""
+    evidence.recorded.samples(wanted.topic)  # what can't be decoded is no evidence
+    found = heard(wanted.topic, evidence)
+    if found.fault:
+        raise NoEvidenceError(found.fault)
+    if found.clock != "header":
         raise NoEvidenceError(f"messages on {wanted.topic} have no header.stamp to measure from")
-    unset = sum(1 for s in samples if s.stamp == 0)
-    if unset:
-        raise NoEvidenceError(f"{unset} messages on {wanted.topic} have an empty header.stamp")
+    delays = [each.time - (each.stamp or 0) for each in found.answers]
+    if not delays:
+        raise NoEvidenceError(f"no message on {wanted.topic} belongs to the case's window")
     figure = percentile(delays, wanted.percentile) / 1e9
-    return bounded(
+    finding = bounded(
         Finding(name, "latency", "passed", figure, "s", direction="lower"),
         None,
         seconds(wanted.max),
         f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}",
+    )
+    share, said = over_window(found, evidence)
+    return covering(
+        finding,
+        share,
+        said,
+        "header",
+        wanted.min_coverage,
+        remedy=backward(found.answers) or _SAY_LESS,
     )
 
 

@@ -1,85 +1,127 @@
 """Criteria against a truth: distance of fields over time, and the pose at the end."""
 
-import bisect
 import math
+from collections import defaultdict
+from statistics import fmean
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence, Sample
-from bagpipe.evaluate.fields import number_at, turned, yaw_of
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
-from bagpipe.evaluate.limits import bounded, seconds
+from bagpipe.evaluate.fields import no_number, turned, yaw_of
+from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
+from bagpipe.evaluate.limits import bounded
+from bagpipe.evaluate.matching import Matched, matched
 from bagpipe.evaluate.model import Error, FinalPose
+from bagpipe.evaluate.window import Heard, heard, samples
 
 # Fewer pairs say nothing of a course; one pair is enough for its end.
 _LEAST_PAIRS = 2
+# How far the length of a heading's quaternion may be from 1.
+_QUATERNION = 0.1
 
 
 def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     """RMSE, greatest or last distance. Raises NoEvidenceError where too little can be compared."""
-    distances = [distance for _, distance in distances_of(wanted, evidence)]
-    if len(distances) < (1 if wanted.metric == "final" else _LEAST_PAIRS):
-        all_messages = len(evidence.recorded.samples(wanted.topic))
+    found = matched(name, wanted, evidence)
+    share, said = _coverage(wanted, found)
+    if found.odd is not None:
+        return covering(found.odd, share, said, found.clock, 0.0)
+    if len(found.pairs) < (1 if wanted.metric == "final" else _LEAST_PAIRS):
         raise NoEvidenceError(
-            f"{len(distances)} of {all_messages} messages on {wanted.topic} have a truth within"
+            f"{len(found.pairs)} of {found.answers} messages on {wanted.topic} have a truth within"
             f" {wanted.within}: widen `within`, or look at the stamps"
         )
-    figure = {
-        "rmse": math.sqrt(sum(d * d for d in distances) / len(distances)),
-        "max": max(distances),
-        "final": distances[-1],
-    }[wanted.metric]
-    return bounded(
-        Finding(name, "error", "passed", figure, direction="lower"),
+    finding = bounded(
+        Finding(name, "error", "passed", _figure(wanted, found), direction="lower"),
         None,
         wanted.max,
-        f"{wanted.metric} over {len(distances)} pairs of {wanted.topic}",
+        f"{wanted.metric} over {len(found.pairs)} pairs of {wanted.topic}",
+    )
+    return covering(
+        finding,
+        share,
+        said,
+        found.clock,
+        wanted.min_coverage,
+        lasting=wanted.metric == "max",
+        remedy="widen `within` if the stamps are further apart, or lower minCoverage",
     )
 
 
-def _when(sample: Sample) -> int:
-    return sample.time if sample.stamp is None else sample.stamp
+def _figure(wanted: Error, found: Matched) -> float:
+    if wanted.metric == "max":
+        return max(pair.distance for pair in found.pairs)
+    if wanted.metric == "final":
+        return max(found.pairs, key=lambda pair: pair.at).distance
+    # Each of the truth's samples counts once, however often it was answered.
+    squares: dict[int, list[float]] = defaultdict(list)
+    for pair in found.pairs:
+        squares[pair.truth].append(pair.distance**2)
+    return math.sqrt(fmean(fmean(each) for each in squares.values()))
+
+
+def _coverage(wanted: Error, found: Matched) -> tuple[float, str]:
+    of_truth = len(found.truth_times)
+    if wanted.metric == "final":
+        last = max((at + 1 for at, near in enumerate(found.answered) if near), default=0)
+        return last / of_truth, f"the end: the last answer is at sample {last} of {of_truth}"
+    near = sum(found.answered)
+    said = f"{near} of {of_truth} samples of the truth, which have an answer within {wanted.within}"
+    return near / of_truth, said
 
 
 def distances_of(wanted: Error, evidence: Evidence) -> list[tuple[int, float]]:
     """Receipt time in ns and distance from the truth, of every message that has one."""
-    truth_of = evidence.source if wanted.recording else evidence.recorded
-    truth = sorted(truth_of.samples(wanted.truth or wanted.topic), key=_when)
-    times = [_when(sample) for sample in truth]
-    most = seconds(wanted.within) * 1e9
-    fields = wanted.truth_fields or wanted.fields
-    distances = []
-    for sample in evidence.recorded.samples(wanted.topic):
-        nearest = _nearest(times, _when(sample))
-        if abs(times[nearest] - _when(sample)) > most:
-            continue
-        differences = [
-            number_at(sample.message, mine) - number_at(truth[nearest].message, theirs)
-            for mine, theirs in zip(wanted.fields, fields, strict=True)
-        ]
-        if wanted.angle:
-            differences = [turned(difference) for difference in differences]
-        distances.append((sample.time, math.hypot(*differences)))
-    return distances
-
-
-def _nearest(times: list[int], time: int) -> int:
-    after = bisect.bisect_left(times, time)
-    if after == 0:
-        return 0
-    if after == len(times) or time - times[after - 1] <= times[after] - time:
-        return after - 1
-    return after
+    return [(pair.received, pair.distance) for pair in matched("", wanted, evidence).pairs]
 
 
 def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
     """Metres from where the last pose must be. Raises NoEvidenceError for a type without a pose."""
-    last = evidence.recorded.samples(wanted.topic)[-1]
+    found = heard(wanted.topic, evidence)
+    last, at = _last(found, samples(found, evidence))
     pose = pose_of(last.message)
     if pose is None:
         raise NoEvidenceError(
             f"messages on {wanted.topic} have no pose: PoseStamped, PoseWithCovarianceStamped,"
             " Odometry and TransformStamped have one"
         )
+    finding = _pose_odd(name, wanted, pose, at, evidence) or _off(name, wanted, pose)
+    share = 1.0 if found.latching else (at - evidence.start) / max(1, evidence.end - evidence.start)
+    return covering(
+        finding,
+        min(1.0, max(0.0, share)),
+        f"the pose at {(at - evidence.start) / 1e9:.3f} s of {evidence.seconds:.3f} s",
+        found.clock,
+        wanted.min_coverage,
+        remedy="the last pose must be near the window's end, or lower minCoverage",
+    )
+
+
+def _last(found: Heard, answers: list[Sample]) -> tuple[Sample, int]:
+    """The last pose and its time, by the topic's clock."""
+    if found.clock == "receipt":
+        return answers[-1], answers[-1].time
+    at, _, last = max((each.stamp or 0, number, each) for number, each in enumerate(answers))
+    return last, at
+
+
+def _pose_odd(
+    name: str, wanted: FinalPose, pose: tuple[Any, Any], at: int, evidence: Evidence
+) -> Finding | None:
+    position, turn = pose
+    numbers = [*(getattr(position, n) for n in "xyz"), *(getattr(turn, n) for n in "xyzw")]
+    values = [(at, float(number)) for number in numbers]
+    odd = no_number(name, "finalPose", f"the last pose of {wanted.topic}", values, evidence.start)
+    if odd is None and wanted.yaw is not None:
+        length = math.hypot(*(value for _, value in values[3:]))
+        if abs(length - 1) > _QUATERNION:
+            raise NoEvidenceError(
+                f"the last pose of {wanted.topic} has no heading: its quaternion has the length"
+                f" {length:.3g} and not 1"
+            )
+    return odd
+
+
+def _off(name: str, wanted: FinalPose, pose: tuple[Any, Any]) -> Finding:
     position, orientation = pose
     reached = [float(number) for number in (position.x, position.y, position.z)]
     distance = math.dist(wanted.position, reached[: len(wanted.position)])

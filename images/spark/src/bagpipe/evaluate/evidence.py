@@ -1,13 +1,15 @@
 """What a case left behind, as the criteria see it: messages of a topic, decoded when asked for.
 
-Only messages in the case's window count: what a stack says to its lead-in is not judged.
+Which of them belong to the case's window is told by window.py.
 """
 
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -15,7 +17,20 @@ import bagpipe
 from bagpipe.evaluate.finding import NoEvidenceError
 
 _HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
+_TIME = "builtin_interfaces/msg/Time"
+# Of a message that begins with a header: its sequence number, then the stamp.
+_SEQUENCE, _STAMP = 4, struct.Struct("<II")
 Bytes = Callable[[], bytes]
+
+
+def nanoseconds(time: Any) -> int:
+    """A time of a message in ns. ROS 1 counts its seconds without a sign, up to the year 2106;
+    rosbags reads them with one.
+    """
+    seconds = int(time.sec)
+    if getattr(time, "__msgtype__", _TIME) == _TIME:
+        seconds &= 0xFFFFFFFF
+    return seconds * 1_000_000_000 + int(time.nanosec)
 
 
 class Sample(NamedTuple):
@@ -30,7 +45,23 @@ class Sample(NamedTuple):
         header = getattr(self.message, "header", None)
         if header is None:
             return None
-        return int(header.stamp.sec) * 1_000_000_000 + int(header.stamp.nanosec)
+        return nanoseconds(header.stamp)
+
+
+class Received(NamedTuple):
+    """One message as it came: receipt in ns, its bytes, and what its header says, if it has one."""
+
+    time: int
+    raw: memoryview
+    connection: Any
+    stamp: int | None
+
+    @property
+    def identity(self) -> object:
+        """Equal for messages that differ in nothing but `header.seq`; a message without a stamp
+        is like no other.
+        """
+        return (self.stamp, hash(bytes(self.raw[_SEQUENCE:]))) if self.stamp else id(self)
 
 
 class Recording:
@@ -41,6 +72,7 @@ class Recording:
         self._start = start
         self._end = end
         self._samples: dict[str, list[Sample]] = {}
+        self._received: dict[str, list[Received]] = {}
 
     @cached_property
     def _bag(self) -> "bagpipe.MemoryBag":
@@ -56,14 +88,25 @@ class Recording:
         """The topics that the bag has messages on."""
         return sorted(self._bag.topics)
 
+    def received(self, topic: str) -> list[Received]:
+        """All messages as they came; empty where the topic is not there."""
+        if topic not in self._received:
+            headers: dict[int, bool] = {}
+            found = []
+            for connection, time, raw in self._messages(topic):
+                if connection.id not in headers:
+                    headers[connection.id] = _begins_with_header(connection)
+                stamp = _stamp(raw) if headers[connection.id] else None
+                found.append(Received(time, raw, connection, stamp))
+            self._received[topic] = found
+        return self._received[topic]
+
     def times(self, topic: str) -> list[int]:
         """Receipt times in ns, ascending; empty where the topic is not there."""
-        if topic not in self._bag.topics:
-            return []
-        return [time for _, time, _ in self._messages(topic)]
+        return [each.time for each in self.received(topic)]
 
     def samples(self, topic: str) -> list[Sample]:
-        """All messages, decoded by the definitions in the bag.
+        """All messages, decoded by the definitions in the bag, in the order of `received`.
 
         Raises NoEvidenceError where there is none or one can't be decoded.
         """
@@ -72,6 +115,8 @@ class Recording:
         return self._samples[topic]
 
     def _messages(self, topic: str) -> Any:
+        if topic not in self._bag.topics:
+            return ()
         return self._bag.messages(topics=[topic], start=self._start, end=self._end)
 
     def _decoded(self, topic: str) -> list[Sample]:
@@ -80,7 +125,7 @@ class Recording:
             raise NoEvidenceError(f"no message on {topic} was recorded; there is {there}")
         types: dict[int, tuple[Typestore, str]] = {}
         found = []
-        for connection, time, raw in self._messages(topic):
+        for time, raw, connection, _ in self.received(topic):
             if connection.id not in types:
                 types[connection.id] = _store(connection)
             store, name = types[connection.id]
@@ -96,9 +141,32 @@ class Recording:
         return found
 
 
+def _begins_with_header(connection: Any) -> bool:
+    name = _name(connection)
+    try:
+        fields = get_types_from_msg(connection.definition, name)[name][1]
+    except Exception:  # noqa: BLE001  a definition of any text; who decodes its messages says so
+        return False
+    return bool(fields) and fields[0][1] in {
+        (Nodetype.NAME, _HEADER),
+        (Nodetype.NAME, _OLD_HEADER),
+    }
+
+
+def _stamp(raw: memoryview) -> int | None:
+    if len(raw) < _SEQUENCE + _STAMP.size:
+        return None
+    seconds, nanoseconds_ = _STAMP.unpack_from(raw, _SEQUENCE)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds_)
+
+
+def _name(connection: Any) -> str:
+    name: str = connection.type
+    return name if "/msg/" in name else name.replace("/", "/msg/")
+
+
 def _store(connection: Any) -> tuple[Typestore, str]:
-    name = connection.type
-    name = name if "/msg/" in name else name.replace("/", "/msg/")
+    name = _name(connection)
     store = get_typestore(Stores.EMPTY)
     try:
         types = get_types_from_msg(connection.definition, name)
@@ -117,7 +185,9 @@ def _store(connection: Any) -> tuple[Typestore, str]:
 class Evidence:
     """All that the criteria of one case may look at.
 
-    `result` is the agent's RESULT map, `start` and `end` the case's window in ns of bag time.
+    `result` is the agent's RESULT map, `start` and `end` the case's window in ns of bag time,
+    `lead_in_start` where the play began (None: with the window). With `paced` false bag time
+    runs ahead of the stack (playback.mode: max), and the time of a receipt says little.
     """
 
     recorded: Recording
@@ -126,6 +196,13 @@ class Evidence:
     end: int
     result: dict[str, Any] = field(default_factory=dict)
     values: dict[str, Any] = field(default_factory=dict)
+    lead_in_start: int | None = None
+    paced: bool = True
+
+    @property
+    def led_in(self) -> bool:
+        """Whether something was played before the window."""
+        return self.lead_in_start is not None and self.lead_in_start < self.start
 
     @property
     def seconds(self) -> float:

@@ -2,9 +2,11 @@
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 
-from bagpipe.evaluate.finding import NoEvidenceError
+from bagpipe.evaluate.evidence import nanoseconds
+from bagpipe.evaluate.finding import Finding, NoEvidenceError
 
 _PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?")
 # A map for an expression holds no images and clouds: nobody compares them pixel by pixel in CEL.
@@ -28,7 +30,7 @@ def number_at(message: Any, path: str) -> float:
             except (IndexError, TypeError) as error:
                 raise NoEvidenceError(f"{path}: {name} has no element {index}") from error
     if hasattr(value, "sec") and hasattr(value, "nanosec"):
-        return float(value.sec) + float(value.nanosec) * 1e-9
+        return nanoseconds(value) / 1e9
     try:
         return float(value)
     except (TypeError, ValueError) as error:
@@ -40,7 +42,7 @@ def as_map(value: Any) -> Any:
     fields = getattr(value, "__dataclass_fields__", None)
     if fields is not None:
         if "sec" in fields and "nanosec" in fields:
-            return float(value.sec) + float(value.nanosec) * 1e-9
+            return nanoseconds(value) / 1e9
         named = {n: as_map(getattr(value, n)) for n in fields if not n.startswith("__")}
         return {name: part for name, part in named.items() if part is not None}
     if isinstance(value, str | bytes | bool | int | float):
@@ -51,6 +53,25 @@ def as_map(value: Any) -> Any:
         plain = value.tolist() if hasattr(value, "tolist") else value
         return [as_map(item) for item in plain]
     return value.item() if hasattr(value, "item") else None
+
+
+def no_number(
+    name: str, kind: str, what: str, values: Iterable[tuple[int, float]], start: int
+) -> Finding | None:
+    """A failed finding if one of the values is not finite, with the time of the first.
+
+    `values` are pairs of a time in ns and a number.
+    """
+    every = list(values)
+    odd = [(time, value) for time, value in every if not math.isfinite(value)]
+    if not odd:
+        return None
+    time, value = odd[0]
+    message = (
+        f"{what} is no finite number but {value} at {(time - start) / 1e9:.3f} s, the first of"
+        f" {len(odd)} of {len(every)} values"
+    )
+    return Finding(name, kind, "failed", limit="a number", message=message, instead="failed")
 
 
 def yaw_of(orientation: Any) -> float:

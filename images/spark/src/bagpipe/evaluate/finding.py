@@ -30,12 +30,15 @@ class Finding:
     coverage: float | None = None
     covered: str = ""
     clock: Clock = "none"
+    # What a failure is where the criterion is expected to fail: one that is not the known fault.
+    instead: Outcome | None = None
     # Over time, of a failed one only (courses.py).
     course: dict[str, Any] | None = None
 
     def as_row(self) -> dict[str, Any]:
         """As it stands in results.jsonl."""
         row = asdict(self)
+        del row["instead"]
         if self.course is None:
             del row["course"]
         return row
@@ -45,8 +48,44 @@ class NoEvidenceError(Exception):
     """A criterion can't be judged by what was recorded; never a pass. The message says why."""
 
 
+def covering(
+    finding: Finding,
+    share: float | None,
+    said: str,
+    clock: Clock,
+    least: float,
+    *,
+    lasting: bool = False,
+    remedy: str = "",
+) -> Finding:
+    """The finding with the part that it was judged on, or None; invalid below `least`.
+
+    `lasting` says that more evidence could not undo a failure: what was seen out of its bounds
+    stays failed, however little else was seen.
+    """
+    part = None if share is None else round(share, 4)
+    finding = replace(finding, coverage=part, covered=said, clock=clock)
+    if share is None or share >= least - 1e-9 or finding.outcome == "invalid":
+        return finding
+    if finding.outcome == "failed" and (lasting or finding.instead):
+        return replace(finding, instead=finding.instead or "invalid")
+    message = (
+        f"judged on {said}, which is {share:.0%}, and at least {least:.0%} are needed"
+        f"{f': {remedy}' if remedy else ''}; {finding.message}"
+    )
+    return replace(finding, outcome="invalid", message=message)
+
+
 def as_expected(finding: Finding) -> Finding:
-    """A criterion that is expected to fail: its failure passes, and its pass is the news."""
+    """A criterion that is expected to fail: its failure passes, and its pass is the news.
+
+    A failure for another reason than the known fault (no number, nothing there) is none of these.
+    """
+    if finding.outcome == "failed" and finding.instead is not None:
+        message = f"expected to fail, but not like this: {finding.message}"
+        return replace(
+            finding, outcome=finding.instead, message=message, expected_failure=True, instead=None
+        )
     if finding.outcome == "failed":
         message = f"failed as expected: {finding.message}"
         return replace(finding, outcome="passed", message=message, expected_failure=True)

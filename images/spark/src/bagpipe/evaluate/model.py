@@ -7,13 +7,22 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic.alias_generators import to_camel
 
-_DURATION = re.compile(r"(?:\d+(?:\.\d+)?(?:ms|s|m|h))+")
-_PATH = re.compile(r"[a-zA-Z]\w*(\[\d+\])?(\.[a-zA-Z]\w*(\[\d+\])?)*")
+from bagpipe.evaluate.limits import seconds
+
+# The same expressions stand in crds/simulationjobs.yaml; digits and letters are ASCII's.
+_DURATION = re.compile(r"(?:[0-9]{1,6}(?:[.][0-9]{1,6})?(?:ms|s|m|h)){1,4}")
+_TOPIC = re.compile(r"(?:/[A-Za-z0-9_-]+)+")
+_PART = r"[A-Za-z][A-Za-z0-9_]*(?:\[[0-9]{1,6}\])?"
+_PATH = re.compile(rf"{_PART}(?:[.]{_PART})*")
+_LONGEST_TIMEOUT = 86_400.0
 
 
 def _topic(name: str) -> str:
-    if not name.startswith("/") or len(name) < 2:
-        raise ValueError(f"{name!r} is no topic: begin with a slash")
+    if not _TOPIC.fullmatch(name):
+        raise ValueError(
+            f"{name!r} is no topic: begin with a slash, and write letters, digits, underscores and"
+            " hyphens, such as /imu/data"
+        )
     return name
 
 
@@ -35,15 +44,25 @@ def _length(text: str) -> str:
     return text
 
 
-Topic = Annotated[str, AfterValidator(_topic)]
-Path = Annotated[str, AfterValidator(_path)]
+def _timeout(text: str) -> str:
+    if not 0 < seconds(text) <= _LONGEST_TIMEOUT:
+        raise ValueError(f"{text!r} is no time to wait: write more than 0s and at most 24h")
+    return text
+
+
+Topic = Annotated[str, Field(max_length=256), AfterValidator(_topic)]
+Path = Annotated[str, Field(max_length=256), AfterValidator(_path)]
 Bound = Annotated[float, AfterValidator(_finite)]
-Duration = Annotated[str, AfterValidator(_length)]
+Duration = Annotated[str, Field(max_length=32), AfterValidator(_length)]
+Timeout = Annotated[Duration, AfterValidator(_timeout)]
+# The least part of the window, or of the truth's samples, that a criterion must be judged on.
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class _Model(BaseModel):
+    # Strict: the API server takes no number for a text either.
     model_config = ConfigDict(
-        alias_generator=to_camel, populate_by_name=True, frozen=True, extra="forbid"
+        alias_generator=to_camel, populate_by_name=True, frozen=True, extra="forbid", strict=True
     )
 
 
@@ -68,6 +87,13 @@ class Presence(_Model):
     topic: Topic
     min: int = Field(default=1, ge=0)
     max: int | None = Field(default=None, ge=0)
+    min_coverage: Share = 0.5
+
+    @model_validator(mode="after")
+    def _some_number(self) -> Self:
+        if self.max is not None and self.max < self.min:
+            raise ValueError(f"max ({self.max}) is below min ({self.min}): write min: 0 as well")
+        return self
 
 
 class Rate(_Bounded):
@@ -75,6 +101,7 @@ class Rate(_Bounded):
 
     topic: Topic
     over: Literal["window", "worst"] = "window"
+    min_coverage: Share = 0.75
 
 
 class Latency(_Model):
@@ -83,6 +110,7 @@ class Latency(_Model):
     topic: Topic
     percentile: float = Field(default=99.0, gt=0, le=100)
     max: Duration
+    min_coverage: Share = 0.75
 
 
 class FieldBounds(_Bounded):
@@ -90,14 +118,20 @@ class FieldBounds(_Bounded):
 
     topic: Topic
     field: Path
+    min_coverage: Share = 0.75
 
 
 class Expression(_Model):
-    """A CEL expression over each message, as `msg`, its time in seconds, as `t`."""
+    """A CEL expression over each message, as `msg`, its time in seconds, as `t`.
+
+    With `finite` NaN or infinity in what it reads fails it, whatever it makes of them.
+    """
 
     topic: Topic
     holds: str = Field(min_length=1, max_length=1024)
     share: float = Field(default=1.0, gt=0, le=1)
+    finite: bool = True
+    min_coverage: Share = 0.75
 
 
 class Error(_Model):
@@ -115,6 +149,7 @@ class Error(_Model):
     max: Bound
     within: Duration = "50ms"
     angle: bool = False
+    min_coverage: Share = 0.9
 
     @model_validator(mode="after")
     def _one_truth(self) -> Self:
@@ -137,13 +172,15 @@ class FinalPose(_Model):
     yaw: Bound | None = None
     within: float = Field(gt=0)
     yaw_within: float = Field(default=math.pi, gt=0)
+    min_coverage: Share = 0.9
 
 
 class Separation(_Model):
     """Between the ego car's Odometry and the obstacles of a PoseArray, in one frame.
 
     `min_distance` in metres between the centres; `min_time_to_collision` in seconds at the present
-    speeds, for circles of `radius` metres each.
+    speeds, for circles of `radius` metres each. A pose or a scene older than `max_age` says nothing
+    of where things are.
     """
 
     ego: Topic
@@ -151,6 +188,8 @@ class Separation(_Model):
     radius: float = Field(default=1.5, gt=0)
     min_distance: float | None = Field(default=None, ge=0)
     min_time_to_collision: float | None = Field(default=None, gt=0)
+    max_age: Timeout = "1s"
+    min_coverage: Share = 0.9
 
     @model_validator(mode="after")
     def _some_bound(self) -> Self:
@@ -163,7 +202,10 @@ class Resources(_Model):
     """What the stack used: CPU seconds per second of the case, and the most memory, in bytes."""
 
     max_cpu: float | None = Field(default=None, gt=0)
-    max_memory: str | None = Field(default=None, pattern=r"^[0-9]+([.][0-9]+)?([kMGT]|[KMGT]i)?$")
+    max_memory: str | None = Field(
+        default=None, pattern=r"^[0-9]+([.][0-9]+)?([kMGT]|[KMGT]i)?$", max_length=32
+    )
+    min_coverage: Share = 0.9
 
     @model_validator(mode="after")
     def _some_bound(self) -> Self:
@@ -179,10 +221,13 @@ class OwnEvaluator(_Model):
     """
 
     config_map: str = Field(pattern=r"^[a-z0-9]([-a-z0-9.]*[a-z0-9])?$", max_length=253)
-    file: str = Field(default="evaluator.py", pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*\.py$")
-    function: str = Field(default="evaluate", pattern=r"^[A-Za-z_]\w*$")
+    file: str = Field(
+        default="evaluator.py", pattern=r"^[A-Za-z0-9_][A-Za-z0-9._-]*[.]py$", max_length=253
+    )
+    function: str = Field(default="evaluate", pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=128)
     topics: list[Topic] = Field(default=[], max_length=100)
-    timeout: Duration = "60s"
+    timeout: Timeout = "60s"
+    min_coverage: Share = 0.9
 
 
 KINDS = (

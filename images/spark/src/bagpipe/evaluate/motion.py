@@ -1,19 +1,43 @@
 """Criteria over moving things: distance to obstacles and time to collision."""
 
+import itertools
 import math
+from dataclasses import dataclass
 
 from bagpipe.evaluate.errors import pose_of
 from bagpipe.evaluate.evidence import Evidence, Sample
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
-from bagpipe.evaluate.limits import bounded
+from bagpipe.evaluate.fields import no_number
+from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
+from bagpipe.evaluate.limits import bounded, seconds
 from bagpipe.evaluate.model import Separation
+from bagpipe.evaluate.window import heard, samples
 
 Point = tuple[float, float]
+# Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it.
+Pair = tuple[int, Point, Point, Point]
 
 
 def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     """The least distance, or the least time to collision. Raises NoEvidenceError without both."""
-    pairs = _pairs(wanted, evidence)
+    met = _met(wanted, evidence)
+    finding = _odd(name, met, evidence) or _least(name, wanted, evidence, met.pairs)
+    return covering(
+        finding,
+        met.share,
+        f"{met.share:.0%} of the window, in which both are at most {wanted.max_age} old",
+        met.clock,
+        wanted.min_coverage,
+        lasting=True,
+        remedy="raise maxAge if they are said less often, or lower minCoverage",
+    )
+
+
+def _least(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair]) -> Finding:
+    if not pairs:
+        raise NoEvidenceError(
+            f"no obstacle was ever on {wanted.obstacles} while a pose on {wanted.ego} was at most"
+            f" {wanted.max_age} old"
+        )
     if wanted.min_distance is not None:
         distance, at = min((_distance(e, o), t) for t, e, o, _ in pairs)
         found = bounded(
@@ -33,22 +57,86 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     )
 
 
+def _odd(name: str, met: "Met", evidence: Evidence) -> Finding | None:
+    for what, points in (("the ego's pose", met.course), ("an obstacle's pose", met.obstacles)):
+        values = ((time, number) for time, point in points for number in point)
+        found = no_number(name, "separation", what, values, evidence.start)
+        if found is not None:
+            return found
+    return None
+
+
 def closest(wanted: Separation, evidence: Evidence) -> list[tuple[int, float]]:
     """Time in ns and metres to the nearest obstacle. Raises NoEvidenceError without both."""
     least: dict[int, float] = {}
-    for time, ego, obstacle, _ in _pairs(wanted, evidence):
+    for time, ego, obstacle, _ in _met(wanted, evidence).pairs:
         least[time] = min(least.get(time, math.inf), _distance(ego, obstacle))
     return sorted(least.items())
 
 
-def _pairs(wanted: Separation, evidence: Evidence) -> "list[tuple[int, Point, Point, Point]]":
-    ego = evidence.recorded.samples(wanted.ego)
-    obstacles = evidence.recorded.samples(wanted.obstacles)
-    course = [(sample.time, _ego_at(sample, wanted.ego)) for sample in ego]
-    scenes = [(sample.time, _points(sample, wanted.obstacles)) for sample in obstacles]
+@dataclass(frozen=True)
+class Met:
+    """Where ego and obstacles were at the same time, and in how much of the window."""
+
+    course: list[tuple[int, Point]]
+    obstacles: list[tuple[int, Point]]
+    pairs: list[Pair]
+    share: float
+    clock: Clock
+
+
+def _met(wanted: Separation, evidence: Evidence) -> Met:
+    heard_ego, heard_obstacles = heard(wanted.ego, evidence), heard(wanted.obstacles, evidence)
+    stamped = heard_ego.clock == heard_obstacles.clock == "header"
+    course = sorted(
+        (_when(sample, stamped), _ego_at(sample, wanted.ego))
+        for sample in samples(heard_ego, evidence)
+    )
+    scenes = sorted(
+        (_when(sample, stamped), _points(sample, wanted.obstacles))
+        for sample in samples(heard_obstacles, evidence)
+    )
     if not any(points for _, points in scenes):
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
-    return _paired(course, scenes)
+    age = int(seconds(wanted.max_age) * 1e9)
+    with_ego = _with_ego(course, scenes, age)
+    return Met(
+        course,
+        [(time, point) for time, points in scenes for point in points],
+        _paired(with_ego),
+        _share([time for time, _, _ in with_ego], age, evidence),
+        "header" if stamped else "receipt",
+    )
+
+
+def _when(sample: Sample, stamped: bool) -> int:
+    return (sample.stamp or 0) if stamped else sample.time
+
+
+def _with_ego(
+    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]], age: int
+) -> list[tuple[int, Point, list[Point]]]:
+    """The scenes with the ego's pose that was known then, or comes soon after the first ones;
+    without those at which it was too old.
+    """
+    found = []
+    at = 0
+    for time, points in scenes:
+        while at + 1 < len(course) and course[at + 1][0] <= time:
+            at += 1
+        if abs(time - course[at][0]) <= age:
+            found.append((time, course[at][1], points))
+    return found
+
+
+def _share(times: list[int], age: int, evidence: Evidence) -> float:
+    """The share of the window that is at most `age` after one of the times, or before the first."""
+    edges = [evidence.start, *(t for t in times if evidence.start <= t < evidence.end)]
+    length = evidence.end - evidence.start
+    if len(edges) == 1 or length <= 0:
+        return 0.0
+    gaps = [after - before for before, after in itertools.pairwise([*edges, evidence.end])]
+    return sum(min(gap, age) for gap in gaps) / length
 
 
 def _ego_at(sample: Sample, topic: str) -> Point:
@@ -69,21 +157,14 @@ def _points(sample: Sample, topic: str) -> list[Point]:
     return points
 
 
-def _paired(
-    course: list[tuple[int, Point]], scenes: list[tuple[int, list[Point]]]
-) -> "list[tuple[int, Point, Point, Point]]":
+def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
     """(time, ego, obstacle, closing velocity of the obstacle as the ego sees it), per obstacle.
 
-    Each scene meets the ego's pose that was known at its time; velocities come from the scene
-    before, where an obstacle keeps its place in the list.
+    Velocities come from the scene before, where an obstacle keeps its place in the list.
     """
     pairs = []
-    at = 0
     before: tuple[int, Point, list[Point]] | None = None
-    for time, points in scenes:
-        while at + 1 < len(course) and course[at + 1][0] <= time:
-            at += 1
-        ego = course[at][1]
+    for time, ego, points in scenes:
         for number, point in enumerate(points):
             velocity = (0.0, 0.0)
             if before is not None and number < len(before[2]) and time > before[0]:

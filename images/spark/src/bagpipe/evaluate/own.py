@@ -5,16 +5,18 @@ is as wide as its container otherwise, which has no right in the cluster.
 """
 
 import json
+import math
 import os
 import signal
 import subprocess
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
+from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import seconds
 from bagpipe.evaluate.model import OwnEvaluator
 
@@ -34,7 +36,7 @@ def own(name: str, wanted: OwnEvaluator, evidence: Evidence, folder: Path = EVAL
         request = _request(wanted, evidence, Path(scratch))
         command = [sys.executable, "-I", "-m", "bagpipe.evaluate.own_process", str(program)]
         answer = _answered(command, json.dumps(request), wanted)
-    return _finding(name, answer)
+    return _judged(_finding(name, answer), answer, wanted)
 
 
 def _request(wanted: OwnEvaluator, evidence: Evidence, scratch: Path) -> dict[str, Any]:
@@ -45,6 +47,7 @@ def _request(wanted: OwnEvaluator, evidence: Evidence, scratch: Path) -> dict[st
         "recording": str(recording),
         "start": evidence.start,
         "end": evidence.end,
+        "lead_in_start": evidence.lead_in_start,
         "values": evidence.values,
         "result": evidence.result,
         "topics": wanted.topics,
@@ -102,17 +105,45 @@ def _finding(name: str, answer: dict[str, Any]) -> Finding:
         raise NoEvidenceError(
             f"the evaluator's outcome is {str(outcome)[:100]!r}: return passed, failed or invalid"
         )
-    figure = answer.get("figure")
-    if figure is not None and (isinstance(figure, bool) or not isinstance(figure, int | float)):
-        raise NoEvidenceError("the evaluator's figure is no number")
     direction = answer.get("direction", "")
-    return Finding(
+    if direction not in {"lower", "higher", ""}:
+        raise NoEvidenceError(
+            f"the evaluator's direction is {str(direction)[:100]!r}: return lower or higher"
+        )
+    figure = _number(answer, "figure")
+    found = Finding(
         name,
         "own",
         outcome,
-        None if figure is None else float(figure),
+        figure,
         str(answer.get("unit", ""))[:32],
         str(answer.get("limit", ""))[:200],
-        direction if direction in {"lower", "higher"} else "",
+        direction,
         str(answer.get("message", ""))[:1000],
     )
+    if figure is None or math.isfinite(figure) or outcome == "invalid":
+        return found
+    message = f"the evaluator's figure is no finite number but {figure}"
+    return replace(found, outcome="failed", figure=None, message=message, instead="failed")
+
+
+def _judged(finding: Finding, answer: dict[str, Any], wanted: OwnEvaluator) -> Finding:
+    share = _number(answer, "coverage")
+    said = str(answer.get("covered", ""))[:200]
+    if share is None:
+        return covering(finding, None, said, "none", 0.0)
+    if not 0 <= share <= 1:
+        raise NoEvidenceError(f"the evaluator's coverage is {share:g}: return a share from 0 to 1")
+    return covering(finding, share, said or "what the evaluator says", "none", wanted.min_coverage)
+
+
+def _number(answer: dict[str, Any], key: str) -> float | None:
+    value = answer.get(key)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise NoEvidenceError(f"the evaluator's {key} is no number")
+    try:
+        return float(value)
+    except OverflowError:  # an integer of hundreds of digits
+        return math.inf

@@ -12,7 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from bagpipe.evaluate.evidence import Recording, Sample
+from bagpipe.evaluate.evidence import Evidence, Recording, Sample
+from bagpipe.evaluate.window import heard, samples
 
 _MOST_FILE_BYTES = 1 << 30
 
@@ -27,6 +28,13 @@ class CaseToJudge:
         self.result: dict[str, Any] = request["result"]
         path = Path(request["recording"])
         self._recording = Recording(path.read_bytes, self.start, None)
+        self._evidence = Evidence(
+            self._recording,
+            self._recording,
+            self.start,
+            self.end,
+            lead_in_start=request["lead_in_start"],
+        )
 
     @property
     def topics(self) -> list[str]:
@@ -34,8 +42,11 @@ class CaseToJudge:
         return self._recording.topics
 
     def messages(self, topic: str) -> list[Sample]:
-        """(time in ns, message) of a topic in the case's window; none is an empty list."""
-        return self._recording.samples(topic) if self._recording.times(topic) else []
+        """(time in ns, message) of a topic that belong to the case's window; none is an empty
+        list. Of what came after the window's end it is what is stamped in it.
+        """
+        found = heard(topic, self._evidence)
+        return samples(found, self._evidence) if found.answers else []
 
 
 def main() -> None:

@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
+from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Resources
 
@@ -17,16 +17,45 @@ _SUFFIXES = {
 def resources(name: str, wanted: Resources, evidence: Evidence) -> Finding:
     """CPU share or peak memory. Raises NoEvidenceError where the agent has measured nothing."""
     usage: dict[str, Any] = (evidence.result.get("stack") or {}).get("usage") or {}
+    share, said = _measured(usage, evidence)
+    finding = _used(name, wanted, usage)
+    return covering(
+        finding,
+        share,
+        said,
+        "none",
+        wanted.min_coverage,
+        # A peak stays one; what is used in a part says nothing of the whole.
+        lasting=finding.unit == "bytes",
+        remedy="the stack ended early, or lower minCoverage",
+    )
+
+
+def _measured(usage: dict[str, Any], evidence: Evidence) -> tuple[float, str]:
+    """How much of the play the stack was there for, in seconds of the clock on the wall."""
+    timings: dict[str, Any] = evidence.result.get("timings") or {}
+    there = float(usage.get("seconds") or 0.0)
+    whole = evidence.seconds
+    if "play" in timings:
+        whole = float(timings["play"])
+        there -= sum(float(timings.get(part) or 0.0) for part in ("subscribe", "lead_in"))
+    share = 1.0 if whole <= 0 else min(1.0, max(0.0, there / whole))
+    return share, f"{max(0.0, min(there, whole)):.1f} s of the {whole:.1f} s that were played"
+
+
+def _used(name: str, wanted: Resources, usage: dict[str, Any]) -> Finding:
     if wanted.max_cpu is not None:
         if not usage.get("seconds"):
             raise NoEvidenceError("the stack's CPU time was not measured in this case")
-        figure = usage["cpu_seconds"] / usage["seconds"]
         found = bounded(
-            Finding(name, "resources", "passed", figure, "CPUs", direction="lower"),
+            Finding(
+                name, "resources", "passed", usage["cpu_seconds"] / usage["seconds"], "CPUs",
+                direction="lower",
+            ),
             None,
             wanted.max_cpu,
             f"used over {usage['seconds']:.1f} s",
-        )
+        )  # fmt: skip
         if found.outcome == "failed" or wanted.max_memory is None:
             return found
     if not usage.get("peak_memory_bytes"):
@@ -43,5 +72,5 @@ def resources(name: str, wanted: Resources, evidence: Evidence) -> Finding:
 
 
 def _bytes(quantity: str) -> int:
-    found = re.fullmatch(r"([0-9]+(?:[.][0-9]+)?)([kMGT]i?|)", quantity)
+    found = re.fullmatch(r"([0-9]+(?:[.][0-9]+)?)([kMGT]|[KMGT]i|)", quantity)
     return int(float(found[1]) * _SUFFIXES[found[2]]) if found else 0

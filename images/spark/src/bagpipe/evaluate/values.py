@@ -1,34 +1,51 @@
 """Criteria over what messages say: bounds of a field, an expression over each message."""
 
+from typing import Any
+
 import cel
 
 from bagpipe.evaluate.evidence import Evidence
-from bagpipe.evaluate.fields import as_map, number_at
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
+from bagpipe.evaluate.fields import as_map, no_number, number_at
+from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, limits
 from bagpipe.evaluate.model import Expression, FieldBounds
+from bagpipe.evaluate.reads import number_below, paths_of
+from bagpipe.evaluate.window import Heard, heard, over_window, samples
 
 _FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
 
 
 def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
     """The value that is furthest out. Raises NoEvidenceError for a field that is not there."""
-    samples = evidence.recorded.samples(wanted.topic)
-    numbers = [(number_at(sample.message, wanted.field), sample.time) for sample in samples]
-    worst, at = max(numbers, key=lambda found: _excess(found[0], wanted.min, wanted.max))
-    when = (at - evidence.start) / 1e9
-    return bounded(
-        Finding(name, "bounds", "passed", worst),
-        wanted.min,
-        wanted.max,
-        f"{wanted.field} of {wanted.topic} at {when:.3f} s of {len(numbers)} messages",
-    )
+    found = heard(wanted.topic, evidence)
+    numbers = [
+        (sample.time, number_at(sample.message, wanted.field))
+        for sample in samples(found, evidence)
+    ]
+    what = f"{wanted.field} of {wanted.topic}"
+    finding = no_number(name, "bounds", what, numbers, evidence.start)
+    if finding is None:
+        at, worst = max(numbers, key=lambda pair: _excess(pair[1], wanted.min, wanted.max))
+        when = (at - evidence.start) / 1e9
+        finding = bounded(
+            Finding(name, "bounds", "passed", worst),
+            wanted.min,
+            wanted.max,
+            f"{what} at {when:.3f} s of {len(numbers)} messages",
+        )
+    return _covering(finding, found, evidence, wanted.min_coverage, lasting=True)
+
+
+def _covering(
+    finding: Finding, found: Heard, evidence: Evidence, least: float, *, lasting: bool
+) -> Finding:
+    share, said = over_window(found, evidence)
+    remedy = "of a topic that is silent on purpose lower minCoverage"
+    return covering(finding, share, said, found.clock, least, lasting=lasting, remedy=remedy)
 
 
 def _excess(value: float, least: float | None, most: float | None) -> float:
-    """How far a value is beyond its bounds; inside it is below zero, and NaN is furthest out."""
-    if value != value:  # noqa: PLR0124
-        return float("inf")
+    """How far a value is beyond its bounds; inside it is below zero."""
     below = least - value if least is not None else float("-inf")
     above = value - most if most is not None else float("-inf")
     return max(below, above)
@@ -37,36 +54,62 @@ def _excess(value: float, least: float | None, most: float | None) -> float:
 def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
     """The share of messages for which it holds. Raises NoEvidenceError where it can't be told."""
     program = compiled(wanted.holds)
-    samples = evidence.recorded.samples(wanted.topic)
+    found = heard(wanted.topic, evidence)
+    answers = [(s.time, as_map(s.message)) for s in samples(found, evidence)]
+    finding = _odd(name, wanted, answers, evidence.start)
+    if finding is None:
+        finding = _holds(name, wanted, program, answers, evidence)
+    return _covering(finding, found, evidence, wanted.min_coverage, lasting=wanted.share == 1.0)
+
+
+def _odd(
+    name: str, wanted: Expression, answers: list[tuple[int, Any]], start: int
+) -> Finding | None:
+    """Looked for before the expression is computed: CEL can't compare what is no number."""
+    read = paths_of(wanted.holds) if wanted.finite else []
+    numbers = [(at, number_below(message, path)) for at, message in answers for path in read]
+    what = f"what {wanted.holds} reads of {wanted.topic}"
+    return no_number(name, "expression", what, numbers, start)
+
+
+def _holds(
+    name: str,
+    wanted: Expression,
+    program: cel.Program,
+    answers: list[tuple[int, Any]],
+    evidence: Evidence,
+) -> Finding:
     held, first = 0, ""
-    for sample in samples:
-        seconds = (sample.time - evidence.start) / 1e9
-        known = {"msg": as_map(sample.message), "t": seconds, "case": evidence.values}
-        try:
-            answer = program.execute(known)
-        except _FAULTS as error:
-            said = str(error).splitlines()[0]
-            raise NoEvidenceError(f"{wanted.holds} can't be computed: {said}") from error
-        if not isinstance(answer, bool):
-            raise NoEvidenceError(
-                f"{wanted.holds} gives {answer!r} and neither true nor false: write a comparison"
-            )
+    for at, message in answers:
+        seconds = (at - evidence.start) / 1e9
+        answer = _answer(program, wanted, {"msg": message, "t": seconds, "case": evidence.values})
         held += answer
         if not answer and not first:
             first = f", first not at {seconds:.3f} s"
-    share = held / len(samples)
-    outcome = "passed" if share >= wanted.share else "failed"
-    message = f"{wanted.holds} holds for {held} of {len(samples)} messages on {wanted.topic}{first}"
+    share = held / len(answers)
     return Finding(
         name,
         "expression",
-        "passed" if outcome == "passed" else "failed",
+        "passed" if share >= wanted.share else "failed",
         share,
         "",
         limits(wanted.share, None, ""),
         "higher",
-        message,
+        f"{wanted.holds} holds for {held} of {len(answers)} messages on {wanted.topic}{first}",
     )
+
+
+def _answer(program: cel.Program, wanted: Expression, known: dict[str, Any]) -> bool:
+    try:
+        answer = program.execute(known)
+    except _FAULTS as error:
+        said = str(error).splitlines()[0]
+        raise NoEvidenceError(f"{wanted.holds} can't be computed: {said}") from error
+    if not isinstance(answer, bool):
+        raise NoEvidenceError(
+            f"{wanted.holds} gives {answer!r} and neither true nor false: write a comparison"
+        )
+    return answer
 
 
 def compiled(text: str) -> cel.Program:

@@ -19,6 +19,7 @@ from bagpipe.storage import Storage
 
 # A recording is at most 1 GiB of messages; its bag has some headers more.
 _MOST_RECORDED_BYTES = 5 << 28
+_NOTHING_SHOWN = {"NothingPlayed", "NothingRecorded", "NothingAnswered"}
 
 
 def judged_by_criteria(
@@ -31,14 +32,16 @@ def judged_by_criteria(
 ) -> tuple[Judgement, list[dict[str, Any]]]:
     """The verdict on a delivered case, and the findings behind it, as the results have them.
 
-    Without criteria the delivery alone is judged; a case in which nothing was played, or whose
-    stack has failed, is what it is whatever its criteria say.
+    Without criteria the delivery alone is judged; a case in which nothing was played or recorded,
+    or whose stack has failed, is what it is whatever its criteria say.
     """
     if not spec.evaluate or judgement.outcome in {"failed", "errored"}:
         return judgement, []
-    if judgement.reason in {"NothingPlayed", "NothingAnswered"}:
+    if judgement.reason in _NOTHING_SHOWN:
         return judgement, []
     evidence = Evidence(
+        # To the end of the drain: what of it belongs to the window is told by each criterion's
+        # clock (bagpipe.evaluate.window).
         recorded=Recording(
             lambda: storage.read_all(recorded, _MOST_RECORDED_BYTES), case.window.start, None
         ),
@@ -49,6 +52,8 @@ def judged_by_criteria(
         end=case.window.end,
         result=result,
         values=case.conditions.values,
+        lead_in_start=case.window.lead_in_start,
+        paced=spec.playback.mode != "max",
     )
     findings = evaluate(spec.evaluate, evidence)
     outcome, reason, message = verdict(findings)

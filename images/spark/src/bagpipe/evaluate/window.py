@@ -1,0 +1,185 @@
+"""Which messages belong to a case's window, by which clock, and how much of it they cover.
+
+The recorder goes on after the window's end, until the stack has answered. What comes then belongs
+to the input that it answers, which its stamp tells, or to nobody.
+"""
+
+import itertools
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from bagpipe.evaluate.evidence import Evidence, Received, Sample
+from bagpipe.evaluate.finding import Clock, NoEvidenceError
+
+_SECOND = 1_000_000_000
+# Nodes that keep a time as a floating-point number of seconds or of milliseconds round it.
+ROUNDING = 1_000_000
+# An answer to a latched map, or to a sensor that was slow, may be stamped before the play began.
+_LONGEST_BEFORE = 60 * _SECOND
+_DAY = 86_400 * _SECOND
+
+
+@dataclass(frozen=True)
+class Heard:
+    """The messages of one topic. `fault` says what is wrong with their stamps.
+
+    With the clock `header` all of them have stamps that can be true.
+    """
+
+    topic: str
+    inside: list[Received]  # received in the window
+    late: list[Received]  # received after its end, and stamped in it, each stamp once
+    others: list[Received]  # received after its end, and nobody's
+    clock: Clock
+    fault: str
+
+    @property
+    def answers(self) -> list[Received]:
+        """All that belong to the window, in the order of their receipt."""
+        return self.inside + self.late
+
+    @property
+    def latching(self) -> bool:
+        """Whether the last message holds until the next, however long that takes."""
+        return bool(self.answers) and all(each.connection.latching for each in self.answers)
+
+
+def heard(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> Heard:
+    """The messages of a recorded topic; none is an empty answer.
+
+    `ahead` is how many ns a stamp may be later than its message's receipt.
+    """
+    received = evidence.recorded.received(topic)
+    inside = [each for each in received if each.time < evidence.end]
+    after = [each for each in received if each.time >= evidence.end]
+    fault = stamp_fault(topic, received, evidence, ahead)
+    if fault or not received or any(each.stamp is None for each in received):
+        return Heard(topic, inside, [], after, "receipt", fault)
+    # Without a lead-in there is nothing else that an older stamp could belong to.
+    begin = evidence.start if evidence.led_in else evidence.start - _LONGEST_BEFORE
+    known = {each.stamp for each in inside}
+    late, others = [], []
+    for each in after:
+        if each.stamp not in known and begin <= (each.stamp or 0) < evidence.end:
+            late.append(each)
+            known.add(each.stamp)
+        else:
+            others.append(each)
+    return Heard(topic, inside, late, others, "header", "")
+
+
+def samples(found: Heard, evidence: Evidence) -> list[Sample]:
+    """The decoded messages that belong to the window, in the order of their receipt.
+
+    Raises NoEvidenceError where there is none or one can't be decoded.
+    """
+    decoded = evidence.recorded.samples(found.topic)
+    answers = {id(each) for each in found.answers}
+    received = evidence.recorded.received(found.topic)
+    chosen = [sample for sample, each in zip(decoded, received, strict=True) if id(each) in answers]
+    if not chosen:
+        raise NoEvidenceError(
+            f"no message on {found.topic} belongs to the case's window: all {len(received)} came"
+            f" after its end, {'with stamps outside of it' if found.clock == 'header' else ''}"
+            f"{'' if found.clock == 'header' else 'and no stamp tells what they answer'}"
+        )
+    return chosen
+
+
+def stamp_fault(
+    topic: str, received: Sequence[Received], evidence: Evidence, ahead: int = ROUNDING
+) -> str:
+    """A sentence where stamps can't be times of this recording; else nothing."""
+    begin = evidence.start if evidence.lead_in_start is None else evidence.lead_in_start
+    stamped = [(each.time, each.stamp) for each in received if each.stamp is not None]
+    # A simulated drive may begin with second 0.
+    empty = sum(1 for _, stamp in stamped if stamp == 0 and begin >= _SECOND)
+    if empty:
+        return f"{empty} messages on {topic} have an empty header.stamp"
+    future = [(time, stamp) for time, stamp in stamped if stamp > time + ahead]
+    if future:
+        time, stamp = future[0]
+        return (
+            f"{len(future)} of {len(stamped)} messages on {topic} are stamped later than they"
+            f" came, the first at {_since(time, evidence)} by {_length(stamp - time)}: is"
+            " /use_sim_time set for the node, and does it stamp with ROS time or its input's"
+            " stamp? Else it stamps with this machine's clock"
+        )
+    past = [(time, stamp) for time, stamp in stamped if stamp < begin - _LONGEST_BEFORE]
+    if past:
+        time, stamp = past[0]
+        return (
+            f"{len(past)} of {len(stamped)} messages on {topic} have stamps from before the"
+            f" recording, the first at {_since(time, evidence)} by {_length(begin - stamp)}: is"
+            " /use_sim_time set for the node, and does its clock run forward?"
+        )
+    return ""
+
+
+def backward(received: Sequence[Received]) -> str:
+    """A hint where stamps stand still or go back while messages come."""
+    stamps = [each.stamp for each in received if each.stamp is not None]
+    if len(stamps) < 3:
+        return ""
+    back = sum(1 for a, b in itertools.pairwise(stamps) if b < a)
+    still = sum(1 for a, b in itertools.pairwise(stamps) if b == a)
+    steps = len(stamps) - 1
+    if still > steps / 2:
+        return f"{still} of {steps} times its stamp stands still: does /clock reach the node?"
+    if back > steps / 2:
+        return (
+            f"{back} of {steps} times its stamp goes back: does the node's clock run backward, or"
+            " is /use_sim_time not set?"
+        )
+    return ""
+
+
+def times_of(found: Heard) -> list[int]:
+    """When the messages are, by the topic's clock."""
+    if found.clock == "header":
+        return [each.stamp or 0 for each in found.answers]
+    return [each.time for each in found.answers]
+
+
+def spread(times: Iterable[int], evidence: Evidence, usual: float = 0.0) -> float:
+    """The share of the window that messages speak for: all of it but the longest silence.
+
+    A silence counts as far as it is longer than the usual time between two messages, and than
+    `usual` ns.
+    """
+    inside = sorted(time for time in times if evidence.start <= time < evidence.end)
+    length = evidence.end - evidence.start
+    if not inside or length <= 0:
+        return 0.0
+    gaps = [after - before for before, after in itertools.pairwise(inside)]
+    if gaps:
+        usual = max(usual, statistics.median(gaps))
+    edges = (inside[0] - evidence.start, evidence.end - inside[-1])
+    longest = max(*edges, *gaps)
+    return 1.0 - min(1.0, max(0.0, longest - usual - ROUNDING) / length)
+
+
+def over_window(found: Heard, evidence: Evidence) -> tuple[float | None, str]:
+    """How much of the window a topic's messages speak for, as a share and in words."""
+    times = times_of(found)
+    if found.latching and times:
+        held = evidence.end - max(min(times), evidence.start)
+        share = min(1.0, max(0.0, held / max(1, evidence.end - evidence.start)))
+        return share, f"{len(times)} latched messages, in force for {share:.0%} of the window"
+    if found.clock == "receipt" and not evidence.paced:
+        # Bag time runs ahead of the stack: when a message came tells nothing of what it covers.
+        return None, f"{len(times)} messages, whose times mode max leaves open"
+    share = spread(times, evidence)
+    said = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
+    return share, said
+
+
+def _since(time: int, evidence: Evidence) -> str:
+    return f"{(time - evidence.start) / 1e9:.3f} s"
+
+
+def _length(span: int) -> str:
+    if span >= 2 * _DAY:
+        return f"{span / _DAY:,.0f} days"
+    return f"{span / 1e9:.3f} s"
