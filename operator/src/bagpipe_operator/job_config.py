@@ -83,12 +83,17 @@ def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Sett
     """job.json: all that the driver knows of its job."""
     earlier = job.status.get("resumedFrom")
     resumed = {"resume": earlier} if spec.resume_from and earlier else {}
-    return resumed | {
-        "name": job.name,
-        "namespace": job.namespace,
-        "uid": job.uid,
-        "attempt": attempt,
-        "spec": plain_spec(job.spec),
-        "images": {"spark": settings.spark_image, "agent": settings.agent_image},
-        "volumes": claim_paths(spec),
-    }
+    return (
+        resumed
+        | job.marks
+        | {
+            "created": job.created,
+            "name": job.name,
+            "namespace": job.namespace,
+            "uid": job.uid,
+            "attempt": attempt,
+            "spec": plain_spec(job.spec),
+            "images": {"spark": settings.spark_image, "agent": settings.agent_image},
+            "volumes": claim_paths(spec),
+        }
+    )

@@ -11,6 +11,7 @@ from datetime import datetime
 from functools import cached_property
 from typing import Any
 
+from bagpipe.marks import marks_of
 from bagpipe_operator import names
 
 Json = dict[str, Any]
@@ -174,6 +175,8 @@ class JobView:
     spec: Json = field(default_factory=dict)
     status: Json = field(default_factory=dict)
     created: str = ""  # as the API server writes it
+    # `labels` and `annotations`, as far as results keep them
+    marks: Json = field(default_factory=dict)
 
     @cached_property
     def finished(self) -> bool:
@@ -205,6 +208,7 @@ class JobView:
             spec=job.get("spec") or {},
             status=job.get("status") or {},
             created=str(meta.get("creationTimestamp") or ""),
+            marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
         )
 
 

@@ -107,3 +107,16 @@ def test_a_driver_says_whose_it_is() -> None:
         (("uid-of-y", 2), False),
     ]:
         assert understood.is_of(*whose) is believed
+
+
+def test_a_driver_is_told_what_the_user_wrote_on_the_job() -> None:
+    made = make_job("x")
+    made.object["metadata"] |= {
+        "creationTimestamp": "2026-11-20T04:00:00Z",
+        "labels": {"branch": "main"},
+        "annotations": {"sim.bagpipe.io/commit": "0c1f", "example.com/token": "not ours"},
+    }
+    job = made.view()
+    told = JobFile.model_validate(job_file(job, read_spec(job), 1, Settings()))
+    assert (told.labels, told.created) == ({"branch": "main"}, "2026-11-20T04:00:00Z")
+    assert told.annotations == {"sim.bagpipe.io/commit": "0c1f"}

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagpipe.report.junit import JUnitWriter
+from bagpipe.report.junit import kept, write_junit
 from bagpipe.report.table import SCHEMA, TableWriter
 from tests.unit.bagpipe.jobs import make_row
 
@@ -21,13 +21,25 @@ FAILED = {
     "covered": "of the whole window", "clock": "receipt",
 }  # fmt: skip
 
+MANIFEST = {
+    "job": {"name": "nightly", "namespace": "lab", "uid": "u"},
+    "counts": {"discarded": 3},
+    "provenance": {
+        "bagpipe": "0.1.0", "agents": ["bagpipe-agent 0.1.0"],
+        "labels": {"branch": "main"}, "annotations": {"sim.bagpipe.io/commit": "0c1f"},
+        "began": "2026-11-21T04:00:00Z", "ended": "2026-11-21T04:10:00Z", "seconds": 600.0,
+        "images": [{"container": "stack", "image": "lane:1", "digest": "lane@sha256:aa",
+                    "pods": 2}],
+        "machines": [{"cpu": "EPYC", "arch": "x86_64", "kernel": "6.1", "cpus": 8, "cases": 4,
+                      "names": ["node-1"]}],
+        "seeds": [0, 1], "discarded": {"MachineBusy": 3},
+    },
+}  # fmt: skip
+
 
 def junit(*rows: dict[str, Any]) -> ET.Element:
     file = io.BytesIO()
-    writer = JUnitWriter(file, "nightly")
-    for row in rows:
-        writer.add(row)
-    writer.finish()
+    write_junit(file, MANIFEST, [kept(row) for row in rows])
     return ET.fromstring(file.getvalue())  # noqa: S314  our own text
 
 
@@ -42,6 +54,9 @@ def test_each_variant_is_a_suite_and_each_case_a_test() -> None:
     cases = {case.get("name"): case for case in root.iter("testcase")}
     assert list(cases) == ["a-0000", "a-0001", "a-0002", "a-0003"]
     assert (cases["a-0000"].get("time"), len(cases["a-0000"])) == ("2.500", 0)
+    assert [[s.get(k) for k in ("tests", "failures", "errors", "time")] for s in root] == [
+        ["2", "1", "0", "2.500"], ["2", "0", "2", "0.000"],
+    ]  # fmt: skip
     failure = cases["a-0001"].find("failure")
     assert failure is not None
     assert (failure.get("type"), failure.get("message")) == ("CriterionFailed", "why a-0001")
@@ -49,6 +64,26 @@ def test_each_variant_is_a_suite_and_each_case_a_test() -> None:
     for name in ("a-0002", "a-0003"):
         assert cases[name].find("error") is not None
     assert cases["a-0003"].findtext("system-out") == "stderr: a < b"
+
+
+def test_where_the_results_come_from_is_a_property_of_each_suite() -> None:
+    busy = {"reason": "MachineBusy", "message": "late by 80 ms", "seconds": 5.25}
+    root = junit(make_row("a", discarded=[busy, "AgentDied"]), make_row("b", variant="pr-812"))
+    for suite in root:
+        assert suite.get("timestamp") == "2026-11-21T04:00:00"
+        facts = {p.get("name"): p.get("value") for p in suite.findall("properties/property")}
+        assert facts == {
+            "label branch": "main", "sim.bagpipe.io/commit": "0c1f",
+            "began": "2026-11-21T04:00:00Z", "ended": "2026-11-21T04:10:00Z", "seconds": "600.0",
+            "bagpipe": "0.1.0", "agent": "bagpipe-agent 0.1.0",
+            "image stack": "lane:1 = lane@sha256:aa (2 pods)",
+            "machine": "EPYC, 8 processors, x86_64, Linux 6.1: 4 cases on node-1",
+            "seeds": "0, 1", "discarded MachineBusy": "3", "discarded runs": "3",
+        }  # fmt: skip
+    told = root.findall("testsuite/testcase[@name='a']/properties/property")
+    assert [(each.get("name"), each.get("value")) for each in told] == [
+        ("discarded", "MachineBusy after 5.2 s: late by 80 ms"), ("discarded", "AgentDied"),
+    ]  # fmt: skip
 
 
 def test_a_job_without_cases_is_a_document_still() -> None:

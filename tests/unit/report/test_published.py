@@ -6,7 +6,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 
+from bagpipe.cli.__main__ import main
 from bagpipe.cli.manifest import read_job
 from bagpipe.compare.compare import Comparison
 from bagpipe.driver.artefacts import in_short
@@ -37,6 +39,21 @@ def test_every_form_holds_every_case(tmp_path: Path) -> None:
     assert pq.read_table(folder / "results.parquet")["case"].to_pylist() == ["a-0000", "a-0001"]
     assert (folder / "junit.xml").read_text().count("<testcase ") == 2
     assert not (folder / "comparison.json").exists()
+
+
+def test_results_writes_the_very_junit_file_that_the_driver_wrote(tmp_path: Path) -> None:
+    rows = [
+        make_row("a-0000", variant="pr-812", seconds=2.5, discarded=["AgentDied"], attempts=2),
+        make_row("a-0001", "failed", "StackCrashed", variant="pr-812", stderr=["boom"]),
+        make_row("a-0002", variant="released"),
+    ]
+    folder = publish(tmp_path, rows)
+    again = tmp_path / "again.xml"
+    ended = CliRunner().invoke(main, ["results", str(folder), "--junit", str(again)])
+    assert ended.exit_code == 1, ended.output
+    assert again.read_bytes() == (folder / "junit.xml").read_bytes()
+    assert b'time="2.500"' in again.read_bytes()
+    assert b"stderr: boom" in again.read_bytes()
 
 
 def test_variants_are_compared(tmp_path: Path) -> None:
@@ -145,7 +162,7 @@ FORMS = ["job.json", "junit.xml", "report.html", "results.parquet"]
     [
         ("bagpipe.report.table.TableWriter.__init__", {"results.parquet"}),
         ("bagpipe.report.table.TableWriter.add", {"results.parquet"}),
-        ("bagpipe.report.junit.JUnitWriter.finish", {"junit.xml"}),
+        ("bagpipe.driver.artefacts.write_junit", {"junit.xml"}),
         ("bagpipe.report.html.Report.add", {"report.html"}),
         ("bagpipe.driver.artefacts.job_manifest", {"job.json"}),
         ("tempfile.TemporaryDirectory.__init__", {"results.parquet", "junit.xml"}),

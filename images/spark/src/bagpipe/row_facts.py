@@ -25,6 +25,14 @@ def discarded_runs(row: Row) -> list[dict[str, Any]]:
     ]
 
 
+def run_words(run: Mapping[str, Any]) -> str:
+    """A discarded run in one line, for all who tell it."""
+    seconds = run.get("seconds")
+    after = f" after {seconds:.1f} s" if isinstance(seconds, int | float) else ""
+    message = f": {run['message']}" if run.get("message") else ""
+    return f"{run['reason']}{after}{message}"
+
+
 def discarded_count(row: Row) -> int:
     """How many runs do not count: tries of its last start, and starts before that one."""
     return max(0, int(row["attempts"]) - 1) + max(0, int(row.get("starts", 1)) - 1)

@@ -374,6 +374,10 @@ class JobFile(_Model):
     images: Images
     volumes: dict[str, str] = {}
     resume: EarlierResults | None = None
+    # What the job's object says of itself, and when it was created: for the record alone.
+    labels: dict[str, str] = {}
+    annotations: dict[str, str] = {}
+    created: str = ""
     # Where the results are kept, if not below spec.output.uri: `bagpipe run` has a folder.
     results: str = ""
 

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
+from bagpipe.marks import marks_of
 from bagpipe.spec import SimulationJobSpec
 
 API_GROUP = "sim.bagpipe.io/"
@@ -32,6 +33,15 @@ def read_job(path: Path) -> tuple[str, SimulationJobSpec]:
         return name, SimulationJobSpec.model_validate(job.get("spec") or {})
     except ValidationError as error:
         raise ManifestError("\n".join(_sentences(path, error))) from error
+
+
+def read_marks(path: Path) -> dict[str, dict[str, str]]:
+    """The `labels` and `annotations` of the one SimulationJob in a file, as results keep them.
+
+    Raises ManifestError.
+    """
+    metadata = _metadata(path, _only_job(path)[0])
+    return marks_of(metadata.get("labels") or {}, metadata.get("annotations") or {})
 
 
 def read_object(path: Path) -> tuple[dict[str, Any], int]:

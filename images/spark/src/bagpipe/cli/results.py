@@ -18,7 +18,7 @@ from bagpipe.cli.places import (
     told,
     volume_option,
 )
-from bagpipe.report.junit import JUnitWriter
+from bagpipe.report.junit import kept, write_junit
 from bagpipe.report.stored import StoredResults
 from bagpipe.storage import StorageError
 
@@ -63,7 +63,7 @@ def results_command(
         stored = results_of(place, where, folders(volumes))
         found = describe(stored, failed)
         if junit is not None:
-            _write_junit(stored, str(found["job"]["name"]), junit)
+            _write_junit(stored, junit)
     except StorageError as error:
         raise RefusedError(str(error)) from error
     tell(found, output)
@@ -102,15 +102,12 @@ def _figures(row: dict[str, Any]) -> list[dict[str, Any]]:
     ]
 
 
-def _write_junit(stored: StoredResults, job: str, target: Path) -> None:
-    """All cases, those of each variant together. Raises StorageError and RefusedError."""
-    rows = sorted(stored.rows(), key=lambda row: str(row.get("variant") or ""))
+def _write_junit(stored: StoredResults, target: Path) -> None:
+    """All cases, as the job's own junit.xml has them. Raises StorageError and RefusedError."""
+    manifest, rows = stored.manifest(), [kept(row) for row in stored.rows()]
     try:
         with target.open("wb") as file:
-            writer = JUnitWriter(file, job)
-            for row in rows:
-                writer.add(row)
-            writer.finish()
+            write_junit(file, manifest, rows)
     except OSError as error:
         raise RefusedError(f"{target} can't be written: {error.strerror}") from error
 

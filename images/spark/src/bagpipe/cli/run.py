@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from bagpipe.cli.here import Machine, notes, of_variants, refusals
-from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job
+from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job, read_marks
 from bagpipe.cli.places import (
     RefusedError,
     file_uri,
@@ -117,6 +117,7 @@ def run_command(manifest: Path, **given: Any) -> None:
 
 def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     name, whole = read_job(manifest)
+    marks = read_marks(manifest)
     spec = of_variants(whole, wanted.variants)
     volumes = folders(wanted.volumes)
     folder = wanted.results or Path("bagpipe-results", name)
@@ -135,6 +136,8 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
         images=Images(spark="none", agent="none"),
         volumes=volumes,
         results=file_uri(folder),
+        labels=marks["labels"],
+        annotations=marks["annotations"],
     )
     with Showing(console, slots) as showing:
         told = run_here(job, agent, slots, wanted.cases, folder, showing.show)

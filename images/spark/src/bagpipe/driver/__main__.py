@@ -21,6 +21,7 @@ from bagpipe.driver.earlier import CannotResumeError, passed_rows
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.metrics import DriverMetrics
+from bagpipe.driver.own_pods import Looking, Seen, pods_of
 from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
@@ -124,13 +125,16 @@ def ended(progress: Progress, work: Callable[[], bool]) -> bool:
 class Cluster:
     """Where a job's cases run: in executors of Kubernetes. Another place overrides this."""
 
+    def __init__(self) -> None:
+        self.seen = Seen()
+
     def planned(self, job: JobFile, storage: Storage) -> Plan:
         """The cases that are to run. Raises MatrixError and NoCaseError."""
         return plan(job.spec, storage)
 
     def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
         """Run the cases; their rows go to the keeper."""
-        _simulate(job, cases, keeper)
+        _simulate(job, cases, keeper, self.seen)
 
 
 def run(
@@ -177,7 +181,8 @@ def run(
         if keeper.stop is not None and not keeper.stop.final:
             progress.finish()
             return _unfinished(results, journal, progress)
-        manifest = patiently(lambda: results.commit(rows, progress, journal.driver), progress)
+        commit = partial(results.commit, rows, progress, journal.driver, place.seen)
+        manifest = patiently(commit, progress)
         ours = manifest["driver"] == journal.driver
         publish = partial(results.publish, manifest, rows.rows if ours else journal.rows, journal)
         progress.compared(patiently(publish, progress))
@@ -212,7 +217,7 @@ def _unfinished(results: Results, journal: Journal, progress: Progress) -> bool:
     return manifest is not None and _adopted(results, manifest, journal, progress)
 
 
-def _simulate(job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+def _simulate(job: JobFile, cases: list[Case], keeper: Keeper, seen: Seen) -> None:
     pod = DriverPod(
         name=os.environ["BAGPIPE_POD_NAME"],
         namespace=os.environ["BAGPIPE_NAMESPACE"],
@@ -228,7 +233,8 @@ def _simulate(job: JobFile, cases: list[Case], keeper: Keeper) -> None:
     )
     spark = SparkContext(conf=SparkConf().setAll(list(settings.items())))
     try:
-        simulate(spark, cases, context, keeper)
+        with Looking(partial(pods_of, pod.namespace, job.uid), seen):
+            simulate(spark, cases, context, keeper)
     finally:
         spark.stop()
 

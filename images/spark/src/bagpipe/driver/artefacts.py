@@ -12,12 +12,13 @@ import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import Any, Self
 
 from bagpipe.compare.compare import compare
 from bagpipe.driver.baseline import baseline_rows
+from bagpipe.marks import PROVENANCE
 from bagpipe.report.html import Report
-from bagpipe.report.junit import JUnitWriter
+from bagpipe.report.junit import kept, write_junit
 from bagpipe.report.table import TableWriter
 from bagpipe.run.case_run import Row
 from bagpipe.spec import JobFile
@@ -47,11 +48,11 @@ class Artefacts:
         self._given_up: set[str] = set()
         self._open = contextlib.ExitStack()
         self._rows: list[Row] = []
+        self._tests: list[dict[str, Any]] = []
         self._report = Report(job.spec, folder)
         self._scratch = Path()
         self._tried(_SCRATCH, self._begin)
         self._tried(TABLE, self._begin_table)
-        self._tried(JUNIT, self._begin_junit)
 
     def __enter__(self) -> Self:
         return self
@@ -67,6 +68,7 @@ class Artefacts:
     def add(self, row: Row) -> None:
         """One row that counts."""
         self._tried(TABLE, lambda: self._table.add(row))
+        self._tried(JUNIT, lambda: self._tests.append(kept(row)))
         self._tried(REPORT, lambda: self._report.add(row))
         self._rows.append({key: row.get(key) for key in _COMPARED} | {"criteria": _figures(row)})
 
@@ -74,8 +76,8 @@ class Artefacts:
         """Write everything below the results; what the comparisons say. Raises StorageError."""
         compared: list[dict[str, Any]] = []
         self._tried(TABLE, self._store_table)
-        self._tried(JUNIT, self._store_junit)
-        self._tried(JOB, lambda: self._put(JOB, _json(job_manifest(self._job))))
+        self._tried(JUNIT, lambda: self._store_junit(manifest))
+        self._tried(JOB, lambda: self._put(JOB, _json(job_manifest(self._job, manifest))))
         self._tried(COMPARISONS, lambda: compared.extend(self._compare()))
         self._tried(REPORT, lambda: self._put(REPORT, self._report.html(manifest, compared)))
         return compared
@@ -99,21 +101,13 @@ class Artefacts:
     def _begin_table(self) -> None:
         self._table = TableWriter(self._scratch / TABLE)
 
-    def _begin_junit(self) -> None:
-        file = (self._scratch / JUNIT).open("wb")
-        self._open.callback(_close, file)
-        self._junit_file = file
-        self._junit = JUnitWriter(file, self._job.name)
-
     def _store_table(self) -> None:
         self._table.finish()
         self._put_scratch(TABLE)
 
-    def _store_junit(self) -> None:
-        for row in sorted(self._rows, key=lambda row: row["variant"] or ""):
-            self._junit.add(row)
-        self._junit.finish()
-        self._junit_file.flush()
+    def _store_junit(self, manifest: Mapping[str, Any]) -> None:
+        with (self._scratch / JUNIT).open("wb") as file:
+            write_junit(file, manifest, self._tests)
         self._put_scratch(JUNIT)
 
     def _put_scratch(self, name: str) -> None:
@@ -141,12 +135,22 @@ class Artefacts:
         return found
 
 
-def job_manifest(job: JobFile) -> dict[str, Any]:
-    """The job as it ran, as a manifest that `bagpipe plan` and `bagpipe replay` read."""
+def job_manifest(job: JobFile, manifest: Mapping[str, Any]) -> dict[str, Any]:
+    """The job as it ran, as a manifest that kubectl, `bagpipe plan` and `bagpipe replay` read.
+
+    Where its results come from is an annotation: no field of a SimulationJob is for it.
+    """
+    provenance = json.dumps(manifest.get("provenance") or {}, sort_keys=True)
     return {
         "apiVersion": "sim.bagpipe.io/v1alpha1",
         "kind": "SimulationJob",
-        "metadata": {"name": job.name, "namespace": job.namespace, "uid": job.uid},
+        "metadata": {
+            "name": job.name,
+            "namespace": job.namespace,
+            "uid": job.uid,
+            "labels": job.labels,
+            "annotations": job.annotations | {PROVENANCE: provenance},
+        },
         "spec": job.spec.model_dump(mode="json", by_alias=True, exclude_defaults=True),
     }
 
@@ -167,12 +171,6 @@ def _figures(row: Row) -> list[dict[str, Any]]:
 
 def _json(document: Mapping[str, Any]) -> bytes:
     return json.dumps(document, indent=1).encode()
-
-
-def _close(file: IO[bytes]) -> None:
-    """What a full disk has not taken belongs to a file that was given up."""
-    with contextlib.suppress(OSError):
-        file.close()
 
 
 def _pieces(path: Path) -> Iterator[bytes]:

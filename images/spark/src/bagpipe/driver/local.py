@@ -43,6 +43,7 @@ class ThisMachine(Cluster):
     """Cases in Python workers of a local Spark, beside one agent with as many slots."""
 
     def __init__(self, shared: str, slots: int, wanted: Sequence[str]) -> None:
+        super().__init__()
         self._shared = shared
         self._slots = slots
         self._wanted = wanted

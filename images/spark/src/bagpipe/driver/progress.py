@@ -2,6 +2,7 @@
 
 import json
 import threading
+import time
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -29,6 +30,9 @@ class Progress:
     planned: int = 0
     running: int = 0
     verdict: str = ""
+    # Seconds since 1970: when this driver began, and when it first saw the job at its end.
+    began: float = field(default_factory=time.time)
+    ended: float | None = None
     _outcomes: Counter[str] = field(default_factory=Counter)
     _ledger: Counter[str] = field(default_factory=Counter)
     _failures: list[dict[str, str]] = field(default_factory=list)
@@ -87,6 +91,7 @@ class Progress:
         """Decide how the job ended; True when it is Complete."""
         with self._lock:
             self.running, self.warning = 0, ""
+            self.ended = self.ended or time.time()
             errored = self._outcomes["errored"]
             done = self._done()
             if self._stopped is not None:

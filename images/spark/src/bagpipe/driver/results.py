@@ -13,7 +13,9 @@ from typing import Any
 
 from bagpipe.driver.artefacts import COMPARISONS, Artefacts, in_short
 from bagpipe.driver.journal import Journal
+from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
+from bagpipe.driver.provenance import discarded_of, provenance_of
 from bagpipe.driver.row_file import RowFile
 from bagpipe.report.stored import StoredResults
 from bagpipe.row_facts import counts_of
@@ -63,7 +65,9 @@ class Results:
             raise StorageError(f"{uri} is no JSON: {error}") from error
         return manifest | {"counts": counts_of(manifest)}
 
-    def commit(self, rows: RowFile, progress: Progress, driver: str) -> Manifest:
+    def commit(
+        self, rows: RowFile, progress: Progress, driver: str, seen: Seen | None = None
+    ) -> Manifest:
         """Put the manifest, unless another driver has; the one that counts is returned."""
         progress.finish()
         snapshot = progress.snapshot()
@@ -79,6 +83,9 @@ class Results:
             "counts": snapshot["cases"],
             "ledger": snapshot["ledger"],
             "failures": snapshot["failures"],
+            "provenance": provenance_of(
+                self.job, rows.rows(), seen or Seen(), (progress.began, progress.ended or 0.0)
+            ),
             "cases": [_manifest_entry(row) for row in rows.rows()],
         }
         data = json.dumps(manifest, indent=1).encode()
@@ -153,6 +160,5 @@ def _key(row: Row) -> tuple[str, ...]:
 
 
 def _manifest_entry(row: Row) -> dict[str, Any]:
-    return {
-        key: row.get(key) for key in ("case", "outcome", "reason", "recorded", "attempts", "starts")
-    }
+    keys = ("case", "outcome", "reason", "recorded", "attempts", "starts")
+    return {key: row.get(key) for key in keys} | {"discarded": discarded_of(row)}

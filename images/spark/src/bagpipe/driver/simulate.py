@@ -14,6 +14,7 @@ from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
 from bagpipe.plan.cases import Case
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
+from bagpipe.run.ran_on import ran_on
 
 log = logging.getLogger(__name__)
 
@@ -99,7 +100,8 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
                 lost = lost_row(case, before)
                 finished.add([given_up(lost, task.stageId(), task.partitionId())])
             else:
-                finished.add([run_case(case, shared_context.value, before + 1)])
+                row = run_case(case, shared_context.value, before + 1)
+                finished.add([row | {"ran_on": ran_on()}])
 
     def new_rows() -> list[Row]:
         # Spark's thread only appends, so the first rows are ours to take.

@@ -1,58 +1,89 @@
 """JUnit XML, as CI systems read it: a suite per variant, a test case per case.
 
-A case without enough evidence is an error there: what JUnit calls skipped would look green.
-Written line by line, whatever the number of cases.
+A case without enough evidence is an error there: what JUnit calls skipped would look green. The
+driver and `bagpipe results --junit` write the same file, by the one function here.
 """
 
+import itertools
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import IO, Any
 from xml.sax.saxutils import escape, quoteattr
+
+from bagpipe.report.provenance import facts_of
+from bagpipe.row_facts import discarded_runs, run_words
 
 Row = Mapping[str, Any]
 
 # XML 1.0 has no place for these, escaped or not.
 _UNWRITABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+_KEPT = (
+    "case", "fragment", "variant", "outcome", "reason", "message", "seconds", "stderr",
+    "attempts", "starts",
+)  # fmt: skip
+_ELEMENTS = {"passed": "", "failed": "failure"}
 
 
-class JUnitWriter:
-    """Writes rows in the order in which they come; all of one variant belong together."""
+def kept(row: Row) -> dict[str, Any]:
+    """What of a row is written: some hundred bytes, so that all can be sorted by variant."""
+    return {key: row.get(key) for key in _KEPT} | {
+        "discarded": [run_words(run) for run in discarded_runs(row)],
+        "criteria": [
+            {key: finding.get(key) for key in ("name", "outcome", "message")}
+            for finding in row.get("criteria") or []
+        ],
+    }
 
-    def __init__(self, file: IO[bytes], job: str) -> None:
-        self._file = file
-        self._job = job
-        self._suite: str | None = None
-        self._write(f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name={_quoted(job)}>\n')
 
-    def add(self, row: Row) -> None:
-        """One case."""
-        suite = row.get("variant") or self._job
-        if suite != self._suite:
-            self._end_suite()
-            self._suite = suite
-            self._write(f"<testsuite name={_quoted(suite)}>\n")
-        seconds = float(row.get("seconds") or 0.0)
-        self._write(
-            f"<testcase name={_quoted(row['case'])}"
-            f' classname={_quoted(row.get("fragment") or self._job)} time="{seconds:.3f}">'
-            f"{_verdict(row)}{_figures(row)}</testcase>\n"
-        )
+def write_junit(file: IO[bytes], manifest: Mapping[str, Any], rows: Iterable[Row]) -> None:
+    """All cases, as `kept` gives them; those of each variant together."""
+    job = str(manifest["job"]["name"])
+    ordered = sorted(rows, key=lambda row: str(row.get("variant") or ""))
+    # Where the results come from is said of every suite: readers of one suite see no other.
+    facts = [*facts_of(manifest), ("discarded runs", str(manifest["counts"]["discarded"]))]
+    _write(file, f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name={_quoted(job)}>\n')
+    for suite, cases in itertools.groupby(ordered, lambda row: str(row.get("variant") or job)):
+        _write_suite(file, job, suite, list(cases), facts)
+    _write(file, "</testsuites>\n")
 
-    def finish(self) -> None:
-        """Ends the document; nothing can be added afterwards."""
-        self._end_suite()
-        self._write("</testsuites>\n")
 
-    def _end_suite(self) -> None:
-        if self._suite is not None:
-            self._write("</testsuite>\n")
+def _write_suite(
+    file: IO[bytes], job: str, suite: str, cases: Sequence[Row], facts: list[tuple[str, str]]
+) -> None:
+    elements = [_ELEMENTS.get(row["outcome"], "error") for row in cases]
+    seconds = sum(float(row.get("seconds") or 0.0) for row in cases)
+    began = dict(facts).get("began", "").removesuffix("Z")
+    timestamp = f" timestamp={_quoted(began)}" if began else ""
+    _write(
+        file,
+        f'<testsuite name={_quoted(suite)} tests="{len(cases)}"'
+        f' failures="{elements.count("failure")}" errors="{elements.count("error")}"'
+        f' skipped="0" time="{seconds:.3f}"{timestamp}>\n{_properties(facts)}\n',
+    )
+    for row in cases:
+        for text in _case(row, job):
+            _write(file, text)
+    _write(file, "</testsuite>\n")
 
-    def _write(self, text: str) -> None:
-        self._file.write(text.encode())
+
+def _case(row: Row, job: str) -> Iterator[str]:
+    seconds = float(row.get("seconds") or 0.0)
+    yield (
+        f"<testcase name={_quoted(row['case'])}"
+        f' classname={_quoted(row.get("fragment") or job)} time="{seconds:.3f}">'
+    )
+    if row["discarded"]:
+        yield _properties([("discarded", run) for run in row["discarded"]])
+    yield f"{_verdict(row)}{_figures(row)}</testcase>\n"
+
+
+def _properties(facts: Iterable[tuple[str, str]]) -> str:
+    told = [f"<property name={_quoted(name)} value={_quoted(value)}/>" for name, value in facts]
+    return f"<properties>{''.join(told)}</properties>"
 
 
 def _verdict(row: Row) -> str:
-    element = {"passed": "", "failed": "failure"}.get(row["outcome"], "error")
+    element = _ELEMENTS.get(row["outcome"], "error")
     if not element:
         return ""
     kind = row.get("reason") or row["outcome"]
@@ -67,6 +98,10 @@ def _figures(row: Row) -> str:
     ]
     lines += [f"stderr: {line}" for line in row.get("stderr") or []]
     return f"<system-out>{escape(_writable('; '.join(lines)))}</system-out>" if lines else ""
+
+
+def _write(file: IO[bytes], text: str) -> None:
+    file.write(text.encode())
 
 
 def _quoted(text: str) -> str:

@@ -8,6 +8,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bagpipe.row_facts import discarded_runs
+
 Row = Mapping[str, Any]
 
 _CRITERION = pa.struct(
@@ -42,6 +44,7 @@ SCHEMA = pa.schema(
         ("reason", pa.string()),
         ("message", pa.string()),
         ("attempts", pa.int64()),
+        ("discarded", pa.list_(pa.string())),
         ("seconds", pa.float64()),
         ("sent", pa.int64()),
         ("received", pa.int64()),
@@ -84,6 +87,7 @@ def _line(row: Row) -> dict[str, Any]:
     window = row.get("window") or [None, None, None]
     return {
         **{name: row.get(name) for name in SCHEMA.names if name in row},
+        "discarded": [run["reason"] for run in discarded_runs(row)],
         "values": json.dumps(row.get("values") or {}, sort_keys=True),
         "window_start_ns": window[1],
         "window_end_ns": window[2],

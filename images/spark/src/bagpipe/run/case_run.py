@@ -236,7 +236,8 @@ def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answ
         "stderr": stack.get("stderr", []) if judgement.reason in FAILURES else [],
         "recorded": recorded,
         "result": answer.result
-        | {"pipe_bytes": _pipe_bytes(answer), "input_bytes": answer.input_bytes},
+        | {"pipe_bytes": _pipe_bytes(answer), "input_bytes": answer.input_bytes}
+        | {"software": str(answer.hello.get("software") or "")},
     }
 
 

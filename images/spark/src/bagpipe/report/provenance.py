@@ -1,0 +1,37 @@
+"""A manifest's provenance as names and values: for JUnit's properties, the page and a terminal."""
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def facts_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """What is known of where the results come from, in the order in which it is read."""
+    told = manifest.get("provenance") or {}
+    facts = [
+        *((f"label {name}", value) for name, value in (told.get("labels") or {}).items()),
+        *((name, value) for name, value in (told.get("annotations") or {}).items()),
+        ("began", told.get("began")),
+        ("ended", told.get("ended")),
+        ("seconds", told.get("seconds")),
+        ("bagpipe", told.get("bagpipe")),
+        ("agent", ", ".join(told.get("agents") or [])),
+        *((f"image {image['container']}", _image(image)) for image in told.get("images") or []),
+        *(("machine", _machine(machine)) for machine in told.get("machines") or []),
+        ("seeds", ", ".join(str(seed) for seed in told.get("seeds") or [])),
+        *((f"discarded {why}", n) for why, n in (told.get("discarded") or {}).items()),
+    ]
+    return [(str(name), str(value)) for name, value in facts if value not in (None, "")]
+
+
+def _image(image: Mapping[str, Any]) -> str:
+    pods = "1 pod" if image["pods"] == 1 else f"{image['pods']} pods"
+    return f"{image['image']} = {image['digest']} ({pods})"
+
+
+def _machine(machine: Mapping[str, Any]) -> str:
+    kind = f"{machine.get('cpu') or 'a processor without a name'}, {machine.get('cpus')} processors"
+    where = ", ".join(machine.get("names") or [])
+    return (
+        f"{kind}, {machine.get('arch')}, Linux {machine.get('kernel')}:"
+        f" {machine['cases']} cases on {where}"
+    )
