@@ -1,0 +1,60 @@
+"""Too little said, or when nobody asks."""
+
+from tests.liars.jobs import (
+    ARRIVED,
+    BOUNDS,
+    CHEAP,
+    CHEAP_LIVE,
+    ERROR_FINAL,
+    ERROR_LIVE,
+    ERROR_RMSE,
+    ERROR,
+    HOLDS,
+    LATENCY,
+    PRESENCE_LIVE,
+    QUIET,
+    LEAD_IN,
+    RATE,
+    SOME,
+)
+from tests.liars.row import Row, cpp, python
+
+OF = "silence"
+UNSURE = ("invalid", "NotEnoughEvidence")
+EMPTY = ("invalid", "NothingRecorded")
+
+
+def _silence(which: str) -> tuple[str, ...]:
+    return python("silence", which)
+
+
+LIARS = [
+    Row("nothing", OF, "publishes nothing", CHEAP, _silence("nothing"), *EMPTY),
+    Row("nothing-at-all", OF, "does not even say that it could publish", CHEAP_LIVE, _silence("nothing-at-all"), *EMPTY),
+    Row("no-alarm", OF, "publishes nothing, where an alarm must not come", QUIET, _silence("nothing"), *EMPTY),
+    Row("only-the-drain", OF, "is silent in the window, and gives 70 messages after its end", RATE, _silence("only-after-the-end"), "failed", "CriterionFailed"),
+    Row("two-answers", OF, "answers two of 50 poses", ERROR, _silence("two-answers"), *UNSURE, ("2 of 50",)),
+    Row("first-half", OF, "answers the first half", ERROR_RMSE, _silence("first-half"), *UNSURE, ("25 of 50",)),
+    Row("every-tenth", OF, "answers every tenth pose", ERROR, _silence("every-tenth"), *UNSURE, ("5 of 50",)),
+    Row("last-only", OF, "answers the last pose alone, where the last distance is asked", ERROR_FINAL, _silence("only-the-last"), *UNSURE),
+    Row("first-only-final", OF, "answers the first pose alone, where the last distance is asked", ERROR_FINAL, _silence("one-answer"), *UNSURE),
+    Row("goal-at-once", OF, "says at first that it has arrived, and no more", ARRIVED, _silence("goal-at-once"), *UNSURE),
+    Row("two-latencies", OF, "answers twice, and quickly", LATENCY, _silence("two-answers"), *UNSURE),
+    Row("one-bound", OF, "gives one answer, and that within the bounds", BOUNDS, _silence("one-answer"), *UNSURE),
+    Row("one-expression", OF, "gives one answer, of which the expression is true", HOLDS, _silence("one-answer"), *UNSURE),
+    Row("lead-in-only", OF, "answers the lead-in, and nothing of the window", LEAD_IN, _silence("only-in-the-lead-in"), "failed", "CriterionFailed"),
+    Row("other-name", OF, "answers on another topic, which is not recorded", SOME, _silence("wrong-topic"), *EMPTY),
+    Row("debug-topic", OF, "answers on a topic for debugging alone", CHEAP, _silence("elsewhere"), *EMPTY),
+    Row("hangs", OF, "has a deadlock from the 25th pose on", ERROR_LIVE, _silence("hangs"), *UNSURE),
+    Row("hangs-cpp", OF, "the same, with roscpp", ERROR_LIVE, cpp("hangs"), *UNSURE),
+    Row("raises", OF, "raises an error in each callback from the tenth on, which rospy catches", ERROR, _silence("raises-from-the10th"), *UNSURE),
+    Row("unsubscribes", OF, "stops listening after half of the poses", ERROR_LIVE, _silence("leaves-the-pose"), "failed", "MessagesLost"),
+]  # fmt: skip
+
+HONEST = [
+    Row("bursts", OF, "answers ten poses at once, after the tenth", RATE, _silence("bursts"), "passed"),
+    Row("bursts-error", OF, "the same, where the truth is known", ERROR_LIVE, _silence("bursts"), "passed"),
+    Row("no-alarm-and-works", OF, "answers, and gives no alarm", QUIET, python("localiser", "localiser"), "passed"),
+    Row("plain", OF, "answers each pose", PRESENCE_LIVE, python("localiser", "localiser"), "passed"),
+    Row("plain-cpp", OF, "the same, with roscpp", PRESENCE_LIVE, cpp("honest"), "passed"),
+]  # fmt: skip

@@ -1,0 +1,167 @@
+"""Stacks that do not live until the end: death.py WHICH."""
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import rospy
+from localiser import POSES, Localiser, die, main, mark, right, wait
+
+
+class SegfaultAfterTheLast(Localiser):
+    at = POSES
+    number = signal.SIGSEGV
+
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == self.at:
+            die(self.number)
+
+
+class SegfaultInTheMidst(SegfaultAfterTheLast):
+    at = 25
+
+
+class KilledAfterTheLast(SegfaultAfterTheLast):
+    """As by the kernel, where memory is short."""
+
+    number = signal.SIGKILL
+
+
+class AbortAfterTheLast(SegfaultAfterTheLast):
+    number = signal.SIGABRT
+
+
+class TerminatedAfterTheLast(SegfaultAfterTheLast):
+    """Not by Bagpipe."""
+
+    number = signal.SIGTERM
+
+
+class StatusThree(Localiser):
+    at = POSES
+    status = 3
+
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == self.at:
+            print("the map is gone", file=sys.stderr, flush=True)
+            os._exit(self.status)
+
+
+class LeavesAfter40(StatusThree):
+    """Status 0, as if it were done, with ten poses to come."""
+
+    at = 40
+    status = 0
+
+
+class DoneAfterTheLast(StatusThree):
+    """Status 0 when the last pose is answered."""
+
+    status = 0
+
+
+class RaisesInMain(Localiser):
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == POSES:
+            self.over.set()
+
+    def begin(self):
+        self.over = threading.Event()
+
+    def serve(self):
+        while not self.over.wait(0.02):
+            pass
+        raise RuntimeError("the optimiser diverged")
+
+
+class LeavesTheGraph(Localiser):
+    """Shuts its node down, and its process lives on."""
+
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == 45:
+            threading.Thread(target=rospy.signal_shutdown, args=("tired",)).start()
+
+    def serve(self):
+        rospy.spin()
+        wait(600)
+
+
+class HelperDies(Localiser):
+    """What computes for it crashes after half of the poses; it answers on as if nothing was."""
+
+    number = signal.SIGSEGV
+
+    def begin(self):
+        self.helper = subprocess.Popen(["/usr/bin/sleep", "600"])
+
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == 25:
+            self.helper.send_signal(self.number)
+
+
+class HelperEnded(HelperDies):
+    """Ends its own helper as it should, by SIGTERM, and starts another."""
+
+    number = signal.SIGTERM
+
+    def heard(self, number, pose):
+        super().heard(number, pose)
+        if number == 25:
+            self.helper.wait()
+            self.helper = subprocess.Popen(["/usr/bin/sleep", "600"])
+
+
+class ChildSaysNo(Localiser):
+    """A child whose status 1 is an answer, as grep's is."""
+
+    def heard(self, number, pose):
+        if number == 25:
+            subprocess.run(["/usr/bin/grep", "-q", "nowhere", "/dev/null"], check=False)
+        self.say(right(pose))
+
+
+class CrashesWhenTold(Localiser):
+    """Lives to the end, and dies of SIGSEGV when it is told to end."""
+
+    def serve(self):
+        signal.signal(signal.SIGINT, lambda *_: die())
+        while not rospy.is_shutdown():
+            wait(0.05)
+
+
+class SlowToEnd(Localiser):
+    """Writes its map when it is told to end, which takes a second."""
+
+    def serve(self):
+        rospy.on_shutdown(lambda: wait(1))
+        rospy.spin()
+
+
+class LosesTheSensor(Localiser):
+    """Its other node, by which it lives, is told by ROS to go when a third takes its name."""
+
+    def begin(self):
+        self.rivals = []
+
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == 25:
+            self.rivals.append(subprocess.Popen([sys.executable, __file__, "rival"]))
+
+
+class Rival(Localiser):
+    """Takes the name of the node that answers: the ROS master ends the first one."""
+
+    def begin(self):
+        mark("rival")
+
+
+if __name__ == "__main__":
+    main(globals())

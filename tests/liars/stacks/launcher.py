@@ -1,0 +1,48 @@
+"""Starts nodes as roslaunch does, and hides how they end: launcher.py [OPTION] PROGRAM ... ++ ...
+
+--respawn starts anew what has ended; --set-up waits for the first program, which is none of the
+nodes, before it starts the others; --leave ends at once, and the nodes stay.
+"""
+
+import signal
+import subprocess
+import sys
+import threading
+
+
+def groups(words):
+    found = [[]]
+    for word in words:
+        if word == "++":
+            found.append([])
+        else:
+            found[-1].append(word)
+    return found
+
+
+def main():
+    options = [word for word in sys.argv[1:] if word.startswith("--")]
+    commands = groups([word for word in sys.argv[1:] if word not in options])
+    over = threading.Event()
+    signal.signal(signal.SIGINT, lambda *_: over.set())
+    signal.signal(signal.SIGTERM, lambda *_: over.set())
+    if "--set-up" in options:
+        subprocess.run(commands.pop(0), check=False)
+    alone = "--leave" in options
+    children = [subprocess.Popen(command, start_new_session=alone) for command in commands]
+    if alone:
+        threading.Event().wait(2)
+        return
+    while not over.wait(0.05):
+        if "--respawn" in options:
+            for place, child in enumerate(children):
+                if child.poll() is not None:
+                    children[place] = subprocess.Popen(commands[place])
+    for child in children:
+        if child.poll() is None:
+            child.send_signal(signal.SIGINT)
+    for child in children:
+        child.wait()
+
+
+main()

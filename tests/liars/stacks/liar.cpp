@@ -1,0 +1,135 @@
+// Stacks of roscpp that lie, or look as if they did: liar WHICH.
+//
+// Each hears /pose and says on /answer where that is on the map, as localiser.py does.
+#include <cmath>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <thread>
+#include <unistd.h>
+
+#include <geometry_msgs/PoseStamped.h>
+#include <ros/ros.h>
+
+using geometry_msgs::PoseStamped;
+
+namespace {
+
+const int kPoses = 50;
+
+void mark() {
+  const std::string folder = getenv("LIAR_MARKS"), name = getenv("LIAR_NAME");
+  std::ofstream(folder + "/" + name + ".ran", std::ios::app) << getpid() << "\n";
+}
+
+PoseStamped right(const PoseStamped& pose) {
+  PoseStamped answer;
+  answer.header.stamp = pose.header.stamp;
+  answer.header.frame_id = "map";
+  answer.pose.position.x = 2 * pose.pose.position.x;
+  answer.pose.position.y = pose.pose.position.y + 1;
+  answer.pose.orientation.w = 1;
+  return answer;
+}
+
+// What a stack does with its nth pose.
+using Heard = std::function<void(ros::Publisher&, int, const PoseStamped&)>;
+
+struct Stack {
+  Heard heard;
+  int queue = 0;    // roscpp's own word for no bound
+  int threads = 1;
+};
+
+void honest(ros::Publisher& out, int, const PoseStamped& pose) { out.publish(right(pose)); }
+
+// roscpp writes on a thread of its own: what was published has to leave first.
+void leave(std::function<void()> how) {
+  std::thread([how] {
+    usleep(100'000);
+    how();
+  }).detach();
+}
+
+[[noreturn]] void diverge() { throw std::runtime_error("the optimiser diverged"); }
+
+Heard then(int at, std::function<void()> how) {
+  return [at, how](ros::Publisher& out, int number, const PoseStamped& pose) {
+    out.publish(right(pose));
+    if (number == at) leave(how);
+  };
+}
+
+Heard slow(int microseconds) {
+  return [microseconds](ros::Publisher& out, int, const PoseStamped& pose) {
+    usleep(microseconds);
+    out.publish(right(pose));
+  };
+}
+
+Heard with_x(int from, double x) {
+  return [from, x](ros::Publisher& out, int number, const PoseStamped& pose) {
+    PoseStamped answer = right(pose);
+    if (number >= from) answer.pose.position.x = x;
+    out.publish(answer);
+  };
+}
+
+std::map<std::string, Stack> stacks() {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  std::map<std::string, Stack> all;
+  all["honest"] = {honest};
+  all["many-threads"] = {honest, 0, 4};
+  all["slow-but-right"] = {slow(10'000)};
+  all["segfault"] = {then(kPoses, [] { raise(SIGSEGV); })};
+  all["null"] = {then(kPoses, [] { *static_cast<volatile int*>(nullptr) = 1; })};
+  all["uncaught"] = {then(kPoses, diverge)};
+  all["status-3"] = {then(kPoses, [] { _exit(3); })};
+  all["leaves-the-graph"] = {then(45, [] { ros::shutdown(); })};
+  all["wall-clock"] = {[](ros::Publisher& out, int, const PoseStamped& pose) {
+    PoseStamped answer = right(pose);
+    answer.header.stamp.fromSec(ros::WallTime::now().toSec());
+    out.publish(answer);
+  }};
+  all["nan"] = {with_x(10, nan)};
+  all["short-queue"] = {slow(200'000), 1};
+  all["never-done"] = {slow(2'000'000), 1000};
+  all["hangs"] = {[](ros::Publisher& out, int number, const PoseStamped& pose) {
+    if (number == 25) sleep(600);
+    out.publish(right(pose));
+  }};
+  return all;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  ros::init(argc, argv, "localiser");
+  const auto all = stacks();
+  const auto found = argc > 1 ? all.find(argv[1]) : all.end();
+  if (found == all.end()) {
+    fprintf(stderr, "no stack is called %s\n", argc > 1 ? argv[1] : "");
+    return 2;
+  }
+  const Stack& stack = found->second;
+  ros::NodeHandle node;
+  ros::Publisher out = node.advertise<PoseStamped>("/answer", 0);
+  int number = 0;
+  boost::function<void(const geometry_msgs::PoseStampedConstPtr&)> heard =
+      [&](const geometry_msgs::PoseStampedConstPtr& pose) {
+        if (++number == 1) mark();
+        stack.heard(out, number, *pose);
+      };
+  ros::Subscriber in = node.subscribe<PoseStamped>("/pose", stack.queue, heard);
+  ros::MultiThreadedSpinner spinner(stack.threads);
+  spinner.spin();
+  // A node that has left the graph lives on, until it is told to end.
+  if (std::string(argv[1]) == "leaves-the-graph") sleep(600);
+}

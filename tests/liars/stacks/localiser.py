@@ -1,0 +1,108 @@
+"""An honest node, from which each liar differs in one thing.
+
+It hears poses on /pose and says on /answer where that is on the map: twice as far in x, one metre
+to the left, with the stamp of the pose. The first pose that it hears leaves a mark in the folder
+LIAR_MARKS, by which the test knows that this stack has really run.
+"""
+
+import os
+import pathlib
+import re
+import signal
+import sys
+import threading
+
+import rospy
+from geometry_msgs.msg import PoseStamped
+
+POSES = 50
+
+
+def mark(word="ran"):
+    """Says for the test that this much has happened; every run adds a line."""
+    path = pathlib.Path(os.environ["LIAR_MARKS"], os.environ["LIAR_NAME"] + "." + word)
+    with path.open("a") as file:
+        file.write(f"{os.getpid()}\n")
+
+
+def runs_before(word="ran"):
+    """How many runs of this stack have left their mark."""
+    path = pathlib.Path(os.environ["LIAR_MARKS"], os.environ["LIAR_NAME"] + "." + word)
+    return len(path.read_text().splitlines()) if path.exists() else 0
+
+
+def wait(seconds):
+    """Wall-clock time, whatever /use_sim_time says."""
+    threading.Event().wait(seconds)
+
+
+def right(pose):
+    """The answer that the truth expects."""
+    answer = PoseStamped()
+    answer.header.stamp = pose.header.stamp
+    answer.header.frame_id = "map"
+    answer.pose.position.x = 2 * pose.pose.position.x
+    answer.pose.position.y = pose.pose.position.y + 1
+    answer.pose.orientation.w = 1.0
+    return answer
+
+
+def die(number=signal.SIGSEGV):
+    """At once, as a fault in native code does it."""
+    signal.signal(number, signal.SIG_DFL) if number != signal.SIGKILL else None
+    os.kill(os.getpid(), number)
+    wait(10)
+
+
+class Localiser:
+    """Answers each pose; `heard` is what a stack of another kind does otherwise."""
+
+    name = "localiser"
+    anonymous = False
+    queue = None
+    out = "/answer"
+    kind = PoseStamped
+    latch = False
+
+    def __init__(self):
+        self.heard_poses = 0
+        rospy.init_node(self.name, anonymous=self.anonymous)
+        # None: publish returns when the bytes are in the socket.
+        self.answers = rospy.Publisher(self.out, self.kind, queue_size=None, latch=self.latch)
+        self.begin()
+        self.poses = rospy.Subscriber("/pose", PoseStamped, self._count, queue_size=self.queue)
+
+    def begin(self):
+        """Before the first pose can come."""
+
+    def _count(self, pose):
+        self.heard_poses += 1
+        if self.heard_poses == 1:
+            mark()
+        self.heard(self.heard_poses, pose)
+
+    def heard(self, number, pose):
+        """The pose with this number, from 1."""
+        self.say(right(pose))
+
+    def say(self, answer):
+        """Publish; an answer has left this process when this returns."""
+        self.answers.publish(answer)
+
+    def serve(self):
+        """Until the stack is told to end."""
+        rospy.spin()
+
+
+def main(module):
+    """Run the stack of a module that the command line names: DoesThis is does-this."""
+    wanted = rospy.myargv(sys.argv)[1]
+    for word, stack in list(module.items()):
+        if isinstance(stack, type) and re.sub(r"(?<=.)([A-Z])", r"-\1", word).lower() == wanted:
+            stack().serve()
+            return
+    sys.exit(f"no stack is called {wanted}")
+
+
+if __name__ == "__main__":
+    main(globals())

@@ -1,0 +1,111 @@
+"""Stacks that say something else than was asked, or let somebody else say it: wrong.py WHICH."""
+
+import subprocess
+import sys
+
+import rospy
+from geometry_msgs.msg import Point, PointStamped, PoseStamped
+from localiser import Localiser, main, mark, right, wait
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+
+
+class OfTheRobot(Localiser):
+    """Numbers of the map in the frame of the robot."""
+
+    frame = "base_link"
+
+    def heard(self, number, pose):
+        answer = right(pose)
+        answer.header.frame_id = self.frame
+        self.say(answer)
+
+
+class NoFrame(OfTheRobot):
+    frame = ""
+
+
+class FrameChanges(Localiser):
+    """The second half in another frame, with the same numbers."""
+
+    def heard(self, number, pose):
+        answer = right(pose)
+        if number > 25:
+            answer.header.frame_id = "odom"
+        self.say(answer)
+
+
+class PointInPlace(Localiser):
+    """A point where a pose was promised."""
+
+    kind = PointStamped
+
+    def heard(self, number, pose):
+        answer = right(pose)
+        self.say(PointStamped(header=answer.header, point=answer.pose.position))
+
+
+class TextInPlace(Localiser):
+    kind = String
+
+    def heard(self, number, pose):
+        self.say(String("x=1"))
+
+
+class WithoutHeader(Localiser):
+    """Nobody can say when it was measured."""
+
+    kind = Point
+
+    def heard(self, number, pose):
+        self.say(right(pose).pose.position)
+
+
+class SaysNothing(Localiser):
+    """Hears all and says nothing; what is on its topic, somebody else has said."""
+
+    def heard(self, number, pose):
+        pass
+
+
+class FeedsItself(Localiser):
+    """Publishes poses of its own beside the recording's, and answers those as well."""
+
+    def begin(self):
+        self.own = rospy.Publisher("/pose", PoseStamped, queue_size=None)
+
+    def heard(self, number, pose):
+        if pose.header.frame_id != "own":
+            self.say(right(pose))
+            pose.header.frame_id = "own"
+            self.own.publish(pose)
+
+
+class OwnClock(Localiser):
+    """Says itself what time it is: the latency is what it likes."""
+
+    def begin(self):
+        self.clock = rospy.Publisher("/clock", Clock, queue_size=None)
+
+    def heard(self, number, pose):
+        wait(0.02)
+        self.clock.publish(Clock(clock=pose.header.stamp))
+        self.say(right(pose))
+
+
+class NamesakeAnswers(Localiser):
+    """A second node takes its name; the ROS master sends the first one away."""
+
+    def heard(self, number, pose):
+        self.say(right(pose))
+        if number == 25:
+            subprocess.Popen([sys.executable, __file__, "namesake"])
+
+
+class Namesake(Localiser):
+    def begin(self):
+        mark("namesake")
+
+
+if __name__ == "__main__":
+    main(globals())
