@@ -57,7 +57,7 @@ demo: cluster install ## Set everything up, run the main job, show the result
 	$(STEP) "Running the demonstration" -- .venv/bin/python -m tests.e2e.demo
 
 .PHONY: test
-test: preflight-all venv test-python test-rust test-integration test-e2e ## Set everything up, run all tests
+test: preflight-all venv test-python test-rust test-integration test-liars test-e2e ## Set everything up, run all tests
 
 .PHONY: test-python
 test-python: venv tools ## Run the Python unit tests (part of test)
@@ -71,6 +71,10 @@ test-rust: preflight-all ## Run the agent's tests, against Debian's ROS (part of
 .PHONY: test-integration
 test-integration: preflight-all venv ## Run worker, agent and real nodes together (part of test)
 	$(STEP) "Testing worker, agent and real nodes" -- .venv/bin/python -m pytest tests/integration
+
+.PHONY: test-liars
+test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, before the gate (part of test)
+	$(STEP) "Testing that no liar passes" -- .venv/bin/python -m pytest tests/liars
 
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
@@ -93,7 +97,7 @@ test-nodes:
 endif
 
 .PHONY: bench
-bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale or operator)
+bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale, operator or gate)
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: fuzz

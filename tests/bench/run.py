@@ -27,6 +27,8 @@ NOT_BENCHES = {
     "scale_model",
     "scale_planning",
     "cache_ways",
+    "gate_comparison",
+    "gate_tally",
 }
 # A module of the bench's own name would hide one of Python's.
 MODULES = {"operator": "operator_bench"}

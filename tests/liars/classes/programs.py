@@ -15,13 +15,29 @@ LIARS = [
     _row("leaves", "gives all, says passed, and ends with status 3", *CRASHED, "3"),
     _row("segfault", "gives all, says passed, and dies by SIGSEGV", *CRASHED, "SIGSEGV"),
     _row("killed", "gives all, says passed, and is killed", *CRASHED, "SIGKILL"),
-    _row("segfault-before-the-end", "dies by SIGSEGV between its file and its end", *CRASHED, "SIGSEGV"),
+    _row(
+        "segfault-before-the-end",
+        "dies by SIGSEGV between its file and its end",
+        *CRASHED,
+        "SIGSEGV",
+    ),
     _row("gives-nothing", "gives back neither a file nor a word", "invalid", "NothingRecorded"),
-    _row("caught-the-error", "swallows its own error and gives nothing back", "invalid", "NothingRecorded"),
+    _row(
+        "caught-the-error",
+        "swallows its own error and gives nothing back",
+        "invalid",
+        "NothingRecorded",
+    ),
     _row("reads-nothing", "says passed without a look at its input", "failed|invalid"),
     _row("empty-file", "gives a file of no bytes, and no word", "invalid"),
     _row("no-word", "gives a RESULT that says nothing, and no file", "invalid"),
-    _row("own-word", "says PASS, which is none of the three words", "invalid", "UnknownOutcome", "PASS"),
+    _row(
+        "own-word",
+        "says PASS, which is none of the three words",
+        "invalid",
+        "UnknownOutcome",
+        "PASS",
+    ),
     _row("true-word", "says true, which is none of the three words", "invalid", "UnknownOutcome"),
     _row("null-word", "says null, which is none of the three words", "invalid", "UnknownOutcome"),
     _row("says-failed", "says failed", "failed", "ProgramFailed"),
@@ -33,7 +49,7 @@ LIARS = [
     _row("never-ends", "has said all, and stays", "failed|errored", "StackNeverExited"),
     _row("short-file", "promises a hundred bytes and gives one", "failed|errored"),
     _row("same-name-twice", "gives two files of one name", "failed|errored"),
-]  # fmt: skip
+]
 
 HONEST = [
     _row("plain", "gives a file and says passed", "passed"),
@@ -41,4 +57,4 @@ HONEST = [
     _row("talkative", "says a thousand lines that look like errors on stderr", "passed"),
     _row("slow-program", "takes a second and a half", "passed"),
     _row("child-says-no", "runs a child whose status 1 is an answer, as that of grep", "passed"),
-]  # fmt: skip
+]

@@ -1,4 +1,4 @@
-"""Something else than was asked, or said by somebody else; and use of the machine that is hidden."""
+"""Something else than was asked, or said by somebody else; and hidden use of the machine."""
 
 from tests.liars.jobs import CHEAP, ERROR, LATENCY, OLD_ANSWERS, SOME_LIVE
 from tests.liars.row import Row, python
@@ -15,20 +15,102 @@ def _wrong(which: str) -> tuple[str, ...]:
 
 
 LIARS = [
-    Row("other-frame", OF, "gives numbers of the map in the frame of the robot", ERROR, _wrong("of-the-robot"), "failed|invalid", "", ("base_link",)),
-    Row("no-frame", OF, "leaves the frame empty", ERROR, _wrong("no-frame"), "failed|invalid", "", ("frame",)),
-    Row("frame-changes", OF, "changes its frame midway, and not its numbers", ERROR, _wrong("frame-changes"), "failed|invalid", "", ("odom",)),
-    Row("point", OF, "gives points where poses were promised", ERROR, _wrong("point-in-place"), *UNSURE),
-    Row("text", OF, "gives text where poses were promised", ERROR, _wrong("text-in-place"), *UNSURE),
-    Row("no-header", OF, "gives a type without a stamp, where the latency is asked", LATENCY, _wrong("without-header"), *UNSURE),
-    Row("old-software", OTHERS, "says nothing, where the recording has the answers of the old software", OLD_ANSWERS, _wrong("says-nothing"), "failed|invalid"),
-    Row("own-clock", OTHERS, "publishes on /clock itself what time it is to be", LATENCY, _wrong("own-clock"), "failed|invalid"),
-    Row("namesake", OTHERS, "has a second node take the first one's name, which ends the first", SOME_LIVE, _wrong("namesake-answers"), "failed", "", ("localiser",), marks=("ran", "namesake")),
-    Row("hidden-memory", USE, "keeps 300 MiB in a process that has left its group and its parent", CHEAP, python("machine", "hides-memory"), *WRONG, ("200",)),
+    Row(
+        "other-frame",
+        OF,
+        "gives numbers of the map in the frame of the robot",
+        ERROR,
+        _wrong("of-the-robot"),
+        "failed|invalid",
+        "",
+        ("base_link",),
+    ),
+    Row(
+        "no-frame",
+        OF,
+        "leaves the frame empty",
+        ERROR,
+        _wrong("no-frame"),
+        "failed|invalid",
+        "",
+        ("frame",),
+    ),
+    Row(
+        "frame-changes",
+        OF,
+        "changes its frame midway, and not its numbers",
+        ERROR,
+        _wrong("frame-changes"),
+        "failed|invalid",
+        "",
+        ("odom",),
+    ),
+    Row(
+        "point",
+        OF,
+        "gives points where poses were promised",
+        ERROR,
+        _wrong("point-in-place"),
+        *UNSURE,
+    ),
+    Row(
+        "text", OF, "gives text where poses were promised", ERROR, _wrong("text-in-place"), *UNSURE
+    ),
+    Row(
+        "no-header",
+        OF,
+        "gives a type without a stamp, where the latency is asked",
+        LATENCY,
+        _wrong("without-header"),
+        *UNSURE,
+    ),
+    Row(
+        "old-software",
+        OTHERS,
+        "says nothing, where the recording has the answers of the old software",
+        OLD_ANSWERS,
+        _wrong("says-nothing"),
+        "failed|invalid",
+    ),
+    Row(
+        "own-clock",
+        OTHERS,
+        "publishes on /clock itself what time it is to be",
+        LATENCY,
+        _wrong("own-clock"),
+        "failed|invalid",
+    ),
+    Row(
+        "namesake",
+        OTHERS,
+        "has a second node take the first one's name, which ends the first",
+        SOME_LIVE,
+        _wrong("namesake-answers"),
+        "failed",
+        "",
+        ("localiser",),
+        marks=("ran", "namesake"),
+    ),
+    Row(
+        "hidden-memory",
+        USE,
+        "keeps 300 MiB in a process that has left its group and its parent",
+        CHEAP,
+        python("machine", "hides-memory"),
+        *WRONG,
+        ("200",),
+    ),
     Row("memory", USE, "keeps 300 MiB", CHEAP, python("machine", "takes-memory"), *WRONG),
-    Row("memory-for-a-moment", USE, "takes 300 MiB for a moment", CHEAP, python("machine", "takes-memory-shortly"), *WRONG),
-]  # fmt: skip
+    Row(
+        "memory-for-a-moment",
+        USE,
+        "takes 300 MiB for a moment",
+        CHEAP,
+        python("machine", "takes-memory-shortly"),
+        *WRONG,
+    ),
+]
 
 HONEST = [
     Row("modest", USE, "takes what a node needs", CHEAP, python("machine", "modest"), "passed"),
-]  # fmt: skip
+]
