@@ -129,6 +129,7 @@ class Army:
                 "image": "liars",
                 "engine": job.engine,
                 "command": [PYTHON, str(STACKS / "start.py"), "{{ row }}"],
+                "parameters": job.changed.get("parameters", {}),
                 "env": [{"name": key, "value": value} for key, value in environment.items()],
             },
             "matrix": {"variables": {"row": [row.name for row in rows]}},

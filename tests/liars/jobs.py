@@ -35,7 +35,7 @@ RECORDED = [ANSWER, "/alarm", "/map_frame", "/status"]
 
 @dataclass(frozen=True)
 class Job:
-    """What rows share: how the drives are played, and fields of the spec."""
+    """What rows share: how the drives are played, and fields of source, stack and spec."""
 
     name: str
     playback: dict[str, Any]
@@ -58,7 +58,7 @@ class Job:
             "playback": patience | {"subscribeTimeout": "40s"} | self.playback,
             "record": {"topics": RECORDED},
             "evaluate": EVALUATE,
-        } | {name: value for name, value in self.changed.items() if name != "source"}
+        } | {key: self.changed[key] for key in ("faultPolicy",) if key in self.changed}
 
 
 def steps(deadline: str, **more: Any) -> dict[str, Any]:
@@ -70,6 +70,7 @@ def steps(deadline: str, **more: Any) -> dict[str, Any]:
 # Played by the clock, as a robot lives it.
 LIVE = Job("live", {"mode": "realtime"})
 STEPPED = Job("stepped", steps("100ms"))
+SIMULATED = Job("simulated", steps("2s"), {"parameters": {"/use_sim_time": True}})
 STAMPED = Job("stamped", steps("100ms", by="stamp", optional=False))
 FAST = Job("fast", {"mode": "max"})
 # The recording has the answers of the old software under the same name, and they are played too.
@@ -104,7 +105,8 @@ SOME = Question(STEPPED, "some answer")
 SOME_LIVE = Question(LIVE, "some answer")
 SOME_MAX = Question(FAST, "some answer")
 LATENCY = Question(LIVE, "quick")
-LATENCY_SIM = Question(LIVE, "quick", "zero")
+LATENCY_SIM = Question(SIMULATED, "quick", "zero")
+ERROR_SIM = Question(SIMULATED, "close")
 ERROR = Question(STEPPED, "close")
 ERROR_LIVE = Question(LIVE, "close")
 ERROR_RMSE = Question(STEPPED, "close on average")

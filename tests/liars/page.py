@@ -17,6 +17,7 @@ MARK = "<!-- From here on written by tests/liars/page.py; do not edit. -->"
 MODES = {
     "live": "realtime",
     "stepped": "lockstep",
+    "simulated": "lockstep, simulated time",
     "stamped": "lockstep, by stamp",
     "fast": "max",
     "old": "max",
