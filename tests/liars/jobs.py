@@ -27,10 +27,11 @@ CRITERIA: dict[str, dict[str, Any]] = {
     "small": {"resources": {"maxMemory": "200Mi"}},
     "no alarm": {"presence": {"topic": "/alarm", "min": 0, "max": 0}},
     "a map": {"presence": {"topic": "/map_frame", "min": 1}},
+    "apart": {"separation": {"ego": "/ego", "obstacles": "/obstacles", "minDistance": 2.0}},
     "known fault": {"error": TRUTH | {"metric": "max"}, "expectFailure": True},
 }
 EVALUATE = [{"name": name} | kind for name, kind in CRITERIA.items()]
-RECORDED = [ANSWER, "/alarm", "/map_frame", "/status"]
+RECORDED = [ANSWER, "/alarm", "/map_frame", "/status", "/ego", "/obstacles"]
 
 
 @dataclass(frozen=True)
@@ -112,6 +113,7 @@ ERROR_LIVE = Question(LIVE, "close")
 ERROR_RMSE = Question(STEPPED, "close on average")
 ERROR_FINAL = Question(STEPPED, "close at last")
 ERROR_LATER = Question(LIVE, "close", "later")
+EXPECTED_LIVE = Question(LIVE, "known fault")
 BY_STAMPS = Question(STAMPED, "close")
 RATE = Question(LIVE, "fast")
 BOUNDS = Question(STEPPED, "ahead")
@@ -126,5 +128,6 @@ LEAD_IN_LIVE = Question(LIVE, "some answer", "warm", 1)
 OLD_ANSWERS = Question(OLD, "all answers")
 LATCHED_MAP = Question(LIVE, "a map")
 ALLOWED = Question(TOLERANT, "some answer")
+APART = Question(LIVE, "apart")
 EXPECTED = Question(STEPPED, "known fault")
 PROGRAM = Question(PROGRAMS, drive="number")

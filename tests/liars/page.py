@@ -78,6 +78,7 @@ SHOWN = {
     "bounds": ("min", "max"),
     "expression": ("holds",),
     "resources": ("maxMemory",),
+    "separation": ("minDistance",),
 }
 
 

@@ -1,16 +1,18 @@
 """Numbers that are none."""
 
 from tests.liars.jobs import (
+    APART,
     ARRIVED,
     BOUNDS,
     BOUNDS_ABOVE,
     ERROR,
     ERROR_FINAL,
+    ERROR_LIVE,
     ERROR_RMSE,
     EXPECTED,
     HOLDS,
 )
-from tests.liars.row import Row, cpp, python
+from tests.liars.row import Row, cpp, launched, python
 
 OF = "arithmetic"
 WRONG = ("failed", "CriterionFailed")
@@ -129,6 +131,32 @@ LIARS = [
         "has a rotation of four zeros, which is none",
         ARRIVED,
         _numbers("no-heading"),
+        "failed|invalid",
+        "",
+        ("quaternion",),
+    ),
+    Row(
+        "nan-ego",
+        OF,
+        "is nowhere, from the tenth message on",
+        APART,
+        python("traffic", "nan-place"),
+        *WRONG,
+    ),
+    Row(
+        "nan-expected",
+        OF,
+        "answers NaN from the tenth message on, where another fault is expected",
+        EXPECTED,
+        _numbers("nan-from-the-tenth"),
+        "failed|invalid",
+    ),
+    Row(
+        "second-voice",
+        OF,
+        "has a second node that answers NaN on the same topic",
+        ERROR_LIVE,
+        launched(python("localiser", "localiser"), (*_numbers("nan-everywhere"), "__name:=second")),
         *WRONG,
     ),
     Row(
@@ -142,6 +170,9 @@ LIARS = [
 ]
 
 HONEST = [
+    Row(
+        "keeps-away", OF, "keeps away from others", APART, python("traffic", "keeps-away"), "passed"
+    ),
     Row(
         "nan-unjudged",
         OF,

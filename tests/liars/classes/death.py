@@ -1,6 +1,6 @@
 """Stacks that do not live to the end, and those that end as they should."""
 
-from tests.liars.jobs import ALLOWED, ERROR, PRESENCE, PRESENCE_LIVE, SOME_LIVE, SOME_MAX
+from tests.liars.jobs import ALLOWED, ERROR, EXPECTED, PRESENCE, PRESENCE_LIVE, SOME_LIVE, SOME_MAX
 from tests.liars.row import Row, cpp, launched, python
 
 OF = "death"
@@ -16,6 +16,23 @@ OTHER = python("death", "slow-to-end")
 PLANNER = python("loss", "quiet-planner")
 
 LIARS = [
+    Row(
+        "crash-expected",
+        OF,
+        "dies by SIGSEGV after its last answer, where another fault is expected",
+        EXPECTED,
+        _death("segfault-after-the-last"),
+        *CRASHED,
+        SEGV,
+    ),
+    Row(
+        "kills-the-master",
+        OF,
+        "kills the ROS master midway",
+        SOME_LIVE,
+        _death("kills-the-master"),
+        "failed|errored",
+    ),
     Row(
         "segfault",
         OF,

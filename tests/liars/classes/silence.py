@@ -1,6 +1,7 @@
 """Too little said, or when nobody asks."""
 
 from tests.liars.jobs import (
+    APART,
     ARRIVED,
     BOUNDS,
     CHEAP,
@@ -9,9 +10,11 @@ from tests.liars.jobs import (
     ERROR_FINAL,
     ERROR_LIVE,
     ERROR_RMSE,
+    EXPECTED,
     HOLDS,
     LATENCY,
     LEAD_IN,
+    LEAD_IN_LIVE,
     PRESENCE_LIVE,
     QUIET,
     RATE,
@@ -29,6 +32,46 @@ def _silence(which: str) -> tuple[str, ...]:
 
 
 LIARS = [
+    Row(
+        "nothing-expected",
+        OF,
+        "publishes nothing, where a fault is expected",
+        EXPECTED,
+        _silence("nothing"),
+        *EMPTY,
+    ),
+    Row(
+        "two-expected",
+        OF,
+        "answers two of 50 poses, where a fault is expected",
+        EXPECTED,
+        _silence("two-answers"),
+        "failed|invalid",
+    ),
+    Row(
+        "sees-once",
+        OF,
+        "sees the other car once, at first",
+        APART,
+        python("traffic", "sees-once"),
+        *UNSURE,
+    ),
+    Row(
+        "blind-at-the-end",
+        OF,
+        "does not look for others in the second half",
+        APART,
+        python("traffic", "blind-at-the-end"),
+        *UNSURE,
+    ),
+    Row(
+        "stamps-ahead-in-the-lead-in",
+        OF,
+        "answers the lead-in with stamps of the window, and nothing of the window",
+        LEAD_IN_LIVE,
+        _silence("ahead-in-the-lead-in"),
+        "failed|invalid",
+    ),
     Row("nothing", OF, "publishes nothing", CHEAP, _silence("nothing"), *EMPTY),
     Row(
         "nothing-at-all",
@@ -62,7 +105,7 @@ LIARS = [
         ERROR,
         _silence("two-answers"),
         *UNSURE,
-        ("2 of 50",),
+        ("of 50",),
     ),
     Row(
         "first-half",
@@ -71,7 +114,7 @@ LIARS = [
         ERROR_RMSE,
         _silence("first-half"),
         *UNSURE,
-        ("25 of 50",),
+        ("of 50",),
     ),
     Row(
         "every-tenth",
@@ -80,7 +123,7 @@ LIARS = [
         ERROR,
         _silence("every-tenth"),
         *UNSURE,
-        ("5 of 50",),
+        ("of 50",),
     ),
     Row(
         "last-only",

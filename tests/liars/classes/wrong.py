@@ -1,7 +1,7 @@
 """Something else than was asked, or said by somebody else; and hidden use of the machine."""
 
-from tests.liars.jobs import CHEAP, ERROR, LATENCY, OLD_ANSWERS, SOME_LIVE
-from tests.liars.row import Row, python
+from tests.liars.jobs import APART, CHEAP, ERROR, ERROR_LIVE, LATENCY, OLD_ANSWERS, SOME_LIVE
+from tests.liars.row import Row, launched, python
 
 OF = "wrong type or frame"
 OTHERS = "somebody else's answers"
@@ -15,6 +15,24 @@ def _wrong(which: str) -> tuple[str, ...]:
 
 
 LIARS = [
+    Row(
+        "other-frames",
+        OF,
+        "says where it is on the map, and where others are seen from itself",
+        APART,
+        python("traffic", "other-frames"),
+        "failed|invalid",
+        "",
+        ("base_link",),
+    ),
+    Row(
+        "two-types",
+        OF,
+        "has a second node that says text on the same topic",
+        ERROR_LIVE,
+        launched(python("localiser", "localiser"), (*_wrong("text-in-place"), "__name:=second")),
+        "failed|invalid",
+    ),
     Row(
         "other-frame",
         OF,

@@ -63,6 +63,16 @@ class OnlyInTheLeadIn(TwoAnswers):
     most = 24
 
 
+class AheadInTheLeadIn(Localiser):
+    """Answers 24 poses of the lead-in as if they came a second later, and is silent then."""
+
+    def heard(self, number, pose):
+        answer = right(pose)
+        answer.header.stamp += rospy.Duration(1)
+        if number <= 24:
+            self.say(answer)
+
+
 class WrongTopic(Localiser):
     out = "/answers"
 
