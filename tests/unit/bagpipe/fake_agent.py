@@ -81,9 +81,10 @@ class FakeAgent:
         hello = {"session": session or own, "protocol": 1, "software": "fake", "pipe_bytes": 4096}
         self.tell(descriptor, FrameType.HELLO, hello)
 
-    def finish(self, descriptor: int, recorded: bytes, **changed: Any) -> None:
+    def finish(self, descriptor: int, recorded: bytes, messages: int = 2, **changed: Any) -> None:
         """RESULT, one file, END; `changed` falsifies fields of END."""
-        self.tell(descriptor, FrameType.RESULT, RESULT)
+        result = RESULT | {"recorded": RESULT["recorded"] | {"messages": messages}}
+        self.tell(descriptor, FrameType.RESULT, result)
         self.tell(descriptor, FrameType.FILE, {"name": "case.bag", "size": len(recorded)})
         if recorded:
             self.write(descriptor, FrameType.DATA, recorded)
@@ -162,7 +163,9 @@ class FakeAgent:
         return self._outgoing
 
 
-def well_behaved(recorded: bytes = b"bytes", before: bytes = b"", **changed: Any) -> Script:
+def well_behaved(
+    recorded: bytes = b"bytes", before: bytes = b"", messages: int = 2, **changed: Any
+) -> Script:
     """Reads everything, answers, ends; `before` is a dead session's bytes."""
 
     def script(agent: FakeAgent) -> None:
@@ -170,7 +173,7 @@ def well_behaved(recorded: bytes = b"bytes", before: bytes = b"", **changed: Any
         outgoing = agent.open_outgoing()
         os.write(outgoing, before)
         agent.greet(outgoing)
-        agent.finish(outgoing, recorded, **changed)
+        agent.finish(outgoing, recorded, messages, **changed)
 
     return script
 

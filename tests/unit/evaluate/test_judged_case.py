@@ -10,21 +10,29 @@ from bagpipe.plan.cases import Case, plan
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved
 from tests.unit.bagpipe.jobs import make_spec
 from tests.unit.evaluate.recordings import bag, number, text
 
 
-def run(tmp_path: Path, recorded: bytes, *criteria: dict[str, Any], **changed: Any) -> Row:
+def run(
+    tmp_path: Path,
+    recorded: bytes,
+    *criteria: dict[str, Any],
+    inputs: list[Recorded] | None = None,
+    messages: int = 2,
+    **changed: Any,
+) -> Row:
     (tmp_path / "recordings").mkdir()
     (tmp_path / "results").mkdir()
-    write_bag(tmp_path / "recordings/a.bag", steady("/scan", 50, 10_000_000), chunk_bytes=512)
+    said = inputs or steady("/scan", 50, 10_000_000)
+    write_bag(tmp_path / "recordings/a.bag", said, chunk_bytes=512)
     folders = {name: str(tmp_path / name) for name in ("recordings", "results")}
     spec = make_spec(evaluate=list(criteria), **changed)
     context = RunContext("lab/drive", spec, folders, "pvc://results/r", str(tmp_path / "s"))
     case: Case = plan(spec, Storage(folders)).cases[0]
-    with FakeAgent(make_slot(Path(context.shared)), well_behaved(recorded)):
+    with FakeAgent(make_slot(Path(context.shared)), well_behaved(recorded, messages=messages)):
         return run_case(case, context)
 
 
@@ -62,6 +70,32 @@ def test_a_truth_in_the_job_s_own_bag(tmp_path: Path) -> None:
     assert finding["outcome"] == "passed"
     assert finding["figure"] == 0.0
     assert finding["message"] == "0 rmse over 50 pairs of /out"
+
+
+@pytest.mark.parametrize(
+    "criterion",
+    [
+        {"resources": {"maxCpu": 1}},
+        {"presence": {"topic": "/out", "min": 0}},
+        {"presence": {"topic": "/out"}},
+        {"bounds": {"topic": "/out", "field": "data", "max": 1}, "expectFailure": True},
+    ],
+)
+def test_where_nothing_was_recorded_no_criterion_says_otherwise(
+    tmp_path: Path, criterion: dict[str, Any]
+) -> None:
+    row = run(tmp_path, bag([]), {"name": "c"} | criterion, messages=0)
+    assert (row["outcome"], row["reason"], row["criteria"]) == ("invalid", "NothingRecorded", [])
+
+
+def test_a_gap_of_the_recording_is_read_from_its_index(tmp_path: Path) -> None:
+    """Half a second of inputs, then nothing, then one: an answer to each of the first is all."""
+    inputs = [*steady("/scan", 50, 10_000_000), *steady("/scan", 1, 1, 4_000_000_000)]
+    recorded = bag([("/out", 1.0 + n * 0.01, number(3.0)) for n in range(50)])
+    row = run(tmp_path, recorded, BELOW, inputs=inputs)
+    [finding] = row["criteria"]
+    assert (row["outcome"], finding["outcome"]) == ("passed", "passed"), finding
+    assert finding["coverage"] > 0.9
 
 
 def test_a_criterion_over_what_is_not_recorded_is_refused_at_once() -> None:

@@ -4,21 +4,24 @@ import os
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from bagpipe.evaluate.finding import Finding, NoEvidenceError
+from bagpipe.evaluate.finding import Finding, NoEvidenceError, as_expected
 from bagpipe.evaluate.model import OwnEvaluator
 from bagpipe.evaluate.own import own
-from tests.unit.evaluate.recordings import evidence, number
+from tests.unit.evaluate.recordings import evidence, number, stamped
 
 
-def run(tmp_path: Path, program: str, timeout: str = "120s") -> Finding:
+def run(
+    tmp_path: Path, program: str, timeout: str = "120s", entries: list[Any] | None = None
+) -> Finding:
     folder = tmp_path / "lane"
     folder.mkdir(exist_ok=True)
     (folder / "evaluator.py").write_text(program)
     wanted = OwnEvaluator(config_map="lane", timeout=timeout)
-    given = evidence([("/out", 11.0, number(3.0))], values={"speed": 2})
+    given = evidence(entries or [("/out", 11.0, number(3.0))], values={"speed": 2})
     return own("lane", wanted, given, tmp_path)
 
 
@@ -34,6 +37,39 @@ def test_it_reads_the_recording_and_answers_with_a_figure(tmp_path: Path) -> Non
         "            'direction': 'lower'}\n",
     )
     assert finding == Finding("lane", "own", "failed", 6.0, "m", "", "lower", "too far")
+
+
+@pytest.mark.parametrize("figure", ["float('nan')", "float('inf')", "10 ** 400"])
+def test_a_figure_that_is_no_number_fails(tmp_path: Path, figure: str) -> None:
+    program = f"def evaluate(case):\n    return {{'outcome': 'passed', 'figure': {figure}}}\n"
+    finding = run(tmp_path, program)
+    assert (finding.outcome, finding.figure) == ("failed", None)
+    assert finding.message.startswith("the evaluator's figure is no finite number but ")
+    assert as_expected(finding).outcome == "failed"
+
+
+@pytest.mark.parametrize(
+    ("share", "outcome"), [("0.95", "passed"), ("0.5", "invalid"), ("None", "passed")]
+)
+def test_it_may_say_how_much_it_has_seen(tmp_path: Path, share: str, outcome: str) -> None:
+    program = (
+        "def evaluate(case):\n"
+        f"    return {{'outcome': 'passed', 'coverage': {share}, 'covered': 'of the curves'}}\n"
+    )
+    finding = run(tmp_path, program)
+    assert (finding.outcome, finding.covered) == (outcome, "of the curves")
+    assert finding.coverage == (None if share == "None" else float(share))
+
+
+def test_it_gets_what_belongs_to_the_window(tmp_path: Path) -> None:
+    """Of what came after the window's end that which is stamped in it."""
+    program = (
+        "def evaluate(case):\n"
+        "    times = [round(time / 1e9, 1) for time, _ in case.messages('/pose')]\n"
+        "    return {'outcome': 'passed', 'message': str(times)}\n"
+    )
+    entries = [("/pose", at, stamped(s, 0, 0)) for at, s in ((19, 19), (21, 19.5), (22, 21))]
+    assert run(tmp_path, program, entries=entries).message == "[19.0, 21.0]"
 
 
 def test_a_boolean_will_do(tmp_path: Path) -> None:
@@ -53,6 +89,15 @@ def test_a_boolean_will_do(tmp_path: Path) -> None:
             "figure is no number",
         ),
         ("def evaluate(case):\n    return {'outcome': 'passed', 'm': 'x' * 70000}\n", "no answer"),
+        ("def evaluate(case):\n    return {'outcome': 'Passed'}\n", "outcome is 'Passed'"),
+        (
+            "def evaluate(case):\n    return {'outcome': 'passed', 'direction': 'up'}\n",
+            "direction is 'up': return lower or higher",
+        ),
+        (
+            "def evaluate(case):\n    return {'outcome': 'passed', 'coverage': 95}\n",
+            "coverage is 95: return a share from 0 to 1",
+        ),
         ("import os\ndef evaluate(case):\n    os._exit(3)\n", "ended with status 3"),
     ],
 )

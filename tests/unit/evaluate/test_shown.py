@@ -377,6 +377,29 @@ def test_mode_max_leaves_open_when_a_message_without_a_stamp_was_said() -> None:
     assert (finding.outcome, finding.coverage) == ("passed", None)
 
 
+@pytest.mark.parametrize(
+    "measure",
+    [LATENCY, BOUNDS, HOLDS, GOAL | {}, KEEPS_AWAY, {"rate": {"topic": "/pose", "min": 3}}],
+    ids=named,
+)
+def test_where_the_recording_has_a_gap_nobody_can_be_expected_to_answer(
+    measure: dict[str, Any],
+) -> None:
+    """Inputs in the first two of five seconds only, as at the edge of a recording's gap."""
+    if measure == GOAL:
+        measure = {"finalPose": {"topic": "/pose", "position": [11.9, 0.0], "within": 0.2}}
+    inputs = [round(at * 1e9) for at in INPUTS[:20]]
+    answered = RIGHT[:20] + CARS[:20]
+    assert found(case(answered), measure).outcome == "invalid"
+    finding = found(case(answered, inputs=lambda: inputs), measure)
+    assert finding.outcome == "passed"
+    assert finding.coverage is not None
+    assert finding.coverage > 0.9
+    # Not in the gap, but before it.
+    silent = found(case(RIGHT[:6] + CARS[:6], inputs=lambda: inputs), less(measure, 0.9))
+    assert silent.outcome != "passed"
+
+
 # Poses and cars of long ago.
 
 

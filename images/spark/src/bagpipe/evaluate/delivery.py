@@ -84,10 +84,10 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     if wanted.over == "worst":
         return covering(finding, 1.0, "the whole window", "receipt", 0.0)
     usual = (evidence.end - evidence.start) / max(1, len(own))
-    share: float | None = spread(times_of(found), evidence, usual)
+    share: float | None = spread(times_of(found), evidence, wanted.min_coverage, usual)
     said = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
     if found.latching or (found.clock == "receipt" and not evidence.paced):
-        share, said = over_window(found, evidence)
+        share, said = over_window(found, evidence, wanted.min_coverage)
     return covering(
         finding, share, said, found.clock, wanted.min_coverage, lasting=True, remedy=_SAY_LESS
     )
@@ -127,7 +127,7 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
         seconds(wanted.max),
         f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}",
     )
-    share, said = over_window(found, evidence)
+    share, said = over_window(found, evidence, wanted.min_coverage)
     return covering(
         finding,
         share,

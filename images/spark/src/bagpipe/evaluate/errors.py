@@ -85,7 +85,11 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
             " Odometry and TransformStamped have one"
         )
     finding = _pose_odd(name, wanted, pose, at, evidence) or _off(name, wanted, pose)
-    share = 1.0 if found.latching else (at - evidence.start) / max(1, evidence.end - evidence.start)
+    silent = 0 if found.latching else evidence.end - at
+    share = 1.0 - silent / max(1, evidence.end - evidence.start)
+    if share < wanted.min_coverage:
+        silent = evidence.heard_between(at, evidence.end)
+        share = 1.0 - silent / max(1, evidence.heard_between(evidence.start, evidence.end))
     return covering(
         finding,
         min(1.0, max(0.0, share)),

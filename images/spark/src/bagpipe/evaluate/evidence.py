@@ -3,6 +3,8 @@
 Which of them belong to the case's window is told by window.py.
 """
 
+import itertools
+import statistics
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -20,6 +22,8 @@ _HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
 _TIME = "builtin_interfaces/msg/Time"
 # Of a message that begins with a header: its sequence number, then the stamp.
 _SEQUENCE, _STAMP = 4, struct.Struct("<II")
+# Between inputs: a silence that is longer than half a second and ten usual steps is a gap.
+_LEAST_GAP, _GAP_STEPS = 500_000_000, 10
 Bytes = Callable[[], bytes]
 
 
@@ -187,7 +191,8 @@ class Evidence:
 
     `result` is the agent's RESULT map, `start` and `end` the case's window in ns of bag time,
     `lead_in_start` where the play began (None: with the window). With `paced` false bag time
-    runs ahead of the stack (playback.mode: max), and the time of a receipt says little.
+    runs ahead of the stack (playback.mode: max), and the time of a receipt says little. `inputs`
+    says when inputs were recorded, ascending, and is asked only in doubt (None: all the time).
     """
 
     recorded: Recording
@@ -198,11 +203,32 @@ class Evidence:
     values: dict[str, Any] = field(default_factory=dict)
     lead_in_start: int | None = None
     paced: bool = True
+    inputs: Callable[[], list[int]] | None = None
 
     @property
     def led_in(self) -> bool:
         """Whether something was played before the window."""
         return self.lead_in_start is not None and self.lead_in_start < self.start
+
+    @cached_property
+    def _input_stretches(self) -> list[tuple[int, int]]:
+        """From first to last input, without the recording's gaps."""
+        if self.inputs is None:
+            return [(self.start, self.end)]
+        times = self.inputs()
+        steps = list(itertools.pairwise(times))
+        usual = statistics.median(after - before for before, after in steps) if steps else 0
+        most = max(_LEAST_GAP, _GAP_STEPS * usual)
+        cuts = [at + 1 for at, (before, after) in enumerate(steps) if after - before > most]
+        edges = itertools.pairwise([0, *cuts, len(times)])
+        return [(times[first], times[last - 1]) for first, last in edges if last > first]
+
+    def heard_between(self, start: int, end: int) -> int:
+        """How long inputs came between two times, in ns: a recording may have gaps, in which nobody
+        can be expected to answer.
+        """
+        stretches = self._input_stretches
+        return sum(max(0, min(end, last) - max(start, first)) for first, last in stretches)
 
     @property
     def seconds(self) -> float:

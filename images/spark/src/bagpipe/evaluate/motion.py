@@ -104,7 +104,7 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
         course,
         [(time, point) for time, points in scenes for point in points],
         _paired(with_ego),
-        _share([time for time, _, _ in with_ego], age, evidence),
+        _share([time for time, _, _ in with_ego], age, wanted.min_coverage, evidence),
         "header" if stamped else "receipt",
     )
 
@@ -129,14 +129,19 @@ def _with_ego(
     return found
 
 
-def _share(times: list[int], age: int, evidence: Evidence) -> float:
+def _share(times: list[int], age: int, least: float, evidence: Evidence) -> float:
     """The share of the window that is at most `age` after one of the times, or before the first."""
     edges = [evidence.start, *(t for t in times if evidence.start <= t < evidence.end)]
     length = evidence.end - evidence.start
     if len(edges) == 1 or length <= 0:
         return 0.0
-    gaps = [after - before for before, after in itertools.pairwise([*edges, evidence.end])]
-    return sum(min(gap, age) for gap in gaps) / length
+    gaps = list(itertools.pairwise([*edges, evidence.end]))
+    unknown = [(before + age, after) for before, after in gaps if before + age < after]
+    share = 1.0 - sum(after - before for before, after in unknown) / length
+    if share < least:
+        length = evidence.heard_between(evidence.start, evidence.end) or length
+        share = 1.0 - sum(evidence.heard_between(*each) for each in unknown) / length
+    return share
 
 
 def _ego_at(sample: Sample, topic: str) -> Point:

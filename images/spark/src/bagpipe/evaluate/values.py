@@ -39,7 +39,7 @@ def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
 def _covering(
     finding: Finding, found: Heard, evidence: Evidence, least: float, *, lasting: bool
 ) -> Finding:
-    share, said = over_window(found, evidence)
+    share, said = over_window(found, evidence, least)
     remedy = "of a topic that is silent on purpose lower minCoverage"
     return covering(finding, share, said, found.clock, least, lasting=lasting, remedy=remedy)
 

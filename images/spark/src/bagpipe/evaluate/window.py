@@ -142,25 +142,28 @@ def times_of(found: Heard) -> list[int]:
     return [each.time for each in found.answers]
 
 
-def spread(times: Iterable[int], evidence: Evidence, usual: float = 0.0) -> float:
+def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float = 0.0) -> float:
     """The share of the window that messages speak for: all of it but the longest silence.
 
     A silence counts as far as it is longer than the usual time between two messages, and than
-    `usual` ns.
+    `usual` ns. Where that would be below `least`, only as far as inputs came meanwhile.
     """
     inside = sorted(time for time in times if evidence.start <= time < evidence.end)
     length = evidence.end - evidence.start
     if not inside or length <= 0:
         return 0.0
-    gaps = [after - before for before, after in itertools.pairwise(inside)]
-    if gaps:
-        usual = max(usual, statistics.median(gaps))
-    edges = (inside[0] - evidence.start, evidence.end - inside[-1])
-    longest = max(*edges, *gaps)
+    between = list(itertools.pairwise(inside))
+    if between:
+        usual = max(usual, statistics.median(after - before for before, after in between))
+    silences = [(evidence.start, inside[0]), *between, (inside[-1], evidence.end)]
+    longest = max(after - before for before, after in silences)
+    if 1.0 - (longest - usual) / length < least:
+        longest = max(evidence.heard_between(before, after) for before, after in silences)
+        length = evidence.heard_between(evidence.start, evidence.end) or length
     return 1.0 - min(1.0, max(0.0, longest - usual - ROUNDING) / length)
 
 
-def over_window(found: Heard, evidence: Evidence) -> tuple[float | None, str]:
+def over_window(found: Heard, evidence: Evidence, least: float) -> tuple[float | None, str]:
     """How much of the window a topic's messages speak for, as a share and in words."""
     times = times_of(found)
     if found.latching and times:
@@ -170,7 +173,7 @@ def over_window(found: Heard, evidence: Evidence) -> tuple[float | None, str]:
     if found.clock == "receipt" and not evidence.paced:
         # Bag time runs ahead of the stack: when a message came tells nothing of what it covers.
         return None, f"{len(times)} messages, whose times mode max leaves open"
-    share = spread(times, evidence)
+    share = spread(times, evidence, least)
     said = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
     return share, said
 

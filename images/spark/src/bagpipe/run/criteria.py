@@ -1,6 +1,7 @@
 """A case's criteria: what they read is fetched from storage only when one of them asks for it."""
 
 import io
+from collections.abc import Callable
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence, Recording
@@ -12,6 +13,7 @@ from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.cases import Case
 from bagpipe.plan.fragments import holding
+from bagpipe.run.inputs import input_times
 from bagpipe.run.judge import Judgement
 from bagpipe.run.pieces import sequence_bag
 from bagpipe.spec import SimulationJobSpec
@@ -54,11 +56,21 @@ def judged_by_criteria(
         values=case.conditions.values,
         lead_in_start=case.window.lead_in_start,
         paced=spec.playback.mode != "max",
+        inputs=_inputs(case, spec, storage),
     )
     findings = evaluate(spec.evaluate, evidence)
     outcome, reason, message = verdict(findings)
     judged = Judgement(outcome, reason, message, judgement.allowed)
     return judged, [finding.as_row() for finding in findings]
+
+
+def _inputs(
+    case: Case, spec: SimulationJobSpec, storage: Storage
+) -> Callable[[], list[int]] | None:
+    """None for a simulator, which is never silent."""
+    if spec.source.simulator is not None:
+        return None
+    return lambda: input_times(case, spec.source.topics, storage)
 
 
 def _source(case: Case, criteria: list[Criterion], storage: Storage) -> bytes:
