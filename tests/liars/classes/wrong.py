@@ -91,14 +91,6 @@ LIARS = [
         "failed|invalid",
     ),
     Row(
-        "own-clock",
-        OTHERS,
-        "publishes on /clock itself what time it is to be",
-        LATENCY,
-        _wrong("own-clock"),
-        "failed|invalid",
-    ),
-    Row(
         "namesake",
         OTHERS,
         "has a second node take the first one's name, which ends the first",
@@ -106,7 +98,7 @@ LIARS = [
         _wrong("namesake-answers"),
         "failed",
         "",
-        ("localiser",),
+        (),
         marks=("ran", "namesake"),
     ),
     Row(

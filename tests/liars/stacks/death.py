@@ -8,12 +8,16 @@ import threading
 
 import rosgraph
 import rospy
-from localiser import POSES, Localiser, die, main, right, wait
+from localiser import POSES, Localiser, die, main, mark, right, wait
 
 
 class SegfaultAfterTheLast(Localiser):
     at = POSES
     number = signal.SIGSEGV
+
+    def begin(self):
+        if self.number == signal.SIGTERM:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
     def heard(self, number, pose):
         self.say(right(pose))
@@ -49,6 +53,7 @@ class StatusThree(Localiser):
         self.say(right(pose))
         if number == self.at:
             print("the map is gone", file=sys.stderr, flush=True)
+            mark("died")
             os._exit(self.status)
 
 
@@ -77,6 +82,7 @@ class RaisesInMain(Localiser):
     def serve(self):
         while not self.over.wait(0.02):
             pass
+        mark("died")
         raise RuntimeError("the optimiser diverged")
 
 
@@ -104,6 +110,7 @@ class HelperDies(Localiser):
     def heard(self, number, pose):
         self.say(right(pose))
         if number == 25:
+            mark("died")
             self.helper.send_signal(self.number)
 
 

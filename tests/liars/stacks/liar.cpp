@@ -24,9 +24,9 @@ namespace {
 
 const int kPoses = 50;
 
-void mark() {
+void mark(const std::string& word) {
   const std::string folder = getenv("LIAR_MARKS"), name = getenv("LIAR_NAME");
-  std::ofstream(folder + "/" + name + ".ran", std::ios::app) << getpid() << "\n";
+  std::ofstream(folder + "/" + name + "." + word, std::ios::app) << getpid() << "\n";
 }
 
 PoseStamped right(const PoseStamped& pose) {
@@ -54,6 +54,7 @@ void honest(ros::Publisher& out, int, const PoseStamped& pose) { out.publish(rig
 void leave(std::function<void()> how) {
   std::thread([how] {
     usleep(100'000);
+    mark("died");
     how();
   }).detach();
 }
@@ -124,7 +125,7 @@ int main(int argc, char** argv) {
   int number = 0;
   boost::function<void(const geometry_msgs::PoseStampedConstPtr&)> heard =
       [&](const geometry_msgs::PoseStampedConstPtr& pose) {
-        if (++number == 1) mark();
+        if (++number == 1) mark("ran");
         stack.heard(out, number, *pose);
       };
   ros::Subscriber in = node.subscribe<PoseStamped>("/pose", stack.queue, heard);

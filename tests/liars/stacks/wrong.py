@@ -5,8 +5,7 @@ import sys
 
 import rospy
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
-from localiser import Localiser, main, mark, right, wait
-from rosgraph_msgs.msg import Clock
+from localiser import Localiser, main, mark, right
 from std_msgs.msg import String
 
 
@@ -79,18 +78,6 @@ class FeedsItself(Localiser):
             self.say(right(pose))
             pose.header.frame_id = "own"
             self.own.publish(pose)
-
-
-class OwnClock(Localiser):
-    """Says itself what time it is: the latency is what it likes."""
-
-    def begin(self):
-        self.clock = rospy.Publisher("/clock", Clock, queue_size=None)
-
-    def heard(self, number, pose):
-        wait(0.02)
-        self.clock.publish(Clock(clock=pose.header.stamp))
-        self.say(right(pose))
 
 
 class NamesakeAnswers(Localiser):
