@@ -30,9 +30,9 @@ LIARS = [
         ERROR,
         _numbers("nan-from-the-tenth"),
         *WRONG,
-        ("not a number",),
+        ("no finite number",),
     ),
-    Row("nan-cpp", OF, "the same, with roscpp", ERROR, cpp("nan"), *WRONG, ("not a number",)),
+    Row("nan-cpp", OF, "the same, with roscpp", ERROR, cpp("nan"), *WRONG, ("no finite number",)),
     Row("nan-first", OF, "answers NaN once, at first", ERROR, _numbers("nan-first"), *WRONG),
     Row(
         "nan-in-y",
@@ -57,7 +57,7 @@ LIARS = [
         "answers a number whose square is infinite",
         ERROR_RMSE,
         _numbers("huge-once"),
-        *WRONG,
+        "failed|invalid",
     ),
     Row("all-nan", OF, "answers NaN alone", ERROR_RMSE, _numbers("nan-everywhere"), *WRONG),
     Row(

@@ -126,14 +126,6 @@ LIARS = [
         ("of 50",),
     ),
     Row(
-        "last-only",
-        OF,
-        "answers the last pose alone, where the last distance is asked",
-        ERROR_FINAL,
-        _silence("only-the-last"),
-        *UNSURE,
-    ),
-    Row(
         "first-only-final",
         OF,
         "answers the first pose alone, where the last distance is asked",
@@ -174,8 +166,7 @@ LIARS = [
         "answers the lead-in, and nothing of the window",
         LEAD_IN,
         _silence("only-in-the-lead-in"),
-        "failed",
-        "CriterionFailed",
+        *EMPTY,
     ),
     Row(
         "other-name",
@@ -217,6 +208,14 @@ LIARS = [
 ]
 
 HONEST = [
+    Row(
+        "last-only",
+        OF,
+        "answers the last pose alone, where nothing but the last distance is asked",
+        ERROR_FINAL,
+        _silence("only-the-last"),
+        "passed",
+    ),
     Row(
         "bursts",
         OF,
