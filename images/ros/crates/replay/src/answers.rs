@@ -1,6 +1,6 @@
 //! What the stack has answered so far, on the topics that a lock-step play waits for.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -26,6 +26,8 @@ pub(crate) struct Answers {
 pub(crate) struct Heard {
     /// Messages, the warm-up's included.
     pub(crate) count: u64,
+    /// The nodes that said them.
+    pub(crate) publishers: BTreeSet<String>,
     /// Whether there was one without a header stamp.
     pub(crate) unstamped: bool,
     /// Their stamps, if anybody goes by them.
@@ -71,6 +73,10 @@ impl Answers {
         let mut all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
         let heard = &mut all[place];
         heard.count += 1;
+        let publisher = incoming.header.text("callerid");
+        if !heard.publishers.contains(publisher) {
+            heard.publishers.insert(publisher.to_owned());
+        }
         if let Some(pairing) = &mut heard.pairing {
             let headed = has_header(incoming.header.text("message_definition"));
             match stamp(incoming.data).filter(|_| headed) {

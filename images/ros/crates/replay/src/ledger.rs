@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bagpipe_ros::{LinkState, Publication};
 
-use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic};
+use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic, Strength};
 use crate::play::Played;
 use crate::prove::{Known, Proof};
 
@@ -65,5 +65,7 @@ fn add(nodes: &mut BTreeMap<String, LedgerSubscriber>, link: &LinkState, known: 
 fn settle(mut line: LedgerSubscriber, sent: u64) -> LedgerSubscriber {
     line.received = line.received.min(sent);
     line.dropped = sent - line.received;
+    // Whoever has called back for all that it took has nothing left to call back for.
+    line.queue = (line.strength == Strength::Called).then_some(0);
     line
 }

@@ -10,6 +10,7 @@
 
 mod answers;
 mod clock;
+mod drain;
 mod error;
 mod laps;
 mod ledger;
@@ -22,6 +23,7 @@ mod pairing;
 mod pause;
 mod plan;
 mod play;
+mod processes;
 mod prove;
 mod record;
 mod recorder;

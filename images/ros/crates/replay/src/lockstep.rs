@@ -13,6 +13,7 @@
 //!   Where stamps stand still or run backward, a group is complete once all of its inputs
 //!   have come again.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -55,6 +56,8 @@ struct Input {
     deadline: Duration,
     /// How many messages have come, or the latest of their stamps.
     reached: Option<u64>,
+    /// How many messages have come.
+    messages: u64,
     /// The stamp of the last message, if that is no later than an earlier one's.
     again: Option<u64>,
 }
@@ -206,6 +209,24 @@ impl Lockstep {
         }
     }
 
+    /// Published topics of which every message was answered, with the nodes that answered: they,
+    /// and whoever they heard it from, have called back. By count, an answer that was not
+    /// awaited could have stood in for one that was.
+    pub(crate) fn answered(&self, answers: &Answers) -> Vec<(usize, BTreeSet<String>)> {
+        let mut found = Vec::new();
+        for group in self.groups.iter().filter(|group| !group.skippable) {
+            let heard = answers.of(&group.answer, |heard| (heard.count, heard.publishers.clone()));
+            let Some((count, publishers)) = heard else { continue };
+            let answered = group.report.answered;
+            if group.by == AnswerBy::Count && count != answered {
+                continue;
+            }
+            let whole = group.inputs.iter().filter(|input| input.messages == answered);
+            found.extend(whole.map(|input| (input.topic, publishers.clone())));
+        }
+        found
+    }
+
     /// What came of every group, and what the user should know of it, as sentences.
     pub(crate) fn reports(self, answers: &Answers) -> (Vec<StepReport>, Vec<String>) {
         let (mut reports, mut warnings) = (Vec::new(), Vec::new());
@@ -231,6 +252,7 @@ impl Group {
     fn take(&mut self, topic: usize, data: &[u8]) -> Option<(Duration, Option<u64>)> {
         let input = self.inputs.iter_mut().find(|input| input.topic == topic)?;
         let deadline = input.deadline;
+        input.messages += 1;
         match (self.by, stamp(data)) {
             (AnswerBy::Count, _) => input.reached = Some(input.reached.unwrap_or(0) + 1),
             // Too short for its own definition: nobody could tell its answer.
@@ -286,6 +308,7 @@ fn input(step: &Step, topics: &[TopicInfo]) -> Result<Input, ReplayError> {
         optional: step.optional,
         deadline: step.deadline,
         reached: None,
+        messages: 0,
         again: None,
     })
 }
@@ -404,6 +427,31 @@ mod tests {
         let counts = (reports[0].answered, reports[0].no_output, reports[0].unmatched);
         assert_eq!((counts, reports[0].released), ((1, 2, 1), 3));
         assert!(warnings[0].starts_with("1 messages of /out have stamps"), "{warnings:?}");
+    }
+
+    #[test]
+    fn only_a_topic_of_which_every_message_was_answered_was_called_back() {
+        let answered = |messages: &[u32], said: &[u32], by: AnswerBy| {
+            let steps = [step("/left", by, false)];
+            let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+            let answers = Answers::new(lockstep.awaited());
+            for (input, said) in messages.iter().zip(said) {
+                let due = lockstep.release(0, &at(*input), None, &answers)[0];
+                for _ in 0..*said {
+                    answers.of("/out", |heard| heard.count += 1);
+                    pair(&answers, "/out", |pairing| pairing.hear(u64::from(*input) * SECOND));
+                }
+                lockstep.wait(due, Instant::now(), &answers, || Ok(())).unwrap();
+            }
+            let topics = lockstep.answered(&answers);
+            topics.into_iter().map(|(topic, _)| topic).collect::<Vec<_>>()
+        };
+        assert_eq!(answered(&[1, 2, 3], &[1, 1, 1], AnswerBy::Count), [0]);
+        assert_eq!(answered(&[1, 2, 3], &[1, 0, 1], AnswerBy::Count), [] as [usize; 0]);
+        // Three answers to three messages, but one of them may be a timer's.
+        assert_eq!(answered(&[1, 2, 3], &[1, 2, 1], AnswerBy::Count), [] as [usize; 0]);
+        assert_eq!(answered(&[1, 2, 3], &[1, 2, 1], AnswerBy::Stamp), [0]);
+        assert_eq!(answered(&[1, 2, 3], &[0, 1, 1], AnswerBy::Stamp), [] as [usize; 0]);
     }
 
     #[test]

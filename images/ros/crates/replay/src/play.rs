@@ -1,5 +1,6 @@
 //! The player: messages go out in the bag's order, by its time or as fast as they are taken.
 
+use std::collections::BTreeSet;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -373,6 +374,11 @@ impl<'a> Player<'a> {
     pub(crate) fn advance(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
         self.move_to(time);
         self.tick(time, watch)
+    }
+
+    /// In lock-step, topics of which every message was answered, and by whom.
+    pub(crate) fn answered(&self) -> Vec<(usize, BTreeSet<String>)> {
+        self.stepper.as_ref().map(Stepper::answered).unwrap_or_default()
     }
 
     /// What came of the steps, once the play is over, and what the user should know of it.

@@ -1,13 +1,14 @@
 //! Asking the subscribers, while their connections stand, what has reached them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros::audit::{Audit, Received};
-use bagpipe_ros::{LinkState, Publication};
+use bagpipe_ros::{FarEnd, LinkState, Publication};
 
 use crate::outcome::Strength;
+use crate::processes::waits_at;
 
 /// A subscriber of a topic: the topic's place and the connection's number.
 type Key = (usize, u64);
@@ -16,6 +17,8 @@ type Key = (usize, u64);
 pub(crate) struct Proof {
     audit: Audit,
     known: BTreeMap<Key, Known>,
+    /// The nodes' processes, as far as they name them.
+    pids: BTreeMap<String, i32>,
 }
 
 /// What a node said of one connection.
@@ -25,12 +28,31 @@ pub(crate) struct Known {
     pub(crate) now: Option<Received>,
     /// Its answer when the lead-in had been received.
     pub(crate) lead_in: Option<Received>,
+    /// Where the node was just before its last answer.
+    pub(crate) place: Place,
+    /// Whether the node answered every message in lock-step.
+    pub(crate) answered: bool,
+}
+
+/// Where a subscriber is with what was sent to it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Place {
+    /// Nobody can tell.
+    #[default]
+    Unknown,
+    /// It has not read everything yet.
+    Unread,
+    /// It has read everything, and no thread of it waits for more: its callback runs.
+    Away,
+    /// It has read everything, and a thread of it waits at the socket again. Where the thread
+    /// that reads also calls, as in rospy, all callbacks have returned.
+    Back,
 }
 
 /// How an attempt to see everything received ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Settled {
-    /// Every open connection has counted every message.
+    /// No open connection's figures can change any more.
     Complete,
     /// Some have not, but nothing has changed for a while.
     Stable,
@@ -40,15 +62,32 @@ pub(crate) enum Settled {
 
 /// How a settling is waited for.
 pub(crate) struct Patience {
-    /// When to give up.
+    /// When to give up on those of whom nothing can be seen.
     pub(crate) deadline: Instant,
+    /// When to give up on those that are seen to be busy.
+    pub(crate) busy: Instant,
     /// Without a change for this time, nothing more is expected.
     pub(crate) stable: Duration,
 }
 
 impl Proof {
     pub(crate) fn new(audit: Audit) -> Proof {
-        Proof { audit, known: BTreeMap::new() }
+        Proof { audit, known: BTreeMap::new(), pids: BTreeMap::new() }
+    }
+
+    /// Learns where nodes run. One that does not say is known by its words alone.
+    pub(crate) fn meet(&mut self, nodes: &BTreeSet<String>) -> BTreeSet<i32> {
+        for node in nodes {
+            if let Ok(pid) = self.audit.pid(node) {
+                self.pids.insert(node.clone(), pid);
+            }
+        }
+        self.pids.values().copied().collect()
+    }
+
+    /// Takes in that a node has answered every message of a topic in lock-step.
+    pub(crate) fn answered(&mut self, topic: usize, link: u64) {
+        self.known.entry((topic, link)).or_default().answered = true;
     }
 
     /// What is known of a connection.
@@ -60,6 +99,7 @@ impl Proof {
     /// last figures: what can't be proved will count as lost.
     pub(crate) fn ask(&mut self, topics: &[Arc<Publication>]) {
         let mut links: BTreeMap<String, BTreeMap<String, Key>> = BTreeMap::new();
+        let seen = self.see(topics);
         for (at, publication) in topics.iter().enumerate() {
             for link in publication.subscribers().into_iter().filter(|link| link.open) {
                 let of_node = links.entry(link.node).or_default();
@@ -75,6 +115,48 @@ impl Proof {
                 }
             }
         }
+        // Where somebody was says nothing of what was sent to it in the meantime.
+        for (key, sent) in sent(topics) {
+            if seen.get(&key) != Some(&sent) {
+                self.known.entry(key).or_default().place = Place::Unknown;
+            }
+        }
+    }
+
+    /// Looks where the subscribers are, without asking them. What had been sent to each.
+    pub(crate) fn see(&mut self, topics: &[Arc<Publication>]) -> BTreeMap<Key, u64> {
+        let sent = sent(topics);
+        for (at, publication) in topics.iter().enumerate() {
+            let ends = publication.far_ends();
+            for link in publication.subscribers().into_iter().filter(|link| link.open) {
+                let end = ends.iter().find(|end| end.id == link.id);
+                let place = end.map_or(Place::Unknown, |end| self.place(&link.node, end));
+                self.known.entry((at, link.id)).or_default().place = place;
+            }
+        }
+        sent
+    }
+
+    /// Where a node is with what was sent to it. Unread bytes are looked for first: who has
+    /// none and then waits at the socket has nothing else to do for it.
+    fn place(&self, node: &str, end: &FarEnd) -> Place {
+        if end.unread > 0 {
+            return Place::Unread;
+        }
+        let (Some(pid), Some(inode)) = (self.pids.get(node), end.inode) else {
+            return Place::Unknown;
+        };
+        match waits_at(*pid, inode) {
+            None => Place::Unknown,
+            Some(true) => Place::Back,
+            Some(false) => Place::Away,
+        }
+    }
+
+    /// Whether a subscriber is seen to be on its way to more than it has counted, or in a
+    /// callback.
+    pub(crate) fn busy(&self, topics: &[Arc<Publication>]) -> bool {
+        self.open(topics).iter().any(|(known, _)| known.busy())
     }
 
     /// Asks until every node has everything, or nothing changes any more, or time runs
@@ -99,57 +181,84 @@ impl Proof {
             if !same {
                 (before, changed) = (Some(figures), now);
             }
-            let waiting: u64 = topics.iter().map(|topic| topic.unsent()).sum();
-            if waiting == 0 && now.duration_since(changed) >= patience.stable {
+            let busy = self.busy(topics);
+            if !busy && now.duration_since(changed) >= patience.stable {
                 return Ok(Settled::Stable);
             }
-            if now >= patience.deadline || pause()? {
+            let deadline = if busy { patience.busy } else { patience.deadline };
+            if now >= deadline || pause()? {
                 return Ok(Settled::Unsettled);
             }
         }
     }
 
-    /// Remembers the present figures as those of the lead-in. They are the truth if they
-    /// can't change any more; otherwise all of the lead-in is taken as received, so that
-    /// what was lost of it counts as lost.
-    pub(crate) fn end_lead_in(&mut self, topics: &[Arc<Publication>], settled: Settled) {
+    /// Remembers the present figures as those of the lead-in, where they can't change any
+    /// more. Otherwise all of the lead-in is taken as received, so that what was lost of it
+    /// counts as lost: figures that have merely stood still for a while prove nothing, since a
+    /// first callback may take its time.
+    pub(crate) fn end_lead_in(&mut self, topics: &[Arc<Publication>]) {
         for (at, publication) in topics.iter().enumerate() {
             for link in publication.subscribers() {
                 let known = self.known.entry((at, link.id)).or_default();
-                let final_now = known
-                    .now
-                    .filter(|now| settled != Settled::Unsettled || now.messages == link.lead_in);
-                known.lead_in = final_now;
+                known.lead_in = known.now.filter(|now| known.is_final(now, &link));
             }
         }
     }
 
-    /// Whether every open connection has counted everything, and the figures.
+    /// Whether no open connection's figures can change, and the figures.
     fn figures(&self, topics: &[Arc<Publication>]) -> (bool, Vec<Option<Received>>) {
-        let mut complete = true;
-        let mut figures = Vec::new();
-        for (at, publication) in topics.iter().enumerate() {
-            for link in publication.subscribers().into_iter().filter(|link| link.open) {
-                let now = self.known(at, link.id).now;
-                let sent = link.lead_in + link.counted;
-                complete &= now.is_some_and(|now| now.messages >= sent);
-                figures.push(now);
-            }
-        }
-        (complete, figures)
+        let open = self.open(topics);
+        let complete = open
+            .iter()
+            .all(|(known, link)| known.now.is_some_and(|now| known.is_final(&now, link)));
+        (complete, open.iter().map(|(known, _)| known.now).collect())
     }
+
+    /// What is known of every open connection.
+    fn open(&self, topics: &[Arc<Publication>]) -> Vec<(Known, LinkState)> {
+        let links = topics.iter().enumerate().flat_map(|(at, publication)| {
+            let links = publication.subscribers().into_iter().filter(|link| link.open);
+            links.map(move |link| (at, link))
+        });
+        links.map(|(at, link)| (self.known(at, link.id), link)).collect()
+    }
+}
+
+/// What was sent to every open connection.
+fn sent(topics: &[Arc<Publication>]) -> BTreeMap<Key, u64> {
+    let all = topics.iter().enumerate().flat_map(|(at, publication)| {
+        let links = publication.subscribers().into_iter().filter(|link| link.open);
+        links.map(move |link| ((at, link.id), link.lead_in + link.counted))
+    });
+    all.collect()
 }
 
 impl Known {
     /// What the node's word proves. roscpp counts what it reads from its socket and what its
     /// queues throw away; the rest may still wait in them. rospy counts what it takes for the
-    /// callback, and runs that afterwards.
+    /// callback, and runs that afterwards on the thread that reads.
     pub(crate) fn strength(&self) -> Strength {
         match self.now {
             None => Strength::Sent,
+            Some(_) if self.answered => Strength::Called,
             Some(Received { drops: Some(_), .. }) => Strength::Received,
+            Some(Received { drops: None, .. }) if self.place == Place::Back => Strength::Called,
             Some(Received { drops: None, .. }) => Strength::Taken,
         }
+    }
+
+    /// Whether what the node says can't change any more: it has counted all that was sent, or
+    /// it has lost some and waits for more.
+    fn is_final(&self, now: &Received, link: &LinkState) -> bool {
+        let waits_for_more = now.drops.is_none() && self.place == Place::Back;
+        now.messages >= link.lead_in + link.counted || waits_for_more
+    }
+
+    /// Whether it is seen to have something to do with what was sent. roscpp reads on a
+    /// thread that never waits at one socket.
+    fn busy(&self) -> bool {
+        let rospy = self.now.is_some_and(|now| now.drops.is_none());
+        self.place == Place::Unread || (rospy && self.place == Place::Away)
     }
 
     /// Messages of the window that reached the callback.
@@ -185,18 +294,52 @@ mod tests {
 
     #[test]
     fn losses_of_the_lead_in_do_not_count_where_they_can_be_told_apart() {
-        let roscpp = Known { now: said(110, Some(7)), lead_in: said(10, Some(4)) };
+        let roscpp =
+            Known { now: said(110, Some(7)), lead_in: said(10, Some(4)), ..Known::default() };
         assert_eq!(roscpp.reached(&link(10, 100)), 97);
-        let rospy = Known { now: said(106, None), lead_in: said(6, None) };
+        let rospy = Known { now: said(106, None), lead_in: said(6, None), ..Known::default() };
         assert_eq!(rospy.reached(&link(10, 100)), 100);
     }
 
     #[test]
     fn what_is_not_proved_is_not_received() {
         assert_eq!(Known::default().reached(&link(0, 100)), 0);
-        let unsettled = Known { now: said(106, None), lead_in: None };
+        let unsettled = Known { now: said(106, None), ..Known::default() };
         assert_eq!(unsettled.reached(&link(10, 100)), 96);
-        let unsettled = Known { now: said(110, Some(7)), lead_in: None };
+        let unsettled = Known { now: said(110, Some(7)), ..Known::default() };
         assert_eq!(unsettled.reached(&link(10, 100)), 93);
+    }
+
+    #[test]
+    fn a_lead_in_is_final_only_if_nothing_of_it_can_come_any_more() {
+        let at = |now, place| Known { now, place, ..Known::default() };
+        let sure = |known: Known| known.is_final(&known.now.unwrap(), &link(10, 0));
+        for place in [Place::Unknown, Place::Unread, Place::Away, Place::Back] {
+            assert!(sure(at(said(10, None), place)) && sure(at(said(10, Some(4)), place)));
+            assert_eq!(sure(at(said(7, None), place)), place == Place::Back);
+            assert!(!sure(at(said(7, Some(0)), place)));
+        }
+    }
+
+    #[test]
+    fn a_proof_is_as_strong_as_what_the_library_counts_and_what_was_seen() {
+        let at = |now, place| Known { now, place, ..Known::default() };
+        assert_eq!(at(None, Place::Back).strength(), Strength::Sent);
+        assert_eq!(at(said(1, Some(0)), Place::Back).strength(), Strength::Received);
+        assert_eq!(at(said(1, None), Place::Away).strength(), Strength::Taken);
+        assert_eq!(at(said(1, None), Place::Unknown).strength(), Strength::Taken);
+        assert_eq!(at(said(1, None), Place::Back).strength(), Strength::Called);
+        let answered = Known { answered: true, ..at(said(1, Some(0)), Place::Unknown) };
+        assert_eq!(answered.strength(), Strength::Called);
+        assert_eq!(Known { answered: true, ..Known::default() }.strength(), Strength::Sent);
+    }
+
+    #[test]
+    fn who_has_not_read_everything_is_busy_and_so_is_rospy_away_from_its_socket() {
+        let at = |now, place| Known { now, place, ..Known::default() }.busy();
+        assert!(at(None, Place::Unread) && at(said(1, Some(0)), Place::Unread));
+        assert!(at(said(1, None), Place::Away));
+        assert!(!at(said(1, Some(0)), Place::Away) && !at(None, Place::Away));
+        assert!(!at(said(1, None), Place::Back) && !at(said(1, None), Place::Unknown));
     }
 }

@@ -13,6 +13,7 @@ use bagpipe_ros::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
 
 use crate::answers::Answers;
 use crate::clock::BagClock;
+use crate::drain::{Drain, PAUSE};
 use crate::laps::Laps;
 use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
@@ -20,7 +21,8 @@ use crate::machine::{Foreign, Gauge};
 use crate::outcome::{Ledger, Playback, Replayed, Timings};
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
-use crate::prove::{Patience, Proof, Settled};
+use crate::processes::Processes;
+use crate::prove::{Patience, Proof};
 use crate::recorder::{Recorder, Room};
 use crate::simulate::{Turns, World};
 use crate::step::Stepper;
@@ -34,16 +36,10 @@ const CALL: Duration = Duration::from_secs(3);
 const ASK: Duration = Duration::from_secs(2);
 /// How often nodes are asked and topics are sought during the play.
 const ROUND: Duration = Duration::from_millis(500);
-/// The pause between two rounds of questions when the answers are awaited.
-const PAUSE: Duration = Duration::from_millis(10);
 /// The most that the end of the lead-in waits for it to be received.
 const LEAD_IN: Duration = Duration::from_secs(1);
 /// A lead-in that has not changed for this time is over.
 const LEAD_IN_STABLE: Duration = Duration::from_millis(500);
-/// Nodes whose figures have not changed for this time will not receive more.
-const STABLE: Duration = Duration::from_secs(2);
-/// Outputs are over when none came for this time.
-const QUIET: Duration = Duration::from_millis(300);
 
 /// [`replay_together`] of a single bag.
 ///
@@ -161,13 +157,15 @@ fn perform(
     let mut player = Player::advertise(node, plan, clock, request, stepper)?;
     wait_for_stack(&discovery, &mut player, request, watch)?;
     let audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
-    let rounds = Rounds::new(Proof::new(audit), player.publications().to_vec());
+    let mut proof = Proof::new(audit);
+    let mut processes = Processes::meet(proof.meet(&discovery.others()?));
+    let rounds = Rounds::new(proof, player.publications().to_vec());
     // Once now: where the nodes are, a master that is started anew could not say.
     rounds.ask();
+    let foreign = Foreign::new(Mutex::new(processes.know().clone()));
     let subscribe = laps.lap();
 
     let window = request.window;
-    let foreign = Foreign::default();
     let (lead_in, gauge, pace) = std::thread::scope(|scope| {
         scope.spawn(|| rounds.run(&discovery));
         let _ends = EndOnDrop(&rounds);
@@ -194,9 +192,10 @@ fn perform(
     watch.enter(Stage::Drain);
     let there = present(player.publications());
     let mut proof = rounds.into_proof();
-    let drain = Drain { request, recorder, since: Instant::now() };
+    let drain = Drain { node, request, recorder, since: Instant::now() };
     drain.prove(&mut proof, &mut player, watch)?;
-    drain.listen(&mut player, watch)?;
+    drain.listen(&mut proof, &mut processes, &mut player, watch)?;
+    take_answers(&player, &mut proof);
     let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
     let ledger = ledger(player.publications(), player.played(), &there, &proof);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
@@ -216,13 +215,13 @@ fn warm_up(
     let window = request.window;
     if !plan.latched.is_empty() {
         player.play_latched(watch)?;
-        await_lead_in(rounds, player, watch)?;
+        await_lead_in(rounds, player, request, watch)?;
     }
     let schedule = player.schedule(window.lead_in_start);
     player.play(plan.lead_in.clone(), schedule, Share::LeadIn, watch)?;
     player.wait_until(window.start, schedule, watch)?;
     if !plan.lead_in.is_empty() {
-        await_lead_in(rounds, player, watch)?;
+        await_lead_in(rounds, player, request, watch)?;
     }
     Ok(())
 }
@@ -232,61 +231,32 @@ fn warm_up(
 fn await_lead_in(
     rounds: &Rounds,
     player: &Player<'_>,
+    request: &ReplayRequest,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
-    let patience = Patience { deadline: Instant::now() + LEAD_IN, stable: LEAD_IN_STABLE };
+    let now = Instant::now();
+    let (deadline, busy) = (now + LEAD_IN, now + request.drain_deadline.max(LEAD_IN));
+    let patience = Patience { deadline, busy, stable: LEAD_IN_STABLE };
     let mut proof = rounds.proof.lock().unwrap_or_else(PoisonError::into_inner);
-    let settled: Settled = proof.settle(player.publications(), &patience, || {
+    proof.settle(player.publications(), &patience, || {
         watch.sleep_until(Instant::now() + PAUSE).map(|()| false)
     })?;
-    proof.end_lead_in(player.publications(), settled);
+    proof.end_lead_in(player.publications());
     Ok(())
 }
 
-/// After the last message.
-struct Drain<'a> {
-    request: &'a ReplayRequest,
-    recorder: &'a Recorder,
-    since: Instant,
-}
-
-impl Drain<'_> {
-    /// Until the subscribers' kernels and then the subscribers have everything.
-    fn prove(
-        &self,
-        proof: &mut Proof,
-        player: &mut Player<'_>,
-        watch: &mut Watch<'_>,
-    ) -> Result<(), ReplayError> {
-        let patience =
-            Patience { deadline: self.since + self.request.drain_deadline, stable: STABLE };
-        let topics = player.publications().to_vec();
-        let mut pause = |watch: &mut Watch<'_>| {
-            watch.sleep_until(Instant::now() + PAUSE)?;
-            player.show_clock(watch)?;
-            Ok::<bool, ReplayError>(watch.stack_has_exited())
-        };
-        while topics.iter().any(|topic| topic.unsent() > 0) && Instant::now() < patience.deadline {
-            if pause(watch)? {
-                return Ok(());
+/// What the answers of a lock-step play prove. They are those of a topic's only subscriber,
+/// or of the one that said them all.
+fn take_answers(player: &Player<'_>, proof: &mut Proof) {
+    for (at, publishers) in player.answered() {
+        let links = player.publications()[at].subscribers();
+        let nodes: BTreeSet<&String> = links.iter().map(|link| &link.node).collect();
+        for link in &links {
+            let said_all = publishers.len() == 1 && publishers.contains(&link.node);
+            if nodes.len() == 1 || said_all {
+                proof.answered(at, link.id);
             }
         }
-        proof.settle(&topics, &patience, || pause(watch)).map(drop)
-    }
-
-    /// Until the outputs have ended.
-    fn listen(&self, player: &mut Player<'_>, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
-        // Quiet counts from here: what was received last is not answered yet.
-        let received = Instant::now();
-        let deadline = (self.since + self.request.drain_deadline).max(received + QUIET);
-        while self.recorder.quiet_for(received) < QUIET && Instant::now() < deadline {
-            watch.sleep_until(Instant::now() + PAUSE)?;
-            player.show_clock(watch)?;
-            if watch.stack_has_exited() {
-                break;
-            }
-        }
-        Ok(())
     }
 }
 

@@ -1,5 +1,6 @@
 //! A lock-step player's hold on everything that could come in another order next time.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -83,6 +84,11 @@ impl<'a> Stepper<'a> {
             self.lockstep.wait(due, released, &self.answers, || watch.check())?;
         }
         await_read(topic, watch)
+    }
+
+    /// Topics of which every message was answered, and by whom.
+    pub(crate) fn answered(&self) -> Vec<(usize, BTreeSet<String>)> {
+        self.lockstep.answered(&self.answers)
     }
 
     /// What came of the steps, and what the user should know of it.

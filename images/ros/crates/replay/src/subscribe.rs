@@ -108,6 +108,14 @@ impl<'a> Discovery<'a> {
         }
     }
 
+    /// The nodes of the graph but ours, as the master knows them now.
+    pub(crate) fn others(&self) -> Result<BTreeSet<String>, ReplayError> {
+        let state = self.look()?.unwrap_or_default();
+        let lists = state.publishers.values().chain(state.subscribers.values());
+        let others = lists.flatten().filter(|node| *node != self.node.name());
+        Ok(others.cloned().collect())
+    }
+
     /// What the user should know of a master that was started anew.
     pub(crate) fn restarted(&self) -> Option<String> {
         let again = self.master.lock().unwrap_or_else(|e| e.into_inner()).again;

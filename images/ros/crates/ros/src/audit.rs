@@ -3,10 +3,11 @@
 //! What the two libraries mean by it, measured against their callbacks:
 //! - roscpp: `[link, bytes, received, drops, 0]`. Received is what was read from the
 //!   socket; drops, cumulative, is what its subscription queues threw away.
-//!   Received minus drops reached the callback. Because it never advances the index of
-//!   the list, only the last link of a topic is listed. It also answers without the usual
-//!   `[code, message, value]` around.
-//! - rospy: `[link, bytes, messages, -1, connected]`. Messages reached the callback.
+//!   Received minus drops reached the callback, or still waits in a queue. Because it never
+//!   advances the index of the list, only the last link of a topic is listed. It also
+//!   answers without the usual `[code, message, value]` around.
+//! - rospy: `[link, bytes, messages, -1, connected]`. Messages were taken for the callback,
+//!   which the same thread runs afterwards.
 //!
 //! The figures vanish with the link: ask while the publisher is still connected.
 
@@ -20,7 +21,7 @@ use crate::{RosError, Value};
 /// What a node says of one of its links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Received {
-    /// Messages counted by the node: read from the socket (roscpp) or handed to the
+    /// Messages counted by the node: read from the socket (roscpp) or taken for the
     /// callback (rospy).
     pub messages: u64,
     /// Messages that its queues threw away; `None` if the node does not count them.
@@ -28,7 +29,7 @@ pub struct Received {
 }
 
 impl Received {
-    /// Messages that reached the callback.
+    /// Messages that reached the callback, or a queue in front of it.
     pub fn reached(&self) -> u64 {
         self.messages.saturating_sub(self.drops.unwrap_or(0))
     }

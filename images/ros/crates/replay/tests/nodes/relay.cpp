@@ -1,5 +1,6 @@
 // Relays JointStates and says how many callbacks have run.
 // relay <in> <out> <queue> <microseconds in the callback> [remappings]
+// Negative microseconds are computed, the others slept.
 #include <cstdio>
 #include <cstdlib>
 #include <unistd.h>
@@ -16,6 +17,9 @@ int main(int argc, char** argv) {
   boost::function<void(const sensor_msgs::JointStateConstPtr&)> relay =
       [&](const sensor_msgs::JointStateConstPtr& message) {
         if (busy > 0) usleep(busy);
+        const auto until = ros::WallTime::now() + ros::WallDuration(-busy / 1e6);
+        while (ros::WallTime::now() < until) {
+        }
         out.publish(message);
         printf("seen %lu\n", ++seen);
         fflush(stdout);

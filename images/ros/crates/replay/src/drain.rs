@@ -1,0 +1,141 @@
+//! After the last message: until everybody has it, and until nobody answers any more.
+//!
+//! Silence alone does not end a recording. A machine that stands still is silent too, and so
+//! is a callback that takes its time. What the nodes do ends it, as far as it can be seen:
+//! their sockets are read, the threads that read are back at them, nobody uses a processor
+//! beyond the usual, and who slept has woken. Where it can't be seen, silence has to do.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros::{Node, Publication};
+
+use crate::play::Player;
+use crate::processes::{Processes, Rest};
+use crate::prove::{Patience, Proof};
+use crate::recorder::Recorder;
+use crate::watch::Watch;
+use crate::{ReplayError, ReplayRequest};
+
+/// The pause between two rounds of questions when the answers are awaited.
+pub(crate) const PAUSE: Duration = Duration::from_millis(10);
+/// A pause that lasts longer was none of the stack's time.
+const STOOD_STILL: Duration = Duration::from_millis(50);
+/// The time between two looks at what the nodes do.
+const LOOK: Duration = Duration::from_millis(50);
+/// Nodes whose figures have not changed for this time will not receive more.
+const STABLE: Duration = Duration::from_secs(2);
+/// Outputs are over when none came for this time, and nobody was at work.
+const QUIET: Duration = Duration::from_millis(300);
+/// How long what lies in our own sockets may take into the recording.
+const SWEEP: Duration = Duration::from_secs(1);
+
+/// After the last message.
+pub(crate) struct Drain<'a> {
+    pub(crate) node: &'a Node,
+    pub(crate) request: &'a ReplayRequest,
+    pub(crate) recorder: &'a Recorder,
+    pub(crate) since: Instant,
+}
+
+impl Drain<'_> {
+    /// Until the subscribers' kernels and then the subscribers have everything.
+    pub(crate) fn prove(
+        &self,
+        proof: &mut Proof,
+        player: &mut Player<'_>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let deadline = self.since + self.request.drain_deadline;
+        let patience = Patience { deadline, busy: deadline, stable: STABLE };
+        let topics = player.publications().to_vec();
+        let mut pause = |watch: &mut Watch<'_>| {
+            watch.sleep_until(Instant::now() + PAUSE)?;
+            player.show_clock(watch)?;
+            Ok::<bool, ReplayError>(watch.stack_has_exited())
+        };
+        while topics.iter().any(|topic| topic.unsent() > 0) && Instant::now() < patience.deadline {
+            if pause(watch)? {
+                return Ok(());
+            }
+        }
+        proof.settle(&topics, &patience, || pause(watch)).map(drop)
+    }
+
+    /// Until the outputs have ended.
+    pub(crate) fn listen(
+        &self,
+        proof: &mut Proof,
+        processes: &mut Processes,
+        player: &mut Player<'_>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let topics = player.publications().to_vec();
+        // Quiet counts from here: what was received last is not answered yet.
+        let begun = Instant::now();
+        let deadline = (self.since + self.request.drain_deadline).max(begun + QUIET);
+        processes.begin();
+        let (mut quiet, mut rest, mut look) = (begun, Rest::Working, begun + LOOK);
+        while Instant::now() < deadline && !self.is_over(rest, quiet) {
+            let before = Instant::now();
+            watch.sleep_until(before + PAUSE)?;
+            player.show_clock(watch)?;
+            if watch.stack_has_exited() {
+                break;
+            }
+            let now = Instant::now();
+            quiet += stood_still(now - before);
+            if now >= look {
+                let heard = self.recorder.quiet_for(begun) < now + LOOK - look;
+                look = now + LOOK;
+                rest = work(proof, processes, &topics, heard);
+                if rest == Rest::Working {
+                    quiet = now;
+                }
+            }
+        }
+        // In the sockets may be what has been said in time and was not taken yet.
+        self.node.sweep(SWEEP);
+        Ok(())
+    }
+
+    /// Whether nobody works and nothing has come for long enough.
+    fn is_over(&self, rest: Rest, quiet: Instant) -> bool {
+        if rest != Rest::Still || self.recorder.quiet_for(quiet) < QUIET {
+            return false;
+        }
+        // The thread that records may be the one that got no processor.
+        self.node.sweep(SWEEP);
+        self.recorder.quiet_for(quiet) >= QUIET
+    }
+}
+
+/// What of a pause was nobody's time to say anything.
+fn stood_still(pause: Duration) -> Duration {
+    if pause >= STOOD_STILL { pause.saturating_sub(PAUSE) } else { Duration::ZERO }
+}
+
+/// What the nodes do.
+fn work(
+    proof: &mut Proof,
+    processes: &mut Processes,
+    topics: &[Arc<Publication>],
+    heard: bool,
+) -> Rest {
+    proof.see(topics);
+    let rest = processes.rest(heard);
+    if proof.busy(topics) { Rest::Working } else { rest }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_pause_that_took_far_too_long_is_time_that_nobody_had() {
+        let ms = Duration::from_millis;
+        assert_eq!(stood_still(ms(10)), ms(0));
+        assert_eq!(stood_still(ms(49)), ms(0));
+        assert_eq!(stood_still(ms(250)), ms(240));
+    }
+}

@@ -1,0 +1,184 @@
+//! Whether nodes rest: whether anything of theirs could still answer what they were told.
+//!
+//! A thread works that wants a good part of a processor, more than its process wanted
+//! before the first input. A thread that sleeps until some time may be in the middle of its
+//! work, and is waited for until it has woken once. Both are told by differences of two
+//! looks, whatever machine they ran on: wanting a processor without getting it counts.
+
+use std::collections::BTreeMap;
+use std::time::Duration;
+
+use super::threads::{Demand, Waits};
+
+/// The part of a processor that a process wants while it works, beyond what it always wants.
+/// Timers and the reading of /clock take a few hundredths.
+const WORKING: f64 = 0.25;
+/// A process that wants less than this before the first input is at rest by then.
+pub(crate) const RESTING: f64 = 0.05;
+
+/// A thread: its process and its own number.
+pub(crate) type Thread = (i32, i32);
+
+/// All threads at a moment.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Look {
+    /// Since when looks began.
+    pub(crate) at: Duration,
+    pub(crate) threads: BTreeMap<Thread, (Demand, Waits)>,
+}
+
+/// What two looks say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Rest {
+    /// Somebody works.
+    Working,
+    /// Nobody works, and somebody who was asleep has not woken since.
+    Asleep,
+    /// Nothing is going on.
+    Still,
+}
+
+/// The watch over some processes.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Watch {
+    /// The part of a processor that each process wanted before the first input.
+    usual: BTreeMap<i32, f64>,
+    /// Turns of each thread then.
+    before: Look,
+    last: Look,
+    /// When it was still since.
+    still: Look,
+}
+
+impl Look {
+    /// The part of a processor that each process has wanted since an earlier look.
+    pub(crate) fn wanted_since(&self, earlier: &Look) -> BTreeMap<i32, f64> {
+        let passed = self.at.saturating_sub(earlier.at).as_nanos() as f64;
+        let mut wanted: BTreeMap<i32, f64> = BTreeMap::new();
+        for (thread, (demand, _)) in &self.threads {
+            let before = earlier.threads.get(thread).map_or(0, |(demand, _)| demand.nanoseconds);
+            let grown = demand.nanoseconds.saturating_sub(before) as f64;
+            *wanted.entry(thread.0).or_default() += if passed > 0.0 { grown / passed } else { 0.0 };
+        }
+        wanted
+    }
+
+    fn turns(&self, thread: &Thread) -> Option<u64> {
+        self.threads.get(thread).map(|(demand, _)| demand.turns)
+    }
+}
+
+impl Watch {
+    /// What was usual before the first input, from two looks.
+    pub(crate) fn new(first: &Look, second: Look) -> Watch {
+        let usual = second.wanted_since(first);
+        Watch { usual, before: second.clone(), last: second.clone(), still: second }
+    }
+
+    /// Stillness can begin now.
+    pub(crate) fn begin(&mut self, now: Look) {
+        self.last = now.clone();
+        self.still = now;
+    }
+
+    /// What has gone on since the last look. Work begins the stillness anew, and so does what
+    /// was heard: who sleeps after that has to wake once more.
+    pub(crate) fn look(&mut self, now: Look, heard: bool) -> Rest {
+        let wanted = now.wanted_since(&self.last);
+        let usual = |process: &i32| self.usual.get(process).copied().unwrap_or_default();
+        let works = wanted.iter().any(|(process, part)| *part >= usual(process) + WORKING);
+        self.last = now;
+        if works || heard {
+            self.still = self.last.clone();
+        }
+        if works {
+            return Rest::Working;
+        }
+        let asleep = self.last.threads.iter().any(|(thread, (demand, waits))| {
+            let since = self.still.turns(thread) == Some(demand.turns);
+            // Who has not woken since before the first input has nothing to do with it.
+            let parked = self.before.turns(thread) == Some(demand.turns);
+            *waits == Waits::Time && since && !parked
+        });
+        if asleep { Rest::Asleep } else { Rest::Still }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const MS: u64 = 1_000_000;
+
+    /// A look at (process, thread, milliseconds wanted, turns, what it waits for).
+    fn look(at: u64, threads: &[(i32, i32, u64, u64, Waits)]) -> Look {
+        let one = |&(process, thread, wanted, turns, waits): &(i32, i32, u64, u64, Waits)| {
+            ((process, thread), (Demand { nanoseconds: wanted * MS, turns }, waits))
+        };
+        Look { at: Duration::from_millis(at), threads: threads.iter().map(one).collect() }
+    }
+
+    #[test]
+    fn a_process_works_that_wants_more_than_it_always_did() {
+        let idle = Waits::Else;
+        let mut watch = Watch::new(
+            &look(0, &[(1, 1, 0, 0, idle), (2, 2, 0, 0, idle)]),
+            look(100, &[(1, 1, 90, 9, idle), (2, 2, 1, 9, idle)]),
+        );
+        let at = |at, one, two| look(at, &[(1, 1, one, 9, idle), (2, 2, two, 9, idle)]);
+        watch.begin(at(200, 180, 2));
+        // The first always burns most of a processor; the second begins to.
+        assert_eq!(watch.look(at(250, 225, 3), false), Rest::Still);
+        assert_eq!(watch.look(at(300, 270, 23), false), Rest::Working);
+        assert_eq!(watch.look(at(350, 315, 24), false), Rest::Still);
+    }
+
+    #[test]
+    fn work_that_is_shared_by_threads_is_one_process_s() {
+        let both = |at, wanted| {
+            look(at, &[(1, 1, wanted, 1, Waits::Else), (1, 2, wanted, 1, Waits::Else)])
+        };
+        let mut watch = Watch::new(&both(0, 0), both(100, 0));
+        assert_eq!(watch.look(both(150, 7), false), Rest::Working);
+        // A thread that is new counts from nothing.
+        let new = look(200, &[(1, 1, 7, 1, Waits::Else), (1, 9, 40, 1, Waits::Else)]);
+        assert_eq!(watch.look(new, false), Rest::Working);
+    }
+
+    #[test]
+    fn a_sleeper_is_waited_for_until_it_has_woken_unless_it_never_does() {
+        let at = |at, turns| look(at, &[(1, 1, 0, turns, Waits::Time), (1, 2, 0, 4, Waits::Time)]);
+        let mut watch = Watch::new(&at(0, 1), at(10, 1));
+        watch.begin(at(100, 5));
+        assert_eq!(watch.look(at(150, 5), false), Rest::Asleep);
+        assert_eq!(watch.look(at(200, 6), false), Rest::Still);
+        // It said something, and sleeps again.
+        assert_eq!(watch.look(at(220, 7), true), Rest::Asleep);
+        assert_eq!(watch.look(at(240, 7), false), Rest::Asleep);
+        assert_eq!(watch.look(at(260, 8), false), Rest::Still);
+        // The other thread has slept since before the play.
+        watch.begin(at(300, 8));
+        assert_eq!(watch.look(at(350, 8), false), Rest::Asleep);
+        assert_eq!(watch.look(look(400, &[(1, 2, 0, 4, Waits::Time)]), false), Rest::Still);
+    }
+
+    proptest! {
+        #[test]
+        fn a_look_at_nothing_or_back_in_time_is_still(at in 0..10_000u64, back in 0..10_000u64) {
+            let mut watch = Watch::new(&Look::default(), Look::default());
+            prop_assert_eq!(watch.look(look(at, &[]), false), Rest::Still);
+            prop_assert_eq!(watch.look(look(back, &[]), true), Rest::Still);
+        }
+
+        #[test]
+        fn whoever_wants_a_whole_processor_works_however_long_the_looks_are_apart(
+            apart in 1..5_000u64, turns in 0..100u64,
+        ) {
+            let at = |at| look(at, &[(1, 1, at, turns, Waits::Else)]);
+            let mut watch = Watch::new(&look(0, &[]), look(0, &[]));
+            watch.begin(at(1));
+            prop_assert_eq!(watch.look(at(1 + apart), false), Rest::Working);
+        }
+    }
+}

@@ -1,0 +1,89 @@
+//! What the kernel says of threads: how much they wanted a processor, and what they wait for.
+//! Pure: the texts come from elsewhere.
+
+/// The numbers of the system calls that are told apart.
+#[cfg(target_arch = "x86_64")]
+mod calls {
+    pub(super) const RECEIVE: [u64; 2] = [45, 0]; // recvfrom, read
+    pub(super) const SLEEP: [u64; 2] = [35, 230]; // nanosleep, clock_nanosleep
+}
+#[cfg(not(target_arch = "x86_64"))]
+mod calls {
+    // The generic table, which aarch64 and riscv64 have.
+    pub(super) const RECEIVE: [u64; 2] = [207, 63];
+    pub(super) const SLEEP: [u64; 2] = [101, 115];
+}
+
+/// What a thread waits for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Waits {
+    /// Bytes of this file descriptor.
+    Bytes(u64),
+    /// A time.
+    Time,
+    /// It runs, or waits for something else.
+    Else,
+}
+
+/// What a thread has had and wanted of processors.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Demand {
+    /// Nanoseconds that it ran or would have run, had there been a processor.
+    pub(crate) nanoseconds: u64,
+    /// How often it has been put on one.
+    pub(crate) turns: u64,
+}
+
+/// Reads /proc/PID/task/TID/schedstat: time run, time waited to run, turns.
+pub(crate) fn demand(schedstat: &str) -> Option<Demand> {
+    let mut numbers = schedstat.split_ascii_whitespace().map(|word| word.parse::<u64>().ok());
+    let (ran, waited, turns) = (numbers.next()??, numbers.next()??, numbers.next()??);
+    Some(Demand { nanoseconds: ran.saturating_add(waited), turns })
+}
+
+/// Reads /proc/PID/task/TID/syscall: a number and its arguments in hexadecimal, or `running`.
+pub(crate) fn waits(syscall: &str) -> Option<Waits> {
+    let mut words = syscall.split_ascii_whitespace();
+    let first = words.next()?;
+    let Ok(number) = first.parse::<u64>() else { return Some(Waits::Else) };
+    if calls::SLEEP.contains(&number) {
+        return Some(Waits::Time);
+    }
+    if !calls::RECEIVE.contains(&number) {
+        return Some(Waits::Else);
+    }
+    let descriptor = u64::from_str_radix(words.next()?.strip_prefix("0x")?, 16).ok()?;
+    Some(Waits::Bytes(descriptor))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_kernels_words_on_threads_are_understood() {
+        let ran = Demand { nanoseconds: 1_500, turns: 7 };
+        assert_eq!(demand("1000 500 7\n"), Some(ran));
+        assert_eq!(demand("1000 500\n"), None);
+        assert_eq!(waits("running\n"), Some(Waits::Else));
+        assert_eq!(waits("-1 0x7ffd 0x7f08\n"), Some(Waits::Else));
+        assert_eq!(waits(""), None);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn a_thread_that_waits_for_bytes_names_the_descriptor() {
+        assert_eq!(waits("45 0x1f 0x55aa 0x10000 0x0 0x0 0x0 0x7ff 0x7f"), Some(Waits::Bytes(31)));
+        assert_eq!(waits("230 0x1 0x0 0x7ff 0x0 0x0 0x0 0x7 0x7"), Some(Waits::Time));
+        assert_eq!(waits("202 0x1 0x0"), Some(Waits::Else));
+        assert_eq!(waits("45"), None);
+    }
+
+    proptest! {
+        #[test]
+        fn no_text_makes_the_readers_panic(text in "(?s).{0,100}") {
+            (demand(&text), waits(&text));
+        }
+    }
+}

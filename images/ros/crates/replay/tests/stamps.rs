@@ -1,0 +1,91 @@
+//! Lock-step by stamp with real nodes: which answers are taken for which inputs.
+#![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
+#[path = "../../ros/tests/graph/mod.rs"]
+mod graph;
+mod scene;
+
+use std::time::Duration;
+
+use bagpipe_bag::{Bag, Connection, MemoryChunkedFile};
+use bagpipe_replay::{AnswerBy, Mode, Replayed, Step, Strength};
+use graph::{Graph, compile};
+use scene::{TMP, bag_of, node, read_back, request, run};
+
+/// Empty JointStates with these stamps, in seconds.
+fn joint_states(seconds: &[u32]) -> Bag<MemoryChunkedFile> {
+    let definition = "std_msgs/Header header\nstring[] name\nfloat64[] position\n\
+                      float64[] velocity\nfloat64[] effort\n";
+    let connection = Connection {
+        id: 0,
+        topic: "/joint_states".to_owned(),
+        datatype: "sensor_msgs/JointState".to_owned(),
+        md5sum: "3066dcd76a6cfaef579bd0f34173e9fd".to_owned(),
+        definition: definition.to_owned(),
+        caller_id: Some("/robot".to_owned()),
+        latching: false,
+    };
+    let message = |second: &u32| [&[0; 4], &second.to_le_bytes()[..], &[0; 24]].concat();
+    bag_of(&[connection], seconds.iter().map(|second| (0, message(second))))
+}
+
+/// Plays in lock-step by stamp.
+fn play(bag: &Bag<MemoryChunkedFile>, graph: &Graph, deadline: Duration) -> Replayed {
+    let mut request = request(bag, &graph.uri);
+    request.mode = Mode::Lockstep;
+    request.record_topics = vec!["/relayed".to_owned()];
+    request.steps = vec![Step {
+        trigger: "/joint_states".to_owned(),
+        answer: "/relayed".to_owned(),
+        deadline,
+        by: AnswerBy::Stamp,
+        optional: false,
+    }];
+    run(bag, &request).unwrap()
+}
+
+#[test]
+fn equal_zero_backward_and_late_stamps_are_each_answered_by_their_own() {
+    let seconds = [0, 0, 5, 5, 3, 2_147_483_648, u32::MAX, u32::MAX, 1, 1];
+    let bag = joint_states(&seconds);
+    let relay = compile(TMP, &node("relay.cpp"));
+    for python in [false, true] {
+        let graph = Graph::start(TMP);
+        let _relay = match python {
+            true => graph.python(&node("relay.py"), &["/joint_states", "/relayed", "0", "0"]),
+            false => graph.spawn(relay.to_str().unwrap(), &["/joint_states", "/relayed", "0", "0"]),
+        };
+        let replayed = play(&bag, &graph, Duration::from_secs(20));
+        let step = &replayed.playback.steps[0];
+        let counts = (step.released, step.answered, step.no_output, step.unmatched);
+        assert_eq!(counts, (10, 10, 0, 0), "{step:?}");
+        assert_eq!(replayed.playback.warnings, [] as [String; 0]);
+        // Each answer lies in the step of its input: the same time, and the same stamp.
+        let answers = read_back(&replayed);
+        let stamps = answers.iter().map(|(_, time, data)| {
+            (time / 1_000_000, u32::from_le_bytes(*data[4..].first_chunk().unwrap()))
+        });
+        let expected: Vec<(u64, u32)> = (0..).zip(seconds).collect();
+        assert_eq!(stamps.collect::<Vec<_>>(), expected);
+        // The node of roscpp can't say that it called back; its answers do.
+        assert_eq!(replayed.ledger.strength, Some(Strength::Called), "{:?}", replayed.ledger);
+    }
+}
+
+#[test]
+fn a_stamp_of_the_far_future_satisfies_no_wait_and_is_reported() {
+    let seconds: Vec<u32> = (100..130).collect();
+    let bag = joint_states(&seconds);
+    for (other, first) in [("4102444800", "4102444800.000000000"), ("7", "7.000000000")] {
+        let graph = Graph::start(TMP);
+        let arguments = ["/joint_states", "/relayed", "10", other];
+        let _stamper = graph.python(&node("stamper.py"), &arguments);
+        let replayed = play(&bag, &graph, Duration::from_secs(2));
+        let step = &replayed.playback.steps[0];
+        let counts = (step.released, step.answered, step.no_output, step.unmatched);
+        assert_eq!(counts, (30, 27, 3, 3), "{step:?}");
+        let warning = &replayed.playback.warnings[0];
+        assert!(warning.starts_with("3 messages of /relayed have stamps"), "{warning}");
+        assert!(warning.contains(&format!("the first {first} where 109.0")), "{warning}");
+        assert_eq!(replayed.recorded.messages, 30);
+    }
+}
