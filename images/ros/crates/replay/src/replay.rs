@@ -156,9 +156,7 @@ fn perform(
         .then(|| Stepper::new(node, lockstep, Arc::clone(&answers), recorder));
     let mut player = Player::advertise(node, plan, clock, request, stepper)?;
     wait_for_stack(&discovery, &mut player, request, watch)?;
-    let audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
-    let mut proof = Proof::new(audit);
-    let mut processes = Processes::meet(proof.meet(&discovery.others()?));
+    let (proof, mut processes) = meet(node, &discovery)?;
     let rounds = Rounds::new(proof, player.publications().to_vec());
     // Once now: where the nodes are, a master that is started anew could not say.
     rounds.ask();
@@ -201,6 +199,14 @@ fn perform(
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     let machine = Some(gauge.finish(playback.late_max_seconds));
     Ok(Replayed { ledger, playback, timings, machine, ..Replayed::default() })
+}
+
+/// Learns which nodes there are, and looks at what they do before they are told anything.
+fn meet(node: &Node, discovery: &Discovery<'_>) -> Result<(Proof, Processes), ReplayError> {
+    let audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
+    let mut proof = Proof::new(audit);
+    let processes = Processes::meet(proof.meet(&discovery.others()?));
+    Ok((proof, processes))
 }
 
 /// Plays what is latched, and then the lead-in; each is received before the next thing

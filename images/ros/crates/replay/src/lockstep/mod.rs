@@ -13,6 +13,8 @@
 //!   Where stamps stand still or run backward, a group is complete once all of its inputs
 //!   have come again.
 
+mod group;
+
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -25,6 +27,7 @@ use crate::pairing::{Pairing, Span};
 use crate::request::resolved;
 use crate::stamp::{has_header, stamp};
 use crate::{AnswerBy, Meter, ReplayError, Step};
+use group::{Group, Input};
 
 /// The steps of a play.
 #[derive(Debug, Default)]
@@ -34,32 +37,6 @@ pub(crate) struct Lockstep {
     stamps: Vec<Option<u64>>,
     stamped: Vec<bool>,
     meter: Arc<Meter>,
-}
-
-#[derive(Debug)]
-struct Group {
-    answer: String,
-    by: AnswerBy,
-    inputs: Vec<Input>,
-    /// Whether no input of it needs to come, or to be answered.
-    skippable: bool,
-    /// Up to where answers were due, as a count or a stamp.
-    due: Option<u64>,
-    report: StepReport,
-}
-
-#[derive(Debug)]
-struct Input {
-    /// Its place among the published topics.
-    topic: usize,
-    optional: bool,
-    deadline: Duration,
-    /// How many messages have come, or the latest of their stamps.
-    reached: Option<u64>,
-    /// How many messages have come.
-    messages: u64,
-    /// The stamp of the last message, if that is no later than an earlier one's.
-    again: Option<u64>,
 }
 
 /// An answer that is due.
@@ -238,56 +215,6 @@ impl Lockstep {
             reports.push(report);
         }
         (reports, warnings)
-    }
-}
-
-impl Group {
-    fn new(answer: String, by: AnswerBy) -> Group {
-        let report = StepReport { answer: answer.clone(), by: by.name(), ..StepReport::default() };
-        Group { answer, by, inputs: Vec::new(), skippable: true, due: None, report }
-    }
-
-    /// Takes an input in; if it is one of the group's, its deadline, and up to where an answer
-    /// is due now, if one is.
-    fn take(&mut self, topic: usize, data: &[u8]) -> Option<(Duration, Option<u64>)> {
-        let input = self.inputs.iter_mut().find(|input| input.topic == topic)?;
-        let deadline = input.deadline;
-        input.messages += 1;
-        match (self.by, stamp(data)) {
-            (AnswerBy::Count, _) => input.reached = Some(input.reached.unwrap_or(0) + 1),
-            // Too short for its own definition: nobody could tell its answer.
-            (AnswerBy::Stamp, None) => return Some((deadline, None)),
-            (AnswerBy::Stamp, stamp) if self.skippable => return Some((deadline, stamp)),
-            (AnswerBy::Stamp, stamp) => {
-                let later = stamp > input.reached;
-                input.again = stamp.filter(|_| !later);
-                input.reached = input.reached.max(stamp);
-                self.begin_again();
-            }
-        }
-        let reached = self.reached().filter(|reached| Some(*reached) > self.due);
-        self.due = reached.or(self.due);
-        Some((deadline, reached))
-    }
-
-    /// Forgets how far stamps had come once every input has come with no later one.
-    fn begin_again(&mut self) {
-        let mut required = self.inputs.iter_mut().filter(|input| !input.optional);
-        if required.all(|input| input.again.is_some()) {
-            for input in self.inputs.iter_mut().filter(|input| !input.optional) {
-                input.reached = input.again.take();
-            }
-            self.due = None;
-        }
-    }
-
-    /// Up to where the group is complete.
-    fn reached(&self) -> Option<u64> {
-        if self.skippable {
-            return Some(self.inputs.iter().filter_map(|input| input.reached).sum());
-        }
-        let required = self.inputs.iter().filter(|input| !input.optional);
-        required.map(|input| input.reached).min().flatten()
     }
 }
 
