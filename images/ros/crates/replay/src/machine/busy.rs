@@ -107,7 +107,8 @@ pub(crate) fn busy(slices: &[Slice]) -> (bool, String) {
     let long: f64 = found.iter().map(|(_, slice)| slice.seconds).sum();
     let time = format!("in {long:.1} of {all:.1} s");
     let of = worst.seconds * worst.processors;
-    let percent = |part: Option<f64>| 100.0 * part.unwrap_or(0.0) / of;
+    // Ticks are coarse: a part may come out as more than the whole.
+    let percent = |part: Option<f64>| (100.0 * part.unwrap_or(0.0) / of).min(100.0);
     let why = match cause {
         Cause::Steal => {
             format!(
