@@ -113,8 +113,8 @@ enum Header {
     Connection,
 }
 
-/// The two orders of fields that recorders write: rosbag's C++ sorts them by name, its Python
-/// and this crate put the op first.
+/// The two orders of fields that recorders write: rosbag's C++ and this crate sort them by name,
+/// rosbag's Python puts the op first.
 #[inline]
 fn usual_header(header: &[u8; MESSAGE_HEADER]) -> Option<(u32, u64)> {
     const OP: &[u8; 8] = &[4, 0, 0, 0, b'o', b'p', b'=', OP_MESSAGE];

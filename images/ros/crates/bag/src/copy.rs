@@ -3,11 +3,11 @@
 
 use std::collections::HashMap;
 
-use crate::build::{index_record, ros_time};
+use crate::build::{INDEX_ENTRY, INDEX_VERSION, index_record, ros_time};
 use crate::chunk::{ChunkRecord, ChunkWalk};
-use crate::record::{Fields, FileRecord, OP_INDEX, read_bytes};
+use crate::record::{Fields, FileRecord, OP_INDEX, read_bytes, time_at, u32_at};
 use crate::unpack::passing_bytes;
-use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression};
+use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression, lz4};
 
 /// Ids below this, and below eight times as many as there are connections, are kept: recorders
 /// count from 0. A damaged id must not make room for all ids before it.
@@ -69,7 +69,7 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
         let known = |(id, _): &(u32, u32)| {
             self.ids.get(id).is_some_and(|here| here == id && self.writer.declares(*id))
         };
-        if chunk.damaged || self.bag.old.is_some() || !chunk.counts.iter().all(known) {
+        if !self.may_stay(chunk)? || !chunk.counts.iter().all(known) {
             return Ok(false);
         }
         let Some(index) = kept_index(&self.bag.file, chunk) else {
@@ -81,7 +81,7 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
     /// The same without the file's own INDEX records: they are made from the chunk's messages.
     pub fn whole_with_new_index(&mut self, at: usize) -> Result<bool, BagError> {
         let chunk = &self.bag.chunks[at];
-        if chunk.damaged || self.bag.old.is_some() {
+        if !self.may_stay(chunk)? {
             return Ok(false);
         }
         let bytes = passing_bytes(self.bag, at)?;
@@ -118,6 +118,19 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
         self.append(at, &index)
     }
 
+    /// Whether a chunk's bytes are there, whole, and such as all readers take.
+    fn may_stay(&self, chunk: &ChunkInfo) -> Result<bool, BagError> {
+        if chunk.damaged || self.bag.old.is_some() {
+            return Ok(false);
+        }
+        if chunk.compression != Compression::Lz4 {
+            return Ok(true);
+        }
+        let length = chunk.data_length.min(lz4::ROS_HEAD as u32);
+        let head = read_bytes(&self.bag.file, chunk.data_position, length, "a chunk's data")?;
+        Ok(lz4::is_ros(&head))
+    }
+
     fn append(&mut self, at: usize, index: &[u8]) -> Result<bool, BagError> {
         let chunk = &self.bag.chunks[at];
         let data =
@@ -128,25 +141,38 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
     }
 }
 
-/// The INDEX records behind a chunk, when they count what the bag's tail counts.
+/// The INDEX records behind a chunk, written anew: a source's own may have its fields, or its
+/// entries, in another order than the rest of the bag. `None` when they are not as many as the
+/// bag's tail says, or point out of the chunk.
 fn kept_index(file: &impl ChunkedFile, chunk: &ChunkInfo) -> Option<Vec<u8>> {
-    let first = chunk.data_position + u64::from(chunk.data_length);
-    let mut at = first;
+    let mut at = chunk.data_position + u64::from(chunk.data_length);
     let mut counts = Vec::new();
+    let mut records = Vec::new();
     while counts.len() < chunk.counts.len() {
         let record = FileRecord::read(file, at).ok().filter(|record| record.op == OP_INDEX)?;
         let field = |name| Fields::require_u32(&record.header, name).ok();
-        counts.push((field("conn")?, field("count")?));
+        let (id, count) = (field("conn")?, field("count")?);
+        let entries = record.data(file).ok()?;
+        if field("ver")? != INDEX_VERSION
+            || entries.len() != count as usize * INDEX_ENTRY
+            || !entries.chunks_exact(INDEX_ENTRY).all(|entry| lies_in(chunk, entry))
+        {
+            return None;
+        }
+        index_record(id, &entries, &mut records);
+        counts.push((id, count));
         at = record.end();
     }
     let mut promised = chunk.counts.clone();
     promised.sort_unstable();
     counts.sort_unstable();
-    if counts != promised {
-        return None;
-    }
-    let length = u32::try_from(at - first).ok()?;
-    Some(read_bytes(file, first, length, "INDEX records").ok()?.into_owned())
+    (counts == promised).then_some(records)
+}
+
+/// Whether a message may lie where an INDEX record's entry says.
+fn lies_in(chunk: &ChunkInfo, entry: &[u8]) -> bool {
+    let time = time_at(entry, 0).is_some_and(|time| (chunk.start..=chunk.end).contains(&time));
+    time && u32_at(entry, 8).is_some_and(|offset| offset < chunk.size)
 }
 
 impl ChunkInfo {

@@ -19,6 +19,16 @@ const BLOCK_CHECKSUM: u8 = 0b0001_0000;
 const CONTENT_SIZE: u8 = 0b0000_1000;
 const CONTENT_CHECKSUM: u8 = 0b0000_0100;
 
+/// What a frame must begin with for roslz4, which the original and Debian's tools read LZ4 by:
+/// independent blocks, a checksum over the content, and no other option. It calls all else
+/// damaged, also what `rosbags` writes.
+pub(crate) const ROS_HEAD: usize = 5;
+
+/// Whether a frame that begins so is one that roslz4 reads.
+pub(crate) fn is_ros(head: &[u8]) -> bool {
+    u32_at(head, 0) == Some(MAGIC) && head.get(4) == Some(&(USUAL_VERSION | CONTENT_CHECKSUM))
+}
+
 /// The `size` bytes of a whole and undamaged frame; `None` leaves it to the general decoder.
 pub(crate) fn whole(frame: &[u8], size: u32) -> Option<Vec<u8>> {
     let size = size as usize;
