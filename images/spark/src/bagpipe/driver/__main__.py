@@ -159,6 +159,7 @@ def run(
         return False
     if job.spec.baseline is not None:
         check_baseline(job.spec.baseline.results, storage)
+    patiently(partial(storage.check_put_once, results.folder), progress)
     planned = place.planned(job, storage)
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
     progress.begin(len(planned.cases) + len(planned.unplanned))
@@ -213,7 +214,12 @@ def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: P
 
 def _unfinished(results: Results, journal: Journal, progress: Progress) -> bool:
     """The work stopped for a fault that is not the job's own: leave the journal to a successor."""
-    manifest = results.committed()
+    try:
+        manifest = results.committed()
+    except StorageError as error:
+        # Said beside the reason why the work stopped, which stays the job's.
+        log.warning("could not look for another driver's manifest: %s", error)
+        return False
     return manifest is not None and _adopted(results, manifest, journal, progress)
 
 

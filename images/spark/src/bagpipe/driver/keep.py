@@ -36,6 +36,9 @@ class Stop:
     final: bool = False
 
 
+_INTERRUPTION = Stop(INTERRUPTED, "the driver's pod was told to end")
+
+
 def segment_seconds(elapsed: float) -> float:
     """How long rows may wait for a journal segment: 1 % of the job's time, from 1 to 30 s.
 
@@ -67,6 +70,7 @@ class Keeper:
     _begun: float = -1.0
     _flushed: float = 0.0
     _failing_since: float | None = None
+    _told_to_end: bool = False
     _fenced: float = 0.0
 
     def resume(self, planned: Plan) -> None:
@@ -123,18 +127,23 @@ class Keeper:
 
     def interrupt(self) -> None:
         """The pod is being ended: no further case is run, and what is done is journaled."""
-        self._end(INTERRUPTED, "the driver's pod was told to end")
+        self._told_to_end = True
+        if self.stop is None:
+            self.stop = _INTERRUPTION
 
     def finish(self, pause: threading.Event) -> None:
         """Journal what is left, waiting for storage as long as patience lasts.
 
-        An interrupted driver tries once: its kubelet waits for no storage.
+        An interrupted driver tries once: its kubelet waits for no storage. Of what could not be
+        kept nothing may be committed, so that a stop which was final is no more.
         """
         if self.interrupted and self._unwritten:
             self._flush(self.clock())
         while self._unwritten and (self.stop is None or self.stop.final):
             self._flush(self.clock())
-            if self._unwritten:
+            if self._unwritten and self._told_to_end:
+                self.stop = _INTERRUPTION
+            elif self._unwritten:
                 pause.wait(1.0)
 
     def _flush(self, now: float) -> None:
@@ -147,7 +156,7 @@ class Keeper:
             log.warning("the journal can't be written for %.0f s: %s", waited, error)
             self.progress.warn(f"The results can't be kept at the moment: {error}")
             if waited >= PATIENCE_SECONDS:
-                self._end("StorageFailed", f"{error}; it was tried for {waited:.0f} s")
+                self._give_up(f"{error}; it was tried for {waited:.0f} s")
             return
         self._unwritten = []
         self._failing_since = None
@@ -163,6 +172,17 @@ class Keeper:
     def _end(self, reason: str, message: str, final: bool = False) -> None:
         if self.stop is None:
             self.stop = Stop(reason, message, final)
+
+    def _give_up(self, message: str) -> None:
+        """The journal can't be kept, which ends the job also where its cases had stopped it.
+
+        That they did is said after it. A stop that left the rest to another driver stays.
+        """
+        stopped = self.stop
+        if stopped is not None and stopped.final:
+            message = f"{message}. Before that, {stopped.reason}: {stopped.message}"
+            self.stop = None
+        self._end("StorageFailed", message)
 
 
 class Keeping:

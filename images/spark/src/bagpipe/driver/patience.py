@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from bagpipe.driver.progress import Progress
-from bagpipe.storage import StorageError
+from bagpipe.storage import StorageError, StorageUnfitError
 
 # A full volume may be emptied by a person; a job that can't keep its results for so long ends.
 PATIENCE_SECONDS = 300.0
@@ -26,11 +26,16 @@ def patiently(
     clock: Callable[[], float] = time.monotonic,
     pause: Callable[[float], object] = _never.wait,
 ) -> _Done:
-    """The action's answer, tried for up to 300 s. Raises the last StorageError after that."""
+    """The action's answer, tried for up to 300 s. Raises the last StorageError after that.
+
+    StorageUnfitError comes at once: no waiting helps.
+    """
     begun = clock()
     while True:
         try:
             return action()
+        except StorageUnfitError:
+            raise
         except StorageError as error:
             if clock() - begun >= PATIENCE_SECONDS:
                 raise

@@ -7,7 +7,7 @@ A recorded bag that the manifest does not name came from an attempt that did not
 
 import json
 import posixpath
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,7 +68,10 @@ class Results:
     def commit(
         self, rows: RowFile, progress: Progress, driver: str, seen: Seen | None = None
     ) -> Manifest:
-        """Put the manifest, unless another driver has; the one that counts is returned."""
+        """Put the manifest, unless another driver has; the one that is there then is returned.
+
+        Whose it is, its `driver` tells: not the answer to the put, which may be an earlier try's.
+        """
         progress.finish()
         snapshot = progress.snapshot()
         manifest = {
@@ -89,9 +92,14 @@ class Results:
             "cases": [_manifest_entry(row) for row in rows.rows()],
         }
         data = json.dumps(manifest, indent=1).encode()
-        if self.storage.put_once(self._uri("manifest.json"), data):
-            return manifest
-        return self.committed() or manifest
+        self.storage.put_once(self._uri("manifest.json"), data)
+        found = self.committed()
+        if found is None:
+            raise StorageError(
+                f"{self._uri('manifest.json')} was put and is not there: nothing counts yet, and"
+                " nothing is removed"
+            )
+        return found
 
     def publish(
         self, manifest: Manifest, rows: Callable[[], Iterable[Row]], journal: Journal
@@ -130,11 +138,12 @@ class Results:
         if self.storage.exists(uri):
             yield from StoredResults(self.folder, self.storage).rows()
             return
-        counted = {_key(entry) for entry in manifest["cases"]}
+        counted = {_key(entry, entry) for entry in manifest["cases"]}
+        told = manifest["cases"][0] if counted else {}
         with self.storage.create(uri) as file:
             for row in rows():
-                if _key(row) in counted:
-                    counted.remove(_key(row))
+                if (key := _key(row, told)) in counted:
+                    counted.remove(key)
                     file.write(json.dumps({"schema": CASE_SCHEMA} | row).encode() + b"\n")
                     yield row
             if counted:
@@ -144,7 +153,14 @@ class Results:
                 )
 
     def _remove_uncounted(self, manifest: Manifest) -> None:
-        cases = manifest["cases"]
+        """Remove recordings that nothing names; by the manifest that lies there, whoever asks."""
+        there = self.committed()
+        if there is None or there["driver"] != manifest["driver"]:
+            raise StorageError(
+                f"{self._uri('manifest.json')} is not the one that was published: no recording was"
+                " removed"
+            )
+        cases = there["cases"]
         counted = {posixpath.basename(name) for case in cases for name in recorded_names(case)}
         for name in self.storage.names(self._uri("cases")):
             if name not in counted:
@@ -154,9 +170,13 @@ class Results:
         return posixpath.join(self.folder, name)
 
 
-def _key(row: Row) -> tuple[str, ...]:
-    """A case and what it left behind, which is unique to the attempt that counts."""
-    return (row["case"], *recorded_names(row))
+def _key(row: Row, entry: Mapping[str, Any]) -> tuple[str, str]:
+    """A case, and all that an entry of the manifest tells of its row.
+
+    What it recorded is unique to the attempt that counts; where it recorded nothing, the rest
+    tells it from another driver's row of the case.
+    """
+    return row["case"], json.dumps([row.get(key) for key in entry])
 
 
 def _manifest_entry(row: Row) -> dict[str, Any]:

@@ -5,9 +5,17 @@ the sentences that users read are the same for all of them.
 """
 
 from bagpipe.storage.backend import Stat
-from bagpipe.storage.faults import StorageError
+from bagpipe.storage.faults import StorageError, StorageUnfitError
 from bagpipe.storage.reading import OpenFile
 from bagpipe.storage.retries import Patience
 from bagpipe.storage.storage import NewFile, Storage
 
-__all__ = ["NewFile", "OpenFile", "Patience", "Stat", "Storage", "StorageError"]
+__all__ = [
+    "NewFile",
+    "OpenFile",
+    "Patience",
+    "Stat",
+    "Storage",
+    "StorageError",
+    "StorageUnfitError",
+]

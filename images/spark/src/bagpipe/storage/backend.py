@@ -12,6 +12,10 @@ class ChangedError(OSError):
     """The file is another one than when it was looked at first."""
 
 
+class UnfitError(OSError):
+    """This storage can't do what results need, today or tomorrow."""
+
+
 @dataclass(frozen=True)
 class Stat:
     """A file's bytes, and a mark that differs as soon as its content does."""
@@ -71,5 +75,5 @@ class Backend(Protocol):
         """Create a whole file, making its folders, unless its name is taken: then False.
 
         `writer` names the caller, the same in all its tries: a file that an earlier try of
-        its own created, whose answer was lost, is True.
+        its own created, whose answer was lost or wrong, is True.
         """

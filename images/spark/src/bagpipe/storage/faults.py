@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bagpipe.storage.backend import ChangedError, TransientError
+from bagpipe.storage.backend import ChangedError, TransientError, UnfitError
 
 
 class StorageError(Exception):
@@ -18,6 +18,10 @@ class StorageError(Exception):
         return cause is not None
 
 
+class StorageUnfitError(StorageError):
+    """Storage of this kind can't hold results; waiting changes nothing."""
+
+
 @contextmanager
 def told(uri: str, done: str) -> Iterator[None]:
     """Turn a backend's errors into StorageError: `uri` can't be `done` ("read", "written")."""
@@ -28,5 +32,7 @@ def told(uri: str, done: str) -> Iterator[None]:
             f"{uri} is no longer the file that was planned: it was replaced or appended to; run"
             " the job again when nothing writes to it"
         ) from error
+    except UnfitError as error:
+        raise StorageUnfitError(f"{uri} can't be {done}: {error.strerror or error}") from error
     except OSError as error:
         raise StorageError(f"{uri} can't be {done}: {error.strerror or error}") from error

@@ -91,15 +91,29 @@ class HdfsBackend:
             sink.write(data)
             sink.close()
         self._unheard.add(writer)
-        won = True
-        try:
-            self._ask(lambda: self._client.rename(part, f"/{path}", False))
-        except FileExistsError:
-            won = False
+        won = self._renamed(part, f"/{path}")
         self._unheard.discard(writer)
         if not won:
             self.remove(part.lstrip("/"))
         return won
+
+    def _renamed(self, part: str, path: str) -> bool:
+        """Rename once; False where the name is another file's.
+
+        The library asks another NameNode by itself, which then finds its own rename done: the
+        name taken, or the part gone. Only our rename takes the part away.
+        """
+        try:
+            self._ask(lambda: self._client.rename(part, path, False))
+        except (FileExistsError, FileNotFoundError) as error:
+            if not _is_there(self._client, self._seconds, part):
+                if _is_there(self._client, self._seconds, path):
+                    return True
+                raise
+            if isinstance(error, FileNotFoundError):
+                raise
+            return False
+        return True
 
     def _listed(self, folder: str, deep: bool) -> list[hdfs_native.FileStatus]:
         try:

@@ -9,7 +9,7 @@ import uuid
 from pathlib import Path
 from typing import BinaryIO
 
-from bagpipe.storage.backend import ChangedError, Stat
+from bagpipe.storage.backend import ChangedError, Stat, UnfitError
 
 # What a file system answers that knows no hard links.
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
@@ -74,30 +74,20 @@ class LocalBackend:
         self._inside(Path(path).parent.resolve())
         return LocalSink(path)
 
-    def put_once(self, path: str, data: bytes, writer: str) -> bool:  # noqa: ARG002
+    def put_once(self, path: str, data: bytes, writer: str) -> bool:
         """Create a whole file by a hard link, which fails where the name is taken.
 
-        The kernel's answer is never lost, so it does not matter who writes.
+        Over a network the answer may be another try's: a server that made the link, and was asked
+        again because its word was lost, says that the name is taken. The file knows better.
         """
         self._inside(Path(path).parent.resolve())
-        sink = LocalSink(path)
+        sink = LocalSink(path, writer)
         try:
             sink.write(data)
             sink.flush()
-            sink.path.hardlink_to(sink.part)
-        except FileExistsError:
-            return False
-        except OSError as error:
-            if error.errno not in _NO_LINKS:
-                raise
-            raise OSError(
-                error.errno,
-                "the volume's file system has no hard links, which make a file appear whole and"
-                " only once: keep results on another volume",
-            ) from error
+            return _linked(sink)
         finally:
             sink.abandon()
-        return True
 
     def _inside(self, found: Path) -> None:
         if not found.is_relative_to(self._root) or any(map(found.is_relative_to, _NEVER)):
@@ -111,10 +101,11 @@ class LocalBackend:
 class LocalSink:
     """A file beside its later name, under one that no other writer has."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, writer: str = "") -> None:
         self.path = Path(path)
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.part = self.path.with_name(f".{self.path.name}.{uuid.uuid4().hex[:12]}.part")
+        own = f"{writer[:12]}{uuid.uuid4().hex[:12]}"
+        self.part = self.path.with_name(f".{self.path.name}.{own}.part")
         self._file: BinaryIO = self.part.open("xb")
 
     def write(self, data: bytes) -> None:
@@ -139,6 +130,42 @@ class LocalSink:
         with contextlib.suppress(OSError):
             self._file.close()
         self.part.unlink(missing_ok=True)
+
+
+def _linked(sink: LocalSink) -> bool:
+    """Give the file its later name as well; False where that is another file's."""
+    try:
+        sink.path.hardlink_to(sink.part)
+    except OSError as error:
+        if _is_linked(sink):
+            return True
+        if isinstance(error, FileExistsError):
+            return False
+        if error.errno in _NO_LINKS:
+            raise UnfitError(
+                error.errno,
+                "the volume's file system has no hard links, which make a file appear whole and"
+                " only once: keep results on another volume",
+            ) from error
+        raise
+    return True
+
+
+def _is_linked(sink: LocalSink) -> bool:
+    """Whether the file has its later name after all: as the server says, not a client's memory.
+
+    Nobody else knows the file's first name, so a second link of it is the one that was asked for.
+    """
+    try:
+        # Opening is what makes an NFS client ask.
+        with sink.part.open("rb") as own:
+            found = os.fstat(own.fileno())
+        if found.st_nlink > 1:
+            return True
+        with sink.path.open("rb") as named:
+            return os.path.samestat(found, os.fstat(named.fileno()))
+    except OSError:
+        return False
 
 
 def _stat(found: os.stat_result) -> Stat:

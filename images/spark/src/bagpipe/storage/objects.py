@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import obstore
 from obstore.store import AzureStore, GCSStore, HTTPStore, S3Store
 
-from bagpipe.storage.backend import ChangedError, Stat
+from bagpipe.storage.backend import ChangedError, Stat, TransientError
 from bagpipe.storage.globs import fixed_folder, matcher
 from bagpipe.storage.object_faults import asked
 from bagpipe.storage.retries import Patience
@@ -112,8 +112,22 @@ class ObjectBackend:
                     attributes=attributes,
                 )
             except obstore.exceptions.AlreadyExistsError:
-                return obstore.get(self._store, path).attributes.get(_WRITER) == writer
+                return self._is_of(path, data, writer)
         return True
+
+    def _is_of(self, path: str, data: bytes, writer: str) -> bool:
+        """Whether the object under a name that is taken is the one that this writer put.
+
+        A server that keeps no metadata leaves the content to tell, which in a manifest names its
+        driver.
+        """
+        try:
+            found = obstore.get(self._store, path)
+        except FileNotFoundError:
+            raise TransientError("the name was taken a moment ago, and has no object now") from None
+        if (named := found.attributes.get(_WRITER)) is not None:
+            return bool(named == writer)
+        return found.meta["size"] == len(data) and bytes(found.bytes()) == data
 
     def _below(self, folder: str) -> Iterator[str]:
         with asked():

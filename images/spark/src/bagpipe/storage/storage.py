@@ -1,5 +1,6 @@
 """The door to storage: every method takes URIs as the user wrote them."""
 
+import contextlib
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -7,13 +8,17 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from bagpipe.storage.backend import Sink, Stat
-from bagpipe.storage.faults import StorageError, told
+from bagpipe.storage.faults import StorageError, StorageUnfitError, told
 from bagpipe.storage.globs import is_pattern
 from bagpipe.storage.kinds import locate, restore
 from bagpipe.storage.reading import OpenFile
 from bagpipe.storage.retries import Clock, Patience, persistently
 
 T = TypeVar("T")
+
+_ELSEWHERE = (
+    "Write spec.output.uri on another storage, or a server's version that keeps the condition"
+)
 
 
 @dataclass(frozen=True)
@@ -120,6 +125,30 @@ class Storage:
         writer = uuid.uuid4().hex
         with told(uri, "written"):
             return self._asked(lambda: backend.put_once(path, data, writer))
+
+    def check_put_once(self, folder: str) -> None:
+        """Try in a folder, which is made, whether `put_once` has one winner there.
+
+        Some servers that speak S3 take a second object of one name whatever the condition of the
+        request; of two drivers both would count then. Raises StorageUnfitError, and StorageError.
+        """
+        uri = f"{folder.rstrip('/')}/probe-{uuid.uuid4().hex}"
+        first, second = (uuid.uuid4().bytes for _ in range(2))
+        try:
+            if not self.put_once(uri, first):
+                raise StorageUnfitError(
+                    f"{folder} can't hold results: its storage says that a name is taken which"
+                    f" nobody has taken. {_ELSEWHERE}"
+                )
+            if self.put_once(uri, second) or self.read_all(uri, 1 << 20) != first:
+                raise StorageUnfitError(
+                    f"{folder} can't hold results: its storage replaced a file that was to be"
+                    " created only where there is none (on object stores: a put with"
+                    f" If-None-Match: *), so two drivers could both count. {_ELSEWHERE}"
+                )
+        finally:
+            with contextlib.suppress(StorageError):
+                self.remove(uri)
 
     def names(self, folder: str) -> list[str]:
         """The names in a folder, sorted; empty where it does not exist.
