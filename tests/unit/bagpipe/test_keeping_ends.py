@@ -75,7 +75,12 @@ def test_a_final_stop_keeps_its_reason_where_the_journal_comes_back(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        unwritable(patch, before=lambda: world.seconds > 200 and patch.undo())
+
+        def comes_back() -> None:
+            if world.seconds > 200:
+                patch.undo()
+
+        unwritable(patch, before=comes_back)
         keeper = too_many(world)
         keeper.finish(Pause(world, PATIENCE_SECONDS))
     assert keeper.stop is not None
@@ -89,7 +94,12 @@ def test_an_interruption_ends_the_wait_for_a_journal(
 ) -> None:
     keeper = too_many(world) if final else world.driver()[0]
     keeper.take([ran("b")])
-    unwritable(monkeypatch, before=lambda: world.seconds >= 7 and keeper.interrupt())
+
+    def told_to_end() -> None:
+        if world.seconds >= 7:
+            keeper.interrupt()
+
+    unwritable(monkeypatch, before=told_to_end)
     keeper.finish(Pause(world, 8))
     assert keeper.interrupted
 

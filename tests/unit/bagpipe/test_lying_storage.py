@@ -89,7 +89,7 @@ class Server(ObjectBackend):
     def __init__(self) -> None:
         self._writable = True
         self._patience = QUICK
-        self._store = MemoryStore()  # type: ignore[assignment]
+        self._store = MemoryStore()
         self.conditions = True
         self.metadata = True
         self.lose: list[str] = []
@@ -100,7 +100,7 @@ class Server(ObjectBackend):
         lost = self.lose.pop(0) if self.lose else ""
         if lost == "before":
             raise obstore.exceptions.GenericError("kind: Timeout")
-        mode = options["mode"] if self.conditions else "overwrite"
+        mode: Any = options["mode"] if self.conditions else "overwrite"
         attributes = options["attributes"] if self.metadata else {}
         obstore_put(store, path, data, mode=mode, attributes=attributes, use_multipart=False)
         if lost == "after":

@@ -138,11 +138,14 @@ class Results:
         if self.storage.exists(uri):
             yield from StoredResults(self.folder, self.storage).rows()
             return
-        counted = {_key(entry, entry) for entry in manifest["cases"]}
-        told = manifest["cases"][0] if counted else {}
+        entries = manifest["cases"]
+        counted = {_key(entry) for entry in entries}
+        # Another version's driver may have told less of a row.
+        told = entries[0].keys() if entries else set()
         with self.storage.create(uri) as file:
             for row in rows():
-                if (key := _key(row, told)) in counted:
+                entry = {name: of for name, of in _manifest_entry(row).items() if name in told}
+                if (key := _key(entry)) in counted:
                     counted.remove(key)
                     file.write(json.dumps({"schema": CASE_SCHEMA} | row).encode() + b"\n")
                     yield row
@@ -170,13 +173,13 @@ class Results:
         return posixpath.join(self.folder, name)
 
 
-def _key(row: Row, entry: Mapping[str, Any]) -> tuple[str, str]:
-    """A case, and all that an entry of the manifest tells of its row.
+def _key(entry: Mapping[str, Any]) -> tuple[str, str]:
+    """A case, and all that its entry in the manifest tells of the row that counts.
 
-    What it recorded is unique to the attempt that counts; where it recorded nothing, the rest
-    tells it from another driver's row of the case.
+    What it recorded is unique to an attempt; where it recorded nothing, the rest tells it from
+    another driver's row of the case.
     """
-    return row["case"], json.dumps([row.get(key) for key in entry])
+    return entry.get("case", ""), json.dumps(entry, sort_keys=True)
 
 
 def _manifest_entry(row: Row) -> dict[str, Any]:
