@@ -27,6 +27,25 @@ EVALUATE = [
     {"name": "offset", "bounds": {"topic": "/lane", "field": "offset", "min": -0.5, "max": 0.5}},
     {"name": "end pose", "finalPose": {"topic": "/lane", "position": [1, 2], "within": 0.5}},
 ]
+PROVENANCE = {
+    "bagpipe": "0.1.0", "agents": ["bagpipe-agent 0.1.0"], "labels": {"branch": "pr-812"},
+    "annotations": {"sim.bagpipe.io/commit": "0c1f6d2"},
+    "began": "2026-11-21T04:00:00Z", "ended": "2026-11-21T04:41:07Z", "seconds": 2467.0,
+    "images": [{"container": "stack", "image": "registry.example/lane:pr-812",
+                "digest": "registry.example/lane@sha256:" + "ab" * 32, "pods": 8}],
+    "machines": [{"cpu": "AMD EPYC 7R13", "arch": "x86_64", "kernel": "6.1.0-18", "cpus": 8,
+                  "cases": 288, "names": ["node-a", "node-b"]}],
+    "seeds": [0], "discarded": {"MachineBusy": 6},
+}  # fmt: skip
+BUSY = {
+    "reason": "MachineBusy", "seconds": 20.4,
+    "message": "/lane_node lost 3 of 498 messages of /image while the player was 0.21 s late",
+}  # fmt: skip
+MACHINE = {
+    "late_max_seconds": 0.004, "stall_max_seconds": 0.011, "cpu_pressure_seconds": 0.3,
+    "throttled_seconds": 0.0, "steal_seconds": None, "busy": False,
+    "message": "the machine had time: the player was at most 0.004 s late",
+}  # fmt: skip
 TIMINGS = {"assemble": 0.02, "master": 0.41, "stack": 0.9, "play": 20.0, "stop": 0.1}
 
 
@@ -45,6 +64,8 @@ def drive_rows(cases: int, hostile: bool = False) -> list[dict[str, Any]]:
         rows[-1]["scenario"] = RAIN.index(rain) * len(SPEEDS) + SPEEDS.index(speed)
         if number % 97 == 5:
             rows[-1] |= _errored(number)
+        if number % 71 == 11:
+            rows[-1] |= {"discarded": [BUSY] * 2, "attempts": 3}
     if hostile:
         _poison(rows)
     return rows
@@ -69,7 +90,7 @@ def _row(chance: random.Random, case: str, variant: str, hard: bool) -> dict[str
         "reason": "CriterionFailed" if failed else "",
         "message": "; ".join(f"{f['name']}: {f['message']}" for f in failed),
         "stderr": [], "recorded": f"cases/{case}.a1.bag",
-        "result": RESULT | {"timings": TIMINGS}, "criteria": criteria,
+        "result": RESULT | {"timings": TIMINGS, "machine": MACHINE}, "criteria": criteria,
         "attempts": 1, "seconds": round(chance.gauss(21.5, 0.6), 3),
     }  # fmt: skip
 
@@ -125,7 +146,9 @@ def report_of(rows: list[dict[str, Any]], results: str, name: str = "lane-nightl
     )  # fmt: skip
     progress = Progress(results)
     progress.begin(len(rows))
-    report = Report(spec, results)
+    variants = list(dict.fromkeys(row["variant"] for row in rows))
+    compared = [c.as_json() for c in compare(rows, variants)]
+    report = Report(spec, results, compared)
     for row in rows:
         progress.add(row | {"result": None})
         report.add(row)
@@ -134,7 +157,7 @@ def report_of(rows: list[dict[str, Any]], results: str, name: str = "lane-nightl
     manifest = {
         "job": {"name": name, "namespace": "lab", "uid": "u"}, "attempt": 1,
         "phase": told["phase"], "verdict": told["verdict"], "message": told["message"],
-        "counts": told["cases"], "ledger": told["ledger"],
+        "counts": told["cases"] | {"regressed": sum(c["counts"]["regressed"] for c in compared)},
+        "ledger": told["ledger"], "provenance": PROVENANCE,
     }  # fmt: skip
-    variants = list(dict.fromkeys(row["variant"] for row in rows))
-    return report.html(manifest, [c.as_json() for c in compare(rows, variants)])
+    return report.html(manifest, compared)

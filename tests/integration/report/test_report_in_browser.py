@@ -1,5 +1,6 @@
 """report.html in a real browser: verdict first, filters, many cases, hostile words, no request."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -88,13 +89,55 @@ def test_the_verdict_is_the_first_thing_to_be_seen(browser: webdriver.Chrome, pa
     opened(browser, page, rows)
     assert browser.title == "Failed: lane-nightly"
     heading = browser.find_element(By.TAG_NAME, "h1")
-    assert heading.text == "Failed"
-    assert heading.rect["y"] + heading.rect["height"] < 140
     failed = sum(row["outcome"] == "failed" for row in rows)
+    (regressed,) = re.findall(r"(\d+) regressed", text_of(browser, ".compared"))
+    assert heading.text == f"Failed: {failed} failed, {regressed} regressed"
+    assert heading.rect["y"] + heading.rect["height"] < 140
     assert text_of(browser, ".sentence").startswith(f"Of {len(rows)} cases {failed} failed. Most")
     assert text_of(browser, ".counts .failed") == f"{failed} failed"
     assert "worse\npr-812 against released" in text_of(browser, ".compared").replace(" pr", "\npr")
     assert logged(browser, "browser") == []
+
+
+def test_the_first_regression_is_open_and_causes_stand_together(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(288)
+    opened(browser, page, rows)
+    crashes = [row["case"] for row in rows if row["reason"] == "StackExited"]
+    lines = browser.find_elements(By.CSS_SELECTOR, "#causes-table tbody tr")
+    # Each crash has another second in its message, and they are one cause.
+    [crash] = [line for line in lines if "StackExited" in line.text]
+    assert crash.text.startswith(f"{len(crashes)} errored\nStackExited")
+    assert min(crashes) in crash.text
+    named = browser.find_elements(By.CSS_SELECTOR, "#comparison a[data-case]")
+    assert text_of(browser, "#first-name") == "The first case that regressed"
+    first = browser.find_element(By.CSS_SELECTOR, "#first-case details.case")
+    assert first.get_attribute("open") is not None
+    assert first.get_attribute("data-case") in [link.text for link in named]
+    assert "The machine meanwhile" in first.text
+    crash.find_element(By.CSS_SELECTOR, "button.chip").click()
+    assert found(browser) == f"{len(crashes)} of {len(rows)} cases"
+    browser.find_element(By.ID, "clear").click()
+    assert found(browser) == f"{len(rows)} of {len(rows)} cases"
+    assert logged(browser, "browser") == []
+
+
+def test_discarded_runs_and_where_it_comes_from_are_told(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(288)
+    opened(browser, page, rows)
+    tried = [row["case"] for row in rows if row.get("discarded") and row["outcome"] == "passed"]
+    assert text_of(browser, ".counts .discarded") == f"{2 * 4} runs discarded"
+    browser.find_element(By.ID, "search").send_keys(tried[0])
+    body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
+    body.send_keys(Keys.HOME, Keys.ENTER)
+    chosen = awaited(browser, "#chosen .case", lambda case: tried[0] in case.text)
+    assert "Runs that do not count\n2 x MachineBusy" in chosen.text
+    told = text_of(browser, "#provenance")
+    for word in ("label branch pr-812", "lane@sha256:abab", "AMD EPYC 7R13", "bagpipe-agent 0.1.0"):
+        assert word in told
 
 
 def test_a_field_of_the_matrix_filters_the_cases(browser: webdriver.Chrome, page: Path) -> None:

@@ -26,9 +26,9 @@ def run(*arguments: str | Path) -> tuple[int, str]:
     ("outcomes", "status", "verdict"),
     [
         (["passed"], 0, "Passed"),
-        (["passed", "failed"], 1, "Failed"),
-        (["passed", "invalid"], 1, "Invalid"),
-        (["passed", "errored"], 2, "no verdict"),
+        (["passed", "failed"], 1, "Failed: 1 failed"),
+        (["passed", "invalid"], 1, "Invalid: 1 lack evidence"),
+        (["passed", "errored"], 2, "No verdict: 1 errored"),
     ],
 )
 def test_the_status_is_the_verdict(

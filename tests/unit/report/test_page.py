@@ -9,10 +9,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from bagpipe.report.causes import MOST_CAUSES, Causes
 from bagpipe.report.columns import Columns, limits_of
 from bagpipe.report.details import Details, detail_of
-from bagpipe.report.html import Report, render
+from bagpipe.report.html import Report, regressed_cases, render
 from bagpipe.report.words import headline, sentence
+from bagpipe.row_facts import verdict_words
 from tests.unit.bagpipe.jobs import make_row
 
 COUNTS = {
@@ -94,6 +96,85 @@ def test_fifty_of_one_kind_do_not_hide_the_others() -> None:
     assert (len(names), names[-2:]) == (50, ["z-1", "z-2"])
 
 
+def test_what_regressed_is_told_in_full_first() -> None:
+    compared = [{"regressed": [{"case": "z-7", "to": "failed", "reason": "X"}]}]
+    for named in (compared, [{"regressed": ["z-7"]}]):  # as v1alpha1 has it
+        assert regressed_cases(named) == ["z-7"]
+    details = Details(regressed=["z-7"])
+    for n in range(100):
+        details.add(make_row(f"a-{n:03d}", "failed", "CriterionFailed"))
+    details.add(make_row("z-7", "failed", "CriterionFailed"))
+    details.add(make_row("z-8", "errored", "AgentDied"))
+    names = [row["case"] for row in details.rows()]
+    assert (len(names), names[0], names[-1]) == (50, "z-7", "z-8")
+
+
+def test_cases_that_share_a_cause_are_one_line() -> None:
+    causes = Causes()
+    for n in range(30):
+        message = f"lane rate: {n / 7:.3g} Hz on /lane of drive-{n}, and may be at least 9 Hz"
+        causes.add(make_row(f"drive-{n}", "failed", "CriterionFailed", message=message,
+                            criteria=[finding("failed", n, "lane rate")]))  # fmt: skip
+    for n, signal in enumerate([11, 11, 6]):
+        message = f"lane_node ended by signal {signal} at 0x7f{n}a after {n}.5 s"
+        causes.add(make_row(f"b-{n}", "failed", "StackCrashed", message=message))
+    causes.add(make_row("c", "passed"))
+    told = causes.as_json(["c", "b-1", "drive-3"])
+    assert [(g["count"], g["reason"], g["criteria"], g["first"]) for g in told["groups"]] == [
+        (30, "CriterionFailed", ["lane rate"], "drive-0"),
+        (2, "StackCrashed", [], "b-0"),
+        (1, "StackCrashed", [], "b-2"),
+    ]
+    assert told["groups"][1]["message"] == "lane_node ended by signal 11 at 0x7f0a after 0.5 s"
+    assert told["at"] == [-1, 1, 0]
+
+
+def test_causes_without_end_stand_together_by_reason() -> None:
+    causes = Causes()
+    for n in range(20_000):
+        word = "".join(chr(ord("g") + int(digit)) for digit in str(n))
+        causes.add(make_row(f"a-{n}", "failed", "Bad", message=f"it said {word}"))
+    groups = causes.as_json([])["groups"]
+    assert (len(groups), groups[0]["message"]) == (MOST_CAUSES + 1, "other messages")
+    assert sum(group["count"] for group in groups) == 20_000
+
+
+def test_discarded_runs_and_the_machine_are_in_a_case_s_details() -> None:
+    busy = {"reason": "MachineBusy", "message": "late", "seconds": 5.0}
+    node = {"node": "/n", "received": 3, "strength": "received", "queue": 2}
+    ledger = {"strength": "received", "topics": [{"topic": "/a", "sent": 3, "subscribers": [node]}]}
+    machine = {"late_max_seconds": 0.2, "steal_seconds": None, "busy": True, "message": "it was"}
+    told = detail_of(
+        make_row("a", "failed", "MessagesLost", discarded=[busy, "AgentDied"],
+                 result={"ledger": ledger, "machine": machine})
+    )  # fmt: skip
+    assert told["discarded"] == ["MachineBusy after 5.0 s: late", "AgentDied"]
+    assert told["strength"] == "received"
+    assert (told["ledger"][0]["strength"], told["ledger"][0]["queue"]) == ("received", 2)
+    assert told["machine"] == {"message": "it was", "figures": {"late max": 0.2}}
+    columns = Columns()
+    columns.add(make_row("a", discarded=[busy, busy, "AgentDied"], attempts=4))
+    told = columns.as_json()["cases"]["discarded"]
+    assert told["values"] == ["2 x MachineBusy, 1 x AgentDied"]
+
+
+@pytest.mark.parametrize(
+    ("verdict", "counts", "words"),
+    [
+        ("Passed", {"passed": 4}, "Passed"),
+        (
+            "Failed",
+            {"failed": 30, "regressed": 6, "crashed": 3},
+            "Failed: 30 failed, 6 regressed, 3 crashed",
+        ),
+        ("Invalid", {"invalid": 2, "passed": 1}, "Invalid: 2 lack evidence"),
+        ("", {"errored": 1200, "lost": 1}, "No verdict: 1 lost messages, 1,200 errored"),
+    ],
+)
+def test_the_headline_says_all_of_it(verdict: str, counts: dict[str, int], words: str) -> None:
+    assert verdict_words(verdict, counts) == words
+
+
 def test_a_detail_has_bounds() -> None:
     topic = {"topic": "/a", "sent": 1, "subscribers": [{"node": f"/{n}"} for n in range(100)]}
     row = make_row(
@@ -128,7 +209,7 @@ def test_words_name_the_criteria_that_failed_most() -> None:
     data = columns.as_json()
     said = sentence(MANIFEST, data)
     assert said == "Of 5 cases 2 failed and 1 lack evidence. Most often: rate (2)."
-    assert headline(MANIFEST) == ("failed", "Failed")
+    assert headline(MANIFEST) == ("failed", "Failed", "2 failed, 1 lack evidence")
     broken = MANIFEST | {"verdict": "", "message": "the volume is full"}
     assert (headline(broken)[1], sentence(broken, data)) == ("No verdict", "the volume is full")
 
@@ -156,8 +237,8 @@ def test_no_text_leaves_its_place(text: str) -> None:
 
 def test_the_scripts_set_text_only_and_ask_for_nothing() -> None:
     page = render(
-        {}, job=MANIFEST["job"], headline=("failed", "Failed"), sentence="s", manifest=MANIFEST,
-        comparisons=[], results="r", stack_seconds=0.0,
+        {}, job=MANIFEST["job"], headline=("failed", "Failed", ""), sentence="s", manifest=MANIFEST,
+        comparisons=[], provenance=[], results="r", stack_seconds=0.0,
     ).decode()  # fmt: skip
     for word in ("innerHTML", "outerHTML", "insertAdjacent", "document.write", "eval(", "fetch(",
                  "XMLHttp", "import(", "localStorage", " style=", "url("):  # fmt: skip

@@ -33,9 +33,18 @@ def run_words(run: Mapping[str, Any]) -> str:
     return f"{run['reason']}{after}{message}"
 
 
+def discarded_of(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """A row's discarded runs in short, as manifests and tables have them, without their ledgers."""
+    return [
+        {"reason": run["reason"], "message": str(run["message"])[:300], "seconds": run["seconds"]}
+        for run in discarded_runs(row)
+    ]
+
+
 def discarded_count(row: Row) -> int:
     """How many runs do not count: tries of its last start, and starts before that one."""
-    return max(0, int(row["attempts"]) - 1) + max(0, int(row.get("starts", 1)) - 1)
+    starts = row.get("starts")
+    return max(0, int(row["attempts"]) - 1) + max(0, (1 if starts is None else int(starts)) - 1)
 
 
 def tally(row: Row) -> dict[str, int]:
@@ -47,6 +56,19 @@ def tally(row: Row) -> dict[str, int]:
         "lost": int(reason in LOSSES),
         "discarded": discarded_count(row),
     }
+
+
+# In the order in which a reader wants to know them; crashes and losses are among the others.
+_TOLD = (
+    ("failed", "failed"), ("regressed", "regressed"), ("crashed", "crashed"),
+    ("lost", "lost messages"), ("invalid", "lack evidence"), ("errored", "errored"),
+)  # fmt: skip
+
+
+def verdict_words(verdict: str, counts: Mapping[str, int]) -> str:
+    """The verdict with all that speaks against it, for a page, a table and a terminal alike."""
+    told = [f"{counts[word]:,} {said}" for word, said in _TOLD if counts.get(word)]
+    return f"{verdict or 'No verdict'}{': ' if told else ''}{', '.join(told)}"
 
 
 def counts_of(manifest: Mapping[str, Any]) -> dict[str, int]:

@@ -48,11 +48,11 @@ def report_command(
     """
     try:
         stored = results_of(place, where, folders(volumes))
-        manifest = stored.manifest()
-        report = Report(stored.spec(), stored.uri)
+        manifest, comparisons = stored.manifest(), stored.comparisons()
+        report = Report(stored.spec(), stored.uri, comparisons)
         for row in stored.rows():
             report.add(row)
-        made = report.html(manifest, stored.comparisons())
+        made = report.html(manifest, comparisons)
         page.write_bytes(made)
     except StorageError as error:
         raise RefusedError(str(error)) from error

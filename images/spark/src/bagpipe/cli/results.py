@@ -20,12 +20,14 @@ from bagpipe.cli.places import (
 )
 from bagpipe.report.junit import kept, write_junit
 from bagpipe.report.stored import StoredResults
+from bagpipe.row_facts import discarded_count, discarded_of, verdict_words
 from bagpipe.storage import StorageError
 
 _MOST_ROWS = 40
 _COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
 _KEPT = (
     "case", "outcome", "reason", "message", "variant", "values", "seed", "round", "seconds",
+    "attempts", "starts",
 )  # fmt: skip
 
 
@@ -85,9 +87,11 @@ def describe(stored: StoredResults, failed: bool) -> dict[str, Any]:
         key: manifest[key]
         for key in ("job", "phase", "reason", "verdict", "message", "counts", "ledger")
     }
+    found["provenance"] = manifest.get("provenance") or {}
     found["comparisons"] = stored.comparisons()
     found["cases"] = [
-        {key: row.get(key) for key in _KEPT} | {"criteria": _figures(row)}
+        {key: row.get(key) for key in _KEPT}
+        | {"discarded": discarded_of(row), "criteria": _figures(row)}
         for row in stored.rows()
         if not failed or row["outcome"] != "passed"
     ]
@@ -116,8 +120,14 @@ def _show(found: dict[str, Any], console: Console) -> None:
     job, cases = found["job"], found["cases"]
     verdict = found["verdict"] or "no verdict"
     colour = {"Passed": "green", "Invalid": "yellow"}.get(verdict, "red")
-    console.print(f"[bold {colour}]{escape(verdict)}[/]  {escape(str(job['name']))}")
+    words = verdict_words(found["verdict"], found["counts"])
+    console.print(f"[bold {colour}]{escape(words)}[/]  {escape(str(job['name']))}")
     console.print(escape(str(found["message"])), highlight=False)
+    if runs := found["counts"]["discarded"]:
+        why = found["provenance"].get("discarded") or {}
+        told = ", ".join(f"{count} {reason}" for reason, count in why.items())
+        console.print(escape(f"{runs} runs do not count: {told or 'executors were lost'}"),
+                      highlight=False)  # fmt: skip
     for comparison in found["comparisons"]:
         name = comparison["variant"] or "this job"
         console.print(
@@ -125,18 +135,18 @@ def _show(found: dict[str, Any], console: Console) -> None:
         )
     console.print()
     table = Table(box=None, header_style="bold")
-    for column in ("Case", "Outcome", "Seconds", "Why"):
-        table.add_column(
-            column, overflow="fold", justify="right" if column == "Seconds" else "left"
-        )
+    for column in ("Case", "Outcome", "Seconds", "Discarded", "Why"):
+        right = column in ("Seconds", "Discarded")
+        table.add_column(column, overflow="fold", justify="right" if right else "left")
     for case in cases[:_MOST_ROWS]:
         outcome = str(case["outcome"])
         seconds = "" if case["seconds"] is None else f"{case['seconds']:.1f}"
         why = str(case["message"] or case["reason"] or "")
         colour = _COLOURS.get(outcome, "red")
         table.add_row(
-            escape(str(case["case"])), f"[{colour}]{escape(outcome)}[/]", seconds, escape(why)
-        )
+            escape(str(case["case"])), f"[{colour}]{escape(outcome)}[/]", seconds,
+            str(discarded_count(case) or ""), escape(why),
+        )  # fmt: skip
     console.print(table)
     if len(cases) > _MOST_ROWS:
         console.print(f"... and {len(cases) - _MOST_ROWS} more (--output json has all)")

@@ -41,7 +41,9 @@ log = logging.getLogger(__name__)
 class Artefacts:
     """Takes every counted row once, in the order of the case names, and stores what it made."""
 
-    def __init__(self, job: JobFile, storage: Storage, folder: str) -> None:
+    def __init__(
+        self, job: JobFile, storage: Storage, folder: str, manifest: Mapping[str, Any]
+    ) -> None:
         self._job = job
         self._storage = storage
         self._folder = folder
@@ -49,7 +51,7 @@ class Artefacts:
         self._open = contextlib.ExitStack()
         self._rows: list[Row] = []
         self._tests: list[dict[str, Any]] = []
-        self._report = Report(job.spec, folder)
+        self._report = Report(job.spec, folder, manifest.get("comparisons") or [])
         self._scratch = Path()
         self._tried(_SCRATCH, self._begin)
         self._tried(TABLE, self._begin_table)

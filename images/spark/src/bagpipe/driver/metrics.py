@@ -36,7 +36,12 @@ class _ProgressCollector(Collector):
 
     def collect(self) -> Iterator[GaugeMetricFamily]:
         snapshot = self._progress.snapshot()
-        cases = GaugeMetricFamily("bagpipe_cases", "Cases of the job by state.", labels=["state"])
+        cases = GaugeMetricFamily(
+            "bagpipe_cases",
+            "Cases of the job by state; crashed, lost and regressed ones are among the others, and "
+            "discarded counts runs that do not count.",
+            labels=["state"],
+        )
         for state, count in snapshot["cases"].items():
             cases.add_metric([state], count)
         yield cases

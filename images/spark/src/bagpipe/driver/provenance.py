@@ -5,7 +5,7 @@ may read it, what kubelets say of images, and what the rows say of machines.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from typing import Any
 
@@ -74,14 +74,6 @@ def provenance_of(
     for row in rows:
         found.add(row)
     return found.as_json(*times)
-
-
-def discarded_of(row: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """A row's discarded runs as the manifest has them, without their ledgers."""
-    return [
-        {"reason": run["reason"], "message": str(run["message"])[:300], "seconds": run["seconds"]}
-        for run in discarded_runs(row)
-    ]
 
 
 def _moment(seconds: float) -> str:

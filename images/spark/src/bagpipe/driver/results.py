@@ -15,10 +15,10 @@ from bagpipe.driver.artefacts import COMPARISONS, Artefacts, in_short
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
-from bagpipe.driver.provenance import discarded_of, provenance_of
+from bagpipe.driver.provenance import provenance_of
 from bagpipe.driver.row_file import RowFile
 from bagpipe.report.stored import StoredResults
-from bagpipe.row_facts import counts_of
+from bagpipe.row_facts import counts_of, discarded_of
 from bagpipe.run.case_run import Row
 from bagpipe.run.exec_outputs import recorded_names
 from bagpipe.spec import JobFile
@@ -109,7 +109,7 @@ class Results:
         May be done again, by another driver too, until the journal is gone, which goes last.
         Gives what the comparisons with a baseline say, in short.
         """
-        with Artefacts(self.job, self.storage, self.folder) as artefacts:
+        with Artefacts(self.job, self.storage, self.folder, manifest) as artefacts:
             for row in self._lines(manifest, rows):
                 artefacts.add(row)
             compared = artefacts.store(manifest)

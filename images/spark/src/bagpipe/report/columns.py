@@ -6,8 +6,11 @@ Words that repeat (variants, reasons, messages) stand once and are numbered.
 import json
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
+
+from bagpipe.row_facts import discarded_runs
 
 Row = Mapping[str, Any]
 
@@ -17,6 +20,7 @@ MOST_CASES = 20_000
 _MOST_FIGURES = 300_000
 _MESSAGE_CHARACTERS = 300
 _ALL_MESSAGES_CHARACTERS = 1_000_000
+_WORDS = ("fragment", "reason", "message", "seed", "round", "discarded")
 _LETTERS = {"passed": "P", "failed": "F", "invalid": "I"}
 
 _NUMBER = r"(-?[0-9.]+(?:e[-+]?[0-9]+)?)"
@@ -94,7 +98,7 @@ class Columns:
     def as_json(self) -> dict[str, Any]:
         """`cases`, `variables` and `criteria`, as report/page reads them."""
         rows = self.rows()
-        columns = {name: Words() for name in ("fragment", "reason", "message", "seed", "round")}
+        columns = {name: Words() for name in _WORDS}
         columns["variant"] = Words(self._variants)
         budget = _ALL_MESSAGES_CHARACTERS
         for row in rows:
@@ -124,6 +128,8 @@ def _slim(row: Row) -> dict[str, Any]:
         "message", "attempts", "seconds",
     )  # fmt: skip
     slim = {name: row.get(name) for name in kept}
+    reasons = Counter(run["reason"] for run in discarded_runs(row))
+    slim["discarded"] = ", ".join(f"{count} x {reason}" for reason, count in reasons.items())
     slim["criteria"] = [
         {key: finding.get(key) for key in ("name", "kind", "outcome", "figure", "unit", "limit")}
         for finding in row.get("criteria") or []

@@ -15,9 +15,12 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from bagpipe.report.causes import Causes
 from bagpipe.report.columns import Columns, short
 from bagpipe.report.details import Details, detail_of
+from bagpipe.report.provenance import facts_of
 from bagpipe.report.words import headline, sentence
+from bagpipe.row_facts import counts_of
 from bagpipe.spec import SimulationJobSpec
 
 Row = Mapping[str, Any]
@@ -25,24 +28,33 @@ Row = Mapping[str, Any]
 # In this order: each uses those before it.
 _SCRIPTS = (
     "dom.js", "data.js", "filters.js", "heat_map.js", "criteria.js", "cases.js", "details.js",
-    "main.js",
+    "causes.js", "main.js",
 )  # fmt: skip
 
 
 class Report:
     """Takes every counted row once; then makes the page."""
 
-    def __init__(self, spec: SimulationJobSpec | None, results: str) -> None:
+    def __init__(
+        self,
+        spec: SimulationJobSpec | None,
+        results: str,
+        comparisons: Sequence[Mapping[str, Any]] = (),
+    ) -> None:
+        """`comparisons` may be given before the rows, so that what regressed is told in full."""
         self._spec = spec
         self._results = results
+        self._regressed = regressed_cases(comparisons)
+        self._causes = Causes()
         self._columns = Columns([variant.name for variant in spec.variants] if spec else [])
-        self._details = Details()
+        self._details = Details(regressed=self._regressed)
         self._seconds = 0.0
 
     def add(self, row: Row) -> None:
         """One row that counts."""
         self._columns.add(row)
         self._details.add(row)
+        self._causes.add(row)
         self._seconds += float(row.get("seconds") or 0.0)
 
     def html(
@@ -50,12 +62,15 @@ class Report:
     ) -> bytes:
         """The page, from what was added alone: nothing is read for it."""
         data = self._columns.as_json() | {"details": self._told(), "replay": self._replay()}
+        data["causes"] = self._causes.as_json(data["cases"]["case"])
+        data["regressed"] = regressed_cases(comparisons)
         return render(
             data,
             job=manifest["job"],
             headline=headline(manifest),
             sentence=sentence(manifest, data),
-            manifest=manifest,
+            manifest=dict(manifest) | {"counts": counts_of(manifest)},
+            provenance=facts_of(manifest),
             comparisons=[_drawn(comparison) for comparison in comparisons],
             results=self._results,
             stack_seconds=self._seconds,
@@ -110,6 +125,17 @@ def _figure(value: Any) -> str:
     return f"{figure:,.0f}" if figure == int(figure) and abs(figure) < 1e9 else f"{figure:.4g}"
 
 
+def regressed_cases(comparisons: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The names of what regressed, each once, in the order of the comparisons."""
+    named = [_named(case)["case"] for found in comparisons for case in found["regressed"]]
+    return list(dict.fromkeys(named))
+
+
+def _named(case: str | Mapping[str, str]) -> dict[str, str]:
+    """A regressed case; comparisons of before v1alpha2 have its name alone."""
+    return {"case": case, "to": "", "reason": ""} if isinstance(case, str) else dict(case)
+
+
 def _drawn(comparison: Mapping[str, Any]) -> dict[str, Any]:
     """A comparison with each criterion's interval as per cent of a drawing 100 wide around 0."""
     criteria = []
@@ -124,4 +150,5 @@ def _drawn(comparison: Mapping[str, Any]) -> dict[str, Any]:
                 "middle": 50 + 46 * middle / reach,
             }
         criteria.append({**criterion, "drawn": drawn})
-    return {**comparison, "criteria": criteria}
+    regressed = [_named(case) for case in comparison["regressed"]]
+    return {**comparison, "criteria": criteria, "regressed": regressed}

@@ -4,6 +4,8 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
+from bagpipe.row_facts import counts_of, verdict_words
+
 _HEADLINES = {
     "Passed": ("passed", "Passed"),
     "Failed": ("failed", "Failed"),
@@ -11,9 +13,14 @@ _HEADLINES = {
 }
 
 
-def headline(manifest: Mapping[str, Any]) -> tuple[str, str]:
-    """The verdict's class in the style sheet, and its words; a job that broke off has none."""
-    return _HEADLINES.get(manifest["verdict"], ("errored", "No verdict"))
+def headline(manifest: Mapping[str, Any]) -> tuple[str, str, str]:
+    """The verdict's class in the style sheet, its word, and all that speaks against it.
+
+    A job that broke off has no verdict.
+    """
+    kind, word = _HEADLINES.get(manifest["verdict"], ("errored", "No verdict"))
+    _, _, against = verdict_words(manifest["verdict"], counts_of(manifest)).partition(": ")
+    return kind, word, against
 
 
 def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
@@ -29,7 +36,8 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
         for outcome, word in (("failed", "failed"), ("invalid", "lack evidence"))
         if counts[outcome]
     ]
-    said = f"Of {planned:,} cases {' and '.join(told)}."
+    # A job may fail by its comparison alone.
+    said = f"Of {planned:,} cases {' and '.join(told) or 'none failed'}."
     causes = _causes(data)
     return f"{said} Most often: {causes}." if causes else said
 

@@ -3,6 +3,7 @@
 import contextlib
 import time
 from collections.abc import Iterator
+from dataclasses import asdict
 from datetime import UTC, datetime
 
 import click
@@ -16,6 +17,7 @@ from bagpipe.cli.cluster.pace import Pace
 from bagpipe.cli.cluster.screen import Seen, block, line
 from bagpipe.cli.cluster.state import JobState
 from bagpipe.cli.places import RefusedError
+from bagpipe.row_facts import verdict_words
 from bagpipe.texts import duration_seconds
 
 _PER_SECOND = 4
@@ -111,11 +113,11 @@ def followed(source: Source, name: str, seconds: float, console: Console) -> Job
 
 def tell_end(state: JobState, console: Console) -> None:
     """What became of a job, and what can be done next."""
-    verdict = state.verdict or "no verdict"
-    colour = {"Passed": "green", "Invalid": "yellow"}.get(verdict, "red")
+    colour = {"Passed": "green", "Invalid": "yellow"}.get(state.verdict, "red")
     why = state.message if state.verdict else f"{state.reason}: {state.message}"
+    words = verdict_words(state.verdict, asdict(state.cases))
     console.print(
-        f"[bold {colour}]{verdict}[/]  {escape(f'{state.name}: {why}')}",
+        f"[bold {colour}]{escape(words)}[/]  {escape(f'{state.name}: {why}')}",
         highlight=False,
         soft_wrap=True,
     )

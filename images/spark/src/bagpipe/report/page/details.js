@@ -22,6 +22,8 @@ function caseParts(at) {
   const message = detail ? detail.message : word(CASES.message, at);
   const parts = [message ? el("p", {}, message) : null];
   parts.push(detail && detail.criteria.length ? findings(detail.criteria) : figuresOf(at));
+  const discarded = detail ? detail.discarded : [word(CASES.discarded, at)].filter(Boolean);
+  if (discarded.length) parts.push(el("h4", {}, "Runs that do not count"), el("pre", {}, discarded.join("\n")));
   if (detail) parts.push(...detailParts(detail));
   else if (CASES.outcome[at] !== "P") {
     parts.push(el("p", { class: "note" }, "Its ledger, timings and output are not in this page, which tells"
@@ -36,7 +38,14 @@ function detailParts(detail) {
     el("h4", {}, `${series.criterion}: ${series.label}`), course(series)));
   if (detail.stderr.length) parts.push(el("h4", {}, "Last lines of the stack's stderr"), el("pre", {}, detail.stderr.join("\n")));
   if (detail.lost.length) parts.push(el("h4", {}, "Starts that were lost"), el("pre", {}, detail.lost.join("\n")));
-  if (detail.ledger.length) parts.push(el("h4", {}, "Delivery"), ledgerTable(detail.ledger));
+  if (detail.ledger.length) {
+    parts.push(el("h4", {}, "Delivery", el("small", {}, detail.strength ? ` proof: ${detail.strength}` : "")), ledgerTable(detail.ledger));
+  }
+  const machine = Object.entries(detail.machine.figures);
+  if (detail.machine.message || machine.length) {
+    parts.push(el("h4", {}, "The machine meanwhile"), detail.machine.message ? el("p", {}, detail.machine.message) : null,
+      el("dl", { class: "facts" }, machine.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, figure(value, "s"))))));
+  }
   const seconds = Object.entries(detail.timings);
   if (seconds.length) {
     parts.push(el("h4", {}, "Seconds of its parts"), el("dl", { class: "facts" },
@@ -64,8 +73,8 @@ function figuresOf(at) {
     criterion.limit, criterion.figures ? figure(criterion.figures[at], criterion.unit) : "–"]));
 }
 
-const ledgerTable = (lines) => plainTable(["Topic", "Sent", "Node", "Received", "Dropped"],
-  lines.map((line) => [line.topic, figure(line.sent), line.node, figure(line.received), figure(line.dropped)]));
+const ledgerTable = (lines) => plainTable(["Topic", "Sent", "Node", "Received", "Dropped", "Proof", "Queue"],
+  lines.map((line) => [line.topic, figure(line.sent), line.node, figure(line.received), figure(line.dropped), line.strength || "–", figure(line.queue)]));
 
 function course(series) {
   const width = 720, height = 150, left = 8, bottom = 18;

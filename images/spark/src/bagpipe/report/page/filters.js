@@ -1,12 +1,13 @@
 // Which cases are shown. Every part of the page sets filters here and is told of changes.
 
-const filters = { text: "", outcome: "", variant: "", criterion: "", criterionOutcome: "", fields: new Map() };
+const filters = { text: "", outcome: "", variant: "", criterion: "", criterionOutcome: "", cause: "", fields: new Map() };
 const listeners = [];
 let matching = CASES.case.map((_, at) => at);
 
 function matches(at, words) {
   if (filters.outcome && CASES.outcome[at] !== filters.outcome) return false;
   if (filters.variant !== "" && CASES.variant.at[at] !== Number(filters.variant)) return false;
+  if (filters.cause !== "" && DATA.causes.at[at] !== filters.cause) return false;
   if (filters.criterion !== "") {
     const outcome = DATA.criteria[filters.criterion].outcomes[at];
     if (filters.criterionOutcome ? outcome !== filters.criterionOutcome : outcome === "-") return false;
@@ -27,5 +28,5 @@ function setFilters(changed) {
 
 const onFilters = (listener) => listeners.push(listener);
 const clearFilters = () => setFilters({
-  text: "", outcome: "", variant: "", criterion: "", criterionOutcome: "", fields: new Map(),
+  text: "", outcome: "", variant: "", criterion: "", criterionOutcome: "", cause: "", fields: new Map(),
 });

@@ -28,6 +28,7 @@ function controls() {
     if (filters.criterionOutcome && filters.criterionOutcome !== "F") {
       fields.push(el("span", { class: "chip word" }, `criterion ${OUTCOMES[filters.criterionOutcome]}`));
     }
+    if (filters.cause !== "") fields.push(el("span", { class: "chip word" }, `cause: ${DATA.causes.groups[filters.cause].reason}`));
     chips.replaceChildren(...fields);
     clear.hidden = matching.length === COUNT;
   });
@@ -75,5 +76,6 @@ heatMap();
 criteriaTable();
 caseTable();
 failingCases();
+causesTable();
 timings();
 links();
