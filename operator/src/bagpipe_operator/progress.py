@@ -109,6 +109,8 @@ class Progress(_Model):
     cases: Cases = Cases()
     ledger: Ledger = Ledger()
     verdict: Literal["Passed", "Failed", "Invalid", ""] = ""
+    # The one word for it, of what decided; empty of a driver of an earlier release.
+    verdict_reason: Annotated[Word, Field(alias="verdictReason")] = ""
     results: Annotated[str, BeforeValidator(_cut(2048))] = ""
     failures: Annotated[list[Failure], BeforeValidator(_last_failures)] = []
     comparisons: Annotated[list[VariantComparison], BeforeValidator(_first_comparisons)] = []

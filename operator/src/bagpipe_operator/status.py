@@ -74,7 +74,10 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
         status["phase"] = conditions.COMPLETE if ending.complete else conditions.FAILED
         status["completionTime"] = conditions.timestamp(now)
         status["cases"] = (status.get("cases") or {}) | {"running": 0}
-        passed = verdict.passed(status, ending.complete, ending.reason, ending.last_words)
+        passed = verdict.passed(
+            status, ending.complete, ending.reason, ending.last_words,
+            progress.verdict_reason if progress else "",
+        )  # fmt: skip
         return _with(seen, status, [*_ended_conditions(seen, ending, progress), passed], now)
     status["phase"] = _phase(seen)
     return _with(seen, status, _live_conditions(seen, status["phase"]), now)

@@ -11,14 +11,17 @@ from bagpipe_operator.view import Json
 NOT_ENDED = Condition(conditions.PASSED, None, reasons.NOT_ENDED, "The job has not ended.")
 
 
-def passed(status: Json, complete: bool, reason: str, message: str) -> Condition:
-    """Whether an ended job passed; `reason` and `message` are those of its end."""
+def passed(status: Json, complete: bool, reason: str, message: str, why: str = "") -> Condition:
+    """Whether an ended job passed; `reason` and `message` are those of its end.
+
+    `why` is the driver's word for its verdict, where it said one.
+    """
     if not complete:
         return Condition(conditions.PASSED, False, reason, message)
     verdict = status.get("verdict") or ""
     if verdict == "Passed":
         return Condition(conditions.PASSED, True, reasons.PASSED, message)
-    return Condition(conditions.PASSED, False, _why(status, verdict), message)
+    return Condition(conditions.PASSED, False, why or _why(status, verdict), message)
 
 
 def _why(status: Json, verdict: str) -> str:

@@ -33,6 +33,9 @@ async def ended(phase: str, **said: Any) -> World:
         ({"verdict": "Failed", "cases": GOOD | {"regressed": 2}}, "False/Regressed"),
         ({"verdict": "Invalid", "cases": {"planned": 4, "invalid": 4}}, "False/Invalid"),
         ({"verdict": "", "cases": GOOD}, "False/NoVerdict"),
+        # What decided is the driver's to say, where it does.
+        ({"verdict": "Failed", "verdictReason": "WorseCriteria"}, "False/WorseCriteria"),
+        ({"verdict": "Passed", "verdictReason": ""}, "True/Passed"),
     ],
 )
 async def test_a_complete_job_passed_by_its_verdict_alone(said: Json, told: str) -> None:
