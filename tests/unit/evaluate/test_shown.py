@@ -269,6 +269,31 @@ def test_stamps_from_long_before_the_recording_are_named() -> None:
     )
 
 
+def test_answers_may_repeat_stamps_that_are_wrong_in_the_recording_itself() -> None:
+    """A recording that was made by playing another one has the older one's stamps."""
+    for off in (-237 * DAY, 0.2):
+        given = evidence(
+            [
+                ("/pose", at + 0.01 + 300 * DAY, stamped(at + 300 * DAY + off, at, 0))
+                for at in INPUTS
+            ],
+            [("/truth", at + 300 * DAY, stamped(at + 300 * DAY + off, at, 0)) for at in INPUTS],
+            start=10 + 300 * DAY,
+            end=15 + 300 * DAY,
+        )
+        finding = found(given, ERROR)
+        assert (finding.outcome, finding.coverage, finding.clock) == ("passed", 1.0, "header")
+        assert found(given, LATENCY).outcome == "invalid"
+        assert found(given, RATE).outcome == "passed"
+    wall = evidence(
+        [("/pose", at + 300 * DAY, stamped(at + 9000 * DAY, at, 0)) for at in INPUTS],
+        [("/truth", at + 300 * DAY, stamped(at, at, 0)) for at in INPUTS],
+        start=10 + 300 * DAY,
+        end=15 + 300 * DAY,
+    )
+    assert found(wall, ERROR).outcome == "invalid"
+
+
 def test_second_zero_is_a_time_where_the_case_begins_with_it() -> None:
     entries = [("/pose", at - 10 + 0.01, stamped(at - 10, at, 0.0)) for at in INPUTS]
     given = evidence(entries, start=0.0, end=5.0)

@@ -91,13 +91,14 @@ def stamp_fault(
     topic: str, received: Sequence[Received], evidence: Evidence, ahead: int = ROUNDING
 ) -> str:
     """A sentence where stamps can't be times of this recording; else nothing."""
-    begin = evidence.start if evidence.lead_in_start is None else evidence.lead_in_start
+    begin = begin_of(evidence)
     stamped = [(each.time, each.stamp) for each in received if each.stamp is not None]
     # A simulated drive may begin with second 0.
     empty = sum(1 for _, stamp in stamped if stamp == 0 and begin >= _SECOND)
     if empty:
         return f"{empty} messages on {topic} have an empty header.stamp"
-    future = [(time, stamp) for time, stamp in stamped if stamp > time + ahead]
+    odd = [each for each in stamped if not credible(*each, begin, ahead)]
+    future = [(time, stamp) for time, stamp in odd if stamp > time]
     if future:
         time, stamp = future[0]
         return (
@@ -106,15 +107,24 @@ def stamp_fault(
             " /use_sim_time set for the node, and does it stamp with ROS time or its input's"
             " stamp? Else it stamps with this machine's clock"
         )
-    past = [(time, stamp) for time, stamp in stamped if stamp < begin - _LONGEST_BEFORE]
-    if past:
-        time, stamp = past[0]
+    if odd:
+        time, stamp = odd[0]
         return (
-            f"{len(past)} of {len(stamped)} messages on {topic} have stamps from before the"
+            f"{len(odd)} of {len(stamped)} messages on {topic} have stamps from before the"
             f" recording, the first at {_since(time, evidence)} by {_length(begin - stamp)}: is"
-            " /use_sim_time set for the node, and does its clock run forward?"
+            " /use_sim_time set for the node, and are the recording's own stamps of its time?"
         )
     return ""
+
+
+def begin_of(evidence: Evidence) -> int:
+    """When the play began, in ns of bag time."""
+    return evidence.start if evidence.lead_in_start is None else evidence.lead_in_start
+
+
+def credible(time: int, stamp: int, begin: int, ahead: int) -> bool:
+    """Whether a message that came at a time can have a stamp."""
+    return begin - _LONGEST_BEFORE <= stamp <= time + ahead
 
 
 def backward(received: Sequence[Received]) -> str:
