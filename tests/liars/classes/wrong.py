@@ -108,7 +108,6 @@ LIARS = [
         CHEAP,
         python("machine", "hides-memory"),
         *WRONG,
-        ("200",),
     ),
     Row("memory", USE, "keeps 300 MiB", CHEAP, python("machine", "takes-memory"), *WRONG),
     Row(
