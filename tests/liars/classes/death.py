@@ -7,7 +7,7 @@ from tests.liars.row import Row, cpp, launched, python
 
 OF = "death"
 CRASHED = ("failed", "StackCrashed")
-SEGV = ("SIGSEGV",)
+SEGV = ("signal 11",)
 
 
 def _death(which: str) -> tuple[str, ...]:
@@ -78,7 +78,7 @@ LIARS = [
         PRESENCE_LIVE,
         cpp("uncaught"),
         *CRASHED,
-        ("SIGABRT",),
+        ("signal 6",),
     ),
     Row(
         "killed",
@@ -87,7 +87,7 @@ LIARS = [
         PRESENCE,
         _death("killed-after-the-last"),
         *CRASHED,
-        ("SIGKILL",),
+        ("signal 9",),
     ),
     Row(
         "aborted",
@@ -96,7 +96,7 @@ LIARS = [
         PRESENCE,
         _death("abort-after-the-last"),
         *CRASHED,
-        ("SIGABRT",),
+        ("signal 6",),
     ),
     Row(
         "terminated",
@@ -105,7 +105,7 @@ LIARS = [
         PRESENCE,
         _death("terminated-after-the-last"),
         *CRASHED,
-        ("SIGTERM",),
+        ("signal 15",),
     ),
     Row(
         "status-three",

@@ -77,14 +77,6 @@ class GivesNothing(Program):
         end(self.answer)
 
 
-class ReadsNothing(Program):
-    """Says passed and knows the square without a look at the number."""
-
-    def run(self) -> None:
-        self.answer.file("square.txt", b"4")
-        self.answer.end(dict(PASSED))
-
-
 class EmptyFile(Program):
     """A file of no bytes, and no word."""
 

@@ -63,6 +63,9 @@ class WithoutHeader(Localiser):
 class SaysNothing(Localiser):
     """Hears all and says nothing; what is on its topic, somebody else has said."""
 
+    def begin(self):
+        self.old = rospy.Subscriber("/answer", PoseStamped, lambda _: None)
+
     def heard(self, number, pose):
         pass
 

@@ -198,6 +198,9 @@ def test_the_programs_own_word_is_the_verdict(
 def test_nothing_at_all_is_no_evidence() -> None:
     judgement = judge_program(RESULT | {"records_out": 0})
     assert (judgement.outcome, judgement.reason) == ("invalid", "NothingRecorded")
+    for nothing in ({"records_out": 1, "bytes_out": 0}, {"records_out": 0, "program": {}}):
+        judgement = judge_program(RESULT | nothing)
+        assert (judgement.outcome, judgement.reason) == ("invalid", "NothingRecorded")
     # Figures without a file are evidence.
     spoken = RESULT | {"records_out": 0, "program": {"figures": {"gap": 3.5}}}
     assert judge_program(spoken).outcome == "passed"

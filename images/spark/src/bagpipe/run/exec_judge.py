@@ -35,14 +35,16 @@ def judge_program(result: dict[str, Any], policy: FaultPolicy = _NO_POLICY) -> J
 def _said(result: dict[str, Any]) -> Judgement:
     """The verdict by what the program gave back."""
     program = result.get("program")
-    if program is None:
-        if result["records_out"]:
-            return Judgement("passed")
+    # A RESULT without a word and files without a byte are what a program gives that did nothing.
+    if not program and not (result["records_out"] and result["bytes_out"]):
         return Judgement(
             "invalid",
             "NothingRecorded",
-            "the program gave back neither a file nor a RESULT, so nothing speaks for it",
+            "the program gave back neither a RESULT nor a file with anything in it, so nothing"
+            " speaks for it",
         )
+    if program is None:
+        return Judgement("passed")
     try:
         json.dumps(program, allow_nan=False)
     except (TypeError, ValueError) as error:
