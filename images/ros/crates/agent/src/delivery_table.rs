@@ -13,7 +13,8 @@ pub fn table(replayed: &Replayed) -> String {
         lines.push(format!("{}  {} sent", topic.topic, topic.sent));
         for line in &topic.subscribers {
             let (node, received, dropped) = (&line.node, line.received, line.dropped);
-            lines.push(format!("  {node}  {received} received, {dropped} dropped"));
+            let proof = line.strength.name();
+            lines.push(format!("  {node}  {received} received, {dropped} dropped ({proof})"));
         }
         if topic.subscribers.is_empty() {
             lines.push("  nobody subscribed".to_owned());

@@ -65,7 +65,8 @@ pub struct Timings {
 impl Outcome {
     /// Joins what the player knows with what the supervisor knows.
     pub fn new(replayed: Replayed, stack: StackEnd, mut timings: Timings) -> (Self, Vec<u8>) {
-        let Replayed { ledger, recorded, playback, timings: played, machine, recorded_bag } = replayed;
+        let Replayed { ledger, recorded, playback, timings: played, machine, recorded_bag } =
+            replayed;
         timings.subscribe = played.subscribe;
         timings.lead_in = played.lead_in;
         timings.play = played.play;

@@ -38,6 +38,18 @@ pub enum Strength {
     Called,
 }
 
+impl Strength {
+    /// Its name in RESULT.
+    pub fn name(self) -> &'static str {
+        match self {
+            Strength::Sent => "sent",
+            Strength::Received => "received",
+            Strength::Taken => "taken",
+            Strength::Called => "called",
+        }
+    }
+}
+
 /// The proof of delivery. Lossless means: for every subscriber of every topic `received`
 /// equals the topic's `sent` and `dropped` is 0.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
@@ -170,4 +182,19 @@ pub struct Timings {
     pub play: f64,
     /// Until the last message was received and the outputs had ended.
     pub drain: f64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn strengths_are_named_in_result_as_elsewhere_and_the_weakest_comes_first() {
+        let all = [Strength::Sent, Strength::Received, Strength::Taken, Strength::Called];
+        assert!(all.is_sorted());
+        for strength in all {
+            let name = serde_json::to_string(&strength).unwrap();
+            assert_eq!(name, format!("\"{}\"", strength.name()));
+        }
+    }
 }

@@ -156,11 +156,12 @@ fn perform(
         .then(|| Stepper::new(node, lockstep, Arc::clone(&answers), recorder));
     let mut player = Player::advertise(node, plan, clock, request, stepper)?;
     wait_for_stack(&discovery, &mut player, request, watch)?;
-    let (proof, mut processes) = meet(node, &discovery)?;
+    let (proof, pids) = meet(node, &discovery)?;
     let rounds = Rounds::new(proof, player.publications().to_vec());
     // Once now: where the nodes are, a master that is started anew could not say.
     rounds.ask();
-    let foreign = Foreign::new(Mutex::new(processes.know().clone()));
+    let foreign = Foreign::new(Mutex::new(pids.clone()));
+    let mut processes = Processes::meet(pids);
     let subscribe = laps.lap();
 
     let window = request.window;
@@ -201,12 +202,11 @@ fn perform(
     Ok(Replayed { ledger, playback, timings, machine, ..Replayed::default() })
 }
 
-/// Learns which nodes there are, and looks at what they do before they are told anything.
-fn meet(node: &Node, discovery: &Discovery<'_>) -> Result<(Proof, Processes), ReplayError> {
-    let audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
-    let mut proof = Proof::new(audit);
-    let processes = Processes::meet(proof.meet(&discovery.others()?));
-    Ok((proof, processes))
+/// Learns which nodes there are, and which processes are theirs.
+fn meet(node: &Node, discovery: &Discovery<'_>) -> Result<(Proof, BTreeSet<i32>), ReplayError> {
+    let mut proof = Proof::new(Audit::new(node.master().clone(), node.slave_uri(), ASK));
+    let pids = proof.meet(&discovery.others()?);
+    Ok((proof, pids))
 }
 
 /// Plays what is latched, and then the lead-in; each is received before the next thing

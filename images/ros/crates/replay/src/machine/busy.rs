@@ -77,21 +77,26 @@ impl Slice {
         if throttled && !own_limit {
             return Some(Cause::Throttled);
         }
-        if self.others.is_some_and(|others| others >= OTHERS * capacity) && self.want(capacity) {
+        // Whoever has used up its own limit waits for that, and its threads wake late.
+        let stalled = self.stall >= STALL && !throttled;
+        let others = self.others.is_some_and(|others| others >= OTHERS * capacity);
+        if others && (stalled || self.waited(capacity)) {
             return Some(Cause::Others);
         }
-        let by_stack = throttled || self.stack >= EXPLAINS * self.stall * self.processors;
-        (self.stall >= STALL && !by_stack).then_some(Cause::Stall)
+        let by_stack = self.stack >= EXPLAINS * self.stall * self.processors;
+        (stalled && !by_stack).then_some(Cause::Stall)
     }
 
-    /// Whether somebody here wanted a processor and did not get it.
-    fn want(&self, capacity: f64) -> bool {
-        let waited = match (self.pressure, self.used) {
-            (Some(pressure), _) => pressure >= WAITING * self.seconds,
+    /// Whether tasks waited for a processor that others had. Who is throttled waits too, by
+    /// the kernel's count, but for its own limit.
+    fn waited(&self, capacity: f64) -> bool {
+        match (self.pressure, self.used) {
+            (Some(pressure), _) => {
+                pressure - self.throttled.unwrap_or(0.0) >= WAITING * self.seconds
+            }
             (None, Some(used)) => used >= FULL * capacity,
             (None, None) => false,
-        };
-        waited || self.stall >= STALL
+        }
     }
 }
 
@@ -208,6 +213,16 @@ mod tests {
         let limited =
             Slice { throttled: Some(0.7), stall: 0.08, stack: 0.9, cgroup: Some(1.0), ..idle() };
         assert!(!busy(&[limited]).0);
+        // On a large machine, beside others who take nothing from it.
+        let large = Slice {
+            processors: 64.0,
+            pressure: Some(0.72),
+            others: Some(20.0),
+            used: Some(21.0),
+            ..limited
+        };
+        assert!(!busy(&[large]).0);
+        assert!(busy(&[Slice { pressure: Some(0.95), ..large }]).0);
         // Others that run in between, as they do everywhere, are none.
         assert!(!busy(&[Slice { others: Some(0.3), ..burns }]).0);
     }

@@ -22,33 +22,27 @@ const LATER_LOOK: Duration = Duration::from_millis(200);
 pub(crate) struct Processes {
     pids: BTreeSet<i32>,
     born: Instant,
-    first: Look,
     watch: Watch,
 }
 
 impl Processes {
-    /// Begins to look at what the nodes do before they are told anything.
+    /// Looks at what the nodes do before they are told anything, and while they are not asked:
+    /// an answer is work.
     pub(crate) fn meet(pids: BTreeSet<i32>) -> Processes {
         let born = Instant::now();
         let first = look(&pids, born);
-        Processes { pids, born, watch: Watch::new(&first, first.clone()), first }
-    }
-
-    /// Learns what is usual with them. The processes.
-    pub(crate) fn know(&mut self) -> &BTreeSet<i32> {
+        let mut second = first.clone();
         for wait in [FIRST_LOOKS, LATER_LOOK] {
-            if self.first.threads.is_empty() {
+            if first.threads.is_empty() {
                 break;
             }
-            std::thread::sleep(wait.saturating_sub(self.born.elapsed()));
-            let second = look(&self.pids, self.born);
-            let rests = second.wanted_since(&self.first).values().all(|part| *part < RESTING);
-            self.watch = Watch::new(&self.first, second);
-            if rests {
+            std::thread::sleep(wait.saturating_sub(born.elapsed()));
+            second = look(&pids, born);
+            if second.wanted_since(&first).values().all(|part| *part < RESTING) {
                 break;
             }
         }
-        &self.pids
+        Processes { pids, born, watch: Watch::new(&first, second) }
     }
 
     /// Stillness can begin now.

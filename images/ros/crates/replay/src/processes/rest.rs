@@ -14,7 +14,7 @@ use super::threads::{Demand, Waits};
 /// Timers and the reading of /clock take a few hundredths.
 const WORKING: f64 = 0.25;
 /// A process that wants less than this before the first input is at rest by then.
-pub(crate) const RESTING: f64 = 0.05;
+pub(crate) const RESTING: f64 = 0.1;
 
 /// A thread: its process and its own number.
 pub(crate) type Thread = (i32, i32);
