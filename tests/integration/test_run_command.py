@@ -116,7 +116,9 @@ def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Lapto
         laptop.manifest("two", spec), "--cases", "*-0000-*", "--results", "my kept", "--slots", "2"
     )
     assert status == 1, errors
-    assert said.splitlines()[0] == "Failed  two"
+    headline = said.splitlines()[0]
+    assert headline.startswith("Failed: 1 failed"), headline
+    assert headline.endswith("  two"), headline
     folder = laptop.folder / "my kept"
     outcomes = {row["case"]: row["outcome"] for row in rows_of(folder)}
     assert outcomes == {"joint_states-0000-usual": "passed", "joint_states-0000-slow": "failed"}
@@ -131,7 +133,7 @@ def test_what_can_t_be_run_ends_with_2_and_says_why(laptop: Laptop) -> None:
     spec = example()
     spec["source"]["bags"] = ["pvc://recordings/nowhere/*.bag"]
     status, said, errors = laptop.job(laptop.manifest("missing", spec))
-    assert (status, said.splitlines()[0]) == (2, "no verdict  missing"), errors
+    assert (status, said.splitlines()[0]) == (2, "No verdict: 1 errored  missing"), errors
     assert "1 of 1 cases errored" in said
     assert "1 of 1 cases (1 errored)" in errors
     spec = example()

@@ -35,6 +35,7 @@ def test_a_terminal_shows_one_block_that_is_drawn_anew(
         terminal.read_until("a-3: TooSlow: 9 Hz")
         tell_end(admin, namespace, "lane", "Failed")
         assert terminal.end() == 1
-        assert "Failed  lane: It ended." in terminal.plain()
+        # The API server merges: the failed case that was told before is there still.
+        assert "Failed: 1 failed  lane: It ended." in terminal.plain()
         # The terminal is left as it was found: with a cursor.
         assert terminal.written.rfind(b"\x1b[?25h") > terminal.written.rfind(b"\x1b[?25l")

@@ -62,14 +62,15 @@ class Report:
     ) -> bytes:
         """The page, from what was added alone: nothing is read for it."""
         data = self._columns.as_json() | {"details": self._told(), "replay": self._replay()}
+        counted = dict(manifest) | {"counts": _counted(manifest, comparisons)}
         data["causes"] = self._causes.as_json(data["cases"]["case"])
         data["regressed"] = regressed_cases(comparisons)
         return render(
             data,
             job=manifest["job"],
-            headline=headline(manifest),
+            headline=headline(counted),
             sentence=sentence(manifest, data),
-            manifest=dict(manifest) | {"counts": counts_of(manifest)},
+            manifest=counted,
             provenance=facts_of(manifest),
             comparisons=[_drawn(comparison) for comparison in comparisons],
             results=self._results,
@@ -123,6 +124,15 @@ def _figure(value: Any) -> str:
     if figure is None:
         return "–"
     return f"{figure:,.0f}" if figure == int(figure) and abs(figure) < 1e9 else f"{figure:.4g}"
+
+
+def _counted(
+    manifest: Mapping[str, Any], comparisons: Sequence[Mapping[str, Any]]
+) -> dict[str, int]:
+    """A manifest's counts; one of before did not have its comparisons."""
+    counts = counts_of(manifest)
+    compared = sum(comparison["counts"]["regressed"] for comparison in comparisons)
+    return counts | {"regressed": counts["regressed"] or compared}
 
 
 def regressed_cases(comparisons: Sequence[Mapping[str, Any]]) -> list[str]:
