@@ -167,7 +167,7 @@ def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
         threading.Event().wait(0.05)
         return make_row(case.id)
 
-    def shares(_job: object, cases: list[Case], keeper: Keeper) -> None:
+    def shares(_job: object, cases: list[Case], keeper: Keeper, _seen: object) -> None:
         def interrupt() -> None:
             deadline = time.monotonic() + 60
             while not keeper.progress.snapshot()["cases"]["passed"] and time.monotonic() < deadline:
@@ -279,7 +279,7 @@ def test_a_driver_after_a_commit_runs_nothing(
 def test_a_successor_runs_only_what_is_left(
     spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def shares(_job: object, cases: list[Case], keeper: Keeper) -> None:
+    def shares(_job: object, cases: list[Case], keeper: Keeper, _seen: object) -> None:
         ran.append([case.id for case in cases])
         simulate(spark, cases, world.context, keeper)
 
