@@ -26,7 +26,8 @@ GOOD: dict[str, Value] = {
     "expression": {"topic": "/a", "holds": "msg.data < 3.0", "share": 0.5, "finite": False},
     "error": {
         "topic": "/a", "fields": ["x", "y.z[0]"], "truth": "/b", "truthFields": ["u", "v"],
-        "metric": "final", "max": 1, "within": "50ms", "angle": True, "minCoverage": 1,
+        "metric": "final", "max": 1, "within": "50ms", "angle": True, "anyFrame": True,
+        "minCoverage": 1,
     },
     "finalPose": {"topic": "/a", "position": [1, 2.5], "within": 0.1, "yaw": 3, "yawWithin": 0.1},
     "separation": {

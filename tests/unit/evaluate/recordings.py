@@ -1,7 +1,7 @@
 """Recordings for tests of criteria: real bags in memory, with ROS's own message types."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from typing import Any
 
 from rosbags.typesys import Stores, get_typestore
@@ -51,8 +51,8 @@ def number(data: float) -> Any:
     return STORE.types["std_msgs/msg/Float64"](data)
 
 
-def bag(entries: Iterable[Entry]) -> bytes:
-    """(topic, receipt in seconds, message) as a bag."""
+def bag(entries: Iterable[Entry], latching: Container[str] = ()) -> bytes:
+    """(topic, receipt in seconds, message) as a bag; `latching` topics are latched."""
     writer = MemoryBag.writer()
     for topic, seconds, message in sorted(entries, key=lambda e: e[1]):
         name = message.__msgtype__
@@ -64,6 +64,7 @@ def bag(entries: Iterable[Entry]) -> bytes:
             type=name.replace("/msg/", "/"),
             md5sum=md5,
             definition=definition,
+            latching=topic in latching,
         )
     return writer.finish().to_bytes()
 
@@ -73,13 +74,14 @@ def evidence(
     source: Iterable[Entry] = (),
     start: float = 10.0,
     end: float = 20.0,
+    latching: Container[str] = (),
     **more: Any,
 ) -> Evidence:
     """Evidence of a window, by default from 10 to 20 s."""
     recorded, source = list(recorded), list(source)
     first, last = round(start * SECOND), round(end * SECOND)
     return Evidence(
-        recorded=Recording(lambda: bag(recorded), first, None),
+        recorded=Recording(lambda: bag(recorded, latching), first, None),
         source=Recording(lambda: bag(source), first, last),
         start=first,
         end=last,

@@ -132,6 +132,13 @@ def test_the_final_error_is_that_of_the_latest_stamp_and_near_the_end() -> None:
     assert "the last answer is at sample 20 of 50" in early.message
 
 
+def test_a_distance_beyond_all_squares_is_a_figure() -> None:
+    rmse = {"error": ERROR["error"] | {"metric": "rmse"}}
+    finding = found(case([*RIGHT[:-1], answer(14.9, x=1e300)]), rmse)
+    assert finding.outcome == "failed"
+    assert finding.figure == pytest.approx(1e300 / math.sqrt(50))
+
+
 def test_of_two_samples_that_are_as_near_the_earlier_counts() -> None:
     truth = [("/truth", at, stamped(at, x, 0.0)) for at, x in ((10.0, 0.0), (12.0, 100.0))]
     entries = [answer(11.0, x=1.0), answer(12.0, x=100.0)]
@@ -307,6 +314,39 @@ def test_answers_out_of_order_with_right_stamps_are_right() -> None:
         assert found(case(late), measure).outcome == "passed"
 
 
+# Frames.
+
+
+def in_frame(entry: Any, frame: str) -> Any:
+    entry[2].header.frame_id = frame
+    return entry
+
+
+@pytest.mark.parametrize(
+    ("frames", "named_so"),
+    [
+        (["base_link"] * 50, "/pose is said in the frame base_link and /truth in the frame map"),
+        ([""] * 50, "/pose is said in no frame and /truth in the frame map"),
+        (["map"] * 25 + ["odom"] * 25, "/pose is said in the frame map, then odom and /truth in"),
+        (["/map"] * 50, ""),
+    ],
+)
+def test_figures_of_two_frames_are_not_compared(frames: list[str], named_so: str) -> None:
+    entries = [in_frame(answer(at), frame) for at, frame in zip(INPUTS, frames, strict=True)]
+    finding = found(case(entries), ERROR)
+    assert finding.outcome == ("invalid" if named_so else "passed")
+    assert named_so in finding.message
+    away = found(case(entries + CARS), KEEPS_AWAY)
+    assert away.outcome == finding.outcome
+    same = {"error": ERROR["error"] | {"anyFrame": True}}
+    assert found(case(entries), same).outcome == "passed"
+
+
+def test_a_truth_without_a_frame_is_compared_with_any() -> None:
+    truth = [in_frame(("/truth", at, stamped(at, at, 0.0)), "") for at in INPUTS]
+    assert found(case([answer(at) for at in INPUTS], truth=truth), ERROR).outcome == "passed"
+
+
 # The window, and what comes after it.
 
 
@@ -442,6 +482,15 @@ def test_the_last_pose_must_be_near_the_end() -> None:
     finding = found(case(RIGHT[:21]), wanted)
     assert (finding.outcome, finding.coverage) == ("invalid", 0.4)
     assert "the pose at 2.000 s of 5.000 s" in finding.message
+
+
+def test_a_latched_goal_from_before_the_first_input_is_no_last_pose() -> None:
+    wanted = {"finalPose": {"topic": "/pose", "position": [14.9, 0.0], "within": 0.2}}
+    latched = case([("/pose", 10.0, stamped(0.0, 14.9, 0.0))], latching={"/pose"})
+    finding = found(latched, wanted)
+    assert (finding.outcome, finding.coverage) == ("invalid", 0.0)
+    holds = {"bounds": BOUNDS["bounds"]}
+    assert (found(latched, holds).outcome, found(latched, holds).coverage) == ("passed", 1.0)
 
 
 # What the stack used.

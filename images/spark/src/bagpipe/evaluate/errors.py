@@ -2,7 +2,6 @@
 
 import math
 from collections import defaultdict
-from statistics import fmean
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence, Sample
@@ -53,10 +52,15 @@ def _figure(wanted: Error, found: Matched) -> float:
     if wanted.metric == "final":
         return max(found.pairs, key=lambda pair: pair.at).distance
     # Each of the truth's samples counts once, however often it was answered.
-    squares: dict[int, list[float]] = defaultdict(list)
+    distances: dict[int, list[float]] = defaultdict(list)
     for pair in found.pairs:
-        squares[pair.truth].append(pair.distance**2)
-    return math.sqrt(fmean(fmean(each) for each in squares.values()))
+        distances[pair.truth].append(pair.distance)
+    return _rms([_rms(each) for each in distances.values()])
+
+
+def _rms(values: list[float]) -> float:
+    # Not by squares, which overflow long before a distance does.
+    return math.hypot(*values) / math.sqrt(len(values))
 
 
 def _coverage(wanted: Error, found: Matched) -> tuple[float, str]:
@@ -85,8 +89,8 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
             " Odometry and TransformStamped have one"
         )
     finding = _pose_odd(name, wanted, pose, at, evidence) or _off(name, wanted, pose)
-    silent = 0 if found.latching else evidence.end - at
-    share = 1.0 - silent / max(1, evidence.end - evidence.start)
+    # Latched or not: a goal that was said before the first input is no place that was reached.
+    share = 1.0 - (evidence.end - at) / max(1, evidence.end - evidence.start)
     if share < wanted.min_coverage:
         silent = evidence.heard_between(at, evidence.end)
         share = 1.0 - silent / max(1, evidence.heard_between(evidence.start, evidence.end))

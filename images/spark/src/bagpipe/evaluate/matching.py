@@ -9,7 +9,7 @@ from bagpipe.evaluate.fields import no_number, number_at, turned
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError
 from bagpipe.evaluate.limits import seconds
 from bagpipe.evaluate.model import Error
-from bagpipe.evaluate.window import begin_of, credible, heard, samples
+from bagpipe.evaluate.window import begin_of, credible, frames_differ, heard, samples
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,9 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     found = heard(wanted.topic, evidence, most)
     answers = samples(found, evidence)
     truth = _truth(wanted, evidence)
+    apart = frames_differ(answers, truth, wanted.topic, wanted.truth or "the truth")
+    if apart and not wanted.any_frame:
+        raise NoEvidenceError(apart)
     stamped = bool(found.fault and wanted.recording) and _of_another_clock(truth, evidence, most)
     if found.fault and not stamped:
         raise NoEvidenceError(found.fault)

@@ -149,6 +149,7 @@ class Error(_Model):
     max: Bound
     within: Duration = "50ms"
     angle: bool = False
+    any_frame: bool = False
     min_coverage: Share = 0.9
 
     @model_validator(mode="after")
@@ -189,6 +190,7 @@ class Separation(_Model):
     min_distance: float | None = Field(default=None, ge=0)
     min_time_to_collision: float | None = Field(default=None, gt=0)
     max_age: Timeout = "1s"
+    any_frame: bool = False
     min_coverage: Share = 0.9
 
     @model_validator(mode="after")

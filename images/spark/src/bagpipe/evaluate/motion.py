@@ -10,7 +10,7 @@ from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, seconds
 from bagpipe.evaluate.model import Separation
-from bagpipe.evaluate.window import heard, samples
+from bagpipe.evaluate.window import frames_differ, heard, samples
 
 Point = tuple[float, float]
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it.
@@ -87,14 +87,14 @@ class Met:
 
 def _met(wanted: Separation, evidence: Evidence) -> Met:
     heard_ego, heard_obstacles = heard(wanted.ego, evidence), heard(wanted.obstacles, evidence)
+    ego, obstacles = samples(heard_ego, evidence), samples(heard_obstacles, evidence)
+    apart = frames_differ(ego, obstacles, wanted.ego, wanted.obstacles)
+    if apart and not wanted.any_frame:
+        raise NoEvidenceError(apart)
     stamped = heard_ego.clock == heard_obstacles.clock == "header"
-    course = sorted(
-        (_when(sample, stamped), _ego_at(sample, wanted.ego))
-        for sample in samples(heard_ego, evidence)
-    )
+    course = sorted((_when(sample, stamped), _ego_at(sample, wanted.ego)) for sample in ego)
     scenes = sorted(
-        (_when(sample, stamped), _points(sample, wanted.obstacles))
-        for sample in samples(heard_obstacles, evidence)
+        (_when(sample, stamped), _points(sample, wanted.obstacles)) for sample in obstacles
     )
     if not any(points for _, points in scenes):
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")

@@ -145,6 +145,34 @@ def backward(received: Sequence[Received]) -> str:
     return ""
 
 
+def frames_differ(
+    answers: Sequence[Sample], others: Sequence[Sample], topic: str, other: str
+) -> str:
+    """A sentence where messages are said in several frames, or in another one than those that they
+    are compared with; nothing where these have no header, or name none.
+    """
+    ours, theirs = _frames(answers), _frames(others)
+    if not theirs - {""} or not ours or (ours == theirs and len(ours) == 1):
+        return ""
+    return (
+        f"{topic} is said in {_named(ours)} and {other} in {_named(theirs)}: figures of"
+        " two frames can't be compared; transform one of them, or write anyFrame: true if they"
+        " are the same"
+    )
+
+
+def _frames(messages: Sequence[Sample]) -> set[str]:
+    # tf2 knows no leading slashes, tf writes them.
+    headers = (getattr(each.message, "header", None) for each in messages)
+    return {str(header.frame_id).lstrip("/") for header in headers if header is not None}
+
+
+def _named(frames: set[str]) -> str:
+    names = [name or "no frame" for name in sorted(frames)]
+    shown = ", then ".join(names[:3])
+    return f"the frame {shown}" if names != ["no frame"] else "no frame"
+
+
 def times_of(found: Heard) -> list[int]:
     """When the messages are, by the topic's clock."""
     if found.clock == "header":
