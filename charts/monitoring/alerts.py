@@ -120,7 +120,7 @@ _JOBS = [
         "A job has been waiting for its driver for {{ $value | humanizeDuration }}.",
         "A job is Pending: its driver's pod does not start.",
         "It does not run until that is mended, or until `startDeadlineSeconds` ends it.",
-        ("`kubectl get simjob -A`: the column REASON says what it waits for.",
+        ("`kubectl describe simjob`: the conditions Accepted and Running say what it waits for.",
          "See docs/operations/stuck-jobs.md for each reason.",
          "A queue of Kueue may hold it on purpose."),
     ),
