@@ -1,0 +1,284 @@
+"""Whose stamps are believed, which frames are compared, and what belongs to the window."""
+
+import math
+from typing import Any
+
+import pytest
+
+from tests.unit.evaluate.drives import (
+    BOUNDS,
+    CARS,
+    DAY,
+    ERROR,
+    GOAL,
+    HOLDS,
+    INPUTS,
+    KEEPS_AWAY,
+    LATENCY,
+    PRESENCE,
+    RATE,
+    RIGHT,
+    answer,
+    case,
+    found,
+    less,
+    named,
+    unstamped,
+)
+from tests.unit.evaluate.recordings import evidence, number, stamped
+
+
+def test_stamps_of_another_clock_are_no_latency() -> None:
+    wall = [answer(at, stamp=at + 3300 * DAY) for at in INPUTS]
+    finding = found(case(wall), LATENCY)
+    assert finding.outcome == "invalid"
+    assert finding.message == (
+        "50 of 50 messages on /pose are stamped later than they came, the first at 0.010 s by 3,300"
+        " days: is /use_sim_time set for the node, and does it stamp with ROS time or its input's"
+        " stamp? Else it stamps with this machine's clock"
+    )
+    assert found(case(wall), LATENCY, expectFailure=True).outcome == "invalid"
+    assert found(case(wall), ERROR).outcome == "invalid"
+    # What needs no stamp goes by the time of receipt.
+    assert (found(case(wall), RATE).outcome, found(case(wall), RATE).clock) == ("passed", "receipt")
+
+
+def test_one_stamp_of_the_far_future_is_enough() -> None:
+    entries = [*RIGHT[:-1], answer(14.9, stamp=4_294_967_290.0)]
+    for measure in (LATENCY, ERROR):
+        finding = found(case(entries), measure)
+        assert finding.outcome == "invalid"
+        assert "1 of 50 messages on /pose are stamped later than they came" in finding.message
+
+
+def test_stamps_after_2038_are_times_like_others() -> None:
+    offset = 2**31 + 100.0
+    entries = [
+        ("/pose", at + offset + 0.01, stamped(at + offset, at, 0.0)) for at in INPUTS
+    ]  # fmt: skip
+    given = evidence(entries, entries, start=10 + offset, end=15 + offset)
+    latency = found(given, LATENCY)
+    assert latency.outcome == "passed"
+    assert latency.figure == pytest.approx(0.01, abs=1e-6)
+    wanted = {"error": {"topic": "/pose", "recording": True, "fields": ["header.stamp"], "max": 0}}
+    assert found(given, wanted).outcome == "passed"
+    stamp = {"bounds": {"topic": "/pose", "field": "header.stamp", "min": offset}}
+    assert found(given, stamp).outcome == "passed"
+
+
+def test_a_node_s_rounding_of_a_stamp_is_no_negative_delay() -> None:
+    rounded = [answer(at, late=0.0, stamp=at + 0.0005) for at in INPUTS]
+    assert found(case(rounded), LATENCY).outcome == "passed"
+    ahead = [answer(at, late=0.0, stamp=at + 0.002) for at in INPUTS]
+    assert found(case(ahead), LATENCY).outcome == "invalid"
+
+
+def test_a_clock_that_stands_still_or_runs_backward_is_no_evidence() -> None:
+    still = [answer(at, stamp=10.0) for at in INPUTS]
+    slow = {"latency": {"topic": "/pose", "percentile": 50, "max": "6s"}}
+    finding = found(case(still), slow)
+    assert finding.outcome == "invalid"
+    assert "its stamp stands still: does /clock reach the node?" in finding.message
+    backward = [answer(at, stamp=20.0 - at) for at in INPUTS]
+    finding = found(case(backward), slow)
+    assert finding.outcome == "invalid"
+    assert "does the node's clock run backward" in finding.message
+
+
+def test_stamps_from_long_before_the_recording_are_named() -> None:
+    boot = [(t, at + 1000 * DAY, m) for t, at, m in RIGHT]
+    given = evidence(boot, start=10 + 1000 * DAY, end=15 + 1000 * DAY)
+    finding = found(given, {"latency": {"topic": "/pose", "max": "999999h"}})
+    assert finding.outcome == "invalid"
+    assert "have stamps from before the recording, the first at 0.010 s by 1,000 days" in (
+        finding.message
+    )
+
+
+def test_answers_may_repeat_stamps_that_are_wrong_in_the_recording_itself() -> None:
+    """A recording that was made by playing another one has the older one's stamps."""
+    for off in (-237 * DAY, 0.2):
+        given = evidence(
+            [
+                ("/pose", at + 0.01 + 300 * DAY, stamped(at + 300 * DAY + off, at, 0))
+                for at in INPUTS
+            ],
+            [("/truth", at + 300 * DAY, stamped(at + 300 * DAY + off, at, 0)) for at in INPUTS],
+            start=10 + 300 * DAY,
+            end=15 + 300 * DAY,
+        )
+        finding = found(given, ERROR)
+        assert (finding.outcome, finding.coverage, finding.clock) == ("passed", 1.0, "header")
+        assert found(given, LATENCY).outcome == "invalid"
+        assert found(given, RATE).outcome == "passed"
+    wall = evidence(
+        [("/pose", at + 300 * DAY, stamped(at + 9000 * DAY, at, 0)) for at in INPUTS],
+        [("/truth", at + 300 * DAY, stamped(at, at, 0)) for at in INPUTS],
+        start=10 + 300 * DAY,
+        end=15 + 300 * DAY,
+    )
+    assert found(wall, ERROR).outcome == "invalid"
+
+
+def test_second_zero_is_a_time_where_the_case_begins_with_it() -> None:
+    entries = [("/pose", at - 10 + 0.01, stamped(at - 10, at, 0.0)) for at in INPUTS]
+    given = evidence(entries, start=0.0, end=5.0)
+    assert found(given, LATENCY).outcome == "passed"
+    assert found(given, RATE).clock == "header"
+
+
+def test_answers_out_of_order_with_right_stamps_are_right() -> None:
+    late = [answer(at, late=0.35 if n % 2 else 0.05) for n, at in enumerate(INPUTS)]
+    for measure in (RATE, PRESENCE, ERROR, {"latency": {"topic": "/pose", "max": "400ms"}}):
+        assert found(case(late), measure).outcome == "passed"
+
+
+# Frames.
+
+
+def in_frame(entry: Any, frame: str) -> Any:
+    entry[2].header.frame_id = frame
+    return entry
+
+
+@pytest.mark.parametrize(
+    ("frames", "named_so"),
+    [
+        (["base_link"] * 50, "/pose is said in the frame base_link and /truth in the frame map"),
+        ([""] * 50, "/pose is said in no frame and /truth in the frame map"),
+        (["map"] * 25 + ["odom"] * 25, "/pose is said in the frame map, then odom and /truth in"),
+        (["/map"] * 50, ""),
+    ],
+)
+def test_figures_of_two_frames_are_not_compared(frames: list[str], named_so: str) -> None:
+    entries = [in_frame(answer(at), frame) for at, frame in zip(INPUTS, frames, strict=True)]
+    finding = found(case(entries), ERROR)
+    assert finding.outcome == ("invalid" if named_so else "passed")
+    assert named_so in finding.message
+    away = found(case(entries + CARS), KEEPS_AWAY)
+    assert away.outcome == finding.outcome
+    same = {"error": ERROR["error"] | {"anyFrame": True}}
+    assert found(case(entries), same).outcome == "passed"
+
+
+def test_a_truth_without_a_frame_is_compared_with_any() -> None:
+    truth = [in_frame(("/truth", at, stamped(at, at, 0.0)), "") for at in INPUTS]
+    assert found(case([answer(at) for at in INPUTS], truth=truth), ERROR).outcome == "passed"
+
+
+# The window, and what comes after it.
+
+
+def test_what_is_said_after_the_window_saves_no_rate() -> None:
+    after = [15.05 + n / 100 for n in range(70)]
+    silent = found(case(unstamped(after)), RATE)
+    assert (silent.outcome, silent.figure) == ("failed", 0.0)
+    assert silent.message == (
+        "0 Hz on /pose, 70 more after the window's end, and may be at least 9.5 Hz"
+    )
+    for stamps in (after, [11.0] * 70, [9.0] * 70):
+        entries = [("/pose", at, stamped(s, 1, 1)) for at, s in zip(after, stamps, strict=True)]
+        assert found(case(entries), RATE).outcome == "failed"
+        assert found(case(entries), PRESENCE).outcome == "failed"
+        for measure in (LATENCY, BOUNDS, HOLDS, ERROR, GOAL):
+            assert found(case(entries), measure).outcome == "invalid"
+    assert found(case(unstamped(after)), PRESENCE).outcome == "invalid"
+
+
+def test_a_slow_stack_that_stamps_its_answers_is_right() -> None:
+    slow = [answer(at, late=2.0) for at in INPUTS]
+    for measure in (RATE, PRESENCE, BOUNDS, HOLDS, ERROR, GOAL):
+        assert found(case(slow), measure).outcome == "passed"
+    latency = found(case(slow), LATENCY)
+    assert latency.outcome == "failed"
+    assert latency.figure == pytest.approx(2.0)
+
+
+def test_a_slow_stack_without_stamps_may_be_late_with_half() -> None:
+    count = {"presence": {"topic": "/pose", "min": 50}}
+    half = found(case(unstamped([at + 2.0 for at in INPUTS])), count)
+    assert (half.outcome, half.figure, half.coverage) == ("passed", 50.0, 0.6)
+    assert half.covered == "the whole window, and 20 of 50 messages after its end"
+    late = found(case(unstamped([at + 3.0 for at in INPUTS])), count)
+    assert (late.outcome, late.coverage) == ("invalid", 0.4)
+
+
+def test_answers_to_the_lead_in_are_not_counted_twice() -> None:
+    """A stack that is a second late, with a lead-in: 50 answers belong to the window, not 60."""
+    entries = [answer(9 + n / 10, late=1.0) for n in range(60)]
+    given = case(entries, lead_in_start=9_000_000_000)
+    finding = found(given, {"rate": {"topic": "/pose", "min": 9.5, "max": 10.5}})
+    assert (finding.outcome, finding.figure) == ("passed", 10.0)
+
+
+@pytest.mark.parametrize("step", [0.5, 1.0])
+def test_bursts_are_a_rate_if_they_come_all_the_time(step: float) -> None:
+    times = [10 + math.ceil((n + 1) / 10 / step) * step - 0.001 * (50 - n) for n in range(50)]
+    finding = found(case(unstamped(times)), RATE)
+    assert finding.outcome == "passed"
+    once = found(case(unstamped([10 + n / 1000 for n in range(50)])), RATE)
+    assert (once.outcome, once.figure) == ("invalid", 10.0)
+    assert "which is 3%, and at least 75% are needed" in once.message
+
+
+def test_a_message_that_repeats_another_one_is_none_of_its_own() -> None:
+    twice = [entry for at in INPUTS[:25] for entry in (answer(at), answer(at, late=0.05))]
+    finding = found(case(twice), PRESENCE)
+    assert (finding.outcome, finding.figure) == ("failed", 25.0)
+    assert "25 of 50 repeat another one" in finding.message
+    assert found(case(twice), RATE).figure == 5.0
+    most = {"presence": {"topic": "/pose", "max": 40}}
+    assert found(case(twice), most).figure == 50.0
+    stale = [answer(10.0, late=at - 10 + 0.01) for at in INPUTS]
+    assert found(case(stale), RATE).figure == pytest.approx(0.2)
+
+
+def test_a_stale_answer_with_new_content_does_not_fill_a_rate() -> None:
+    stale = [answer(10.0, late=at - 10 + 0.01, x=at) for at in INPUTS]
+    finding = found(case(stale), RATE)
+    assert (finding.outcome, finding.figure) == ("invalid", 10.0)
+
+
+def test_a_silent_stack_shows_no_rate_at_most() -> None:
+    wanted = {"rate": {"topic": "/pose", "max": 20}}
+    assert found(case([]), wanted).outcome == "invalid"
+
+
+def test_what_must_never_be_published_is_counted_in_the_whole_window() -> None:
+    never = {"presence": {"topic": "/alarm", "min": 0, "max": 0}}
+    finding = found(case(RIGHT), never)
+    assert (finding.outcome, finding.coverage, finding.covered) == (
+        "passed", 1.0, "the whole window",
+    )  # fmt: skip
+    assert found(case([("/alarm", 12.0, number(1.0))]), never).outcome == "failed"
+
+
+def test_mode_max_leaves_open_when_a_message_without_a_stamp_was_said() -> None:
+    at_the_end = unstamped([14.9] * 50)
+    wanted = {"bounds": {"topic": "/pose", "field": "data", "max": 2}}
+    assert found(case(at_the_end), wanted).outcome == "invalid"
+    finding = found(case(at_the_end, paced=False), wanted)
+    assert (finding.outcome, finding.coverage) == ("passed", None)
+
+
+@pytest.mark.parametrize(
+    "measure",
+    [LATENCY, BOUNDS, HOLDS, GOAL | {}, KEEPS_AWAY, {"rate": {"topic": "/pose", "min": 3}}],
+    ids=named,
+)
+def test_where_the_recording_has_a_gap_nobody_can_be_expected_to_answer(
+    measure: dict[str, Any],
+) -> None:
+    """Inputs in the first two of five seconds only, as at the edge of a recording's gap."""
+    if measure == GOAL:
+        measure = {"finalPose": {"topic": "/pose", "position": [11.9, 0.0], "within": 0.2}}
+    inputs = [round(at * 1e9) for at in INPUTS[:20]]
+    answered = RIGHT[:20] + CARS[:20]
+    assert found(case(answered), measure).outcome == "invalid"
+    finding = found(case(answered, inputs=lambda: inputs), measure)
+    assert finding.outcome == "passed"
+    assert finding.coverage is not None
+    assert finding.coverage > 0.9
+    # Not in the gap, but before it.
+    silent = found(case(RIGHT[:6] + CARS[:6], inputs=lambda: inputs), less(measure, 0.9))
+    assert silent.outcome != "passed"
