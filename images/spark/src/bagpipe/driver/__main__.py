@@ -170,7 +170,8 @@ def run(
         )  # fmt: skip
         if interruption is not None:
             interruption.keeper = keeper
-        keeper.resume(planned)
+        if manifest := _taken_away(keeper, planned, results):
+            return _adopted(results, manifest, journal, progress)
         if job.resume is not None:
             taken = keeper.take_over(passed_rows(job.resume, planned, storage))
             log.info("%d cases were taken over from job %s", taken, job.resume.job)
@@ -189,6 +190,21 @@ def run(
         progress.compared(patiently(publish, progress))
         progress.adopt(manifest)
     return progress.phase == "Complete"
+
+
+def _taken_away(keeper: Keeper, planned: Plan, results: Results) -> Manifest | None:
+    """Take what the journal has; a driver that has committed removes it, also while it is read.
+
+    Gives that one's manifest. Raises StorageError where it is not the reason.
+    """
+    try:
+        keeper.resume(planned)
+    except StorageError:
+        manifest = results.committed()
+        if manifest is None:
+            raise
+        return manifest
+    return None
 
 
 def _run_the_rest(place: Cluster, job: JobFile, planned: Plan, keeper: Keeper) -> None:

@@ -1,0 +1,167 @@
+"""Two drivers of one job, in every order of their requests to storage, with answers that get lost
+and a driver that dies anywhere: one manifest counts, and nothing that counts is ever removed.
+"""
+
+import json
+import threading
+from collections.abc import Iterator
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bagpipe.driver import __main__ as driver
+from bagpipe.driver.keep import Keeper
+from bagpipe.driver.progress import Progress
+from bagpipe.plan.cases import Case, Plan
+from bagpipe.spec import JobFile
+from bagpipe.storage import Storage, StorageError
+from tests.unit.bagpipe import interleaving
+from tests.unit.bagpipe.drivers import case, ran
+from tests.unit.bagpipe.interleaving import Choice, Door, Step, World
+from tests.unit.bagpipe.jobs import make_job
+
+JOB = make_job({}, output={"uri": "s3://bucket/out"})
+FOLDER = "s3://bucket/out/drive/uid-1"
+MANIFEST, LINES = f"{FOLDER}/manifest.json", f"{FOLDER}/results.jsonl"
+doors = threading.local()
+
+
+class Place(driver.Cluster):
+    """One case that records and one that does not; every driver's end in another way."""
+
+    def __init__(self, door: Door) -> None:
+        super().__init__()
+        self._door = door
+
+    def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002  the base class's signature
+        return Plan([case("a"), case("b")], [])
+
+    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:  # noqa: ARG002
+        number = self._door.program
+        for each in cases:
+            if each.id == "b":
+                keeper.take([ran("b", ["failed", "invalid"][number % 2], recorded=None)])
+                continue
+            keeper.take([ran("a", recorded=self._recorded(number))])
+
+    def _recorded(self, number: int) -> str:
+        """Each try under a name of its own, as the workers do."""
+        for attempt in range(2):
+            name = f"cases/a-{number}-{attempt}.bag"
+            try:
+                with self._door.create(f"{FOLDER}/{name}") as file:
+                    file.write(b"recorded")
+            except StorageError:
+                continue
+            break
+        return name
+
+
+class NoArtefacts:
+    """The forms beside results.jsonl can all be made again: they are left out."""
+
+    def __init__(self, *_arguments: object) -> None:
+        """Takes what the real ones take."""
+
+    def __enter__(self) -> "NoArtefacts":
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Holds nothing."""
+
+    def add(self, _row: object) -> None:
+        """Forgets it."""
+
+    def store(self, *_arguments: object) -> list[Any]:
+        return []
+
+
+def counted(world: World) -> set[str]:
+    manifest = json.loads(world.files[MANIFEST])
+    return {f"{FOLDER}/{each['recorded']}" for each in manifest["cases"] if each["recorded"]}
+
+
+def forbidden(world: World, step: Step) -> None:
+    """What no driver may ever ask for."""
+    if step.uri == MANIFEST:
+        assert step.name in {"put_once", "exists", "read"}, step
+    if step.name != "remove":
+        return
+    assert MANIFEST in world.files, f"{step} before anything counts"
+    assert step.uri not in counted(world), f"{step} counts"
+    if "/journal/" in step.uri:
+        assert LINES in world.files, f"{step} before its rows are published"
+
+
+def name_of(door: Door) -> str:
+    """The driver's, which no other has: one that comes later is none of the first."""
+    return f"driver{door.program}of{door.world.programs}"
+
+
+def drive(door: Door, told: dict[int, Progress], faults: list[BaseException]) -> None:
+    """One driver from its begin to its end."""
+    doors.mine, doors.name = door, name_of(door)
+    progress = told[door.program] = Progress(FOLDER)
+    try:
+        driver.run(JOB, progress, place=Place(door))
+    except Exception as error:  # noqa: BLE001  the test's own thread tells it
+        faults.append(error)
+
+
+def assert_whole(world: World) -> None:
+    manifest = json.loads(world.files[MANIFEST])
+    assert counted(world) <= world.files.keys()
+    lines = [json.loads(line) for line in world.files[LINES].splitlines()]
+    said = [(row["case"], row["outcome"], row["recorded"]) for row in lines]
+    assert said == [(row["case"], row["outcome"], row["recorded"]) for row in manifest["cases"]]
+
+
+def follow(
+    programs: int,
+    order: list[Choice],
+    files: dict[str, bytes] | None = None,
+    may_fail: bool = False,
+) -> Iterator[tuple[int, list[Choice]]]:
+    """One run of some drivers in some order, and of one that comes after them alone."""
+    told: dict[int, Progress] = {}
+    faults: list[BaseException] = []
+    world = World(programs, forbidden, {} if files is None else files, may_fail)
+    work = partial(drive, told=told, faults=faults)
+    yield from interleaving.run(world, [work] * programs, order)
+    assert not faults, (faults, order)
+    for number, progress in told.items():
+        if "crashed" not in world.answers[number]:
+            assert_whole(world)
+            manifest = json.loads(world.files[MANIFEST])
+            assert (progress.phase, progress.verdict) == (manifest["phase"], manifest["verdict"])
+    if files is None:
+        later = dict(world.files)
+        for _ in follow(1, [], later):
+            pass
+        assert_whole(World(1, forbidden, later))
+        assert not [uri for uri in later if "/journal/" in uri]
+        if MANIFEST in world.files:
+            assert later[MANIFEST] == world.files[MANIFEST]
+
+
+@pytest.fixture(autouse=True)
+def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bagpipe.driver.__main__.Storage", lambda _volumes: doors.mine)
+    monkeypatch.setattr("bagpipe.driver.results.Artefacts", NoArtefacts)
+    unhurried = SimpleNamespace(Event=lambda: SimpleNamespace(wait=lambda _seconds: None))
+    monkeypatch.setattr("bagpipe.driver.__main__.threading", unhurried)
+    # Nothing but the order may tell two runs apart: neither names by chance nor times.
+    monkeypatch.setattr("bagpipe.driver.results.provenance_of", lambda *_: {}, raising=False)
+    named = SimpleNamespace(uuid4=lambda: SimpleNamespace(hex=doors.name))
+    monkeypatch.setattr("bagpipe.driver.journal.uuid", named)
+    monkeypatch.setattr("bagpipe.driver.patience._PAUSE_SECONDS", 0.0)
+
+
+def test_of_two_drivers_in_every_order_one_counts_and_keeps_all_that_does() -> None:
+    assert interleaving.orders(partial(follow, 2)) > 100
+
+
+def test_so_it_is_where_an_answer_is_lost_or_a_driver_dies() -> None:
+    interleaving.orders(partial(follow, 2, may_fail=True), most=1000)
