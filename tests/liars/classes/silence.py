@@ -59,7 +59,7 @@ LIARS = [
     Row(
         "blind-at-the-end",
         OF,
-        "does not look for others in the second half",
+        "looks for others in the first fifth of the drive alone",
         APART,
         python("traffic", "blind-at-the-end"),
         *UNSURE,
