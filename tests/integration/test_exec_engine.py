@@ -128,7 +128,7 @@ def test_a_scenario_that_is_none_is_an_error_with_the_programs_own_words(
     folder.mkdir()
     (folder / "broken.json").write_text('{"speed": 25')
     row = run_all(context)["broken"]
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 1)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackCrashed", 1)
     assert row["message"].startswith("the program ended with exit status 1")
     assert row["stderr"][-1].startswith("json.decoder.JSONDecodeError")
     assert row["recorded"] is None

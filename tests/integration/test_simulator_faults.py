@@ -103,7 +103,7 @@ def test_a_stack_that_dies_in_the_middle_is_told_with_its_last_words(
     agent = start_agent(path=PATH)
     begun = time.monotonic()
     row = drive(agent, tmp_path, body)
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "StackExited", 1)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackCrashed", 1)
     assert "the brakes are on fire" in row["message"]
     assert time.monotonic() - begun < PATIENCE
     agent.await_no_descendants()

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from bagpipe.faults import ALLOWABLE, CAUSES, FAILURES, FaultPolicy, FaultRule
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run.attempts import Again, next_attempt
-from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.run.judge import judge
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
@@ -222,6 +222,16 @@ def test_a_crash_is_run_again_where_the_job_asks_for_it(run: Run, context: RunCo
     assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "StackCrashed", 3)
     assert [each["reason"] for each in row["discarded"]] == ["StackCrashed"] * 2
     assert kept(context) == []
+
+
+def test_the_agent_is_told_what_is_allowed(context: RunContext) -> None:
+    rules = [
+        {"cause": "StackExited", "action": "allow"},
+        {"cause": "NodeGone", "action": "retry"},
+    ]
+    ruled = dataclasses.replace(context, spec=make_spec(faultPolicy=rules))
+    (case,) = plan_of(ruled)
+    assert case_map(case, ruled)["faults"] == {"allow": ["StackExited"]}
 
 
 @pytest.mark.parametrize("cause", CAUSES)

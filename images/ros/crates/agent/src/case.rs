@@ -26,6 +26,16 @@ pub struct Case {
     pub record: Record,
     #[serde(default)]
     pub deadlines: Deadlines,
+    #[serde(default)]
+    pub faults: Faults,
+}
+
+/// What the job thinks of its stack's faults.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default)]
+pub struct Faults {
+    /// Causes that end nothing.
+    pub allow: Vec<String>,
 }
 
 /// A simulator at the worker's end of the pipe.

@@ -10,6 +10,7 @@ mod check;
 mod cli;
 mod command;
 mod delivery_table;
+mod evidence;
 mod exec;
 mod failure;
 mod feed;
@@ -19,6 +20,7 @@ mod install;
 mod layout;
 mod merge;
 mod metrics;
+mod nodes;
 mod on_disk;
 mod outcome;
 mod parameters;
@@ -37,6 +39,7 @@ mod stack;
 mod tail;
 mod usage;
 mod watchdog;
+mod witness;
 
 use std::process::ExitCode;
 

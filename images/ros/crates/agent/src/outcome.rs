@@ -4,7 +4,10 @@ use bagpipe_pipe::Abort;
 use bagpipe_replay::{Ledger, Machine, Playback, Recorded, Replayed};
 use serde::Serialize;
 
+use crate::evidence::{Facts, Moment, StackEnded, warnings};
+use crate::nodes::{Found, Known};
 use crate::usage::Usage;
+use crate::witness::ProcessEnd;
 
 /// The map of RESULT.
 #[derive(Debug, Serialize)]
@@ -29,17 +32,55 @@ pub struct StackEnd {
     pub ended_by: &'static str,
     /// None for a program that nobody measured.
     pub usage: Option<Usage>,
+    /// Every end of a process or node that is evidence, in order of time.
+    pub ended: Vec<StackEnded>,
+    #[serde(skip)]
+    pub pid: i32,
+    /// What ended before anything was asked to, in order of time.
+    #[serde(skip)]
+    pub before: Vec<ProcessEnd>,
+    #[serde(skip)]
+    pub after: Vec<ProcessEnd>,
+    /// The last line of stderr before that.
+    #[serde(skip)]
+    pub last_words: Option<String>,
 }
 
+/// What goes wrong because something of the stack crashed before.
+const CONSEQUENCES: [&str; 4] =
+    ["StackExited", "NeverSubscribed", "StackStoppedReading", "CaseDeadlineExceeded"];
+
 impl StackEnd {
+    /// Finds what of all that ended is evidence.
+    pub fn judge(
+        &mut self,
+        command: &[String],
+        nodes: Vec<(Known, Found)>,
+        course: &[Moment],
+        last_words: bool,
+    ) {
+        let command = command.first().map(|program| (self.pid, program.as_str()));
+        let last_words = self.last_words.as_deref().filter(|_| last_words);
+        let facts =
+            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_words };
+        self.ended = facts.evidence();
+    }
+
     /// Adds what the program said and how it ended.
     pub fn explain(self, mut abort: Abort) -> Abort {
         let itself = self.ended_by == "itself";
-        if abort.reason == "StackExited" && matches!(self.exit_status, Some(126 | 127)) {
+        if matches!(&*abort.reason, "StackExited" | "StackCrashed")
+            && matches!(self.exit_status, Some(126 | 127))
+        {
             // A shell or the image's entrypoint was found; what it should run was not.
             let last = self.stderr.last().map_or("", String::as_str);
             abort.message =
                 format!("{} (a shell's sign of a missing command: {last})", abort.message);
+        }
+        let crash = self.ended.iter().find(|end| end.cause == "StackCrashed");
+        if let Some(crash) = crash.filter(|_| CONSEQUENCES.contains(&&*abort.reason)) {
+            abort.message = format!("{}; then: {}", crash.message, abort.message);
+            abort.reason = crash.cause.to_owned();
         }
         abort.exit_status = self.exit_status.filter(|_| itself);
         abort.signal = self.signal.filter(|_| itself);
@@ -65,6 +106,8 @@ pub struct Timings {
 impl Outcome {
     /// Joins what the player knows with what the supervisor knows.
     pub fn new(replayed: Replayed, stack: StackEnd, mut timings: Timings) -> (Self, Vec<u8>) {
+        let mut replayed = replayed;
+        replayed.playback.warnings.extend(warnings(&stack.after));
         let Replayed { ledger, recorded, playback, timings: played, machine, recorded_bag } =
             replayed;
         timings.subscribe = played.subscribe;

@@ -37,6 +37,8 @@ const KILL_PATIENCE: Duration = Duration::from_secs(10);
 #[derive(Debug, Default)]
 pub struct Children {
     watched: BTreeMap<i32, Option<Ended>>,
+    /// How each ended that was collected here: our own, and those whose parents were gone.
+    collected: BTreeMap<i32, Ended>,
 }
 
 impl Children {
@@ -46,6 +48,12 @@ impl Children {
 
     pub fn forget_all(&mut self) {
         self.watched.clear();
+        self.collected.clear();
+    }
+
+    /// How any process ended that was collected here.
+    pub fn collected(&self, pid: i32) -> Option<Ended> {
+        self.collected.get(&pid).copied()
     }
 
     /// How the watched child ended, if it has.
@@ -59,10 +67,12 @@ impl Children {
         loop {
             match wait(WaitOptions::NOHANG) {
                 Ok(Some((pid, status))) => {
-                    if let Some(ended) = self.watched.get_mut(&pid.as_raw_nonzero().get()) {
-                        let (exit_status, signal) =
-                            (status.exit_status(), status.terminating_signal());
-                        *ended = Some(Ended { exit_status, signal });
+                    let (exit_status, signal) = (status.exit_status(), status.terminating_signal());
+                    let ended = Ended { exit_status, signal };
+                    let pid = pid.as_raw_nonzero().get();
+                    self.collected.insert(pid, ended);
+                    if let Some(watched) = self.watched.get_mut(&pid) {
+                        *watched = Some(ended);
                     }
                 }
                 Ok(None) => return true,

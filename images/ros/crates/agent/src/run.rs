@@ -10,17 +10,19 @@ use std::time::{Duration, Instant};
 use bagpipe_bag::{Bag, ChunkedFile};
 use bagpipe_pipe::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 use bagpipe_replay::{
-    AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, StartWhen,
-    Step, Window, replay, simulate,
+    AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, Stage,
+    StartWhen, Step, Window, replay, simulate,
 };
 
 use crate::case::{self, Case, Simulator, seconds};
+use crate::evidence::Moment;
 use crate::failure::Failure;
+use crate::nodes::{Found, Known};
 use crate::outcome::{Outcome, StackEnd, Timings};
 use crate::processes::{Children, Ended};
 use crate::simulator::{PipeWorld, topics, unrecorded};
 use crate::stack::{HURRY, Program, Surroundings};
-use crate::{parameters, rosmaster};
+use crate::{nodes, parameters, rosmaster};
 
 /// How often the pipe and the processes are looked at, at most: replay asks much oftener.
 const GLANCE: Duration = Duration::from_millis(5);
@@ -38,6 +40,10 @@ pub struct Runner<'a> {
     pub link: &'a RefCell<Duplex>,
     pub meter: &'a Arc<Meter>,
     pub children: &'a RefCell<Children>,
+    /// How far the replay was, and when.
+    pub course: RefCell<Vec<Moment>>,
+    /// The nodes when the play began.
+    pub roll: RefCell<Vec<Known>>,
     pub glanced: Cell<Option<Instant>>,
 }
 
@@ -66,7 +72,15 @@ impl Runner<'_> {
         let mut programs = Programs::default();
         let played = self.play(input, &mut programs, &mut timings);
         let begun = Instant::now();
-        let stack = self.end_everything(programs);
+        let nodes = match played {
+            Err(Failure::Silent(_)) => Vec::new(),
+            _ => self.look_at_nodes(),
+        };
+        let mut stack = self.end_everything(programs);
+        if let Ok((Some(stack), _)) = &mut stack {
+            let command = &self.case.stack.command;
+            stack.judge(command, nodes, &self.course.borrow(), played.is_ok());
+        }
         timings.stop = begun.elapsed().as_secs_f64();
         match (played, stack) {
             (_, Err(survivors)) => Err(Failure::new("Internal", survivors)),
@@ -109,7 +123,10 @@ impl Runner<'_> {
         let stack = programs.stack.insert(stack);
         timings.stack = begun.elapsed().as_secs_f64();
         let cancelled = || self.cancellation(stack);
-        let mut progress = |progress: Progress| self.tell(progress);
+        let mut progress = |progress: Progress| {
+            self.follow(&progress);
+            self.tell(progress);
+        };
         let request = self.request();
         let played = match *input {
             Input::Bag(_, bag) => replay(bag, &request, &mut progress, &cancelled),
@@ -171,8 +188,38 @@ impl Runner<'_> {
         if let Some(why) = self.interruption() {
             return Some(why);
         }
-        let ended = self.children.borrow_mut().ended(stack.pid);
-        ended.map(|_| Cancellation::StackExited)
+        let ended = self.children.borrow_mut().ended(stack.pid)?;
+        let cause = if ended.exit_status == Some(0) { "StackExited" } else { "StackCrashed" };
+        // The replay goes on without it; in the drain there is nothing more to wait for.
+        let draining = self.course.borrow().last().is_some_and(|last| last.stage == Stage::Drain);
+        let allowed = self.case.faults.allow.iter().any(|allowed| allowed == cause);
+        (draining || !allowed).then_some(Cancellation::StackExited)
+    }
+
+    /// Notes how far the replay is, and who is there when the play begins.
+    fn follow(&self, progress: &Progress) {
+        let case::Window { lead_in_start, start, .. } = self.case.window;
+        let lead_in = start.saturating_sub(lead_in_start) as f64 / 1e9;
+        let bag_seconds = progress.bag_seconds - lead_in;
+        let mut course = self.course.borrow_mut();
+        if progress.stage == Stage::LeadIn
+            && course.last().is_none_or(|last| last.stage == Stage::Subscribe)
+        {
+            *self.roll.borrow_mut() = nodes::roll(self.master_uri);
+        }
+        if progress.stage == Stage::Drain
+            && course.last().is_none_or(|last| last.stage != Stage::Drain)
+        {
+            nodes::note_stayed(self.master_uri, &mut self.roll.borrow_mut());
+        }
+        course.push(Moment { at: Instant::now(), stage: progress.stage, bag_seconds });
+    }
+
+    /// What has become of the nodes that were there when the play began.
+    fn look_at_nodes(&self) -> Vec<(Known, Found)> {
+        let roll = self.roll.take();
+        let found = nodes::look(self.master_uri, &roll);
+        roll.into_iter().zip(found).collect()
     }
 
     /// Whether the agent must end, or the worker is gone.

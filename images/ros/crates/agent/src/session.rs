@@ -216,6 +216,8 @@ impl Slot<'_> {
             link,
             meter: &self.figures.meter,
             children: &self.children,
+            course: RefCell::default(),
+            roll: RefCell::default(),
             glanced: Cell::new(None),
         };
         runner.run(input, timings)

@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bagpipe_pipe::fifo;
 use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
@@ -16,6 +16,7 @@ use crate::outcome::StackEnd;
 use crate::processes::Children;
 use crate::tail::Tail;
 use crate::usage::{Meter, Sampled};
+use crate::witness::{ProcessEnd, Witness};
 
 /// How long a stack may take to stop when the agent itself must end within 5 s.
 pub const HURRY: Duration = Duration::from_secs(2);
@@ -25,6 +26,7 @@ pub const HURRY: Duration = Duration::from_secs(2);
 pub struct Program {
     pub pid: Pid,
     meter: Option<Meter>,
+    witness: Option<Witness>,
     stdout: Option<Tail>,
     stderr: Option<Tail>,
 }
@@ -89,7 +91,7 @@ impl Surroundings<'_> {
         let prefix = format!("[{} {name}]", self.label);
         let stdout = child.stdout.take().map(|stream| Tail::follow(stream, prefix.clone()));
         let stderr = child.stderr.take().map(|stream| Tail::follow(stream, prefix));
-        Ok(Program { pid, meter: None, stdout, stderr })
+        Ok(Program { pid, meter: None, witness: None, stdout, stderr })
     }
 
     /// Starts the command with our ends of its stdin and stdout, which do not block.
@@ -113,7 +115,7 @@ impl Surroundings<'_> {
                 .and_then(|flags| fcntl_setfl(end, flags | OFlags::NONBLOCK))
                 .map_err(|error| NotRunnable(format!("its pipes cannot be used: {error}")))?;
         }
-        Ok((Program { pid, meter: None, stdout: None, stderr }, stdin, stdout))
+        Ok((Program { pid, meter: None, witness: None, stdout: None, stderr }, stdin, stdout))
     }
 
     fn spawn(
@@ -142,8 +144,10 @@ impl Surroundings<'_> {
 }
 
 impl Program {
-    /// Measures from now on what it and all that it starts use; `spared` processes do not count.
+    /// Measures from now on what it and all that it starts use, and sees how each of them ends;
+    /// `spared` processes do not count.
     pub fn measure(&mut self, spared: &[Pid]) {
+        self.witness = Witness::start(spared);
         self.meter = Some(Meter::start(spared));
     }
 
@@ -162,13 +166,18 @@ impl Program {
         label: &str,
     ) -> Result<StackEnd, String> {
         let itself = children.ended(self.pid).is_some();
+        // What it says when it is asked to end is not why something ended before.
+        let last_words = self.stderr().pop();
+        let asked = Instant::now();
         let sampled = self.meter.take().map(|meter| meter.stop_sampling(spared));
         let killed = children.stop(Some(self.pid), spared, patience)?;
         if killed > 0 {
             eprintln!("[{label}] {killed} processes did not end within {patience:?}: killed");
         }
         let ended = children.ended(self.pid);
+        let pid = self.pid.as_raw_nonzero().get();
         let usage = sampled.map(Sampled::finish);
+        let (before, after) = self.witnessed(children, asked, itself);
         let (stdout, stderr) = self.output();
         Ok(StackEnd {
             exit_status: ended.and_then(|ended| ended.exit_status),
@@ -177,7 +186,34 @@ impl Program {
             stdout,
             ended_by: if itself { "itself" } else { "agent" },
             usage,
+            ended: Vec::new(),
+            pid,
+            before,
+            after,
+            last_words,
         })
+    }
+
+    /// The ends before anything was asked to end, and those after that.
+    fn witnessed(
+        &mut self,
+        children: &Children,
+        asked: Instant,
+        itself: bool,
+    ) -> (Vec<ProcessEnd>, Vec<ProcessEnd>) {
+        let pid = self.pid.as_raw_nonzero().get();
+        let mut ends = self.witness.take().map(Witness::finish).unwrap_or_default();
+        if itself && !ends.iter().any(|end| end.pid == pid) {
+            ends.push(ProcessEnd { pid, name: String::new(), ended: None, at: asked });
+        }
+        for end in &mut ends {
+            end.ended = children.collected(end.pid).or(end.ended);
+            if itself && end.pid == pid {
+                end.at = end.at.min(asked);
+            }
+        }
+        ends.sort_by_key(|end| end.at);
+        ends.into_iter().partition(|end| end.at <= asked)
     }
 
     /// The last lines of stdout and stderr, once the program is gone.

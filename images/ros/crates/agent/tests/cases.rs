@@ -116,8 +116,10 @@ fn a_stack_that_crashes_is_told_with_its_last_words() {
     let agent = Agent::start(1);
     let script = "echo on stdout; echo first >&2; echo 'no such calibration' >&2; exit 3";
     let abort = agent.run(0, agent.case(script, &[]), &chatter(5)).abort();
-    assert_eq!(abort.reason, "StackExited");
+    assert_eq!(abort.reason, "StackCrashed");
     assert_eq!((abort.exit_status, abort.signal), (Some(3), None));
+    assert!(abort.message.starts_with("the stack's command ("), "{}", abort.message);
+    assert!(abort.message.contains("ended with exit status 3"), "{}", abort.message);
     assert_eq!(abort.stderr, ["first", "no such calibration"]);
     assert_eq!(abort.stdout, ["on stdout"]);
     let abort = agent.run(0, agent.case("kill -SEGV $$", &[]), &chatter(5)).abort();

@@ -13,14 +13,14 @@ use worker::*;
 fn a_program_that_ends_early_or_badly_is_told_with_its_last_words() {
     let agent = Agent::start(1);
     let abort = refusal(&agent, "echo 'no such road' >&2; exit 3");
-    assert_eq!((&*abort.reason, abort.exit_status), ("StackExited", Some(3)));
+    assert_eq!((&*abort.reason, abort.exit_status), ("StackCrashed", Some(3)));
     assert_eq!(abort.message, "the program ended with exit status 3");
     assert_eq!(abort.stderr, ["no such road"]);
     // All frames and END, and then the wrong status.
     let abort = refusal(&agent, "cat; exit 4");
-    assert_eq!((&*abort.reason, abort.exit_status), ("StackExited", Some(4)));
+    assert_eq!((&*abort.reason, abort.exit_status), ("StackCrashed", Some(4)));
     let abort = refusal(&agent, "kill -SEGV $$");
-    assert_eq!((&*abort.reason, abort.signal), ("StackExited", Some(11)));
+    assert_eq!((&*abort.reason, abort.signal), ("StackCrashed", Some(11)));
     let abort = refusal(&agent, "no-such-simulator");
     assert!(abort.message.contains("missing command"), "{}", abort.message);
     let abort = refusal(&agent, "cat >/dev/null");

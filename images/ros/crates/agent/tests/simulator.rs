@@ -164,7 +164,7 @@ fn a_stack_that_ends_while_the_worker_thinks_is_told() {
     said(&mut link);
     std::fs::write(&end, "").unwrap();
     let abort = answer(&mut link).abort();
-    assert_eq!((abort.reason.as_str(), abort.exit_status), ("StackExited", Some(4)));
+    assert_eq!((abort.reason.as_str(), abort.exit_status), ("StackCrashed", Some(4)));
     assert!(abort.message.contains("during the play"), "{}", abort.message);
 }
 

@@ -308,6 +308,8 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
                 for step in spec.playback.steps
             ],
         },
+        # The agent plays on after an allowed end of the command.
+        "faults": {"allow": FaultPolicy(spec.fault_policy).allowed},
         "record": {
             "topics": spec.record.topics if spec.record else [],
             "byte_budget": _RECORD_BYTES,

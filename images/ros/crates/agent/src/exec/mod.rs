@@ -113,8 +113,11 @@ impl ExecRunner<'_> {
         let hurry = self.stop.load(Ordering::Relaxed);
         let patience = if hurry { patience.min(HURRY) } else { patience };
         let mut children = self.children.borrow_mut();
-        let stack = program.end(&mut children, &[], patience, &self.surroundings.label);
+        let mut stack = program.end(&mut children, &[], patience, &self.surroundings.label);
         children.forget_all();
+        if let Ok(stack) = &mut stack {
+            stack.judge(&self.case.stack.command, Vec::new(), &[], pumped.is_ok());
+        }
         timings.stop = begun.elapsed().as_secs_f64();
         match (pumped, stack) {
             (_, Err(survivors)) => Err(Failure::new("Internal", survivors)),

@@ -191,7 +191,7 @@ impl Pump<'_> {
 
     fn check_ended(&self, ended: Ended) -> Result<(), Failure> {
         if ended.exit_status != Some(0) {
-            return Err(Failure::new("StackExited", format!("the program ended with {ended}")));
+            return Err(Failure::new("StackCrashed", format!("the program ended with {ended}")));
         }
         if !self.emitted.complete {
             let (files, bytes) = (self.emitted.files.len(), self.emitted.bytes);

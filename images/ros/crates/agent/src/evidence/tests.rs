@@ -1,0 +1,154 @@
+use std::time::Duration;
+
+use super::*;
+
+/// A replay of 10 s with a lead-in of 2 s, whose input is all out after 12 s.
+fn course(begun: Instant) -> Vec<Moment> {
+    let moment = |seconds: u64, stage: Stage, bag_seconds: f64| Moment {
+        at: begun + Duration::from_secs(seconds),
+        stage,
+        bag_seconds,
+    };
+    vec![
+        moment(0, Stage::Subscribe, -2.0),
+        moment(1, Stage::LeadIn, -2.0),
+        moment(3, Stage::Play, 0.0),
+        moment(13, Stage::Drain, 10.0),
+    ]
+}
+
+fn end(pid: i32, at: Instant, exit_status: Option<i32>, signal: Option<i32>) -> ProcessEnd {
+    let known = exit_status.is_some() || signal.is_some();
+    let ended = known.then_some(Ended { exit_status, signal });
+    ProcessEnd { pid, name: "python3".to_owned(), ended, at }
+}
+
+fn node(pid: i32) -> Known {
+    Known {
+        name: "/tracker".to_owned(),
+        uri: "http://127.0.0.1:1/".to_owned(),
+        pid: Some(pid),
+        stayed: false,
+    }
+}
+
+/// Cause and thing of each end.
+fn judged(ends: &[ProcessEnd], found: Option<Found>, begun: Instant) -> Vec<(String, String)> {
+    let nodes = found.map(|found| (node(7), found)).into_iter().collect();
+    let course = course(begun);
+    let facts =
+        Facts { command: Some((1, "roslaunch")), ends, nodes, course: &course, ..Facts::default() };
+    let pairs = facts.evidence().into_iter();
+    pairs.map(|end| (end.cause.to_owned(), end.what.to_owned())).collect()
+}
+
+fn one(cause: &str, what: &str) -> Vec<(String, String)> {
+    vec![(cause.to_owned(), what.to_owned())]
+}
+
+#[test]
+fn a_node_that_is_gone_is_told_by_how_it_ended() {
+    let begun = Instant::now();
+    let (play, drain) = (begun + Duration::from_secs(5), begun + Duration::from_secs(14));
+    let gone = |end: ProcessEnd| judged(&[end], Some(Found::Unregistered), begun);
+    assert_eq!(gone(end(7, play, None, Some(11))), one("StackCrashed", "node"));
+    assert_eq!(gone(end(7, play, Some(1), None)), one("StackCrashed", "node"));
+    assert_eq!(gone(end(7, play, Some(0), None)), one("NodeGone", "node"));
+    assert_eq!(gone(end(7, play, None, None)), one("NodeGone", "node"));
+    // Right after the last answer.
+    assert_eq!(gone(end(7, drain, None, Some(11))), one("StackCrashed", "node"));
+    // It is done, and says so.
+    assert_eq!(gone(end(7, drain, Some(0), None)), []);
+    assert_eq!(gone(end(7, drain, None, None)), []);
+    let unreachable = judged(&[end(7, drain, None, None)], Some(Found::Unreachable), begun);
+    assert_eq!(unreachable, one("NodeGone", "node"));
+    assert_eq!(judged(&[], Some(Found::Unregistered), begun), one("NodeGone", "node"));
+    assert_eq!(judged(&[], Some(Found::Same), begun), []);
+}
+
+#[test]
+fn a_node_that_came_back_is_told_once() {
+    let begun = Instant::now();
+    let crash = end(7, begun + Duration::from_secs(5), None, Some(6));
+    assert_eq!(judged(&[crash], Some(Found::Another), begun), one("NodeRespawned", "node"));
+    assert_eq!(judged(&[], Some(Found::Another), begun), one("NodeRespawned", "node"));
+}
+
+#[test]
+fn a_command_may_end_well_once_it_had_everything() {
+    let begun = Instant::now();
+    let (play, drain) = (begun + Duration::from_secs(5), begun + Duration::from_secs(14));
+    let command = |end: ProcessEnd| judged(&[end], None, begun);
+    assert_eq!(command(end(1, drain, Some(0), None)), []);
+    assert_eq!(command(end(1, play, Some(0), None)), one("StackExited", "command"));
+    assert_eq!(command(end(1, drain, Some(3), None)), one("StackCrashed", "command"));
+    assert_eq!(command(end(1, drain, None, Some(11))), one("StackCrashed", "command"));
+}
+
+#[test]
+fn a_helper_counts_only_when_a_signal_that_nobody_sends_ended_it() {
+    let begun = Instant::now();
+    let at = begun + Duration::from_secs(5);
+    for (signal, counts) in [(11, true), (9, true), (6, true), (13, false), (15, false), (2, false)]
+    {
+        let told = judged(&[end(4, at, None, Some(signal))], None, begun);
+        assert_eq!(!told.is_empty(), counts, "signal {signal}");
+    }
+    assert_eq!(judged(&[end(4, at, Some(1), None)], None, begun), []);
+    assert_eq!(judged(&[end(4, at, None, None)], None, begun), []);
+}
+
+#[test]
+fn a_node_that_was_gone_before_is_not_held_to_a_late_notice() {
+    let begun = Instant::now();
+    let late = [end(7, begun + Duration::from_secs(15), None, Some(11))];
+    let course = course(begun);
+    let with = |found: Found| {
+        let nodes = vec![(node(7), found)];
+        let facts = Facts { after: &late, nodes, course: &course, ..Facts::default() };
+        facts.evidence().len()
+    };
+    assert_eq!((with(Found::Unreachable), with(Found::Same)), (1, 0));
+    assert_eq!(
+        warnings(&late),
+        ["python3 was ended by signal 11 (SIGSEGV) when it was asked to end, after the case"]
+    );
+    assert!(warnings(&[end(7, begun, None, Some(15))]).is_empty());
+}
+
+#[test]
+fn one_that_leaves_after_the_last_input_may_be_slow_at_it() {
+    let begun = Instant::now();
+    let course = course(begun);
+    let late = [end(7, begun + Duration::from_secs(15), None, Some(2))];
+    let with = |stayed: bool, found: Found| {
+        let nodes = vec![(Known { stayed, ..node(7) }, found)];
+        let facts = Facts { after: &late, nodes, course: &course, ..Facts::default() };
+        facts.evidence().into_iter().map(|end| end.cause).collect::<Vec<_>>()
+    };
+    assert!(with(true, Found::Unregistered).is_empty());
+    assert_eq!(with(false, Found::Unregistered), ["NodeGone"]);
+    assert_eq!(with(true, Found::Unreachable), ["NodeGone"]);
+}
+
+#[test]
+fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
+    let begun = Instant::now();
+    let ends = [end(7, begun + Duration::from_millis(7500), None, Some(11))];
+    let course = course(begun);
+    let facts = Facts {
+        ends: &ends,
+        nodes: vec![(node(7), Found::Unregistered)],
+        course: &course,
+        last_words: Some("boom"),
+        ..Facts::default()
+    };
+    let told = &facts.evidence()[0];
+    assert_eq!((told.bag_seconds, told.signal, told.exit_status), (Some(4.5), Some(11), None));
+    assert_eq!(
+        told.message,
+        "the node /tracker was ended by signal 11 (SIGSEGV) at 4.5 s of the window; the stack's \
+         last words: boom"
+    );
+    assert_eq!(facts.bag_seconds(begun + Duration::from_secs(2)), Some(-1.0));
+}

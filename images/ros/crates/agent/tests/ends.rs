@@ -1,0 +1,125 @@
+//! How real nodes end is evidence, whoever their parent is and whatever it says of them.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod worker;
+
+use rmpv::Value;
+use worker::*;
+
+/// A parent that, as roslaunch does, hides how its nodes end: `respawn` starts a node again.
+const LAUNCH: &str = r#"
+cat > "$ROS_HOME/node.py" <<'END'
+import os, signal, sys, threading, rospy
+from std_msgs.msg import String
+name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+rospy.init_node(name)
+out = rospy.Publisher("/echo", String, queue_size=1000)
+heard = [0]
+def end():
+    print(name + " has had enough", file=sys.stderr, flush=True)
+    if way == "segfault":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    os._exit(3) if way == "fails" else rospy.signal_shutdown("done")
+def answer(message):
+    out.publish(message.data)
+    heard[0] += 1
+    if heard[0] == ends_at:
+        threading.Timer(0.05, end).start()
+rospy.Subscriber("/chatter", String, answer, queue_size=1000)
+open(os.path.dirname(__file__) + "/" + name, "w").close()
+rospy.spin()
+END
+cat > "$ROS_HOME/launch.py" <<'END'
+import os, subprocess, sys, time
+python, here = "/usr/bin/python3", sys.argv[1] + "/node.py"
+nodes = [subprocess.Popen([python, here, "bad", *sys.argv[2:4]])]
+# The play begins when the first one listens: that one is known to the master then.
+while not os.path.exists(sys.argv[1] + "/bad"):
+    time.sleep(0.02)
+nodes.append(subprocess.Popen([python, here, "good", "0", "never"]))
+while True:
+    time.sleep(0.1)
+    for place, node in enumerate(nodes):
+        if node is not None and node.poll() is not None:
+            respawn = [python, here, "bad", "0", "never"]
+            nodes[place] = subprocess.Popen(respawn) if sys.argv[4] == "respawn" else None
+END
+exec /usr/bin/python3 "$ROS_HOME/launch.py" "$ROS_HOME" "#;
+
+/// Causes, names and signals of `stack.ended`, of a case of so many messages, 100 in a second.
+fn ends(messages: u64, how: &str) -> Vec<(String, String, Option<i64>, String)> {
+    let agent = Agent::start(1);
+    let case = realtime(&agent, messages, &format!("{LAUNCH}{how}"), &[]);
+    let (result, _) = agent.run(0, case, &chatter(messages)).result();
+    println!("{how}: {}", at(&result, "stack.ended"));
+    let ended = at(&result, "stack.ended").as_array().unwrap();
+    let text = |end: &Value, key: &str| at(end, key).as_str().unwrap().to_owned();
+    let told = ended.iter().map(|end| {
+        (text(end, "cause"), text(end, "name"), at(end, "signal").as_i64(), text(end, "message"))
+    });
+    told.collect()
+}
+
+fn realtime(agent: &Agent, messages: u64, script: &str, allow: &[&str]) -> Value {
+    let Value::Map(mut case) = agent.case(script, &[]) else { panic!() };
+    case.retain(|(key, _)| !matches!(key.as_str(), Some("playback" | "window")));
+    case.push(("window".into(), window(100_000_000_000, 100_000_000_000 + messages * 10_000_000)));
+    case.push(("playback".into(), map(&[("mode", "realtime".into()), ("rate", 1.0.into())])));
+    case.push(("faults".into(), map(&[("allow", strings(allow))])));
+    Value::Map(case)
+}
+
+fn short(ends: &[(String, String, Option<i64>, String)]) -> Vec<(&str, &str, Option<i64>)> {
+    ends.iter().map(|(cause, name, signal, _)| (&**cause, &**name, *signal)).collect()
+}
+
+#[test]
+fn a_node_that_its_parent_says_nothing_of_is_missed() {
+    if without_ros() {
+        return;
+    }
+    let crashed = ends(250, "100 segfault keep");
+    assert_eq!(short(&crashed), [("StackCrashed", "/bad", Some(11))]);
+    let message = &crashed[0].3;
+    assert!(message.starts_with("the node /bad was ended by signal 11 (SIGSEGV) at "), "{message}");
+    assert!(message.ends_with("; the stack's last words: bad has had enough"), "{message}");
+    assert_eq!(short(&ends(250, "100 fails keep")), [("StackCrashed", "/bad", None)]);
+    assert_eq!(short(&ends(250, "100 leaves keep")), [("NodeGone", "/bad", None)]);
+}
+
+#[test]
+fn a_node_that_is_started_again_is_seen() {
+    if without_ros() {
+        return;
+    }
+    let respawned = ends(800, "100 fails respawn");
+    assert_eq!(respawned[0].0, "NodeRespawned");
+    assert_eq!(respawned.len(), 1);
+}
+
+#[test]
+fn a_crash_right_after_the_last_answer_is_seen_and_a_good_end_is_none() {
+    if without_ros() {
+        return;
+    }
+    let crashed = ends(250, "250 segfault keep");
+    assert_eq!(short(&crashed), [("StackCrashed", "/bad", Some(11))]);
+    assert_eq!(short(&ends(250, "250 leaves keep")), []);
+    assert_eq!(short(&ends(250, "0 never keep")), []);
+}
+
+#[test]
+fn an_allowed_end_of_the_command_ends_no_replay() {
+    if without_ros() {
+        return;
+    }
+    // The command ends well in the middle, and its node goes on.
+    let script = format!("({ECHO}) & sleep 1.5; exit 0");
+    let agent = Agent::start(1);
+    let abort = agent.run(0, realtime(&agent, 250, &script, &[]), &chatter(250)).abort();
+    assert_eq!((&*abort.reason, abort.exit_status), ("StackExited", Some(0)));
+    let case = realtime(&agent, 250, &script, &["StackExited"]);
+    let (result, _) = agent.run(0, case, &chatter(250)).result();
+    assert_eq!(at(&result, "stack.ended.0.cause").as_str(), Some("StackExited"));
+    assert_eq!(at(&result, "ledger.received").as_u64(), Some(250));
+}
