@@ -20,6 +20,8 @@ from tests.liars.row import PYTHON, STACKS, Row
 ROOT = Path(__file__).parents[2]
 # What of a case was judged by its criteria; any other reason stands whatever they say.
 _OF_CRITERIA = {"", "CriterionFailed", "CriteriaFailed", "NotEnoughEvidence"}
+# Seventy cases of seconds, on a machine whose processors are all taken.
+JOB_SECONDS = 1500
 LIBRARIES = [
     f"-l{name}"
     for name in (
@@ -108,9 +110,14 @@ class Army:
         job = rows[0].asked.job
         manifest = self.laptop.manifest(job.name, self.spec(job, rows))
         wanted = [word for row in cases_of(rows) for word in ("--cases", row)]
-        status, _, errors = self.laptop.job(manifest, "--slots", str(self.slots), *wanted)
+        words = [*self.laptop.words(manifest), "--slots", str(self.slots), *wanted]
+        process = self.laptop.start(*words)
+        try:
+            _, errors = process.communicate(timeout=JOB_SECONDS)
+        finally:
+            process.kill()
         results = self.laptop.folder / "bagpipe-results" / job.name / "results.jsonl"
-        assert results.exists(), f"{job.name} ended with {status}: {errors}"
+        assert results.exists(), f"{job.name} ended with {process.returncode}: {errors}"
         lines = [json.loads(line) for line in results.read_text().splitlines()]
         return {line["values"]["row"]: line for line in lines if line.get("values")}
 

@@ -32,7 +32,7 @@ def army(
     gathered.end()
 
 
-@pytest.mark.timeout(900)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_every_stack_is_told_for_what_it_is(army: Army, row: Row) -> None:
     told = army.told(row)
