@@ -43,8 +43,8 @@ def discarded_of(row: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def discarded_count(row: Row) -> int:
     """How many runs do not count: tries of its last start, and starts before that one."""
-    starts = row.get("starts")
-    return max(0, int(row["attempts"]) - 1) + max(0, (1 if starts is None else int(starts)) - 1)
+    tries, starts = int(row.get("attempts") or 1), row.get("starts")
+    return max(0, tries - 1) + max(0, (1 if starts is None else int(starts)) - 1)
 
 
 def tally(row: Row) -> dict[str, int]:

@@ -1,43 +1,91 @@
 """Rows of two versions brought together: the same fragment under the same values, in all rounds."""
 
 import json
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Self
+
+from bagpipe.compare.delivery import FIGURES, delivery
 
 Row = Mapping[str, Any]
 Key = tuple[str, str, int]
+
+# The share of a case's rounds that passed: many cases may each lose too few to be told alone.
+ROUNDS = "rounds: passed"
+
+# What stands in a row's `bag` where no single recording was played.
+_NO_RECORDING = frozenset({"", "simulator", "sequence"})
 
 
 @dataclass
 class Rounds:
     """What one version did in one case, round by round.
 
-    `figures` maps a criterion's name to its measured figures.
+    `figures` maps a criterion's name to its measured figures. `recording` says with which other
+    cases it may share its luck: those of the same recording are not independent of each other.
     """
 
+    recording: str
     cases: list[str] = field(default_factory=list)
     outcomes: list[str] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)
     figures: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    criteria: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+
+    def add(self, row: Row) -> None:
+        """One more round."""
+        self.cases.append(row["case"])
+        self.outcomes.append(row["outcome"])
+        self.reasons.append(str(row.get("reason") or ""))
+        for finding in row.get("criteria") or []:
+            if finding.get("figure") is not None and finding.get("direction"):
+                self.figures[finding["name"]].append(float(finding["figure"]))
+        self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
+        for name, figure in delivery(row).items():
+            self.figures[name].append(figure)
 
     @property
-    def judged(self) -> list[str]:
-        """The outcomes that say something: passed and failed."""
-        return [outcome for outcome in self.outcomes if outcome in {"passed", "failed"}]
+    def passed(self) -> int:
+        """How many of the rounds passed."""
+        return self.outcomes.count("passed")
 
     @property
-    def flaky(self) -> bool:
-        """Whether the same case has both passed and failed."""
-        return len(set(self.judged)) > 1
+    def steady(self) -> bool:
+        """Whether all rounds passed, or none."""
+        return self.passed in {0, len(self.outcomes)}
 
     @property
-    def outcome(self) -> str:
-        """`passed` or `failed` where all rounds agree, `flaky`, or `unknown` without a verdict."""
-        if not self.judged:
-            return "unknown"
-        return "flaky" if self.flaky else self.judged[0]
+    def worst(self) -> str:
+        """`passed` where all rounds did; else how most of the others ended, `failed` first."""
+        others = Counter(outcome for outcome in self.outcomes if outcome != "passed")
+        return max(others, key=lambda word: (others[word], word == "failed"), default="passed")
+
+    def reason_of(self, outcome: str) -> str:
+        """The first reason that was given for such an outcome."""
+        found = zip(self.outcomes, self.reasons, strict=True)
+        return next((reason for word, reason in found if word == outcome), "")
+
+
+@dataclass
+class Versions:
+    """Rows by variant, and each figure's unit and the direction that is better."""
+
+    of: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
+    units: dict[str, tuple[str, str]] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, rows: Iterable[Row]) -> Self:
+        """Each row is looked at once and not kept."""
+        found = cls()
+        for row in rows:
+            cases = found.of[str(row.get("variant") or "")]
+            cases.setdefault(key_of(row), Rounds(recording_of(row))).add(row)
+            for finding in row.get("criteria") or []:
+                if finding.get("direction"):
+                    unit = (str(finding.get("unit") or ""), str(finding["direction"]))
+                    found.units.setdefault(finding["name"], unit)
+        found.units |= FIGURES | {ROUNDS: ("%", "higher")}
+        return found
 
 
 def key_of(row: Row) -> Key:
@@ -49,15 +97,16 @@ def key_of(row: Row) -> Key:
     return (str(row.get("fragment") or row["case"]), values, int(row.get("seed") or 0))
 
 
-def rounds_of(rows: Iterable[Row]) -> dict[str, dict[Key, Rounds]]:
-    """Variant, then case, then what happened in its rounds."""
-    found: dict[str, dict[Key, Rounds]] = defaultdict(dict)
-    for row in rows:
-        rounds = found[str(row.get("variant") or "")].setdefault(key_of(row), Rounds())
-        rounds.cases.append(row["case"])
-        rounds.outcomes.append(row["outcome"])
-        for finding in row.get("criteria") or []:
-            rounds.criteria[finding["name"]].append(finding["outcome"])
-            if finding.get("figure") is not None and finding.get("direction"):
-                rounds.figures[finding["name"]].append(float(finding["figure"]))
-    return dict(found)
+def recording_of(row: Row) -> str:
+    """What a case was played from: a bag, the bags of its pieces, or one world of a simulator.
+
+    The seeds of one simulated scenario share that scenario; there is no recording behind them.
+    """
+    parts = sorted({str(part["bag"]) for part in row.get("parts") or []})
+    if parts:
+        return "+".join(parts)
+    bag = str(row.get("bag") or "")
+    if bag not in _NO_RECORDING:
+        return bag
+    fragment, values, _ = key_of(row)
+    return f"{fragment} {values}"

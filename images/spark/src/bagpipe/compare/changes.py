@@ -1,0 +1,76 @@
+"""What became of each case that both versions have: a plain word, or a test over its rounds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Literal
+
+from scipy import stats
+
+from bagpipe.compare.correction import holm
+from bagpipe.compare.pairing import Key, Rounds
+
+Word = Literal["regressed", "fixed", "flaky", "same", "unknown"]
+
+# How often rounds that only differ by chance may be called regressed or fixed, in all cases.
+_LEVEL = 0.05
+
+
+@dataclass(frozen=True)
+class Change:
+    """One case; of a regressed one what became of it, and the reason that was given."""
+
+    word: Word
+    to: str = ""
+    reason: str = ""
+
+
+def changes(before: Mapping[Key, Rounds], after: Mapping[Key, Rounds]) -> dict[Key, Change]:
+    """Every case that both have.
+
+    Where all rounds agree, in both, their word is the case's. Else Fisher's exact test says
+    whether so different shares of rounds may pass by chance, with Holm's correction over such
+    cases; only where they may, the case is flaky.
+    """
+    found = {}
+    tested = {}
+    for key, now in after.items():
+        if key not in before:
+            continue
+        then = before[key]
+        if then.steady and now.steady:
+            found[key] = _plain(then, now)
+        else:
+            found[key] = Change("flaky")
+            tested[key] = _chance(then.passed, len(then.outcomes), now.passed, len(now.outcomes))
+    for key, chance in zip(tested, holm(list(tested.values())), strict=True):
+        if chance <= _LEVEL:
+            found[key] = _moved(before[key], after[key])
+    return found
+
+
+def regressed(after: Rounds) -> Change:
+    """It passed, and what it does now is something else."""
+    return Change("regressed", after.worst, after.reason_of(after.worst))
+
+
+def _plain(then: Rounds, now: Rounds) -> Change:
+    """What did not pass before and gives no evidence now is no news of the stack, nor no change."""
+    before, after = then.worst, now.worst
+    if before == "passed":
+        return Change("same") if after == "passed" else regressed(now)
+    if before == "failed" and after == "passed":
+        return Change("fixed")
+    return Change("same" if before == after == "failed" else "unknown")
+
+
+def _moved(then: Rounds, now: Rounds) -> Change:
+    fewer = now.passed * len(then.outcomes) < then.passed * len(now.outcomes)
+    return regressed(now) if fewer else Change("fixed")
+
+
+@lru_cache(maxsize=4096)
+def _chance(passed: int, rounds: int, passed_now: int, rounds_now: int) -> float:
+    """Two-sided, of so different shares in as many rounds."""
+    table = [[passed, rounds - passed], [passed_now, rounds_now - passed_now]]
+    return float(stats.fisher_exact(table).pvalue)

@@ -1,0 +1,41 @@
+"""What was lost on the way to a result, as figures: beside the criteria, compared as they are.
+
+A criterion's name has no colon, so none can be taken for one of these.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from bagpipe.row_facts import discarded_count, discarded_runs
+
+Row = Mapping[str, Any]
+
+LOSS = "delivery: loss"
+DISCARDED = "delivery: discarded runs"
+# Unit, and the direction that is better.
+FIGURES = {LOSS: ("%", "lower"), DISCARDED: ("runs", "lower")}
+
+
+def delivery(row: Row) -> dict[str, float]:
+    """The share of messages that did not arrive, in all runs of the case, and runs thrown away.
+
+    The runs that were thrown away count: what is lossy in nine of ten runs is not lossless.
+    """
+    found = {DISCARDED: float(discarded_count(row))}
+    sent = lost = 0
+    for ledger in _ledgers(row):
+        for topic in ledger.get("topics") or []:
+            for node in topic.get("subscribers") or []:
+                sent += int(topic["sent"])
+                missing = int(topic["sent"]) - int(node["received"])
+                lost += max(missing, int(node.get("dropped") or 0), 0)
+    if sent:
+        found[LOSS] = 100 * min(1.0, lost / sent)
+    return found
+
+
+def _ledgers(row: Row) -> Iterator[Mapping[str, Any]]:
+    """Those of the run that counts, of a case that was given up, and of what was discarded."""
+    for run in (row.get("result"), row.get("evidence"), *discarded_runs(row)):
+        if run and run.get("ledger"):
+            yield run["ledger"]
