@@ -123,7 +123,9 @@ def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Lapto
     outcomes = {row["case"]: row["outcome"] for row in rows_of(folder)}
     assert outcomes == {"joint_states-0000-usual": "passed", "joint_states-0000-slow": "failed"}
     comparison = json.loads((folder / "comparison.json").read_text())["comparisons"][0]
-    assert comparison["regressed"] == ["joint_states-0000-slow"]
+    assert comparison["regressed"] == [
+        {"case": "joint_states-0000-slow", "to": "failed", "reason": "CriterionFailed"}
+    ]
     status, said, _ = laptop.run("results", folder, "--failed", "--output", "yaml")
     assert (status, [row["variant"] for row in yaml.safe_load(said)["cases"]]) == (1, ["slow"])
 

@@ -94,8 +94,43 @@ def test_jobs_without_a_common_case_can_t_be_compared(tmp_path: Path) -> None:
     before = publish(tmp_path, [make_row("a-0", fragment="a-0")], uid="a")
     after = publish(tmp_path, [make_row("b-0", fragment="b-0")], uid="b")
     status, text = run("compare", before, after)
+    assert status == 1
+    assert "1 regressed (1 missing) of 0 cases" in text
+    status, text = run("compare", before, after, "--allow-missing")
     assert status == 2
-    assert "no case of both could be compared" in text
+    assert "no case of both could be compared: --allow-unknown lets that pass" in text
+    assert run("compare", before, after, "--allow-missing", "--allow-unknown")[0] == 0
+
+
+@pytest.mark.parametrize("outcome", ["failed", "invalid", "errored"])
+def test_cases_that_passed_and_do_not_now_end_with_1_unless_that_is_allowed(
+    tmp_path: Path, outcome: str
+) -> None:
+    before = publish(tmp_path, [make_row(f"a-{n}") for n in range(4)], uid="a")
+    now = [make_row(f"a-{n}", outcome if n else "passed", "Why") for n in range(4)]
+    after = publish(tmp_path, now, uid="b")
+    status, text = run("compare", before, after)
+    assert status == 1
+    assert f"3 regressed (3 {outcome}): --allow-regressed lets that pass" in text
+    assert f"regressed: a-1 is {outcome} now (Why)" in text
+    status, text = run("compare", before, after, "--allow-regressed")
+    assert (status, f"a-1 is {outcome} now" in text) == (0, True)
+
+
+def test_worse_figures_end_with_1_unless_that_is_allowed(tmp_path: Path) -> None:
+    def rows(more: float) -> list[dict[str, Any]]:
+        found = [{"name": "latency", "outcome": "passed", "unit": "s", "direction": "lower"}]
+        return [
+            make_row(f"a-{n}", bag=f"b{n}", criteria=[found[0] | {"figure": 1 + more * (n + 1)}])
+            for n in range(6)
+        ]
+
+    before = publish(tmp_path, rows(0.0), uid="a")
+    after = publish(tmp_path, rows(0.1), uid="b")
+    status, text = run("compare", before, after)
+    assert (status, "worse in latency: --allow-worse-criteria lets that pass" in text) == (1, True)
+    assert run("compare", before, after, "--allow-worse-criteria")[0] == 0
+    assert run("compare", after, before)[0] == 0
 
 
 def test_what_looks_like_a_pictogram_is_shown_as_it_is(tmp_path: Path) -> None:
@@ -108,14 +143,14 @@ def test_a_job_that_lost_cases_is_no_better_for_it(tmp_path: Path) -> None:
     after = publish(tmp_path, [make_row("a-0")], uid="b")
     status, text = run("compare", before, after)
     assert status == 1
-    assert "no case changed of 1 cases; 9 missing" in text
+    assert "9 regressed (9 missing) of 1 cases; 9 missing" in text
     assert "missing: a-9" in text
-    assert "9 cases of BEFORE are missing in AFTER: --allow-missing lets that pass" in text
+    assert "this job against the earlier job: 9 missing: --allow-missing lets that pass" in text
     status, text = run("compare", before, after, "--allow-missing")
     assert (status, "--allow-missing" in text) == (0, False)
     # New cases are nothing that was lost.
     status, text = run("compare", after, before, "--output", "json")
-    assert (status, json.loads(text)[0]["counts"]["unpaired"]) == (0, 9)
+    assert (status, json.loads(text)[0]["counts"]["new"]) == (0, 9)
 
 
 def test_a_variant_without_any_case_is_missing(tmp_path: Path) -> None:
@@ -124,7 +159,7 @@ def test_a_variant_without_any_case_is_missing(tmp_path: Path) -> None:
     after = publish(tmp_path, rows, uid="b", variants=VARIANTS)
     status, text = run("compare", before, after)
     assert status == 1
-    assert "6 cases of BEFORE are missing in released of AFTER" in text
+    assert "released against the earlier job: 6 missing: --allow-missing lets that pass" in text
 
 
 def test_a_worse_job_stays_worse_whatever_may_be_missing(tmp_path: Path) -> None:

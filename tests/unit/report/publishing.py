@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from bagpipe.driver.comparing import compared
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results, results_uri
@@ -25,6 +26,7 @@ def publish(tmp_path: Path, rows: Iterable[Row], uid: str = "uid-1", **changed: 
             file.add(row)
             progress.add(row)
         progress.begin(len(file))
+        progress.compare(compared(job.spec, file.rows, storage))
         results.publish(results.commit(file, progress, journal.driver), file.rows, journal)
     return tmp_path / results_uri(job).removeprefix("pvc://results/")
 

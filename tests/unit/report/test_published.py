@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from bagpipe.cli.__main__ import main
 from bagpipe.cli.manifest import read_job
 from bagpipe.compare.compare import Comparison
-from bagpipe.driver.artefacts import in_short
 from bagpipe.driver.baseline import baseline_rows, check_baseline
+from bagpipe.driver.comparing import in_short
 from bagpipe.evaluate.finding import Finding
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
@@ -63,7 +63,7 @@ def test_variants_are_compared(tmp_path: Path) -> None:
     told = json.loads((folder / "comparison.json").read_text())
     [comparison] = told["comparisons"]
     assert (comparison["variant"], comparison["verdict"]) == ("pr-812", "worse")
-    assert comparison["regressed"] == ["a-0003-pr-812"]
+    assert [case["case"] for case in comparison["regressed"]] == ["a-0003-pr-812"]
     assert told_in_short(folder) == [
         {"variant": "pr-812", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}
     ]
@@ -78,7 +78,7 @@ def test_an_earlier_job_is_the_baseline(tmp_path: Path) -> None:
     second = publish(tmp_path, now, uid="uid-2", baseline={"results": uri})
     [comparison] = json.loads((second / "comparison.json").read_text())["comparisons"]
     assert (comparison["baseline"], comparison["verdict"]) == ("the earlier job", "worse")
-    assert comparison["regressed"] == ["a-1"]
+    assert comparison["regressed"] == [{"case": "a-1", "to": "failed", "reason": ""}]
 
 
 def test_cases_of_the_earlier_job_that_are_missing_are_told(tmp_path: Path) -> None:
@@ -87,13 +87,13 @@ def test_cases_of_the_earlier_job_that_are_missing_are_told(tmp_path: Path) -> N
     now = [make_row("a-0", fragment="a-0")]
     second = publish(tmp_path, now, uid="uid-2", baseline={"results": uri})
     page = (second / "report.html").read_text()
-    assert "no case changed of 1 cases; 2 missing" in page
+    assert "2 regressed (2 missing) of 1 cases; 2 missing" in page
     assert "Missing, which the baseline has: 2" in page
     # A comparison of before this was told is drawn as well.
     told = json.loads((second / "comparison.json").read_text())
     del told["comparisons"][0]["missing"]
     manifest = json.loads((second / "manifest.json").read_text())
-    assert b"no case changed" in Report(None, "").html(manifest, told["comparisons"])
+    assert b"2 regressed (2 missing)" in Report(None, "").html(manifest, told["comparisons"])
 
 
 def test_of_an_earlier_job_with_variants_its_first_one_counts(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_of_an_earlier_job_with_variants_its_first_one_counts(tmp_path: Path) ->
     now = [row for row in versions(failing={3}) if row["variant"] == "pr-812"]
     second = publish(tmp_path, now, uid="uid-2", variants=both[1:], baseline={"results": uri})
     [comparison] = json.loads((second / "comparison.json").read_text())["comparisons"]
-    assert comparison["regressed"] == ["a-0003-pr-812"]
+    assert [case["case"] for case in comparison["regressed"]] == ["a-0003-pr-812"]
 
 
 def test_a_baseline_that_is_not_there_is_told_before_anything_runs(tmp_path: Path) -> None:
@@ -186,18 +186,22 @@ def test_a_comparison_that_can_t_be_made_costs_itself_alone(
     def break_off(*_arguments: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("bagpipe.driver.artefacts.compare", break_off)
+    monkeypatch.setattr("bagpipe.driver.comparing.compare", break_off)
     variants = [{"name": "released"}, {"name": "pr-812"}]
     folder = publish(tmp_path, versions(failing=set()), variants=variants)
     assert not (folder / "comparison.json").exists()
     assert {name for name in FORMS if not (folder / name).exists()} == set()
+    # All cases passed, and still nobody knows what was asked: that is no Passed.
+    manifest = json.loads((folder / "manifest.json").read_text())
+    assert (manifest["phase"], manifest["counts"]["passed"]) == ("Complete", 12)
+    assert (manifest["verdict"], manifest["verdictReason"]) == ("Invalid", "ComparisonFailed")
 
 
 def test_the_page_on_results_names_every_key() -> None:
     page = (Path(__file__).parents[3] / "docs/reference/results.md").read_text()
     case = Case("a", "pvc://r/a.bag", "v", Window(0, 1, 2), [], [], 1)
     finding = Finding("n", "rate", "failed", course={})
-    compared = Comparison("a", "b", "same", "", {}, [], [], [], 1.0)
+    compared = Comparison("a", "b", "same", "", {}, {}, [], [], [], [])
     keys = ["schema", "criteria", *lost_row(case, 1), *finding.as_row(), *compared.as_json()]
     keys += [field.name for field in SCHEMA]
     assert [key for key in keys if f"`{key}`" not in page] == []

@@ -196,6 +196,14 @@ class Baseline(_Model):
     results: BagUri
 
 
+class ComparisonRules(_Model):
+    """What a comparison may say and the job pass nevertheless."""
+
+    allow: list[Literal["Regressed", "Missing", "WorseCriteria", "Unknown"]] = Field(
+        default=[], max_length=4
+    )
+
+
 class StorageAccess(_Model):
     """Secrets of the job's namespace that hold credentials; the values are never in a spec."""
 
@@ -215,6 +223,7 @@ class SimulationJobSpec(_Model):
     storage: StorageAccess = StorageAccess()
     output: Output
     baseline: Baseline | None = None
+    comparison: ComparisonRules = ComparisonRules()
     evaluate: list[Criterion] = Field(default=[], max_length=100)
     max_failed_cases: int | None = Field(default=None, ge=0)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)

@@ -1,5 +1,6 @@
 """`bagpipe compare`: is this job better or worse than that one, on the cases that both have?"""
 
+from collections.abc import Callable
 from typing import Any
 
 import click
@@ -11,37 +12,53 @@ from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, told, volume_option
 from bagpipe.compare.compare import compare
+from bagpipe.compare.gate import CAUSES, Cause, objections
 from bagpipe.report.stored import StoredResults
 from bagpipe.storage import StorageError
 
+_Command = Callable[..., None]
+
 _COLOURS = {"better": "green", "worse": "red", "unknown": "yellow"}
+
+_ALLOW: dict[Cause, tuple[str, str]] = {
+    "Regressed": (
+        "--allow-regressed",
+        "Cases that passed in BEFORE and fail, are invalid or errored now don't count.",
+    ),
+    "Missing": ("--allow-missing", "Cases of BEFORE that AFTER lacks don't count."),
+    "WorseCriteria": ("--allow-worse-criteria", "Criteria with worse figures don't count."),
+    "Unknown": ("--allow-unknown", "That no case could be compared doesn't count."),
+}
+
+
+def _allow_options(command: _Command) -> _Command:
+    """An option for each cause, for those who want less."""
+    for cause, (option, sentence) in reversed(_ALLOW.items()):
+        command = click.option(option, cause, is_flag=True, help=sentence)(command)
+    return command
 
 
 @click.command("compare")
 @click.argument("before", metavar="BEFORE", shell_complete=results_places)
 @click.argument("after", metavar="AFTER", shell_complete=results_places)
-@click.option(
-    "--allow-missing",
-    is_flag=True,
-    help="Cases of BEFORE that AFTER lacks are told and make no difference to the exit status.",
-)
+@_allow_options
 @place_options
 @volume_option
 @output_option
 def compare_command(
     before: str,
     after: str,
-    allow_missing: bool,
     place: Place,
     volumes: tuple[str, ...],
     output: str,
+    **allow: bool,
 ) -> None:
     """Compare the results AFTER with the results BEFORE, case by case and criterion by criterion.
 
     Each is job/NAME for a job in the cluster (NAME alone after -n), a URI as in status.results, or
     a folder of this machine. Cases are the same if they have the same fragment, values and seed.
-    The exit status is 1 if a variant of AFTER is worse or lacks cases of BEFORE, and 2 if nothing
-    could be compared.
+    The exit status is 1 if a variant of AFTER is worse or lacks cases of BEFORE, and 2 if no case
+    could be compared. What is allowed is told all the same.
 
     \b
     bagpipe compare job/nightly-41 job/nightly-42 -n robots
@@ -58,24 +75,13 @@ def compare_command(
             _show(comparison, Console(emoji=False))
     else:
         told(found, output)
-    missing = not allow_missing and _tell_missing(found)
-    verdicts = {comparison["verdict"] for comparison in found}
-    if verdicts <= {"unknown"}:
-        raise SystemExit(2)
-    raise SystemExit(1 if "worse" in verdicts or missing else 0)
-
-
-def _tell_missing(found: list[dict[str, Any]]) -> bool:
-    """Whether cases are missing, which a gate must not take for none that got worse."""
-    lacking = [comparison for comparison in found if comparison["counts"]["missing"]]
-    for comparison in lacking:
-        where = f"{comparison['variant']} of AFTER" if comparison["variant"] else "AFTER"
-        click.echo(
-            f"{comparison['counts']['missing']} cases of BEFORE are missing in {where}:"
-            " --allow-missing lets that pass",
-            err=True,
-        )
-    return bool(lacking)
+    causes = {cause for cause in CAUSES if allow[cause]}
+    against = [each for one in found for each in objections(one, causes)]
+    for each in against:
+        click.echo(f"{each.message}: {_ALLOW[each.cause][0]} lets that pass", err=True)
+    if found and not against:
+        return
+    raise SystemExit(1 if any(each.cause != "Unknown" for each in against) else 2)
 
 
 def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]]:
@@ -96,7 +102,7 @@ def _show(comparison: dict[str, Any], console: Console) -> None:
     console.print(escape(comparison["message"]), highlight=False)
     if comparison["criteria"]:
         table = Table(box=None, header_style="bold")
-        for column in ("Criterion", "", "Before", "After", "Difference and its 95 % interval"):
+        for column in ("Criterion", "", "Before", "After", "Difference"):
             table.add_column(column)
         for criterion in comparison["criteria"]:
             verdict = criterion["verdict"]
@@ -108,7 +114,11 @@ def _show(comparison: dict[str, Any], console: Console) -> None:
                 escape(criterion["message"]),
             )
         console.print(table)
-    for word in ("regressed", "fixed", "flaky", "missing"):
+    for case in comparison["regressed"]:
+        why = f" ({case['reason']})" if case["reason"] else ""
+        line = f"  regressed: {case['case']} is {case['to']} now{why}"
+        console.print(escape(line), highlight=False)
+    for word in ("fixed", "flaky", "missing"):
         for case in comparison[word]:
             console.print(f"  {word}: {escape(case)}", highlight=False)
 

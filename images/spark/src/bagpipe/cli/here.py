@@ -9,7 +9,7 @@ from pathlib import Path
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
 from bagpipe.plan.variant import stack_of
-from bagpipe.spec import SimulationJobSpec, Stack, Variant
+from bagpipe.spec import ComparisonRules, SimulationJobSpec, Stack, Variant
 
 # What a stack's image may bring to set up its environment; the agent starts commands by it.
 _ENTRYPOINT = Path("/ros_entrypoint.sh")
@@ -48,6 +48,12 @@ def of_variants(spec: SimulationJobSpec, names: tuple[str, ...]) -> SimulationJo
             )
     kept = [variant for variant in spec.variants if not names or variant.name in names]
     return spec.model_copy(update={"variants": kept})
+
+
+def without_missing(spec: SimulationJobSpec) -> SimulationJobSpec:
+    """The job whose comparison misses no case: those that were not asked for are not run."""
+    allow = [*spec.comparison.allow, "Missing"]
+    return spec.model_copy(update={"comparison": ComparisonRules(allow=sorted(set(allow)))})
 
 
 def refusals(

@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from bagpipe.cli.here import Machine, notes, of_variants, refusals
+from bagpipe.cli.here import Machine, notes, of_variants, refusals, without_missing
 from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job, read_marks
 from bagpipe.cli.places import (
     RefusedError,
@@ -119,6 +119,8 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     name, whole = read_job(manifest)
     marks = read_marks(manifest)
     spec = of_variants(whole, wanted.variants)
+    if wanted.cases:
+        spec = without_missing(spec)
     volumes = folders(wanted.volumes)
     folder = wanted.results or Path("bagpipe-results", name)
     agent = _checked(spec, volumes, wanted)

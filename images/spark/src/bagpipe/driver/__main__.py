@@ -17,6 +17,7 @@ from pyspark import SparkConf, SparkContext
 
 from bagpipe.driver.baseline import check_baseline
 from bagpipe.driver.chosen import NoCaseError
+from bagpipe.driver.comparing import compared
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
@@ -183,11 +184,13 @@ def run(
         if keeper.stop is not None and not keeper.stop.final:
             progress.finish()
             return _unfinished(results, journal, progress)
+        keep_trying = partial(patiently, progress=progress)
+        progress.compare(compared(job.spec, rows.rows, storage, keep_trying))
         commit = partial(results.commit, rows, progress, journal.driver, place.seen)
         manifest = patiently(commit, progress)
         ours = manifest["driver"] == journal.driver
         publish = partial(results.publish, manifest, rows.rows if ours else journal.rows, journal)
-        progress.compared(patiently(publish, progress))
+        patiently(publish, progress)
         progress.adopt(manifest)
     return progress.phase == "Complete"
 
@@ -224,7 +227,6 @@ def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: P
     progress.adopt(manifest)
     if not results.is_published(journal):
         patiently(partial(results.publish, manifest, journal.rows, journal), progress)
-    progress.compared(results.comparisons())
     return progress.phase == "Complete"
 
 

@@ -14,8 +14,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from bagpipe.compare.compare import compare
-from bagpipe.driver.baseline import baseline_rows
 from bagpipe.marks import PROVENANCE
 from bagpipe.report.html import Report
 from bagpipe.report.junit import kept, write_junit
@@ -24,16 +22,12 @@ from bagpipe.run.case_run import Row
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 
-# Without its ledger and timings a row is some hundred bytes: all that a comparison reads.
-_COMPARED = (
-    "case", "fragment", "variant", "values", "seed", "round", "outcome", "reason", "message",
-)  # fmt: skip
 _PIECE_BYTES = 1 << 20
 TABLE, JUNIT, REPORT = "results.parquet", "junit.xml", "report.html"
 COMPARISONS, JOB = "comparison.json", "job.json"
 _SCRATCH = "the folder for results.parquet and junit.xml"
 _OVER_SCRATCH = (TABLE, JUNIT)
-COMPARISON_SCHEMA = "sim.bagpipe.io/comparison/v1alpha1"
+COMPARISON_SCHEMA = "sim.bagpipe.io/comparison/v1alpha2"
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +43,6 @@ class Artefacts:
         self._folder = folder
         self._given_up: set[str] = set()
         self._open = contextlib.ExitStack()
-        self._rows: list[Row] = []
         self._tests: list[dict[str, Any]] = []
         self._report = Report(job.spec, folder, manifest.get("comparisons") or [])
         self._scratch = Path()
@@ -72,17 +65,16 @@ class Artefacts:
         self._tried(TABLE, lambda: self._table.add(row))
         self._tried(JUNIT, lambda: self._tests.append(kept(row)))
         self._tried(REPORT, lambda: self._report.add(row))
-        self._rows.append({key: row.get(key) for key in _COMPARED} | {"criteria": _figures(row)})
 
-    def store(self, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Write everything below the results; what the comparisons say. Raises StorageError."""
-        compared: list[dict[str, Any]] = []
+    def store(self, manifest: Mapping[str, Any]) -> None:
+        """Write everything below the results. Raises StorageError."""
+        compared = manifest.get("comparisons") or []
         self._tried(TABLE, self._store_table)
         self._tried(JUNIT, lambda: self._store_junit(manifest))
         self._tried(JOB, lambda: self._put(JOB, _json(job_manifest(self._job, manifest))))
-        self._tried(COMPARISONS, lambda: compared.extend(self._compare()))
+        if compared:
+            self._tried(COMPARISONS, lambda: self._store_comparisons(compared))
         self._tried(REPORT, lambda: self._put(REPORT, self._report.html(manifest, compared)))
-        return compared
 
     def _tried(self, name: str, action: Callable[[], None]) -> None:
         """Do what one file needs, unless something that it needs failed before."""
@@ -122,19 +114,9 @@ class Artefacts:
             for first in range(0, len(data), _PIECE_BYTES):
                 file.write(data[first : first + _PIECE_BYTES])
 
-    def _compare(self) -> list[dict[str, Any]]:
-        spec = self._job.spec
-        if not spec.baseline and len(spec.variants) < 2:
-            return []
-        earlier = baseline_rows(spec.baseline.results, self._storage) if spec.baseline else None
-        variants = [variant.name for variant in spec.variants]
-        found = [comparison.as_json() for comparison in compare(self._rows, variants, earlier)]
-        document = {"schema": COMPARISON_SCHEMA, "job": self._job.name, "comparisons": found}
+    def _store_comparisons(self, compared: list[dict[str, Any]]) -> None:
+        document = {"schema": COMPARISON_SCHEMA, "job": self._job.name, "comparisons": compared}
         self._put(COMPARISONS, _json(document))
-        for comparison in found:
-            log.info("%s: %s (%s)", comparison["variant"], comparison["verdict"],
-                     comparison["message"])  # fmt: skip
-        return found
 
 
 def job_manifest(job: JobFile, manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -155,20 +137,6 @@ def job_manifest(job: JobFile, manifest: Mapping[str, Any]) -> dict[str, Any]:
         },
         "spec": job.spec.model_dump(mode="json", by_alias=True, exclude_defaults=True),
     }
-
-
-def in_short(comparison: dict[str, Any]) -> dict[str, Any]:
-    """A comparison as the job's status has it."""
-    counts = {name: comparison["counts"][name] for name in ("regressed", "fixed", "flaky")}
-    return {"variant": comparison["variant"], "verdict": comparison["verdict"], **counts}
-
-
-def _figures(row: Row) -> list[dict[str, Any]]:
-    """The findings without their courses over time, some KB each, which nothing here reads."""
-    return [
-        {key: value for key, value in finding.items() if key != "course"}
-        for finding in row.get("criteria") or []
-    ]
 
 
 def _json(document: Mapping[str, Any]) -> bytes:

@@ -7,22 +7,34 @@ from bagpipe.report.stored import StoredResults
 from bagpipe.run.case_run import Row
 from bagpipe.storage import Storage, StorageError
 
-_COMPARED = ("case", "fragment", "variant", "values", "seed", "round", "outcome", "criteria")
+# All that a comparison reads: a row's timings, usage and the stack's words are left where they are.
+_COMPARED = (
+    "case", "fragment", "variant", "values", "seed", "round", "bag", "parts", "outcome", "reason",
+    "criteria", "attempts", "starts", "discarded", "evidence",
+)  # fmt: skip
 
 
 def check_baseline(results: str, storage: Storage) -> None:
-    """Raises StorageError, with what to write, unless a job has published its results there."""
+    """Raises StorageError, with what to write, unless a job has published whole results there.
+
+    All is read once before anything runs: hours of cases are not for a comparison that can't be.
+    """
     uri = posixpath.join(results, "results.jsonl")
     if not storage.exists(uri):
         raise StorageError(
             f"spec.baseline.results: there is no {uri}: write status.results of a finished job"
         )
+    if not sum(1 for _ in baseline_rows(results, storage)):
+        raise StorageError(
+            f"spec.baseline.results: {uri} has no case: write status.results of a job that ran some"
+        )
 
 
 def baseline_rows(results: str, storage: Storage) -> Iterator[Row]:
-    """The earlier job's rows, without their ledgers; of a job with variants those of its first.
+    """The earlier job's rows, in short; of a job with variants those of its first.
 
     Raises StorageError that names the line.
     """
     for row in StoredResults(results, storage).baseline_rows():
-        yield {key: row.get(key) for key in _COMPARED}
+        ledger = (row.get("result") or {}).get("ledger")
+        yield {key: row.get(key) for key in _COMPARED} | {"result": {"ledger": ledger}}

@@ -7,6 +7,8 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from bagpipe.compare.gate import CAUSES
+from bagpipe.driver.comparing import Compared, in_short
 from bagpipe.row_facts import OUTCOMES, TALLIES, counts_of, tally
 from bagpipe.run.case_run import Row
 
@@ -30,13 +32,14 @@ class Progress:
     planned: int = 0
     running: int = 0
     verdict: str = ""
+    verdict_reason: str = ""
     # Seconds since 1970: when this driver began, and when it first saw the job at its end.
     began: float = field(default_factory=time.time)
     ended: float | None = None
     _outcomes: Counter[str] = field(default_factory=Counter)
     _ledger: Counter[str] = field(default_factory=Counter)
     _failures: list[dict[str, str]] = field(default_factory=list)
-    _comparisons: list[dict[str, Any]] = field(default_factory=list)
+    _compared: Compared = field(default_factory=Compared)
     _stopped: tuple[str, str] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -70,6 +73,8 @@ class Progress:
                 dropped=ledger["dropped"], lead_in=ledger["leadIn"],
             )  # fmt: skip
             self._failures = list(manifest["failures"])
+            self.verdict_reason = manifest.get("verdictReason", "")
+            self._compared = Compared(manifest.get("comparisons") or [])
 
     def add(self, row: Row) -> None:
         """Count one finished case."""
@@ -95,15 +100,15 @@ class Progress:
             errored = self._outcomes["errored"]
             done = self._done()
             if self._stopped is not None:
-                self.phase, self.verdict = "Failed", ""
+                self.phase, self.verdict, self.verdict_reason = "Failed", "", ""
                 self.reason, self.message = self._stopped
             elif errored or done < self.planned or not done:
-                self.phase, self.verdict = "Failed", ""
+                self.phase, self.verdict, self.verdict_reason = "Failed", "", ""
                 self.reason, self.message = self._why_failed(errored, self.planned - done)
             else:
                 self.phase, self.reason = "Complete", "AllCasesRan"
-                self.verdict = self._verdict()
-                self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
+                self.verdict, self.verdict_reason, why = self._verdict()
+                self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}{why}"
             return self.phase == "Complete"
 
     def stop(self, reason: str, message: str) -> None:
@@ -111,10 +116,15 @@ class Progress:
         with self._lock:
             self._stopped = (reason, message[: 2 * _MAX_MESSAGE])
 
-    def compared(self, comparisons: list[dict[str, Any]]) -> None:
-        """Tell what the comparisons with a baseline say, each in short."""
+    def compare(self, compared: Compared) -> None:
+        """What the comparisons with a baseline say, which `finish` looks at."""
         with self._lock:
-            self._comparisons = comparisons
+            self._compared = compared
+
+    @property
+    def comparisons(self) -> list[dict[str, Any]]:
+        """All that they say, as comparison.json has it."""
+        return self._compared.found
 
     def interrupt(self) -> None:
         """The pod is being ended: the job has not, and another driver may go on."""
@@ -137,7 +147,8 @@ class Progress:
         """The JSON of /progress and of the termination message, well under 4 KiB."""
         with self._lock:
             counts = {word: self._outcomes[word] for word in TALLIES}
-            counts["regressed"] = sum(found["regressed"] for found in self._comparisons)
+            comparisons = [in_short(found) for found in self._compared.found]
+            counts["regressed"] = sum(one["regressed"] for one in comparisons)
             return {
                 "uid": self.uid,
                 "attempt": self.attempt,
@@ -153,9 +164,10 @@ class Progress:
                     "leadIn": self._ledger["lead_in"],
                 },
                 "verdict": self.verdict,
+                "verdictReason": self.verdict_reason,
                 "results": self.results,
                 "failures": list(self._failures),
-                "comparisons": list(self._comparisons),
+                "comparisons": comparisons,
             }
 
     def termination_message(self) -> str:
@@ -185,7 +197,18 @@ class Progress:
             f" {first['reason']}: {first['message']}"
         )
 
-    def _verdict(self) -> str:
+    def _verdict(self) -> tuple[str, str, str]:
+        """The verdict, the one word for it, and why in the sentence: the gravest thing decides."""
+        against = self._compared.objections
+        why = "".join(f"; {each.message}" for each in against)[: 2 * _MAX_MESSAGE]
+        causes = {each.cause for each in against}
+        worse = [cause for cause in CAUSES if cause in causes and cause != "Unknown"]
         if self._outcomes["failed"]:
-            return "Failed"
-        return "Invalid" if self._outcomes["invalid"] else "Passed"
+            return "Failed", "Failed", why
+        if worse:
+            return "Failed", "Regressed" if worse[0] == "Missing" else worse[0], why
+        if self._outcomes["invalid"]:
+            return "Invalid", "Invalid", why
+        if self._compared.reason:
+            return "Invalid", self._compared.reason, f"; {self._compared.message}"
+        return ("Invalid", "NothingCompared", why) if against else ("Passed", "", "")

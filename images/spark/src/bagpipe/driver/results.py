@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.driver.artefacts import COMPARISONS, Artefacts, in_short
+from bagpipe.driver.artefacts import Artefacts
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
@@ -28,7 +28,6 @@ CASE_SCHEMA = "sim.bagpipe.io/case/v1alpha1"
 MANIFEST_SCHEMA = "sim.bagpipe.io/manifest/v1alpha1"
 LINES = "results.jsonl"
 _MAX_MANIFEST_BYTES = 1 << 30
-_MAX_COMPARISON_BYTES = 64 << 20
 
 Manifest = dict[str, Any]
 
@@ -83,12 +82,14 @@ class Results:
             "reason": snapshot["reason"],
             "message": snapshot["message"],
             "verdict": snapshot["verdict"],
+            "verdictReason": snapshot["verdictReason"],
             "counts": snapshot["cases"],
             "ledger": snapshot["ledger"],
             "failures": snapshot["failures"],
             "provenance": provenance_of(
                 self.job, rows.rows(), seen or Seen(), (progress.began, progress.ended or 0.0)
             ),
+            "comparisons": progress.comparisons,
             "cases": [_manifest_entry(row) for row in rows.rows()],
         }
         data = json.dumps(manifest, indent=1).encode()
@@ -103,27 +104,17 @@ class Results:
 
     def publish(
         self, manifest: Manifest, rows: Callable[[], Iterable[Row]], journal: Journal
-    ) -> list[dict[str, Any]]:
+    ) -> None:
         """Write results.jsonl as the manifest counts, then remove what does not count.
 
         May be done again, by another driver too, until the journal is gone, which goes last.
-        Gives what the comparisons with a baseline say, in short.
         """
         with Artefacts(self.job, self.storage, self.folder, manifest) as artefacts:
             for row in self._lines(manifest, rows):
                 artefacts.add(row)
-            compared = artefacts.store(manifest)
+            artefacts.store(manifest)
         self._remove_uncounted(manifest)
         journal.remove()
-        return [in_short(comparison) for comparison in compared]
-
-    def comparisons(self) -> list[dict[str, Any]]:
-        """What `publish` gave, read again; empty where nothing was compared."""
-        uri = self._uri(COMPARISONS)
-        if not self.storage.exists(uri):
-            return []
-        told = json.loads(self.storage.read_all(uri, _MAX_COMPARISON_BYTES))
-        return [in_short(comparison) for comparison in told["comparisons"]]
 
     def is_published(self, journal: Journal) -> bool:
         """Whether `publish` has come to its end."""

@@ -61,11 +61,12 @@ class StoredResults:
         raise StorageError(f"{self.uri} has no case {case}; it has {', '.join(names)}, ...")
 
     def comparisons(self) -> list[dict[str, Any]]:
-        """What comparison.json says; empty where nothing was compared."""
+        """What the manifest says of them, or comparison.json beside an earlier release's."""
+        if (found := self.manifest().get("comparisons")) is not None:
+            return list(found)
         if not self.storage.exists(posixpath.join(self.uri, "comparison.json")):
             return []
-        found: list[dict[str, Any]] = self._map("comparison.json")["comparisons"]
-        return found
+        return list(self._map("comparison.json")["comparisons"])
 
     def spec(self) -> SimulationJobSpec | None:
         """The job as it ran; None where it was not kept (before version 0.1)."""

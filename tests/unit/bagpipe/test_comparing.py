@@ -1,0 +1,148 @@
+"""The comparison is a part of a job's verdict, and is made before the manifest is put."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.driver.baseline import check_baseline
+from bagpipe.driver.comparing import compared
+from bagpipe.driver.progress import Progress
+from bagpipe.run.case_run import Row
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage, StorageError
+from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
+from tests.unit.report.publishing import publish
+
+
+def passed(*numbers: int) -> list[Row]:
+    return [make_row(f"a-{n}", fragment=f"a-{n}") for n in numbers]
+
+
+def against(tmp_path: Path, rows: list[Row], *allow: str, before: Any = None) -> dict[str, Any]:
+    """The manifest of a job with these rows, after an earlier one of four that passed."""
+    tmp_path.mkdir(exist_ok=True)
+    first = publish(tmp_path, passed(0, 1, 2, 3) if before is None else before, uid="first")
+    uri = f"pvc://results/{first.relative_to(tmp_path)}"
+    folder = publish(tmp_path, rows, baseline={"results": uri}, comparison={"allow": list(allow)})
+    found: dict[str, Any] = json.loads((folder / "manifest.json").read_text())
+    return found
+
+
+def said(manifest: dict[str, Any]) -> tuple[str, str]:
+    return manifest["verdict"], manifest["verdictReason"]
+
+
+def test_a_job_like_its_baseline_passes(tmp_path: Path) -> None:
+    found = against(tmp_path, passed(0, 1, 2, 3))
+    assert said(found) == ("Passed", "")
+    assert [one["verdict"] for one in found["comparisons"]] == ["same"]
+
+
+def test_a_job_whose_every_case_passed_and_that_lacks_one_has_regressed(tmp_path: Path) -> None:
+    found = against(tmp_path, passed(0, 1, 2))
+    assert (found["phase"], *said(found)) == ("Complete", "Failed", "Regressed")
+    assert found["message"] == (
+        "3 of 3 cases ran, verdict Failed; this job against the earlier job: 1 missing"
+    )
+    assert found["counts"]["regressed"] == 1
+    assert said(against(tmp_path / "b", passed(0, 1, 2), "Missing")) == ("Passed", "")
+
+
+def test_a_case_that_gives_no_evidence_any_more_is_worse_than_invalid(tmp_path: Path) -> None:
+    rows = [*passed(0, 1, 2), make_row("a-3", "invalid", "NotEnoughEvidence", fragment="a-3")]
+    assert said(against(tmp_path, rows)) == ("Failed", "Regressed")
+    allowed = against(tmp_path / "b", rows, "Regressed")
+    # What is allowed of the comparison makes no invalid case valid.
+    assert said(allowed) == ("Invalid", "Invalid")
+
+
+def test_a_case_that_failed_is_the_gravest(tmp_path: Path) -> None:
+    rows = [make_row("a-0", "failed", "CriterionFailed", fragment="a-0")]
+    found = against(tmp_path, rows)
+    assert said(found) == ("Failed", "Failed")
+    assert "1 regressed (1 failed)" in found["message"]
+    assert said(against(tmp_path / "b", rows, "Regressed", "Missing")) == ("Failed", "Failed")
+
+
+def measured(more: float) -> list[Row]:
+    finding = {"name": "latency", "outcome": "passed", "unit": "s", "direction": "lower"}
+    return [
+        make_row(f"a-{n}", fragment=f"a-{n}", bag=f"b{n}",
+                 criteria=[finding | {"figure": 1 + more * (n + 1)}])
+        for n in range(6)
+    ]  # fmt: skip
+
+
+def test_worse_figures_fail_a_job_whose_every_case_passed(tmp_path: Path) -> None:
+    found = against(tmp_path, measured(0.1), before=measured(0.0))
+    assert said(found) == ("Failed", "WorseCriteria")
+    assert found["message"].endswith("this job against the earlier job: worse in latency")
+    allowed = against(tmp_path / "b", measured(0.1), "WorseCriteria", before=measured(0.0))
+    assert said(allowed) == ("Passed", "")
+    assert allowed["comparisons"][0]["verdict"] == "worse"  # told all the same
+
+
+def test_what_has_nothing_in_common_is_no_pass(tmp_path: Path) -> None:
+    before = [make_row("b-0", "errored", "AgentDied", fragment="b-0")]
+    found = against(tmp_path, passed(0), "Missing", before=before)
+    assert said(found) == ("Invalid", "NothingCompared")
+    allowed = against(tmp_path / "b", passed(0), "Missing", "Unknown", before=before)
+    assert said(allowed) == ("Passed", "")
+
+
+def with_baseline(uri: str) -> SimulationJobSpec:
+    return make_spec(baseline={"results": uri})
+
+
+def test_a_baseline_that_is_gone_at_the_end_is_no_pass(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    progress = Progress("r")
+    progress.begin(1)
+    progress.add(make_row("a-0"))
+    progress.compare(compared(with_baseline("pvc://results/gone"), lambda: passed(0), storage))
+    assert progress.finish()
+    told = progress.snapshot()
+    assert (told["phase"], told["verdict"]) == ("Complete", "Invalid")
+    assert told["verdictReason"] == "BaselineUnreadable"
+    assert "spec.baseline can't be read: pvc://results/gone/results.jsonl" in told["message"]
+
+
+def test_a_baseline_is_waited_for_as_other_storage_is() -> None:
+    asked = []
+
+    def patiently(make: Any) -> Any:
+        asked.append(make)
+        return []
+
+    compared(with_baseline("pvc://results/gone"), list, Storage({}), patiently)
+    assert len(asked) == 1
+
+
+def test_a_baseline_without_a_case_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "results.jsonl").write_text("")
+    with pytest.raises(StorageError, match=r"has no case: write status\.results of a job that ran"):
+        check_baseline("pvc://results/", Storage({"results": str(tmp_path)}))
+
+
+def test_a_damaged_baseline_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "results.jsonl").write_text('{"case": "a", "outcome": "passed"}\n{\n')
+    with pytest.raises(StorageError, match=r"results\.jsonl line 2 is no row"):
+        check_baseline("pvc://results/", Storage({"results": str(tmp_path)}))
+
+
+def test_a_job_without_baseline_and_variants_compares_nothing() -> None:
+    found = compared(make_job({}).spec, lambda: passed(0), Storage({}))
+    assert (found.found, found.reason, found.objections) == ([], "", [])
+
+
+def test_an_adopted_manifest_says_the_same(tmp_path: Path) -> None:
+    manifest = against(tmp_path, passed(0, 1, 2))
+    progress = Progress("r")
+    progress.adopt(manifest)
+    told = progress.snapshot()
+    assert (told["verdict"], told["verdictReason"]) == ("Failed", "Regressed")
+    assert told["comparisons"] == [
+        {"variant": "", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}
+    ]
