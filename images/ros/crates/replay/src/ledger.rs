@@ -46,6 +46,15 @@ pub(crate) fn ledger(
     ledger
 }
 
+impl Ledger {
+    /// Adds how many seconds each node's threads waited for a processor.
+    pub(crate) fn add_waits(&mut self, seconds: &BTreeMap<String, f64>) {
+        for line in self.topics.iter_mut().flat_map(|topic| &mut topic.subscribers) {
+            line.waited_seconds = seconds.get(&line.node).copied();
+        }
+    }
+}
+
 /// The connections of each topic.
 pub(crate) fn present(topics: &[Arc<Publication>]) -> Vec<BTreeSet<u64>> {
     let ids = |topic: &Arc<Publication>| topic.subscribers().iter().map(|link| link.id).collect();

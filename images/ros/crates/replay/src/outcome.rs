@@ -52,7 +52,7 @@ impl Strength {
 
 /// The proof of delivery. Lossless means: for every subscriber of every topic `received`
 /// equals the topic's `sent` and `dropped` is 0.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Ledger {
     /// Sum of the topics' `sent`.
     pub sent: u64,
@@ -69,7 +69,7 @@ pub struct Ledger {
 }
 
 /// One published topic.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LedgerTopic {
     /// The name that it was published under.
     pub topic: String,
@@ -85,7 +85,7 @@ pub struct LedgerTopic {
 }
 
 /// One node's share of a topic: `received + dropped == sent`.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct LedgerSubscriber {
     /// The node's name.
     pub node: String,
@@ -99,6 +99,9 @@ pub struct LedgerSubscriber {
     pub strength: Strength,
     /// Messages known to wait in its queue; `None` if that can't be known.
     pub queue: Option<u64>,
+    /// How long the node's threads could have run from the window's start until its messages were
+    /// received, and had no processor; summed over threads, `None` if that can't be known.
+    pub waited_seconds: Option<f64>,
 }
 
 /// What was recorded.

@@ -76,13 +76,13 @@ impl Proof {
     }
 
     /// Learns where nodes run. One that does not say is known by its words alone.
-    pub(crate) fn meet(&mut self, nodes: &BTreeSet<String>) -> BTreeSet<i32> {
+    pub(crate) fn meet(&mut self, nodes: &BTreeSet<String>) -> BTreeMap<String, i32> {
         for node in nodes {
             if let Ok(pid) = self.audit.pid(node) {
                 self.pids.insert(node.clone(), pid);
             }
         }
-        self.pids.values().copied().collect()
+        self.pids.clone()
     }
 
     /// Takes in that a node has answered every message of a topic in lock-step.

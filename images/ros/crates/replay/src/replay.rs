@@ -1,6 +1,6 @@
 //! The way of a replay, from the first registration to the finished recording.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -21,7 +21,7 @@ use crate::machine::{Foreign, Gauge};
 use crate::outcome::{Ledger, Playback, Replayed, Timings};
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
-use crate::processes::Processes;
+use crate::processes::{Processes, Waiting};
 use crate::prove::{Patience, Proof};
 use crate::recorder::{Recorder, Room};
 use crate::simulate::{Turns, World};
@@ -160,12 +160,13 @@ fn perform(
     let rounds = Rounds::new(proof, player.publications().to_vec());
     // Once now: where the nodes are, a master that is started anew could not say.
     rounds.ask();
-    let foreign = Foreign::new(Mutex::new(pids.clone()));
-    let mut processes = Processes::meet(pids);
+    let all: BTreeSet<i32> = pids.values().copied().collect();
+    let foreign = Foreign::new(Mutex::new(all.clone()));
+    let mut processes = Processes::meet(all);
     let subscribe = laps.lap();
 
     let window = request.window;
-    let (lead_in, gauge, pace) = std::thread::scope(|scope| {
+    let (lead_in, gauge, waiting, pace) = std::thread::scope(|scope| {
         scope.spawn(|| rounds.run(&discovery));
         let _ends = EndOnDrop(&rounds);
         watch.enter(Stage::LeadIn);
@@ -173,7 +174,7 @@ fn perform(
         let lead_in = laps.lap();
         watch.enter(Stage::Play);
         clock.stand(window.start);
-        let gauge = Gauge::start(&foreign);
+        let (gauge, waiting) = (Gauge::start(&foreign), Waiting::begin(&pids));
         if request.mode == Mode::Lockstep {
             // What was said before the window is before it in every run.
             node.sweep(PAUSE);
@@ -184,7 +185,7 @@ fn perform(
             Some(turns) => turns.play(&mut player, watch)?,
             None => player.play(plan.counted.clone(), schedule, Share::Counted, watch)?,
         };
-        Ok::<_, ReplayError>((lead_in, gauge, pace))
+        Ok::<_, ReplayError>((lead_in, gauge, waiting, pace))
     })?;
     let play = laps.lap();
 
@@ -193,17 +194,22 @@ fn perform(
     let mut proof = rounds.into_proof();
     let drain = Drain { node, request, recorder, since: Instant::now() };
     drain.prove(&mut proof, &mut player, watch)?;
+    let waited = waiting.seconds();
     drain.listen(&mut proof, &mut processes, &mut player, watch)?;
     take_answers(&player, &mut proof);
     let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
-    let ledger = ledger(player.publications(), player.played(), &there, &proof);
+    let mut ledger = ledger(player.publications(), player.played(), &there, &proof);
+    ledger.add_waits(&waited);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     let machine = Some(gauge.finish(playback.late_max_seconds));
     Ok(Replayed { ledger, playback, timings, machine, ..Replayed::default() })
 }
 
 /// Learns which nodes there are, and which processes are theirs.
-fn meet(node: &Node, discovery: &Discovery<'_>) -> Result<(Proof, BTreeSet<i32>), ReplayError> {
+fn meet(
+    node: &Node,
+    discovery: &Discovery<'_>,
+) -> Result<(Proof, BTreeMap<String, i32>), ReplayError> {
     let mut proof = Proof::new(Audit::new(node.master().clone(), node.slave_uri(), ASK));
     let pids = proof.meet(&discovery.others()?);
     Ok((proof, pids))

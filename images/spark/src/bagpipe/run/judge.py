@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from bagpipe.faults import FaultPolicy
+from bagpipe.run.losses import by_the_machine, losses, why
 
 Outcome = Literal["passed", "failed", "invalid", "errored"]
 
@@ -73,45 +74,30 @@ def _evidence(result: dict[str, Any]) -> Judgement:
 
 
 def _losses(result: dict[str, Any]) -> Iterator[Judgement]:
-    """The first loss, or the first figure that can't be.
-
-    A loss is the stack's unless the machine is shown to have been too busy: where nobody measured
-    that, nothing speaks for the machine's fault.
-    """
-    for topic in result["ledger"]["topics"]:
-        for subscriber in topic["subscribers"]:
-            received, dropped = subscriber["received"], subscriber["dropped"]
-            if received > topic["sent"]:
-                yield Judgement(
-                    "errored",
-                    "ProtocolError",
-                    f"{subscriber['node']} says that it received {received} messages on"
-                    f" {topic['topic']}, and {topic['sent']} were sent: the ledger proves nothing",
-                )
-                return
-            if received != topic["sent"] or dropped:
-                yield _loss(topic, subscriber, result.get("machine") or {})
-                return
-
-
-def _loss(topic: dict[str, Any], subscriber: dict[str, Any], machine: dict[str, Any]) -> Judgement:
-    message = (
-        f"{subscriber['node']} processed {subscriber['received']} of {topic['sent']} messages on"
-        f" {topic['topic']}, {subscriber['dropped']} dropped"
-    )
-    if (queue := subscriber.get("queue")) is not None:
-        message += f", {queue} in its queue"
-    said = f" ({machine['message']})" if machine.get("message") else ""
-    if machine.get("busy"):
-        return Judgement(
+    """The first figure that can't be, else the first loss of the stack's, else of the machine's."""
+    found = list(losses(result))
+    for loss in found:
+        if loss.received > loss.sent:
+            yield Judgement(
+                "errored",
+                "ProtocolError",
+                f"{loss.node} says that it received {loss.received} messages on {loss.topic}, and"
+                f" {loss.sent} were sent: the ledger proves nothing",
+            )
+            return
+    for loss in found:
+        if not by_the_machine(loss, result):
+            yield Judgement(
+                "failed",
+                "MessagesLost",
+                f"{loss.sentence}{why(loss, result)}: its queue is shorter than its delay; play"
+                " slower or give the node a longer queue",
+            )
+            return
+    for loss in found[:1]:
+        yield Judgement(
             "errored",
             "MachineBusy",
-            f"{message}, while the machine was too busy{said}: give the stack more CPU, use fewer"
-            " spark.slots or play slower",
+            f"{loss.sentence}, while the machine was too busy{why(loss, result)}: give the stack"
+            " more CPU, use fewer spark.slots or play slower",
         )
-    return Judgement(
-        "failed",
-        "MessagesLost",
-        f"{message}{said}: its queue is shorter than its delay; play slower or give the node a"
-        " longer queue",
-    )

@@ -3,6 +3,7 @@
 
 mod rest;
 mod threads;
+mod waiting;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ use rest::{Look, RESTING, Watch};
 use threads::{Demand, Waits};
 
 pub(crate) use rest::Rest;
+pub(crate) use waiting::Waiting;
 
 /// The least time between the two looks that say what is usual, and the most, where
 /// somebody is not at rest.

@@ -114,7 +114,10 @@ mod tests {
     /// A look at (process, thread, milliseconds wanted, turns, what it waits for).
     fn look(at: u64, threads: &[(i32, i32, u64, u64, Waits)]) -> Look {
         let one = |&(process, thread, wanted, turns, waits): &(i32, i32, u64, u64, Waits)| {
-            ((process, thread), (Demand { nanoseconds: wanted * MS, turns }, waits))
+            (
+                (process, thread),
+                (Demand { nanoseconds: wanted * MS, turns, ..Demand::default() }, waits),
+            )
         };
         Look { at: Duration::from_millis(at), threads: threads.iter().map(one).collect() }
     }

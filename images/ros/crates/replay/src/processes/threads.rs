@@ -30,6 +30,8 @@ pub(crate) enum Waits {
 pub(crate) struct Demand {
     /// Nanoseconds that it ran or would have run, had there been a processor.
     pub(crate) nanoseconds: u64,
+    /// Nanoseconds of these in which it could have run and had no processor.
+    pub(crate) waited: u64,
     /// How often it has been put on one.
     pub(crate) turns: u64,
 }
@@ -38,7 +40,7 @@ pub(crate) struct Demand {
 pub(crate) fn demand(schedstat: &str) -> Option<Demand> {
     let mut numbers = schedstat.split_ascii_whitespace().map(|word| word.parse::<u64>().ok());
     let (ran, waited, turns) = (numbers.next()??, numbers.next()??, numbers.next()??);
-    Some(Demand { nanoseconds: ran.saturating_add(waited), turns })
+    Some(Demand { nanoseconds: ran.saturating_add(waited), waited, turns })
 }
 
 /// Reads /proc/PID/task/TID/syscall: a number and its arguments in hexadecimal, or `running`.
@@ -63,7 +65,7 @@ mod tests {
 
     #[test]
     fn the_kernels_words_on_threads_are_understood() {
-        let ran = Demand { nanoseconds: 1_500, turns: 7 };
+        let ran = Demand { nanoseconds: 1_500, waited: 500, turns: 7 };
         assert_eq!(demand("1000 500 7\n"), Some(ran));
         assert_eq!(demand("1000 500\n"), None);
         assert_eq!(waits("running\n"), Some(Waits::Else));

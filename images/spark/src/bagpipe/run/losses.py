@@ -1,0 +1,71 @@
+"""Whose fault a loss is: the stack's, or that of a machine that kept it from its messages. Pure.
+
+A machine that is busy excuses no loss by itself, since some machine always is. It must have kept
+the very node that lost from running, and for about as long as the lost messages took to come: a
+node whose queue holds one message misses the next one only if it does not run for a period.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+# A thread waits in slices, and messages come unevenly: half of the time must be explained.
+_EXPLAINED = 0.5
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What one node did not process of one topic."""
+
+    node: str
+    topic: str
+    sent: int
+    received: int
+    dropped: int
+    queue: int | None
+    waited: float | None
+
+    @property
+    def sentence(self) -> str:
+        """What was lost, where."""
+        told = (
+            f"{self.node} processed {self.received} of {self.sent} messages on {self.topic},"
+            f" {self.dropped} dropped"
+        )
+        return told if self.queue is None else f"{told}, {self.queue} in its queue"
+
+
+def losses(result: Mapping[str, Any]) -> Iterator[Loss]:
+    """Each subscriber's loss of a RESULT's ledger, in its order."""
+    for topic in result["ledger"]["topics"]:
+        for line in topic["subscribers"]:
+            if line["received"] != topic["sent"] or line["dropped"]:
+                yield Loss(
+                    line["node"], topic["topic"], topic["sent"], line["received"],
+                    line["dropped"], line.get("queue"), line.get("waited_seconds"),
+                )  # fmt: skip
+
+
+def by_the_machine(loss: Loss, result: Mapping[str, Any]) -> bool:
+    """Whether the machine was busy and can have caused as large a loss.
+
+    Where nobody measured the machine, nothing speaks for its fault. `machine.stall_max_seconds` and
+    `late_max_seconds` count as well: while all stands still, no thread is seen to wait.
+    """
+    machine = result.get("machine") or {}
+    if not machine.get("busy"):
+        return False
+    if loss.waited is None:
+        return True
+    kept = loss.waited + machine["stall_max_seconds"] + machine["late_max_seconds"]
+    period = result["playback"]["played_seconds"] / max(1, loss.sent)
+    return bool(kept >= _EXPLAINED * loss.dropped * period)
+
+
+def why(loss: Loss, result: Mapping[str, Any]) -> str:
+    """What was measured of the machine, in parentheses; empty where nothing was."""
+    machine = result.get("machine") or {}
+    told = [machine["message"]] if machine.get("message") else []
+    if machine.get("busy") and loss.waited is not None:
+        told.append(f"{loss.node} itself waited {loss.waited:.2f} s for a processor")
+    return f" ({'; '.join(told)})" if told else ""

@@ -1,0 +1,79 @@
+"""Whose fault a loss is."""
+
+from typing import Any
+
+import pytest
+
+from bagpipe.run.judge import judge
+
+SENT = 50
+PLAYED = 5.0
+
+
+def result(*lines: dict[str, Any], busy: bool = True, **machine: float) -> dict[str, Any]:
+    """RESULT of a run of 50 messages in 5 s, in which each line of the ledger lost something."""
+    return {
+        "stack": {"ended": [], "stderr": []},
+        "ledger": {
+            "sent": SENT,
+            "topics": [{"topic": "/scan", "sent": SENT, "subscribers": list(lines)}],
+        },
+        "recorded": {"messages": 1},
+        "playback": {"played_seconds": PLAYED},
+        "machine": {
+            "busy": busy,
+            "message": "others had 80 % of the processors",
+            "stall_max_seconds": 0.0,
+            "late_max_seconds": 0.0,
+        }
+        | machine,
+    }
+
+
+def lost(dropped: int, waited: float | None, node: str = "/slow") -> dict[str, Any]:
+    """A node that lost some of its messages, and how long it waited for a processor."""
+    received = SENT - dropped
+    return {"node": node, "received": received, "dropped": dropped, "waited_seconds": waited}
+
+
+@pytest.mark.parametrize(
+    ("dropped", "waited", "reason"),
+    [
+        # 39 messages came in 3.9 s: half of that must be explained.
+        (39, 0.2, "MessagesLost"),
+        (39, 1.94, "MessagesLost"),
+        (39, 1.96, "MachineBusy"),
+        (1, 0.04, "MessagesLost"),
+        (1, 0.06, "MachineBusy"),
+        (39, 0.0, "MessagesLost"),
+        # A process that nobody could look at: what the whole machine did has to do.
+        (39, None, "MachineBusy"),
+    ],
+)
+def test_a_busy_machine_excuses_what_it_can_have_caused(
+    dropped: int, waited: float | None, reason: str
+) -> None:
+    assert judge(result(lost(dropped, waited))).reason == reason
+
+
+def test_a_node_that_waited_on_a_calm_machine_has_no_excuse() -> None:
+    assert judge(result(lost(1, 3.0), busy=False)).reason == "MessagesLost"
+
+
+@pytest.mark.parametrize("figure", ["stall_max_seconds", "late_max_seconds"])
+def test_a_machine_that_stood_still_is_an_excuse_too(figure: str) -> None:
+    assert judge(result(lost(4, 0.01), **{figure: 0.3})).reason == "MachineBusy"
+    assert judge(result(lost(4, 0.01), **{figure: 0.1})).reason == "MessagesLost"
+
+
+def test_a_starved_node_does_not_hide_the_loss_of_another_one() -> None:
+    judged = judge(result(lost(3, 2.0, "/starved"), lost(3, 0.01, "/lossy")))
+    assert (judged.outcome, judged.reason) == ("failed", "MessagesLost")
+    assert judged.message.startswith("/lossy processed 47 of 50 messages on /scan, 3 dropped")
+
+
+def test_the_sentence_says_how_long_the_node_itself_waited() -> None:
+    assert (
+        "(others had 80 % of the processors; /slow itself waited 0.20 s for a processor)"
+        in judge(result(lost(39, 0.2))).message
+    )
