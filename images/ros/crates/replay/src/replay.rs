@@ -160,9 +160,8 @@ fn perform(
     let rounds = Rounds::new(proof, player.publications().to_vec());
     // Once now: where the nodes are, a master that is started anew could not say.
     rounds.ask();
-    let all: BTreeSet<i32> = pids.values().copied().collect();
-    let foreign = Foreign::new(Mutex::new(all.clone()));
-    let mut processes = Processes::meet(all);
+    let foreign = Foreign::new(Mutex::new(pids.values().copied().collect()));
+    let mut processes = Processes::meet(pids.values().copied().collect());
     let subscribe = laps.lap();
 
     let window = request.window;
@@ -196,10 +195,8 @@ fn perform(
     drain.prove(&mut proof, &mut player, watch)?;
     let waited = waiting.seconds();
     drain.listen(&mut proof, &mut processes, &mut player, watch)?;
-    take_answers(&player, &mut proof);
     let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
-    let mut ledger = ledger(player.publications(), player.played(), &there, &proof);
-    ledger.add_waits(&waited);
+    let ledger = conclude(&player, &mut proof, &there, &waited);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     let machine = Some(gauge.finish(playback.late_max_seconds));
     Ok(Replayed { ledger, playback, timings, machine, ..Replayed::default() })
@@ -255,6 +252,19 @@ fn await_lead_in(
     })?;
     proof.end_lead_in(player.publications());
     Ok(())
+}
+
+/// The ledger of all that is known in the end; `waited` are seconds by node.
+fn conclude(
+    player: &Player<'_>,
+    proof: &mut Proof,
+    there: &[BTreeSet<u64>],
+    waited: &BTreeMap<String, f64>,
+) -> Ledger {
+    take_answers(player, proof);
+    let mut ledger = ledger(player.publications(), player.played(), there, proof);
+    ledger.add_waits(waited);
+    ledger
 }
 
 /// What the answers of a lock-step play prove. They are those of a topic's only subscriber,
