@@ -238,15 +238,6 @@ LIARS = [
         *CRASHED,
         SEGV,
     ),
-    Row(
-        "crashes-when-told",
-        OF,
-        "dies by SIGSEGV when it is told to end",
-        PRESENCE,
-        _death("crashes-when-told"),
-        *CRASHED,
-        SEGV,
-    ),
 ]
 
 # Those that leave a mark when they do what they do.

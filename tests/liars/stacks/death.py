@@ -135,15 +135,6 @@ class ChildSaysNo(Localiser):
         self.say(right(pose))
 
 
-class CrashesWhenTold(Localiser):
-    """Lives to the end, and dies of SIGSEGV when it is told to end."""
-
-    def serve(self):
-        signal.signal(signal.SIGINT, lambda *_: die())
-        while not rospy.is_shutdown():
-            wait(0.05)
-
-
 class SlowToEnd(Localiser):
     """Writes its map when it is told to end, which takes a second."""
 

@@ -50,7 +50,8 @@ struct Stack {
 
 void honest(ros::Publisher& out, int, const PoseStamped& pose) { out.publish(right(pose)); }
 
-// roscpp writes on a thread of its own: what was published has to leave first.
+// roscpp writes on a thread of its own: what was published has to leave first. Its threads block
+// signals: one that is not forced by the kernel has to be sent to the process.
 void leave(std::function<void()> how) {
   std::thread([how] {
     usleep(100'000);
@@ -89,7 +90,7 @@ std::map<std::string, Stack> stacks() {
   all["honest"] = {honest};
   all["many-threads"] = {honest, 0, 4};
   all["slow-but-right"] = {slow(10'000)};
-  all["segfault"] = {then(kPoses, [] { raise(SIGSEGV); })};
+  all["segfault"] = {then(kPoses, [] { kill(getpid(), SIGSEGV); })};
   all["null"] = {then(kPoses, [] { *static_cast<volatile int*>(nullptr) = 1; })};
   all["uncaught"] = {then(kPoses, diverge)};
   all["status-3"] = {then(kPoses, [] { _exit(3); })};

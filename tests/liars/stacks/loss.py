@@ -33,8 +33,10 @@ class LosesTwoRunsOfThree(ShortQueue):
             self.busy = 0.0
 
 
-class FirstCallbackBlocks(ShortQueue):
-    """It loads a model when the first pose of the lead-in comes, and loses those of the window."""
+class FirstCallbackBlocks(Localiser):
+    """It loads a model when the first pose comes, while its queue has room for ten."""
+
+    queue = 10
 
     def heard(self, number, pose):
         if number == 1:
