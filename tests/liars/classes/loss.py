@@ -72,7 +72,6 @@ LIARS = [
         SOME_LIVE,
         _loss("stops"),
         "failed",
-        "StackStoppedReading",
     ),
     Row(
         "never-done",
