@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe.faults import FaultPolicy, FaultRule
 from bagpipe.run.judge import judge
 
 SENT = 50
@@ -77,3 +78,11 @@ def test_the_sentence_says_how_long_the_node_itself_waited() -> None:
         "(others had 80 % of the processors; /slow itself waited 0.20 s for a processor)"
         in judge(result(lost(39, 0.2))).message
     )
+
+
+@pytest.mark.parametrize("waited", [0.0, 9.0])
+def test_a_loss_that_is_allowed_is_allowed_whoever_caused_it(waited: float) -> None:
+    policy = FaultPolicy([FaultRule(cause="MessagesLost", action="allow")])
+    judged = judge(result(lost(39, waited)), policy)
+    assert judged.outcome == "passed"
+    assert [each.cause for each in judged.allowed] == ["MessagesLost"]

@@ -84,6 +84,9 @@ impl Runner<'_> {
         timings.stop = begun.elapsed().as_secs_f64();
         match (played, stack) {
             (_, Err(survivors)) => Err(Failure::new("Internal", survivors)),
+            (Ok(_), Ok((_, Ending { ended: Some(ended), stderr }))) => {
+                Err(Failure::Abort(Box::new(master_gone(ended, stderr))))
+            }
             (Ok(replayed), Ok((Some(stack), _))) => Ok(Outcome::new(replayed, stack, timings)),
             (Ok(_), Ok((None, _))) => Err(Failure::new("Internal", "played without a stack")),
             (Err(Failure::Abort(abort)), Ok((stack, master))) => {
@@ -212,7 +215,9 @@ impl Runner<'_> {
         {
             nodes::note_stayed(self.master_uri, &mut self.roll.borrow_mut());
         }
-        course.push(Moment { at: Instant::now(), stage: progress.stage, bag_seconds });
+        let now = Instant::now();
+        let at = progress.last_out.filter(|_| progress.stage == Stage::Drain).unwrap_or(now);
+        course.push(Moment { at, stage: progress.stage, bag_seconds });
     }
 
     /// What has become of the nodes that were there when the play began.
@@ -238,7 +243,7 @@ impl Runner<'_> {
 
     /// Progress to the worker, if the pipe takes it: a slow reader must not slow the player.
     fn tell(&self, progress: Progress) {
-        let Progress { stage, sent, recorded, bag_seconds } = progress;
+        let Progress { stage, sent, recorded, bag_seconds, .. } = progress;
         let metric = Metric { stage: stage.name().to_owned(), sent, recorded, bag_seconds };
         let Ok(payload) = to_map(&metric) else { return };
         let Ok(mut link) = self.link.try_borrow_mut() else { return };
@@ -266,6 +271,23 @@ impl Runner<'_> {
         let master_stderr = master.map(|master| master.output().1).unwrap_or_default();
         children.forget_all();
         Ok((ending, Ending { ended: master_ended, stderr: master_stderr }))
+    }
+}
+
+/// Without a master nobody can say which nodes were there in the end.
+fn master_gone(ended: Ended, stderr: Vec<String>) -> Abort {
+    let Ended { exit_status, signal } = ended;
+    let message = format!(
+        "the rosmaster ended with {ended} during the case, so which nodes were there in the end \
+         can't be known"
+    );
+    Abort {
+        reason: "RosMasterFailed".to_owned(),
+        message,
+        exit_status,
+        signal,
+        stderr,
+        ..Abort::default()
     }
 }
 

@@ -164,6 +164,7 @@ impl<'a> Player<'a> {
         let mut pace = Pace::default();
         let mut spacing = self.spacing(range.clone(), schedule);
         self.last_tick = from;
+        let last = range.end.saturating_sub(1);
         for place in range {
             let Some((message, route)) = self.plan.message(place) else { continue };
             self.pause_before(message.time, route, &mut schedule, watch)?;
@@ -179,6 +180,9 @@ impl<'a> Player<'a> {
                 Mode::Max | Mode::Lockstep => self.move_to(message.time),
             }
             self.tick(message.time, watch)?;
+            if place == last && share == Share::Counted {
+                watch.last_goes_out();
+            }
             self.send(place, share, watch)?;
             watch.reached = message.time;
             pace.last = Some(message.time);

@@ -173,6 +173,8 @@ pub struct Progress {
     pub recorded: u64,
     /// Bag time since the beginning of the lead-in, in seconds.
     pub bag_seconds: f64,
+    /// When the window's last message went out, once that is known.
+    pub last_out: Option<Instant>,
 }
 
 impl ReplayRequest {

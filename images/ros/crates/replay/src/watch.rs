@@ -27,6 +27,7 @@ pub(crate) struct Watch<'a> {
     told: Instant,
     failure: Option<ReplayError>,
     stack_exited: bool,
+    last_out: Option<Instant>,
     window_start: u64,
     tally: Tally,
     /// Messages played so far.
@@ -56,6 +57,7 @@ impl<'a> Watch<'a> {
             told: now,
             failure: None,
             stack_exited: false,
+            last_out: None,
             window_start: request.window.start,
             tally: Tally::new(request),
             sent: 0,
@@ -98,7 +100,12 @@ impl<'a> Watch<'a> {
         self.failure.take().unwrap_or_else(unknown)
     }
 
-    /// Whether the stack ended while that was allowed, during the drain.
+    /// The last message goes out now: whoever ends from here on may have had everything.
+    pub(crate) fn last_goes_out(&mut self) {
+        self.last_out = Some(Instant::now());
+    }
+
+    /// Whether the stack ended while that was allowed, behind the last message.
     pub(crate) fn stack_has_exited(&self) -> bool {
         self.stack_exited
     }
@@ -118,7 +125,9 @@ impl<'a> Watch<'a> {
     fn look(&mut self, now: Instant) -> Option<ReplayError> {
         let during = self.during();
         match (self.cancelled)() {
-            Some(Cancellation::StackExited) if self.stage == Stage::Drain => {
+            Some(Cancellation::StackExited)
+                if self.stage == Stage::Drain || self.last_out.is_some() =>
+            {
                 self.stack_exited = true;
             }
             Some(Cancellation::StackExited) => return Some(ReplayError::StackExited { during }),
@@ -149,6 +158,7 @@ impl<'a> Watch<'a> {
             sent: self.sent,
             recorded: self.recorder.messages(),
             bag_seconds: bag as f64 / 1e9,
+            last_out: self.last_out,
         });
     }
 

@@ -10,6 +10,8 @@ from bagpipe.run.losses import by_the_machine, losses, why
 Outcome = Literal["passed", "failed", "invalid", "errored"]
 
 _NO_POLICY = FaultPolicy([])
+# A job that allows a loss allows it whoever caused it.
+_CAUSES = {"MachineBusy": "MessagesLost"}
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,10 @@ def first_that_counts(
     """The first fault that the job does not allow, with those before it that it does."""
     allowed: list[Allowed] = []
     for found in faults:
-        if not policy.allows(found.reason):
+        cause = _CAUSES.get(found.reason, found.reason)
+        if not policy.allows(cause):
             return replace(found, allowed=tuple(allowed))
-        allowed.append(Allowed(found.reason, found.message))
+        allowed.append(Allowed(cause, found.message))
     return replace(otherwise, allowed=tuple(allowed))
 
 
