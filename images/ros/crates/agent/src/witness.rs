@@ -20,6 +20,8 @@ const FIRST_PAUSE: Duration = Duration::from_millis(10);
 const LONGEST_PAUSE: Duration = Duration::from_millis(100);
 /// Where there are many processes a look takes long; it may cost a fiftieth of a processor.
 const REST: u32 = 50;
+/// A look that takes long because the machine is busy must not blind us for long.
+const LONGEST_REST: Duration = Duration::from_millis(500);
 
 /// The end of a process.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -81,7 +83,7 @@ impl Watch {
         loop {
             let begun = Instant::now();
             self.look();
-            let rest = pause.max(begun.elapsed() * REST);
+            let rest = pause.max((begun.elapsed() * REST).min(LONGEST_REST));
             pause = (pause * 2).min(LONGEST_PAUSE);
             let until = Instant::now() + rest;
             while Instant::now() < until {

@@ -38,7 +38,8 @@ while not os.path.exists(sys.argv[1] + "/bad"):
     time.sleep(0.02)
 nodes.append(subprocess.Popen([python, here, "good", "0", "never"]))
 while True:
-    time.sleep(0.1)
+    # Late enough that whoever watches can read how a child has ended, on a busy machine too.
+    time.sleep(1)
     for place, node in enumerate(nodes):
         if node is not None and node.poll() is not None:
             respawn = [python, here, "bad", "0", "never"]
