@@ -118,7 +118,11 @@ def test_a_gap_of_ten_minutes_leaves_the_jobs_verdict_alone(
     progress.begin(len(made.cases))
     for case in made.cases:
         played = sum(case.window.start <= each.time < case.window.end for each in recorded)
-        answered = {"ledger": {"topics": [], "sent": played}, "recorded": {"messages": played}}
+        answered = {
+            "stack": {"ended": []},
+            "ledger": {"topics": [], "sent": played},
+            "recorded": {"messages": played},
+        }
         verdict = judge(answered)
         progress.add(make_row(case.id, verdict.outcome, verdict.reason))
     assert progress.finish()
