@@ -99,6 +99,16 @@ def test_the_verdict_is_the_first_thing_to_be_seen(browser: webdriver.Chrome, pa
     assert logged(browser, "browser") == []
 
 
+def test_of_a_regression_that_ran_the_machine_is_shown(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    opened(browser, page, [row for row in drive_rows(288) if row["outcome"] != "errored"])
+    first = browser.find_element(By.CSS_SELECTOR, "#first-case details.case")
+    assert first.get_attribute("open") is not None
+    assert "CriterionFailed" in first.text
+    assert "The machine meanwhile" in first.text
+
+
 def test_the_first_regression_is_open_and_causes_stand_together(
     browser: webdriver.Chrome, page: Path
 ) -> None:
@@ -115,7 +125,8 @@ def test_the_first_regression_is_open_and_causes_stand_together(
     first = browser.find_element(By.CSS_SELECTOR, "#first-case details.case")
     assert first.get_attribute("open") is not None
     assert first.get_attribute("data-case") in [link.text for link in named]
-    assert "The machine meanwhile" in first.text
+    # A crash of what passed has regressed, as a criterion that fails; it has no figures to show.
+    assert "segmentation fault" in first.text
     crash.find_element(By.CSS_SELECTOR, "button.chip").click()
     assert found(browser) == f"{len(crashes)} of {len(rows)} cases"
     browser.find_element(By.ID, "clear").click()
