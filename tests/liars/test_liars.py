@@ -36,12 +36,11 @@ def army(
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_every_stack_is_told_for_what_it_is(army: Army, row: Row) -> None:
     told = army.told(row)
-    case = told.case
-    summary = f"{case['outcome']} {case['reason']}: {told.words}"
+    summary = str(told)
     for mark in row.marks:
         assert told.marks.get(mark), f"the stack has not run: {summary}"
-    assert case["outcome"] in row.outcome.split("|"), summary
+    assert told.outcome in row.outcome.split("|"), summary
     if row.reason:
-        assert case["reason"] == row.reason, summary
+        assert told.reason == row.reason, summary
     for piece in row.says:
         assert piece in told.words, summary

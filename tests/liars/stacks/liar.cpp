@@ -94,7 +94,7 @@ std::map<std::string, Stack> stacks() {
   all["null"] = {then(kPoses, [] { *static_cast<volatile int*>(nullptr) = 1; })};
   all["uncaught"] = {then(kPoses, diverge)};
   all["status-3"] = {then(kPoses, [] { _exit(3); })};
-  all["leaves-the-graph"] = {then(45, [] { ros::shutdown(); })};
+  all["leaves-the-graph"] = {then(20, [] { ros::shutdown(); })};
   all["wall-clock"] = {[](ros::Publisher& out, int, const PoseStamped& pose) {
     PoseStamped answer = right(pose);
     answer.header.stamp.fromSec(ros::WallTime::now().toSec());

@@ -35,7 +35,12 @@ RESULT: dict[str, Any] = {
         ],
     },
     "recorded": {"messages": 2, "bytes": 5, "high_water_bytes": 5, "topics": []},
-    "playback": {"asked_rate": 1.0, "achieved_rate": 1.0, "late_max_seconds": 0.0},
+    "playback": {
+        "asked_rate": 1.0,
+        "achieved_rate": 1.0,
+        "late_max_seconds": 0.0,
+        "played_seconds": 3.0,
+    },
     "timings": {},
 }
 

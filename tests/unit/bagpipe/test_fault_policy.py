@@ -37,7 +37,13 @@ CRASH = {
     "bag_seconds": 12.3,
     "message": "/tracker was ended by signal 11 (SIGSEGV) at 12.3 s",
 }
-BUSY = {"busy": True, "message": "the pod was throttled for 2.1 s", "throttled_seconds": 2.1}
+BUSY = {
+    "busy": True,
+    "message": "the pod was throttled for 2.1 s",
+    "throttled_seconds": 2.1,
+    "stall_max_seconds": 0.0,
+    "late_max_seconds": 0.0,
+}
 IDLE = {"busy": False, "message": "no stall above 4 ms", "throttled_seconds": 0.0}
 
 
@@ -55,7 +61,7 @@ def ended(**end: Any) -> dict[str, Any]:
 def lossy(machine: dict[str, Any] | None = None, **subscriber: Any) -> dict[str, Any]:
     """RESULT of a run in which a node lost a message."""
     result = copy.deepcopy(RESULT)
-    lost = {"received": 2, "dropped": 1} | subscriber
+    lost = {"received": 2, "dropped": 1, "waited_seconds": 60.0} | subscriber
     result["ledger"]["topics"][0]["subscribers"][0] |= lost
     return result | ({"machine": machine} if machine else {})
 
@@ -189,11 +195,11 @@ def test_a_busy_machine_is_tried_again_and_the_run_is_told(
     assert kept(context) == [row["recorded"].removeprefix("cases/")]
 
 
-def test_a_machine_that_stays_busy_is_an_error_after_four_runs(
+def test_a_machine_that_stays_busy_is_an_error_after_six_runs(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    row = run(*[telling(lossy(BUSY), monkeypatch)] * 4)
-    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "MachineBusy", 4)
+    row = run(*[telling(lossy(BUSY), monkeypatch)] * 6)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "MachineBusy", 6)
     # Beside `result`, whose ledgers are summed over the cases that were run.
     assert (row["result"], row["recorded"], kept(context)) == (None, None, [])
     assert row["evidence"] == {"ledger": lossy()["ledger"], "machine": BUSY}

@@ -47,14 +47,19 @@ def lost(dropped: int, waited: float | None, node: str = "/slow") -> dict[str, A
         (1, 0.04, "MessagesLost"),
         (1, 0.06, "MachineBusy"),
         (39, 0.0, "MessagesLost"),
-        # A process that nobody could look at: what the whole machine did has to do.
-        (39, None, "MachineBusy"),
+        # A process that nobody could look at, such as one that came late.
+        (39, None, "MessagesLost"),
     ],
 )
 def test_a_busy_machine_excuses_what_it_can_have_caused(
     dropped: int, waited: float | None, reason: str
 ) -> None:
     assert judge(result(lost(dropped, waited))).reason == reason
+
+
+@pytest.mark.parametrize("mode", ["max", "lockstep"])
+def test_a_player_that_waits_for_the_stack_leaves_it_no_excuse(mode: str) -> None:
+    assert judge(result(lost(39, 9.0)), mode=mode).reason == "MessagesLost"
 
 
 def test_a_node_that_waited_on_a_calm_machine_has_no_excuse() -> None:
@@ -71,6 +76,7 @@ def test_a_starved_node_does_not_hide_the_loss_of_another_one() -> None:
     judged = judge(result(lost(3, 2.0, "/starved"), lost(3, 0.01, "/lossy")))
     assert (judged.outcome, judged.reason) == ("failed", "MessagesLost")
     assert judged.message.startswith("/lossy processed 47 of 50 messages on /scan, 3 dropped")
+    assert judged.message.endswith("a longer queue; also lost: /starved 3 on /scan")
 
 
 def test_the_sentence_says_how_long_the_node_itself_waited() -> None:

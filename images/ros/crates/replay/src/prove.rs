@@ -263,6 +263,10 @@ impl Known {
 
     /// Messages of the window that reached the callback.
     pub(crate) fn reached(&self, link: &LinkState) -> u64 {
+        // Whoever has answered every message has had it, and may be gone before it was asked.
+        if self.answered {
+            return link.counted;
+        }
         let Some(now) = self.now else { return 0 };
         let reached = match now.drops {
             // roscpp reads everything, in order: what it read beyond the lead-in is counted.
@@ -304,6 +308,8 @@ mod tests {
     #[test]
     fn what_is_not_proved_is_not_received() {
         assert_eq!(Known::default().reached(&link(0, 100)), 0);
+        let answered = Known { answered: true, ..Known::default() };
+        assert_eq!(answered.reached(&link(3, 100)), 100);
         let unsettled = Known { now: said(106, None), ..Known::default() };
         assert_eq!(unsettled.reached(&link(10, 100)), 96);
         let unsettled = Known { now: said(110, Some(7)), ..Known::default() };

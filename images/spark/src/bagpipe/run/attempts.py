@@ -7,8 +7,8 @@ from bagpipe.faults import CAUSES, FaultPolicy
 
 # Runs of a case that meets one fault of the machinery again and again.
 ATTEMPTS = 3
-# A busy machine has one more: it is no fault of anybody's, and passes.
-MACHINE_BUSY_ATTEMPTS = 4
+# A busy machine has more: it is no fault of anybody's, and passes.
+MACHINE_BUSY_ATTEMPTS = 6
 # The number, from 0, of the Spark attempt that gives a case up instead of running it. Of the
 # attempts before it at most one still runs (a speculative copy), so at least 3 executors were lost.
 QUARANTINE_ATTEMPT = 4

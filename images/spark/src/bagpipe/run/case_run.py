@@ -216,7 +216,9 @@ def _played(case: Case, context: RunContext) -> Row:
     recorded = posixpath.join(context.results, name)
     with storage.create(recorded) as sink:
         answer = _answered(case, context, storage, sink)
-    judgement = judge(answer.result, FaultPolicy(context.spec.fault_policy))
+    judgement = judge(
+        answer.result, FaultPolicy(context.spec.fault_policy), context.spec.playback.mode
+    )
     if context.spec.source.simulator is not None:
         control = context.spec.source.simulator.topics.control
         judgement = judge_steering(answer.result, judgement, control)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from bagpipe.faults import FaultPolicy
-from bagpipe.run.losses import by_the_machine, losses, why
+from bagpipe.run.losses import by_the_machine, losses, others, why
 
 Outcome = Literal["passed", "failed", "invalid", "errored"]
 
@@ -36,12 +36,14 @@ class Judgement:
     allowed: tuple[Allowed, ...] = ()
 
 
-def judge(result: dict[str, Any], policy: FaultPolicy = _NO_POLICY) -> Judgement:
+def judge(
+    result: dict[str, Any], policy: FaultPolicy = _NO_POLICY, mode: str = "realtime"
+) -> Judgement:
     """Judge a RESULT map: how the stack ended, what it lost, and whether anything was said.
 
     Ends come first, since a node that has crashed receives nothing more.
     """
-    faults = (*ends(result), *_losses(result))
+    faults = (*ends(result), *_losses(result, mode))
     return first_that_counts(faults, policy, _evidence(result))
 
 
@@ -76,7 +78,7 @@ def _evidence(result: dict[str, Any]) -> Judgement:
     return Judgement("passed")
 
 
-def _losses(result: dict[str, Any]) -> Iterator[Judgement]:
+def _losses(result: dict[str, Any], mode: str) -> Iterator[Judgement]:
     """The first figure that can't be, else the first loss of the stack's, else of the machine's."""
     found = list(losses(result))
     for loss in found:
@@ -89,12 +91,12 @@ def _losses(result: dict[str, Any]) -> Iterator[Judgement]:
             )
             return
     for loss in found:
-        if not by_the_machine(loss, result):
+        if not by_the_machine(loss, result, mode):
             yield Judgement(
                 "failed",
                 "MessagesLost",
                 f"{loss.sentence}{why(loss, result)}: its queue is shorter than its delay; play"
-                " slower or give the node a longer queue",
+                f" slower or give the node a longer queue{others(found, loss)}",
             )
             return
     for loss in found[:1]:
@@ -102,5 +104,5 @@ def _losses(result: dict[str, Any]) -> Iterator[Judgement]:
             "errored",
             "MachineBusy",
             f"{loss.sentence}, while the machine was too busy{why(loss, result)}: give the stack"
-            " more CPU, use fewer spark.slots or play slower",
+            f" more CPU, use fewer spark.slots or play slower{others(found, loss)}",
         )

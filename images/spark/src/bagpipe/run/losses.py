@@ -5,12 +5,14 @@ the very node that lost from running, and for about as long as the lost messages
 node whose queue holds one message misses the next one only if it does not run for a period.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 # A thread waits in slices, and messages come unevenly: half of the time must be explained.
 _EXPLAINED = 0.5
+# A sentence names a few nodes; the ledger has all.
+_MOST_TOLD = 5
 
 
 @dataclass(frozen=True)
@@ -46,17 +48,18 @@ def losses(result: Mapping[str, Any]) -> Iterator[Loss]:
                 )  # fmt: skip
 
 
-def by_the_machine(loss: Loss, result: Mapping[str, Any]) -> bool:
+def by_the_machine(loss: Loss, result: Mapping[str, Any], mode: str) -> bool:
     """Whether the machine was busy and can have caused as large a loss.
 
-    Where nobody measured the machine, nothing speaks for its fault. `machine.stall_max_seconds` and
-    `late_max_seconds` count as well: while all stands still, no thread is seen to wait.
+    Only in `realtime` does a message come at its own time, whatever the node is doing: elsewhere a
+    slow machine slows the player too. Where nobody measured the machine, or how long the node
+    waited (it came late, or is gone), nothing speaks for the machine's fault. The machine's
+    `stall_max_seconds` and `late_max_seconds` count as well: while all stands still, no thread is
+    seen to wait.
     """
     machine = result.get("machine") or {}
-    if not machine.get("busy"):
+    if mode != "realtime" or not machine.get("busy") or loss.waited is None:
         return False
-    if loss.waited is None:
-        return True
     kept = loss.waited + machine["stall_max_seconds"] + machine["late_max_seconds"]
     period = result["playback"]["played_seconds"] / max(1, loss.sent)
     return bool(kept >= _EXPLAINED * loss.dropped * period)
@@ -69,3 +72,10 @@ def why(loss: Loss, result: Mapping[str, Any]) -> str:
     if machine.get("busy") and loss.waited is not None:
         told.append(f"{loss.node} itself waited {loss.waited:.2f} s for a processor")
     return f" ({'; '.join(told)})" if told else ""
+
+
+def others(found: Sequence[Loss], told: Loss) -> str:
+    """The other losses, in short; empty where there is none."""
+    rest = [f"{loss.node} {loss.dropped} on {loss.topic}" for loss in found if loss is not told]
+    more = f" and {len(rest) - _MOST_TOLD} more" if len(rest) > _MOST_TOLD else ""
+    return f"; also lost: {', '.join(rest[:_MOST_TOLD])}{more}" if rest else ""

@@ -12,6 +12,7 @@ use super::output::ProgramOutput;
 use super::rules::{Announced, Emitted, FileFlow, Way};
 use super::{ExecRunner, UNREAD};
 use crate::case::seconds;
+use crate::evidence::how;
 use crate::failure::Failure;
 use crate::processes::Ended;
 
@@ -191,7 +192,7 @@ impl Pump<'_> {
 
     fn check_ended(&self, ended: Ended) -> Result<(), Failure> {
         if ended.exit_status != Some(0) {
-            return Err(Failure::new("StackCrashed", format!("the program ended with {ended}")));
+            return Err(Failure::new("StackCrashed", format!("the program {}", how(ended))));
         }
         if !self.emitted.complete {
             let (files, bytes) = (self.emitted.files.len(), self.emitted.bytes);
