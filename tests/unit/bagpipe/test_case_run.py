@@ -234,7 +234,7 @@ def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
 @pytest.mark.parametrize(
     ("reason", "attempts"),
     [
-        ("MachineBusy", 4),
+        ("MachineBusy", 6),
         ("AgentDied", 3),
         ("MessagesLost", 1),
         ("StackCrashed", 1),
@@ -255,7 +255,7 @@ def test_storage_that_may_answer_later_is_bounded_as_the_others_are() -> None:
 
 
 def test_each_fault_has_an_allowance_of_its_own() -> None:
-    earlier = ["MachineBusy"] * 3 + ["AgentDied"] * 2
+    earlier = ["MachineBusy"] * 5 + ["AgentDied"] * 2
     assert next_attempt("SlotUnavailable", earlier) == Again()
     assert next_attempt("AgentDied", earlier) is None
     assert next_attempt("MachineBusy", earlier) is None
