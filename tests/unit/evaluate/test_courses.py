@@ -35,7 +35,8 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
             [[1.5, 1.0], [2.0, 2.0]],
         ),
         (
-            "latency", {"topic": "/p", "max": "100ms"}, "/p, stamp to receipt", None, 0.1,
+            "latency", {"topic": "/p", "max": "100ms", "minCoverage": 0},
+            "/p, stamp to receipt", None, 0.1,
             [[1.0, 0.25], [2.0, 0.5]],
         ),
         (

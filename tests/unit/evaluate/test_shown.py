@@ -12,8 +12,10 @@ from tests.unit.evaluate.drives import (
     CARS,
     ERROR,
     GOAL,
+    HOLDS,
     INPUTS,
     KEEPS_AWAY,
+    LATENCY,
     RIGHT,
     answer,
     case,
@@ -44,6 +46,15 @@ def test_two_answers_of_fifty_prove_nothing(measure: dict[str, Any]) -> None:
     assert finding.coverage < 0.5
     assert "judged on" in finding.message
     assert "minCoverage" in finding.message
+
+
+@pytest.mark.parametrize("measure", [LATENCY, BOUNDS, HOLDS])
+def test_two_answers_far_apart_have_no_usual_step_that_could_excuse_their_silence(
+    measure: dict[str, Any],
+) -> None:
+    few = found(case([answer(11.7), answer(13.4)]), measure)
+    assert few.outcome == "invalid", few
+    assert "which is 66%" in few.message
 
 
 def test_of_the_truth_nine_tenths_must_be_answered() -> None:

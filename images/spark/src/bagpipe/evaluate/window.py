@@ -17,6 +17,8 @@ _SECOND = 1_000_000_000
 ROUNDING = 1_000_000
 # An answer to a latched map, or to a sensor that was slow, may be stamped before the play began.
 _LONGEST_BEFORE = 60 * _SECOND
+# Between messages: of fewer steps none can be called usual.
+_LEAST_STEPS = 3
 _DAY = 86_400 * _SECOND
 
 
@@ -183,15 +185,16 @@ def times_of(found: Heard) -> list[int]:
 def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float = 0.0) -> float:
     """The share of the window that messages speak for: all of it but the longest silence.
 
-    A silence counts as far as it is longer than the usual time between two messages, and than
-    `usual` ns. Where that would be below `least`, only as far as inputs came meanwhile.
+    A silence counts as far as it is longer than the usual time between two messages, if there are
+    enough to have one, and than `usual` ns. Where that would be below `least`, only as far as
+    inputs came meanwhile.
     """
     inside = sorted(time for time in times if evidence.start <= time < evidence.end)
     length = evidence.end - evidence.start
     if not inside or length <= 0:
         return 0.0
     between = list(itertools.pairwise(inside))
-    if between:
+    if len(between) >= _LEAST_STEPS:
         usual = max(usual, statistics.median(after - before for before, after in between))
     silences = [(evidence.start, inside[0]), *between, (inside[-1], evidence.end)]
     longest = max(after - before for before, after in silences)
