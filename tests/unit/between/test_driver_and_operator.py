@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from bagpipe.driver.__main__ import progress_of
+from bagpipe.driver.comparing import Compared
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import unplanned_row
@@ -120,3 +121,29 @@ def test_a_driver_is_told_what_the_user_wrote_on_the_job() -> None:
     told = JobFile.model_validate(job_file(job, read_spec(job), 1, Settings()))
     assert (told.labels, told.created) == ({"branch": "main"}, "2026-11-20T04:00:00Z")
     assert told.annotations == {"sim.bagpipe.io/commit": "0c1f"}
+
+
+def test_an_account_with_long_words_in_any_language_is_understood() -> None:
+    compared = Progress("pvc://results/out/lane/uid-7", planned=1)
+    compared.add(
+        {
+            "case": "a",
+            "outcome": "passed",
+            "reason": "",
+            "message": "",
+            "attempts": 1,
+            "result": None,
+        }
+    )
+    compared.compare(Compared([], frozenset(), "ComparisonFailed", "KeyError: " + "k" * 6000))
+    compared.finish()
+    failed = Progress("pvc://results/out/lane/uid-7", planned=1)
+    failed.warn("\U0001f697" * 300)
+    failed.fail("StorageFailed", "\U0001f697" * 600)
+    for progress, phase in ((compared, "Complete"), (failed, "Failed")):
+        told = progress.termination_message()
+        assert len(told) <= 4096
+        understood = parse(told)
+        assert understood is not None
+        assert understood.phase == phase
+        assert understood.message

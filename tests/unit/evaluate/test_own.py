@@ -61,6 +61,12 @@ def test_it_may_say_how_much_it_has_seen(tmp_path: Path, share: str, outcome: st
     assert finding.coverage == (None if share == "None" else float(share))
 
 
+def test_halves_of_characters_in_its_words_can_be_written_all_the_same(tmp_path: Path) -> None:
+    program = "def evaluate(case): return {'outcome': 'failed', 'message': 'at \\ud800 s'}"
+    finding = run(tmp_path, program)
+    assert (finding.outcome, finding.message) == ("failed", "at ? s")
+
+
 def test_it_gets_what_belongs_to_the_window(tmp_path: Path) -> None:
     """Of what came after the window's end that which is stamped in it."""
     program = (

@@ -176,6 +176,9 @@ class Progress:
         for part in ("failures", "comparisons"):
             while len(text := json.dumps(snapshot)) > 4096 and snapshot[part]:
                 snapshot[part].pop()
+        for part in ("warning", "message"):
+            while len(text := json.dumps(snapshot)) > 4096 and snapshot[part]:
+                snapshot[part] = snapshot[part][: len(snapshot[part]) // 2]
         return text
 
     def _done(self) -> int:
@@ -210,5 +213,6 @@ class Progress:
         if self._outcomes["invalid"]:
             return "Invalid", "Invalid", why
         if self._compared.reason:
-            return "Invalid", self._compared.reason, f"; {self._compared.message}"
+            said = self._compared.message[: 2 * _MAX_MESSAGE]
+            return "Invalid", self._compared.reason, f"; {said}"
         return ("Invalid", "NothingCompared", why) if against else ("Passed", "", "")

@@ -116,10 +116,10 @@ def _finding(name: str, answer: dict[str, Any]) -> Finding:
         "own",
         outcome,
         figure,
-        str(answer.get("unit", ""))[:32],
-        str(answer.get("limit", ""))[:200],
+        _text(answer, "unit", 32),
+        _text(answer, "limit", 200),
         direction,
-        str(answer.get("message", ""))[:1000],
+        _text(answer, "message", 1000),
     )
     if figure is None or math.isfinite(figure) or outcome == "invalid":
         return found
@@ -129,12 +129,18 @@ def _finding(name: str, answer: dict[str, Any]) -> Finding:
 
 def _judged(finding: Finding, answer: dict[str, Any], wanted: OwnEvaluator) -> Finding:
     share = _number(answer, "coverage")
-    said = str(answer.get("covered", ""))[:200]
+    said = _text(answer, "covered", 200)
     if share is None:
         return covering(finding, None, said, "none", 0.0)
     if not 0 <= share <= 1:
         raise NoEvidenceError(f"the evaluator's coverage is {share:g}: return a share from 0 to 1")
     return covering(finding, share, said or "what the evaluator says", "none", wanted.min_coverage)
+
+
+def _text(answer: dict[str, Any], key: str, most: int) -> str:
+    """A text that can be written as UTF-8: JSON may escape halves of characters, too."""
+    text = str(answer.get(key, ""))[:most]
+    return text.encode("utf-8", "replace").decode()
 
 
 def _number(answer: dict[str, Any], key: str) -> float | None:
