@@ -5,10 +5,12 @@ import dataclasses
 import errno
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bagpipe.pipe.frames import FrameType
+from bagpipe.pipe.session import Answer, SessionError
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run import attempts as attempts_module
 from bagpipe.run import case_run
@@ -285,3 +287,14 @@ def test_a_full_volume_is_tried_again_and_then_passes(
     row, _ = run(well_behaved(), well_behaved())
     assert (row["outcome"], row["attempts"]) == ("passed", 2)
     assert len(kept(context)) == 1
+
+
+def test_a_busy_machine_that_measured_nothing_costs_one_case(
+    case: Case, context: RunContext, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def busy(*_: Any) -> Answer:
+        raise SessionError("MachineBusy", "too busy")
+
+    monkeypatch.setattr(case_run, "_answered", busy)
+    row = run_case(case, context)
+    assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "MachineBusy", 4)

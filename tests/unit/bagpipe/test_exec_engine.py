@@ -185,6 +185,7 @@ def test_a_program_that_gives_up_is_an_error_with_its_words(run: Run) -> None:
         ({"outcome": "failed", "reason": "no word"}, "failed", "ProgramFailed", "says failed"),
         ({"outcome": "invalid", "message": "no car"}, "invalid", "ProgramInvalid", "no car"),
         ({"outcome": "fine"}, "invalid", "UnknownOutcome", "write passed, failed or invalid"),
+        ({"outcome": ["passed"]}, "invalid", "UnknownOutcome", "write passed, failed or invalid"),
     ],
 )
 def test_the_programs_own_word_is_the_verdict(

@@ -78,7 +78,7 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
         threading.Event().wait(again.seconds)
         since = time.monotonic()
         row, may_pass = _attempt(case, context)
-    if row["reason"] == "MachineBusy":
+    if row["reason"] == "MachineBusy" and row["result"]:
         row = _unproved(row, context)
     return _row(case, row, discarded, starts, time.monotonic() - begun)
 

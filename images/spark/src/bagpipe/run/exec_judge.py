@@ -57,7 +57,7 @@ def _own_word(program: dict[str, Any]) -> Judgement:
     message = str(program.get("message", ""))[:_MAX_MESSAGE]
     if outcome == "passed":
         return Judgement("passed", "", message)
-    if outcome not in {"failed", "invalid"}:
+    if outcome not in ("failed", "invalid"):  # of any type: a list has no hash
         return Judgement(
             "invalid",
             "UnknownOutcome",
