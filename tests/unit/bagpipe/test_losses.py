@@ -11,7 +11,7 @@ SENT = 50
 PLAYED = 5.0
 
 
-def result(*lines: dict[str, Any], busy: bool = True, **machine: float) -> dict[str, Any]:
+def result(*lines: dict[str, Any], busy: bool = True, **machine: Any) -> dict[str, Any]:
     """RESULT of a run of 50 messages in 5 s, in which each line of the ledger lost something."""
     return {
         "stack": {"ended": [], "stderr": []},
@@ -68,8 +68,9 @@ def test_a_node_that_waited_on_a_calm_machine_has_no_excuse() -> None:
 
 @pytest.mark.parametrize("figure", ["stall_max_seconds", "late_max_seconds"])
 def test_a_machine_that_stood_still_is_an_excuse_too(figure: str) -> None:
-    assert judge(result(lost(4, 0.01), **{figure: 0.3})).reason == "MachineBusy"
-    assert judge(result(lost(4, 0.01), **{figure: 0.1})).reason == "MessagesLost"
+    for seconds, reason in ((0.3, "MachineBusy"), (0.1, "MessagesLost")):
+        stood: dict[str, Any] = {figure: seconds}
+        assert judge(result(lost(4, 0.01), **stood)).reason == reason
 
 
 def test_a_starved_node_does_not_hide_the_loss_of_another_one() -> None:
