@@ -28,6 +28,11 @@ class Loss:
     waited: float | None
 
     @property
+    def missing(self) -> int:
+        """How many did not arrive, also where they were not counted as dropped."""
+        return max(self.dropped, self.sent - self.received)
+
+    @property
     def sentence(self) -> str:
         """What was lost, where."""
         told = (
@@ -62,7 +67,7 @@ def by_the_machine(loss: Loss, result: Mapping[str, Any], mode: str) -> bool:
         return False
     kept = loss.waited + machine["stall_max_seconds"] + machine["late_max_seconds"]
     period = result["playback"]["played_seconds"] / max(1, loss.sent)
-    return bool(kept >= _EXPLAINED * loss.dropped * period)
+    return bool(kept >= _EXPLAINED * loss.missing * period)
 
 
 def why(loss: Loss, result: Mapping[str, Any]) -> str:
