@@ -169,8 +169,8 @@ LIARS = [
         SOME_LIVE,
         cpp("leaves-the-graph"),
         "failed",
-        "NodeGone",
-        ("/localiser",),
+        # Its process is there, so that the ledger may be the first to miss it.
+        says=("/localiser",),
     ),
     Row(
         "hidden-death",
@@ -199,7 +199,6 @@ LIARS = [
         launched(_death("segfault-in-the-midst"), PLANNER, option="--respawn"),
         "failed",
         "",
-        ("localiser",),
     ),
     Row(
         "respawned-quietly",
@@ -208,8 +207,8 @@ LIARS = [
         SOME_LIVE,
         launched(_death("leaves-after40"), PLANNER, option="--respawn"),
         "failed",
-        "NodeRespawned",
-        ("/localiser",),
+        # Whether the new one has registered by the end is a race.
+        says=("/localiser",),
     ),
     Row(
         "helper-dies",
@@ -308,7 +307,8 @@ HONEST = [
         "is five nodes below a launcher",
         ERROR,
         launched(
-            python("localiser", "localiser"), *[(*PLANNER, f"__name:=planner{n}") for n in range(4)]
+            python("localiser", "localiser"),
+            *[(*PLANNER, f"__name:=planner{n}", "/pose:=/answer") for n in range(4)],
         ),
         "passed",
     ),

@@ -188,10 +188,11 @@ impl Lockstep {
 
     /// Published topics of which every message was answered, with the nodes that answered: they,
     /// and whoever they heard it from, have called back. By count, an answer that was not
-    /// awaited could have stood in for one that was.
+    /// awaited could have stood in for one that was. Of several inputs that may be skipped nobody
+    /// knows which one an answer was for.
     pub(crate) fn answered(&self, answers: &Answers) -> Vec<(usize, BTreeSet<String>)> {
         let mut found = Vec::new();
-        for group in self.groups.iter().filter(|group| !group.skippable) {
+        for group in self.groups.iter().filter(|group| !group.skippable || group.inputs.len() == 1) {
             let heard = answers.of(&group.answer, |heard| (heard.count, heard.publishers.clone()));
             let Some((count, publishers)) = heard else { continue };
             let answered = group.report.answered;
