@@ -192,7 +192,8 @@ impl Lockstep {
     /// knows which one an answer was for.
     pub(crate) fn answered(&self, answers: &Answers) -> Vec<(usize, BTreeSet<String>)> {
         let mut found = Vec::new();
-        for group in self.groups.iter().filter(|group| !group.skippable || group.inputs.len() == 1) {
+        for group in self.groups.iter().filter(|group| !group.skippable || group.inputs.len() == 1)
+        {
             let heard = answers.of(&group.answer, |heard| (heard.count, heard.publishers.clone()));
             let Some((count, publishers)) = heard else { continue };
             let answered = group.report.answered;
