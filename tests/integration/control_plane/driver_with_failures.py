@@ -43,10 +43,13 @@ STEP = {"trigger": "/scan", "answer": "/out", "deadline": "2s"}
 
 
 def result(number: int, lockstep: bool) -> dict[str, Any]:
-    """What an agent tells; every sixth time with a loss."""
+    """What an agent tells; every sixth time in real time with a loss on a busy machine."""
     told = copy.deepcopy(RESULT)
-    if number % 6 == 2:
-        told["ledger"]["topics"][0]["subscribers"][0] |= {"received": 2, "dropped": 1}
+    if number % 6 == 2 and not lockstep:
+        lost = {"received": 2, "dropped": 1, "waited_seconds": 1.0}
+        told["ledger"]["topics"][0]["subscribers"][0] |= lost
+        stood = {"stall_max_seconds": 0.0, "late_max_seconds": 0.0}
+        told["machine"] = stood | {"busy": True, "message": "others had the processors"}
     parts = ("assemble", "master", "stack", "subscribe", "lead_in", "play")
     told["timings"] = dict.fromkeys(parts, 0.01)
     told["playback"] |= {"achieved_rate": 0.97, "played_seconds": 0.2, "late_max_seconds": 0.004}
@@ -77,8 +80,11 @@ def playing(number: int) -> Script:
 def sessions() -> Iterator[Script]:
     """One script for each session, without an end."""
     for number in itertools.count():
-        crashes = number % 6 == 4
-        yield aborting("StackExited", "the stack ended", ["boom"]) if crashes else playing(number)
+        ends = {
+            4: aborting("StackExited", "the stack ended", ["boom"]),
+            5: aborting("NeverSubscribed", "nobody subscribed to /scan", []),
+        }
+        yield ends.get(number % 6) or playing(number)
 
 
 class PatientAgent(FakeAgent):

@@ -158,7 +158,7 @@ def assert_failures_are_seen(prometheus: Prometheus) -> None:
     seen = {
         sample["metric"]["reason"] for sample in prometheus.get("query", query=faults)["result"]
     }
-    assert seen == {"MachineBusy", "StackExited"}
+    assert seen == {"MachineBusy", "NeverSubscribed", "StackExited"}
     failed = 'max_over_time(bagpipe_jobs_ended_total{phase="Failed",verdict="None"}[10m])'
     # It is asked for once in a second.
     wait_until(lambda: prometheus.values(failed) not in ([], [0]), PATIENCE, "no job has failed")
