@@ -1,6 +1,5 @@
 """Stacks that hide what they use: machine.py WHICH."""
 
-import os
 import subprocess
 import sys
 
@@ -33,8 +32,9 @@ class HidesMemory(Localiser):
 
     def begin(self):
         word = ["/usr/bin/setsid", "--fork", sys.executable, "-c"]
-        script = "kept = bytearray(b'1') * (300 << 20); import time; time.sleep(600)"
-        subprocess.run([*word, script], check=True, env=dict(os.environ))
+        script = "kept = bytearray(b'1') * (300 << 20); print(flush=True)\nimport time"
+        hidden = subprocess.Popen([*word, f"{script}; time.sleep(600)"], stdout=subprocess.PIPE)
+        hidden.stdout.readline()
         wait(0.5)
 
 

@@ -252,6 +252,7 @@ impl PlayOptions {
             start: StartWhen {
                 nodes: self.wait_for.clone(),
                 subscribers: self.subscribers.iter().cloned().collect(),
+                at_rest_below: None,
                 delay: self.delay,
             },
             pause: (!self.pause.is_empty())

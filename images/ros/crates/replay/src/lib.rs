@@ -31,6 +31,7 @@ mod replay;
 mod request;
 mod rostime;
 mod run;
+mod settle;
 mod simulate;
 mod spacing;
 mod stamp;
@@ -46,6 +47,7 @@ pub use outcome::{
     Strength, Timings,
 };
 pub use pause::{Pause, Resumed};
+pub use processes::descendants;
 pub use record::{Keep, RecordRequest, RecordedLive, record};
 pub use replay::{replay, replay_together};
 pub use request::{

@@ -119,6 +119,9 @@ pub struct StartWhen {
     pub nodes: Vec<String>,
     /// These topics have so many subscribers.
     pub subscribers: BTreeMap<String, usize>,
+    /// Every process below this one, if it is named, has come to rest: who still starts may
+    /// subscribe too. Waited for at most 2 s, since a node may work without end.
+    pub at_rest_below: Option<u32>,
     /// So much time has passed since all of that.
     pub delay: Duration,
 }

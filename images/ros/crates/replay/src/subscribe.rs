@@ -11,26 +11,25 @@ use crate::lockstep::Lockstep;
 use crate::play::Player;
 use crate::recorder::Recorder;
 use crate::request::resolved;
+use crate::settle::settle;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
 
 /// The time between two looks at the master while subscribers are awaited.
 const DISCOVER: Duration = Duration::from_millis(100);
 /// The time between two looks at our own connections.
-const LOOK: Duration = Duration::from_millis(10);
+pub(crate) const LOOK: Duration = Duration::from_millis(10);
 /// With no topics named, the subscribers are complete once none came for this time.
 const STABLE: Duration = Duration::from_millis(500);
-/// How long to wait for connections that the master already knows of.
-const SETTLE: Duration = Duration::from_secs(2);
 /// How long the master may not answer: one that is started anew needs a second or two.
 const GONE: Duration = Duration::from_secs(5);
 
 /// Which topics to record, and the search for them.
 pub(crate) struct Discovery<'a> {
-    node: &'a Node,
+    pub(crate) node: &'a Node,
     patterns: Vec<Regex>,
     /// Topics whose publishers must be there before the play begins.
-    expected: Vec<String>,
+    pub(crate) expected: Vec<String>,
     master: Mutex<MasterSeen>,
 }
 
@@ -138,7 +137,7 @@ impl<'a> Discovery<'a> {
     }
 
     /// Whether every publisher of a recorded topic that the master knows is connected.
-    fn hears_everyone(&self, state: &SystemState) -> bool {
+    pub(crate) fn hears_everyone(&self, state: &SystemState) -> bool {
         self.node.subscribed_topics().iter().all(|topic| {
             let others = others(state.publishers.get(topic), self.node.name()).count();
             self.node.publishers_of(topic) >= others
@@ -187,7 +186,7 @@ pub(crate) fn wait_for_stack(
         }
         watch.sleep_until(now + LOOK)?;
     }
-    settle(discovery, player, watch)?;
+    settle(discovery, player, request.start.at_rest_below, watch)?;
     let begin = Instant::now() + request.start.delay;
     while Instant::now() < begin {
         watch.sleep_until(begin.min(Instant::now() + LOOK))?;
@@ -219,48 +218,6 @@ fn still_waiting(absent: &[String], request: &ReplayRequest) -> ReplayError {
         absent.join(", "),
         request.subscribe_deadline.as_secs_f64()
     ))
-}
-
-/// Waits until the connections stand that the master knows of: several nodes may
-/// subscribe to one topic, and the recorder must hear every publisher. At most 2 s, and
-/// not an error: a registration may be a dead node's, and a node that answers may be moved
-/// by something else than topics.
-fn settle(
-    discovery: &Discovery<'_>,
-    player: &mut Player<'_>,
-    watch: &mut Watch<'_>,
-) -> Result<(), ReplayError> {
-    let deadline = Instant::now() + SETTLE;
-    while Instant::now() < deadline {
-        if let Some(state) = discovery.look()? {
-            let name = discovery.node.name();
-            let heard = player.advertised().all(|publication| {
-                let registered = state.subscribers.get(&publication.info().topic);
-                let connected = open_subscribers(publication);
-                others(registered, name).all(|node| connected.contains(node))
-            });
-            let begun = begun(&state, &discovery.expected);
-            if heard && begun && discovery.hears_everyone(&state) {
-                return Ok(());
-            }
-        }
-        watch.sleep_until(Instant::now() + LOOK)?;
-        player.show_clock(watch)?;
-    }
-    Ok(())
-}
-
-/// Whether each node that publishes one of these answers has subscribed to anything but the
-/// clock. One that has not is most likely between its two registrations.
-fn begun(state: &SystemState, answers: &[String]) -> bool {
-    let listening: BTreeSet<&String> = state
-        .subscribers
-        .iter()
-        .filter(|(topic, _)| *topic != "/clock")
-        .flat_map(|(_, n)| n)
-        .collect();
-    let mut answering = answers.iter().filter_map(|topic| state.publishers.get(topic)).flatten();
-    answering.all(|node| listening.contains(node))
 }
 
 /// The state of the wait.
@@ -295,12 +252,13 @@ impl Waiting {
     }
 }
 
-fn open_subscribers(publication: &Publication) -> BTreeSet<String> {
+pub(crate) fn open_subscribers(publication: &Publication) -> BTreeSet<String> {
     let links = publication.subscribers().into_iter().filter(|link| link.open);
     links.map(|link| link.node).collect()
 }
 
-fn others<'n>(
+/// Of these nodes all but ourselves.
+pub(crate) fn others<'n>(
     nodes: Option<&'n Vec<String>>,
     ourselves: &'n str,
 ) -> impl Iterator<Item = &'n String> {
@@ -366,23 +324,6 @@ pub(crate) fn whole(pattern: &str) -> Result<Regex, ReplayError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_node_that_answers_has_begun_once_it_listens_to_more_than_the_clock() {
-        let named = |topics: &[(&str, &[&str])]| {
-            let nodes = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
-            topics.iter().map(|(topic, names)| ((*topic).to_owned(), nodes(names))).collect()
-        };
-        let seen = |subscribers: &[(&str, &[&str])]| SystemState {
-            publishers: named(&[("/a", &["/quick"]), ("/b", &["/slow"]), ("/c", &["/other"])]),
-            subscribers: named(subscribers),
-        };
-        let answers = ["/a".to_owned(), "/b".to_owned()];
-        let clock: (&str, &[&str]) = ("/clock", &["/quick", "/slow"]);
-        assert!(!begun(&seen(&[clock, ("/in", &["/quick"])]), &answers));
-        assert!(begun(&seen(&[clock, ("/in", &["/quick", "/slow"])]), &answers));
-        assert!(begun(&seen(&[clock, ("/in", &["/quick"])]), &answers[..1]));
-    }
 
     #[test]
     fn names_are_plain_and_patterns_match_whole_names_only() {

@@ -110,6 +110,21 @@ fn a_chain_of_nodes_is_recorded_to_its_end() {
 }
 
 #[test]
+fn a_chain_is_played_to_once_its_links_stand() {
+    let Some(bag) = pr2() else { return };
+    let graph = Graph::start(TMP);
+    let relay = node("relay.py");
+    let _first = graph.python(&relay, &["/joint_states", "/between", "0", "0"]);
+    let _second = graph.python(&node("late_link.py"), &["/between", "/relayed", "1"]);
+    wait_until("both have subscribed", || {
+        let state = graph.client().get_system_state().unwrap();
+        ["/joint_states", "/between"].iter().all(|topic| state.subscribers.contains_key(*topic))
+    });
+    let replayed = run(&bag, &first_messages(&bag, &graph, 2)).unwrap();
+    all_is_recorded(&replayed, 2);
+}
+
+#[test]
 fn a_quick_node_is_not_waited_for_longer_than_it_takes_to_see_that_it_rests() {
     let Some(bag) = pr2() else { return };
     let graph = Graph::start(TMP);

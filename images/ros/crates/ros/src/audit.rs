@@ -103,6 +103,16 @@ impl Audit {
         pid.ok_or_else(|| client.bad_answer("getPid", "expected a process's number"))
     }
 
+    /// The connections that `node` publishes into, as pairs of topic and subscriber.
+    ///
+    /// # Errors
+    /// As [`Audit::ask`].
+    pub fn subscribers(&mut self, node: &str) -> Result<BTreeSet<(String, String)>, RosError> {
+        let caller = self.master.caller().to_owned();
+        let info = self.asked(node)?.client.call("getBusInfo", &[caller.as_str().into()])?;
+        Ok(outgoing(&info))
+    }
+
     fn asked(&mut self, node: &str) -> Result<&mut Asked, RosError> {
         if !self.nodes.contains_key(node) {
             let uri = self.master.lookup_node(node)?;
@@ -128,6 +138,17 @@ fn our_links(info: &Value, publisher: &str) -> BTreeMap<String, BTreeSet<i64>> {
         }
     }
     ours
+}
+
+/// Topic and subscriber of each link that leads out of a node, from `getBusInfo`:
+/// `[link, subscriber's name, "o", transport, topic, ...]`.
+fn outgoing(info: &Value) -> BTreeSet<(String, String)> {
+    let rows = info.as_list().unwrap_or_default().iter().filter_map(Value::as_list);
+    let links = rows.filter_map(|row| {
+        let text = |at: usize| row.get(at).and_then(Value::as_str);
+        (text(2)? == "o").then(|| Some((text(4)?.to_owned(), text(1)?.to_owned()))).flatten()
+    });
+    links.collect()
 }
 
 /// The statistics of our link among those of a topic. Without knowledge of the numbers
@@ -169,6 +190,8 @@ mod tests {
         .into();
         let ours = our_links(&info, "http://me:2/");
         assert_eq!(ours["/a"], BTreeSet::from([4]));
+        let to = ("/a".to_owned(), "http://me:2/".to_owned());
+        assert_eq!(outgoing(&info), BTreeSet::from([to]));
         let roscpp = pick(&[link(4, 20_000, 19_940)], ours.get("/a")).unwrap();
         assert_eq!(roscpp.reached(), 60);
         let rospy = pick(&[link(3, 1, -1), link(4, 8_682, -1)], ours.get("/a")).unwrap();

@@ -12,7 +12,7 @@ use super::threads::{Demand, Waits};
 
 /// The part of a processor that a process wants while it works, beyond what it always wants.
 /// Timers and the reading of /clock take a few hundredths.
-const WORKING: f64 = 0.25;
+pub(crate) const WORKING: f64 = 0.25;
 /// A process that wants less than this before the first input is at rest by then.
 pub(crate) const RESTING: f64 = 0.1;
 

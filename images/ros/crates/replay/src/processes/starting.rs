@@ -1,0 +1,95 @@
+//! Whether a stack still starts: whether any process of it works before it was told anything.
+//!
+//! A node that loads its libraries is not in the graph yet, so nothing there says that somebody
+//! is still to come.
+
+use std::time::{Duration, Instant};
+
+use super::rest::{Look, WORKING};
+use super::{descendants, look};
+
+/// The time in which all must have rested.
+const QUIET: Duration = Duration::from_millis(100);
+
+/// The watch over all processes below one.
+pub(crate) struct Starting {
+    root: Option<u32>,
+    born: Instant,
+    last: Option<Look>,
+}
+
+impl Starting {
+    /// Without a root there is nothing that can be seen to start.
+    pub(crate) fn below(root: Option<u32>) -> Starting {
+        Starting { root, born: Instant::now(), last: None }
+    }
+
+    /// Whether nobody has worked for a while; `changed`: whether the graph has, since the last
+    /// time, which begins the while anew.
+    pub(crate) fn is_over(&mut self, changed: bool) -> bool {
+        let Some(root) = self.root else { return true };
+        let before = self.last.as_ref().filter(|_| !changed);
+        if before.is_some_and(|before| self.born.elapsed() < before.at + QUIET) {
+            return false;
+        }
+        let now = look(&descendants(root, &Default::default()), self.born);
+        let over = before.is_some_and(|before| rested(before, &now));
+        self.last = Some(now);
+        over
+    }
+}
+
+/// Whether no process came between two looks, and none worked.
+fn rested(before: &Look, now: &Look) -> bool {
+    let processes = |look: &Look| look.threads.keys().map(|thread| thread.0).max();
+    processes(now) <= processes(before)
+        && now.wanted_since(before).values().all(|part| *part < WORKING)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::processes::threads::{Demand, Waits};
+
+    #[test]
+    fn a_process_that_works_or_is_new_is_still_starting() {
+        let look = |at, threads: &[(i32, u64)]| Look {
+            at: Duration::from_millis(at),
+            threads: threads
+                .iter()
+                .map(|&(pid, ms)| {
+                    let demand = Demand { nanoseconds: ms * 1_000_000, ..Demand::default() };
+                    ((pid, pid), (demand, Waits::Else))
+                })
+                .collect(),
+        };
+        let before = look(0, &[(7, 50), (8, 20)]);
+        assert!(rested(&before, &look(100, &[(7, 60), (8, 20)])));
+        assert!(!rested(&before, &look(100, &[(7, 50), (8, 46)])));
+        assert!(!rested(&before, &look(100, &[(7, 50), (8, 20), (9, 0)])));
+        assert!(rested(&before, &look(100, &[(7, 50)])));
+    }
+
+    #[test]
+    fn what_works_is_waited_for_until_it_rests_and_a_changed_graph_begins_anew() {
+        let enough = std::env::temp_dir().join(format!("bagpipe-busy-{}", std::process::id()));
+        let script = format!("sh -c 'while [ ! -e {} ]; do :; done' & wait", enough.display());
+        let mut busy = std::process::Command::new("sh").args(["-c", &script]).spawn().unwrap();
+        let mut starting = Starting::below(Some(busy.id()));
+        let begun = Instant::now();
+        while begun.elapsed() < 5 * QUIET {
+            assert!(!starting.is_over(false));
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        std::fs::write(&enough, "").unwrap();
+        busy.wait().unwrap();
+        std::fs::remove_file(&enough).unwrap();
+        let until = Instant::now() + Duration::from_secs(60);
+        while !starting.is_over(false) {
+            assert!(Instant::now() < until);
+            std::thread::yield_now();
+        }
+        assert!(!starting.is_over(true));
+        assert!(Starting::below(None).is_over(true));
+    }
+}

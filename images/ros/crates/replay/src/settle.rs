@@ -1,0 +1,187 @@
+//! Between the stack's appearance and the first input: the connections that the master's
+//! knowledge promises come to stand, ours and those between the stack's own nodes.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::{Duration, Instant};
+
+use bagpipe_ros::SystemState;
+use bagpipe_ros::audit::Audit;
+
+use crate::ReplayError;
+use crate::play::Player;
+use crate::processes::Starting;
+use crate::subscribe::{Discovery, LOOK, open_subscribers, others};
+use crate::watch::Watch;
+
+/// How long to wait for connections that the master already knows of.
+const SETTLE: Duration = Duration::from_secs(2);
+/// The deadline of a question to a node; roscpp and rospy answer within milliseconds.
+const ASK: Duration = Duration::from_secs(1);
+/// Where every node publishes, and what no answer is made of.
+const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
+
+/// Waits until nobody seems to start any more, and the connections stand that the master knows
+/// of: several nodes may subscribe to one topic, the recorder must hear every publisher, and a
+/// node that passes an input on before the next one is connected loses it without a trace. At
+/// most 2 s, and not an error: a registration may be a dead node's, a node may work without
+/// end, and one that answers may be moved by something else than topics.
+pub(crate) fn settle(
+    discovery: &Discovery<'_>,
+    player: &mut Player<'_>,
+    at_rest_below: Option<u32>,
+    watch: &mut Watch<'_>,
+) -> Result<(), ReplayError> {
+    let deadline = Instant::now() + SETTLE;
+    let node = discovery.node;
+    let mut audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
+    let mut inner = Inner::default();
+    let mut starting = Starting::below(at_rest_below);
+    let mut last = SystemState::default();
+    while Instant::now() < deadline {
+        if let Some(state) = discovery.look()? {
+            let name = node.name();
+            let heard = player.advertised().all(|publication| {
+                let registered = state.subscribers.get(&publication.info().topic);
+                let connected = open_subscribers(publication);
+                others(registered, name).all(|node| connected.contains(node))
+            });
+            let starts = !starting.is_over(state != last);
+            if !starts
+                && heard
+                && begun(&state, &discovery.expected)
+                && discovery.hears_everyone(&state)
+                && inner.stand(&promised(&state, name), &mut audit, deadline)
+            {
+                return Ok(());
+            }
+            last = state;
+        }
+        watch.sleep_until(Instant::now() + LOOK)?;
+        player.show_clock(watch)?;
+    }
+    Ok(())
+}
+
+/// Whether each node that publishes one of these answers has subscribed to anything but the
+/// clock. One that has not is most likely between its two registrations.
+fn begun(state: &SystemState, answers: &[String]) -> bool {
+    let listening: BTreeSet<&String> = state
+        .subscribers
+        .iter()
+        .filter(|(topic, _)| *topic != "/clock")
+        .flat_map(|(_, n)| n)
+        .collect();
+    let mut answering = answers.iter().filter_map(|topic| state.publishers.get(topic)).flatten();
+    answering.all(|node| listening.contains(node))
+}
+
+/// A topic and one of its subscribers.
+type Link = (String, String);
+
+/// The connections between other nodes than `ourselves` that the master's lists promise, by
+/// publisher. What a node sends to itself never leaves it.
+fn promised(state: &SystemState, ourselves: &str) -> BTreeMap<String, BTreeSet<Link>> {
+    let mut promised: BTreeMap<String, BTreeSet<Link>> = BTreeMap::new();
+    let topics = state.publishers.iter().filter(|(topic, _)| !LOGS.contains(&topic.as_str()));
+    for (topic, publishers) in topics {
+        for publisher in others(Some(publishers), ourselves) {
+            let subscribers = others(state.subscribers.get(topic), ourselves);
+            let links = subscribers.filter(|node| *node != publisher);
+            let links: Vec<Link> = links.map(|node| (topic.clone(), node.clone())).collect();
+            if !links.is_empty() {
+                promised.entry(publisher.clone()).or_default().extend(links);
+            }
+        }
+    }
+    promised
+}
+
+/// What the stack's nodes have told of the connections between them.
+#[derive(Default)]
+struct Inner {
+    standing: BTreeMap<String, BTreeSet<Link>>,
+    /// Nodes that don't answer; asking them again would only use the time up.
+    mute: BTreeSet<String>,
+}
+
+impl Inner {
+    /// Whether all that is promised stands, as far as the publishers tell.
+    fn stand(
+        &mut self,
+        promised: &BTreeMap<String, BTreeSet<Link>>,
+        audit: &mut Audit,
+        deadline: Instant,
+    ) -> bool {
+        for (node, links) in promised {
+            if self.holds(node, links) {
+                continue;
+            }
+            if Instant::now() >= deadline {
+                return false;
+            }
+            match audit.subscribers(node) {
+                Ok(standing) => self.standing.insert(node.clone(), standing),
+                Err(_) => {
+                    self.mute.insert(node.clone());
+                    continue;
+                }
+            };
+            if !self.holds(node, links) {
+                return false;
+            }
+        }
+        true
+    }
+
+    fn holds(&self, node: &str, links: &BTreeSet<Link>) -> bool {
+        self.mute.contains(node)
+            || self.standing.get(node).is_some_and(|standing| links.is_subset(standing))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn named(topics: &[(&str, &[&str])]) -> BTreeMap<String, Vec<String>> {
+        let nodes = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+        topics.iter().map(|(topic, names)| ((*topic).to_owned(), nodes(names))).collect()
+    }
+
+    #[test]
+    fn a_node_that_answers_has_begun_once_it_listens_to_more_than_the_clock() {
+        let seen = |subscribers: &[(&str, &[&str])]| SystemState {
+            publishers: named(&[("/a", &["/quick"]), ("/b", &["/slow"]), ("/c", &["/other"])]),
+            subscribers: named(subscribers),
+        };
+        let answers = ["/a".to_owned(), "/b".to_owned()];
+        let clock: (&str, &[&str]) = ("/clock", &["/quick", "/slow"]);
+        assert!(!begun(&seen(&[clock, ("/in", &["/quick"])]), &answers));
+        assert!(begun(&seen(&[clock, ("/in", &["/quick", "/slow"])]), &answers));
+        assert!(begun(&seen(&[clock, ("/in", &["/quick"])]), &answers[..1]));
+    }
+
+    #[test]
+    fn connections_of_others_are_promised_by_topic_and_ours_and_the_logs_are_not() {
+        let state = SystemState {
+            publishers: named(&[
+                ("/in", &["/us"]),
+                ("/mid", &["/first", "/both"]),
+                ("/out", &["/second"]),
+                ("/rosout", &["/first", "/second"]),
+            ]),
+            subscribers: named(&[
+                ("/in", &["/first"]),
+                ("/mid", &["/both", "/second", "/us"]),
+                ("/out", &["/us"]),
+                ("/rosout", &["/rosout"]),
+            ]),
+        };
+        let link = |node: &str| ("/mid".to_owned(), node.to_owned());
+        let expected = BTreeMap::from([
+            ("/first".to_owned(), BTreeSet::from([link("/both"), link("/second")])),
+            ("/both".to_owned(), BTreeSet::from([link("/second")])),
+        ]);
+        assert_eq!(promised(&state, "/us"), expected);
+    }
+}
