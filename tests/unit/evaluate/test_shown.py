@@ -109,6 +109,34 @@ def test_of_two_samples_that_are_as_near_the_earlier_counts() -> None:
     assert finding.figure == 1.0
 
 
+STRICT = ERROR["error"] | {"within": "10ms"}
+
+
+@pytest.mark.parametrize(("metric", "figure"), [("max", 6.9), ("rmse", 0.69)])
+def test_a_wild_answer_between_the_truth_s_samples_is_an_error(metric: str, figure: float) -> None:
+    wild = answer(12.04, y=7.0)
+    finding = found(case([*RIGHT, wild]), {"error": STRICT | {"metric": metric}})
+    # As near to both neighbours as they are to each other it may have been, and no nearer.
+    assert finding.figure == pytest.approx(figure, rel=0.01)
+    assert "over 50 pairs of /pose and 1 answers that stray between" in finding.message
+    wider = found(case([*RIGHT, wild]), ERROR)
+    assert wider.figure == pytest.approx(7.0, rel=0.001)
+    assert "over 51 pairs of /pose, " in wider.message
+
+
+def test_answers_between_the_truth_s_samples_are_right_if_the_truth_may_have_been_there() -> None:
+    between = [answer(at + 0.05) for at in INPUTS]
+    outside = [answer(9.9, late=0.2, y=7.0), answer(14.95, y=7.0)]
+    finding = found(case([*RIGHT, *between, *outside]), {"error": STRICT})
+    assert (finding.outcome, finding.figure) == ("passed", 0.0)
+    assert "stray" not in finding.message
+    angle = STRICT | {"angle": True, "fields": ["pose.position.x"]}
+    truth = [("/truth", at, stamped(at, 6.2 if at < 12 else 0.05, 0.0)) for at in INPUTS]
+    turns = [answer(at, x=6.2 if at < 12 else 0.05) for at in INPUTS]
+    given = case([*turns, answer(11.95, x=6.28)], truth=truth)
+    assert found(given, {"error": angle}).figure == 0.0
+
+
 # Numbers that are none.
 
 

@@ -8,7 +8,7 @@ from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, turned, yaw_of
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
-from bagpipe.evaluate.matching import Matched, matched
+from bagpipe.evaluate.matching import Matched, Pair, matched
 from bagpipe.evaluate.model import Error, FinalPose
 from bagpipe.evaluate.window import Heard, heard, samples
 
@@ -33,7 +33,7 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
         Finding(name, "error", "passed", _figure(wanted, found), direction="lower"),
         None,
         wanted.max,
-        f"{wanted.metric} over {len(found.pairs)} pairs of {wanted.topic}",
+        f"{wanted.metric} over {len(found.pairs)} pairs of {wanted.topic}{_astray(found)}",
     )
     return covering(
         finding,
@@ -48,14 +48,25 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
 
 def _figure(wanted: Error, found: Matched) -> float:
     if wanted.metric == "max":
-        return max(pair.distance for pair in found.pairs)
+        return max(pair.distance for pair in [*found.pairs, *found.strays])
     if wanted.metric == "final":
         return max(found.pairs, key=lambda pair: pair.at).distance
-    # Each of the truth's samples counts once, however often it was answered.
+    # What is known of strays is the least that they may be wrong by: it makes no mean better.
+    return max(_mean(found.pairs), _mean([*found.pairs, *found.strays]))
+
+
+def _mean(pairs: list[Pair]) -> float:
+    """The RMSE; each of the truth's samples counts once, however often it was answered."""
     distances: dict[int, list[float]] = defaultdict(list)
-    for pair in found.pairs:
+    for pair in pairs:
         distances[pair.truth].append(pair.distance)
     return _rms([_rms(each) for each in distances.values()])
+
+
+def _astray(found: Matched) -> str:
+    if not found.strays:
+        return ""
+    return f" and {len(found.strays)} answers that stray between the truth's samples"
 
 
 def _rms(values: list[float]) -> float:

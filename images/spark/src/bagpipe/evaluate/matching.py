@@ -2,7 +2,8 @@
 
 import bisect
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, number_at, turned
@@ -24,7 +25,12 @@ class Pair:
 
 @dataclass(frozen=True)
 class Matched:
-    """All pairs in the order of receipt; `odd` is a failed finding where an answer is no number."""
+    """All pairs in the order of receipt; `odd` is a failed finding where an answer is no number.
+
+    `strays` are answers between two of the truth's samples, near neither in time, and further from
+    both than these are from each other; their distance is what remains beyond that, so it is never
+    too great for a truth that goes from one sample to the next.
+    """
 
     pairs: list[Pair]
     answers: int
@@ -32,6 +38,7 @@ class Matched:
     answered: list[bool]  # which of the truth's samples have an answer that is near enough
     clock: Clock
     odd: Finding | None = None
+    strays: list[Pair] = field(default_factory=list)
 
 
 def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
@@ -53,22 +60,38 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     )  # fmt: skip
     times, order = [_when(each) for each in truth], [_when(each) for each in answers]
     fields = wanted.truth_fields or wanted.fields
-    pairs = []
+    true = [[number_at(each.message, path) for path in fields] for each in truth]
+    pairs, strays = [], []
     for sample, at, values in zip(answers, order, numbers, strict=True):
+        if odd:
+            break
         nearest = _nearest(times, at)
-        if abs(times[nearest] - at) > most or odd:
-            continue
-        differences = [
-            value - number_at(truth[nearest].message, theirs)
-            for (_, value), theirs in zip(values, fields, strict=True)
-        ]
-        if wanted.angle:
-            differences = [turned(difference) for difference in differences]
-        pairs.append(Pair(sample.time, at, nearest, math.hypot(*differences)))
+        answer = [value for _, value in values]
+        if abs(times[nearest] - at) <= most:
+            distance = _distance(answer, true[nearest], angle=wanted.angle)
+            pairs.append(Pair(sample.time, at, nearest, distance))
+        elif times[0] < at < times[-1]:
+            after = bisect.bisect_left(times, at)
+            distance = _beyond(answer, true[after - 1], true[after], angle=wanted.angle)
+            if distance > 0:
+                strays.append(Pair(sample.time, at, nearest, distance))
     ordered = sorted(order)
     near = [abs(ordered[_nearest(ordered, time)] - time) <= most for time in times]
     clock: Clock = "header" if stamped else found.clock
-    return Matched(pairs, len(answers), times, near, clock, odd)
+    return Matched(pairs, len(answers), times, near, clock, odd, strays)
+
+
+def _distance(one: Sequence[float], other: Sequence[float], *, angle: bool) -> float:
+    differences = [mine - theirs for mine, theirs in zip(one, other, strict=True)]
+    return math.hypot(*(turned(each) if angle else each for each in differences))
+
+
+def _beyond(
+    answer: Sequence[float], before: Sequence[float], after: Sequence[float], *, angle: bool
+) -> float:
+    """How much further an answer is from both of two truths than these are from each other."""
+    nearest = min(_distance(answer, truth, angle=angle) for truth in (before, after))
+    return max(0.0, nearest - _distance(before, after, angle=angle))
 
 
 def _truth(wanted: Error, evidence: Evidence) -> list[Sample]:
