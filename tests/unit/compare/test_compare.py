@@ -56,7 +56,16 @@ def test_cases_that_the_baseline_lacks_are_new_and_no_evidence() -> None:
     found = only([row(n, "pr-812") for n in range(2)] + [row(0, "released")])
     assert (found.missing, found.message) == ([], "no case changed of 1 cases; 1 new")
     found = only([row(0, "pr-812", "failed")])
-    assert (found.verdict, found.message) == ("unknown", "no case of both could be compared; 1 new")
+    said = "no case of both could be compared; 1 new (1 not passed)"
+    assert (found.verdict, found.message) == ("unknown", said)
+
+
+def test_new_cases_that_fail_and_criteria_that_are_gone_are_mentioned() -> None:
+    rows = [row(0, "released", figure=1.0), row(0, "pr-812")]
+    rows += [row(n, "pr-812", "failed") for n in (1, 2)] + [row(3, "pr-812")]
+    found = only(rows)
+    said = "no case changed of 1 cases; 3 new (2 not passed); measured no more: latency"
+    assert (found.verdict, found.message) == ("same", said)
 
 
 def test_a_case_that_passes_now_is_fixed() -> None:

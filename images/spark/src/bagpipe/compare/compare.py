@@ -91,12 +91,25 @@ def _compared(
     criteria = compared(units, pairs)
     criteria = [one for one in criteria if one.name not in FIGURES or _says_something(one)]
     verdict, message = _verdict(counts, became, criteria)
+    fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
+    message += f" ({fails} not passed)" if fails else ""
+    unmeasured = _unmeasured(baseline, variant)
+    message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),
         flaky=_named("flaky", found, variant),
         missing=[rounds.cases[0] for rounds in missing.values()][:MOST_NAMED], criteria=criteria,
     )  # fmt: skip
+
+
+def _unmeasured(baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds]) -> list[str]:
+    """Criteria of which the variant has not one figure: nothing would say that they are gone."""
+    before, now = (
+        {name for rounds in version.values() for name, figures in rounds.figures.items() if figures}
+        for version in (baseline, variant)
+    )
+    return sorted(before - now - FIGURES.keys()) if now else []
 
 
 def _says_something(one: CriterionComparison) -> bool:
