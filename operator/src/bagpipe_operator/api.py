@@ -4,7 +4,6 @@ Objects go in and out as plain dictionaries: the generated models would drop fie
 not know, and cost more time than the call. No call is repeated here; the queue does that.
 """
 
-import json
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -14,6 +13,7 @@ from kubernetes.aio.client import ApiClient
 from kubernetes.aio.client.exceptions import ApiException
 
 from bagpipe_operator import names
+from bagpipe_operator.nesting import loads
 from bagpipe_operator.view import Json
 
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
@@ -237,14 +237,14 @@ class KubernetesApi:
             raise ApiError(0, "Unreachable", f"{method} {path}: {what}") from error
         if not 200 <= response.status < 300:
             raise _refusal(response.status, text)
-        answer: Json = json.loads(text)
+        answer: Json = loads(text)
         return answer
 
 
 def _refusal(status: int, text: str) -> ApiError:
     """The API server explains itself in a Status object; proxies in front of it do not."""
     try:
-        said = json.loads(text)
+        said = loads(text)
     except ValueError:
         return ApiError(status, "Unknown", text[:500])
     if not isinstance(said, dict):

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator import names
 from bagpipe_operator.executor_template import executor_template
+from bagpipe_operator.nesting import DEEPEST, is_deep
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json
 from bagpipe_operator.volumes import claim_paths
@@ -29,13 +30,18 @@ class JobTooLargeError(ValueError):
 
 def read_spec(job: JobView) -> SimulationJobSpec:
     """The job's spec, checked; raises UnusableSpecError."""
+    if is_deep(job.spec):
+        raise UnusableSpecError(
+            f"spec: its lists and objects lie {DEEPEST} deep in each other or deeper, and less is"
+            " read: look at stack.parameters and matrix, or keep such data in a file of the image"
+        )
     try:
         return SimulationJobSpec.model_validate(plain_spec(job.spec))
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
+        place = ".".join(["spec", *map(str, first["loc"])])
         what = first["msg"].removeprefix("Value error, ")
-        raise UnusableSpecError(f"spec.{place}: {what}") from None
+        raise UnusableSpecError(f"{place}: {what}") from None
 
 
 def plain_spec(spec: Json) -> Json:

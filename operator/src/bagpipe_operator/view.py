@@ -13,6 +13,7 @@ from typing import Any
 
 from bagpipe.marks import marks_of
 from bagpipe_operator import names
+from bagpipe_operator.nesting import bounded
 
 Json = dict[str, Any]
 
@@ -205,8 +206,8 @@ class JobView:
             generation=int(meta.get("generation") or 1),
             resource_version=str(meta.get("resourceVersion") or ""),
             deleting=bool(meta.get("deletionTimestamp")),
-            spec=job.get("spec") or {},
-            status=job.get("status") or {},
+            spec=bounded(job.get("spec") or {}),
+            status=bounded(job.get("status") or {}),
             created=str(meta.get("creationTimestamp") or ""),
             marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
         )

@@ -13,6 +13,7 @@ from typing import Any
 import kopf
 
 from bagpipe_operator import names
+from bagpipe_operator.bounded_session import bounded_connection
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import Lane, WorkQueue
 from bagpipe_operator.view import JobView, Json, PodView, View
@@ -79,10 +80,13 @@ def registry(watch: Watch) -> kopf.OperatorRegistry:
 
     # kopf asks again when a token has expired; a pod's token is renewed in its file.
     @kopf.on.login(registry=handlers, retries=5)
-    async def login(**kwargs: Any) -> kopf.ConnectionInfo | None:
-        if in_cluster(os.environ):
-            return kopf.login_with_service_account(**kwargs)
-        return kopf.login_with_kubeconfig(**kwargs)
+    async def login(**kwargs: Any) -> kopf.AiohttpSession | None:
+        logged_in = (
+            kopf.login_with_service_account(**kwargs)
+            if in_cluster(os.environ)
+            else kopf.login_with_kubeconfig(**kwargs)
+        )
+        return bounded_connection(logged_in) if logged_in else None
 
     @kopf.on.startup(registry=handlers)
     async def configure(settings: kopf.OperatorSettings, **_: Any) -> None:

@@ -7,6 +7,7 @@ import pytest
 from bagpipe_operator.driver_pod import driver_pod
 from bagpipe_operator.executor_template import executor_template
 from bagpipe_operator.job_config import UnusableSpecError, job_config, read_spec
+from bagpipe_operator.nesting import DEEPEST
 from bagpipe_operator.quantities import heap, memory_bytes
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import Json
@@ -285,3 +286,30 @@ def test_quantities() -> None:
     ]  # fmt: skip
     with pytest.raises(ValueError, match="write for example 1Gi"):
         memory_bytes("1 GB")
+
+
+def test_what_is_nested_too_deep_to_be_read_whole_is_refused() -> None:
+    def nested(levels: int) -> list[Any]:
+        value: list[Any] = []
+        for _ in range(levels - 1):
+            value = [value]
+        return value
+
+    # spec, stack, parameters and the value of /x: what is in it begins at the fourth level.
+    legal = make_job("x").with_spec("stack.parameters", {"/x": nested(DEEPEST - 4)}).view()
+    assert read_spec(legal).stack.parameters["/x"] == nested(DEEPEST - 4)
+    for levels in (DEEPEST - 3, DEEPEST, 5 * DEEPEST):
+        job = make_job("x").with_spec("stack.parameters", {"/x": nested(levels)}).view()
+        with pytest.raises(UnusableSpecError, match="32 deep in each other"):
+            read_spec(job)
+
+
+@pytest.mark.timeout(20)
+def test_no_pattern_of_a_user_s_takes_the_operator_s_time() -> None:
+    presence = {"name": "p", "presence": {"topic": "/" + "a" * 50, "min": 1}}
+    job = make_job("x").with_spec("record.topics", ["/(a+)+b"]).with_spec("evaluate", [presence])
+    with pytest.raises(UnusableSpecError, match=r"record\.topics does not have"):
+        read_spec(job.view())
+    # RE2 and Rust's regex have no look-ahead; the agent refuses it with a sentence.
+    job = job.with_spec("record.topics", ["/(?=a)a+"])
+    assert read_spec(job.view()).record is not None

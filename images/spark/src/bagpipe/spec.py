@@ -5,7 +5,6 @@ the rest of the code types, defaults and parsed durations. They refuse what the 
 refuses, so that a job read from a file on a laptop meets the same rules.
 """
 
-import re
 from typing import Literal, Self
 
 from pydantic import BaseModel, Field, JsonValue, field_validator, model_validator
@@ -33,6 +32,7 @@ from bagpipe.texts import (
     PositiveDuration,
     SecretName,
 )
+from bagpipe.topic_patterns import records
 
 # Where the operator mounts the ConfigMaps of users' evaluators, in the executors alone.
 EVALUATORS_PATH = "/etc/bagpipe/evaluators"
@@ -347,14 +347,6 @@ class SimulationJobSpec(_Model):
                 " write only playback.caseTimeout"
             )
         return self
-
-
-def records(pattern: str, topic: str) -> bool:
-    """Whether a pattern of `record.topics` is for a topic."""
-    try:
-        return re.fullmatch(pattern, topic) is not None
-    except re.error:
-        return True  # Rust's expressions differ a little; the agent has the last word
 
 
 class Images(_Model):

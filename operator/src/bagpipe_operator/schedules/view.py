@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
+from bagpipe_operator.nesting import bounded
 from bagpipe_operator.view import Json, is_older
 
 
@@ -41,8 +42,8 @@ class ScheduleView:
             resource_version=str(meta.get("resourceVersion") or ""),
             created=datetime.fromisoformat(meta["creationTimestamp"]),
             deleting=bool(meta.get("deletionTimestamp")),
-            spec=schedule.get("spec") or {},
-            status=schedule.get("status") or {},
+            spec=bounded(schedule.get("spec") or {}),
+            status=bounded(schedule.get("status") or {}),
         )
 
 

@@ -11,8 +11,9 @@ from bagpipe.run.judge import Judgement
 from bagpipe.simulator.messages import ControlError
 from bagpipe.simulator.model import Simulator
 from bagpipe.simulator.world import NeverAnsweredError, Steering, World
-from bagpipe.spec import SimulationJobSpec, records
+from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
+from bagpipe.topic_patterns import records
 
 
 class Drive:

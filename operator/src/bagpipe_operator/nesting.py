@@ -1,0 +1,79 @@
+"""JSON that strangers have nested: read to a bound, so that no depth stops the watch of all jobs.
+
+Python's parser, copies and comparisons recurse, and the API server takes ten thousand levels
+(issue 13). What is deeper than the bound becomes null, and the job with it is refused.
+"""
+
+import json
+import re
+from typing import Any
+
+# Levels below `spec`. A pod template's deepest field has fifteen.
+DEEPEST = 32
+# Levels of any text, such as a list of jobs; far enough above the other that what is cut here is
+# refused there.
+_DEEPEST_OF_TEXT = 4 * DEEPEST
+_TOKEN = re.compile(rb'"(?:[^"\\]++|\\.)*+"|[\[{]++|[\]}]++', re.DOTALL)
+
+
+def loads(text: bytes | str) -> Any:
+    """The value of a JSON text, whatever its depth; raises ValueError for a text that is none."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        return json.loads(cut(text.encode() if isinstance(text, str) else text))
+
+
+def cut(text: bytes, most: int = _DEEPEST_OF_TEXT) -> bytes:
+    """The text with null in place of each list and object below more than `most` others.
+
+    One pass over the text, in time linear in its length.
+    """
+    kept: list[bytes] = []
+    depth = begin = 0
+    for token in _TOKEN.finditer(text):
+        first, length = text[token.start()], token.end() - token.start()
+        if first in b"[{":
+            if depth <= most < depth + length:
+                kept += [text[begin : token.start() + most - depth], b"null"]
+            depth += length
+        elif first in b"]}":
+            depth -= length
+            if depth <= most < depth + length:
+                begin = token.end() - (most - depth)
+    kept.append(text[begin:])
+    return b"".join(kept)
+
+
+def bounded(value: Any, most: int = DEEPEST) -> Any:
+    """The value itself, in which what lies more than `most` deep has become None."""
+    level = [value]
+    for depth in range(1, most + 1):
+        below: list[Any] = []
+        for container in level:
+            places = container.items() if isinstance(container, dict) else enumerate(container)
+            inner = [(place, each) for place, each in places if isinstance(each, dict | list)]
+            if depth == most:
+                for place, _ in inner:
+                    container[place] = None
+            else:
+                below += [each for _, each in inner]
+        level = below
+        if not level:
+            break
+    return value
+
+
+def is_deep(value: Any, most: int = DEEPEST) -> bool:
+    """Whether the value has `most` levels of lists and objects, or had before it was bounded."""
+    level = [value] if isinstance(value, dict | list) else []
+    for _ in range(most - 1):
+        if not level:
+            return False
+        level = [
+            each
+            for container in level
+            for each in (container.values() if isinstance(container, dict) else container)
+            if isinstance(each, dict | list)
+        ]
+    return bool(level)

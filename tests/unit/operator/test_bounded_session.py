@@ -1,0 +1,87 @@
+"""kopf reads what a tenant has nested, over a real connection, and goes on with the next object."""
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from typing import Any
+
+import aiohttp
+import kopf
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer
+from kopf._cogs.clients.api import iter_jsonlines
+
+from bagpipe_operator.bounded_session import bounded_connection
+from bagpipe_operator.nesting import is_deep
+from tests.unit.operator.test_nesting import nested
+
+DEEP = '{"spec": {"stack": {"parameters": {"/x": ' + nested(1_500) + "}}}}"
+PLAIN = '{"spec": {"stack": {"image": "a"}}}'
+
+
+def login(server: str, token: str = "t") -> kopf.ConnectionInfo:  # noqa: S107  no real one
+    return kopf.ConnectionInfo(server=server, token=token)
+
+
+async def answered(
+    handler: Callable[[web.Request], Awaitable[web.StreamResponse]],
+    path: str,
+    read: Callable[[aiohttp.ClientResponse], Awaitable[Any]],
+) -> Any:
+    """What is read of an answer of a server on this machine."""
+    application = web.Application()
+    application.router.add_get("/jobs", handler)
+    async with TestServer(application) as server:
+        connection = bounded_connection(login(str(server.make_url("/"))))
+        async with (
+            connection.aiohttp_session as session,
+            session.get(server.make_url(path)) as response,
+        ):
+            return await read(response)
+
+
+def test_a_list_with_a_deep_object_is_read_and_the_others_are_whole() -> None:
+    async def jobs(request: web.Request) -> web.Response:
+        assert request.headers["Authorization"] == "Bearer t"
+        text = f'{{"items": [{PLAIN}, {DEEP}, {PLAIN}]}}'
+        return web.Response(text=text, content_type="application/json")
+
+    with pytest.raises(RecursionError):
+        json.loads(DEEP)
+    found = asyncio.run(answered(jobs, "/jobs?limit=500", lambda response: response.json()))
+    assert [is_deep(each["spec"]) for each in found["items"]] == [False, True, False]
+    assert found["items"][0] == found["items"][2] == json.loads(PLAIN)
+
+
+@pytest.mark.parametrize("size", [1, 7, 1_000, 1_000_000])
+def test_a_watch_goes_on_after_a_deep_object_however_its_lines_are_cut(size: int) -> None:
+    lines = "".join(f'{{"type": "ADDED", "object": {each}}}\n' for each in (PLAIN, DEEP, PLAIN))
+    text = (lines + '{"type": "BOOKMARK"}').encode()
+
+    async def jobs(request: web.Request) -> web.StreamResponse:
+        response = web.StreamResponse()
+        await response.prepare(request)
+        for begin in range(0, len(text), size):
+            await response.write(text[begin : begin + size])
+        return response
+
+    async def read(response: aiohttp.ClientResponse) -> list[Any]:
+        return [json.loads(line) async for line in iter_jsonlines(response.content)]
+
+    found = asyncio.run(answered(jobs, "/jobs?watch=true", read))
+    assert [each["type"] for each in found] == ["ADDED", "ADDED", "ADDED", "BOOKMARK"]
+    assert [is_deep(each["object"]["spec"]) for each in found[:3]] == [False, True, False]
+    assert found[0]["object"] == found[2]["object"] == json.loads(PLAIN)
+
+
+def test_a_login_that_was_refused_is_known_again_and_another_is_not() -> None:
+    async def connections() -> list[bool]:
+        first, again, other = (
+            bounded_connection(login("https://a", token)) for token in ("t", "t", "u")
+        )
+        for each in (first, again, other):
+            await each.aiohttp_session.close()
+        return [first == again, first == other]
+
+    assert asyncio.run(connections()) == [True, False]
