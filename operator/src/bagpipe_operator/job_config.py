@@ -99,7 +99,11 @@ def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Sett
             "uid": job.uid,
             "attempt": attempt,
             "spec": plain_spec(job.spec),
-            "images": {"spark": settings.spark_image, "agent": settings.agent_image},
+            "images": {
+                "spark": settings.spark_image,
+                "agent": settings.agent_image,
+                "pullPolicy": settings.image_pull_policy,
+            },
             "volumes": claim_paths(spec),
         }
     )

@@ -12,7 +12,7 @@ from bagpipe.driver.progress_server import serve_progress
 from bagpipe.driver.spark_context import DriverPod, memory_split, quantity, spark_settings
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import Row, unplanned_row
-from bagpipe.spec import PodResources
+from bagpipe.spec import Images, PodResources
 from tests.unit.bagpipe.jobs import make_job
 from tests.unit.bagpipe.jobs import make_row as row
 
@@ -155,6 +155,17 @@ def test_spark_settings_that_decide() -> None:
         "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError",
     }
     assert {key: settings[key] for key in chosen} == chosen
+
+
+@pytest.mark.parametrize(
+    ("said", "policy"), [({}, "IfNotPresent"), ({"pullPolicy": "Always"}, "Always")]
+)
+def test_executors_are_pulled_as_the_release_says(said: dict[str, str], policy: str) -> None:
+    job = make_job({})
+    images = Images.model_validate(job.images.model_dump(by_alias=True) | said)
+    pod = DriverPod("pod", "lab", "198.18.0.9")
+    settings = spark_settings(job.model_copy(update={"images": images}), pod)
+    assert settings["spark.kubernetes.container.image.pullPolicy"] == policy
 
 
 @pytest.mark.parametrize(("timeout", "threshold"), [("10m", "300s"), ("61s", "60s"), ("3m", "90s")])

@@ -350,10 +350,11 @@ class SimulationJobSpec(_Model):
 
 
 class Images(_Model):
-    """The images of Bagpipe's own containers."""
+    """The images of Bagpipe's own containers, and when kubelets pull them."""
 
     spark: str
     agent: str
+    pull_policy: Literal["Always", "IfNotPresent", "Never"] = "IfNotPresent"
 
 
 class EarlierResults(_Model):

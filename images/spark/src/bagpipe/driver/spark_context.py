@@ -76,7 +76,7 @@ def _where(job: JobFile, pod: DriverPod) -> dict[str, str]:
         "spark.app.name": f"{job.namespace}/{job.name}",
         "spark.kubernetes.namespace": pod.namespace,
         "spark.kubernetes.container.image": job.images.spark,
-        "spark.kubernetes.container.image.pullPolicy": "IfNotPresent",
+        "spark.kubernetes.container.image.pullPolicy": job.images.pull_policy,
         "spark.kubernetes.authenticate.oauthTokenFile": f"{_SERVICE_ACCOUNT}/token",
         "spark.kubernetes.authenticate.caCertFile": f"{_SERVICE_ACCOUNT}/ca.crt",
         # Makes the driver pod the executors' owner: deleting the job deletes them.
