@@ -19,6 +19,8 @@ EVICTIONS = {
     "PreemptionByScheduler": "for a pod of a higher priority",
     "TerminationByKubelet": "by its node",
 }
+# Those of them that say nothing of the pod, and a node that was given up: drained, consolidated.
+VOLUNTARY = frozenset({"EvictionByEvictionAPI", "PreemptionByScheduler", "DeletionByTaintManager"})
 _OUT_OF_MEMORY = "OOMKilled"
 
 

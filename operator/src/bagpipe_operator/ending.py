@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from bagpipe_operator import names, reasons
-from bagpipe_operator.casualties import EVICTIONS
+from bagpipe_operator.casualties import EVICTIONS, VOLUNTARY
 from bagpipe_operator.progress import Progress, parse
 from bagpipe_operator.view import ContainerView, Disruption, PodView
 
@@ -30,6 +30,8 @@ class Ending:
     progress: Progress | None = None
     advice: str = ""
     lost: bool = False
+    # Kubernetes took the pod for another's sake: no fault of the job's, and not counted.
+    voluntary: bool = False
 
     @property
     def last_words(self) -> str:
@@ -49,6 +51,10 @@ def ending_of(driver: PodView, now: datetime) -> Ending | None:
         if driver.ended:
             return _of_pod(driver)
         return _unreachable(driver) if overdue(driver, now) else None
+    return _of_exit(driver, container, code)
+
+
+def _of_exit(driver: PodView, container: ContainerView, code: int) -> Ending:
     progress = parse(container.message) if container.message else None
     if code == 0 and progress is not None and progress.phase == "Complete":
         return Ending(
@@ -153,6 +159,7 @@ def _disrupted(driver: PodView, disruption: Disruption) -> Ending:
         f"The driver's pod {driver.name} {what}.{said}",
         advice=_AGAIN,
         lost=True,
+        voluntary=disruption.reason in VOLUNTARY,
     )
 
 
@@ -174,7 +181,13 @@ def _unreachable(driver: PodView) -> Ending:
 
 
 def lost_driver(namespace: str, name: str, went: PodView | None = None) -> Ending:
-    """The end of a driver whose pod is not there any more; `went` is how it was seen to go."""
+    """The end of a driver whose pod is not there any more; `went` is how it was seen to go.
+
+    One that had ended before it was deleted has left its account.
+    """
+    container = went.container(names.CONTAINER_DRIVER) if went is not None else None
+    if went is not None and container is not None and container.exit_code is not None:
+        return _of_exit(went, container, container.exit_code)
     if went is not None and went.disruption is not None:
         return _disrupted(went, went.disruption)
     return Ending(

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 
 from bagpipe_operator import conditions, names, reasons
 from bagpipe_operator.ending import overdue
+from bagpipe_operator.progress import Progress
 from bagpipe_operator.view import JobView, PodView
 
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
@@ -57,6 +58,20 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
         " Mend that, or allow more time, and create the job again."
     )
     return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
+
+
+def is_premature(halt: Halt | None, job: JobView, progress: Progress | None) -> bool:
+    """Whether a start deadline would end a job though nothing says that its running driver is late.
+
+    The status may be behind: its operator was down, or could not reach the driver. Silence of a
+    driver that runs is not "no case has begun".
+    """
+    if halt is None or halt.reason != reasons.START_DEADLINE_EXCEEDED:
+        return False
+    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
+    if told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED:
+        return False  # its pods are being stopped
+    return progress is None or progress.cases.begun
 
 
 def _late_end(job: JobView, now: datetime) -> Halt | None:

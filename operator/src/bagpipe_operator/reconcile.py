@@ -18,7 +18,16 @@ from bagpipe_operator.diagnose import troubles
 from bagpipe_operator.earlier import CannotResumeError, find_earlier
 from bagpipe_operator.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.job_config import JobTooLargeError, UnusableSpecError, read_spec
-from bagpipe_operator.life import Halt, expired, halt_of, living, over, pausing, rests
+from bagpipe_operator.life import (
+    Halt,
+    expired,
+    halt_of,
+    is_premature,
+    living,
+    over,
+    pausing,
+    rests,
+)
 from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
@@ -154,6 +163,7 @@ class Reconciler:
             ending = ending_of(driver, self.now())
             if ending is None and serves(driver):
                 progress = await self._account_of(driver)
+                halt = None if is_premature(halt, job, progress) else halt
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
@@ -182,7 +192,8 @@ class Reconciler:
         wanting = progress is not None and progress.phase == "Running" and halt is None
         looked_up = await self._lookout.look(job, attempt, pods, wanting)
         found = tuple(troubles(pods, self.now(), gone, looked_up))
-        keys = [t.key for t in found] + ([("refused",)] if refusal else [])
+        refused = ("refused", refusal.reason, refusal.lasting) if refusal else ()
+        keys = [*(t.key for t in found), *([refused] if refused else [])]
         seen_for = self._patience.observe(job.uid, keys, self.monotonic())
         return Observation(
             job=job,
@@ -193,7 +204,7 @@ class Reconciler:
             refusal=refusal,
             troubles=found,
             seen_for=seen_for,
-            refused_for=seen_for.get(("refused",), 0.0),
+            refused_for=seen_for.get(refused, 0.0),
             ending=ending,
             backoff_limit=_backoff_limit(job),
             halt=halt,

@@ -21,6 +21,11 @@ class _Held:
     refusal: Refusal
 
 
+def _key(refusal: Refusal) -> tuple[str, bool]:
+    """Another refusal is another thing to wait for: its own patience begins with it."""
+    return refusal.reason, refusal.lasting
+
+
 @dataclass
 class Refusals:
     """The last refusal of each job that has no driver for it."""
@@ -50,7 +55,8 @@ class Refusals:
         """The API server has just said no."""
         now, what = self.monotonic(), (attempt, job.generation)
         held = self._held.get(job.uid)
-        since = held.since if held is not None and held.what == what else now
+        same = held is not None and held.what == what and _key(held.refusal) == _key(refusal)
+        since = held.since if held is not None and same else now
         self._held[job.uid] = _Held(what, since, now, refusal)
 
     def forget(self, uid: str) -> None:

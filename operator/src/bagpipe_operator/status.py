@@ -61,7 +61,7 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
         account = ending.progress if ending else None
         ending = Ending(False, seen.halt.reason, seen.halt.message, account)
     ending = ending or _stuck(seen, stuck_seconds)
-    if ending is not None and ending.lost and lost_drivers(seen.job) < seen.backoff_limit:
+    if ending is not None and ending.lost and _may_be_replaced(seen, ending):
         return _replaced(seen, ending, now)
     status = _noted(seen, now)
     if ending is None and pausing(seen.job, now):
@@ -171,21 +171,28 @@ def _not_suspended(seen: Observation) -> Condition:
     )
 
 
+def _may_be_replaced(seen: Observation, ending: Ending) -> bool:
+    return ending.voluntary or lost_drivers(seen.job) < seen.backoff_limit
+
+
 def _replaced(seen: Observation, ending: Ending, now: datetime) -> Json:
     """The status between two drivers: when the pause is over, the next attempt's is created."""
     status = _noted(seen, now)
-    lost = lost_drivers(seen.job) + 1
-    pause = pause_seconds(lost)
+    lost = lost_drivers(seen.job) + (not ending.voluntary)
+    # Who is evicted again and again waits longer too, or a full cluster would be asked for ever.
+    pause = pause_seconds(seen.attempt if ending.voluntary else lost)
     status["attempt"] = seen.attempt + 1
     status["lostDrivers"] = lost
     status["nextAttemptTime"] = conditions.timestamp(now + timedelta(seconds=pause))
     status["driver"] = ""
     status["phase"] = "Pending"
     status["cases"] = (status.get("cases") or {}) | {"running": 0}
-    message = (
-        f"{ending.message} Driver {lost + 1} of at most {seen.backoff_limit + 1} takes over in"
-        f" {pause:g} s; cases that are done are not run again."
+    which = (
+        "Another driver takes over, which does not count against spec.backoffLimit,"
+        if ending.voluntary
+        else f"Driver {lost + 1} of at most {seen.backoff_limit + 1} takes over"
     )
+    message = f"{ending.message} {which} in {pause:g} s; cases that are done are not run again."
     wanted = [
         Condition(conditions.ACCEPTED, False, reasons.IN_PROGRESS, "The next driver is created."),
         _planned(seen, False, None),

@@ -117,6 +117,8 @@ def _moment(text: str | None) -> datetime | None:
 def _unschedulable(status: Json) -> str:
     for condition in status.get("conditions") or []:
         if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
+            if condition.get("reason") == "SchedulingGated":
+                return ""  # a queue holds it back, and nobody has looked for a node
             return condition.get("message") or condition.get("reason") or "no node fits"
     return ""
 

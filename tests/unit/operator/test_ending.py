@@ -1,6 +1,8 @@
 """How a job ended, from its driver's pod."""
 
-from bagpipe_operator.ending import Ending
+import pytest
+
+from bagpipe_operator.ending import Ending, lost_driver
 from bagpipe_operator.ending import ending_of as ending_at
 from bagpipe_operator.view import PodView
 from tests.unit.operator.builders import START, account, make_driver
@@ -92,3 +94,28 @@ def test_deleted_by_hand_while_it_ran() -> None:
     ending = ending_of(make_driver("x").ended(143).deleting().view())
     assert ending is not None
     assert (ending.reason, ending.complete) == ("DriverLost", False)
+
+
+def test_a_driver_that_had_ended_well_before_it_was_deleted_has_completed() -> None:
+    done = account("Complete", message="All 4 cases ran.", verdict="Passed")
+    ending = lost_driver("lanes", "x-1-driver", make_driver("x").ended(0, done).deleting().view())
+    assert (ending.complete, ending.message, ending.lost) == (True, "All 4 cases ran.", False)
+    cut_short = lost_driver("lanes", "x-1-driver", make_driver("x").running().deleting().view())
+    assert (cut_short.reason, cut_short.lost) == ("DriverLost", True)
+    assert lost_driver("lanes", "x-1-driver").lost
+
+
+@pytest.mark.parametrize(
+    ("reason", "counted"),
+    [
+        ("EvictionByEvictionAPI", False),
+        ("PreemptionByScheduler", False),
+        ("DeletionByTaintManager", False),
+        ("TerminationByKubelet", True),
+        ("DeletionByPodGC", True),
+    ],
+)
+def test_what_is_taken_for_another_s_sake_is_not_counted(reason: str, counted: bool) -> None:
+    ending = ending_of(make_driver("x").ended(143).disrupted(reason, "moved").deleting().view())
+    assert ending is not None
+    assert (ending.lost, ending.voluntary) == (True, not counted)

@@ -266,6 +266,39 @@ async def test_a_job_whose_first_case_ran_in_time_has_no_start_deadline_any_more
     assert world.reason("Failed") == "False/InProgress"
 
 
+def silent_since_it_started(world: World) -> None:
+    """A driver that runs, and of whose cases the status knows nothing."""
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = None
+
+
+async def test_a_start_deadline_asks_the_driver_before_it_ends_a_job_that_runs() -> None:
+    """The operator was down, and the job's status tells of no case."""
+    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    await world.reconcile()
+    silent_since_it_started(world)
+    world.drivers.says = account()
+    await world.reconcile(after=3600)
+    assert world.reason("Running") == "True/CasesRunning"
+    assert world.status()["firstCaseTime"] == "2026-11-20T05:00:00Z"
+
+
+async def test_silence_of_a_running_driver_is_no_late_start() -> None:
+    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    await world.reconcile()
+    silent_since_it_started(world)
+    for _ in range(10):
+        await world.reconcile(after=30)
+    assert world.api.calls.count("delete pods") == 0
+    world.drivers.says = account("Planning", cases={"planned": 0})
+    await world.reconcile(after=1)
+    assert world.reason("Running") == "False/StartDeadlineExceeded"
+    # What has begun is brought to its end, whatever the driver says while it is stopped.
+    world.drivers.says = account()
+    await world.reconcile(after=1)
+    assert world.reason("Running") == "False/StartDeadlineExceeded"
+
+
 def ended_job(condition: str, ttl: int = 60) -> JobBuilder:
     told = [
         {

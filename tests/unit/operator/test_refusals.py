@@ -75,3 +75,22 @@ async def test_a_config_that_went_while_there_was_no_room_is_made_again() -> Non
     await world.reconcile(after=4)
     assert world.api.named("configmaps") == ["x-1"]
     assert world.reason("Accepted") == "True/DriverCreated"
+
+
+async def test_a_lasting_refusal_has_a_patience_of_its_own() -> None:
+    """A job that waited for quota for an hour is not ended by the first other refusal."""
+    world = World()
+    world.api.fail("create pods", *[FULL] * 1000)
+    for _ in range(600):
+        await world.reconcile(after=6)
+    assert world.reason("Accepted") == "False/QuotaExceeded"
+    world.api.faults["create pods"].clear()
+    world.api.fail("create pods", *[MISSING_ACCOUNT] * 100)
+    await world.reconcile(after=6)
+    assert world.reason("Accepted") == "False/ServiceAccountMissing"
+    for _ in range(4):
+        await world.reconcile(after=6)
+    assert world.reason("Failed") == "False/InProgress"
+    for _ in range(2):
+        await world.reconcile(after=6)
+    assert world.reason("Failed") == "True/ServiceAccountMissing"

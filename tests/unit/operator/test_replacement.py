@@ -165,3 +165,25 @@ async def test_a_status_of_an_earlier_release_counts_its_attempts_as_lost_driver
     await world.reconcile()
     assert world.reason("Failed") == "True/DriverFailed"
     assert world.status()["lostDrivers"] == 3
+
+
+async def test_a_drained_node_costs_no_attempt_and_ends_no_job() -> None:
+    """Four nodes in a row are drained, where three drivers more than the first are allowed."""
+    world = World()
+    await started(world)
+    pauses = (10, 20, 40, 80, 160)
+    for attempt, pause in enumerate(pauses, start=1):
+        drained = make_driver("x", attempt).ended(143)
+        world.deliver(
+            drained.disrupted("EvictionByEvictionAPI", "Eviction API: evicting").deleting()
+        )
+        await world.reconcile(after=2)
+        assert world.reason("Running") == "False/DriverEvicted"
+        said = f"which does not count against spec.backoffLimit, in {pause} s"
+        assert said in world.message("Running")
+        assert world.status()["lostDrivers"] == 0
+        await world.reconcile(after=pause)
+        assert world.status()["driver"] == f"x-{attempt + 1}-driver"
+        world.deliver(make_driver("x", attempt + 1).running())
+        await world.reconcile(after=2)
+    assert world.reason("Failed") == "False/InProgress"

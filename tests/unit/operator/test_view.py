@@ -65,3 +65,14 @@ def test_patience_counts_only_what_is_seen_without_a_break() -> None:
     assert patience.observe("x", ["a"], 25.0) == {"a": 0.0}
     patience.forget("x")
     assert patience.observe("x", ["a"], 30.0) == {"a": 0.0}
+
+
+def test_a_pod_behind_a_scheduling_gate_is_not_unschedulable() -> None:
+    """Kueue holds the pods of a job that queues by such a gate; nobody has looked for a node."""
+    pod = make_driver("x").unschedulable("0/3 nodes are available.")
+    assert pod.view().unschedulable == "0/3 nodes are available."
+    pod.status["conditions"][0] |= {
+        "reason": "SchedulingGated",
+        "message": "Scheduling is blocked due to non-empty scheduling gates",
+    }
+    assert pod.view().unschedulable == ""
