@@ -27,7 +27,7 @@ HADOOP_USER = "user-of-a-secret"
 def jvm() -> Iterator[Any]:
     """Spark's classes, in a driver's environment and with a Secret's user of HDFS."""
     job = make_job("x").view()
-    (container,) = driver_pod(job, read_spec(job), 1, Settings())["spec"]["containers"]
+    (container,) = driver_pod(job, read_spec(job), 1, Settings(), "x-1-0a")["spec"]["containers"]
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("HADOOP_USER_NAME", HADOOP_USER)
         for each in container["env"]:

@@ -55,7 +55,7 @@ async def create_children(
         made = made or await _create_or_find(api, job, "configmaps", config)
         if isinstance(made, Refusal):
             return made
-        pod = driver_pod(job, spec, attempt, settings)
+        pod = driver_pod(job, spec, attempt, settings, config["metadata"]["name"])
         made = await _create_or_find(api, job, "pods", pod)
     except ApiError as error:
         refusal = _refusal_of(error, job, what)

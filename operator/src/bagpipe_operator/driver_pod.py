@@ -11,8 +11,10 @@ from bagpipe_operator.volumes import claim_mounts, claim_volumes, secret_environ
 SPARK_USER = "bagpipe"
 
 
-def driver_pod(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
-    """The manifest of one attempt's driver."""
+def driver_pod(
+    job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings, config: str
+) -> Json:
+    """The manifest of one attempt's driver, which reads the ConfigMap of that name."""
     pod = spec.spark.driver.pod
     labels = names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt)
     return {
@@ -38,7 +40,7 @@ def driver_pod(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Se
             "securityContext": pod_parts.groups(pod),
             "containers": [_container(spec, settings)],
             "volumes": [
-                {"name": "config", "configMap": {"name": names.attempt_name(job.name, attempt)}},
+                {"name": "config", "configMap": {"name": config}},
                 pod_parts.TOKEN_VOLUME,
                 *pod_parts.SCRATCH_VOLUMES,
                 *claim_volumes(spec),

@@ -15,6 +15,10 @@ from bagpipe_operator.volumes import claim_paths
 
 # The API server's limit for all of a ConfigMap's values.
 LARGEST_CONFIG_BYTES = 1024 * 1024
+# The fields of a job that the CRD lets anybody change once it exists.
+MUTABLE = frozenset(
+    {"suspend", "activeDeadlineSeconds", "startDeadlineSeconds", "ttlSecondsAfterFinished"}
+)
 
 
 class UnusableSpecError(ValueError):
@@ -42,6 +46,11 @@ def read_spec(job: JobView) -> SimulationJobSpec:
         place = ".".join(["spec", *map(str, first["loc"])])
         what = first["msg"].removeprefix("Value error, ")
         raise UnusableSpecError(f"{place}: {what}") from None
+
+
+def _lasting(spec: Json) -> Json:
+    """The spec without what may be edited while the job runs, and is the operator's alone."""
+    return {key: value for key, value in spec.items() if key not in MUTABLE}
 
 
 def plain_spec(spec: Json) -> Json:
@@ -74,7 +83,7 @@ def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Se
         "apiVersion": "v1",
         "kind": "ConfigMap",
         "metadata": {
-            "name": names.attempt_name(job.name, attempt),
+            "name": names.config_name(job.name, attempt, data),
             "namespace": job.namespace,
             "labels": names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt),
             "ownerReferences": [names.owner_reference(job.name, job.uid)],
@@ -98,7 +107,7 @@ def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Sett
             "namespace": job.namespace,
             "uid": job.uid,
             "attempt": attempt,
-            "spec": plain_spec(job.spec),
+            "spec": _lasting(plain_spec(job.spec)),
             "images": {
                 "spark": settings.spark_image,
                 "agent": settings.agent_image,

@@ -1,5 +1,9 @@
 """Names that other parts rely on: the API, labels, containers, and how children are called."""
 
+import hashlib
+import json
+from collections.abc import Mapping
+
 GROUP = "sim.bagpipe.io"
 VERSION = "v1alpha1"
 API_VERSION = f"{GROUP}/{VERSION}"
@@ -38,8 +42,17 @@ BAGPIPE_UID = 10001
 
 
 def attempt_name(job: str, attempt: int) -> str:
-    """The ConfigMap's name, and the stem of everything else of one attempt."""
+    """The stem of the names of everything of one attempt."""
     return f"{job}-{attempt}"
+
+
+def config_name(job: str, attempt: int, data: Mapping[str, str]) -> str:
+    """The ConfigMap's name, which says what is in it.
+
+    A job that waits for quota may be edited, and the chart upgraded: then it has another.
+    """
+    content = hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()
+    return f"{attempt_name(job, attempt)}-{content[:10]}"
 
 
 def driver_name(job: str, attempt: int) -> str:

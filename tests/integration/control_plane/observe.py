@@ -27,14 +27,19 @@ def create_jobs(admin: Client, namespace: str, names: Iterable[str]) -> None:
 
 
 def children(admin: Client, namespace: str) -> dict[str, list[str]]:
-    """The names of all pods and ConfigMaps of jobs, sorted, by resource."""
-    return {
-        resource: sorted(
+    """The names of all pods and ConfigMaps of jobs, sorted, by resource.
+
+    Those of ConfigMaps without their last part, which says what is in them.
+    """
+    found = {
+        resource: [
             o["metadata"]["name"]
             for o in admin.items(f"{core(namespace, resource)}?labelSelector={UID_LABEL}")
-        )
+        ]
         for resource in ("pods", "configmaps")
     }
+    stems = [name.rpartition("-")[0] for name in found["configmaps"]]
+    return {"pods": sorted(found["pods"]), "configmaps": sorted(stems)}
 
 
 def expected_children(names: Iterable[str]) -> dict[str, list[str]]:

@@ -180,7 +180,9 @@ def test_a_job_goes_on_from_another(
     world.create("second", resumeFrom="first")
     status = world.await_told("second", "Accepted", "True/DriverCreated")
     assert status["resumedFrom"] == {"job": "first", "results": "pvc://results/lane/x", "cases": 4}
-    config = world.admin.get(core(world.namespace, "configmaps", "second-1"))
+    pod = world.admin.get(core(world.namespace, "pods", "second-1-driver"))
+    (mounted,) = [v["configMap"]["name"] for v in pod["spec"]["volumes"] if v["name"] == "config"]
+    config = world.admin.get(core(world.namespace, "configmaps", mounted))
     assert '"results": "pvc://results/lane/x"' in config["data"]["job.json"]
     world.create("third", resumeFrom="nobody")
     status = world.await_told("third", "Failed", "True/ResumeRefused")

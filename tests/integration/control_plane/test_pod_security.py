@@ -57,7 +57,10 @@ def pods_of(namespace: str, path: str, value: object) -> list[Object]:
     job["metadata"]["namespace"] = namespace
     view = JobView.from_object(job)
     spec = read_spec(view)
-    made = [build(view, spec, 1, Settings()) for build in (driver_pod, executor_trial)]
+    made = [
+        driver_pod(view, spec, 1, Settings(), "x-1-0a"),
+        executor_trial(view, spec, 1, Settings()),
+    ]
     for pod in made:
         affinity = pod["spec"].get("affinity", {})
         if affinity:

@@ -57,7 +57,7 @@ async def test_a_job_that_is_created_suspended_has_no_pod_and_no_clock() -> None
     world = World(make_job("x").with_spec("suspend", True).with_spec("activeDeadlineSeconds", 5))
     await world.reconcile()
     await world.reconcile(after=3600)
-    assert world.api.named("pods") == world.api.named("configmaps") == []
+    assert world.api.named("pods") == world.configs() == []
     status = world.status()
     assert (status["phase"], status["attempt"], status["driver"]) == ("Suspended", 1, "")
     assert "startTime" not in status
@@ -379,7 +379,7 @@ async def test_a_job_goes_on_from_another_even_if_that_is_removed_meanwhile() ->
     assert world.status()["resumedFrom"] == resumed
     del world.api.objects["jobs", "old"]
     await world.reconcile()
-    data = world.api.objects["configmaps", "x-1"]["data"]["job.json"]
+    data = world.config("x-1")["data"]["job.json"]
     assert '"resume": {' in data
     assert '"results": "pvc://results/lane/old/uid-of-old"' in data
 
@@ -429,5 +429,5 @@ async def test_the_queue_s_label_is_on_every_pod() -> None:
     await world.reconcile()
     labels = world.api.objects["pods", "x-1-driver"]["metadata"]["labels"]
     assert labels["kueue.x-k8s.io/queue-name"] == "nightly"
-    template = world.api.objects["configmaps", "x-1"]["data"]["executor.yaml"]
+    template = world.config("x-1")["data"]["executor.yaml"]
     assert "kueue.x-k8s.io/queue-name: nightly" in template

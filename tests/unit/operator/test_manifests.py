@@ -24,7 +24,7 @@ AGENT = "/bagpipe/shared/bin/bagpipe-agent"
 
 def driver_of(builder: JobBuilder) -> Json:
     job = builder.view()
-    return driver_pod(job, read_spec(job), 1, SETTINGS)
+    return driver_pod(job, read_spec(job), 1, SETTINGS, "x-1-0a")
 
 
 def template_of(builder: JobBuilder) -> Json:
@@ -49,7 +49,7 @@ def test_pods_are_annotated_for_prometheus_and_the_job_has_the_last_word() -> No
     assert template_of(builder)["metadata"]["annotations"] == agents | own
     job = make_job("x").view()
     silent = Settings(scrape_annotations=False)
-    assert "annotations" not in driver_pod(job, read_spec(job), 1, silent)["metadata"]
+    assert "annotations" not in driver_pod(job, read_spec(job), 1, silent, "x-1-0a")["metadata"]
     assert "annotations" not in executor_template(job, read_spec(job), 1, silent)["metadata"]
 
 

@@ -22,7 +22,7 @@ async def test_a_new_job_gets_its_children_one_status_and_one_event() -> None:
         "create events",
     ]
     assert world.api.named("pods") == ["x-1-driver"]
-    assert world.api.named("configmaps") == ["x-1"]
+    assert world.configs() == ["x-1"]
     assert (world.status()["phase"], world.status()["driver"]) == ("Pending", "x-1-driver")
     assert world.api.event_reasons() == ["DriverCreated"]
 
@@ -66,7 +66,7 @@ async def test_a_whole_life_tells_each_transition_once() -> None:
 async def test_what_the_driver_gets() -> None:
     world = World(make_job("x").with_spec("spark.driver.resources", {"cpu": 1, "memory": "2Gi"}))
     await world.reconcile()
-    data = world.api.objects["configmaps", "x-1"]["data"]
+    data = world.config("x-1")["data"]
     job = json.loads(data["job.json"])
     assert {key: job[key] for key in ("name", "namespace", "uid", "attempt")} == {
         "name": "x",
@@ -98,8 +98,11 @@ async def test_children_of_a_former_run_are_taken_over() -> None:
 
 @pytest.mark.parametrize("resource", ["configmaps", "pods"])
 async def test_a_name_that_is_another_s(resource: str) -> None:
+    before = World()
+    await before.reconcile()
+    config = before.config("x-1")["metadata"]["name"]
     world = World()
-    name = "x-1" if resource == "configmaps" else "x-1-driver"
+    name = config if resource == "configmaps" else "x-1-driver"
     world.api.put(resource, {"metadata": {"name": name, "namespace": "lanes", "uid": "other"}})
     await world.reconcile()
     kind = "ConfigMap" if resource == "configmaps" else "Pod"
@@ -168,7 +171,7 @@ async def test_a_parameter_without_slash_is_named() -> None:
     await world.reconcile()
     assert world.reason("Failed") == "True/SpecInvalid"
     assert "write /threshold" in world.message("Failed")
-    assert world.api.named("pods") == world.api.named("configmaps") == []
+    assert world.api.named("pods") == world.configs() == []
 
 
 async def test_a_description_that_is_too_large() -> None:

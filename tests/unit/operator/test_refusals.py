@@ -1,6 +1,7 @@
 """How often the API server is asked for what it has refused, and what is told meanwhile."""
 
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
@@ -71,9 +72,9 @@ async def test_a_config_that_went_while_there_was_no_room_is_made_again() -> Non
     world = World()
     world.api.fail("create pods", FULL)
     await world.reconcile()
-    del world.api.objects["configmaps", "x-1"]
+    del world.api.objects["configmaps", world.config("x-1")["metadata"]["name"]]
     await world.reconcile(after=4)
-    assert world.api.named("configmaps") == ["x-1"]
+    assert world.configs() == ["x-1"]
     assert world.reason("Accepted") == "True/DriverCreated"
 
 
@@ -94,3 +95,30 @@ async def test_a_lasting_refusal_has_a_patience_of_its_own() -> None:
     for _ in range(2):
         await world.reconcile(after=6)
     assert world.reason("Failed") == "True/ServiceAccountMissing"
+
+
+@pytest.mark.parametrize("what", ["a deadline", "a label", "the release"])
+async def test_a_job_that_waits_for_quota_may_be_edited_and_the_release_upgraded(what: str) -> None:
+    world = World()
+    world.api.fail("create pods", *[FULL] * 3)
+    for _ in range(3):
+        await world.reconcile(after=5)
+    assert world.reason("Accepted") == "False/QuotaExceeded"
+    job = world.api.objects["jobs", "x"]
+    if what == "the release":
+        world.reconciler.settings = replace(world.reconciler.settings, spark_image="r/spark:2")
+    elif what == "a label":
+        job["metadata"].setdefault("labels", {})["commit"] = "8f3c1d2"
+    else:
+        job["spec"]["activeDeadlineSeconds"] = 3600
+        job["metadata"]["generation"] = 2
+    world.api.version += 1
+    job["metadata"]["resourceVersion"] = str(world.api.version)
+    world.deliver_job()
+    await world.reconcile(after=5)
+    assert world.reason("Accepted") == "True/DriverCreated"
+    volumes = world.api.objects["pods", "x-1-driver"]["spec"]["volumes"]
+    (mounted,) = [v["configMap"]["name"] for v in volumes if v["name"] == "config"]
+    # What may be edited while a job runs is not in it; what results keep of a job is.
+    assert world.api.named("configmaps").count(mounted) == 1
+    assert len(world.api.named("configmaps")) == (1 if what == "a deadline" else 2)

@@ -40,10 +40,10 @@ async def test_a_lost_driver_is_replaced(reason: str) -> None:
     assert world.reason("Failed") == "False/InProgress"
     await world.reconcile(after=9)
     assert world.reason("Running") == f"False/{reason}"
-    assert world.api.named("configmaps") == ["x-1"]
+    assert world.configs() == ["x-1"]
     await world.reconcile(after=1)
     assert world.status()["driver"] == "x-2-driver"
-    assert "x-2" in world.api.named("configmaps")
+    assert "x-2" in world.configs()
     assert world.api.event_reasons().count(reason) == 1
 
 

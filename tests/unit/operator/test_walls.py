@@ -65,7 +65,7 @@ async def test_a_prepared_config_is_not_taken_for_ours() -> None:
     for forged in ({"executor.yaml": "spec: {hostPID: true}"}, None):
         world = World()
         await world.reconcile()
-        config = world.api.objects["configmaps", "x-1"]
+        config = world.config("x-1")
         del world.api.objects["pods", "x-1-driver"]
         if forged is None:
             config["immutable"] = False  # right today, and another tomorrow
@@ -83,7 +83,7 @@ async def test_a_config_that_was_exchanged_while_there_was_no_room_is_not_ours()
     world = World()
     world.api.fail("create pods", ApiError(403, "Forbidden", "exceeded quota: pods"))
     await world.reconcile()
-    config = world.api.objects["configmaps", "x-1"]
+    config = world.config("x-1")
     config["data"] = config["data"] | {"executor.yaml": "spec: {hostPID: true}"}
     await world.reconcile(after=4)
     assert world.reason("Accepted") == "False/NameTaken"
@@ -94,7 +94,7 @@ async def test_a_config_that_a_former_run_made_is_taken_over() -> None:
     world = World()
     await world.reconcile()
     again = World()
-    again.api.put("configmaps", world.api.objects["configmaps", "x-1"])
+    again.api.put("configmaps", world.config("x-1"))
     await again.reconcile()
     assert again.api.named("pods") == ["x-1-driver"]
 
@@ -109,4 +109,4 @@ async def test_what_no_executor_may_be_is_told_before_a_driver_exists() -> None:
     assert world.reason("Accepted") == "False/CreationRefused"
     assert said in world.message("Accepted")
     assert "an executor's pod" in world.message("Accepted")
-    assert world.api.named("pods") == world.api.named("configmaps") == []
+    assert world.api.named("pods") == world.configs() == []

@@ -45,6 +45,15 @@ class World:
             self.api.put("pods", pod.object())
             self.view.put_pod(pod.view())
 
+    def configs(self) -> list[str]:
+        """The ConfigMaps' names, without what their names say of their content."""
+        return [name.rpartition("-")[0] for name in self.api.named("configmaps")]
+
+    def config(self, stem: str) -> Json:
+        """The one ConfigMap whose name begins so."""
+        [found] = [n for n in self.api.named("configmaps") if n.rpartition("-")[0] == stem]
+        return self.api.objects["configmaps", found]
+
     def status(self) -> Json:
         status: Json = self.api.objects["jobs", "x"].get("status") or {}
         return status
