@@ -60,6 +60,7 @@ class ScheduledJob:
     complete: bool = False
     failed: bool = False
     completed: datetime | None = None
+    resource_version: str = field(default="", compare=False)
 
     @property
     def finished(self) -> bool:
@@ -83,6 +84,7 @@ class ScheduledJob:
             complete="Complete" in true,
             failed="Failed" in true,
             completed=datetime.fromisoformat(completed) if completed else None,
+            resource_version=str(meta.get("resourceVersion") or ""),
         )
 
 
@@ -133,9 +135,16 @@ class Schedules:
         return tuple(sorted(jobs.values(), key=lambda job: (len(job.name), job.name)))
 
     def put_job(self, job: ScheduledJob) -> bool:
-        """Keeps a job; says whether anything that a schedule goes by has changed."""
+        """Keeps a job; says whether anything that a schedule goes by has changed.
+
+        A list or the answer to our own POST may be ahead of the watch, which then still delivers
+        what was before.
+        """
         jobs = self._jobs.setdefault(job.schedule_uid, {})
-        changed = jobs.get(job.name) != job
+        known = jobs.get(job.name)
+        if known is not None and is_older(job.resource_version, known.resource_version):
+            return False
+        changed = known != job
         jobs[job.name] = job
         return changed
 

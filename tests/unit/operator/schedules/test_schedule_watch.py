@@ -11,7 +11,7 @@ from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.loop import WORKERS, ScheduleLoop
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
-from bagpipe_operator.schedules.view import Schedules, ScheduleView
+from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
 from bagpipe_operator.schedules.watch import ScheduleWatch
 from bagpipe_operator.view import View
 from tests.unit.operator.schedules.world import (
@@ -46,6 +46,22 @@ async def test_a_job_s_progress_asks_for_nothing_and_its_end_does(watcher: Sched
     assert len(watcher.queue) == 0
     watcher.job_event({"type": "MODIFIED", "object": make_job(name_of(1), "Complete")})
     assert len(watcher.queue) == 1
+
+
+def test_what_was_before_does_not_come_back(watcher: ScheduleWatch) -> None:
+    """The API server's own list was ahead of the watch."""
+    ended, begun = make_job(name_of(1), "Complete"), make_job(name_of(1))
+    ended["metadata"]["resourceVersion"], begun["metadata"]["resourceVersion"] = "1000", "999"
+    watcher.view.replace_jobs(UID, [ScheduledJob.from_object(ended)])
+    watcher.job_event({"type": "MODIFIED", "object": begun})
+    (job,) = watcher.view.jobs(UID)
+    assert job.complete
+    assert len(watcher.queue) == 0
+    again = make_job(name_of(1), "Failed")
+    again["metadata"]["resourceVersion"] = "1001"
+    watcher.job_event({"type": "MODIFIED", "object": again})
+    (job,) = watcher.view.jobs(UID)
+    assert job.failed
 
 
 def test_deletions_are_forgotten_and_strangers_ignored(watcher: ScheduleWatch) -> None:
