@@ -18,6 +18,9 @@ from bagpipe_operator.view import Json
 
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
 MOST_EVENTS = 100
+# Jobs in one page of a list of names.
+PAGE = 500
+_METADATA_ALONE = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 
 
 class ApiError(Exception):
@@ -127,6 +130,20 @@ class KubernetesApi:
         items: list[Json] = (await self._call("GET", path))["items"]
         return items
 
+    async def job_uids(self, namespace: str | None) -> set[str]:
+        """The UIDs of all SimulationJobs, by pages that hold no specs; None: of all namespaces."""
+        scope = f"/namespaces/{namespace}" if namespace else ""
+        path = f"/apis/{names.API_VERSION}{scope}/{names.PLURAL}?limit={PAGE}"
+        found: set[str] = set()
+        more = ""
+        while True:
+            page = await self._call("GET", path + more, accept=_METADATA_ALONE)
+            found |= {item["metadata"]["uid"] for item in page.get("items") or []}
+            token = (page.get("metadata") or {}).get("continue")
+            if not token:
+                return found
+            more = f"&continue={token}"
+
     async def delete_job(self, namespace: str, name: str, uid: str) -> None:
         """Deletes a SimulationJob if it still is the one with that UID; gone is no error.
 
@@ -203,11 +220,13 @@ class KubernetesApi:
         path: str,
         body: Json | None = None,
         content_type: str = "application/json",
+        accept: str = "application/json",
     ) -> Json:
         """One call, counted with its status; 0 says that there was no answer."""
         begun, status = time.monotonic(), 0
+        headers = {"Accept": accept, "Content-Type": content_type}
         try:
-            answer = await self._answer(method, path, body, content_type)
+            answer = await self._answer(method, path, body, headers)
             status = 200
         except ApiError as error:
             status = error.status
@@ -216,14 +235,16 @@ class KubernetesApi:
             self._counted(method, status, time.monotonic() - begun)
         return answer
 
-    async def _answer(self, method: str, path: str, body: Json | None, content_type: str) -> Json:
+    async def _answer(
+        self, method: str, path: str, body: Json | None, headers: dict[str, str]
+    ) -> Json:
         client: Any = self._client  # its methods carry no types
         resource, _, query = path.partition("?")
         request = await client.param_serialize(
             method=method,
             resource_path=resource,
             query_params=[tuple(part.split("=", 1)) for part in query.split("&") if part],
-            header_params={"Accept": "application/json", "Content-Type": content_type},
+            header_params=headers,
             body=body,
             auth_settings=["BearerToken"],
         )

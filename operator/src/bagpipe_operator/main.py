@@ -16,6 +16,7 @@ from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator import serve, watch
 from bagpipe_operator.api import ApiError, KubernetesApi
+from bagpipe_operator.census import Census
 from bagpipe_operator.election import Election, new_identity
 from bagpipe_operator.fence import Fence, FencedApi
 from bagpipe_operator.lease import Terms
@@ -99,7 +100,8 @@ async def run(settings: Settings) -> None:
         runner = await serve.start(application, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
         await wait_until_watchable(api, settings)
-        tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election)]
+        census = Census(view, queue, api, settings.watch_namespaces or (None,))
+        tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election, census)]
         tasks += [
             asyncio.create_task(work(queue, reconciler.reconcile, metrics, fence.leads))
             for _ in range(settings.workers)

@@ -178,3 +178,24 @@ async def test_the_wait_for_the_crd_has_an_end(monkeypatch: pytest.MonkeyPatch) 
     async with server(Recorder(MISSING).answer) as api:
         with pytest.raises(ApiError, match="no such resource"):
             await main.wait_until_watchable(api, Settings())
+
+
+async def test_uids_come_by_pages_without_specs() -> None:
+    asked: list[tuple[str, str | None, str]] = []
+
+    async def answer(request: web.Request) -> web.Response:
+        token = request.query.get("continue")
+        asked.append((request.path, token, request.headers["Accept"].split(";")[1]))
+        number = len(asked)
+        meta = {"continue": "a+b/c=="} if number == 1 else {}
+        item = {"metadata": {"uid": f"uid-{number}"}}
+        return web.json_response({"metadata": meta, "items": [item]})
+
+    async with server(answer) as api:
+        assert await api.job_uids(None) == {"uid-1", "uid-2"}
+        assert await api.job_uids("lanes") == {"uid-3"}
+    everywhere, lanes = f"{JOBS}/simulationjobs", f"{JOBS}/namespaces/lanes/simulationjobs"
+    brief = "as=PartialObjectMetadataList"
+    assert asked == [
+        (everywhere, None, brief), (everywhere, "a+b/c==", brief), (lanes, None, brief),
+    ]  # fmt: skip
