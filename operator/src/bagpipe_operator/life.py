@@ -13,6 +13,8 @@ from bagpipe_operator.view import JobView, PodView
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
 FIRST_PAUSE_SECONDS = 10.0
 LONGEST_PAUSE_SECONDS = 300.0
+# A native sidecar, or a mesh that is told to, ends within seconds after the driver.
+LINGER_SECONDS = 30.0
 _STOPPING = re.compile(r" \d+ pods? (is|are) being stopped; what is done is kept\.$")
 
 
@@ -132,6 +134,19 @@ def over(pod: PodView) -> bool:
     """Whether the pod's driver has ended; the phase of its pod follows in a moment."""
     driver = pod.container(names.CONTAINER_DRIVER)
     return driver is not None and driver.exit_code is not None
+
+
+def lingers(pod: PodView, now: datetime) -> bool:
+    """Whether a pod goes on without its driver: a container that somebody has put beside it runs.
+
+    A service mesh's proxy that is no native sidecar does not end, and would keep the pod's place,
+    its quota and its claims for ever.
+    """
+    driver = pod.container(names.CONTAINER_DRIVER)
+    if driver is None or driver.exit_code is None or driver.ended_at is None:
+        return False
+    kept = (now - driver.ended_at).total_seconds()
+    return not pod.ended and not pod.deleting and kept >= LINGER_SECONDS
 
 
 def rests(job: JobView) -> bool:

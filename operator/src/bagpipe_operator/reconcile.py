@@ -23,6 +23,7 @@ from bagpipe_operator.life import (
     expired,
     halt_of,
     is_premature,
+    lingers,
     living,
     over,
     pausing,
@@ -344,13 +345,13 @@ class Reconciler:
         """
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
-            if not over(pod):
+            if not over(pod) or lingers(pod, self.now()):
                 await self._delete(pod)
 
     async def _stop_gracefully(self, job: JobView) -> None:
         """Deletes the driver, which journals what is done; then what it has left of executors."""
         alive = living(self.view.pods(job.uid), self.now())
-        working = [pod for pod in alive if not over(pod)]
+        working = [pod for pod in alive if not over(pod) or lingers(pod, self.now())]
         drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
         for pod in drivers or working:
             if not pod.deleting:

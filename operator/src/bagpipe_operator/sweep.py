@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from bagpipe_operator.life import expired, rests
+from bagpipe_operator.life import expired, lingers, rests
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.view import JobView, View
 
@@ -36,7 +36,10 @@ class Sweeper:
         return len(due)
 
     def _is_due(self, job: JobView) -> bool:
-        return expired(job, self.now()) if job.finished else not rests(job)
+        if not job.finished:
+            return not rests(job)
+        now = self.now()
+        return expired(job, now) or any(lingers(pod, now) for pod in self.view.pods(job.uid))
 
     def sweep_all(self) -> None:
         """Asks for every job, also those that have ended: a new leader knows of no work done."""
