@@ -25,6 +25,7 @@ class FakeApi:
     objects: dict[tuple[str, str], Json] = field(default_factory=dict)
     calls: list[str] = field(default_factory=list)
     faults: dict[str, list[BaseException]] = field(default_factory=dict)
+    lost: set[str] = field(default_factory=set)  # calls that take effect, and whose answer is lost
     version: int = 100
     told: dict[str, list[Json]] = field(default_factory=dict)  # Events by the UID they are about
     shown: list[Json] = field(default_factory=list)  # manifests of dry runs
@@ -50,6 +51,7 @@ class FakeApi:
         created = copy.deepcopy(manifest)
         created["metadata"]["uid"] = f"uid-of-{key[1]}"
         self.objects[key] = created
+        self._answers(f"create {resource}")
         return copy.deepcopy(created)
 
     async def try_create(self, resource: str, manifest: Json) -> None:
@@ -70,6 +72,7 @@ class FakeApi:
         if pod is None or pod["metadata"]["uid"] != uid:
             return False
         del self.objects["pods", name]
+        self._answers("delete pod")
         return True
 
     async def get_job(self, namespace: str, name: str) -> Json:
@@ -94,7 +97,14 @@ class FakeApi:
         merged = (job.get("status") or {}) | patch["status"]
         job["status"] = {key: value for key, value in merged.items() if value is not None}
         self.put("jobs", job)
+        self._answers("patch status")
         return copy.deepcopy(job)
+
+    def _answers(self, call: str) -> None:
+        """Raises if the answer is to be lost, once."""
+        if call in self.lost:
+            self.lost.remove(call)
+            raise ApiError(0, "Unreachable", f"the answer of {call} was lost")
 
     def _found(self, resource: str, name: str) -> Json:
         if (resource, name) not in self.objects:
