@@ -1,8 +1,8 @@
 """Asks the API server why a pod waits, where the watched objects do not say it.
 
 Bounded: a pod must have waited for LOOK_AFTER_SECONDS, a job is looked into once in
-LOOK_EVERY_SECONDS (more seldom when many jobs wait: all of them together MOST_LOOKS_PER_SECOND
-times), and of its pods the first MOST_PODS; many pods of one job wait for one cause.
+LOOK_EVERY_SECONDS (more seldom when many jobs of its namespace wait: see fair_share.py), and of its
+pods the first MOST_PODS; many pods of one job wait for one cause.
 """
 
 import logging
@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from bagpipe_operator import names, pending
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.executor_template import executor_trial
+from bagpipe_operator.fair_share import FairShare
 from bagpipe_operator.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.settings import Settings
@@ -22,20 +23,11 @@ logger = logging.getLogger(__name__)
 
 LOOK_AFTER_SECONDS = 2.0
 LOOK_EVERY_SECONDS = 4.0
-MOST_LOOKS_PER_SECOND = 10.0
 MOST_PODS = 3
 # Spark needs some seconds from the first case planned to the first executor asked for.
 EXECUTORS_AFTER_SECONDS = 4.0
 
 _EXECUTORS = "executors"
-
-
-def seconds_between(waiting: int, least: float = LOOK_EVERY_SECONDS) -> float:
-    """After how long one of so many that wait is asked about again.
-
-    Thousands may wait at once, and the API server has others to serve.
-    """
-    return max(least, waiting / MOST_LOOKS_PER_SECOND)
 
 
 @dataclass
@@ -53,6 +45,7 @@ class Lookout:
     monotonic: Callable[[], float]
     _waiting: Patience = field(default_factory=Patience)
     _found: dict[str, _Found] = field(default_factory=dict)
+    _share: FairShare = field(default_factory=lambda: FairShare(LOOK_EVERY_SECONDS))
 
     async def look(
         self, job: JobView, attempt: int, pods: Sequence[PodView], cases_wait: bool
@@ -69,21 +62,26 @@ class Lookout:
         suspects = [p for p in suspects if waited[p.uid] >= LOOK_AFTER_SECONDS][:MOST_PODS]
         missing = missing and waited[_EXECUTORS] >= EXECUTORS_AFTER_SECONDS
         if not suspects and not missing:
-            self._found.pop(job.uid, None)
+            self._drop(job.uid)
             return ()
         known = self._found.get(job.uid)
-        if known and now - known.at < seconds_between(len(self._found)):
+        if known and now - known.at < self._share.seconds(job.namespace):
             return known.troubles
         found = [t for pod in suspects for t in await self._of_pod(pod)]
         if missing:
             found += await self._of_executors(job, attempt, pods)
         self._found[job.uid] = _Found(now, tuple(found))
+        self._share.add(job.uid, job.namespace)
         return tuple(found)
 
     def forget(self, uid: str) -> None:
         """The job is over."""
         self._waiting.forget(uid)
+        self._drop(uid)
+
+    def _drop(self, uid: str) -> None:
         self._found.pop(uid, None)
+        self._share.remove(uid)
 
     @staticmethod
     def _executors_missing(job: JobView, pods: Sequence[PodView]) -> bool:

@@ -69,7 +69,8 @@ def spare_the_collector() -> None:
 
 async def run(settings: Settings) -> None:
     """Runs the operator until SIGTERM or SIGINT."""
-    view, queue, fence = View(), WorkQueue(), Fence()
+    view, fence = View(), Fence()
+    queue = WorkQueue(tenant_of=view.namespace_of)
     metrics = Metrics(view, queue, fence.leads)
     sweeper = Sweeper(view, queue, settings.sweep_seconds)
     async with AsyncExitStack() as stack:

@@ -42,13 +42,47 @@ def order(turn: int) -> tuple[Lane, ...]:
     return (Lane.ROUND, Lane.NEWS, Lane.START)
 
 
-class WorkQueue:
-    """Keys, in each lane in the order in which they were first asked for."""
+class _Turns:
+    """One lane's keys: their tenants take turns, and each tenant's are in their order."""
 
-    def __init__(self, now: Callable[[], float] | None = None) -> None:
+    def __init__(self) -> None:
+        self._keys: dict[str, dict[str, None]] = {}  # by tenant; whose turn it is comes first
+
+    def __bool__(self) -> bool:
+        return bool(self._keys)
+
+    def add(self, key: str, tenant: str) -> None:
+        self._keys.setdefault(tenant, {})[key] = None
+
+    def remove(self, key: str, tenant: str) -> None:
+        del self._keys[tenant][key]
+        if not self._keys[tenant]:
+            del self._keys[tenant]
+
+    def take(self) -> str:
+        tenant, keys = next(iter(self._keys.items()))
+        key = next(iter(keys))
+        self.remove(key, tenant)
+        if tenant in self._keys:
+            self._keys[tenant] = self._keys.pop(tenant)  # to the end
+        return key
+
+
+class WorkQueue:
+    """Keys; in each lane their tenants take turns, so that no tenant's thousands come first.
+
+    `tenant_of` says whose a key is: a job's namespace.
+    """
+
+    def __init__(
+        self,
+        now: Callable[[], float] | None = None,
+        tenant_of: Callable[[str], str] = lambda _key: "",
+    ) -> None:
         self._now = now or (lambda: asyncio.get_running_loop().time())
-        self._ready: dict[Lane, dict[str, None]] = {lane: {} for lane in Lane}
-        self._lane: dict[str, Lane] = {}  # of each key that is ready
+        self._tenant_of = tenant_of
+        self._ready: dict[Lane, _Turns] = {lane: _Turns() for lane in Lane}
+        self._place: dict[str, tuple[Lane, str]] = {}  # lane and tenant of each key that is ready
         self._turn = 0
         self._busy: set[str] = set()
         self._again: dict[str, Lane] = {}
@@ -58,22 +92,24 @@ class WorkQueue:
         self._places = asyncio.Semaphore(0)
 
     def __len__(self) -> int:
-        return len(self._lane)
+        return len(self._place)
 
     def add(self, key: str, lane: Lane = Lane.NEWS) -> None:
         """Asks for a key now, also when it is waiting for a retry: something has changed."""
         if key in self._busy:
             self._again[key] = min(lane, self._again.get(key, lane))
             return
-        there = self._lane.get(key)
-        if there is not None:
+        place = self._place.get(key)
+        if place is not None:
+            there, tenant = place
             if lane is not Lane.NEWS or there is lane:
                 return
-            del self._ready[there][key]
+            self._ready[there].remove(key, tenant)
         else:
+            tenant = self._tenant_of(key)
             self._places.release()
-        self._lane[key] = lane
-        self._ready[lane][key] = None
+        self._place[key] = lane, tenant
+        self._ready[lane].add(key, tenant)
 
     def add_if_rested(self, key: str) -> None:
         """Asks for a key unless it is waiting for a retry: nothing has changed but the time."""
@@ -91,8 +127,8 @@ class WorkQueue:
         await self._places.acquire()
         lane = next(lane for lane in order(self._turn) if self._ready[lane])
         self._turn += 1
-        key = next(iter(self._ready[lane]))
-        del self._ready[lane][key], self._lane[key]
+        key = self._ready[lane].take()
+        del self._place[key]
         self._busy.add(key)
         return key
 

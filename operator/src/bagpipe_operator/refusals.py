@@ -1,15 +1,16 @@
 """What the API server has refused to create, and when it is asked again.
 
 A refusal is an answer, so the queue's growing pauses do not apply to it; and a quota that is used
-up refuses all jobs of a namespace for as long as others run. All of them together ask
-MOST_LOOKS_PER_SECOND times a second, like those that Lookout looks into.
+up refuses all jobs of a namespace for as long as others run. They share what may be asked as those
+do that Lookout looks into.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from bagpipe_operator.children import Refusal
-from bagpipe_operator.lookout import seconds_between
+from bagpipe_operator.fair_share import FairShare
+from bagpipe_operator.lookout import LOOK_EVERY_SECONDS
 from bagpipe_operator.view import JobView
 
 
@@ -33,6 +34,7 @@ class Refusals:
     stuck_seconds: float
     monotonic: Callable[[], float]
     _held: dict[str, _Held] = field(default_factory=dict)
+    _share: FairShare = field(default_factory=lambda: FairShare(LOOK_EVERY_SECONDS))
 
     def standing(self, job: JobView, attempt: int) -> Refusal | None:
         """The last refusal as long as it is not to be asked again.
@@ -45,7 +47,8 @@ class Refusals:
         now = self.monotonic()
         if held.refusal.lasting and now - held.since >= self.stuck_seconds:
             return None
-        return held.refusal if now - held.asked_at < seconds_between(len(self._held)) else None
+        too_soon = now - held.asked_at < self._share.seconds(job.namespace)
+        return held.refusal if too_soon else None
 
     def asked(self, uid: str) -> bool:
         """Whether the job was refused before, so that its ConfigMap may be there."""
@@ -58,7 +61,9 @@ class Refusals:
         same = held is not None and held.what == what and _key(held.refusal) == _key(refusal)
         since = held.since if held is not None and same else now
         self._held[job.uid] = _Held(what, since, now, refusal)
+        self._share.add(job.uid, job.namespace)
 
     def forget(self, uid: str) -> None:
         """The job has a driver, or needs none any more."""
         self._held.pop(uid, None)
+        self._share.remove(uid)

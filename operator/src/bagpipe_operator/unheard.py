@@ -6,7 +6,7 @@ by its silence; one that waits for its place or its image is looked for in round
 
 from collections.abc import Callable
 
-from bagpipe_operator.lookout import seconds_between
+from bagpipe_operator.fair_share import FairShare
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.view import PodView
 
@@ -24,12 +24,15 @@ class Rounds:
     def __init__(self, monotonic: Callable[[], float]) -> None:
         self._monotonic = monotonic
         self._waiting = Patience()
+        self._share = FairShare(LOOK_EVERY_SECONDS)
 
     def due(self, driver: PodView) -> bool:
         """Whether a driver that waits is to be looked for now."""
         waited = self._waiting.observe(driver.job_uid, [driver.uid], self._monotonic())
-        return waited[driver.uid] >= seconds_between(len(self._waiting), LOOK_EVERY_SECONDS)
+        self._share.add(driver.job_uid, driver.namespace)
+        return waited[driver.uid] >= self._share.seconds(driver.namespace)
 
     def forget(self, uid: str) -> None:
         """The job's driver was looked for just now, or serves, or is over."""
         self._waiting.forget(uid)
+        self._share.remove(uid)

@@ -231,6 +231,11 @@ class View:
         """The job, or None when it is gone or was never seen."""
         return self._jobs.get(uid)
 
+    def namespace_of(self, uid: str) -> str:
+        """A job's namespace; empty for a job that is not known."""
+        job = self._jobs.get(uid)
+        return job.namespace if job else ""
+
     def jobs(self) -> Iterator[JobView]:
         """All known jobs, those that have ended too."""
         return iter(list(self._jobs.values()))

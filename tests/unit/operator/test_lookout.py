@@ -3,7 +3,7 @@
 import pytest
 
 from bagpipe_operator.api import ApiError
-from bagpipe_operator.lookout import MOST_PODS, Lookout, seconds_between
+from bagpipe_operator.lookout import MOST_PODS, Lookout
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import (
     Clock,
@@ -132,13 +132,6 @@ async def test_executors_that_are_all_there_are_not_asked_about() -> None:
     await world.reconcile(after=10)
     await world.reconcile(after=10)
     assert "try pods" not in world.api.calls
-
-
-@pytest.mark.parametrize(("waiting", "expected"), [(1, 4.0), (40, 4.0), (100, 10.0), (1000, 100.0)])
-def test_the_more_jobs_wait_the_more_seldom_each_is_looked_into(
-    waiting: int, expected: float
-) -> None:
-    assert seconds_between(waiting) == expected
 
 
 async def test_a_thousand_jobs_without_executors_do_not_flood_the_api_server() -> None:

@@ -33,7 +33,7 @@ class ScheduleLoop:
         self._metrics = metrics
         self._leads = leads
         self._view = Schedules()
-        self._queue = WorkQueue()
+        self._queue = WorkQueue(tenant_of=self._view.namespace_of)
         self._alarms = Alarms(self._queue, now)
         self._reconciler = ScheduleReconciler(
             api, self._view, self._alarms, ScheduleMetrics(self._view, metrics.registry), now

@@ -113,6 +113,11 @@ class Schedules:
         """The schedule, or None when it is gone or was never seen."""
         return self._schedules.get(uid)
 
+    def namespace_of(self, uid: str) -> str:
+        """A schedule's namespace; empty for one that is not known."""
+        schedule = self._schedules.get(uid)
+        return schedule.namespace if schedule else ""
+
     def schedules(self) -> Iterator[ScheduleView]:
         """All known schedules."""
         return iter(list(self._schedules.values()))

@@ -1,0 +1,55 @@
+"""No namespace's jobs wait longer because another has thousands."""
+
+import pytest
+
+from bagpipe_operator.fair_share import MOST_LOOKS_PER_SECOND, FairShare, seconds_between
+from bagpipe_operator.queue import Lane, WorkQueue
+from bagpipe_operator.view import View
+from tests.unit.operator.builders import make_job
+
+
+@pytest.mark.parametrize(
+    ("waiting", "namespaces", "expected"),
+    [(1, 1, 4.0), (40, 1, 4.0), (100, 1, 10.0), (1000, 1, 100.0), (100, 2, 20.0), (1, 30, 4.0)],
+)
+def test_the_more_jobs_of_a_namespace_wait_the_more_seldom_each_is_asked_about(
+    waiting: int, namespaces: int, expected: float
+) -> None:
+    assert seconds_between(waiting, namespaces, 4.0) == expected
+
+
+def test_five_thousand_jobs_of_one_tenant_cost_the_others_nothing() -> None:
+    share = FairShare(4.0)
+    for number in range(5000):
+        share.add(f"hostile-{number}", "hostile")
+        share.add(f"hostile-{number}", "hostile")
+    share.add("honest", "honest")
+    assert (share.seconds("honest"), share.seconds("hostile")) == (4.0, 1000.0)
+    asked = 5000 / share.seconds("hostile") + 1 / share.seconds("honest")
+    assert asked <= MOST_LOOKS_PER_SECOND
+    for number in range(5000):
+        share.remove(f"hostile-{number}")
+        share.remove(f"hostile-{number}")
+    assert (share.seconds("hostile"), len(share)) == (4.0, 1)
+
+
+async def test_a_thousand_new_jobs_of_one_tenant_do_not_come_before_another_s_one() -> None:
+    owner = {f"hostile-{number}": "hostile" for number in range(1000)}
+    owner |= {"a": "honest", "b": "honest", "c": "third"}
+    queue = WorkQueue(lambda: 0.0, tenant_of=owner.__getitem__)
+    for key in owner:
+        queue.add(key, Lane.START)
+    taken = [await queue.get() for _ in range(6)]
+    assert taken == ["hostile-0", "a", "c", "hostile-1", "b", "hostile-2"]
+    # News of a job that waits to start goes before, whoever has how many.
+    queue.add("hostile-7", Lane.NEWS)
+    assert await queue.get() == "hostile-7"
+    rest = [await queue.get() for _ in range(len(queue))]
+    assert rest[:4] == ["hostile-3", "hostile-4", "hostile-5", "hostile-6"]
+    assert (len(rest), len(set(rest)), rest[4]) == (996, 996, "hostile-8")
+
+
+def test_the_queue_s_tenant_is_the_job_s_namespace() -> None:
+    view = View()
+    view.put_job(make_job("x").view())
+    assert (view.namespace_of("uid-of-x"), view.namespace_of("uid-of-y")) == ("lanes", "")
