@@ -215,6 +215,8 @@ class JobView:
         )
 
 
+# What an ended job's spec still decides: whether it is removed some time.
+_OF_ENDED = frozenset({"ttlSecondsAfterFinished"})
 # Spark deletes an executor as soon as it has ended; the last ones tell why.
 MOST_GONE_PODS = 10
 
@@ -268,9 +270,11 @@ class View:
         known = self._jobs.get(job.uid)
         if known and is_older(job.resource_version, known.resource_version):
             return False
-        self._jobs[job.uid] = job
         if job.finished:
+            # Its parameters may be a megabyte, and nothing is decided by them any more.
+            job = replace(job, spec={k: v for k, v in job.spec.items() if k in _OF_ENDED})
             self._gone.pop(job.uid, None)
+        self._jobs[job.uid] = job
         return True
 
     def drop_job(self, uid: str) -> None:

@@ -119,8 +119,8 @@ def apply(settings: kopf.OperatorSettings) -> None:
     settings.peering.standalone = True
     # The API server sends only the pods of jobs, not every pod of the cluster.
     settings.watching.label_selectors["", "v1", "pods"] = names.LABEL_JOB_UID
-    # Thousands of jobs come in pieces instead of one answer of many megabytes.
-    settings.watching.chunk_size = 500
+    # Thousands of jobs come in pieces: 50 of the largest that may be stored are 75 MB of text.
+    settings.watching.chunk_size = 50
     settings.watching.connect_timeout = 10
     settings.networking.request_timeout = 60
     settings.networking.error_backoffs = SYSTEM_ERRORS_SECONDS

@@ -76,3 +76,18 @@ def test_a_pod_behind_a_scheduling_gate_is_not_unschedulable() -> None:
         "message": "Scheduling is blocked due to non-empty scheduling gates",
     }
     assert pod.view().unschedulable == ""
+
+
+def test_of_an_ended_job_only_that_is_kept_by_which_it_goes() -> None:
+    view = View()
+    job = make_job("x").with_spec("stack.parameters", {"/map": "x" * 1000})
+    job.with_spec("ttlSecondsAfterFinished", 60)
+    view.put_job(job.view())
+    kept = view.job("uid-of-x")
+    assert kept is not None
+    assert kept.spec == job.object["spec"]
+    job.with_status(conditions=[{"type": "Complete", "status": "True"}])
+    view.put_job(job.view())
+    kept = view.job("uid-of-x")
+    assert kept is not None
+    assert (kept.finished, kept.spec) == (True, {"ttlSecondsAfterFinished": 60})
