@@ -57,6 +57,23 @@ def test_a_busy_machine_excuses_what_it_can_have_caused(
     assert judge(result(lost(dropped, waited))).reason == reason
 
 
+@pytest.mark.parametrize(
+    ("waited", "drain", "reason"),
+    [
+        (0.52, 0.4, "MachineBusy"),
+        (0.52, 3.0, "MachineBusy"),
+        # A deadlock: in ten seconds of drain it took nothing more, and had a processor for it.
+        (0.52, 10.0, "MessagesLost"),
+        (4.1, 10.0, "MachineBusy"),
+    ],
+)
+def test_a_drain_in_which_nothing_was_taken_is_to_be_explained_too(
+    waited: float, drain: float, reason: str
+) -> None:
+    told = result(lost(10, waited)) | {"timings": {"drain": drain}}
+    assert judge(told).reason == reason
+
+
 def test_what_is_missing_needs_an_excuse_though_nobody_dropped_it() -> None:
     assert judge(result(lost(39, 0.0) | {"dropped": 0})).reason == "MessagesLost"
 

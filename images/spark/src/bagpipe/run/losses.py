@@ -11,6 +11,8 @@ from typing import Any
 
 # A thread waits in slices, and messages come unevenly: half of the time must be explained.
 _EXPLAINED = 0.5
+# After the last input a node that was only kept from its messages takes the rest of them soon.
+_SOON_SECONDS = 2.0
 # A sentence names a few nodes; the ledger has all.
 _MOST_TOLD = 5
 
@@ -58,16 +60,18 @@ def by_the_machine(loss: Loss, result: Mapping[str, Any], mode: str) -> bool:
 
     Only in `realtime` does a message come at its own time, whatever the node is doing: elsewhere a
     slow machine slows the player too. Where nobody measured the machine, or how long the node
-    waited (it came late, or is gone), nothing speaks for the machine's fault. The machine's
-    `stall_max_seconds` and `late_max_seconds` count as well: while all stands still, no thread is
-    seen to wait.
+    waited (it came late, or is gone), nothing speaks for the machine's fault. A node that let the
+    drain go by without taking what was left, and without waiting for a processor, is not kept from
+    it by a machine. The machine's `stall_max_seconds` and `late_max_seconds` count as well: while
+    all stands still, no thread is seen to wait.
     """
     machine = result.get("machine") or {}
     if mode != "realtime" or not machine.get("busy") or loss.waited is None:
         return False
     kept = loss.waited + machine["stall_max_seconds"] + machine["late_max_seconds"]
     period = result["playback"]["played_seconds"] / max(1, loss.sent)
-    return bool(kept >= _EXPLAINED * loss.missing * period)
+    drained = float((result.get("timings") or {}).get("drain") or 0.0) - _SOON_SECONDS
+    return bool(kept >= _EXPLAINED * max(loss.missing * period, drained))
 
 
 def why(loss: Loss, result: Mapping[str, Any]) -> str:
