@@ -258,7 +258,10 @@ class KubernetesApi:
             raise ApiError(0, "Unreachable", f"{method} {path}: {what}") from error
         if not 200 <= response.status < 300:
             raise _refusal(response.status, text)
-        answer: Json = loads(text)
+        try:
+            answer: Json = loads(text)
+        except ValueError as error:
+            raise ApiError(0, "Unreadable", f"{method} {path}: {text[:200]}") from error
         return answer
 
 

@@ -29,7 +29,7 @@ class BoundedResponse(aiohttp.ClientResponse):
 
     async def json(self, **_: Any) -> Any:
         """The answer's value."""
-        return loads(await self.read())
+        return loads((await self.read()).decode("utf-8", "replace"))
 
 
 class BoundedLines:

@@ -19,8 +19,8 @@ EVICTIONS = {
     "PreemptionByScheduler": "for a pod of a higher priority",
     "TerminationByKubelet": "by its node",
 }
-# Those of them that say nothing of the pod, and a node that was given up: drained, consolidated.
-VOLUNTARY = frozenset({"EvictionByEvictionAPI", "PreemptionByScheduler", "DeletionByTaintManager"})
+# Those of them that say nothing of the pod. A node may be tainted because a pod has starved it.
+VOLUNTARY = frozenset({"EvictionByEvictionAPI", "PreemptionByScheduler"})
 _OUT_OF_MEMORY = "OOMKilled"
 
 

@@ -45,7 +45,10 @@ class Census:
         gone = [uid for uid in known if uid not in there]
         for uid in gone:
             self.view.drop_job(uid)
+            self.view.drop_pods(uid)
             self.queue.forget(uid)
+            # A visit of what is not there forgets all else that is known of it.
+            self.queue.add(uid)
         return len(gone)
 
     async def run(self) -> None:

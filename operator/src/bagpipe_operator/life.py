@@ -13,6 +13,8 @@ from bagpipe_operator.view import JobView, PodView
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
 FIRST_PAUSE_SECONDS = 10.0
 LONGEST_PAUSE_SECONDS = 300.0
+# More of them only make numbers that no float holds.
+_MOST_DOUBLINGS = 10
 # A native sidecar, or a mesh that is told to, ends within seconds after the driver.
 LINGER_SECONDS = 30.0
 _STOPPING = re.compile(r" \d+ pods? (is|are) being stopped; what is done is kept\.$")
@@ -62,18 +64,22 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
     return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
 
 
-def is_premature(halt: Halt | None, job: JobView, progress: Progress | None) -> bool:
-    """Whether a start deadline would end a job though nothing says that its running driver is late.
+def halt_as_seen(
+    halt: Halt | None, job: JobView, running: bool, progress: Progress | None, now: datetime
+) -> Halt | None:
+    """The halt, now that the driver was looked at: a start deadline ends only what has not begun.
 
-    The status may be behind: its operator was down, or could not reach the driver. Silence of a
-    driver that runs is not "no case has begun".
+    The status may be behind: its operator was down, or could not reach the driver. So the driver's
+    account counts, the last one of a driver that has ended too; and silence of one that is
+    `running` is not "no case has begun".
     """
     if halt is None or halt.reason != reasons.START_DEADLINE_EXCEEDED:
-        return False
+        return halt
     told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
     if told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED:
-        return False  # its pods are being stopped
-    return progress is None or progress.cases.begun
+        return halt  # its pods are being stopped
+    begun = progress.cases.begun if progress else running
+    return _late_end(job, now) if begun else halt
 
 
 def _late_end(job: JobView, now: datetime) -> Halt | None:
@@ -111,7 +117,8 @@ def pausing(job: JobView, now: datetime) -> bool:
 
 def pause_seconds(lost: int) -> float:
     """How long to wait with the next driver after `lost` were lost, from 1 on."""
-    return float(min(LONGEST_PAUSE_SECONDS, FIRST_PAUSE_SECONDS * 2 ** (lost - 1)))
+    doublings = min(lost - 1, _MOST_DOUBLINGS)
+    return float(min(LONGEST_PAUSE_SECONDS, FIRST_PAUSE_SECONDS * 2**doublings))
 
 
 def lost_drivers(job: JobView) -> int:

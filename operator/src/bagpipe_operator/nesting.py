@@ -13,7 +13,7 @@ DEEPEST = 32
 # Levels of any text, such as a list of jobs; far enough above the other that what is cut here is
 # refused there.
 _DEEPEST_OF_TEXT = 4 * DEEPEST
-_TOKEN = re.compile(rb'"(?:[^"\\]++|\\.)*+"|[\[{]++|[\]}]++', re.DOTALL)
+_TOKEN = re.compile(rb'"(?:[^"\\]++|\\.)*+(?:"|\Z)|[\[{]++|[\]}]++', re.DOTALL)
 
 
 def loads(text: bytes | str) -> Any:
@@ -41,7 +41,8 @@ def cut(text: bytes, most: int = _DEEPEST_OF_TEXT) -> bytes:
             depth -= length
             if depth <= most < depth + length:
                 begin = token.end() - (most - depth)
-    kept.append(text[begin:])
+    if depth <= most:
+        kept.append(text[begin:])
     return b"".join(kept)
 
 

@@ -21,8 +21,8 @@ from bagpipe_operator.job_config import JobTooLargeError, UnusableSpecError, rea
 from bagpipe_operator.life import (
     Halt,
     expired,
+    halt_as_seen,
     halt_of,
-    is_premature,
     lingers,
     living,
     over,
@@ -164,7 +164,9 @@ class Reconciler:
             ending = ending_of(driver, self.now())
             if ending is None and serves(driver):
                 progress = await self._account_of(driver)
-                halt = None if is_premature(halt, job, progress) else halt
+        running = driver is not None and ending is None and serves(driver)
+        account = ending.progress if ending else progress
+        halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
     async def _resumed(self, job: JobView, attempt: int) -> Observation:

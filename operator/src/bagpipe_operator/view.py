@@ -282,6 +282,10 @@ class View:
         self._jobs.pop(uid, None)
         self._gone.pop(uid, None)
 
+    def drop_pods(self, job_uid: str) -> None:
+        """Forgets all pods of a job that is gone; those that are there still will be told again."""
+        self._pods.pop(job_uid, None)
+
     def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:
         """The last pods of an unfinished job that were seen to go, as they were at the end."""
         return tuple(self._gone.get(job_uid, ()))

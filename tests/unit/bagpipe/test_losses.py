@@ -74,6 +74,12 @@ def test_a_drain_in_which_nothing_was_taken_is_to_be_explained_too(
     assert judge(told).reason == reason
 
 
+def test_a_long_drain_may_be_another_node_s() -> None:
+    right = {"node": "/computes", "received": SENT, "dropped": 0, "waited_seconds": 0.0}
+    told = result(lost(10, 0.52), right) | {"timings": {"drain": 10.0}}
+    assert judge(told).reason == "MachineBusy"
+
+
 def test_what_is_missing_needs_an_excuse_though_nobody_dropped_it() -> None:
     assert judge(result(lost(39, 0.0) | {"dropped": 0})).reason == "MessagesLost"
 

@@ -137,6 +137,15 @@ def test_answers_between_the_truth_s_samples_are_right_if_the_truth_may_have_bee
     assert found(given, {"error": angle}).figure == 0.0
 
 
+def test_in_a_gap_of_the_truth_it_may_have_been_anywhere() -> None:
+    """A loop through a tunnel: the truth is silent, and comes out where it went in."""
+    inside = [at for at in INPUTS if 11.95 < at < 12.35]
+    truth = [("/truth", at, stamped(at, 0.0, 0.0)) for at in INPUTS if at not in inside]
+    answers = [answer(at, x=50.0 if at in inside else 0.0) for at in INPUTS]
+    finding = found(case(answers, truth=truth), {"error": STRICT})
+    assert (len(inside), finding.outcome, finding.figure) == (4, "passed", 0.0)
+
+
 # Numbers that are none.
 
 

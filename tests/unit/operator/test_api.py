@@ -199,3 +199,10 @@ async def test_uids_come_by_pages_without_specs() -> None:
     assert asked == [
         (everywhere, None, brief), (everywhere, "a+b/c==", brief), (lanes, None, brief),
     ]  # fmt: skip
+
+
+async def test_an_answer_that_is_no_json_is_a_fault_of_the_call() -> None:
+    recorder = Recorder((200, "<html>hello</html>"))
+    async with server(recorder.answer) as api:
+        with pytest.raises(ApiError, match=r"Unreadable.*hello"):
+            await api.get_job("lanes", "x")

@@ -85,3 +85,11 @@ def test_a_login_that_was_refused_is_known_again_and_another_is_not() -> None:
         return [first == again, first == other]
 
     assert asyncio.run(connections()) == [True, False]
+
+
+def test_an_error_page_in_another_encoding_is_no_json_and_nothing_worse() -> None:
+    async def page(_: web.Request) -> web.Response:
+        return web.Response(status=502, body=b"<h1>d\xe9sol\xe9</h1>", content_type="text/html")
+
+    with pytest.raises(json.JSONDecodeError):
+        asyncio.run(answered(page, "/jobs", lambda response: response.json()))

@@ -8,7 +8,7 @@ from bagpipe_operator.api import ApiError
 from bagpipe_operator.census import Census
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.view import View
-from tests.unit.operator.builders import make_job
+from tests.unit.operator.builders import make_driver, make_job
 
 
 @dataclass
@@ -44,7 +44,12 @@ async def test_what_is_gone_is_forgotten(namespaces: tuple[str | None, ...]) -> 
     view, queue = viewing("here", "gone"), WorkQueue()
     register = Register(view, {None: {"uid-of-here"}, "lanes": {"uid-of-here"}, "drives": set()})
     census = Census(view, queue, register, namespaces)
+    for name in ("here", "gone"):
+        view.put_pod(make_driver(name).view())
     assert (await census.count(), known(view)) == (1, ["here"])
+    assert [pod.name for pod in view.all_pods()] == ["here-1-driver"]
+    # Whoever visits it finds nothing, and forgets what is kept of it elsewhere.
+    assert (len(queue), await queue.get()) == (1, "uid-of-gone")
     assert await census.count() == 0
 
 

@@ -110,7 +110,7 @@ def test_a_driver_that_had_ended_well_before_it_was_deleted_has_completed() -> N
     [
         ("EvictionByEvictionAPI", False),
         ("PreemptionByScheduler", False),
-        ("DeletionByTaintManager", False),
+        ("DeletionByTaintManager", True),
         ("TerminationByKubelet", True),
         ("DeletionByPodGC", True),
     ],

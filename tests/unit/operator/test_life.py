@@ -306,6 +306,28 @@ async def test_silence_of_a_running_driver_is_no_late_start() -> None:
     assert world.reason("Running") == "False/StartDeadlineExceeded"
 
 
+async def test_a_silent_driver_has_its_active_deadline_all_the_same() -> None:
+    job = make_job("x").with_spec("startDeadlineSeconds", 30)
+    world = World(job.with_spec("activeDeadlineSeconds", 600))
+    await world.reconcile()
+    silent_since_it_started(world)
+    await world.reconcile(after=599)
+    assert world.reason("Running") != "False/DeadlineExceeded"
+    await world.reconcile(after=1)
+    assert world.reason("Running") == "False/DeadlineExceeded"
+
+
+async def test_a_lost_driver_s_last_account_of_cases_is_no_late_start() -> None:
+    """It ended while the operator was down, and is replaced."""
+    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    await world.reconcile()
+    gone_spark = account("Running", reason="SparkGone", cases={"planned": 4, "passed": 2})
+    world.deliver(make_driver("x").ended(1, gone_spark))
+    await world.reconcile(after=3600)
+    assert world.status()["lostDrivers"] == 1
+    assert world.reason("Failed") == "False/InProgress"
+
+
 def ended_job(condition: str, ttl: int = 60) -> JobBuilder:
     told = [
         {

@@ -187,3 +187,7 @@ async def test_a_drained_node_costs_no_attempt_and_ends_no_job() -> None:
         world.deliver(make_driver("x", attempt + 1).running())
         await world.reconcile(after=2)
     assert world.reason("Failed") == "False/InProgress"
+
+
+def test_a_pause_is_a_number_however_many_attempts_there_were() -> None:
+    assert [pause_seconds(lost) for lost in (1, 2, 6, 1025, 10**6)] == [10, 20, 300, 300, 300]

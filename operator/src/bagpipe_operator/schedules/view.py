@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
-from bagpipe_operator.nesting import bounded
+from bagpipe_operator.nesting import DEEPEST, bounded
 from bagpipe_operator.view import Json, is_older
 
 
@@ -42,7 +42,8 @@ class ScheduleView:
             resource_version=str(meta.get("resourceVersion") or ""),
             created=datetime.fromisoformat(meta["creationTimestamp"]),
             deleting=bool(meta.get("deletionTimestamp")),
-            spec=bounded(schedule.get("spec") or {}),
+            # Its jobs' spec begins two levels further in, and must be as deep as it was written.
+            spec=bounded(schedule.get("spec") or {}, DEEPEST + 2),
             status=bounded(schedule.get("status") or {}),
         )
 

@@ -1,13 +1,23 @@
 """Schedules over a fake API server and a fake clock: what is started when, and what is told."""
 
+import copy
 from datetime import timedelta
+from typing import Any
 
 import pytest
 
 from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.nesting import is_deep
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, run_of
-from tests.unit.operator.schedules.world import UID, World, make_job, minute, name_of
+from tests.unit.operator.schedules.world import (
+    UID,
+    World,
+    make_job,
+    make_schedule,
+    minute,
+    name_of,
+)
 
 
 async def test_before_the_first_run_only_the_status_is_written() -> None:
@@ -351,3 +361,20 @@ def test_an_older_schedule_is_not_taken() -> None:
     older = ScheduleView(**{**vars(view), "resource_version": "6"})
     assert not world.view.put_schedule(older)
     assert world.view.schedule(UID) == view
+
+
+@pytest.mark.parametrize("levels", [28, 29, 60])
+async def test_a_job_s_nested_parameters_are_as_the_schedule_says_or_the_job_is_refused(
+    levels: int,
+) -> None:
+    nested: list[Any] = []
+    for _ in range(levels - 1):
+        nested = [nested]
+    template = copy.deepcopy(make_schedule()["spec"]["jobTemplate"])
+    template["spec"].setdefault("stack", {})["parameters"] = {"/x": nested}
+    world = World(jobTemplate=template)
+    await world.at(1)
+    (job,) = world.api.jobs.values()
+    whole = job["spec"]["stack"]["parameters"] == {"/x": nested}
+    assert whole or is_deep(job["spec"])
+    assert is_deep(job["spec"]) == (levels > 28)

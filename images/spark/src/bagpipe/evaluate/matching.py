@@ -1,9 +1,11 @@
 """Answers and the truth's samples, brought together by their times."""
 
 import bisect
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from statistics import median
 
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, number_at, turned
@@ -11,6 +13,9 @@ from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError
 from bagpipe.evaluate.limits import seconds
 from bagpipe.evaluate.model import Error
 from bagpipe.evaluate.window import begin_of, credible, frames_differ, heard, samples
+
+# In a gap of the truth, of so many usual steps or more, it may have been anywhere.
+_GAP = 3
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,7 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     times, order = [_when(each) for each in truth], [_when(each) for each in answers]
     fields = wanted.truth_fields or wanted.fields
     true = [[number_at(each.message, path) for path in fields] for each in truth]
+    widest = _GAP * median(b - a for a, b in itertools.pairwise(times)) if len(times) > 1 else 0
     pairs, strays = [], []
     for sample, at, values in zip(answers, order, numbers, strict=True):
         if odd:
@@ -72,6 +78,8 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
             pairs.append(Pair(sample.time, at, nearest, distance))
         elif times[0] < at < times[-1]:
             after = bisect.bisect_left(times, at)
+            if times[after] - times[after - 1] > widest:
+                continue
             distance = _beyond(answer, true[after - 1], true[after], angle=wanted.angle)
             if distance > 0:
                 strays.append(Pair(sample.time, at, nearest, distance))

@@ -71,7 +71,14 @@ def by_the_machine(loss: Loss, result: Mapping[str, Any], mode: str) -> bool:
     kept = loss.waited + machine["stall_max_seconds"] + machine["late_max_seconds"]
     period = result["playback"]["played_seconds"] / max(1, loss.sent)
     drained = float((result.get("timings") or {}).get("drain") or 0.0) - _SOON_SECONDS
+    if _nodes(result) != {loss.node}:
+        drained = 0.0  # it may have been another node's
     return bool(kept >= _EXPLAINED * max(loss.missing * period, drained))
+
+
+def _nodes(result: Mapping[str, Any]) -> set[str]:
+    lines = (line for topic in result["ledger"]["topics"] for line in topic["subscribers"])
+    return {line["node"] for line in lines}
 
 
 def why(loss: Loss, result: Mapping[str, Any]) -> str:

@@ -3,6 +3,7 @@
 //! A node that loads its libraries is not in the graph yet, so nothing there says that somebody
 //! is still to come.
 
+use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use super::rest::{Look, WORKING};
@@ -16,33 +17,37 @@ pub(crate) struct Starting {
     root: Option<u32>,
     born: Instant,
     last: Option<Look>,
+    over: bool,
 }
 
 impl Starting {
     /// Without a root there is nothing that can be seen to start.
     pub(crate) fn below(root: Option<u32>) -> Starting {
-        Starting { root, born: Instant::now(), last: None }
+        Starting { root, born: Instant::now(), last: None, over: false }
     }
 
     /// Whether nobody has worked for a while; `changed`: whether the graph has, since the last
     /// time, which begins the while anew.
     pub(crate) fn is_over(&mut self, changed: bool) -> bool {
         let Some(root) = self.root else { return true };
+        if self.over && !changed {
+            return true;
+        }
         let before = self.last.as_ref().filter(|_| !changed);
         if before.is_some_and(|before| self.born.elapsed() < before.at + QUIET) {
             return false;
         }
         let now = look(&descendants(root, &Default::default()), self.born);
-        let over = before.is_some_and(|before| rested(before, &now));
+        self.over = before.is_some_and(|before| rested(before, &now));
         self.last = Some(now);
-        over
+        self.over
     }
 }
 
 /// Whether no process came between two looks, and none worked.
 fn rested(before: &Look, now: &Look) -> bool {
-    let processes = |look: &Look| look.threads.keys().map(|thread| thread.0).max();
-    processes(now) <= processes(before)
+    let known: BTreeSet<i32> = before.threads.keys().map(|thread| thread.0).collect();
+    now.threads.keys().all(|thread| known.contains(&thread.0))
         && now.wanted_since(before).values().all(|part| *part < WORKING)
 }
 
@@ -67,6 +72,8 @@ mod tests {
         assert!(rested(&before, &look(100, &[(7, 60), (8, 20)])));
         assert!(!rested(&before, &look(100, &[(7, 50), (8, 46)])));
         assert!(!rested(&before, &look(100, &[(7, 50), (8, 20), (9, 0)])));
+        // Numbers of processes begin anew some time.
+        assert!(!rested(&before, &look(100, &[(7, 50), (8, 20), (3, 0)])));
         assert!(rested(&before, &look(100, &[(7, 50)])));
     }
 
@@ -89,6 +96,7 @@ mod tests {
             assert!(Instant::now() < until);
             std::thread::yield_now();
         }
+        assert!(starting.is_over(false));
         assert!(!starting.is_over(true));
         assert!(Starting::below(None).is_over(true));
     }
