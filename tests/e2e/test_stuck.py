@@ -209,7 +209,9 @@ def test_no_node_and_then_no_config_map(namespace: str) -> None:
             told = seen(namespace, "unplaced", "Unschedulable", 240)
             pod = only(pods(namespace, "unplaced", "driver"))
             assert_in_time("no node", pod_condition(pod, "PodScheduled"), told)
-            k.kubectl("-n", namespace, "delete", "configmap", "unplaced-1")
+            volumes = pod["spec"]["volumes"]
+            (config,) = [v["configMap"]["name"] for v in volumes if v["name"] == "config"]
+            k.kubectl("-n", namespace, "delete", "configmap", config)
         told = seen(namespace, "unplaced", "ConfigMapMissing", 240)
         knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
         assert_in_time("ConfigMap", knew, told)
