@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use super::Machine;
 use super::busy::{Slice, busy};
-use super::kernel::{self, ProcessLine};
+use super::kernel;
+use crate::processes::{ProcessLine, below, processes};
 
 /// How often the thread wants to wake.
 const TICK: Duration = Duration::from_millis(10);
@@ -204,33 +205,14 @@ fn shares(
     ourselves: i32,
     foreign: &BTreeSet<i32>,
 ) -> (u64, u64) {
-    let mut children: BTreeMap<i32, Vec<i32>> = BTreeMap::new();
-    for (pid, line) in processes {
-        children.entry(line.parent).or_default().push(*pid);
-    }
     let mine = processes.get(&ourselves).copied().unwrap_or_default();
-    let mut stack = mine.reaped;
-    let mut seen = BTreeSet::from([ourselves]);
-    let below = children.get(&ourselves).into_iter().flatten();
-    let mut unseen: Vec<i32> = below.chain(foreign).copied().collect();
-    while let Some(pid) = unseen.pop() {
-        let Some(line) = processes.get(&pid) else { continue };
-        if seen.insert(pid) {
-            stack += line.ticks + line.reaped;
-            unseen.extend(children.get(&pid).into_iter().flatten());
-        }
-    }
+    let roots: Vec<i32> = foreign.iter().copied().chain([ourselves]).collect();
+    let mut theirs = below(processes, &roots, &BTreeSet::new());
+    theirs.extend(foreign);
+    theirs.remove(&ourselves);
+    let lines = theirs.iter().filter_map(|pid| processes.get(pid));
+    let stack = mine.reaped + lines.map(|line| line.ticks + line.reaped).sum::<u64>();
     (mine.ticks, stack)
-}
-
-/// Every process that /proc shows.
-fn processes() -> BTreeMap<i32, ProcessLine> {
-    let entries = std::fs::read_dir("/proc").into_iter().flatten().flatten();
-    let line = |entry: std::fs::DirEntry| {
-        let pid: i32 = entry.file_name().to_str()?.parse().ok()?;
-        Some((pid, kernel::process_line(&text(&entry.path().join("stat")))?))
-    };
-    entries.filter_map(line).collect()
 }
 
 /// What a cgroup has used, in seconds: `cpuacct.usage` or a version 2 cpu.stat.

@@ -3,29 +3,6 @@
 
 use std::collections::BTreeSet;
 
-/// A process's line of /proc/PID/stat (proc(5)).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct ProcessLine {
-    pub(crate) parent: i32,
-    /// User and system time, in clock ticks.
-    pub(crate) ticks: u64,
-    /// The same of the children that it has waited for, and of theirs.
-    pub(crate) reaped: u64,
-}
-
-/// Reads a line of /proc/PID/stat.
-pub(crate) fn process_line(stat: &str) -> Option<ProcessLine> {
-    // The command's name stands in parentheses and may hold anything.
-    let (_, after) = stat.rsplit_once(')')?;
-    let fields: Vec<&str> = after.split_ascii_whitespace().collect();
-    let ticks = |at: usize| fields.get(at)?.parse::<u64>().ok();
-    Some(ProcessLine {
-        parent: fields.get(1)?.parse().ok()?,
-        ticks: ticks(11)?.saturating_add(ticks(12)?),
-        reaped: ticks(13)?.saturating_add(ticks(14)?),
-    })
-}
-
 /// Clock ticks of some processors, from /proc/stat.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Processors {
@@ -125,14 +102,6 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_process_s_line_is_read_by_its_fields_whatever_its_name() {
-        let stat = "7 (a) b) c) S 3 7 7 0 -1 4194560 10 20 30 40 111 222 333 444 20 0 1 0 5";
-        let line = ProcessLine { parent: 3, ticks: 333, reaped: 777 };
-        assert_eq!(process_line(stat), Some(line));
-        assert_eq!(process_line("7 (a) S 3"), None);
-    }
-
-    #[test]
     fn processors_that_are_not_ours_are_left_out() {
         let stat = "cpu  9 9 9 9 9 9 9 9 9 9\ncpu0 1 2 4 8 16 32 64 128 0 0\ncpu1 10 20 40 80 0 0 \
                     0 7 0 0\nintr 5\n";
@@ -169,27 +138,11 @@ mod tests {
     proptest! {
         #[test]
         fn no_text_makes_the_readers_panic(text in "(?s).{0,300}") {
-            process_line(&text);
             processors(&text, &allowed(&text));
             pressure(&text);
             throttled(&text);
             usage(&text);
             cgroup_folders(&text);
-        }
-
-        #[test]
-        fn what_the_kernel_writes_is_what_is_read(
-            name in "[^\\n]{0,15}", parent in 0..i32::MAX, ticks in prop::array::uniform4(0..1u64 << 60),
-        ) {
-            let [user, system, reaped_user, reaped_system] = ticks;
-            let stat = format!(
-                "7 ({name}) S {parent} 7 7 0 -1 1 2 3 4 5 {user} {system} {reaped_user} \
-                 {reaped_system} 20 0 1 0"
-            );
-            let line = process_line(&stat).unwrap();
-            prop_assert_eq!(line.parent, parent);
-            prop_assert_eq!(line.ticks, user + system);
-            prop_assert_eq!(line.reaped, reaped_user + reaped_system);
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The nodes' processes, seen through /proc: do they still work, and has a thread gone back
 //! to its socket? Where /proc says nothing, nothing is known, and silence has to do.
 
-mod below;
 mod rest;
 mod starting;
 mod threads;
+mod tree;
 mod waiting;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -14,9 +14,10 @@ use std::time::{Duration, Instant};
 use rest::{Look, RESTING, Watch};
 use threads::{Demand, Waits};
 
-pub use below::descendants;
 pub(crate) use rest::Rest;
 pub(crate) use starting::Starting;
+pub use tree::descendants;
+pub(crate) use tree::{ProcessLine, below, processes};
 pub(crate) use waiting::Waiting;
 
 /// The least time between the two looks that say what is usual, and the most, where

@@ -82,6 +82,11 @@ mod tests {
         let enough = std::env::temp_dir().join(format!("bagpipe-busy-{}", std::process::id()));
         let script = format!("sh -c 'while [ ! -e {} ]; do :; done' & wait", enough.display());
         let mut busy = std::process::Command::new("sh").args(["-c", &script]).spawn().unwrap();
+        let until = Instant::now() + Duration::from_secs(60);
+        while descendants(busy.id(), &Default::default()).is_empty() {
+            assert!(Instant::now() < until);
+            std::thread::yield_now();
+        }
         let mut starting = Starting::below(Some(busy.id()));
         let begun = Instant::now();
         while begun.elapsed() < 5 * QUIET {
