@@ -26,6 +26,11 @@ class Refusal:
     message: str
     lasting: bool = True  # only a person can mend it
 
+    @property
+    def key(self) -> tuple[str, str, bool]:
+        """Another one is another thing to wait for: its own patience begins with it."""
+        return ("refused", self.reason, self.lasting)
+
 
 async def create_children(
     api: Api,

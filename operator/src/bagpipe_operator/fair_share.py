@@ -39,7 +39,3 @@ class FairShare:
     def seconds(self, namespace: str) -> float:
         """The time between two questions about one of a namespace's jobs."""
         return seconds_between(self._waiting[namespace], len(self._waiting), self._least)
-
-    def __len__(self) -> int:
-        """How many wait."""
-        return len(self._namespaces)

@@ -8,7 +8,7 @@ from datetime import datetime, timedelta
 from bagpipe_operator import conditions, names, reasons
 from bagpipe_operator.ending import overdue
 from bagpipe_operator.progress import Progress
-from bagpipe_operator.view import JobView, PodView
+from bagpipe_operator.view import JobView, Json, PodView
 
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
 FIRST_PAUSE_SECONDS = 10.0
@@ -52,8 +52,8 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
     seconds = job.spec.get("startDeadlineSeconds")
     if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), seconds, now):
         return None
-    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
-    if told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED:
+    told = _told_late_start(job)
+    if told is not None:
         # What held it up was said then; now the condition tells of this halt.
         before = _STOPPING.sub("", str(told["message"]))
         return Halt(reasons.START_DEADLINE_EXCEEDED, before, final=True)
@@ -62,6 +62,13 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
         " Mend that, or allow more time, and create the job again."
     )
     return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
+
+
+def _told_late_start(job: JobView) -> Json | None:
+    """The condition that tells of a start deadline, once its pods are being stopped for it."""
+    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
+    late = told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED
+    return told if late else None
 
 
 def halt_as_seen(
@@ -75,8 +82,7 @@ def halt_as_seen(
     """
     if halt is None or halt.reason != reasons.START_DEADLINE_EXCEEDED:
         return halt
-    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
-    if told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED:
+    if _told_late_start(job) is not None:
         return halt  # its pods are being stopped
     begun = progress.cases.begun if progress else running
     return _late_end(job, now) if begun else halt
@@ -154,6 +160,11 @@ def lingers(pod: PodView, now: datetime) -> bool:
         return False
     kept = (now - driver.ended_at).total_seconds()
     return not pod.ended and not pod.deleting and kept >= LINGER_SECONDS
+
+
+def needs_stop(pod: PodView, now: datetime) -> bool:
+    """Whether a pod that holds a place gives it back only when it is deleted."""
+    return not over(pod) or lingers(pod, now)
 
 
 def rests(job: JobView) -> bool:

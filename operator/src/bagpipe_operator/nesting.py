@@ -6,6 +6,7 @@ Python's parser, copies and comparisons recurse, and the API server takes ten th
 
 import json
 import re
+from collections.abc import Iterable
 from typing import Any
 
 # Levels below `spec`. A pod template's deepest field has fifteen.
@@ -48,33 +49,26 @@ def cut(text: bytes, most: int = _DEEPEST_OF_TEXT) -> bytes:
 
 def bounded(value: Any, most: int = DEEPEST) -> Any:
     """The value itself, in which what lies more than `most` deep has become None."""
-    level = [value]
-    for depth in range(1, most + 1):
-        below: list[Any] = []
-        for container in level:
-            places = container.items() if isinstance(container, dict) else enumerate(container)
-            inner = [(place, each) for place, each in places if isinstance(each, dict | list)]
-            if depth == most:
-                for place, _ in inner:
-                    container[place] = None
-            else:
-                below += [each for _, each in inner]
-        level = below
-        if not level:
-            break
+    for container in _level(value, most):
+        for place, each in list(_places(container)):
+            if isinstance(each, dict | list):
+                container[place] = None
     return value
 
 
 def is_deep(value: Any, most: int = DEEPEST) -> bool:
     """Whether the value has `most` levels of lists and objects, or had before it was bounded."""
+    return bool(_level(value, most))
+
+
+def _level(value: Any, number: int) -> list[Any]:
+    """The lists and objects of a level; the value itself is on level 1."""
     level = [value] if isinstance(value, dict | list) else []
-    for _ in range(most - 1):
-        if not level:
-            return False
-        level = [
-            each
-            for container in level
-            for each in (container.values() if isinstance(container, dict) else container)
-            if isinstance(each, dict | list)
-        ]
-    return bool(level)
+    for _ in range(number - 1):
+        inner = (each for container in level for _, each in _places(container))
+        level = [each for each in inner if isinstance(each, dict | list)]
+    return level
+
+
+def _places(container: Any) -> Iterable[tuple[Any, Any]]:
+    return container.items() if isinstance(container, dict) else enumerate(container)

@@ -23,10 +23,6 @@ class Patience:
             self._since.pop(uid, None)
         return {thing: now - since for thing, since in after.items()}
 
-    def __len__(self) -> int:
-        """Of how many jobs something is seen."""
-        return len(self._since)
-
     def forget(self, uid: str) -> None:
         """Drops a job."""
         self._since.pop(uid, None)

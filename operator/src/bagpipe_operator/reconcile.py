@@ -23,9 +23,8 @@ from bagpipe_operator.life import (
     expired,
     halt_as_seen,
     halt_of,
-    lingers,
     living,
-    over,
+    needs_stop,
     pausing,
     rests,
 )
@@ -195,8 +194,7 @@ class Reconciler:
         wanting = progress is not None and progress.phase == "Running" and halt is None
         looked_up = await self._lookout.look(job, attempt, pods, wanting)
         found = tuple(troubles(pods, self.now(), gone, looked_up))
-        refused = ("refused", refusal.reason, refusal.lasting) if refusal else ()
-        keys = [*(t.key for t in found), *([refused] if refused else [])]
+        keys = [t.key for t in found] + ([refusal.key] if refusal else [])
         seen_for = self._patience.observe(job.uid, keys, self.monotonic())
         return Observation(
             job=job,
@@ -207,7 +205,7 @@ class Reconciler:
             refusal=refusal,
             troubles=found,
             seen_for=seen_for,
-            refused_for=seen_for.get(refused, 0.0),
+            refused_for=seen_for.get(refusal.key, 0.0) if refusal else 0.0,
             ending=ending,
             backoff_limit=_backoff_limit(job),
             halt=halt,
@@ -347,13 +345,13 @@ class Reconciler:
         """
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
-            if not over(pod) or lingers(pod, self.now()):
+            if needs_stop(pod, self.now()):
                 await self._delete(pod)
 
     async def _stop_gracefully(self, job: JobView) -> None:
         """Deletes the driver, which journals what is done; then what it has left of executors."""
         alive = living(self.view.pods(job.uid), self.now())
-        working = [pod for pod in alive if not over(pod) or lingers(pod, self.now())]
+        working = [pod for pod in alive if needs_stop(pod, self.now())]
         drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
         for pod in drivers or working:
             if not pod.deleting:

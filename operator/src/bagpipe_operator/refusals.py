@@ -22,11 +22,6 @@ class _Held:
     refusal: Refusal
 
 
-def _key(refusal: Refusal) -> tuple[str, bool]:
-    """Another refusal is another thing to wait for: its own patience begins with it."""
-    return refusal.reason, refusal.lasting
-
-
 @dataclass
 class Refusals:
     """The last refusal of each job that has no driver for it."""
@@ -58,7 +53,7 @@ class Refusals:
         """The API server has just said no."""
         now, what = self.monotonic(), (attempt, job.generation)
         held = self._held.get(job.uid)
-        same = held is not None and held.what == what and _key(held.refusal) == _key(refusal)
+        same = held is not None and held.what == what and held.refusal.key == refusal.key
         since = held.since if held is not None and same else now
         self._held[job.uid] = _Held(what, since, now, refusal)
         self._share.add(job.uid, job.namespace)

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from bagpipe.spec import SimulationJobSpec
+from bagpipe_operator import job_config
 
 Schema = dict[str, Any]
 
@@ -106,6 +107,7 @@ def test_every_field_but_those_that_can_be_honoured_is_immutable(crd: Schema) ->
     assert [term for term in expected if term not in words] == []
     assert len(words) == len(" && ".join(expected))
     assert all(field in rule["message"] for field in MUTABLE)
+    assert job_config.MUTABLE == MUTABLE
 
 
 def test_the_columns(crd: Schema) -> None:
