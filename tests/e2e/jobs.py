@@ -68,6 +68,16 @@ def ended(namespace: str, name: str, seconds: float) -> k.Object:
     return k.await_that(f"{name} to end", look, seconds)
 
 
+def account(namespace: str, job: k.Object) -> str:
+    """What a job and its cases say of how they ended, for the message of a test that fails."""
+    status = job["status"]
+    told = [json.dumps({key: status.get(key) for key in ("conditions", "cases", "ledger")})]
+    if "results" in status:
+        rows = k.results(namespace, status["results"])[1]
+        told += [json.dumps(row) for row in rows if row["outcome"] != "passed"]
+    return "\n".join(told)
+
+
 def condition(job: k.Object, kind: str) -> k.Object:
     """A condition of a job by its type. Raises KeyError."""
     conditions: dict[str, k.Object] = {each["type"]: each for each in job["status"]["conditions"]}

@@ -35,14 +35,11 @@ def _check_the_examples_job(namespace: str, name: str) -> None:
     for pod in executors:
         assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
         assert pod["spec"]["automountServiceAccountToken"] is False
-    k.kubectl(
-        *("-n", namespace, "wait", "--for=condition=Passed", f"simjob/{name}"),
-        "--timeout=400s",
-        seconds=420,
-    )
-    job = k.get(namespace, "simjob", name)
+    job = jobs.ended(namespace, name, 400)
     status = job["status"]
-    assert status["verdict"] == "Passed"
+    assert status["verdict"] == "Passed", jobs.account(namespace, job)
+    waited = ("wait", "--for=condition=Passed", f"simjob/{name}", "--timeout=0s")
+    assert "condition met" in k.kubectl("-n", namespace, *waited)
     assert (status["cases"]["planned"], status["cases"]["passed"]) == (4, 4)
     assert (status["cases"]["failed"], status["cases"]["errored"]) == (0, 0)
     assert status["ledger"]["sent"] == status["ledger"]["received"] == MESSAGES
