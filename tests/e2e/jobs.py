@@ -68,6 +68,14 @@ def ended(namespace: str, name: str, seconds: float) -> k.Object:
     return k.await_that(f"{name} to end", look, seconds)
 
 
+def disturbed(namespace: str, job: k.Object) -> bool:
+    """Whether a job ended without a verdict, for no other reason than a machine that was busy."""
+    status = job["status"]
+    rows = k.results(namespace, status["results"])[1] if "results" in status else []
+    reasons = {row["reason"] for row in rows if row["outcome"] != "passed"}
+    return status["phase"] == "Failed" and not status["verdict"] and reasons == {"MachineBusy"}
+
+
 def account(namespace: str, job: k.Object) -> str:
     """What a job and its cases say of how they ended, for the message of a test that fails."""
     status = job["status"]

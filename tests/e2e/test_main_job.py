@@ -19,13 +19,25 @@ def recorded_topics(namespace: str, path: str) -> dict[str, int]:
     return {topic["topic"]: topic["messages"] for topic in info["topics"]}
 
 
+# A machine that is kept from running for minutes may be asked again: it loses from a queue of one
+# message in real time, and the answer of the job is then that it could not be run.
+_RUNS = 3
+
+
 def test_the_examples_job_is_complete_and_lossless(namespace: str) -> None:
-    with jobs.applied(namespace, jobs.example()) as name:
-        _check_the_examples_job(namespace, name)
-    k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
+    for _ in range(_RUNS):
+        with jobs.applied(namespace, jobs.example()) as name:
+            job = _ended_on_two_executors(namespace, name)
+            disturbed = jobs.disturbed(namespace, job)
+            if not disturbed:
+                _check_the_examples_job(namespace, job)
+        k.await_that("everything to be gone", lambda: not jobs.objects_of(namespace), 240)
+        if not disturbed:
+            return
+    pytest.fail(f"this machine could not run the example in any of {_RUNS} jobs")
 
 
-def _check_the_examples_job(namespace: str, name: str) -> None:
+def _ended_on_two_executors(namespace: str, name: str) -> k.Object:
 
     def both_executors() -> list[k.Object] | None:
         pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor")
@@ -35,8 +47,11 @@ def _check_the_examples_job(namespace: str, name: str) -> None:
     for pod in executors:
         assert [c["name"] for c in pod["spec"]["initContainers"]] == ["agent", "stack"]
         assert pod["spec"]["automountServiceAccountToken"] is False
-    job = jobs.ended(namespace, name, 400)
-    status = job["status"]
+    return jobs.ended(namespace, name, 600)
+
+
+def _check_the_examples_job(namespace: str, job: k.Object) -> None:
+    name, status = job["metadata"]["name"], job["status"]
     assert status["verdict"] == "Passed", jobs.account(namespace, job)
     waited = ("wait", "--for=condition=Passed", f"simjob/{name}", "--timeout=0s")
     assert "condition met" in k.kubectl("-n", namespace, *waited)

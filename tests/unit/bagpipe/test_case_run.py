@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 import errno
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -236,7 +237,6 @@ def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
 @pytest.mark.parametrize(
     ("reason", "attempts"),
     [
-        ("MachineBusy", 6),
         ("AgentDied", 3),
         ("MessagesLost", 1),
         ("StackCrashed", 1),
@@ -262,6 +262,22 @@ def test_each_fault_has_an_allowance_of_its_own() -> None:
     assert next_attempt("AgentDied", earlier) is None
     assert next_attempt("MachineBusy", earlier) is None
     assert next_attempt("StorageFull", earlier) == Again(1.0)
+
+
+def test_a_busy_machine_gets_ever_more_time() -> None:
+    pauses = [next_attempt("MachineBusy", ["MachineBusy"] * n) for n in range(6)]
+    assert pauses == [*map(Again, (0.0, 2.0, 8.0, 16.0, 32.0)), None]
+
+
+def test_cases_that_disturb_each_other_pause_for_different_times(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    waited: list[float] = []
+    monkeypatch.setattr(threading.Event, "wait", lambda _, seconds: waited.append(seconds))
+    for _ in range(100):
+        case_run._pause(8.0)
+    assert 4.0 <= min(waited) < 5.0
+    assert 11.0 < max(waited) <= 12.0
 
 
 def test_a_full_volume_gets_a_minute() -> None:
@@ -295,7 +311,9 @@ def test_a_busy_machine_that_measured_nothing_costs_one_case(
     def busy(*_: Any) -> Answer:
         raise SessionError("MachineBusy", "too busy")
 
+    waited: list[float] = []
+    monkeypatch.setattr(case_run, "_pause", waited.append)
     monkeypatch.setattr(case_run, "_answered", busy)
     row = run_case(case, context)
     assert (row["outcome"], row["reason"]) == ("errored", "MachineBusy")
-    assert row["attempts"] == attempts_module.MACHINE_BUSY_ATTEMPTS
+    assert (row["attempts"], waited) == (6, [0.0, 2.0, 8.0, 16.0, 32.0])

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from bagpipe.faults import ALLOWABLE, CAUSES, FAILURES, FaultPolicy, FaultRule
 from bagpipe.plan.cases import Case, plan
+from bagpipe.run import case_run
 from bagpipe.run.attempts import Again, next_attempt
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.run.judge import judge
@@ -198,6 +199,7 @@ def test_a_busy_machine_is_tried_again_and_the_run_is_told(
 def test_a_machine_that_stays_busy_is_an_error_after_six_runs(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(case_run, "_pause", lambda _: None)
     row = run(*[telling(lossy(BUSY), monkeypatch)] * 6)
     assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "MachineBusy", 6)
     # Beside `result`, whose ledgers are summed over the cases that were run.

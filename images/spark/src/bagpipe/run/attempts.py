@@ -7,8 +7,9 @@ from bagpipe.faults import CAUSES, FaultPolicy
 
 # Runs of a case that meets one fault of the machinery again and again.
 ATTEMPTS = 3
-# A busy machine has more: it is no fault of anybody's, and passes.
-MACHINE_BUSY_ATTEMPTS = 6
+# Seconds before each further try after a loss on a busy machine, which is no fault of anybody's and
+# passes: at once, since most disturbances are short, then ever later, since some last a minute.
+BUSY_MACHINE_PAUSES = (0.0, 2.0, 8.0, 16.0, 32.0)
 # The number, from 0, of the Spark attempt that gives a case up instead of running it. Of the
 # attempts before it at most one still runs (a speculative copy), so at least 3 executors were lost.
 QUARANTINE_ATTEMPT = 4
@@ -61,8 +62,9 @@ def next_attempt(
     answer: what it refuses or lacks it refuses again.
     """
     attempts = discarded.count(reason) + 1
-    if reason == "StorageFull":
-        left = FULL_VOLUME_PAUSES[attempts - 1 : attempts]
+    if reason in ("StorageFull", "MachineBusy"):
+        pauses = FULL_VOLUME_PAUSES if reason == "StorageFull" else BUSY_MACHINE_PAUSES
+        left = pauses[attempts - 1 : attempts]
         return Again(left[0]) if left else None
     if reason == "StorageFailed" and not may_pass:
         return None
@@ -70,8 +72,6 @@ def next_attempt(
 
 
 def _allowed(reason: str, policy: FaultPolicy) -> int:
-    if reason == "MachineBusy":
-        return MACHINE_BUSY_ATTEMPTS
     if reason in _WORTH_ANOTHER_TRY:
         return ATTEMPTS
     return 1 + policy.retries(reason)

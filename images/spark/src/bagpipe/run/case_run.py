@@ -7,6 +7,7 @@ case can never meet; which one counts is decided by the driver's manifest alone.
 import errno
 import logging
 import posixpath
+import random
 import threading
 import time
 import uuid
@@ -75,7 +76,7 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
         _throw_away(row, context)
         discarded.append(_discarded(row, time.monotonic() - since))
         reasons.append(row["reason"])
-        threading.Event().wait(again.seconds)
+        _pause(again.seconds)
         since = time.monotonic()
         row, may_pass = _attempt(case, context)
     if row["reason"] == "MachineBusy" and row["result"]:
@@ -131,6 +132,12 @@ def _identity(case: Case) -> Row:
         "bag_version": case.bag_version,
         "window": window,
     } | parts
+
+
+def _pause(seconds: float) -> None:
+    # Two cases that keep each other from running must not begin again together.
+    spread = random.uniform(0.5, 1.5)  # noqa: S311  no secret
+    threading.Event().wait(seconds * spread)
 
 
 def _throw_away(row: Row, context: RunContext) -> None:
