@@ -33,7 +33,7 @@ _STEPS = [{"trigger": "/joint_states", "answer": "/answer"}]
 
 def paced() -> k.Object:
     """In real time: a quarter of the cases passes, and the others fail each in its own manner."""
-    made = _make("paced", playback={"mode": "realtime", "rate": 1.0, "repeat": 3})
+    made = _make("paced", playback={"mode": "realtime", "rate": 1.0, "rounds": 3})
     made["spec"]["variants"] = [
         {"name": manner, "env": [{"name": "MANNER", "value": manner}]}
         for manner in ("well", *REASONS)
@@ -43,7 +43,7 @@ def paced() -> k.Object:
 
 def stepped() -> k.Object:
     """The same node in lock-step, where it answers each input."""
-    return _make("stepped", playback={"mode": "lockstep", "steps": _STEPS, "repeat": 100})
+    return _make("stepped", playback={"mode": "lockstep", "steps": _STEPS, "rounds": 100})
 
 
 def given_up() -> k.Object:

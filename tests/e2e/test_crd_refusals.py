@@ -99,7 +99,7 @@ GOOD_VARIATIONS = {
     "a whole number of CPUs": ("spec.spark.driver.resources", {"cpu": 1, "memory": "2Gi"}),
     "patterns to record": ("spec.record.topics", [".*", "(/tf|/tf_static)", "/lane/.*"]),
     "an integer rate": ("spec.playback.rate", 2),
-    "a hundred rounds": ("spec.playback.repeat", 100),
+    "a hundred rounds": ("spec.playback.rounds", 100),
     "lock-step": (
         "spec.playback",
         {"mode": "lockstep", "steps": [{"trigger": "/scan", "answer": "/out", "by": "stamp"}]},
@@ -117,7 +117,7 @@ GOOD_VARIATIONS = {
                     "fields": ["p[0].x"],
                     "recording": True,
                     "max": 1,
-                    "within": "1m30s",
+                    "stampTolerance": "1m30s",
                     "minCoverage": 0.5,
                 },
             },
@@ -149,8 +149,8 @@ REFUSED: dict[str, tuple[str, object, str]] = {
         "playback.rate must be at most 100: write mode: max to play as fast as the stack can",
     ),
     "no round at all": (
-        "spec.playback.repeat", 0,
-        "playback.repeat must be between 1 and 100: write how often each fragment is played",
+        "spec.playback.rounds", 0,
+        "playback.rounds must be between 1 and 100: write how often each fragment is played",
     ),
     "unknown mode": (
         "spec.playback.mode", "fast",

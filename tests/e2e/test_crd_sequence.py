@@ -32,7 +32,7 @@ REFUSED: dict[str, tuple[list[dict[str, Any]], str]] = {
         [{"bag": BAG, "from": "10s", "to": "9.5s"}], "a piece must end behind its start: write a",
     ),
     "empty": ([{"bag": BAG, "to": "0s"}], "a piece must end behind its start"),
-    "never": ([{"bag": BAG, "repeat": 0}], "should be greater than or equal to 1"),
+    "never": ([{"bag": BAG, "times": 0}], "should be greater than or equal to 1"),
     "an unknown field": ([{"bag": BAG, "until": "3s"}], 'unknown field "spec.source.sequence[0]'),
 }  # fmt: skip
 
@@ -61,7 +61,7 @@ def test_a_sequence_and_bags_are_refused() -> None:
 def test_pieces_with_and_without_offsets_and_templates_are_taken() -> None:
     pieces: list[dict[str, Any]] = [
         {"bag": BAG},
-        {"bag": BAG, "from": "1m30s", "to": "2m", "repeat": 3, "pause": "100ms"},
+        {"bag": BAG, "from": "1m30s", "to": "2m", "times": 3, "pause": "100ms"},
         {"bag": "s3://fleet/{{ scene }}.bag", "from": "{{ start }}s", "to": "{{ end }}s"},
     ]
     answer = dry_run(job(*pieces))

@@ -91,9 +91,9 @@ def test_a_suspended_job_goes_on_and_runs_nothing_again(namespace: str) -> None:
 
 @pytest.mark.slow
 def test_a_deadline_keeps_what_is_done_and_another_job_goes_on_from_it(namespace: str) -> None:
-    with jobs.applied(namespace, make_job("late", activeDeadlineSeconds=3600)) as late:
+    with jobs.applied(namespace, make_job("late", activeDeadline="3600s")) as late:
         await_passed(namespace, late, 2)
-        edit(namespace, late, activeDeadlineSeconds=seconds_active(namespace, late) + 3)
+        edit(namespace, late, activeDeadline=f"{seconds_active(namespace, late) + 3}s")
         failed = await_condition(namespace, late, "Failed", 300)
         assert jobs.condition(failed, "Failed")["reason"] == "DeadlineExceeded"
         assert {"startTime", "completionTime"} <= set(failed["status"])
@@ -114,7 +114,7 @@ def test_a_deadline_keeps_what_is_done_and_another_job_goes_on_from_it(namespace
 
 def test_an_ended_job_is_removed_with_its_pods_and_its_results_stay(namespace: str) -> None:
     one = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
-    job = fleet.make_job("brief", spark=WIDTH, source=one, ttlSecondsAfterFinished=15)
+    job = fleet.make_job("brief", spark=WIDTH, source=one, ttlAfterFinished="15s")
     with jobs.applied(namespace, job) as name:
         status = await_condition(namespace, name, "Complete", 400)["status"]
         gone = ("wait", "--for=delete", f"simjob/{name}", "--timeout=240s")
@@ -126,11 +126,11 @@ def test_an_ended_job_is_removed_with_its_pods_and_its_results_stay(namespace: s
 
 def test_a_job_that_can_t_begin_in_time_says_why(namespace: str) -> None:
     huge = {"resources": {"cpu": "500", "memory": "1Gi"}}
-    job = make_job("wide", startDeadlineSeconds=3600)
+    job = make_job("wide", startDeadline="3600s")
     job["spec"]["spark"] = WIDTH | {"driver": huge}
     with jobs.applied(namespace, job) as name:
         k.await_that("its lack of a node to be told", lambda: is_unplaced(namespace, name), 240)
-        edit(namespace, name, startDeadlineSeconds=seconds_active(namespace, name) + 3)
+        edit(namespace, name, startDeadline=f"{seconds_active(namespace, name) + 3}s")
         failed = await_condition(namespace, name, "Failed", 300)
         told = jobs.condition(failed, "Failed")
         assert told["reason"] == "StartDeadlineExceeded"

@@ -56,7 +56,7 @@ BAG = "pvc://recordings/pr2/joint_states.bag"
 # The later scene first, and a second of the earlier one twice.
 PIECES: list[dict[str, Any]] = [
     {"bag": BAG, "from": "12s", "to": "14s"},
-    {"bag": BAG, "from": "1s", "to": "2s", "repeat": 2, "pause": "100ms"},
+    {"bag": BAG, "from": "1s", "to": "2s", "times": 2, "pause": "100ms"},
 ]
 
 

@@ -16,9 +16,7 @@ from bagpipe_operator.volumes import claim_paths
 # The API server's limit for all of a ConfigMap's values.
 LARGEST_CONFIG_BYTES = 1024 * 1024
 # The fields of a job that the CRD lets anybody change once it exists.
-MUTABLE = frozenset(
-    {"suspend", "activeDeadlineSeconds", "startDeadlineSeconds", "ttlSecondsAfterFinished"}
-)
+MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished"})
 
 
 class UnusableSpecError(ValueError):

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from bagpipe.texts import known_seconds
 from bagpipe_operator import conditions, names, reasons
 from bagpipe_operator.ending import overdue
 from bagpipe_operator.progress import Progress
@@ -49,8 +50,8 @@ def halt_of(job: JobView, now: datetime) -> Halt | None:
 
 
 def _late_start(job: JobView, now: datetime) -> Halt | None:
-    seconds = job.spec.get("startDeadlineSeconds")
-    if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), seconds, now):
+    deadline = job.spec.get("startDeadline")
+    if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), deadline, now):
         return None
     told = _told_late_start(job)
     if told is not None:
@@ -58,7 +59,7 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
         before = _STOPPING.sub("", str(told["message"]))
         return Halt(reasons.START_DEADLINE_EXCEEDED, before, final=True)
     message = (
-        f"No case began within spec.startDeadlineSeconds ({seconds} s). {_held_up_by(job)}"
+        f"No case began within spec.startDeadline ({deadline}). {_held_up_by(job)}"
         " Mend that, or allow more time, and create the job again."
     )
     return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
@@ -89,11 +90,11 @@ def halt_as_seen(
 
 
 def _late_end(job: JobView, now: datetime) -> Halt | None:
-    seconds = job.spec.get("activeDeadlineSeconds")
-    if not _passed(job.status.get("startTime"), seconds, now):
+    deadline = job.spec.get("activeDeadline")
+    if not _passed(job.status.get("startTime"), deadline, now):
         return None
     message = (
-        f"The job ran for longer than spec.activeDeadlineSeconds ({seconds} s). What was done is"
+        f"The job ran for longer than spec.activeDeadline ({deadline}). What was done is"
         " kept in its results' journal: a job with spec.resumeFrom goes on from there."
     )
     return Halt(reasons.DEADLINE_EXCEEDED, message, final=True)
@@ -109,7 +110,8 @@ def _held_up_by(job: JobView) -> str:
     return "Its executors run, and none has begun a case."
 
 
-def _passed(since: str | None, seconds: int | None, now: datetime) -> bool:
+def _passed(since: str | None, duration: object, now: datetime) -> bool:
+    seconds = known_seconds(duration)
     if since is None or seconds is None:
         return False
     return now >= datetime.fromisoformat(since) + timedelta(seconds=seconds)
@@ -178,5 +180,5 @@ def rests(job: JobView) -> bool:
 
 def expired(job: JobView, now: datetime) -> bool:
     """Whether a job that has ended was kept for as long as its spec says."""
-    seconds = job.spec.get("ttlSecondsAfterFinished")
-    return job.finished and _passed(job.status.get("completionTime"), seconds, now)
+    kept = job.spec.get("ttlAfterFinished")
+    return job.finished and _passed(job.status.get("completionTime"), kept, now)

@@ -12,6 +12,9 @@ PLURAL = "simulationjobs"
 SCHEDULE_KIND = "SimulationSchedule"
 SCHEDULE_PLURAL = "simulationschedules"
 
+# A job's spec.managedBy of the jobs that are the operator's, as those without one are.
+MANAGER = f"{GROUP}/operator"
+
 LABEL_JOB = f"{GROUP}/job"
 LABEL_JOB_UID = f"{GROUP}/job-uid"
 LABEL_ROLE = f"{GROUP}/role"

@@ -121,10 +121,10 @@ class Progress(_Model):
 
     def as_status(self) -> Json:
         """The part of a job's status that comes from the driver."""
-        return {
+        verdict = {"verdict": self.verdict} if self.verdict else {}
+        return verdict | {
             "cases": self.cases.model_dump(),
             "ledger": self.ledger.model_dump(by_alias=True),
-            "verdict": self.verdict,
             "results": self.results,
             "failures": [failure.model_dump() for failure in self.failures],
             "comparisons": [comparison.model_dump() for comparison in self.comparisons],

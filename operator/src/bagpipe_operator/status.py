@@ -107,6 +107,7 @@ def _noted(seen: Observation, now: datetime) -> Json:
         status["resumedFrom"] = seen.resumed_from
     progress = (seen.ending.progress if seen.ending else None) or seen.progress
     if progress is not None:
+        status.pop("verdict", None)
         status |= progress.as_status()
         if progress.cases.begun:
             status.setdefault("firstCaseTime", conditions.timestamp(now))

@@ -187,6 +187,11 @@ class JobView:
         return self._is({"Complete", "Failed"})
 
     @property
+    def managed_elsewhere(self) -> bool:
+        """Whether somebody else runs it, as spec.managedBy says."""
+        return bool(self.spec.get("managedBy", names.MANAGER) != names.MANAGER)
+
+    @property
     def suspended(self) -> bool:
         """Whether it has been written that the job rests, without pods."""
         return self._is({"Suspended"})
@@ -216,7 +221,7 @@ class JobView:
 
 
 # What an ended job's spec still decides: whether it is removed some time.
-_OF_ENDED = frozenset({"ttlSecondsAfterFinished"})
+_OF_ENDED = frozenset({"ttlAfterFinished"})
 # Spark deletes an executor as soon as it has ended; the last ones tell why.
 MOST_GONE_PODS = 10
 

@@ -36,7 +36,7 @@ class Watch:
         if event["type"] == "DELETED":
             self.view.drop_job(job.uid)
             self.queue.forget(job.uid)
-        elif self._is_known(job) or not self.view.put_job(job):
+        elif job.managed_elsewhere or self._is_known(job) or not self.view.put_job(job):
             return
         starts = not job.finished and not job.deleting and not job.status.get("driver")
         self.queue.add(job.uid, Lane.START if starts else Lane.NEWS)

@@ -73,8 +73,8 @@ def world(admin: Client, namespace: str) -> Jobs:
 def test_only_what_can_be_honoured_can_be_changed(world: Jobs) -> None:
     world.create("fixed", suspend=True)
     edited = world.edit(
-        "fixed", suspend=False, activeDeadlineSeconds=9, startDeadlineSeconds=8,
-        ttlSecondsAfterFinished=7,
+        "fixed", suspend=False, activeDeadline="9s", startDeadline="8s",
+        ttlAfterFinished="7s",
     )  # fmt: skip
     assert edited["metadata"]["generation"] == 2
     for change in (
@@ -89,9 +89,14 @@ def test_only_what_can_be_honoured_can_be_changed(world: Jobs) -> None:
         {"playback": {"rate": 2.0}},
         {"output": {"uri": "pvc://results/other"}},
     ):
-        with pytest.raises(ApiError, match=r"only spec.suspend, activeDeadlineSeconds, startDead"):
+        with pytest.raises(ApiError, match=r"only spec.suspend, activeDeadline, startDead"):
             world.edit("fixed", **change)
-    for bad in ({"resumeFrom": "Old_1"}, {"queueName": "a b"}, {"ttlSecondsAfterFinished": -1}):
+    world.edit("fixed", suspend=True)
+    world.edit("fixed", spark={"executors": 2})
+    world.edit("fixed", suspend=False)
+    with pytest.raises(ApiError, match=r"and spec.spark while it is suspended"):
+        world.edit("fixed", spark={"executors": 3})
+    for bad in ({"resumeFrom": "Old_1"}, {"queueName": "a b"}, {"ttlAfterFinished": "-1s"}):
         with pytest.raises(ApiError):
             world.create("bad", **bad)
 
@@ -131,13 +136,34 @@ def test_suspend_before_any_pod_and_while_running(
     )  # fmt: skip
 
 
+def test_jobs_are_found_by_who_runs_them_and_by_their_queue(
+    world: Jobs, operator_process: StartOperator
+) -> None:
+    operator_process()
+    world.create("away", managedBy="kueue.x-k8s.io/multikueue", queueName="nightly")
+    world.create("here", managedBy="sim.bagpipe.io/operator")
+    world.await_told("here", "Accepted", "True/DriverCreated")
+    for field, name in (
+        ("spec.managedBy=kueue.x-k8s.io/multikueue", "away"),
+        ("spec.queueName=nightly", "away"),
+        ("status.phase=Pending", "here"),
+    ):
+        found = world.admin.items(f"{jobs(world.namespace)}?fieldSelector={field}")
+        assert [job["metadata"]["name"] for job in found] == [name]
+    # The later one was taken up, so the earlier one was seen and left alone.
+    assert world.get("away").get("status") is None
+    assert world.pods() == ["here-1-driver"]
+    with pytest.raises(ApiError, match=r"only spec.suspend"):
+        world.edit("away", managedBy="sim.bagpipe.io/operator")
+
+
 def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
     world: Jobs, kubelet: FakeKubelet, operator_process: StartOperator
 ) -> None:
     operator = operator_process()
-    world.create("late", activeDeadlineSeconds=3)
-    world.create("stuck", startDeadlineSeconds=3)
-    world.create("done", ttlSecondsAfterFinished=1)
+    world.create("late", activeDeadline="3s")
+    world.create("stuck", startDeadline="3s")
+    world.create("done", ttlAfterFinished="1s")
     for name in ("late", "stuck", "done"):
         status = world.await_told(name, "Accepted", "True/DriverCreated")
         assert status["driver"] == f"{name}-1-driver"
@@ -156,12 +182,12 @@ def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
     told = "DeadlineExceeded"
     wait_until(lambda: told in world.events("late"), SECONDS, "the deadline's Event is missing")
     assert world.events("late").count(told) == 1
-    edited = world.edit("late", ttlSecondsAfterFinished=3600)["metadata"]["generation"]
+    edited = world.edit("late", ttlAfterFinished="3600s")["metadata"]["generation"]
     wait_until(
         lambda: world.get("late")["status"]["observedGeneration"] == edited, SECONDS,
         "the edit of an ended job was not acknowledged",
     )  # fmt: skip
-    world.edit("late", ttlSecondsAfterFinished=0)
+    world.edit("late", ttlAfterFinished="0s")
     wait_until(
         lambda: not world.admin.exists(jobs(world.namespace, "late")), SECONDS,
         "the failed job was not removed",

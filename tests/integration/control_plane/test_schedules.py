@@ -306,7 +306,7 @@ REFUSED: dict[str, tuple[Object, str, str]] = {
     "a path as zone": ({"timeZone": "../etc/passwd"}, "n", "write for example Europe/Berlin"),
     "the node's zone": ({"timeZone": "localtime"}, "n", "write for example Europe/Berlin"),
     "a policy": ({"concurrencyPolicy": "Queue"}, "n", 'supported values: "Allow", "Forbid"'),
-    "a short deadline": ({"startingDeadlineSeconds": 5}, "n", "greater than or equal to 10"),
+    "a short deadline": ({"startingDeadline": "5s"}, "n", "a duration of at least 10s"),
     "no template": ({"jobTemplate": {}}, "n", "spec.jobTemplate.spec: Required value"),
 }
 

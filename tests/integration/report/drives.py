@@ -25,7 +25,7 @@ HOSTILE = [
 EVALUATE = [
     {"name": "lane rate", "rate": {"topic": "/lane", "min": 9}},
     {"name": "offset", "bounds": {"topic": "/lane", "field": "offset", "min": -0.5, "max": 0.5}},
-    {"name": "end pose", "finalPose": {"topic": "/lane", "position": [1, 2], "within": 0.5}},
+    {"name": "end pose", "finalPose": {"topic": "/lane", "position": [1, 2], "maxDistance": 0.5}},
 ]
 PROVENANCE = {
     "bagpipe": "0.1.0", "agents": ["bagpipe-agent 0.1.0"], "labels": {"branch": "pr-812"},

@@ -46,7 +46,7 @@ def test_a_repeated_fragment_is_so_many_cases_alike_but_for_their_names(tmp_path
     storage = storage_with(tmp_path, "a.bag")
     once = {case.id: case for case in plan(make_spec(source=source("a.bag")), storage).cases}
     assert sorted(once) == ["a-0000", "a-0001", "a-0002"]
-    spec = make_spec(source=source("a.bag"), playback={"repeat": 2})
+    spec = make_spec(source=source("a.bag"), playback={"rounds": 2})
     twice = plan(spec, storage).cases
     assert sorted(case.id for case in twice) == [
         "a-0000-r0", "a-0000-r1", "a-0001-r0", "a-0001-r1", "a-0002-r0", "a-0002-r1",
@@ -60,7 +60,7 @@ def test_a_repeated_fragment_is_so_many_cases_alike_but_for_their_names(tmp_path
 
 def test_the_names_of_many_rounds_sort_by_round(tmp_path: Path) -> None:
     storage = storage_with(tmp_path, "a.bag")
-    spec = make_spec(source=source("a.bag", length="60s"), playback={"repeat": 100})
+    spec = make_spec(source=source("a.bag", length="60s"), playback={"rounds": 100})
     names = [case.id for case in plan(spec, storage).cases]
     assert names == sorted(names)
     assert (len(names), names[0], names[9], names[99]) == (

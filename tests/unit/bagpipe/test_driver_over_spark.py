@@ -128,7 +128,7 @@ def test_what_a_worker_loaded_is_no_garbage_to_look_for_after_each_case(
 def test_every_round_is_run_counted_and_recorded_as_a_case_of_its_own(
     spark: SparkContext, world: World
 ) -> None:
-    spec = make_spec(playback={"repeat": 3})
+    spec = make_spec(playback={"rounds": 3})
     planned = plan(spec, world.storage).cases[:3]
     context = dataclasses.replace(world.context, spec=spec)
     keeper = world.keeper()

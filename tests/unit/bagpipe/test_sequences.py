@@ -56,7 +56,7 @@ def test_parts_follow_each_other_in_the_first_one_s_time(folder: Path) -> None:
     (case,) = planned(
         folder,
         {"from": "2s", "to": "5s"},
-        {"name": "b", "to": "1s", "repeat": 2, "pause": "250ms"},
+        {"name": "b", "to": "1s", "times": 2, "pause": "250ms"},
         {"from": "500ms"},
         source={"fragment": {"warmUp": "1s"}},
     )
@@ -75,7 +75,7 @@ def test_parts_follow_each_other_in_the_first_one_s_time(folder: Path) -> None:
 
 
 def test_the_bag_has_every_message_once_at_its_new_time(folder: Path) -> None:
-    (case,) = planned(folder, {"from": "9s"}, {"name": "b", "to": "300ms", "repeat": 2})
+    (case,) = planned(folder, {"from": "9s"}, {"name": "b", "to": "300ms", "times": 2})
     found = texts(sequence_bag(case, Storage({"recordings": str(folder)})))
     first = [(10 * SECOND + n * SECOND // 10, f"{90 + n:08d}") for n in range(10)]
     at = 10 * SECOND + 9 * SECOND // 10 + 1
@@ -266,7 +266,7 @@ BAG = "pvc://recordings/a.bag"
         ({"bag": "/a.bag"}, "has no known scheme"),
         ({"bag": BAG, "from": "3"}, "is not a duration: write for example 20s"),
         ({"bag": BAG, "from": "3s", "to": "3s"}, "ends at 3s, not behind its start at 3s"),
-        ({"bag": BAG, "repeat": 0}, "greater than or equal to 1"),
+        ({"bag": BAG, "times": 0}, "greater than or equal to 1"),
     ],
 )
 def test_refusals_say_what_to_write(piece: dict[str, Any], words: str) -> None:

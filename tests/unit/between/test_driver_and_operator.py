@@ -64,7 +64,7 @@ def test_every_end_is_understood_and_fits_the_schema(
     assert (understood.phase, understood.verdict) == (phase, verdict)
     status = understood.as_status()
     schema = status_schema()
-    assert status["verdict"] in schema["verdict"]["enum"]
+    assert status.get("verdict") in (schema["verdict"]["enum"] if verdict else [None])
     assert status["cases"] == told.snapshot()["cases"]
     assert status["ledger"] == {"sent": 10, "received": 10, "dropped": 0, "leadIn": 4}
     assert set(status["cases"]) <= set(schema["cases"]["properties"])

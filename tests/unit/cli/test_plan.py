@@ -136,7 +136,7 @@ def test_help_teaches() -> None:
 def test_the_parts_of_a_sequence_are_shown(tmp_path: Path) -> None:
     write_bag(tmp_path / "a.bag", steady("/scan", 100, 50_000_000), chunk_bytes=1024)
     bag = "pvc://recordings/a.bag"
-    pieces = [{"bag": bag, "from": "1s", "to": "2s"}, {"bag": bag, "to": "500ms", "repeat": 2}]
+    pieces = [{"bag": bag, "from": "1s", "to": "2s"}, {"bag": bag, "to": "500ms", "times": 2}]
     changed = {"source": {"sequence": pieces, "topics": ["/scan"]}}
     status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", **changed)
     assert status == 0

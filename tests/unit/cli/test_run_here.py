@@ -140,7 +140,7 @@ def test_notes_say_what_is_otherwise_here() -> None:
             resources={"limits": {"memory": "1Gi"}},
         ),
         storage={"secrets": ["keys"]},
-        activeDeadlineSeconds=60,
+        activeDeadline="60s",
     )
     told = "\n".join(notes(spec, Path("kept")))
     for sentence in (
@@ -148,7 +148,7 @@ def test_notes_say_what_is_otherwise_here() -> None:
         "stack.command names /opt/no-such/node.py, which is not on this machine",
         "stack.envFrom names login of a cluster",
         "storage's credentials come from your environment",
-        "without effect here: spec.activeDeadlineSeconds, spec.stack.resources",
+        "without effect here: spec.activeDeadline, spec.stack.resources",
         "the results go to kept, not to pvc://results/out",
     ):
         assert sentence in told

@@ -26,10 +26,12 @@ GOOD: dict[str, Value] = {
     "expression": {"topic": "/a", "holds": "msg.data < 3.0", "share": 0.5, "finite": False},
     "error": {
         "topic": "/a", "fields": ["x", "y.z[0]"], "truth": "/b", "truthFields": ["u", "v"],
-        "metric": "final", "max": 1, "within": "50ms", "angle": True, "anyFrame": True,
+        "metric": "final", "max": 1, "stampTolerance": "50ms", "angle": True, "anyFrame": True,
         "minCoverage": 1,
     },
-    "finalPose": {"topic": "/a", "position": [1, 2.5], "within": 0.1, "yaw": 3, "yawWithin": 0.1},
+    "finalPose": {
+        "topic": "/a", "position": [1, 2.5], "maxDistance": 0.1, "yaw": 3, "maxYawError": 0.1,
+    },
     "separation": {
         "ego": "/a", "obstacles": "/b", "radius": 1, "minDistance": 0, "maxAge": "500ms",
     },
@@ -111,7 +113,7 @@ REFUSED: list[tuple[str, Value, str]] = [
     ("expression", {"holds": ""}, "expression.holds is empty"),
     ("error", {"fields": [], "truthFields": []}, "error.fields is empty"),
     ("error", {"truthFields": ["u"]}, "error.truthFields and fields differ in number"),
-    ("error", {"within": "50"}, "error.within must be a duration with its unit"),
+    ("error", {"stampTolerance": "50"}, "error.stampTolerance must be a duration with its unit"),
     ("separation", {"maxAge": "0s"}, "separation.maxAge must be a duration above zero"),
     ("resources", {"maxMemory": "2 GB"}, "resources.maxMemory is no quantity"),
     ("own", {"timeout": "25h"}, "own.timeout must be a duration above zero and of at most 24h"),

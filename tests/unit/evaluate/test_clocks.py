@@ -271,7 +271,7 @@ def test_where_the_recording_has_a_gap_nobody_can_be_expected_to_answer(
 ) -> None:
     """Inputs in the first two of five seconds only, as at the edge of a recording's gap."""
     if measure == GOAL:
-        measure = {"finalPose": {"topic": "/pose", "position": [11.9, 0.0], "within": 0.2}}
+        measure = {"finalPose": {"topic": "/pose", "position": [11.9, 0.0], "maxDistance": 0.2}}
     inputs = [round(at * 1e9) for at in INPUTS[:20]]
     answered = RIGHT[:20] + CARS[:20]
     assert found(case(answered), measure).outcome == "invalid"

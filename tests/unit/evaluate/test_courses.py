@@ -40,7 +40,7 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
             [[1.0, 0.25], [2.0, 0.5]],
         ),
         (
-            "finalPose", {"topic": "/p", "position": [0, 0], "within": 1, "minCoverage": 0.5},
+            "finalPose", {"topic": "/p", "position": [0, 0], "maxDistance": 1, "minCoverage": 0.5},
             "/p, distance from the goal", None, 1.0, [[1.0, 5.0], [2.0, 10.0]],
         ),
         (

@@ -228,12 +228,12 @@ def test_a_truth_that_is_never_near_is_no_evidence() -> None:
 @pytest.mark.parametrize(
     ("wanted", "outcome"),
     [
-        ({"position": [8, 1], "within": 0.1}, "passed"),
-        ({"position": [8, 1, 0], "within": 0.1}, "passed"),
-        ({"position": [8, 1, 0.2], "within": 0.1}, "failed"),
-        ({"position": [8, 2], "within": 0.9}, "failed"),
-        ({"position": [8, 1], "within": 0.1, "yaw": 0, "yawWithin": 0.1}, "passed"),
-        ({"position": [8, 1], "within": 0.1, "yaw": 3.14, "yawWithin": 0.1}, "failed"),
+        ({"position": [8, 1], "maxDistance": 0.1}, "passed"),
+        ({"position": [8, 1, 0], "maxDistance": 0.1}, "passed"),
+        ({"position": [8, 1, 0.2], "maxDistance": 0.1}, "failed"),
+        ({"position": [8, 2], "maxDistance": 0.9}, "failed"),
+        ({"position": [8, 1], "maxDistance": 0.1, "yaw": 0, "maxYawError": 0.1}, "passed"),
+        ({"position": [8, 1], "maxDistance": 0.1, "yaw": 3.14, "maxYawError": 0.1}, "failed"),
     ],
 )
 def test_the_final_pose(wanted: dict[str, Any], outcome: str) -> None:
@@ -243,7 +243,7 @@ def test_the_final_pose(wanted: dict[str, Any], outcome: str) -> None:
 
 def test_a_type_without_a_pose_is_no_evidence() -> None:
     finding = found(
-        evidence(every(1.0)), finalPose={"topic": "/out", "position": [0, 0], "within": 1}
+        evidence(every(1.0)), finalPose={"topic": "/out", "position": [0, 0], "maxDistance": 1}
     )
     assert finding.outcome == "invalid"
 

@@ -105,11 +105,13 @@ def test_a_distance_beyond_all_squares_is_a_figure() -> None:
 def test_of_two_samples_that_are_as_near_the_earlier_counts() -> None:
     truth = [("/truth", at, stamped(at, x, 0.0)) for at, x in ((10.0, 0.0), (12.0, 100.0))]
     entries = [answer(11.0, x=1.0), answer(12.0, x=100.0)]
-    finding = found(case(entries, truth=truth), {"error": ERROR["error"] | {"within": "1s"}})
+    finding = found(
+        case(entries, truth=truth), {"error": ERROR["error"] | {"stampTolerance": "1s"}}
+    )
     assert finding.figure == 1.0
 
 
-STRICT = ERROR["error"] | {"within": "10ms"}
+STRICT = ERROR["error"] | {"stampTolerance": "10ms"}
 
 
 @pytest.mark.parametrize(("metric", "figure"), [("max", 6.9), ("rmse", 0.69)])
@@ -165,7 +167,7 @@ def test_no_number_fails_with_the_time_of_the_first(measure: dict[str, Any], val
 def test_a_number_that_is_none_in_a_quaternion_or_an_obstacle_fails() -> None:
     odd = stamped(14.9, 14.9, 0.0)
     odd.pose.orientation.z = math.nan
-    goal = {"finalPose": {"topic": "/pose", "position": [14.9, 0.0], "within": 0.2}}
+    goal = {"finalPose": {"topic": "/pose", "position": [14.9, 0.0], "maxDistance": 0.2}}
     assert found(case([*RIGHT[:-1], ("/pose", 14.91, odd)]), goal).outcome == "failed"
     cars = [*CARS[:-1], ("/cars", 14.9, poses(14.9, (math.nan, 10.0)))]
     finding = found(case(RIGHT + cars), KEEPS_AWAY)
@@ -219,14 +221,14 @@ def test_a_pose_of_long_ago_keeps_away_from_nothing() -> None:
 
 
 def test_the_last_pose_must_be_near_the_end() -> None:
-    wanted = {"finalPose": {"topic": "/pose", "position": [12.0, 0.0], "within": 0.2}}
+    wanted = {"finalPose": {"topic": "/pose", "position": [12.0, 0.0], "maxDistance": 0.2}}
     finding = found(case(RIGHT[:21]), wanted)
     assert (finding.outcome, finding.coverage) == ("invalid", 0.4)
     assert "the pose at 2.000 s of 5.000 s" in finding.message
 
 
 def test_a_latched_goal_from_before_the_first_input_is_no_last_pose() -> None:
-    wanted = {"finalPose": {"topic": "/pose", "position": [14.9, 0.0], "within": 0.2}}
+    wanted = {"finalPose": {"topic": "/pose", "position": [14.9, 0.0], "maxDistance": 0.2}}
     latched = case([("/pose", 10.0, stamped(0.0, 14.9, 0.0))], latching={"/pose"})
     finding = found(latched, wanted)
     assert (finding.outcome, finding.coverage) == ("invalid", 0.0)

@@ -42,7 +42,7 @@ def test_every_case_once_and_a_name_that_says_which(tmp_path: Path) -> None:
         stack=STACK,
         variants=VARIANTS[:2],
         matrix={"variables": {"threshold": [1, 2], "rain": ["on"]}, "seeds": 2},
-        playback={"repeat": 2},
+        playback={"rounds": 2},
     )
     cases = plan(spec, Storage({"recordings": str(tmp_path)})).cases
     assert len(cases) == 2 * 2 * 2 * 2 * 2

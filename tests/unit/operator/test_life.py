@@ -60,7 +60,7 @@ def untold(calls: list[str]) -> list[str]:
 
 
 async def test_a_job_that_is_created_suspended_has_no_pod_and_no_clock() -> None:
-    world = World(make_job("x").with_spec("suspend", True).with_spec("activeDeadlineSeconds", 5))
+    world = World(make_job("x").with_spec("suspend", True).with_spec("activeDeadline", "5s"))
     await world.reconcile()
     await world.reconcile(after=3600)
     assert world.api.named("pods") == world.configs() == []
@@ -208,7 +208,7 @@ async def test_a_driver_on_a_node_that_is_cut_off_does_not_hold_up_the_suspensio
 
 
 async def test_the_active_deadline_stops_the_pods_and_then_fails_the_job() -> None:
-    world = World(make_job("x").with_spec("activeDeadlineSeconds", 60))
+    world = World(make_job("x").with_spec("activeDeadline", "60s"))
     await running(world)
     await world.reconcile(after=57)
     assert world.reason("Running") == "True/CasesRunning"
@@ -223,16 +223,16 @@ async def test_the_active_deadline_stops_the_pods_and_then_fails_the_job() -> No
     gone(world, "x-1-driver")
     await world.reconcile(after=1)
     assert world.reason("Failed") == "True/DeadlineExceeded"
-    assert "spec.activeDeadlineSeconds (60 s)" in world.message("Failed")
+    assert "spec.activeDeadline (60s)" in world.message("Failed")
     assert world.status()["cases"]["passed"] == 2
     assert world.status()["completionTime"] == "2026-11-20T04:01:04Z"
     assert world.api.event_reasons().count("DeadlineExceeded") == 1
 
 
 async def test_the_active_deadline_may_be_moved_while_the_job_runs() -> None:
-    world = World(make_job("x").with_spec("activeDeadlineSeconds", 60))
+    world = World(make_job("x").with_spec("activeDeadline", "60s"))
     await running(world)
-    edit(world, activeDeadlineSeconds=100)
+    edit(world, activeDeadline="100s")
     await world.reconcile(after=97)
     assert world.status()["phase"] == "Running"
     await world.reconcile(after=1)
@@ -240,7 +240,7 @@ async def test_the_active_deadline_may_be_moved_while_the_job_runs() -> None:
 
 
 async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> None:
-    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    world = World(make_job("x").with_spec("startDeadline", "30s"))
     await world.reconcile()
     waiting = make_driver("x").unschedulable("0/3 nodes are available.")
     world.deliver(waiting)
@@ -262,7 +262,7 @@ async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> No
 
 
 async def test_a_job_whose_first_case_ran_in_time_has_no_start_deadline_any_more() -> None:
-    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    world = World(make_job("x").with_spec("startDeadline", "30s"))
     await running(world)
     assert world.status()["firstCaseTime"] == "2026-11-20T04:00:02Z"
     world.deliver(make_driver("x").ended(137))
@@ -280,7 +280,7 @@ def silent_since_it_started(world: World) -> None:
 
 async def test_a_start_deadline_asks_the_driver_before_it_ends_a_job_that_runs() -> None:
     """The operator was down, and the job's status tells of no case."""
-    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    world = World(make_job("x").with_spec("startDeadline", "30s"))
     await world.reconcile()
     silent_since_it_started(world)
     world.drivers.says = account()
@@ -290,7 +290,7 @@ async def test_a_start_deadline_asks_the_driver_before_it_ends_a_job_that_runs()
 
 
 async def test_silence_of_a_running_driver_is_no_late_start() -> None:
-    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    world = World(make_job("x").with_spec("startDeadline", "30s"))
     await world.reconcile()
     silent_since_it_started(world)
     for _ in range(10):
@@ -306,8 +306,8 @@ async def test_silence_of_a_running_driver_is_no_late_start() -> None:
 
 
 async def test_a_silent_driver_has_its_active_deadline_all_the_same() -> None:
-    job = make_job("x").with_spec("startDeadlineSeconds", 30)
-    world = World(job.with_spec("activeDeadlineSeconds", 600))
+    job = make_job("x").with_spec("startDeadline", "30s")
+    world = World(job.with_spec("activeDeadline", "600s"))
     await world.reconcile()
     silent_since_it_started(world)
     await world.reconcile(after=599)
@@ -318,7 +318,7 @@ async def test_a_silent_driver_has_its_active_deadline_all_the_same() -> None:
 
 async def test_a_lost_driver_s_last_account_of_cases_is_no_late_start() -> None:
     """It ended while the operator was down, and is replaced."""
-    world = World(make_job("x").with_spec("startDeadlineSeconds", 30))
+    world = World(make_job("x").with_spec("startDeadline", "30s"))
     await world.reconcile()
     gone_spark = account("Running", reason="SparkGone", cases={"planned": 4, "passed": 2})
     world.deliver(make_driver("x").ended(1, gone_spark))
@@ -327,7 +327,7 @@ async def test_a_lost_driver_s_last_account_of_cases_is_no_late_start() -> None:
     assert world.reason("Failed") == "False/InProgress"
 
 
-def ended_job(condition: str, ttl: int = 60) -> JobBuilder:
+def ended_job(condition: str, ttl: str = "60s") -> JobBuilder:
     told = [
         {
             "type": kind,
@@ -341,7 +341,7 @@ def ended_job(condition: str, ttl: int = 60) -> JobBuilder:
     ]
     return (
         make_job("x")
-        .with_spec("ttlSecondsAfterFinished", ttl)
+        .with_spec("ttlAfterFinished", ttl)
         .with_status(conditions=told, completionTime="2026-11-20T04:00:00Z", observedGeneration=1)
     )
 
@@ -367,7 +367,7 @@ async def test_a_job_that_has_changed_is_not_removed_by_what_was_known_before() 
     world.clock.advance(60)
     stale = world.view.job(UID)
     assert stale is not None
-    edit(world, ttlSecondsAfterFinished=600)
+    edit(world, ttlAfterFinished="600s")
     world.view = View()
     world.view.put_job(stale)
     world.reconciler = world.restarted(world.view)
@@ -378,7 +378,7 @@ async def test_a_job_that_has_changed_is_not_removed_by_what_was_known_before() 
 
 
 async def test_a_suspended_job_is_neither_swept_nor_removed() -> None:
-    world = World(make_job("x").with_spec("suspend", True).with_spec("ttlSecondsAfterFinished", 0))
+    world = World(make_job("x").with_spec("suspend", True).with_spec("ttlAfterFinished", "0s"))
     sweeper = Sweeper(world.view, WorkQueue(world.clock.monotonic), 2.0, now=world.clock.now)
     assert sweeper.sweep() == 1
     await world.reconcile()

@@ -107,7 +107,7 @@ def edited(world: World, event: str) -> None:
             world.api.objects["jobs", "x"]["metadata"]["labels"] = {"at": str(world.clock.now())}
             edit(world)
         case "deadline":
-            edit(world, activeDeadlineSeconds=100_000)
+            edit(world, activeDeadline="100000s")
         case _:
             settings = world.reconciler.settings
             newer = f"{settings.spark_image}+"
@@ -164,15 +164,15 @@ def check(world: World, told: set[str], late: bool = False) -> None:
 @given(
     st.lists(st.sampled_from(EVENTS), max_size=40),
     st.integers(min_value=0, max_value=2),
-    st.sampled_from([None, 60, 600]),
+    st.sampled_from([None, "60s", "10m"]),
     st.booleans(),
 )
 def test_no_sequence_of_events_breaks_a_promise(
-    events: list[str], backoff: int, deadline: int | None, suspended: bool
+    events: list[str], backoff: int, deadline: str | None, suspended: bool
 ) -> None:
     job = make_job("x").with_spec("backoffLimit", backoff).with_spec("suspend", suspended)
     if deadline is not None:
-        job.with_spec("activeDeadlineSeconds", deadline)
+        job.with_spec("activeDeadline", deadline)
     world = World(job)
     world.drivers.says = account()
 

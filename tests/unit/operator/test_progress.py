@@ -34,7 +34,6 @@ def test_what_is_written_into_the_status() -> None:
             "discarded": 0,
         },
         "ledger": {"sent": 400, "received": 400, "dropped": 0, "leadIn": 8},
-        "verdict": "",
         "results": "pvc://results/lane/x",
         "failures": [{"case": "x-1", "reason": "Lost", "message": "m"}],
         "comparisons": [],

@@ -110,7 +110,7 @@ async def test_a_job_that_waits_for_quota_may_be_edited_and_the_release_upgraded
     elif what == "a label":
         job["metadata"].setdefault("labels", {})["commit"] = "8f3c1d2"
     else:
-        job["spec"]["activeDeadlineSeconds"] = 3600
+        job["spec"]["activeDeadline"] = "1h"
         job["metadata"]["generation"] = 2
     world.api.version += 1
     job["metadata"]["resourceVersion"] = str(world.api.version)

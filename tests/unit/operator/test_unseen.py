@@ -32,7 +32,7 @@ async def test_a_pod_that_went_unseen_does_not_hold_up_the_suspension(who: list[
 
 @pytest.mark.parametrize("who", [["x-1-exec-1"], ["x-1-driver", "x-1-exec-1"]])
 async def test_a_pod_that_went_unseen_does_not_hold_up_the_deadline(who: list[str]) -> None:
-    world = World(make_job("x").with_spec("activeDeadlineSeconds", 60))
+    world = World(make_job("x").with_spec("activeDeadline", "60s"))
     await running(world)
     vanish(world, *who)
     await world.reconcile(after=60)
@@ -43,7 +43,7 @@ async def test_a_pod_that_went_unseen_does_not_hold_up_the_deadline(who: list[st
 
 
 async def test_a_pending_driver_that_went_unseen_does_not_hold_up_the_deadline() -> None:
-    world = World(make_job("x").with_spec("activeDeadlineSeconds", 20))
+    world = World(make_job("x").with_spec("activeDeadline", "20s"))
     await world.reconcile()
     vanish(world, "x-1-driver")
     await world.reconcile(after=20)

@@ -81,7 +81,7 @@ def test_a_pod_behind_a_scheduling_gate_is_not_unschedulable() -> None:
 def test_of_an_ended_job_only_that_is_kept_by_which_it_goes() -> None:
     view = View()
     job = make_job("x").with_spec("stack.parameters", {"/map": "x" * 1000})
-    job.with_spec("ttlSecondsAfterFinished", 60)
+    job.with_spec("ttlAfterFinished", "60s")
     view.put_job(job.view())
     kept = view.job("uid-of-x")
     assert kept is not None
@@ -90,4 +90,4 @@ def test_of_an_ended_job_only_that_is_kept_by_which_it_goes() -> None:
     view.put_job(job.view())
     kept = view.job("uid-of-x")
     assert kept is not None
-    assert (kept.finished, kept.spec) == (True, {"ttlSecondsAfterFinished": 60})
+    assert (kept.finished, kept.spec) == (True, {"ttlAfterFinished": "60s"})

@@ -36,6 +36,18 @@ def test_deletions_are_forgotten(watcher: Watch) -> None:
     assert watcher.view.pods("uid-of-x") == ()
 
 
+@pytest.mark.parametrize(
+    ("manager", "known"),
+    [("kueue.x-k8s.io/multikueue", False), ("sim.bagpipe.io/operator", True), (None, True)],
+)
+def test_jobs_that_somebody_else_runs_are_left_alone(
+    watcher: Watch, manager: str | None, known: bool
+) -> None:
+    job = make_job("x") if manager is None else make_job("x").with_spec("managedBy", manager)
+    watcher.job_event({"type": "ADDED", "object": job.object})
+    assert (watcher.view.job("uid-of-x") is not None, len(watcher.queue)) == (known, known)
+
+
 async def test_a_version_that_is_known_asks_for_nothing(watcher: Watch) -> None:
     job = make_job("x").view()
     watcher.view.put_job(job)  # as it came in answer to our own PATCH

@@ -127,7 +127,7 @@ async def edited_after_its_end(world: World) -> None:
     await ended(world)
     await world.reconcile()
     await world.reconcile()
-    edit(world, ttlSecondsAfterFinished=600)
+    edit(world, ttlAfterFinished="600s")
 
 
 async def just_suspended(world: World) -> None:

@@ -51,7 +51,7 @@ class SequencePart(Piece):
 
     to: Offset | None = None
     pause: Offset = "0s"
-    repeat: int = Field(default=1, ge=1, le=100)
+    times: int = Field(default=1, ge=1, le=100)
 
     @model_validator(mode="after")
     def _ends_behind_its_start(self) -> Self:

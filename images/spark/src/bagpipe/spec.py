@@ -143,7 +143,8 @@ class Playback(_Model):
     mode: Literal["realtime", "max", "lockstep"] = "realtime"
     steps: list[Step] = []
     rate: float = Field(default=1.0, gt=0, le=100)
-    repeat: int = Field(default=1, ge=1, le=100)
+    rounds: int = Field(default=1, ge=1, le=100)
+    wait_for: list[Name] = Field(default=[], max_length=64)
     subscribe_timeout: PositiveDuration = "20s"
     case_timeout: PositiveDuration = "10m"
 
@@ -228,11 +229,12 @@ class SimulationJobSpec(_Model):
     max_failed_cases: int | None = Field(default=None, ge=0)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
     fault_policy: list[FaultRule] = Field(default=[], max_length=9)
+    managed_by: str = ""
     suspend: bool = False
     queue_name: str | None = None
-    start_deadline_seconds: int | None = Field(default=None, ge=1)
-    active_deadline_seconds: int | None = Field(default=None, ge=1)
-    ttl_seconds_after_finished: int | None = Field(default=None, ge=0)
+    start_deadline: PositiveDuration = "24h"
+    active_deadline: PositiveDuration | None = None
+    ttl_after_finished: Duration | None = None
     resume_from: str | None = None
 
     @field_validator("variants")
@@ -341,9 +343,9 @@ class SimulationJobSpec(_Model):
                 "stack.parameters and stack.remap have no meaning with stack.engine: exec:"
                 " write stack.env or words of stack.command"
             )
-        if self.playback.mode != "realtime" or self.playback.rate != 1.0:
+        if self.playback.mode != "realtime" or self.playback.rate != 1.0 or self.playback.wait_for:
             raise ValueError(
-                "playback.mode, steps and rate have no meaning with stack.engine: exec:"
+                "playback.mode, steps, rate and waitFor have no meaning with stack.engine: exec:"
                 " write only playback.caseTimeout"
             )
         return self

@@ -5,18 +5,31 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-_DURATION = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h)")
+_DURATION = re.compile(r"([0-9]{1,6}(?:\.[0-9]{1,6})?)(ms|s|m|h)")
 _UNIT_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
+# The API server counts in nanoseconds, of which an int64 holds 292 years.
+_LONGEST_SECONDS = (2**63 - 1) / 1e9
 
 
 def duration_seconds(text: str) -> float:
-    """Seconds of a duration such as `20s`, `1m30s` or `500ms`.
+    """Seconds of a duration such as `20s`, `1m30s` or `500ms`: one to four numbers with units.
 
-    Raises ValueError for anything else.
+    Raises ValueError for anything else, and for more than 292 years.
     """
-    if not re.fullmatch(rf"(?:{_DURATION.pattern})+", text):
+    if not re.fullmatch(rf"(?:{_DURATION.pattern}){{1,4}}", text):
         raise ValueError(f"{text!r} is not a duration: write for example 20s, 1m30s or 500ms")
-    return sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
+    seconds = sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
+    if seconds > _LONGEST_SECONDS:
+        raise ValueError(f"{text!r} is longer than 292 years: write for example 20s or 1h30m")
+    return seconds
+
+
+def known_seconds(text: object) -> float | None:
+    """Seconds of a duration; None for none, and for other words that a wider CRD let pass."""
+    try:
+        return duration_seconds(text) if isinstance(text, str) else None
+    except ValueError:
+        return None
 
 
 _KNOWN_URI = re.compile(

@@ -2,7 +2,7 @@
 
 Levels, not edges: which runs are due follows from the last run that was started, so a restart of
 the operator, a lost event or a second look change nothing. The rules are those of CronJob: of the
-runs that were missed at most the latest is made up for, and only within startingDeadlineSeconds.
+runs that were missed at most the latest is made up for, and only within startingDeadline.
 """
 
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from datetime import datetime, timedelta
 from enum import Enum
 from zoneinfo import ZoneInfo
 
+from bagpipe.texts import known_seconds
 from bagpipe_operator import reasons
 from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
@@ -82,8 +83,8 @@ def decide(
 
 
 def _with_due_run(schedule: ScheduleView, seen: Decision, run: datetime, now: datetime) -> Decision:
-    seconds = schedule.spec.get("startingDeadlineSeconds")
-    deadline = None if seconds is None else run + timedelta(seconds=int(seconds))
+    seconds = known_seconds(schedule.spec.get("startingDeadline"))
+    deadline = None if seconds is None else run + timedelta(seconds=seconds)
     if deadline is not None and now > deadline:
         return replace(seen, verdict=Verdict.TOO_LATE)
     policy = schedule.spec.get("concurrencyPolicy") or "Allow"

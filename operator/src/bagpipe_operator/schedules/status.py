@@ -138,8 +138,8 @@ def _on_time(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Conditi
         words = f"The run of {run} waits for {holder} to end, since concurrencyPolicy is Forbid."
         return Condition(ON_TIME, False, reasons.JOB_ACTIVE, words)
     if decision.verdict is Verdict.TOO_LATE:
-        seconds = schedule.spec.get("startingDeadlineSeconds")
-        words = f"The run of {run} was not started within startingDeadlineSeconds ({seconds} s)."
+        allowed = schedule.spec.get("startingDeadline")
+        words = f"The run of {run} was not started within startingDeadline ({allowed})."
         return Condition(ON_TIME, False, *_missed(words, decision.due))
     return _started(outcome, decision.run, now)
 

@@ -99,11 +99,11 @@ async def test_a_hundred_missed_runs_are_told_apart(gap: int, reason: str) -> No
 
 
 async def test_after_its_deadline_a_run_is_missed() -> None:
-    world = World(schedule="0 * * * *", startingDeadlineSeconds=20)
+    world = World(schedule="0 * * * *", startingDeadline="20s")
     await world.at(60, 21)
     assert world.names == []
     assert world.condition("OnTime") == ("False", "MissedStart")
-    assert "within startingDeadlineSeconds (20 s)" in world.message("OnTime")
+    assert "within startingDeadline (20s)" in world.message("OnTime")
     for seconds in (22, 40):
         await world.at(60, seconds)
     assert world.told() == ["Warning/MissedStart"]
@@ -167,7 +167,7 @@ async def test_a_run_that_waits_asks_for_the_jobs_every_thirty_seconds_and_no_mo
 
 
 async def test_a_waiting_run_is_looked_at_again_when_its_deadline_is_over() -> None:
-    world = World(schedule="0 * * * *", concurrencyPolicy="Forbid", startingDeadlineSeconds=60)
+    world = World(schedule="0 * * * *", concurrencyPolicy="Forbid", startingDeadline="60s")
     await world.at(60)
     await world.at(120)
     world.clock = minute(121) + timedelta(seconds=1)

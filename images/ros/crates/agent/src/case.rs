@@ -136,6 +136,8 @@ pub struct Playback {
     pub rate: f64,
     /// What to wait for in lock-step.
     pub steps: Vec<Step>,
+    /// Nodes that must have subscribed to a played topic before the first message.
+    pub wait_for: Vec<String>,
 }
 
 /// An input, and the answer that the next one waits for.
@@ -173,7 +175,7 @@ impl TryFrom<String> for By {
 
 impl Default for Playback {
     fn default() -> Self {
-        Self { mode: Mode::Realtime, rate: 1.0, steps: Vec::new() }
+        Self { mode: Mode::Realtime, rate: 1.0, steps: Vec::new(), wait_for: Vec::new() }
     }
 }
 

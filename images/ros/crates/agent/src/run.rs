@@ -175,7 +175,11 @@ impl Runner<'_> {
             case_deadline: self.deadline,
             use_sim_time: self.case.use_sim_time(),
             clock_rate: CLOCK_RATE,
-            start: StartWhen { at_rest_below: Some(std::process::id()), ..StartWhen::default() },
+            start: StartWhen {
+                nodes: playback.wait_for.clone(),
+                at_rest_below: Some(std::process::id()),
+                ..StartWhen::default()
+            },
             pause: None,
             meter: Arc::clone(self.meter),
         }

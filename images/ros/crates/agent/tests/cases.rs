@@ -84,6 +84,26 @@ fn in_lockstep_two_cases_record_the_same_bytes_and_say_what_came_of_the_steps() 
 }
 
 #[test]
+fn nodes_are_waited_for_by_name() {
+    if without_ros() {
+        return;
+    }
+    let agent = Agent::start(1);
+    let case = |node: &str| {
+        let Value::Map(mut case) = agent.case(ECHO, &[("subscribe", 5.0)]) else { panic!() };
+        case.retain(|(key, _)| key.as_str() != Some("playback"));
+        let wait_for = Value::Array(vec![node.into()]);
+        case.push(("playback".into(), map(&[("mode", "max".into()), ("wait_for", wait_for)])));
+        Value::Map(case)
+    };
+    let (result, _) = agent.run(0, case("/echo"), &chatter(5)).result();
+    assert_eq!(at(&result, "ledger.received").as_u64(), Some(5));
+    let abort = agent.run(0, case("/nobody"), &chatter(5)).abort();
+    assert_eq!(abort.reason, "NeverSubscribed");
+    assert!(abort.message.contains("waited in vain for /nobody"), "{}", abort.message);
+}
+
+#[test]
 fn two_slots_run_at_once() {
     if without_ros() {
         return;

@@ -16,10 +16,11 @@ _ENTRYPOINT = Path("/ros_entrypoint.sh")
 # Fields that only a cluster can keep, as a manifest writes them.
 _WITHOUT_EFFECT = {
     "suspend": "suspend",
+    "managed_by": "managedBy",
     "queue_name": "queueName",
-    "start_deadline_seconds": "startDeadlineSeconds",
-    "active_deadline_seconds": "activeDeadlineSeconds",
-    "ttl_seconds_after_finished": "ttlSecondsAfterFinished",
+    "start_deadline": "startDeadline",
+    "active_deadline": "activeDeadline",
+    "ttl_after_finished": "ttlAfterFinished",
     "backoff_limit": "backoffLimit",
 }
 _OF_THE_STACK = {"resources": "resources", "security_context": "securityContext"}

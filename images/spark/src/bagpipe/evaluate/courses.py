@@ -106,7 +106,7 @@ def _final_pose(wanted: Any, evidence: Evidence) -> _Told:
         if pose is not None:
             distance = math.dist(wanted.position[:2], (float(pose[0].x), float(pose[0].y)))
             course.append((sample.time, distance))
-    return f"{wanted.topic}, distance from the goal", "m", None, wanted.within, course
+    return f"{wanted.topic}, distance from the goal", "m", None, wanted.max_distance, course
 
 
 def _separation(wanted: Any, evidence: Evidence) -> _Told:

@@ -27,7 +27,7 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     if len(found.pairs) < (1 if wanted.metric == "final" else _LEAST_PAIRS):
         raise NoEvidenceError(
             f"{len(found.pairs)} of {found.answers} messages on {wanted.topic} have a truth within"
-            f" {wanted.within}: widen `within`, or look at the stamps"
+            f" {wanted.stamp_tolerance}: raise `stampTolerance`, or look at the stamps"
         )
     finding = bounded(
         Finding(name, "error", "passed", _figure(wanted, found), direction="lower"),
@@ -42,7 +42,7 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
         found.clock,
         wanted.min_coverage,
         lasting=wanted.metric == "max",
-        remedy="widen `within` if the stamps are further apart, or lower minCoverage",
+        remedy="raise `stampTolerance` if the stamps are further apart, or lower minCoverage",
     )
 
 
@@ -80,7 +80,10 @@ def _coverage(wanted: Error, found: Matched) -> tuple[float, str]:
         last = max((at + 1 for at, near in enumerate(found.answered) if near), default=0)
         return last / of_truth, f"the end: the last answer is at sample {last} of {of_truth}"
     near = sum(found.answered)
-    said = f"{near} of {of_truth} samples of the truth, which have an answer within {wanted.within}"
+    said = (
+        f"{near} of {of_truth} samples of the truth, which have an answer within"
+        f" {wanted.stamp_tolerance}"
+    )
     return near / of_truth, said
 
 
@@ -147,19 +150,19 @@ def _off(name: str, wanted: FinalPose, pose: tuple[Any, Any]) -> Finding:
     found = bounded(
         Finding(name, "finalPose", "passed", distance, "m", direction="lower"),
         None,
-        wanted.within,
+        wanted.max_distance,
         f"from ({wanted.position[0]:g}, {wanted.position[1]:g}),"
         f" at ({position.x:.3f}, {position.y:.3f}) in the end",
     )
     if wanted.yaw is None or found.outcome == "failed":
         return found
     off = abs(turned(yaw_of(orientation) - wanted.yaw))
-    if off <= wanted.yaw_within:
+    if off <= wanted.max_yaw_error:
         return found
     return bounded(
         Finding(name, "finalPose", "passed", off, "rad", direction="lower"),
         None,
-        wanted.yaw_within,
+        wanted.max_yaw_error,
         f"from the heading {wanted.yaw:g} rad in the end",
     )
 

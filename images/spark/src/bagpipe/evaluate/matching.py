@@ -48,7 +48,7 @@ class Matched:
 
 def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     """Raises NoEvidenceError for stamps that can't be true, and for a truth that is no number."""
-    most = int(seconds(wanted.within) * 1e9)
+    most = int(seconds(wanted.stamp_tolerance) * 1e9)
     found = heard(wanted.topic, evidence, most)
     answers = samples(found, evidence)
     truth = _truth(wanted, evidence)

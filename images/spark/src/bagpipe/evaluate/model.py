@@ -137,7 +137,7 @@ class Expression(_Model):
 class Error(_Model):
     """The distance of fields from a truth: another topic, or the recording's own output.
 
-    Values are compared at the nearest stamp of the truth, at most `within` away.
+    Values are compared at the nearest stamp of the truth, at most `stamp_tolerance` away.
     """
 
     topic: Topic
@@ -147,7 +147,7 @@ class Error(_Model):
     recording: bool = False
     metric: Literal["rmse", "max", "final"] = "rmse"
     max: Bound
-    within: Duration = "50ms"
+    stamp_tolerance: Duration = "50ms"
     angle: bool = False
     any_frame: bool = False
     min_coverage: Share = 0.9
@@ -171,8 +171,8 @@ class FinalPose(_Model):
     topic: Topic
     position: list[Bound] = Field(min_length=2, max_length=3)
     yaw: Bound | None = None
-    within: float = Field(gt=0)
-    yaw_within: float = Field(default=math.pi, gt=0)
+    max_distance: float = Field(gt=0)
+    max_yaw_error: float = Field(default=math.pi, gt=0)
     min_coverage: Share = 0.9
 
 

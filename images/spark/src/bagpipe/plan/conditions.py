@@ -53,7 +53,7 @@ def _named(
     variants = [variant.name for variant in spec.variants] or [""]
     for scenario_name, scenario in _scenarios(spec, expansion):
         for variant in variants:
-            for suffix, number in _rounds(spec.playback.repeat):
+            for suffix, number in _rounds(spec.playback.rounds):
                 name = scenario_name + (f"-{variant}" if variant else "") + suffix
                 yield (
                     name,
@@ -75,9 +75,9 @@ def _scenarios(
         yield f"-s{scenario.number:0{width}d}{seed}", conditions
 
 
-def _rounds(repeat: int) -> list[tuple[str, int]]:
+def _rounds(count: int) -> list[tuple[str, int]]:
     """What tells the cases of one fragment apart; of one width, so that names sort by round."""
-    if repeat == 1:
+    if count == 1:
         return [("", 0)]
-    digits = len(str(repeat - 1))
-    return [(f"-r{number:0{digits}d}", number) for number in range(repeat)]
+    digits = len(str(count - 1))
+    return [(f"-r{number:0{digits}d}", number) for number in range(count)]

@@ -75,7 +75,7 @@ class PartPlanner:
             to = None if piece.to is None else nanoseconds(piece.to)
             pause = nanoseconds(piece.pause)
             planned = self._part(piece, to, topics, lead_in)
-            for _ in range(piece.repeat):
+            for _ in range(piece.times):
                 at = parts[-1].end + pause if parts else planned.window.start
                 parts.append(replace(planned, at=at))
                 planned = _without_lead_in(planned)

@@ -316,6 +316,7 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
                 step.model_dump() | {"deadline": duration_seconds(step.deadline)}
                 for step in spec.playback.steps
             ],
+            "wait_for": spec.playback.wait_for,
         },
         # The agent plays on after an allowed end of the command.
         "faults": {"allow": FaultPolicy(spec.fault_policy).allowed},
