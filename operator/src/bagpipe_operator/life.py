@@ -3,9 +3,9 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 
-from bagpipe_operator import conditions, names, reasons
+from bagpipe_operator import conditions, names, readings, reasons
 from bagpipe_operator.ending import overdue
 from bagpipe_operator.progress import Progress
 from bagpipe_operator.view import JobView, Json, PodView
@@ -49,7 +49,7 @@ def halt_of(job: JobView, now: datetime) -> Halt | None:
 
 
 def _late_start(job: JobView, now: datetime) -> Halt | None:
-    seconds = job.spec.get("startDeadlineSeconds")
+    seconds = readings.whole(job.spec.get("startDeadlineSeconds"))
     if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), seconds, now):
         return None
     told = _told_late_start(job)
@@ -89,7 +89,7 @@ def halt_as_seen(
 
 
 def _late_end(job: JobView, now: datetime) -> Halt | None:
-    seconds = job.spec.get("activeDeadlineSeconds")
+    seconds = readings.whole(job.spec.get("activeDeadlineSeconds"))
     if not _passed(job.status.get("startTime"), seconds, now):
         return None
     message = (
@@ -112,7 +112,8 @@ def _held_up_by(job: JobView) -> str:
 def _passed(since: str | None, seconds: int | None, now: datetime) -> bool:
     if since is None or seconds is None:
         return False
-    return now >= datetime.fromisoformat(since) + timedelta(seconds=seconds)
+    # Not `since` plus the seconds: of the largest numbers there is no such moment.
+    return (now - datetime.fromisoformat(since)).total_seconds() >= seconds
 
 
 def pausing(job: JobView, now: datetime) -> bool:
@@ -178,5 +179,5 @@ def rests(job: JobView) -> bool:
 
 def expired(job: JobView, now: datetime) -> bool:
     """Whether a job that has ended was kept for as long as its spec says."""
-    seconds = job.spec.get("ttlSecondsAfterFinished")
+    seconds = readings.whole(job.spec.get("ttlSecondsAfterFinished"))
     return job.finished and _passed(job.status.get("completionTime"), seconds, now)

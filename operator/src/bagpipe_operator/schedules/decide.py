@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from enum import Enum
 from zoneinfo import ZoneInfo
 
-from bagpipe_operator import reasons
+from bagpipe_operator import readings, reasons
 from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 
@@ -19,6 +19,8 @@ MISSED_LIMIT = 100
 DEFAULT_TIME_ZONE = "Etc/UTC"
 DEFAULT_SUCCESSFUL_HISTORY = 3
 DEFAULT_FAILED_HISTORY = 1
+# Ten years: a deadline beyond is none, and the sums stay within what a datetime holds.
+_LONGEST_SECONDS = 10 * 366 * 86_400
 
 
 class Verdict(Enum):
@@ -82,8 +84,8 @@ def decide(
 
 
 def _with_due_run(schedule: ScheduleView, seen: Decision, run: datetime, now: datetime) -> Decision:
-    seconds = schedule.spec.get("startingDeadlineSeconds")
-    deadline = None if seconds is None else run + timedelta(seconds=int(seconds))
+    seconds = readings.whole(schedule.spec.get("startingDeadlineSeconds"))
+    deadline = None if seconds is None else run + timedelta(seconds=min(seconds, _LONGEST_SECONDS))
     if deadline is not None and now > deadline:
         return replace(seen, verdict=Verdict.TOO_LATE)
     policy = schedule.spec.get("concurrencyPolicy") or "Allow"
@@ -120,18 +122,22 @@ def _last_run(
 
 
 def _written(schedule: ScheduleView) -> datetime | None:
-    written = schedule.status.get("lastScheduleTime")
-    return datetime.fromisoformat(written) if written else None
+    return readings.moment(schedule.status.get("lastScheduleTime"))
+
+
+def _limit(schedule: ScheduleView, field: str, default: int) -> int:
+    limit = readings.whole(schedule.spec.get(field))
+    return default if limit is None else max(0, limit)
 
 
 def _surplus(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> tuple[ScheduledJob, ...]:
     """The earliest of the ended jobs beyond the limits, good and failed ones apart."""
     limits = {
-        True: schedule.spec.get("successfulJobsHistoryLimit", DEFAULT_SUCCESSFUL_HISTORY),
-        False: schedule.spec.get("failedJobsHistoryLimit", DEFAULT_FAILED_HISTORY),
+        True: _limit(schedule, "successfulJobsHistoryLimit", DEFAULT_SUCCESSFUL_HISTORY),
+        False: _limit(schedule, "failedJobsHistoryLimit", DEFAULT_FAILED_HISTORY),
     }
     surplus: list[ScheduledJob] = []
     for complete, limit in limits.items():
         ended = [j for j in jobs if j.finished and not j.deleting and j.complete is complete]
-        surplus += ended[: max(0, len(ended) - int(limit))]
+        surplus += ended[: max(0, len(ended) - limit)]
     return tuple(surplus)
