@@ -48,6 +48,8 @@ def read_spec(job: JobView) -> SimulationJobSpec:
         place = ".".join(["spec", *map(str, first["loc"])])
         what = first["msg"].removeprefix("Value error, ")
         raise UnusableSpecError(f"{place}: {what}") from None
+    except ArithmeticError as error:
+        raise UnusableSpecError(f"spec: a number is too large to reckon with ({error})") from None
     _check_memory(spec)
     return spec
 

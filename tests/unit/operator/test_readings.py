@@ -117,3 +117,15 @@ def test_no_quantity_is_infinite() -> None:
 def test_an_account_of_more_cases_than_the_api_server_counts_is_none() -> None:
     assert parse(account(cases={"planned": 2**63 - 1})) is not None
     assert parse(account(cases={"planned": 2**63})) is None
+
+
+def test_a_number_beyond_all_numbers_is_refused() -> None:
+    parts = [{"bag": "pvc://recordings/a.bag", "to": "9" * 400 + "h"}]
+    job = make_job("x").with_spec("source", {"sequence": parts, "topics": ["/image"]})
+    with pytest.raises(UnusableSpecError, match="longer than any duration"):
+        read_spec(job.view())
+    job = make_job("x").with_spec(
+        "source", {"simulator": {"step": "9" * 400 + "s", "duration": "9" * 400 + "s"}}
+    )
+    with pytest.raises(UnusableSpecError):
+        read_spec(job.view())

@@ -1,5 +1,6 @@
 """Texts of a spec that several of its parts have: durations, names of topics, URIs of files."""
 
+import math
 import re
 from typing import Annotated
 
@@ -16,7 +17,10 @@ def duration_seconds(text: str) -> float:
     """
     if not re.fullmatch(rf"(?:{_DURATION.pattern})+", text):
         raise ValueError(f"{text!r} is not a duration: write for example 20s, 1m30s or 500ms")
-    return sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
+    seconds = sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
+    if math.isinf(seconds):
+        raise ValueError(f"{text[:20]}... is longer than any duration: write fewer digits")
+    return seconds
 
 
 _KNOWN_URI = re.compile(
