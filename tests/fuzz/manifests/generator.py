@@ -22,7 +22,7 @@ SCHEDULE = "SimulationSchedule"
 API_VERSION = "sim.bagpipe.io/v1alpha1"
 
 # What is done to a place, with how often. `lax`: for a CRD that lets everything through.
-_TAME = {"valid": 16, "hostile": 3, "remove": 2, "wrong": 1, "null": 1, "unknown": 1}
+_TAME = {"valid": 20, "hostile": 3, "remove": 1, "wrong": 1, "null": 1, "unknown": 1}
 _LAX = {"valid": 3, "hostile": 6, "remove": 3, "wrong": 6, "null": 2, "unknown": 1}
 # What a running job lets be changed, so that not all edits are refused for one reason.
 _EDITABLE = ("suspend", "activeDeadlineSeconds", "startDeadlineSeconds", "ttlSecondsAfterFinished")
@@ -209,7 +209,7 @@ class Generator:
                 meta["finalizers"] = ["example.com/kept"]
 
 
-def seeded(seed: int, lax: bool = False) -> Generator:
+def seeded(seed: int | str, lax: bool = False) -> Generator:
     """A generator whose every manifest follows from the seed."""
     return Generator(random.Random(seed), lax)
 
