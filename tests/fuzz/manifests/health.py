@@ -55,6 +55,11 @@ class Health:
         if faults != 0.0:
             raise UnhealthyError(f"{faults} reconciles met a fault, or /metrics does not answer")
 
+    def told(self) -> str:
+        """How often the probe was asked, and what the operator takes by now."""
+        memory = self.operator.metric("process_resident_memory_bytes") or 0.0
+        return f"{self.looks} looks at /livez; the operator takes {memory / 2**20:.0f} MiB"
+
     def _read_log(self, log: Path) -> None:
         with log.open(errors="replace") as file:
             file.seek(self._read)
