@@ -9,7 +9,12 @@ from tests.integration.control_plane.operator_process import OperatorProcess
 
 # As the chart's liveness probe, but looked at more often: a kubelet would restart it after six.
 LOOK_SECONDS = 1.0
-_TROUBLE = re.compile(r"^Traceback|unexpected fault|^\S+ \S+ (ERROR|CRITICAL) ", re.MULTILINE)
+# kopf calls it an error too when a watch is to begin anew, as after each change of a CRD.
+_TROUBLE = re.compile(
+    r"^Traceback|unexpected fault"
+    r"|^\S+ \S+ (ERROR|CRITICAL) (?!kopf\S+: Request attempt .*will retry)",
+    re.MULTILINE,
+)
 # An excerpt of the log around the first trouble, in characters.
 _BEFORE, _AFTER = 600, 6_000
 

@@ -35,6 +35,9 @@ def log(tmp_path: Path) -> Path:
 
 
 def test_a_healthy_operator_passes(log: Path) -> None:
+    again = "kopf._cogs.clients.watching: Request attempt #1/6 failed; will retry: GET x"
+    with log.open("a") as file:
+        file.write(f"{STAMP} ERROR {again}\n")
     looked = health(log)
     looked.check()
     looked.stop()
