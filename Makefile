@@ -101,9 +101,16 @@ bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe,
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: fuzz
-fuzz: ## Fuzz the agent's parsers, each for SECONDS=60 (TARGET=scan: only that)
+ifeq ($(TARGET),manifests)
+fuzz: venv tools
+	$(STEP) "Fuzzing the operator with manifests" --if-it-fails "It says above what failed, and how to do it again." -- \
+	  env PYTHONPATH=.:tests/cluster .venv/bin/python -m tests.fuzz.manifests.run $(or $(SECONDS),60) \
+	  $(if $(SEED),--seed $(SEED)) $(if $(BATCH),--batch $(BATCH))
+else
+fuzz: ## Fuzz the agent's parsers, each for SECONDS=60 (TARGET=scan: only that; TARGET=manifests: the operator)
 	$(STEP) "Fuzzing" --if-it-fails "It says above what is missing, or which input failed." -- \
 	  env CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-fuzz" images/ros/fuzz/run.sh $(or $(SECONDS),60) $(TARGET)
+endif
 
 .PHONY: lint
 lint: preflight-all venv tools ## Check style and types of everything

@@ -15,6 +15,9 @@ from bagpipe_operator.job_config import UnusableSpecError, job_config
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json, PodView
 
+# Of what a pod names and the API server can't look up, such as the priority class `a/b`: it answers
+# 500, and would do so for ever.
+_NO_NAME = "invalid resource name"
 _MISSING_ACCOUNT = re.compile(r'serviceaccount "([^"]+)" not found')
 
 
@@ -144,7 +147,7 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
             "The job starts as soon as it has.",
             lasting=False,
         )
-    if error.status in {400, 403, 413, 422}:
+    if error.status in {400, 403, 413, 422} or _NO_NAME in error.message:
         return Refusal(
             reasons.CREATION_REFUSED,
             f"The API server refuses {what}: {error.message}",

@@ -9,6 +9,8 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator import names
 from bagpipe_operator.executor_template import executor_template
 from bagpipe_operator.nesting import DEEPEST, is_deep
+from bagpipe_operator.quantities import heap
+from bagpipe_operator.readings import mapping
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json
 from bagpipe_operator.volumes import claim_paths
@@ -38,12 +40,25 @@ def read_spec(job: JobView) -> SimulationJobSpec:
             " read: look at stack.parameters and matrix, or keep such data in a file of the image"
         )
     try:
-        return SimulationJobSpec.model_validate(plain_spec(job.spec))
+        spec = SimulationJobSpec.model_validate(plain_spec(job.spec))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(["spec", *map(str, first["loc"])])
         what = first["msg"].removeprefix("Value error, ")
         raise UnusableSpecError(f"{place}: {what}") from None
+    except ArithmeticError as error:
+        raise UnusableSpecError(f"spec: a number is too large to reckon with ({error})") from None
+    _check_memory(spec)
+    return spec
+
+
+def _check_memory(spec: SimulationJobSpec) -> None:
+    """Refuses what no heap can be reckoned from: a CRD of another release may let it pass."""
+    for role, part in (("driver", spec.spark.driver), ("executor", spec.spark.executor)):
+        try:
+            heap(part.resources.memory)
+        except ValueError as error:
+            raise UnusableSpecError(f"spec.spark.{role}.resources.memory: {error}") from None
 
 
 def _lasting(spec: Json) -> Json:
@@ -55,7 +70,8 @@ def plain_spec(spec: Json) -> Json:
     """The spec with Spark's quantities as strings: a manifest may also write `cpu: 1`."""
     plain: Json = json.loads(json.dumps(spec))
     for role in ("driver", "executor"):
-        resources = ((plain.get("spark") or {}).get(role) or {}).get("resources") or {}
+        part = mapping(mapping(plain.get("spark")).get(role))
+        resources = mapping(part.get("resources"))
         resources.update({key: str(value) for key, value in resources.items()})
     return plain
 

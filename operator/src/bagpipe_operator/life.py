@@ -3,10 +3,9 @@
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import datetime
 
-from bagpipe.texts import known_seconds
-from bagpipe_operator import conditions, names, reasons
+from bagpipe_operator import conditions, names, readings, reasons
 from bagpipe_operator.ending import overdue
 from bagpipe_operator.progress import Progress
 from bagpipe_operator.view import JobView, Json, PodView
@@ -111,10 +110,11 @@ def _held_up_by(job: JobView) -> str:
 
 
 def _passed(since: str | None, duration: object, now: datetime) -> bool:
-    seconds = known_seconds(duration)
+    seconds = readings.seconds(duration)
     if since is None or seconds is None:
         return False
-    return now >= datetime.fromisoformat(since) + timedelta(seconds=seconds)
+    # Not `since` plus the seconds: of the largest numbers there is no such moment.
+    return (now - datetime.fromisoformat(since)).total_seconds() >= seconds
 
 
 def pausing(job: JobView, now: datetime) -> bool:

@@ -9,7 +9,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from bagpipe_operator import names, pending
+from bagpipe_operator import names, pending, readings
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.executor_template import executor_trial
 from bagpipe_operator.fair_share import FairShare
@@ -85,7 +85,8 @@ class Lookout:
 
     @staticmethod
     def _executors_missing(job: JobView, pods: Sequence[PodView]) -> bool:
-        wanted = int((job.spec.get("spark") or {}).get("executors") or 1)
+        spark = readings.mapping(job.spec.get("spark"))
+        wanted = readings.whole(spark.get("executors")) or 1
         alive = [p for p in pods if p.role == names.ROLE_EXECUTOR and not (p.ended or p.deleting)]
         return len(alive) < wanted
 

@@ -32,7 +32,8 @@ def _cut(longest: int) -> Callable[[object], object]:
 
 Word = Annotated[str, BeforeValidator(_cut(253))]
 Sentence = Annotated[str, BeforeValidator(_cut(LONGEST_MESSAGE))]
-Count = Annotated[int, Field(ge=0)]
+# More is no number to the API server, which would refuse the status for ever.
+Count = Annotated[int, Field(ge=0, le=2**63 - 1)]
 
 
 class _Model(BaseModel):
@@ -52,9 +53,7 @@ class Cases(_Model):
     lost: Count = 0
     regressed: Count = 0
     # A driver of release 0.1 says `retried`.
-    discarded: Annotated[
-        int, Field(ge=0, validation_alias=AliasChoices("discarded", "retried"))
-    ] = 0
+    discarded: Annotated[Count, Field(validation_alias=AliasChoices("discarded", "retried"))] = 0
 
     @property
     def begun(self) -> bool:
@@ -68,7 +67,7 @@ class Ledger(_Model):
     sent: Count = 0
     received: Count = 0
     dropped: Count = 0
-    lead_in: Annotated[int, Field(ge=0, alias="leadIn")] = 0
+    lead_in: Annotated[Count, Field(alias="leadIn")] = 0
 
 
 class Failure(_Model):

@@ -8,6 +8,8 @@ _UNITS = {
 }  # fmt: skip
 
 _MEBIBYTE = 2**20
+# Of more digits a float makes infinity.
+_LONGEST = 40
 # Spark refuses a JVM of less than 450 MiB, and the JVM counts a part of its heap as not usable.
 _LEAST_HEAP_MIB = 512
 
@@ -15,7 +17,7 @@ _LEAST_HEAP_MIB = 512
 def memory_bytes(quantity: str) -> int:
     """Bytes of a quantity such as 1Gi or 500M; raises ValueError for anything else."""
     match = re.fullmatch(r"([0-9]+(?:[.][0-9]+)?)([kMGT]|[KMGT]i)?", quantity)
-    if match is None:
+    if match is None or len(quantity) > _LONGEST:
         raise ValueError(f"{quantity!r} is no quantity of memory: write for example 1Gi")
     return int(float(match[1]) * _UNITS[match[2] or ""])
 

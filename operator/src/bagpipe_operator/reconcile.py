@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Protocol
 
 from bagpipe.spec import DEFAULT_BACKOFF_LIMIT
-from bagpipe_operator import events, names, reasons
+from bagpipe_operator import events, names, readings, reasons
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.children import Refusal, create_children
 from bagpipe_operator.diagnose import troubles
@@ -393,8 +393,8 @@ class Reconciler:
 
 def _backoff_limit(job: JobView) -> int:
     """The API server writes the default; a job of an older CRD has none."""
-    limit = job.spec.get("backoffLimit")
-    return DEFAULT_BACKOFF_LIMIT if limit is None else int(limit)
+    limit = readings.whole(job.spec.get("backoffLimit"))
+    return DEFAULT_BACKOFF_LIMIT if limit is None else limit
 
 
 def _refused(reason: str, error: Exception) -> Ending:

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Any
 
 from bagpipe.marks import marks_of
-from bagpipe_operator import names
+from bagpipe_operator import names, readings
 from bagpipe_operator.nesting import bounded
 
 Json = dict[str, Any]
@@ -97,7 +97,7 @@ class PodView:
             attempt=int(attempt) if attempt.isdecimal() else 0,
             phase=status.get("phase") or "Pending",
             ip=status.get("podIP") or "",
-            gone_by=_moment(meta.get("deletionTimestamp")),
+            gone_by=readings.moment(meta.get("deletionTimestamp")),
             reason=status.get("reason") or "",
             message=status.get("message") or "",
             unschedulable=_unschedulable(status),
@@ -108,10 +108,6 @@ class PodView:
             disruption=_disruption(status),
             node_silent=_node_silent(status),
         )
-
-
-def _moment(text: str | None) -> datetime | None:
-    return datetime.fromisoformat(text) if text else None
 
 
 def _unschedulable(status: Json) -> str:
@@ -134,7 +130,7 @@ def _disruption(status: Json) -> Disruption | None:
             return Disruption(
                 condition.get("reason") or "",
                 condition.get("message") or "",
-                _moment(condition.get("lastTransitionTime")),
+                readings.moment(condition.get("lastTransitionTime")),
             )
     return None
 
@@ -161,7 +157,7 @@ def _container(status: Json) -> ContainerView:
         exit_code=ended.get("exitCode") if ended else None,
         reason=(ended or last).get("reason") or "",
         message=(waiting or ended or {}).get("message") or "",
-        ended_at=_moment((ended or last).get("finishedAt")),
+        ended_at=readings.moment((ended or last).get("finishedAt")),
     )
 
 
@@ -213,8 +209,8 @@ class JobView:
             generation=int(meta.get("generation") or 1),
             resource_version=str(meta.get("resourceVersion") or ""),
             deleting=bool(meta.get("deletionTimestamp")),
-            spec=bounded(job.get("spec") or {}),
-            status=bounded(job.get("status") or {}),
+            spec=bounded(readings.mapping(job.get("spec"))),
+            status=bounded(readings.status(job.get("status"))),
             created=str(meta.get("creationTimestamp") or ""),
             marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
         )

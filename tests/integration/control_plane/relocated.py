@@ -48,6 +48,8 @@ def flags_of(etcd_port: int, peer_port: int) -> dict[str, list[str]]:
         "etcd": [
             *without(control_plane.etcd_flags(), "--listen-peer-urls"),
             f"--listen-peer-urls=http://{LOOPBACK}:{peer_port}",
+            # Nobody needs it after the machine has lost its power; a write waits for a disk else.
+            "--unsafe-no-fsync",
         ],
         "kube-apiserver": [
             *control_plane.apiserver_flags(),

@@ -21,8 +21,8 @@ from bagpipe.cli.__main__ import main
 from bagpipe.cli.kubectl import proposals
 from tests.integration.control_plane.cli_process import CliProcess
 from tests.integration.control_plane.client import Client, Object, core, jobs
-from tests.integration.control_plane.conftest import fresh_namespace
 from tests.integration.control_plane.observe import a_job, await_right
+from tests.integration.control_plane.release import fresh_namespace
 from tests.integration.control_plane.server import CRDS, ControlPlane, install_crd
 from tests.integration.storage.servers import wait_until
 from tests.unit.bagpipe.jobs import make_row

@@ -4,9 +4,10 @@ import pytest
 from embedded.api import ApiError
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
-from tests.integration.control_plane.conftest import Installation, StartOperator
+from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job, is_admitted
+from tests.integration.control_plane.release import Installation
 from tests.integration.control_plane.server import ControlPlane
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account

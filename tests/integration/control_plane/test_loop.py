@@ -16,11 +16,12 @@ from bagpipe_operator.reconcile import Reconciler
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, PodView, View
 from tests.integration.control_plane.client import Client, Object, core, jobs
-from tests.integration.control_plane.conftest import Installation, StartOperator
+from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.due_schedules import a_schedule, schedules
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs, statuses
+from tests.integration.control_plane.release import Installation
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import Clock, account
 from tests.unit.operator.fakes import FakeDrivers

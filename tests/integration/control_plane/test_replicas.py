@@ -6,7 +6,7 @@ import pytest
 
 from bagpipe_operator.settings import Settings
 from tests.integration.control_plane.client import Client, core
-from tests.integration.control_plane.conftest import Installation, StartOperator
+from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import (
     await_lead,
@@ -18,6 +18,7 @@ from tests.integration.control_plane.observe import (
     moment,
     statuses,
 )
+from tests.integration.control_plane.release import Installation
 from tests.integration.control_plane.stalls import Stalls
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account

@@ -8,9 +8,9 @@ import yaml
 from embedded.api import ApiError
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
-from tests.integration.control_plane.conftest import Installation, apply_chart, fresh_namespace
 from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import rendered
+from tests.integration.control_plane.release import Installation, apply_chart, fresh_namespace
 from tests.integration.control_plane.server import ControlPlane
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job

@@ -29,7 +29,7 @@ from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.schedules.loop import ScheduleLoop
 from bagpipe_operator.view import View
 from tests.integration.control_plane.client import Client, Object, jobs
-from tests.integration.control_plane.conftest import Installation, StartOperator
+from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.due_schedules import (
     a_schedule,
     due_once,
@@ -38,6 +38,7 @@ from tests.integration.control_plane.due_schedules import (
     start_run,
 )
 from tests.integration.control_plane.operator_process import OperatorProcess
+from tests.integration.control_plane.release import Installation
 from tests.integration.control_plane.server import ControlPlane, binaries
 from tests.integration.storage.servers import PATIENCE, wait_until
 

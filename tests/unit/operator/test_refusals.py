@@ -122,3 +122,15 @@ async def test_a_job_that_waits_for_quota_may_be_edited_and_the_release_upgraded
     # What may be edited while a job runs is not in it; what results keep of a job is.
     assert world.api.named("configmaps").count(mounted) == 1
     assert len(world.api.named("configmaps")) == (1 if what == "a deadline" else 2)
+
+
+async def test_a_name_that_the_api_server_can_t_look_up_ends_the_job_with_its_words() -> None:
+    """It answers 500, which is else a fault that may pass, and was tried again for ever."""
+    world = World()
+    fault = ApiError(500, "", "invalid resource name \"a/b\": [may not contain '/']")
+    world.api.fail("try pods", *[fault] * 20)
+    await world.reconcile()
+    assert world.reason("Accepted") == "False/CreationRefused"
+    assert 'invalid resource name "a/b"' in world.message("Accepted")
+    await world.reconcile(after=31)
+    assert world.reason("Failed") == "True/CreationRefused"

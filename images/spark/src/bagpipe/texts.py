@@ -24,14 +24,6 @@ def duration_seconds(text: str) -> float:
     return seconds
 
 
-def known_seconds(text: object) -> float | None:
-    """Seconds of a duration; None for none, and for other words that a wider CRD let pass."""
-    try:
-        return duration_seconds(text) if isinstance(text, str) else None
-    except ValueError:
-        return None
-
-
 _KNOWN_URI = re.compile(
     r"(s3|gs|az)://[a-z0-9][a-z0-9._-]*/"
     r"|(hdfs|https)://[A-Za-z0-9.-]+(:[0-9]+)?/"
@@ -75,7 +67,31 @@ def _writable_uri(uri: str) -> str:
             f"{uri!r} is a web server, which can only be read from: write the URI of a volume, a"
             " bucket or HDFS"
         )
+    if re.search(r"[*?]", uri):
+        raise ValueError(f"{uri!r} has a wildcard, and results go to one folder: write its name")
     return uri
+
+
+def _topic_pattern(pattern: str) -> str:
+    if not pattern or re.match(r"[A-Za-z0-9_~]", pattern):
+        raise ValueError(
+            f"{pattern!r} can't match a topic, whose name begins with a slash: write /{pattern}"
+        )
+    return pattern
+
+
+def each_once(texts: list[str]) -> list[str]:
+    """The texts as they are. Raises ValueError if one is there twice."""
+    if len(set(texts)) != len(texts):
+        twice = next(text for text in texts if texts.count(text) > 1)
+        raise ValueError(f"{twice!r} is there twice: write it once")
+    return texts
+
+
+def _node_name(name: str) -> str:
+    if not re.fullmatch(r"(/[A-Za-z][A-Za-z0-9_]*)+", name):
+        raise ValueError(f"{name!r} is no node's name: write for example /lane_detector")
+    return name
 
 
 def _secret_name(name: str) -> str:
@@ -104,6 +120,8 @@ def _absolute_name(name: str) -> str:
 BagUri = Annotated[str, AfterValidator(_known_uri), AfterValidator(_bag_uri)]
 OutputUri = Annotated[str, AfterValidator(_known_uri), AfterValidator(_writable_uri)]
 SecretName = Annotated[str, AfterValidator(_secret_name)]
+TopicPattern = Annotated[str, AfterValidator(_topic_pattern)]
+NodeName = Annotated[str, AfterValidator(_node_name)]
 Name = Annotated[str, AfterValidator(_absolute_name)]
 Duration = Annotated[str, AfterValidator(_any_duration)]
 PositiveDuration = Annotated[str, AfterValidator(_positive_duration)]

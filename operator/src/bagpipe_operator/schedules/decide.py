@@ -10,8 +10,7 @@ from datetime import datetime, timedelta
 from enum import Enum
 from zoneinfo import ZoneInfo
 
-from bagpipe.texts import known_seconds
-from bagpipe_operator import reasons
+from bagpipe_operator import readings, reasons
 from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 
@@ -83,7 +82,7 @@ def decide(
 
 
 def _with_due_run(schedule: ScheduleView, seen: Decision, run: datetime, now: datetime) -> Decision:
-    seconds = known_seconds(schedule.spec.get("startingDeadline"))
+    seconds = readings.seconds(schedule.spec.get("startingDeadline"))
     deadline = None if seconds is None else run + timedelta(seconds=seconds)
     if deadline is not None and now > deadline:
         return replace(seen, verdict=Verdict.TOO_LATE)
@@ -121,18 +120,22 @@ def _last_run(
 
 
 def _written(schedule: ScheduleView) -> datetime | None:
-    written = schedule.status.get("lastScheduleTime")
-    return datetime.fromisoformat(written) if written else None
+    return readings.moment(schedule.status.get("lastScheduleTime"))
+
+
+def _limit(schedule: ScheduleView, field: str, default: int) -> int:
+    limit = readings.whole(schedule.spec.get(field))
+    return default if limit is None else max(0, limit)
 
 
 def _surplus(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> tuple[ScheduledJob, ...]:
     """The earliest of the ended jobs beyond the limits, good and failed ones apart."""
     limits = {
-        True: schedule.spec.get("successfulJobsHistoryLimit", DEFAULT_SUCCESSFUL_HISTORY),
-        False: schedule.spec.get("failedJobsHistoryLimit", DEFAULT_FAILED_HISTORY),
+        True: _limit(schedule, "successfulJobsHistoryLimit", DEFAULT_SUCCESSFUL_HISTORY),
+        False: _limit(schedule, "failedJobsHistoryLimit", DEFAULT_FAILED_HISTORY),
     }
     surplus: list[ScheduledJob] = []
     for complete, limit in limits.items():
         ended = [j for j in jobs if j.finished and not j.deleting and j.complete is complete]
-        surplus += ended[: max(0, len(ended) - int(limit))]
+        surplus += ended[: max(0, len(ended) - limit)]
     return tuple(surplus)

@@ -5,6 +5,7 @@ from datetime import datetime
 
 from bagpipe_operator import conditions, names, reasons
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.readings import mapping
 from bagpipe_operator.schedules.status import Refused
 from bagpipe_operator.schedules.view import ScheduleView, job_name
 from bagpipe_operator.view import Json
@@ -12,24 +13,24 @@ from bagpipe_operator.view import Json
 
 def job_manifest(schedule: ScheduleView, run: datetime) -> Json:
     """The job as spec.jobTemplate wants it, with the schedule's own label and annotation."""
-    template = schedule.spec["jobTemplate"]
-    meta = template.get("metadata") or {}
+    template = mapping(schedule.spec.get("jobTemplate"))
+    meta = mapping(template.get("metadata"))
     return {
         "apiVersion": names.API_VERSION,
         "kind": names.KIND,
         "metadata": {
             "name": job_name(schedule.name, run),
             "namespace": schedule.namespace,
-            "labels": {**(meta.get("labels") or {}), names.LABEL_SCHEDULE: schedule.name},
+            "labels": {**mapping(meta.get("labels")), names.LABEL_SCHEDULE: schedule.name},
             "annotations": {
-                **(meta.get("annotations") or {}),
+                **mapping(meta.get("annotations")),
                 names.ANNOTATION_SCHEDULED_AT: conditions.timestamp(run),
             },
             "ownerReferences": [
                 names.owner_reference(schedule.name, schedule.uid, names.SCHEDULE_KIND)
             ],
         },
-        "spec": copy.deepcopy(template["spec"]),
+        "spec": copy.deepcopy(mapping(template.get("spec"))),
     }
 
 

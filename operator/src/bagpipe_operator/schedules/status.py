@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from datetime import datetime
 
-from bagpipe_operator import conditions, reasons
+from bagpipe_operator import conditions, readings, reasons
 from bagpipe_operator.conditions import Condition
 from bagpipe_operator.events import NORMAL, WARNING, Note
 from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict
@@ -192,7 +192,7 @@ def _as_before(schedule: ScheduleView) -> Condition:
 def _last_success(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> datetime | None:
     """The latest end of a job that completed; those that are gone are in the old status."""
     ends = [job.completed for job in jobs if job.complete and job.completed is not None]
-    written = schedule.status.get("lastSuccessfulTime")
-    if written:
-        ends.append(datetime.fromisoformat(written))
+    written = readings.moment(schedule.status.get("lastSuccessfulTime"))
+    if written is not None:
+        ends.append(written)
     return max(ends, default=None)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
+from bagpipe_operator import readings
 from bagpipe_operator.nesting import DEEPEST, bounded
 from bagpipe_operator.view import Json, is_older
 
@@ -43,8 +44,8 @@ class ScheduleView:
             created=datetime.fromisoformat(meta["creationTimestamp"]),
             deleting=bool(meta.get("deletionTimestamp")),
             # Its jobs' spec begins two levels further in, and must be as deep as it was written.
-            spec=bounded(schedule.get("spec") or {}, DEEPEST + 2),
-            status=bounded(schedule.get("status") or {}),
+            spec=bounded(readings.mapping(schedule.get("spec")), DEEPEST + 2),
+            status=bounded(readings.status(schedule.get("status"))),
         )
 
 
@@ -71,10 +72,9 @@ class ScheduledJob:
     @classmethod
     def from_object(cls, job: Json) -> "ScheduledJob":
         """A job as the API server sends it."""
-        meta, status = job["metadata"], job.get("status") or {}
+        meta, status = job["metadata"], readings.status(job.get("status"))
         owners = meta.get("ownerReferences") or []
         true = {c.get("type") for c in status.get("conditions") or [] if c.get("status") == "True"}
-        completed = status.get("completionTime")
         return cls(
             namespace=meta["namespace"],
             name=meta["name"],
@@ -84,7 +84,7 @@ class ScheduledJob:
             deleting=bool(meta.get("deletionTimestamp")),
             complete="Complete" in true,
             failed="Failed" in true,
-            completed=datetime.fromisoformat(completed) if completed else None,
+            completed=readings.moment(status.get("completionTime")),
             resource_version=str(meta.get("resourceVersion") or ""),
         )
 
