@@ -98,7 +98,7 @@ def _show(job: k.Object) -> int:
     console.print(
         f"Ledger: {ledger['sent']} sent, {ledger['received']} received, {ledger['dropped']} dropped"
     )
-    console.print(f"Phase: {status['phase']}   Verdict: [bold]{status['verdict']}[/]")
+    console.print(f"Phase: {status['phase']}   Verdict: [bold]{status.get('verdict', 'none')}[/]")
     folder = "/" + status["results"].removeprefix("pvc://")
     console.print(f"Recorded bags: {status['results']}/cases", soft_wrap=True)
     first = next(row["recorded"] for row in rows if row["recorded"])
@@ -112,7 +112,7 @@ def _show(job: k.Object) -> int:
         f"{k.EMBEDDED_KUBECONFIG}; kubectl get simjob,pods -A. make down removes it.",
         soft_wrap=True,
     )
-    return 0 if status["verdict"] == "Passed" else 1
+    return 0 if status.get("verdict") == "Passed" else 1
 
 
 def take_out(uri: str) -> None:

@@ -73,7 +73,7 @@ def disturbed(namespace: str, job: k.Object) -> bool:
     status = job["status"]
     rows = k.results(namespace, status["results"])[1] if "results" in status else []
     reasons = {row["reason"] for row in rows if row["outcome"] != "passed"}
-    return status["phase"] == "Failed" and not status["verdict"] and reasons == {"MachineBusy"}
+    return status["phase"] == "Failed" and "verdict" not in status and reasons == {"MachineBusy"}
 
 
 def account(namespace: str, job: k.Object) -> str:

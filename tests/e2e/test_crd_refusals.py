@@ -272,7 +272,7 @@ REFUSED: dict[str, tuple[str, object, str]] = {
     ),
     "env name": (
         "spec.stack.env", [{"name": "2ND", "value": "x"}],
-        "an environment variable's name holds letters, digits and underscores",
+        "this is no environment variable's name: write for example ROS_LOG_DIR",
     ),
     "env twice": (
         "spec.stack.env", [{"name": "A", "value": "1"}, {"name": "A", "value": "2"}],
@@ -340,7 +340,7 @@ REFUSED: dict[str, tuple[str, object, str]] = {
     ),
     "criterion's topic without slash": (
         "spec.evaluate", [{"name": "a", "presence": {"topic": "imu"}}],
-        "a topic's name begins with a slash and holds letters, digits, underscores and hyphens",
+        "this is no topic's name: write for example /imu/data",
     ),
     "presence with a max alone": (
         "spec.evaluate", [{"name": "a", "presence": {"topic": "/a", "max": 0}}],

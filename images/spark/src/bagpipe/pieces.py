@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, Field, JsonValue, ValidationErro
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.matrix.templates import filled_text, has_template
 from bagpipe.pod_spec import SPEC_CONFIG
-from bagpipe.texts import BagUri, Name, duration_seconds
+from bagpipe.texts import BagUri, Name, duration_seconds, each_once
 
 
 def _one_bag(uri: str) -> str:
@@ -65,7 +65,7 @@ class SequencePart(Piece):
 class RecordedTopics(Piece):
     """`source.simulator.recorded[]`: recorded topics that are heard during a simulated drive."""
 
-    topics: list[Name] = Field(min_length=1, max_length=100)
+    topics: Annotated[list[Name], AfterValidator(each_once)] = Field(min_length=1, max_length=100)
 
 
 def nanoseconds(offset: str) -> int:

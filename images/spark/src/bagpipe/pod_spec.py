@@ -80,6 +80,12 @@ class ValueSource(SpecModel):
     config_map_key_ref: KeyOf | None = None
     field_ref: FieldRef | None = None
 
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if [self.secret_key_ref, self.config_map_key_ref, self.field_ref].count(None) < 2:
+            raise ValueError("a variable comes from one place: write only one of the three")
+        return self
+
 
 class Named(SpecModel):
     """A Secret or a ConfigMap as a whole."""
@@ -94,6 +100,15 @@ class EnvironmentSource(SpecModel):
     prefix: str = ""
     secret_ref: Named | None = None
     config_map_ref: Named | None = None
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if (self.secret_ref is None) == (self.config_map_ref is None):
+            raise ValueError(
+                "an entry of stack.envFrom names one Secret or one ConfigMap: write for example"
+                " secretRef: {name: licence}"
+            )
+        return self
 
 
 class _Mount(SpecModel):

@@ -5,9 +5,16 @@ the rest of the code types, defaults and parsed durations. They refuse what the 
 refuses, so that a job read from a file on a laptop meets the same rules.
 """
 
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, Field, JsonValue, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    JsonValue,
+    field_validator,
+    model_validator,
+)
 
 from bagpipe.evaluate.model import Criterion, topics_of
 from bagpipe.faults import FaultRule
@@ -28,9 +35,12 @@ from bagpipe.texts import (
     BagUri,
     Duration,
     Name,
+    NodeName,
     OutputUri,
     PositiveDuration,
     SecretName,
+    TopicPattern,
+    each_once,
 )
 from bagpipe.topic_patterns import records
 
@@ -59,7 +69,7 @@ class Source(_Model):
     sequence: list[SequencePart] = Field(default=[], max_length=100)
     files: list[BagUri] = []
     simulator: Simulator | None = None
-    topics: list[Name] = []
+    topics: Annotated[list[Name], AfterValidator(each_once)] = []
     fragment: Fragment = Fragment()
 
     @property
@@ -90,7 +100,7 @@ class Source(_Model):
 class PlainVariable(_Model):
     """One environment variable with its value."""
 
-    name: str
+    name: str = Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")
     value: str = ""
 
 
@@ -99,14 +109,27 @@ class EnvironmentVariable(PlainVariable):
 
     value_from: ValueSource | None = None
 
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if self.value and self.value_from is not None:
+            raise ValueError(
+                "a variable of stack.env has a value or a valueFrom: write one of them"
+            )
+        return self
+
+
+def _variables_once(variables: list[EnvironmentVariable]) -> list[EnvironmentVariable]:
+    each_once([variable.name for variable in variables])
+    return variables
+
 
 class Stack(_Model):
     """The software under test: an unmodified image and how its nodes are started."""
 
-    image: str = Field(min_length=1)
+    image: str = Field(pattern=r"^\S+$")
     command: list[str] = Field(min_length=1)
     engine: Literal["ros1", "exec"] = "ros1"
-    env: list[EnvironmentVariable] = []
+    env: Annotated[list[EnvironmentVariable], AfterValidator(_variables_once)] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] = "IfNotPresent"
@@ -120,7 +143,7 @@ class Variant(_Model):
     """One version or configuration of the stack: what differs from `stack`."""
 
     name: str = Field(pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", max_length=40)
-    image: str = ""
+    image: str = Field(default="", pattern=r"^\S*$")
     command: list[str] = []
     env: list[PlainVariable] = []
     parameters: dict[Name, JsonValue] = {}
@@ -144,7 +167,9 @@ class Playback(_Model):
     steps: list[Step] = []
     rate: float = Field(default=1.0, gt=0, le=100)
     rounds: int = Field(default=1, ge=1, le=100)
-    wait_for: list[Name] = Field(default=[], max_length=64)
+    wait_for: Annotated[list[NodeName], AfterValidator(each_once)] = Field(
+        default=[], max_length=64
+    )
     subscribe_timeout: PositiveDuration = "20s"
     case_timeout: PositiveDuration = "10m"
 
@@ -158,7 +183,7 @@ class Playback(_Model):
 class Record(_Model):
     """What is recorded: regular expressions that match whole topic names."""
 
-    topics: list[str] = Field(min_length=1)
+    topics: Annotated[list[TopicPattern], AfterValidator(each_once)] = Field(min_length=1)
 
 
 class PodResources(_Model):
@@ -200,15 +225,17 @@ class Baseline(_Model):
 class ComparisonRules(_Model):
     """What a comparison may say and the job pass nevertheless."""
 
-    allow: list[Literal["Regressed", "Missing", "WorseCriteria", "Unknown"]] = Field(
-        default=[], max_length=4
-    )
+    allow: Annotated[
+        list[Literal["Regressed", "Missing", "WorseCriteria", "Unknown"]], AfterValidator(each_once)
+    ] = Field(default=[], max_length=4)
 
 
 class StorageAccess(_Model):
     """Secrets of the job's namespace that hold credentials; the values are never in a spec."""
 
-    secrets: list[SecretName] = Field(default=[], max_length=8)
+    secrets: Annotated[list[SecretName], AfterValidator(each_once)] = Field(
+        default=[], max_length=8
+    )
 
 
 class SimulationJobSpec(_Model):
@@ -229,13 +256,15 @@ class SimulationJobSpec(_Model):
     max_failed_cases: int | None = Field(default=None, ge=0)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
     fault_policy: list[FaultRule] = Field(default=[], max_length=9)
-    managed_by: str = ""
+    managed_by: str | None = Field(
+        default=None, pattern=r"^[a-z0-9]([-a-z0-9.]*[a-z0-9])?/[A-Za-z0-9][-A-Za-z0-9_.]*$"
+    )
     suspend: bool = False
-    queue_name: str | None = None
+    queue_name: str | None = Field(default=None, pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$")
     start_deadline: PositiveDuration = "24h"
     active_deadline: PositiveDuration | None = None
     ttl_after_finished: Duration | None = None
-    resume_from: str | None = None
+    resume_from: str | None = Field(default=None, pattern=r"^[a-z]([-a-z0-9]*[a-z0-9])?$")
 
     @field_validator("variants")
     @classmethod

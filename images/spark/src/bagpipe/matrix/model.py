@@ -118,6 +118,14 @@ class Matrix(_Model):
         return variables
 
     @model_validator(mode="after")
+    def _a_stratified_sample_has_a_size(self) -> Self:
+        if self.sample == "stratified" and self.limit is None:
+            raise ValueError(
+                "matrix.sample: stratified takes matrix.limit combinations: write limit as well"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _whole_inclusions(self) -> Self:
         for number, row in enumerate(self.include):
             if set(row) != set(self.variables):
