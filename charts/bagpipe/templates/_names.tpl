@@ -29,6 +29,18 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
 {{ printf "%s/%s:%s" $images.registry (index $images (index . 1)) ($images.tag | default $root.Chart.AppVersion) }}
 {{- end }}
 
+{{/* The namespaces that the operator watches, with commas; none of them means all, which has to be
+     said: an empty list must never come to the whole cluster by itself. */}}
+{{- define "bagpipe.watched" -}}
+{{- $named := .Values.watchNamespaces | default .Values.jobNamespaces -}}
+{{- if and .Values.clusterWide .Values.watchNamespaces }}
+{{- fail "watchNamespaces has names and clusterWide is true: leave one of them out" }}
+{{- else if not (or .Values.clusterWide $named) }}
+{{- fail "the operator has nothing to watch: name namespaces in jobNamespaces or watchNamespaces, or set clusterWide: true" }}
+{{- end }}
+{{- if not .Values.clusterWide }}{{ join "," $named }}{{ end }}
+{{- end }}
+
 {{/* What the operator may do, and nothing else. */}}
 {{- define "bagpipe.rules" -}}
 - apiGroups: [sim.bagpipe.io]

@@ -115,19 +115,9 @@ def bound_claims(admin: Client, namespace: str) -> Iterator[None]:
 def installation(
     control_plane: ControlPlane, tmp_path: Path, _helm: None
 ) -> Iterator[Installation]:
-    """The operator's account with exactly the chart's rights, in a namespace of its own."""
-    admin = control_plane.admin
-    with fresh_namespace(admin, "system") as name:
-        made = apply_chart(admin, name, OPERATOR_TEMPLATES)
-        token = control_plane.token(name, OPERATOR)
-        kubeconfig = tmp_path / "operator.kubeconfig"
-        control_plane.write_kubeconfig(kubeconfig, token)
-        client = admin.with_token(token)
-        await_right(client, "list", "", "pods")
-        await_right(client, "create", name, "leases", "coordination.k8s.io")
-        yield Installation(name, kubeconfig, client)
-        for path in made:
-            admin.delete(path)
+    """The operator's account with exactly the chart's rights, for all namespaces."""
+    with installed(control_plane, tmp_path, ["clusterWide=true"], watched="") as release:
+        yield release
 
 
 @pytest.fixture
@@ -148,6 +138,25 @@ def operator_process(installation: Installation, tmp_path: Path) -> Iterator[Sta
     yield begin
     for process in processes:
         process.kill()
+
+
+@contextlib.contextmanager
+def installed(
+    control_plane: ControlPlane, folder: Path, values: list[str], watched: str
+) -> Iterator[Installation]:
+    """A release in a namespace of its own, whose operator may watch `watched` ("" for all)."""
+    admin = control_plane.admin
+    with fresh_namespace(admin, "system") as name:
+        made = apply_chart(admin, name, OPERATOR_TEMPLATES, values)
+        token = control_plane.token(name, OPERATOR)
+        kubeconfig = folder / f"{name}.kubeconfig"
+        control_plane.write_kubeconfig(kubeconfig, token)
+        client = admin.with_token(token)
+        await_right(client, "list", watched, "pods")
+        await_right(client, "create", name, "leases", "coordination.k8s.io")
+        yield Installation(name, kubeconfig, client)
+        for path in made:
+            admin.delete(path)
 
 
 @contextlib.contextmanager

@@ -114,9 +114,9 @@ def test_the_operator_of_a_cluster(
 
 @pytest.fixture
 def narrow(admin: Client, namespace: str) -> Iterator[str]:
-    """The namespace of a release that watches `namespace` alone."""
+    """The namespace of a release as it is by default, with jobs in `namespace` alone."""
     with fresh_namespace(admin, "narrow") as home:
-        values = [f'watchNamespaces=["{namespace}"]', f'jobNamespaces=["{namespace}"]']
+        values = [f'jobNamespaces=["{namespace}"]']
         apply_chart(admin, home, ["serviceaccount.yaml", "operator-rights.yaml"], values)
         yield home
 

@@ -114,15 +114,22 @@ def test_the_crds_are_the_one_source() -> None:
     assert of_kind(rendered('crds={"install":false}'), "CustomResourceDefinition") == []
 
 
-def test_the_operator_may_do_what_it_does_and_no_more() -> None:
-    objects = rendered()
+def test_the_whole_cluster_is_asked_for() -> None:
+    objects = rendered("clusterWide=true")
     (role,) = of_kind(objects, "ClusterRole")
     assert rules(role) == OPERATOR_RIGHTS
     assert len(of_kind(objects, "ClusterRoleBinding")) == 1
 
 
-def test_named_namespaces_need_no_cluster_wide_right() -> None:
-    objects = rendered('watchNamespaces=["lanes","maps"]', 'jobNamespaces=["lanes"]')
+@pytest.mark.parametrize(
+    "values",
+    [
+        ['watchNamespaces=["lanes","maps"]', 'jobNamespaces=["lanes"]'],
+        ['jobNamespaces=["lanes","maps"]'],
+    ],
+)
+def test_without_it_the_operator_has_rights_where_it_watches_and_no_more(values: list[str]) -> None:
+    objects = rendered(*values)
     assert of_kind(objects, "ClusterRole") == of_kind(objects, "ClusterRoleBinding") == []
     (account,) = {o["metadata"]["name"] for o in of_kind(objects, "Deployment")}
     roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"].endswith(account)]
@@ -141,7 +148,10 @@ def test_every_job_namespace_gets_a_driver_account_with_just_pods() -> None:
     roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"] == "bagpipe-driver"]
     assert [r["metadata"]["namespace"] for r in roles] == ["lanes", "maps"]
     assert all(rules(role) == DRIVER_RIGHTS for role in roles)
-    bindings = of_kind(objects, "RoleBinding")
+    bindings = [
+        b for b in of_kind(objects, "RoleBinding") if b["metadata"]["name"] == "bagpipe-driver"
+    ]
+    assert len(bindings) == 2
     assert all(b["subjects"][0]["namespace"] == b["metadata"]["namespace"] for b in bindings)
 
 
@@ -252,6 +262,11 @@ REFUSED = {
     "a page without an address": ('alerts.runbooks="docs/operations"', "does not match pattern"),
     "a short lease": ("operator.leaseSeconds=2", "minimum"),
     "jobs beside the operator": ('jobNamespaces=["bagpipe-system"]', "in a namespace of its own"),
+    "everything and a namespace": (
+        'clusterWide=true,watchNamespaces=["default"]',
+        "leave one of them out",
+    ),
+    "nothing to watch": ("jobNamespaces=[]", "the operator has nothing to watch"),
     "jobs that nobody watches": ('watchNamespaces=["lanes"]', "jobNamespaces names default"),
 }
 
