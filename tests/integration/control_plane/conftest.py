@@ -21,13 +21,18 @@ from tests.integration.storage.servers import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[3]
 OPERATOR = "bagpipe-operator"
-OPERATOR_TEMPLATES = ["serviceaccount.yaml", "operator-rights.yaml", "lease-rights.yaml"]
+OPERATOR_TEMPLATES = [
+    "serviceaccount.yaml", "operator-rights.yaml", "lease-rights.yaml", "admission-policies.yaml",
+]  # fmt: skip
+ADMISSION = "/apis/admissionregistration.k8s.io/v1"
 COLLECTIONS = {
     "ServiceAccount": "/api/v1/namespaces/{namespace}/serviceaccounts",
     "Role": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/roles",
     "RoleBinding": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/rolebindings",
     "ClusterRole": "/apis/rbac.authorization.k8s.io/v1/clusterroles",
     "ClusterRoleBinding": "/apis/rbac.authorization.k8s.io/v1/clusterrolebindings",
+    "ValidatingAdmissionPolicy": f"{ADMISSION}/validatingadmissionpolicies",
+    "ValidatingAdmissionPolicyBinding": f"{ADMISSION}/validatingadmissionpolicybindings",
 }
 CLAIMS = ("recordings", "results")
 StartOperator = Callable[..., OperatorProcess]

@@ -293,5 +293,5 @@ def test_every_value_is_commented_and_has_a_schema() -> None:
     schema = json.loads((CHART / "values.schema.json").read_text())
     values = yaml.safe_load("\n".join(lines))
     assert set(values) == set(schema["properties"]) - {"global"}
-    for section in ("images", "crds", "operator", "networkPolicy"):
+    for section in ("images", "crds", "operator", "networkPolicy", "admissionPolicies"):
         assert set(values[section]) == set(schema["properties"][section]["properties"])
