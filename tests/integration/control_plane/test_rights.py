@@ -32,10 +32,13 @@ RESOURCES = (
 )  # fmt: skip
 
 
-def rights(admin: Client, user: str, groups: list[str], namespace: str) -> set[str]:
+def rights(
+    admin: Client, user: str, groups: list[str], namespace: str, of_group: str | None = None
+) -> set[str]:
     """All that a user may do in a namespace ("" for everywhere), as `verb resource`."""
     found = set()
-    for (group, resource), verb in itertools.product(RESOURCES, VERBS):
+    resources = [each for each in RESOURCES if of_group is None or each[0] == of_group]
+    for (group, resource), verb in itertools.product(resources, VERBS):
         kind, _, below = resource.partition("/")
         asked = {"verb": verb, "group": group, "resource": kind, "subresource": below}
         answer = admin.create(

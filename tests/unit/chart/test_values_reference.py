@@ -19,7 +19,7 @@ def test_the_page_is_current() -> None:
 def test_every_value_is_on_it_with_its_default() -> None:
     found = list(reference.values(SOURCE))
     leaves = [value for value in found if not value.group]
-    assert (len(found), len(leaves)) == (56, 41)
+    assert (len(found), len(leaves)) == (58, 42)
     headings = re.findall(r"^##+ `(.*)`$", reference.page(), re.MULTILINE)
     assert headings == [value.path for value in found]
     for value in leaves:
