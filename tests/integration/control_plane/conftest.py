@@ -181,11 +181,15 @@ def fresh_namespace(admin: Client, purpose: str) -> Iterator[str]:
 
 
 def apply_chart(
-    admin: Client, namespace: str, templates: list[str], values: list[str] | None = None
+    admin: Client,
+    namespace: str,
+    templates: list[str],
+    values: list[str] | None = None,
+    chart: str = "bagpipe",
 ) -> list[str]:
-    """Creates what templates of the chart render; the paths of what was made."""
+    """Creates what templates of a chart render; the paths of what was made."""
     made = []
-    for obj in yaml.safe_load_all(rendered(values or [], namespace, templates)):
+    for obj in yaml.safe_load_all(rendered(values or [], namespace, templates, chart)):
         if obj:
             where = obj["metadata"].get("namespace", "")
             collection = COLLECTIONS[obj["kind"]].format(namespace=where)

@@ -9,6 +9,7 @@ from tests.integration.control_plane.client import Client, core, jobs
 from tests.integration.control_plane.conftest import (
     Installation,
     StartOperator,
+    apply_chart,
     fresh_namespace,
     installed,
 )
@@ -16,6 +17,7 @@ from tests.integration.control_plane.observe import children as made_in
 from tests.integration.control_plane.observe import create_jobs, expected_children, statuses
 from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.control_plane.server import ControlPlane
+from tests.integration.control_plane.test_rights import PODS, await_rights, of_account
 from tests.integration.storage.servers import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
@@ -62,6 +64,18 @@ def test_jobs_run_in_the_namespaces_of_jobs_and_others_are_not_looked_at(
     wait_until(lambda: made_in(admin, namespace) == wanted, PATIENCE, "the job has no driver")
     assert statuses(admin, elsewhere) == {"unseen": {}}
     assert made_in(admin, elsewhere) == expected_children([])
+
+
+def test_a_namespace_is_made_ready_without_touching_the_release(
+    admin: Client, elsewhere: str, operator_process: StartOperator
+) -> None:
+    operator_process()
+    apply_chart(admin, elsewhere, ["driver-rights.yaml"], chart="bagpipe-namespace")
+    create_jobs(admin, elsewhere, ["new"])
+    wanted = expected_children(["new"])
+    wait_until(lambda: made_in(admin, elsewhere) == wanted, PATIENCE, "the job has no driver")
+    await_rights(admin, elsewhere, "bagpipe-driver", elsewhere, PODS)
+    assert of_account(admin, elsewhere, "bagpipe-executor", elsewhere) == set()
 
 
 def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
