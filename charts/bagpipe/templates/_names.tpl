@@ -22,11 +22,18 @@ app.kubernetes.io/part-of: bagpipe
 helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
 {{- end }}
 
-{{/* An image's full name; takes a list of the root and the image's key in values.images. */}}
+{{/* An image's full name; takes a list of the root and the image's key in values.images. A digest says
+     which image it is, and a tag beside it would say nothing more. */}}
 {{- define "bagpipe.image" -}}
 {{- $root := index . 0 -}}
+{{- $key := index . 1 -}}
 {{- $images := $root.Values.images -}}
-{{ printf "%s/%s:%s" $images.registry (index $images (index . 1)) ($images.tag | default $root.Chart.AppVersion) }}
+{{- $name := printf "%s/%s" $images.registry (get $images $key) -}}
+{{- with get $images.digests $key -}}
+{{ $name }}@{{ . }}
+{{- else -}}
+{{ $name }}:{{ get $images.tags $key | default $images.tag | default $root.Chart.AppVersion }}
+{{- end }}
 {{- end }}
 
 {{/* The namespaces that the operator watches, with commas; none of them means all, which has to be

@@ -70,10 +70,13 @@ def test_a_namespace_is_made_ready_without_touching_the_release(
     admin: Client, elsewhere: str, operator_process: StartOperator
 ) -> None:
     operator_process()
-    apply_chart(admin, elsewhere, ["driver-rights.yaml"], chart="bagpipe-namespace")
+    secrets = ['serviceAccounts.imagePullSecrets=[{"name":"login"}]']
+    apply_chart(admin, elsewhere, ["driver-rights.yaml"], secrets, chart="bagpipe-namespace")
     create_jobs(admin, elsewhere, ["new"])
     wanted = expected_children(["new"])
     wait_until(lambda: made_in(admin, elsewhere) == wanted, PATIENCE, "the job has no driver")
+    driver = admin.get(core(elsewhere, "pods", "new-1-driver"))
+    assert driver["spec"]["imagePullSecrets"] == [{"name": "login"}]
     await_rights(admin, elsewhere, "bagpipe-driver", elsewhere, PODS)
     assert of_account(admin, elsewhere, "bagpipe-executor", elsewhere) == set()
 
