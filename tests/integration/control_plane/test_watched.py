@@ -1,5 +1,6 @@
 """Which jobs an operator runs: by default those of jobNamespaces, with no right elsewhere."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -84,7 +85,7 @@ def test_a_namespace_is_made_ready_without_touching_the_release(
 def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
     admin: Client, elsewhere: str, operator_process: StartOperator
 ) -> None:
-    operator_process()
+    process = operator_process(BAGPIPE_LOG_FORMAT="json")
     create_jobs(admin, elsewhere, ["lost"])
 
     def refused() -> list[str]:
@@ -94,3 +95,5 @@ def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
     wait_until(lambda: bool(refused()), PATIENCE, "the operator said nothing of the job")
     assert refused() == ["ServiceAccountMissing"]
     assert admin.items(core(elsewhere, "pods")) == []
+    said = [json.loads(line) for line in process.said().splitlines()]
+    assert "watching all namespaces" in {line["message"] for line in said}
