@@ -179,10 +179,12 @@ else
 	@echo "    to a registry of yours and set the chart's image values to it."
 endif
 
+# The demonstration and the end-to-end tests have jobs in namespaces that they make: clusterWide.
 .PHONY: install
 install: cluster ## Install the CRD and the chart with Helm
 	$(STEP) "Installing the chart" --if-it-fails "See 'kubectl -n $(NAMESPACE) describe pods'." -- \
 	  helm upgrade --install bagpipe charts/bagpipe --namespace $(NAMESPACE) --create-namespace --wait --timeout 3m \
+	  --set clusterWide=true \
 	  --set-string "operator.podAnnotations.sim\.bagpipe\.io/image-content=$(OPERATOR_CONTENT)"
 
 .PHONY: uninstall

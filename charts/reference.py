@@ -1,7 +1,7 @@
-"""Writes docs/reference/chart-values.md from the chart's values and their schema.
+"""Writes docs/reference/chart-values.md and namespace-values.md from the charts' values.
 
-    .venv/bin/python charts/reference.py           write it
-    .venv/bin/python charts/reference.py --check   say whether it is up to date
+    .venv/bin/python charts/reference.py           write them
+    .venv/bin/python charts/reference.py --check   say whether they are up to date
 
 The text of a value is the comment above it in values.yaml, and what it may be is in
 values.schema.json; a value without a comment or without a schema is refused.
@@ -18,21 +18,51 @@ from typing import Any
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-CHART = ROOT / "charts/bagpipe"
-PAGE = ROOT / "docs/reference/chart-values.md"
 HEAD = """\
-# The chart's values
+# {title}
 
-Generated from [values.yaml](../../charts/bagpipe/values.yaml) and
-[values.schema.json](../../charts/bagpipe/values.schema.json) by `charts/reference.py`; do not edit.
+Generated from [values.yaml](../../charts/{name}/values.yaml) and
+[values.schema.json](../../charts/{name}/values.schema.json) by `charts/reference.py`; do not edit.
 
-    helm upgrade --install bagpipe charts/bagpipe --namespace bagpipe-system --create-namespace \\
-      -f your-values.yaml --wait
+{command}
 
 Helm refuses a value that is not here, or not as it is described here.
 """
 
 Schema = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A chart, its page, and how the page begins."""
+
+    name: str
+    page: Path
+    title: str
+    command: str
+
+    @property
+    def folder(self) -> Path:
+        """Where it lies."""
+        return ROOT / "charts" / self.name
+
+
+BAGPIPE = Chart(
+    "bagpipe",
+    ROOT / "docs/reference/chart-values.md",
+    "The chart's values",
+    "    helm upgrade --install bagpipe charts/bagpipe --namespace bagpipe-system"
+    " --create-namespace \\\n      -f your-values.yaml --wait",
+)
+NAMESPACE = Chart(
+    "bagpipe-namespace",
+    ROOT / "docs/reference/namespace-values.md",
+    "The values of the chart bagpipe-namespace",
+    "    helm upgrade --install bagpipe-namespace charts/bagpipe-namespace --namespace lanes"
+    " \\\n      -f your-values.yaml\n\n"
+    "It makes [one namespace](../operations/namespaces.md) ready for jobs.",
+)
+CHARTS = (BAGPIPE, NAMESPACE)
 
 
 @dataclass(frozen=True)
@@ -82,11 +112,11 @@ def facts(schema: Schema, whole: Schema) -> str:
     return ", ".join(words)
 
 
-def page() -> str:
+def page(chart: Chart) -> str:
     """The whole page, from the chart's files."""
-    whole = json.loads((CHART / "values.schema.json").read_text())
-    parts = [HEAD]
-    for value in values((CHART / "values.yaml").read_text()):
+    whole = json.loads((chart.folder / "values.schema.json").read_text())
+    parts = [HEAD.format(title=chart.title, name=chart.name, command=chart.command)]
+    for value in values((chart.folder / "values.yaml").read_text()):
         schema = schema_at(whole, value.path)
         level = "##" if "." not in value.path else "###"
         parts.append(f"{level} `{value.path}`\n")
@@ -138,15 +168,16 @@ def _prose(text: str) -> str:
 
 
 def main() -> int:
-    """Writes, or with --check compares; the exit status says whether the page was up to date."""
-    wanted = page()
-    if "--check" in sys.argv[1:]:
-        if PAGE.read_text() == wanted:
-            return 0
-        print(f"{PAGE.name} is not up to date: run charts/reference.py", file=sys.stderr)
-        return 1
-    PAGE.write_text(wanted)
-    return 0
+    """Writes, or with --check compares; the exit status says whether the pages were up to date."""
+    wanted = {chart.page: page(chart) for chart in CHARTS}
+    if "--check" not in sys.argv[1:]:
+        for path, text in wanted.items():
+            path.write_text(text)
+        return 0
+    stale = [p.name for p, text in wanted.items() if not p.is_file() or p.read_text() != text]
+    for name in stale:
+        print(f"{name} is not up to date: run charts/reference.py", file=sys.stderr)
+    return 1 if stale else 0
 
 
 if __name__ == "__main__":

@@ -25,5 +25,6 @@ step "clippy" env -C images/ros CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/
 mapfile -t scripts < <(git ls-files '*.sh' .ci/run)
 step "shellcheck" shellcheck "${scripts[@]}"
 step "helm lint" helm lint --quiet --namespace bagpipe-system charts/bagpipe
+step "helm lint, a namespace's chart" helm lint --quiet --namespace lanes charts/bagpipe-namespace
 step "gofmt" test -z "$(gofmt -l tests/cluster)"
 echo "lint: all clean"

@@ -22,11 +22,30 @@ app.kubernetes.io/part-of: bagpipe
 helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
 {{- end }}
 
-{{/* An image's full name; takes a list of the root and the image's key in values.images. */}}
+{{/* An image's full name; takes a list of the root and the image's key in values.images. A digest says
+     which image it is, and a tag beside it would say nothing more. */}}
 {{- define "bagpipe.image" -}}
 {{- $root := index . 0 -}}
+{{- $key := index . 1 -}}
 {{- $images := $root.Values.images -}}
-{{ printf "%s/%s:%s" $images.registry (index $images (index . 1)) ($images.tag | default $root.Chart.AppVersion) }}
+{{- $name := printf "%s/%s" $images.registry (get $images $key) -}}
+{{- with get $images.digests $key -}}
+{{ $name }}@{{ . }}
+{{- else -}}
+{{ $name }}:{{ get $images.tags $key | default $images.tag | default $root.Chart.AppVersion }}
+{{- end }}
+{{- end }}
+
+{{/* The namespaces that the operator watches, with commas; none of them means all, which has to be
+     said: an empty list must never come to the whole cluster by itself. */}}
+{{- define "bagpipe.watched" -}}
+{{- $named := .Values.watchNamespaces | default .Values.jobNamespaces -}}
+{{- if and .Values.clusterWide .Values.watchNamespaces }}
+{{- fail "watchNamespaces has names and clusterWide is true: leave one of them out" }}
+{{- else if not (or .Values.clusterWide $named) }}
+{{- fail "the operator has nothing to watch: name namespaces in jobNamespaces or watchNamespaces, or set clusterWide: true" }}
+{{- end }}
+{{- if not .Values.clusterWide }}{{ join "," $named }}{{ end }}
 {{- end }}
 
 {{/* What the operator may do, and nothing else. */}}
@@ -62,15 +81,25 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
   verbs: [get]
 {{- end }}
 
+{{/* Whether a cluster-wide object with a name of its own is this release's to make: it is not there,
+     or this release has made it. Takes a list of the root, API version, kind and name. Without a
+     cluster (helm template) nothing is there. */}}
+{{- define "bagpipe.isOurs" -}}
+{{- $root := index . 0 -}}
+{{- $found := lookup (index . 1) (index . 2) "" (index . 3) -}}
+{{- $notes := dig "metadata" "annotations" dict ($found | default dict) -}}
+{{- $mine := and (eq (get $notes "meta.helm.sh/release-name") $root.Release.Name) (eq (get $notes "meta.helm.sh/release-namespace") $root.Release.Namespace) -}}
+{{- if or (not $found) $mine }}yes{{ else }}no{{ end }}
+{{- end }}
+
 {{/* Whether this release has a CRD: the values want it, and nobody else has put it there. Takes a
      list of the root and the kind's plural. The CRD is a template and not in the folder crds/, which Helm never upgrades; and it outlives its
      release, so a later release must live with it instead of failing. */}}
 {{- define "bagpipe.ownsCrd" -}}
 {{- $root := index . 0 -}}
-{{- $found := lookup "apiextensions.k8s.io/v1" "CustomResourceDefinition" "" (printf "%s.sim.bagpipe.io" (index . 1)) -}}
-{{- $notes := dig "metadata" "annotations" dict ($found | default dict) -}}
-{{- $mine := and (eq (get $notes "meta.helm.sh/release-name") $root.Release.Name) (eq (get $notes "meta.helm.sh/release-namespace") $root.Release.Namespace) -}}
-{{- if and $root.Values.crds.install (or (not $found) $mine) }}yes{{ else }}no{{ end }}
+{{- $name := printf "%s.sim.bagpipe.io" (index . 1) -}}
+{{- $ours := include "bagpipe.isOurs" (list $root "apiextensions.k8s.io/v1" "CustomResourceDefinition" $name) -}}
+{{- if and $root.Values.crds.install (eq $ours "yes") }}yes{{ else }}no{{ end }}
 {{- end }}
 
 {{/* What makes an account or a right exist for `helm test` only, and before its pod. */}}

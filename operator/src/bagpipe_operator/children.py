@@ -135,8 +135,8 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
         return Refusal(
             reasons.SERVICE_ACCOUNT_MISSING,
             f"There is no ServiceAccount {account[1].rpartition('/')[2]} in namespace "
-            f"{job.namespace}. Add the namespace to jobNamespaces of the Helm chart "
-            f"bagpipe and upgrade it: the chart makes the account and its rights.",
+            f"{job.namespace}. Install the Helm chart bagpipe-namespace there, or add the "
+            f"namespace to jobNamespaces of the chart bagpipe: either makes the account.",
         )
     if error.status == 403 and "being terminated" in error.message:
         return None

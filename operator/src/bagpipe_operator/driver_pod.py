@@ -37,7 +37,7 @@ def driver_pod(
             # One container gets the token by its own mount; what others inject must not have it.
             "automountServiceAccountToken": False,
             "enableServiceLinks": False,
-            "securityContext": pod_parts.groups(pod),
+            "securityContext": pod_parts.groups(pod, settings.fixed_users),
             "containers": [_container(spec, settings)],
             "volumes": [
                 {"name": "config", "configMap": {"name": config}},
@@ -72,7 +72,7 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             "requests": {"cpu": resources.cpu, "memory": resources.memory},
             "limits": {"memory": resources.memory},
         },
-        "securityContext": pod_parts.RESTRICTED_CONTAINER,
+        "securityContext": pod_parts.restricted(settings.fixed_users),
         "terminationMessagePath": "/dev/termination-log",
         "volumeMounts": [
             {"name": "config", "mountPath": names.CONFIG_PATH, "readOnly": True},

@@ -49,10 +49,10 @@ def executor_template(
             # Neither Spark's executor nor the user's code has any business with the API server.
             "automountServiceAccountToken": False,
             "enableServiceLinks": False,
-            "securityContext": pod_parts.groups(pod),
+            "securityContext": pod_parts.groups(pod, settings.fixed_users),
             "initContainers": [
                 _agent(settings),
-                *(_stack(spec, n, image) for n, image in enumerate(stack_images(spec))),
+                *(_stack(spec, n, image, settings) for n, image in enumerate(stack_images(spec))),
             ],
             "containers": [
                 {
@@ -60,7 +60,7 @@ def executor_template(
                     "image": settings.spark_image,
                     "imagePullPolicy": settings.image_pull_policy,
                     "envFrom": secret_environment(spec),
-                    "securityContext": pod_parts.RESTRICTED_CONTAINER,
+                    "securityContext": pod_parts.restricted(settings.fixed_users),
                     "volumeMounts": [
                         _SHARED_MOUNT,
                         *pod_parts.SPARK_SCRATCH_MOUNTS,
@@ -112,12 +112,12 @@ def _agent(settings: Settings) -> Json:
             "requests": {"cpu": "10m", "memory": "32Mi"},
             "limits": {"memory": "128Mi"},
         },
-        "securityContext": pod_parts.RESTRICTED_CONTAINER,
+        "securityContext": pod_parts.restricted(settings.fixed_users),
         "volumeMounts": [_SHARED_MOUNT],
     }
 
 
-def _stack(spec: SimulationJobSpec, number: int, image: str) -> Json:
+def _stack(spec: SimulationJobSpec, number: int, image: str, settings: Settings) -> Json:
     """A user's image as a native sidecar: started before Spark, ended after it.
 
     Each image of the variants is a container of its own, with an agent and slots of its own.
@@ -147,7 +147,7 @@ def _stack(spec: SimulationJobSpec, number: int, image: str) -> Json:
         "env": _stack_env(spec),
         "envFrom": [pod_parts.plain(source) for source in stack.env_from],
         "resources": pod_parts.plain(stack.resources),
-        "securityContext": pod_parts.stack_security(stack.security_context),
+        "securityContext": pod_parts.stack_security(stack.security_context, settings.fixed_users),
         "volumeMounts": _stack_mounts(spec),
     }  # fmt: skip
 

@@ -14,7 +14,7 @@ import kopf
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
-from bagpipe_operator import serve, watch
+from bagpipe_operator import log, serve, watch
 from bagpipe_operator.api import ApiError, KubernetesApi
 from bagpipe_operator.census import Census
 from bagpipe_operator.election import Election, new_identity
@@ -45,14 +45,10 @@ PROXY_VARIABLES = ("HTTPS_PROXY", "https_proxy", "HTTP_PROXY", "http_proxy")
 
 def main() -> None:
     """The console script."""
-    logging.basicConfig(
-        level=os.environ.get("BAGPIPE_LOG_LEVEL", "INFO").upper(),
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        stream=sys.stderr,
-    )
-    logging.getLogger("kopf").setLevel(logging.WARNING)
     spare_the_collector()
     try:
+        level = os.environ.get("BAGPIPE_LOG_LEVEL", "INFO")
+        log.set_up(level, os.environ.get("BAGPIPE_LOG_FORMAT", "text"), sys.stderr)
         settings = Settings.from_environment(os.environ)
         asyncio.run(run(settings))
     except SettingError as error:
@@ -104,7 +100,9 @@ async def run(settings: Settings) -> None:
         census = Census(view, queue, api, settings.watch_namespaces or (None,))
         tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election, census)]
         tasks += [
-            asyncio.create_task(work(queue, reconciler.reconcile, metrics, fence.leads))
+            asyncio.create_task(
+                work(queue, reconciler.reconcile, metrics, fence.leads, view.called)
+            )
             for _ in range(settings.workers)
         ]
         tasks += schedules.start()

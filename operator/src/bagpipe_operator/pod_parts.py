@@ -108,11 +108,19 @@ def placement(pod: PodSettings, labels: dict[str, str]) -> Json:
     return {"tolerations": [*LOST_NODE_TOLERATIONS, *tolerations], **said}
 
 
-def groups(pod: PodSettings) -> Json:
+def restricted(fixed_users: bool) -> Json:
+    """The securityContext of Bagpipe's own containers."""
+    if fixed_users:
+        return RESTRICTED_CONTAINER
+    return {k: v for k, v in RESTRICTED_CONTAINER.items() if k not in {"runAsUser", "runAsGroup"}}
+
+
+def groups(pod: PodSettings, fixed_users: bool) -> Json:
     """The pod's securityContext, with the groups that volumes need."""
+    # Volumes that know groups become writable for Bagpipe's containers by this.
+    ours = {"fsGroup": names.BAGPIPE_UID} if fixed_users else {}
     return {
-        # Volumes that know groups become writable for Bagpipe's containers by this.
-        "fsGroup": names.BAGPIPE_UID,
+        **ours,
         "fsGroupChangePolicy": "OnRootMismatch",
         "seccompProfile": {"type": "RuntimeDefault"},
         **plain(pod.security_context),
@@ -134,7 +142,7 @@ def as_the_image_says(security: StackSecurity) -> bool:
     return security.run_as_non_root is False and security.run_as_user is None
 
 
-def stack_security(security: StackSecurity) -> Json:
+def stack_security(security: StackSecurity, fixed_users: bool) -> Json:
     """The stack's securityContext: restricted, but for what the job loosens."""
     found: Json = {
         "allowPrivilegeEscalation": False,
@@ -143,7 +151,7 @@ def stack_security(security: StackSecurity) -> Json:
         "runAsNonRoot": True,
         "seccompProfile": {"type": "RuntimeDefault"},
     }
-    if not as_the_image_says(security):
+    if not as_the_image_says(security) and (fixed_users or security.run_as_user is not None):
         user = STACK_UID if security.run_as_user is None else security.run_as_user
         found |= {"runAsUser": user, "runAsGroup": user}
     said = plain(security)

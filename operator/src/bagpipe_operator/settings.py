@@ -78,6 +78,10 @@ class Settings:
     """BAGPIPE_SCRAPE_ANNOTATIONS: true or false; whether drivers and executors carry
     prometheus.io/scrape."""
 
+    fixed_users: bool = True
+    """BAGPIPE_FIXED_USERS: true or false; whether pods name their users and group. OpenShift gives
+    each namespace users of its own, and refuses pods that name others."""
+
     listen_host: str = "0.0.0.0"  # noqa: S104 - the kubelet and Prometheus come from outside the pod
     """BAGPIPE_LISTEN_HOST: address of /metrics, /livez and /readyz."""
 
@@ -114,6 +118,7 @@ class Settings:
             scrape_annotations=_truth(
                 environment, "BAGPIPE_SCRAPE_ANNOTATIONS", cls.scrape_annotations
             ),
+            fixed_users=_truth(environment, "BAGPIPE_FIXED_USERS", cls.fixed_users),
             listen_port=int(_number(environment, "BAGPIPE_LISTEN_PORT", cls.listen_port)),
             **strings,
         )

@@ -239,6 +239,11 @@ class View:
         job = self._jobs.get(uid)
         return job.namespace if job else ""
 
+    def called(self, uid: str) -> tuple[str, str]:
+        """A job's namespace and name; empty for a job that is not known."""
+        job = self._jobs.get(uid)
+        return (job.namespace, job.name) if job else ("", "")
+
     def jobs(self) -> Iterator[JobView]:
         """All known jobs, those that have ended too."""
         return iter(list(self._jobs.values()))

@@ -6,6 +6,7 @@ from collections.abc import Awaitable, Callable
 
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.fence import NotLeadingError
+from bagpipe_operator.log import about
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import WorkQueue
 
@@ -20,9 +21,12 @@ async def work(
     reconcile: Callable[[str], Awaitable[None]],
     metrics: Metrics,
     leads: Callable[[], bool] = lambda: True,
+    called: Callable[[str], tuple[str, str]] = lambda _: ("", ""),
     kind: str = "job",
 ) -> None:
     """Reconciles keys until cancelled. A fault costs its own key a delay and no other anything.
+
+    `called` gives the namespace and name of a key, which is a UID, for the log.
 
     Without leadership keys are dropped: whoever begins to lead asks for all jobs anew. A write that
     the fence stopped although the lead has been renewed since is a fault like any other.
@@ -32,26 +36,40 @@ async def work(
         if not leads():
             queue.done(key)
             continue
-        try:
-            with metrics.reconcile_seconds.time():
-                async with asyncio.timeout(RECONCILE_SECONDS):
-                    await reconcile(key)
-        except asyncio.CancelledError:
+        namespace, name = called(key)
+        with about(kind, namespace, name):
+            what = f"{kind} {namespace}/{name}" if name else f"{kind} {key}"
+            await _work_on(key, queue, reconcile, metrics, leads, what)
+
+
+async def _work_on(
+    key: str,
+    queue: WorkQueue,
+    reconcile: Callable[[str], Awaitable[None]],
+    metrics: Metrics,
+    leads: Callable[[], bool],
+    what: str,
+) -> None:
+    try:
+        with metrics.reconcile_seconds.time():
+            async with asyncio.timeout(RECONCILE_SECONDS):
+                await reconcile(key)
+    except asyncio.CancelledError:
+        queue.done(key)
+        raise
+    except (ApiError, TimeoutError) as error:
+        if isinstance(error, NotLeadingError) and not leads():
             queue.done(key)
-            raise
-        except (ApiError, TimeoutError) as error:
-            if isinstance(error, NotLeadingError) and not leads():
-                queue.done(key)
-                metrics.reconciles.labels(result="fenced").inc()
-                continue
-            delay = queue.retry(key)
-            metrics.reconciles.labels(result="retried").inc()
-            logger.warning("%s %s: %s; tried again in %.1f s", kind, key, error, delay)
-        except Exception:
-            # A bug met with one job must not stop the others; it is logged with its traceback.
-            delay = queue.retry(key)
-            metrics.reconciles.labels(result="faulted").inc()
-            logger.exception("%s %s: unexpected fault; tried again in %.1f s", kind, key, delay)
-        else:
-            queue.done(key)
-            metrics.reconciled(key)
+            metrics.reconciles.labels(result="fenced").inc()
+            return
+        delay = queue.retry(key)
+        metrics.reconciles.labels(result="retried").inc()
+        logger.warning("%s: %s; tried again in %.1f s", what, error, delay)
+    except Exception:
+        # A bug met with one job must not stop the others; it is logged with its traceback.
+        delay = queue.retry(key)
+        metrics.reconciles.labels(result="faulted").inc()
+        logger.exception("%s: unexpected fault; tried again in %.1f s", what, delay)
+    else:
+        queue.done(key)
+        metrics.reconciled(key)

@@ -20,7 +20,13 @@ from tests.fuzz.manifests.health import Health
 from tests.integration.control_plane import server
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.operator_process import OperatorProcess
-from tests.integration.control_plane.release import bound, find_helm, installed, job_namespace
+from tests.integration.control_plane.release import (
+    CLUSTER_WIDE,
+    bound,
+    find_helm,
+    installed,
+    job_namespace,
+)
 from tests.integration.control_plane.server import ControlPlane
 
 FAILURES = schemas.ROOT / "build/fuzz-manifests"
@@ -42,7 +48,7 @@ def control_plane() -> Iterator[ControlPlane]:
 @contextlib.contextmanager
 def operator(plane: ControlPlane, folder: Path) -> Iterator[OperatorProcess]:
     """The operator of this checkout, with the rights of the chart."""
-    with installed(plane, folder) as release:
+    with installed(plane, folder, CLUSTER_WIDE, watched="") as release:
         settings = {
             "BAGPIPE_LEASE_NAMESPACE": release.namespace,
             "BAGPIPE_STUCK_SECONDS": STUCK_SECONDS,

@@ -11,6 +11,7 @@ from tests.integration.control_plane.client import Client
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.control_plane.release import (
+    CLUSTER_WIDE,
     ROOT,
     Installation,
     bound,
@@ -73,9 +74,9 @@ def bound_claims(admin: Client, namespace: str) -> Iterator[None]:
 def installation(
     control_plane: ControlPlane, tmp_path: Path, _helm: None
 ) -> Iterator[Installation]:
-    """The operator's account with exactly the chart's rights, in a namespace of its own."""
-    with installed(control_plane, tmp_path) as made:
-        yield made
+    """The operator's account with exactly the chart's rights, for all namespaces."""
+    with installed(control_plane, tmp_path, CLUSTER_WIDE, watched="") as release:
+        yield release
 
 
 @pytest.fixture

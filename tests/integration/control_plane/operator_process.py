@@ -92,13 +92,15 @@ class OperatorProcess:
         return self._process.wait(timeout=PATIENCE)
 
 
-def rendered(helm_values: list[str], namespace: str, templates: list[str]) -> str:
-    """Templates of the chart as Helm renders them for a release in `namespace`, as YAML."""
+def rendered(
+    helm_values: list[str], namespace: str, templates: list[str], chart: str = "bagpipe"
+) -> str:
+    """Templates of a chart as Helm renders them for a release in `namespace`, as YAML."""
     root = Path(__file__).parents[3]
     shown = [word for name in templates for word in ("--show-only", f"templates/{name}")]
     settings = [word for value in helm_values for word in ("--set-json", value)]
     done = subprocess.run(
-        ["helm", "template", "bagpipe", str(root / "charts/bagpipe"), "--namespace", namespace,
+        ["helm", "template", "bagpipe", str(root / "charts" / chart), "--namespace", namespace,
          "--kube-version", "1.34.4", *shown, *settings],
         capture_output=True, text=True, timeout=60, check=False, env=dict(os.environ),
     )  # fmt: skip

@@ -18,16 +18,21 @@ from tests.integration.storage.servers import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[3]
 OPERATOR = "bagpipe-operator"
-OPERATOR_TEMPLATES = ["serviceaccount.yaml", "operator-rights.yaml", "lease-rights.yaml"]
+OPERATOR_TEMPLATES = [
+    "serviceaccount.yaml", "operator-rights.yaml", "lease-rights.yaml", "admission-policies.yaml",
+]  # fmt: skip
+# Values of a release whose operator watches all namespaces.
+CLUSTER_WIDE = ["clusterWide=true"]
+ADMISSION = "/apis/admissionregistration.k8s.io/v1"
 COLLECTIONS = {
     "ServiceAccount": "/api/v1/namespaces/{namespace}/serviceaccounts",
     "Role": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/roles",
     "RoleBinding": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/rolebindings",
     "ClusterRole": "/apis/rbac.authorization.k8s.io/v1/clusterroles",
     "ClusterRoleBinding": "/apis/rbac.authorization.k8s.io/v1/clusterrolebindings",
+    "ValidatingAdmissionPolicy": f"{ADMISSION}/validatingadmissionpolicies",
+    "ValidatingAdmissionPolicyBinding": f"{ADMISSION}/validatingadmissionpolicybindings",
 }
-
-
 CLAIMS = ("recordings", "results")
 
 
@@ -46,19 +51,21 @@ def find_helm() -> None:
 
 
 @contextlib.contextmanager
-def installed(control_plane: ControlPlane, folder: Path) -> Iterator[Installation]:
-    """The operator's account with exactly the chart's rights, in a namespace of its own.
+def installed(
+    control_plane: ControlPlane, folder: Path, values: list[str], watched: str
+) -> Iterator[Installation]:
+    """A release in a namespace of its own, whose operator may watch `watched` ("" for all).
 
-    Its kubeconfig is put into the folder.
+    Its account has exactly the chart's rights, and its kubeconfig is put into the folder.
     """
     admin = control_plane.admin
     with fresh_namespace(admin, "system") as name:
-        made = apply_chart(admin, name, OPERATOR_TEMPLATES)
+        made = apply_chart(admin, name, OPERATOR_TEMPLATES, values)
         token = control_plane.token(name, OPERATOR)
-        kubeconfig = folder / "operator.kubeconfig"
+        kubeconfig = folder / f"{name}.kubeconfig"
         control_plane.write_kubeconfig(kubeconfig, token)
         client = admin.with_token(token)
-        await_right(client, "list", "", "pods")
+        await_right(client, "list", watched, "pods")
         await_right(client, "create", name, "leases", "coordination.k8s.io")
         yield Installation(name, kubeconfig, client)
         for path in made:
@@ -119,11 +126,15 @@ def bound(admin: Client, namespace: str) -> Iterator[None]:
 
 
 def apply_chart(
-    admin: Client, namespace: str, templates: list[str], values: list[str] | None = None
+    admin: Client,
+    namespace: str,
+    templates: list[str],
+    values: list[str] | None = None,
+    chart: str = "bagpipe",
 ) -> list[str]:
-    """Creates what templates of the chart render; the paths of what was made."""
+    """Creates what templates of a chart render; the paths of what was made."""
     made = []
-    for obj in yaml.safe_load_all(rendered(values or [], namespace, templates)):
+    for obj in yaml.safe_load_all(rendered(values or [], namespace, templates, chart)):
         if obj:
             where = obj["metadata"].get("namespace", "")
             collection = COLLECTIONS[obj["kind"]].format(namespace=where)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from embedded import builds
 
-from tests.integration.control_plane.client import Client, Object
+from tests.integration.control_plane.client import Client, Object, core
 from tests.integration.storage.servers import PATIENCE, Server, free_port, wait_until
 
 CLUSTER = Path(__file__).parents[2] / "cluster"
@@ -77,13 +77,18 @@ class ControlPlane:
             server.kill()
         shutil.rmtree(self.folder)
 
-    def token(self, namespace: str, account: str) -> str:
-        """A real token of a ServiceAccount, for an hour."""
+    def token(self, namespace: str, account: str, pod: str = "") -> str:
+        """A real token of a ServiceAccount, for an hour; a pod's as its kubelet asks for it."""
         path = f"/api/v1/namespaces/{namespace}/serviceaccounts/{account}/token"
+        spec: Object = {"expirationSeconds": 3600}
+        if pod:
+            uid = self.admin.get(core(namespace, "pods", pod))["metadata"]["uid"]
+            bound = {"apiVersion": "v1", "kind": "Pod", "name": pod, "uid": uid}
+            spec["boundObjectRef"] = bound
         request = {
             "apiVersion": "authentication.k8s.io/v1",
             "kind": "TokenRequest",
-            "spec": {"expirationSeconds": 3600},
+            "spec": spec,
         }
         return str(self.admin.create(path, request)["status"]["token"])
 

@@ -51,15 +51,18 @@ def restricted(admin: Client, namespace: str) -> str:
     return namespace
 
 
-def pods_of(namespace: str, path: str, value: object) -> list[Object]:
+def pods_of(
+    namespace: str, path: str, value: object, settings: Settings | None = None
+) -> list[Object]:
     """The driver and an executor of a job, as the operator and Spark make them."""
     job = make_job("x").with_spec(path, value).object
     job["metadata"]["namespace"] = namespace
     view = JobView.from_object(job)
     spec = read_spec(view)
+    settings = settings or Settings()
     made = [
-        driver_pod(view, spec, 1, Settings(), "x-1-0a"),
-        executor_trial(view, spec, 1, Settings()),
+        driver_pod(view, spec, 1, settings, "x-1-0a"),
+        executor_trial(view, spec, 1, settings),
     ]
     for pod in made:
         affinity = pod["spec"].get("affinity", {})
@@ -73,6 +76,13 @@ def pods_of(namespace: str, path: str, value: object) -> list[Object]:
 def test_driver_and_executors_are_admitted(admin: Client, restricted: str, case: str) -> None:
     for pod in pods_of(restricted, *GENEROUS[case]):
         admin.create(core(restricted, "pods") + "?dryRun=All", pod)
+
+
+def test_pods_that_name_no_user_are_admitted(admin: Client, restricted: str) -> None:
+    """As on OpenShift, which gives them one."""
+    for pod in pods_of(restricted, "maxFailedCases", 3, Settings(fixed_users=False)):
+        made = admin.create(core(restricted, "pods") + "?dryRun=All", pod)
+        assert "runAsUser" not in str(made)
 
 
 def pod_of(template: str, kind: str) -> Object:

@@ -32,10 +32,13 @@ RESOURCES = (
 )  # fmt: skip
 
 
-def rights(admin: Client, user: str, groups: list[str], namespace: str) -> set[str]:
+def rights(
+    admin: Client, user: str, groups: list[str], namespace: str, of_group: str | None = None
+) -> set[str]:
     """All that a user may do in a namespace ("" for everywhere), as `verb resource`."""
     found = set()
-    for (group, resource), verb in itertools.product(RESOURCES, VERBS):
+    resources = [each for each in RESOURCES if of_group is None or each[0] == of_group]
+    for (group, resource), verb in itertools.product(resources, VERBS):
         kind, _, below = resource.partition("/")
         asked = {"verb": verb, "group": group, "resource": kind, "subresource": below}
         answer = admin.create(
@@ -114,9 +117,9 @@ def test_the_operator_of_a_cluster(
 
 @pytest.fixture
 def narrow(admin: Client, namespace: str) -> Iterator[str]:
-    """The namespace of a release that watches `namespace` alone."""
+    """The namespace of a release as it is by default, with jobs in `namespace` alone."""
     with fresh_namespace(admin, "narrow") as home:
-        values = [f'watchNamespaces=["{namespace}"]', f'jobNamespaces=["{namespace}"]']
+        values = [f'jobNamespaces=["{namespace}"]']
         apply_chart(admin, home, ["serviceaccount.yaml", "operator-rights.yaml"], values)
         yield home
 

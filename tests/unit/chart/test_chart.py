@@ -50,6 +50,11 @@ def of_kind(objects: list[Object], kind: str) -> list[Object]:
     return [o for o in objects if o["kind"] == kind and not _of_helm_test(o)]
 
 
+def cluster_roles(objects: list[Object]) -> list[Object]:
+    """The ClusterRoles that are for accounts of the chart, not for people."""
+    return [r for r in of_kind(objects, "ClusterRole") if r["metadata"]["name"] not in USER_ROLES]
+
+
 def _of_helm_test(obj: Object) -> bool:
     return "helm.sh/hook" in (obj["metadata"].get("annotations") or {})
 
@@ -63,6 +68,7 @@ def rules(role: Object) -> set[tuple[str, str]]:
     }
 
 
+USER_ROLES = ("bagpipe-view", "bagpipe-edit")
 OPERATOR_RIGHTS = {
     ("simulationjobs", "get"),
     ("simulationjobs", "list"),
@@ -114,16 +120,23 @@ def test_the_crds_are_the_one_source() -> None:
     assert of_kind(rendered('crds={"install":false}'), "CustomResourceDefinition") == []
 
 
-def test_the_operator_may_do_what_it_does_and_no_more() -> None:
-    objects = rendered()
-    (role,) = of_kind(objects, "ClusterRole")
+def test_the_whole_cluster_is_asked_for() -> None:
+    objects = rendered("clusterWide=true")
+    (role,) = cluster_roles(objects)
     assert rules(role) == OPERATOR_RIGHTS
     assert len(of_kind(objects, "ClusterRoleBinding")) == 1
 
 
-def test_named_namespaces_need_no_cluster_wide_right() -> None:
-    objects = rendered('watchNamespaces=["lanes","maps"]', 'jobNamespaces=["lanes"]')
-    assert of_kind(objects, "ClusterRole") == of_kind(objects, "ClusterRoleBinding") == []
+@pytest.mark.parametrize(
+    "values",
+    [
+        ['watchNamespaces=["lanes","maps"]', 'jobNamespaces=["lanes"]'],
+        ['jobNamespaces=["lanes","maps"]'],
+    ],
+)
+def test_without_it_the_operator_has_rights_where_it_watches_and_no_more(values: list[str]) -> None:
+    objects = rendered(*values)
+    assert cluster_roles(objects) == of_kind(objects, "ClusterRoleBinding") == []
     (account,) = {o["metadata"]["name"] for o in of_kind(objects, "Deployment")}
     roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"].endswith(account)]
     assert {r["metadata"]["namespace"] for r in roles} == {"lanes", "maps"}
@@ -141,7 +154,10 @@ def test_every_job_namespace_gets_a_driver_account_with_just_pods() -> None:
     roles = [r for r in of_kind(objects, "Role") if r["metadata"]["name"] == "bagpipe-driver"]
     assert [r["metadata"]["namespace"] for r in roles] == ["lanes", "maps"]
     assert all(rules(role) == DRIVER_RIGHTS for role in roles)
-    bindings = of_kind(objects, "RoleBinding")
+    bindings = [
+        b for b in of_kind(objects, "RoleBinding") if b["metadata"]["name"] == "bagpipe-driver"
+    ]
+    assert len(bindings) == 2
     assert all(b["subjects"][0]["namespace"] == b["metadata"]["namespace"] for b in bindings)
 
 
@@ -252,6 +268,11 @@ REFUSED = {
     "a page without an address": ('alerts.runbooks="docs/operations"', "does not match pattern"),
     "a short lease": ("operator.leaseSeconds=2", "minimum"),
     "jobs beside the operator": ('jobNamespaces=["bagpipe-system"]', "in a namespace of its own"),
+    "everything and a namespace": (
+        'clusterWide=true,watchNamespaces=["default"]',
+        "leave one of them out",
+    ),
+    "nothing to watch": ("jobNamespaces=[]", "the operator has nothing to watch"),
     "jobs that nobody watches": ('watchNamespaces=["lanes"]', "jobNamespaces names default"),
 }
 
@@ -278,5 +299,6 @@ def test_every_value_is_commented_and_has_a_schema() -> None:
     schema = json.loads((CHART / "values.schema.json").read_text())
     values = yaml.safe_load("\n".join(lines))
     assert set(values) == set(schema["properties"]) - {"global"}
-    for section in ("images", "crds", "operator", "networkPolicy"):
-        assert set(values[section]) == set(schema["properties"][section]["properties"])
+    sections = {name: value for name, value in values.items() if isinstance(value, dict)}
+    for name, section in sections.items():
+        assert set(section) == set(schema["properties"][name]["properties"]), name

@@ -28,7 +28,7 @@ def test_upgrades_name_the_release_s_namespace_and_take_values_that_are_new() ->
         (page.relative_to(DOCS), command)
         for page in DOCS.rglob("*.md")
         for command in re.findall(
-            r"helm upgrade (?:--install )?bagpipe[^`]*?(?<!\\)\n", page.read_text()
+            r"helm upgrade (?:--install )?bagpipe [^`]*?(?<!\\)\n", page.read_text()
         )
     ]
     assert len(commands) >= 5

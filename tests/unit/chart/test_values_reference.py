@@ -1,4 +1,4 @@
-"""docs/reference/chart-values.md is what values.yaml and its schema say."""
+"""The pages of the charts' values are what values.yaml and its schema say."""
 
 import json
 import re
@@ -8,22 +8,31 @@ import yaml
 
 from charts import reference
 
-SCHEMA = json.loads((reference.CHART / "values.schema.json").read_text())
-SOURCE = (reference.CHART / "values.yaml").read_text()
+SCHEMA = json.loads((reference.BAGPIPE.folder / "values.schema.json").read_text())
 
 
-def test_the_page_is_current() -> None:
-    assert reference.PAGE.read_text() == reference.page(), "run charts/reference.py"
+def source(chart: reference.Chart) -> str:
+    return (chart.folder / "values.yaml").read_text()
 
 
-def test_every_value_is_on_it_with_its_default() -> None:
-    found = list(reference.values(SOURCE))
+@pytest.mark.parametrize("chart", reference.CHARTS, ids=lambda chart: chart.name)
+def test_the_page_is_current(chart: reference.Chart) -> None:
+    assert chart.page.read_text() == reference.page(chart), "run charts/reference.py"
+
+
+@pytest.mark.parametrize(
+    ("chart", "count"), [(reference.BAGPIPE, (73, 55)), (reference.NAMESPACE, (14, 8))]
+)
+def test_every_value_is_on_it_with_its_default(
+    chart: reference.Chart, count: tuple[int, int]
+) -> None:
+    found = list(reference.values(source(chart)))
     leaves = [value for value in found if not value.group]
-    assert (len(found), len(leaves)) == (53, 39)
-    headings = re.findall(r"^##+ `(.*)`$", reference.page(), re.MULTILINE)
+    assert (len(found), len(leaves)) == count
+    headings = re.findall(r"^##+ `(.*)`$", reference.page(chart), re.MULTILINE)
     assert headings == [value.path for value in found]
     for value in leaves:
-        default = yaml.safe_load(SOURCE)
+        default = yaml.safe_load(source(chart))
         for name in value.path.split("."):
             default = default[name]
         assert yaml.safe_load(value.default) == default

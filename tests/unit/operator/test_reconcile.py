@@ -130,9 +130,9 @@ async def test_a_missing_service_account_is_told_then_ends_the_job() -> None:
     await world.reconcile()
     assert world.reason("Accepted") == "False/ServiceAccountMissing"
     assert world.message("Accepted") == (
-        "There is no ServiceAccount bagpipe-driver in namespace lanes. Add the namespace to "
-        "jobNamespaces of the Helm chart bagpipe and upgrade it: the chart makes the account and "
-        "its rights."
+        "There is no ServiceAccount bagpipe-driver in namespace lanes. Install the Helm chart "
+        "bagpipe-namespace there, or add the namespace to jobNamespaces of the chart bagpipe: "
+        "either makes the account."
     )
     await world.reconcile(after=29)
     assert world.status()["phase"] == "Pending"

@@ -55,7 +55,14 @@ class ScheduleLoop:
         tasks = [asyncio.create_task(self._alarms.run())]
         tasks += [
             asyncio.create_task(
-                work(self._queue, reconcile, self._metrics, self._leads, "schedule")
+                work(
+                    self._queue,
+                    reconcile,
+                    self._metrics,
+                    self._leads,
+                    self._view.called,
+                    "schedule",
+                )
             )
             for _ in range(WORKERS)
         ]

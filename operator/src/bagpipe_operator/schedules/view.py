@@ -114,6 +114,11 @@ class Schedules:
         """The schedule, or None when it is gone or was never seen."""
         return self._schedules.get(uid)
 
+    def called(self, uid: str) -> tuple[str, str]:
+        """A schedule's namespace and name; empty for one that is not known."""
+        schedule = self._schedules.get(uid)
+        return (schedule.namespace, schedule.name) if schedule else ("", "")
+
     def namespace_of(self, uid: str) -> str:
         """A schedule's namespace; empty for one that is not known."""
         schedule = self._schedules.get(uid)

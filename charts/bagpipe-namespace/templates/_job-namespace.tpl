@@ -1,0 +1,1 @@
+../../bagpipe/templates/_job-namespace.tpl

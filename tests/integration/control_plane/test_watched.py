@@ -1,0 +1,99 @@
+"""Which jobs an operator runs: by default those of jobNamespaces, with no right elsewhere."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.integration.control_plane.client import Client, core, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.observe import children as made_in
+from tests.integration.control_plane.observe import create_jobs, expected_children, statuses
+from tests.integration.control_plane.operator_process import OperatorProcess
+from tests.integration.control_plane.release import (
+    Installation,
+    apply_chart,
+    fresh_namespace,
+    installed,
+)
+from tests.integration.control_plane.server import ControlPlane
+from tests.integration.control_plane.test_rights import PODS, await_rights, of_account
+from tests.integration.storage.servers import PATIENCE, wait_until
+
+pytestmark = pytest.mark.integration
+
+
+@pytest.fixture
+def elsewhere(admin: Client) -> Iterator[str]:
+    """A namespace that no release knows of."""
+    with fresh_namespace(admin, "elsewhere") as name:
+        yield name
+
+
+@pytest.fixture
+def by_default(
+    control_plane: ControlPlane, tmp_path: Path, namespace: str
+) -> Iterator[Installation]:
+    """A release that was told of its namespace of jobs, and of nothing else."""
+    values = [f'jobNamespaces=["{namespace}"]']
+    with installed(control_plane, tmp_path, values, watched=namespace) as release:
+        yield release
+
+
+@pytest.fixture
+def narrow_operator(
+    by_default: Installation, namespace: str, tmp_path: Path
+) -> Iterator[OperatorProcess]:
+    """Its operator, with the environment that its Deployment gives it."""
+    environment = {
+        "BAGPIPE_LEASE_NAMESPACE": by_default.namespace,
+        "BAGPIPE_WATCH_NAMESPACES": namespace,
+    }
+    process = OperatorProcess(by_default.kubeconfig, tmp_path / "narrow.log", environment)
+    yield process.start()
+    process.kill()
+
+
+@pytest.mark.usefixtures("narrow_operator")
+def test_jobs_run_in_the_namespaces_of_jobs_and_others_are_not_looked_at(
+    admin: Client, namespace: str, elsewhere: str
+) -> None:
+    create_jobs(admin, elsewhere, ["unseen"])
+    create_jobs(admin, namespace, ["seen"])
+    wanted = expected_children(["seen"])
+    wait_until(lambda: made_in(admin, namespace) == wanted, PATIENCE, "the job has no driver")
+    assert statuses(admin, elsewhere) == {"unseen": {}}
+    assert made_in(admin, elsewhere) == expected_children([])
+
+
+def test_a_namespace_is_made_ready_without_touching_the_release(
+    admin: Client, elsewhere: str, operator_process: StartOperator
+) -> None:
+    operator_process()
+    secrets = ['serviceAccounts.imagePullSecrets=[{"name":"login"}]']
+    apply_chart(admin, elsewhere, ["driver-rights.yaml"], secrets, chart="bagpipe-namespace")
+    create_jobs(admin, elsewhere, ["new"])
+    wanted = expected_children(["new"])
+    wait_until(lambda: made_in(admin, elsewhere) == wanted, PATIENCE, "the job has no driver")
+    driver = admin.get(core(elsewhere, "pods", "new-1-driver"))
+    assert driver["spec"]["imagePullSecrets"] == [{"name": "login"}]
+    await_rights(admin, elsewhere, "bagpipe-driver", elsewhere, PODS)
+    assert of_account(admin, elsewhere, "bagpipe-executor", elsewhere) == set()
+
+
+def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
+    admin: Client, elsewhere: str, operator_process: StartOperator
+) -> None:
+    process = operator_process(BAGPIPE_LOG_FORMAT="json")
+    create_jobs(admin, elsewhere, ["lost"])
+
+    def refused() -> list[str]:
+        found = admin.get(jobs(elsewhere, "lost")).get("status", {}).get("conditions", [])
+        return [c["reason"] for c in found if c["type"] == "Accepted"]
+
+    wait_until(lambda: bool(refused()), PATIENCE, "the operator said nothing of the job")
+    assert refused() == ["ServiceAccountMissing"]
+    assert admin.items(core(elsewhere, "pods")) == []
+    said = [json.loads(line) for line in process.said().splitlines()]
+    assert "watching all namespaces" in {line["message"] for line in said}
