@@ -442,8 +442,8 @@ def test_the_spec_of_a_job_can_not_be_changed(kept: str, case: str) -> None:
     answer = kubectl("patch", "simjob", "kept", "-n", kept, "--type=merge", "-p", patch)
     assert answer.returncode == 1
     assert (
-        "can be changed once the job exists, since its cases are already planned: delete the job, "
-        "or create one with another name" in answer.stderr
+        "can be changed once the job exists, and spec.spark while it is suspended, since its cases "
+        "are already planned: delete the job, or create one with another name" in answer.stderr
     )
 
 
