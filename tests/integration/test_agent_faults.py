@@ -184,5 +184,6 @@ def test_a_killed_slot_is_met_again_by_the_next_attempt(
     os.kill(agent.slot_processes()[0], signal.SIGKILL)
     runner.join(timeout=300)
     assert not runner.is_alive()
-    assert rows[0]["outcome"] in {"passed", "errored"}
-    assert rows[0]["attempts"] >= 2
+    assert rows[0]["discarded"][0]["reason"] in {"AgentDied", "ProtocolError", "SlotUnavailable"}
+    # It was played then; a queue of one message may lose some at twice the speed.
+    assert rows[0]["reason"] in {"", "MachineBusy", "MessagesLost"}
