@@ -147,7 +147,12 @@ class Campaign:
             path = f"{CRDS}/{crd['metadata']['name']}"
             wanted = copy.deepcopy(schemas.whole(kind)) if not lax else any_schema()
             live = self.client.get(path)
-            live["spec"]["versions"][0]["schema"]["openAPIV3Schema"] = wanted
+            version = live["spec"]["versions"][0]
+            version["schema"]["openAPIV3Schema"] = wanted
+            # What can be selected by must be in the schema.
+            version["selectableFields"] = crd["spec"]["versions"][0].get("selectableFields", [])
+            if lax:
+                del version["selectableFields"]
             self.client.call("PUT", path, live)
             probe = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": kind,
                      "metadata": {"name": "probe"}, "spec": 5}  # fmt: skip
