@@ -150,9 +150,8 @@ class Campaign:
             version = live["spec"]["versions"][0]
             version["schema"]["openAPIV3Schema"] = wanted
             # What can be selected by must be in the schema.
-            version["selectableFields"] = crd["spec"]["versions"][0].get("selectableFields", [])
-            if lax:
-                del version["selectableFields"]
+            selectable = crd["spec"]["versions"][0].get("selectableFields", [])
+            version["selectableFields"] = [] if lax else selectable
             self.client.call("PUT", path, live)
             probe = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": kind,
                      "metadata": {"name": "probe"}, "spec": 5}  # fmt: skip

@@ -73,9 +73,9 @@ def installed(
 
 
 @contextlib.contextmanager
-def job_namespace(admin: Client) -> Iterator[str]:
+def job_namespace(admin: Client, purpose: str = "jobs") -> Iterator[str]:
     """A fresh namespace with the accounts that the chart gives a job namespace."""
-    with fresh_namespace(admin, "jobs") as name:
+    with fresh_namespace(admin, purpose) as name:
         chart = [f'jobNamespaces=["{name}"]']
         apply_chart(admin, "bagpipe-system", ["driver-rights.yaml"], chart)
         yield name

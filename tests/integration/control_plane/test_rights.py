@@ -10,7 +10,12 @@ from embedded.api import ApiError
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import rendered
-from tests.integration.control_plane.release import Installation, apply_chart, fresh_namespace
+from tests.integration.control_plane.release import (
+    Installation,
+    apply_chart,
+    fresh_namespace,
+    job_namespace,
+)
 from tests.integration.control_plane.server import ControlPlane
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
@@ -76,9 +81,7 @@ def await_rights(
 @pytest.fixture
 def other(admin: Client) -> Iterator[str]:
     """Another team's namespace, with jobs of its own."""
-    with fresh_namespace(admin, "other") as name:
-        values = [f'jobNamespaces=["{name}"]']
-        apply_chart(admin, "bagpipe-system", ["driver-rights.yaml"], values)
+    with job_namespace(admin, "other") as name:
         yield name
 
 

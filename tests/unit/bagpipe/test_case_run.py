@@ -266,7 +266,7 @@ def test_each_fault_has_an_allowance_of_its_own() -> None:
 
 def test_a_busy_machine_gets_ever_more_time() -> None:
     pauses = [next_attempt("MachineBusy", ["MachineBusy"] * n) for n in range(6)]
-    assert pauses == [*map(Again, (0.0, 2.0, 8.0, 16.0, 32.0)), None]
+    assert pauses == [*(Again(s, about=True) for s in (0.0, 2.0, 8.0, 16.0, 32.0)), None]
 
 
 def test_cases_that_disturb_each_other_pause_for_different_times(
@@ -275,9 +275,12 @@ def test_cases_that_disturb_each_other_pause_for_different_times(
     waited: list[float] = []
     monkeypatch.setattr(threading.Event, "wait", lambda _, seconds: waited.append(seconds))
     for _ in range(100):
-        case_run._pause(8.0)
+        case_run._pause(Again(8.0, about=True))
     assert 4.0 <= min(waited) < 5.0
     assert 11.0 < max(waited) <= 12.0
+    waited.clear()
+    case_run._pause(Again(8.0))
+    assert waited == [8.0]
 
 
 def test_a_full_volume_gets_a_minute() -> None:
@@ -311,9 +314,9 @@ def test_a_busy_machine_that_measured_nothing_costs_one_case(
     def busy(*_: Any) -> Answer:
         raise SessionError("MachineBusy", "too busy")
 
-    waited: list[float] = []
+    waited: list[Again] = []
     monkeypatch.setattr(case_run, "_pause", waited.append)
     monkeypatch.setattr(case_run, "_answered", busy)
     row = run_case(case, context)
     assert (row["outcome"], row["reason"]) == ("errored", "MachineBusy")
-    assert (row["attempts"], waited) == (6, [0.0, 2.0, 8.0, 16.0, 32.0])
+    assert (row["attempts"], [each.seconds for each in waited]) == (6, [0.0, 2.0, 8.0, 16.0, 32.0])

@@ -13,10 +13,10 @@ from typing import Any
 from bagpipe.evaluate.errors import distances_of, pose_of
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.fields import number_at
-from bagpipe.evaluate.limits import seconds
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.motion import closest
 from bagpipe.evaluate.window import heard, samples
+from bagpipe.texts import duration_seconds
 
 # 200 points are some 3 KB of a row, which passes through the driver.
 MOST_POINTS = 200
@@ -85,7 +85,7 @@ def _latency(wanted: Any, evidence: Evidence) -> _Told:
         for each in heard(wanted.topic, evidence).answers
         if each.stamp is not None
     ]
-    return f"{wanted.topic}, stamp to receipt", "s", None, seconds(wanted.max), course
+    return f"{wanted.topic}, stamp to receipt", "s", None, duration_seconds(wanted.max), course
 
 
 def _error(wanted: Any, evidence: Evidence) -> _Told:

@@ -7,9 +7,10 @@ from dataclasses import replace
 
 from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
-from bagpipe.evaluate.limits import bounded, seconds
+from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
 from bagpipe.evaluate.window import Heard, backward, heard, over_window, spread, times_of
+from bagpipe.texts import duration_seconds
 
 _SAY_LESS = "look at when they came, or lower minCoverage"
 
@@ -124,7 +125,7 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
     finding = bounded(
         Finding(name, "latency", "passed", figure, "s", direction="lower"),
         None,
-        seconds(wanted.max),
+        duration_seconds(wanted.max),
         f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}",
     )
     share, said = over_window(found, evidence, wanted.min_coverage)

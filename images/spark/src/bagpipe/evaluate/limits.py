@@ -1,17 +1,8 @@
 """A figure against its bounds, in the same words for every criterion."""
 
-import re
 from dataclasses import replace
 
 from bagpipe.evaluate.finding import Finding
-
-_PART = re.compile(r"(\d+(?:\.\d+)?)(ms|s|m|h)")
-_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
-
-
-def seconds(duration: str) -> float:
-    """Seconds of a duration such as 100ms or 1m30s."""
-    return sum(float(n) * _SECONDS[unit] for n, unit in _PART.findall(duration))
 
 
 def bounded(finding: Finding, least: float | None, most: float | None, where: str) -> Finding:

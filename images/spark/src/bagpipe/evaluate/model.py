@@ -7,10 +7,9 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 from pydantic.alias_generators import to_camel
 
-from bagpipe.evaluate.limits import seconds
+from bagpipe.texts import Duration, duration_seconds
 
 # The same expressions stand in crds/simulationjobs.yaml; digits and letters are ASCII's.
-_DURATION = re.compile(r"(?:[0-9]{1,6}(?:[.][0-9]{1,6})?(?:ms|s|m|h)){1,4}")
 _TOPIC = re.compile(r"(?:/[A-Za-z0-9_-]+)+")
 _PART = r"[A-Za-z][A-Za-z0-9_]*(?:\[[0-9]{1,6}\])?"
 _PATH = re.compile(rf"{_PART}(?:[.]{_PART})*")
@@ -38,14 +37,8 @@ def _finite(number: float) -> float:
     return number
 
 
-def _length(text: str) -> str:
-    if not _DURATION.fullmatch(text):
-        raise ValueError(f"{text!r} is not a duration: write for example 100ms or 2s")
-    return text
-
-
 def _timeout(text: str) -> str:
-    if not 0 < seconds(text) <= _LONGEST_TIMEOUT:
+    if not 0 < duration_seconds(text) <= _LONGEST_TIMEOUT:
         raise ValueError(f"{text!r} is no time to wait: write more than 0s and at most 24h")
     return text
 
@@ -53,7 +46,6 @@ def _timeout(text: str) -> str:
 Topic = Annotated[str, Field(max_length=256), AfterValidator(_topic)]
 Path = Annotated[str, Field(max_length=256), AfterValidator(_path)]
 Bound = Annotated[float, AfterValidator(_finite)]
-Duration = Annotated[str, Field(max_length=32), AfterValidator(_length)]
 Timeout = Annotated[Duration, AfterValidator(_timeout)]
 # The least part of the window, or of the truth's samples, that a criterion must be judged on.
 Share = Annotated[float, Field(ge=0, le=1)]

@@ -8,9 +8,10 @@ from bagpipe.evaluate.errors import pose_of
 from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
-from bagpipe.evaluate.limits import bounded, seconds
+from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.window import frames_differ, heard, samples
+from bagpipe.texts import duration_seconds
 
 Point = tuple[float, float]
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it.
@@ -98,7 +99,7 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     )
     if not any(points for _, points in scenes):
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
-    age = int(seconds(wanted.max_age) * 1e9)
+    age = int(duration_seconds(wanted.max_age) * 1e9)
     with_ego = _with_ego(course, scenes, age)
     return Met(
         course,

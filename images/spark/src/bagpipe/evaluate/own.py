@@ -17,8 +17,8 @@ from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
-from bagpipe.evaluate.limits import seconds
 from bagpipe.evaluate.model import OwnEvaluator
+from bagpipe.texts import duration_seconds
 
 # Where the operator mounts the ConfigMaps that criteria name, in the executors alone.
 EVALUATORS = Path("/etc/bagpipe/evaluators")
@@ -65,7 +65,7 @@ def _answered(command: list[str], request: str, wanted: OwnEvaluator) -> dict[st
             start_new_session=True,
         ) as process:
             try:
-                process.communicate(request.encode(), timeout=seconds(wanted.timeout))
+                process.communicate(request.encode(), timeout=duration_seconds(wanted.timeout))
             except subprocess.TimeoutExpired as late:
                 raise NoEvidenceError(
                     f"{wanted.file} did not answer within {wanted.timeout}: raise `timeout`"

@@ -42,9 +42,10 @@ _NO_POLICY = FaultPolicy([])
 
 @dataclass(frozen=True)
 class Again:
-    """Run the case once more, after `seconds`."""
+    """Run the case once more, after `seconds`; `about` as many, so that cases begin apart."""
 
     seconds: float = 0.0
+    about: bool = False
 
 
 def next_attempt(
@@ -63,9 +64,10 @@ def next_attempt(
     """
     attempts = discarded.count(reason) + 1
     if reason in ("StorageFull", "MachineBusy"):
-        pauses = FULL_VOLUME_PAUSES if reason == "StorageFull" else BUSY_MACHINE_PAUSES
+        busy = reason == "MachineBusy"
+        pauses = BUSY_MACHINE_PAUSES if busy else FULL_VOLUME_PAUSES
         left = pauses[attempts - 1 : attempts]
-        return Again(left[0]) if left else None
+        return Again(left[0], about=busy) if left else None
     if reason == "StorageFailed" and not may_pass:
         return None
     return Again() if attempts < _allowed(reason, policy) else None

@@ -20,7 +20,7 @@ from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session, r
 from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
 from bagpipe.plan.cases import Case, Unplanned
 from bagpipe.plan.variant import image_of, stack_of
-from bagpipe.run.attempts import next_attempt
+from bagpipe.run.attempts import Again, next_attempt
 from bagpipe.run.criteria import judged_by_criteria
 from bagpipe.run.exec_input import program_file
 from bagpipe.run.exec_judge import judge_program
@@ -76,7 +76,7 @@ def run_case(case: Case, context: RunContext, starts: int = 1) -> Row:
         _throw_away(row, context)
         discarded.append(_discarded(row, time.monotonic() - since))
         reasons.append(row["reason"])
-        _pause(again.seconds)
+        _pause(again)
         since = time.monotonic()
         row, may_pass = _attempt(case, context)
     if row["reason"] == "MachineBusy" and row["result"]:
@@ -134,10 +134,10 @@ def _identity(case: Case) -> Row:
     } | parts
 
 
-def _pause(seconds: float) -> None:
+def _pause(again: Again) -> None:
     # Two cases that keep each other from running must not begin again together.
-    spread = random.uniform(0.5, 1.5)  # noqa: S311  no secret
-    threading.Event().wait(seconds * spread)
+    spread = random.uniform(0.5, 1.5) if again.about else 1.0  # noqa: S311  no secret
+    threading.Event().wait(again.seconds * spread)
 
 
 def _throw_away(row: Row, context: RunContext) -> None:
