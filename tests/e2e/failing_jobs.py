@@ -23,7 +23,7 @@ def answer(_):
     if manner == "slow":
         time.sleep(0.2)
 
-rospy.Subscriber("/joint_states", JointState, answer, queue_size=1 if manner == "slow" else 100)
+rospy.Subscriber("/joint_states", JointState, answer, queue_size=1 if manner == "slow" else None)
 rospy.spin()
 """
 # What comes of a case by its manner, as the driver counts it.
@@ -38,6 +38,14 @@ def paced() -> k.Object:
         {"name": manner, "env": [{"name": "MANNER", "value": manner}]}
         for manner in ("well", *REASONS)
     ]
+    return made
+
+
+def watched() -> k.Object:
+    """One case that passes in half a minute, with time to look at it."""
+    made = _make("watched", playback={"mode": "realtime", "rate": 0.5})
+    made["spec"]["source"] |= {"fragment": {"length": "60s"}}
+    made["spec"]["spark"] |= {"slots": 1}
     return made
 
 

@@ -42,7 +42,7 @@ def bagpipe(namespace: str, *words: str, program: tuple[str, ...] = ("bagpipe",)
 def submitted(namespace: str, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
     """`bagpipe submit --wait` of a job of one case, under way; killed and deleted afterwards."""
     manifest = tmp_path / "job.yaml"
-    job = jobs.patient(jobs.make_job("cli", stack={"command": COMMAND}))
+    job = jobs.make_job("cli", stack={"command": COMMAND})
     manifest.write_text(json.dumps(job))
     words = ["submit", str(manifest), "--wait", "--timeout", f"{WAIT_SECONDS}s"]
     program = subprocess.Popen(
@@ -91,9 +91,7 @@ def test_a_job_from_submit_to_its_results(
     assert "1 cases planned, 0 bags refused" in driver.stdout
     of_case = bagpipe(namespace, "logs", "cli", case, "--of", "driver")
     assert of_case.returncode == 0, of_case.stderr
-    # On a busy machine a stack with a short queue is played to again.
-    _, (row,) = k.results(namespace, state["results"])
-    assert f"case {case}: passed, attempts {row['attempts']}, " in of_case.stdout
+    assert f"case {case}: passed, attempts 1, " in of_case.stdout
 
 
 def running_case(namespace: str) -> str:

@@ -1,4 +1,4 @@
-"""The lock-step example: nothing dropped by a queue of one, and the same bytes on every run.
+"""The example in lock-step: nothing dropped by a queue of one, and the same bytes on every run.
 
 On the cluster twice, and by `bagpipe run` on this machine.
 """
@@ -8,7 +8,6 @@ import json
 from pathlib import Path
 
 import pytest
-import yaml
 
 from tests.agent_binary import built
 from tests.e2e import jobs
@@ -19,19 +18,10 @@ from tests.recording import MESSAGES
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
-EXAMPLE = Path(__file__).parents[2] / "docs/examples/lockstep/job.yaml"
-
-
-def example() -> k.Object:
-    """The example's manifest; every message is answered, however slow the machine is."""
-    return jobs.patient(yaml.safe_load(EXAMPLE.read_text()))
-
 
 def run(namespace: str, name: str) -> tuple[k.Object, str]:
     """The only row of a run of the example, and the digest of what it recorded."""
-    job = example()
-    job["metadata"]["name"] = name
-    with jobs.applied(namespace, job):
+    with jobs.applied(namespace, jobs.make_job(name)):
         status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Passed"), status
         _, (row,) = k.results(namespace, status["results"])
@@ -43,7 +33,7 @@ def run_here(folder: Path) -> tuple[k.Object, str]:
     """The same of a run without a cluster, with Debian's node in place of the image's."""
     laptop = Laptop(folder, built())
     folders_with_recording(folder)
-    manifest = laptop.manifest("lockstep", example()["spec"])
+    manifest = laptop.manifest("lockstep", jobs.make_job("lockstep")["spec"])
     status, _, errors = laptop.job(manifest, "--results", folder / "kept")
     laptop.await_nothing_left()
     assert status == 0, errors

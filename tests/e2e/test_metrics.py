@@ -98,7 +98,7 @@ def test_all_pods_are_found_and_executors_tell_what_happens_now(
 ) -> None:
     ways = [scrapes.by_annotations(access, namespace), *scrapes.by_the_monitors(access, namespace)]
     prometheus = start_prometheus(ways)
-    job = jobs.make_job("watched", playback={"mode": "realtime", "rate": 0.5})
+    job = failing_jobs.watched()
     agent = 'job="bagpipe-operator-executors"'
     with jobs.applied(namespace, job) as name:
         for target in ('job="annotations",role="driver"', 'job="bagpipe-operator-drivers"',
@@ -116,9 +116,7 @@ def test_all_pods_are_found_and_executors_tell_what_happens_now(
         assert ended["status"]["verdict"] == "Passed"
         assert ended["status"]["ledger"]["sent"] == MESSAGES
         counted = 'max_over_time(bagpipe_agent_played_messages_total{job="annotations"}[5m])'
-        # On a busy machine a stack with a short queue is played to again.
-        _, (row,) = k.results(namespace, ended["status"]["results"])
-        assert played < prometheus.values(counted)[0] <= MESSAGES * row["attempts"]
+        assert played < prometheus.values(counted)[0] <= MESSAGES
 
 
 def test_every_panel_and_every_alert_has_data_while_jobs_fail(

@@ -28,7 +28,7 @@ def executor(namespace: str) -> Iterator[str]:
     job = jobs.make_job(
         "walls",
         # Some five minutes, in which all tests look at it.
-        playback={"rate": 0.05},
+        playback={"mode": "realtime", "rate": 0.05},
         stack={
             "env": [{"name": "SPEED", "valueFrom": from_config}],
             "envFrom": [{"prefix": "LIMIT_", "configMapRef": {"name": "limits"}}],

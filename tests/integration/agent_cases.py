@@ -9,23 +9,16 @@ import itertools
 import sys
 from pathlib import Path
 
-import yaml
-
 from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
-from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests.integration.conftest import ROOT
-from tests.integration.stacks import folders_with_recording, spec_with
-
-LOCKSTEP = ROOT / "docs/examples/lockstep/job.yaml"
+from tests.integration.stacks import folders_with_recording, in_one_piece, spec_with
 
 
 def main(folder: Path, shared: str) -> None:
     """Runs them."""
     folders = folders_with_recording(folder)
-    in_steps = SimulationJobSpec.model_validate(yaml.safe_load(LOCKSTEP.read_text())["spec"])
-    specs = (spec_with({"mode": "realtime", "rate": 4.0}), in_steps)
+    specs = (spec_with({"mode": "realtime", "rate": 4.0}), in_one_piece())
     for spec in itertools.cycle(specs):
         context = RunContext("lab/pr2", spec, folders, "pvc://results/r", shared)
         row = run_case(plan(spec, Storage(folders)).cases[0], context)

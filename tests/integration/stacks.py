@@ -11,6 +11,7 @@ from tests.integration.conftest import ROOT
 from tests.recording import fetch
 
 EXAMPLE = ROOT / "docs/examples/robot-state-publisher/job.yaml"
+REALTIME = ROOT / "docs/examples/robot-state-publisher/realtime.yaml"
 
 
 def folders_with_recording(tmp_path: Path) -> dict[str, str]:
@@ -23,9 +24,30 @@ def folders_with_recording(tmp_path: Path) -> dict[str, str]:
     return {name: str(path) for name, path in claims.items()}
 
 
-def spec_with(playback: dict[str, Any] | None = None, **stack: Any) -> SimulationJobSpec:
-    """The example's spec with fields of its playback and its stack replaced."""
+def stepped(**stack: Any) -> SimulationJobSpec:
+    """The example's spec, which is in lock-step, with fields of its stack replaced."""
+    return _spec(EXAMPLE, {}, stack)
+
+
+def in_one_piece() -> SimulationJobSpec:
+    """The example's spec with the whole recording as its one case."""
+    return SimulationJobSpec.model_validate(whole_fields())
+
+
+def whole_fields() -> dict[str, Any]:
+    """The manifest's fields of the same."""
     spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
-    spec["playback"] |= playback or {}
+    spec["source"]["fragment"] = {"length": "60s"}
+    return spec
+
+
+def spec_with(playback: dict[str, Any] | None = None, **stack: Any) -> SimulationJobSpec:
+    """The real-time example's spec with fields of its playback and its stack replaced."""
+    return _spec(REALTIME, playback or {}, stack)
+
+
+def _spec(path: Path, playback: dict[str, Any], stack: dict[str, Any]) -> SimulationJobSpec:
+    spec: dict[str, Any] = yaml.safe_load(path.read_text())["spec"]
+    spec["playback"] |= playback
     spec["stack"] |= stack
     return SimulationJobSpec.model_validate(spec)

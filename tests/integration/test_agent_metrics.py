@@ -9,17 +9,14 @@ from typing import Any
 
 import pytest
 import urllib3
-import yaml
 from prometheus_client.parser import text_string_to_metric_families
 
 from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
-from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from charts.monitoring import generate
-from tests.integration.agent_cases import LOCKSTEP
 from tests.integration.conftest import RunningAgent
-from tests.integration.stacks import folders_with_recording
+from tests.integration.stacks import folders_with_recording, in_one_piece
 from tests.integration.storage.servers import PATIENCE, free_port, wait_until
 from tests.recording import MESSAGES
 
@@ -36,7 +33,7 @@ class Watched:
         self.address = ("127.0.0.1", free_port())
         self.agent = start_agent(1, None, "--metrics", "{}:{}".format(*self.address))
         self.folders = folders_with_recording(tmp_path)
-        self.spec = SimulationJobSpec.model_validate(yaml.safe_load(LOCKSTEP.read_text())["spec"])
+        self.spec = in_one_piece()
         (self.case,) = plan(self.spec, Storage(self.folders)).cases
 
     def run(self) -> dict[str, Any]:

@@ -5,14 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-import yaml
 
 from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
-from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests.integration.conftest import ROOT, RunningAgent
-from tests.integration.stacks import folders_with_recording
+from tests.integration.conftest import RunningAgent
+from tests.integration.stacks import folders_with_recording, in_one_piece
 from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
@@ -22,8 +20,7 @@ def test_runs_with_and_without_the_cache_lose_nothing_and_record_the_same_bytes(
     tmp_path: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
     folders = folders_with_recording(tmp_path)
-    manifest = yaml.safe_load((ROOT / "docs/examples/lockstep/job.yaml").read_text())
-    spec = SimulationJobSpec.model_validate(manifest["spec"])
+    spec = in_one_piece()
     in_memory = start_agent()
     files = tmp_path / "files"
     files.mkdir()

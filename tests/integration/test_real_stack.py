@@ -14,7 +14,8 @@ from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent
-from tests.integration.stacks import folders_with_recording, spec_with
+from tests.integration.machine_witness import Witness
+from tests.integration.stacks import folders_with_recording, spec_with, stepped
 from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
@@ -38,22 +39,46 @@ def rosbag_info(path: Path) -> dict[str, Any]:
     return loaded
 
 
-def test_every_message_of_the_recording_is_sent_and_received_once(
+def counted(folders: dict[str, str], row: Row) -> dict[str, int]:
+    """Messages per topic of what a case recorded, as Debian's rosbag counts them."""
+    info = rosbag_info(Path(folders["results"]) / "r" / row["recorded"])
+    assert info["start"] >= row["window"][1] / 1e9
+    return {topic["topic"]: topic["messages"] for topic in info["topics"]}
+
+
+def test_every_message_of_the_recording_is_sent_received_and_answered_once(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
     agent = start_agent()
-    rows = run_all(spec_with(), folders, agent)
-    assert [row["outcome"] for row in rows] == ["passed"] * 4
+    rows = run_all(stepped(), folders, agent)
+    assert [(row["outcome"], row["attempts"]) for row in rows] == [("passed", 1)] * 4
     ledger: collections.Counter[str] = collections.Counter()
     for row in rows:
         ledger.update({k: v for k, v in row["result"]["ledger"].items() if k != "topics"})
+        assert counted(folders, row) == {"/tf": row["result"]["ledger"]["sent"]}
     assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
     assert ledger["lead_in"] == pytest.approx(300, abs=6)
-    for row in rows:
-        info = rosbag_info(Path(folders["results"]) / "r" / row["recorded"])
-        counts = {topic["topic"]: topic["messages"] for topic in info["topics"]}
-        assert counts["/tf_static"] == 1
+    agent.await_no_descendants()
+
+
+def test_in_real_time_a_queue_of_one_loses_nothing_or_the_machine_was_busy(
+    folders: dict[str, str], start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent()
+    spec = spec_with()
+    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    with Witness() as witness:
+        row = run_case(plan(spec, Storage(folders)).cases[0], context)
+    if row["reason"] == "MachineBusy":
+        assert row["outcome"] == "errored"
+        assert witness.was_disturbed, row
+    else:
+        assert row["outcome"] == "passed", row
+        ledger = row["result"]["ledger"]
         seconds = (row["window"][2] - row["window"][1]) / 1e9
+        assert ledger["sent"] == ledger["received"] == pytest.approx(100 * seconds, rel=0.02)
+        assert ledger["dropped"] == 0
+        counts = counted(folders, row)
+        assert counts["/tf_static"] == 1
         assert 40 * seconds < counts["/tf"] < 130 * seconds
-        assert info["start"] >= row["window"][1] / 1e9
     agent.await_no_descendants()

@@ -4,7 +4,6 @@ import hashlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -15,7 +14,7 @@ from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
-from tests.integration.stacks import folders_with_recording
+from tests.integration.stacks import folders_with_recording, whole_fields
 from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
@@ -24,11 +23,7 @@ Start = Callable[..., RunningAgent]
 
 BAG = "pvc://recordings/pr2/joint_states.bag"
 SECOND = 1_000_000_000
-
-
-def example(name: str) -> dict[str, Any]:
-    spec: dict[str, Any] = yaml.safe_load((ROOT / "docs/examples" / name / "job.yaml").read_text())
-    return dict(spec["spec"])
+EXAMPLE = ROOT / "docs/examples/recombined/job.yaml"
 
 
 def run(case: Case, spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> Row:
@@ -61,7 +56,7 @@ def test_every_order_of_the_example_is_answered_without_a_gap(
     """docs/examples/recombined/job.yaml, all of its cases."""
     folders = folders_with_recording(tmp_path)
     cut_scenes(folders)
-    spec = SimulationJobSpec.model_validate(example("recombined"))
+    spec = SimulationJobSpec.model_validate(yaml.safe_load(EXAMPLE.read_text())["spec"])
     agent = start_agent()
     cases = sorted(plan(spec, Storage(folders)).cases, key=lambda case: case.id)
     assert [case.id for case in cases] == [f"sequence-s{n}" for n in (1, 2, 3, 5, 6, 7)]
@@ -86,7 +81,7 @@ def test_a_recording_that_was_cut_and_put_together_again_is_the_whole(
     tmp_path: Path, start_agent: Start
 ) -> None:
     folders = folders_with_recording(tmp_path)
-    fields = example("lockstep")
+    fields = whole_fields()
     whole = SimulationJobSpec.model_validate(fields)
     pieces = [{"bag": BAG, "to": "4.3s"}, {"bag": BAG, "from": "4.3s", "to": "9s"},
               {"bag": BAG, "from": "9s"}]  # fmt: skip

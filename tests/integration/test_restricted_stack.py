@@ -17,7 +17,7 @@ import pytest
 from bagpipe_operator.names import BAGPIPE_UID
 from bagpipe_operator.pod_parts import STACK_UID
 from tests.integration.conftest import RunningAgent, _await_ready, _free_ports
-from tests.integration.stacks import folders_with_recording, spec_with
+from tests.integration.stacks import folders_with_recording, stepped
 from tests.integration.test_real_stack import run_all
 from tests.recording import MESSAGES
 
@@ -83,7 +83,7 @@ def test_every_message_arrives_at_a_stack_without_rights(
     mounts = Path(f"/proc/{restricted_agent.process.pid}/mounts").read_text().splitlines()
     roots = [line.split() for line in mounts if line.split()[1] == "/"]
     assert "ro" in roots[-1][3].split(",")
-    rows = run_all(spec_with(), folders_with_recording(tmp_path), restricted_agent)
+    rows = run_all(stepped(), folders_with_recording(tmp_path), restricted_agent)
     log = restricted_agent.log.read_text()
     assert [(row["outcome"], row["message"]) for row in rows] == [("passed", "")] * 4, log
     ledger: collections.Counter[str] = collections.Counter()

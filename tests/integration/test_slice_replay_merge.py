@@ -8,10 +8,8 @@ import itertools
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
 from bagpipe import MemoryBag
 from bagpipe.plan.cases import plan
@@ -19,6 +17,7 @@ from bagpipe.run.case_run import RunContext, run_case
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
+from tests.integration.stacks import whole_fields
 from tests.recording import MESSAGES, fetch
 
 pytestmark = pytest.mark.integration
@@ -63,11 +62,8 @@ def relaying(topic: str, kind: str, length: str) -> SimulationJobSpec:
 
 def publishing_states(length: str) -> SimulationJobSpec:
     """The example in lock-step, whose node answers each message by that message alone."""
-    spec: dict[str, Any] = yaml.safe_load((ROOT / "docs/examples/lockstep/job.yaml").read_text())
-    fields = spec["spec"]
+    fields = whole_fields()
     fields["source"] |= {"bags": ["pvc://recordings/*.bag"], "fragment": {"length": length}}
-    # /tf_static is said once by every node that starts, and so once for each fragment.
-    fields["record"] = {"topics": ["/tf"]}
     return SimulationJobSpec.model_validate(fields)
 
 

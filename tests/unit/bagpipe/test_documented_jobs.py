@@ -144,12 +144,12 @@ def test_all_examples_are_looked_at() -> None:
         "barrier-car/job.yaml",
         "exec-highway/job.yaml",
         "localisation/job.yaml",
-        "lockstep/job.yaml",
         "obstacles-node/job.yaml",
         "pedestrians-node/job.yaml",
         "pedestrians-node/nobody.yaml",
         "recombined/job.yaml",
         "robot-state-publisher/job.yaml",
+        "robot-state-publisher/realtime.yaml",
     }
 
 

@@ -81,5 +81,5 @@ def test_a_test_that_does_not_run_a_manifest_is_found_out() -> None:
         "tests/e2e/test_main_job.py does not read barrier-car/job.yaml"
     ]
     assert faults("x/job.yaml", "tests/none.py", "test_x") == ["tests/none.py is not there"]
-    (lost,) = faults("lockstep/job.yaml", "tests/e2e/test_lockstep.py", "test_nothing")
-    assert lost == "tests/e2e/test_lockstep.py has no test_nothing"
+    (lost,) = faults("robot-state-publisher/job.yaml", main[0], "test_nothing")
+    assert lost == "tests/e2e/test_main_job.py has no test_nothing"

@@ -83,8 +83,8 @@ def test_the_start_page_leads_to_every_page(site: Path, pages: list[Page]) -> No
 
 
 def test_an_example_s_manifest_is_on_its_page_and_to_be_had(site: Path) -> None:
-    page = Page((site / "examples/lockstep/README.html").resolve())
-    shown = (site / "examples/lockstep/README.html").read_text()
+    page = Page((site / "examples/robot-state-publisher/README.html").resolve())
+    shown = (site / "examples/robot-state-publisher/README.html").read_text()
     assert "SimulationJob" in shown
     assert "robot_state_publisher" in shown
     assert "job-yaml" in page.anchors
