@@ -107,6 +107,9 @@ def test_of_a_regression_that_ran_the_machine_is_shown(
     assert first.get_attribute("open") is not None
     assert "CriterionFailed" in first.text
     assert "The machine meanwhile" in first.text
+    heads = [head.text for head in first.find_elements(By.CSS_SELECTOR, "table.plain th")]
+    assert heads[:5] == ["Criterion", "Outcome", "May be", "What was found", "Judged on"]
+    assert "without a longer silence in 98% of the window" in first.text
 
 
 def test_the_first_regression_is_open_and_causes_stand_together(

@@ -196,6 +196,22 @@ class CaughtTheError(Program):
         end(self.answer)
 
 
+class Misspelt(Program):
+    """Says that it failed, in a key that nobody reads."""
+
+    def run(self) -> None:
+        self.answer.file("square.txt", str(self.read() ** 2).encode())
+        self.answer.end({"outcom": "failed"})
+
+
+class OnlyFigures(Program):
+    """Figures, and no verdict on them."""
+
+    def run(self) -> None:
+        self.answer.file("square.txt", str(self.read() ** 2).encode())
+        self.answer.end({"figures": {"gap": -3.5}})
+
+
 class Plain(Program):
     """The honest one."""
 

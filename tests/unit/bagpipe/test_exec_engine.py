@@ -178,7 +178,9 @@ def test_a_program_that_gives_up_is_an_error_with_its_words(run: Run) -> None:
     ("program", "outcome", "reason", "message"),
     [
         (None, "passed", "", ""),
-        ({}, "passed", "", ""),
+        ({}, "invalid", "UnknownOutcome", "has nothing and no outcome"),
+        ({"outcom": "failed"}, "invalid", "UnknownOutcome", "has outcom and no outcome"),
+        ({"figures": {"gap": 3.5}}, "invalid", "UnknownOutcome", "has figures and no outcome"),
         ({"outcome": "passed", "message": "clear"}, "passed", "", "clear"),
         ({"outcome": "failed", "message": "crashed"}, "failed", "ProgramFailed", "crashed"),
         ({"outcome": "failed", "reason": "Collision"}, "failed", "Collision", "says failed"),
@@ -202,8 +204,8 @@ def test_nothing_at_all_is_no_evidence() -> None:
     for nothing in ({"records_out": 1, "bytes_out": 0}, {"records_out": 0, "program": {}}):
         judgement = judge_program(RESULT | nothing)
         assert (judgement.outcome, judgement.reason) == ("invalid", "NothingRecorded")
-    # Figures without a file are evidence.
-    spoken = RESULT | {"records_out": 0, "program": {"figures": {"gap": 3.5}}}
+    # A word without a file is evidence.
+    spoken = RESULT | {"records_out": 0, "program": {"outcome": "passed"}}
     assert judge_program(spoken).outcome == "passed"
 
 

@@ -72,7 +72,7 @@ def detail_of(row: Row) -> dict[str, Any]:
         "criteria": [
             {
                 key: str(finding.get(key) or "")[:1000]
-                for key in ("name", "kind", "outcome", "limit", "message")
+                for key in ("name", "kind", "outcome", "limit", "covered", "message")
             }
             for finding in row.get("criteria") or []
         ],

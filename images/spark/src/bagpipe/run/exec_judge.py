@@ -53,7 +53,15 @@ def _said(result: dict[str, Any]) -> Judgement:
 
 
 def _own_word(program: dict[str, Any]) -> Judgement:
-    outcome = program.get("outcome", "passed")
+    if "outcome" not in program:
+        # A misspelt word must not pass, and figures are no verdict.
+        keys = ", ".join(sorted(map(str, program)))[:100] or "nothing"
+        return Judgement(
+            "invalid",
+            "UnknownOutcome",
+            f"the program's RESULT has {keys} and no outcome: write passed, failed or invalid",
+        )
+    outcome = program["outcome"]
     message = str(program.get("message", ""))[:_MAX_MESSAGE]
     if outcome == "passed":
         return Judgement("passed", "", message)

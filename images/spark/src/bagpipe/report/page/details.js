@@ -62,8 +62,8 @@ function plainTable(heads, lines) {
     el("tbody", {}, lines.map((cells) => el("tr", {}, cells.map((cell) => el("td", {}, cell)))))));
 }
 
-const findings = (criteria) => plainTable(["Criterion", "Outcome", "May be", "What was found"], criteria.map((finding) =>
-  [finding.name, el("span", { class: `word ${finding.outcome}` }, finding.outcome), finding.limit, finding.message]));
+const findings = (criteria) => plainTable(["Criterion", "Outcome", "May be", "What was found", "Judged on"], criteria.map((finding) =>
+  [finding.name, el("span", { class: `word ${finding.outcome}` }, finding.outcome), finding.limit, finding.message, finding.covered || "–"]));
 
 function figuresOf(at) {
   const judged = DATA.criteria.filter((criterion) => criterion.outcomes[at] !== "-");
