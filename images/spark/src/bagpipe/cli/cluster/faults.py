@@ -153,7 +153,7 @@ def no_namespace(asked: Asked) -> str:
     """The sentence for a namespace that is not there."""
     return (
         f"there is no namespace {asked.namespace} in the cluster of context {asked.context}:"
-        " choose another with -n, or create it with the chart value jobNamespaces"
+        " choose another with -n, or have it created and named in the chart value jobNamespaces"
     )
 
 
