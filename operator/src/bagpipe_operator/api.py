@@ -5,7 +5,7 @@ not know, and cost more time than the call. No call is repeated here; the queue 
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Any, Protocol
 
 import aiohttp
@@ -13,13 +13,13 @@ from kubernetes.aio.client import ApiClient
 from kubernetes.aio.client.exceptions import ApiException
 
 from bagpipe_operator import names
+from bagpipe_operator.large_objects import PAGE, read_answer, read_object
 from bagpipe_operator.nesting import loads
 from bagpipe_operator.view import Json
 
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
 MOST_EVENTS = 100
-# Jobs in one page of a list of names.
-PAGE = 500
+_JSON = "application/json"
 _METADATA_ALONE = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
 
 
@@ -126,23 +126,27 @@ class KubernetesApi:
 
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
         """The SimulationJobs with a label, written `key=value`."""
-        path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}"
-        items: list[Json] = (await self._call("GET", path))["items"]
-        return items
+        path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"
+        return [item async for item in self._listed(path)]
 
     async def job_uids(self, namespace: str | None) -> set[str]:
-        """The UIDs of all SimulationJobs, by pages that hold no specs; None: of all namespaces."""
+        """The UIDs of all SimulationJobs, without their specs; None: of all namespaces."""
         scope = f"/namespaces/{namespace}" if namespace else ""
         path = f"/apis/{names.API_VERSION}{scope}/{names.PLURAL}?limit={PAGE}"
-        found: set[str] = set()
-        more = ""
+        listed = self._listed(path, accept=_METADATA_ALONE)
+        return {item["metadata"]["uid"] async for item in listed}
+
+    async def _listed(self, path: str, accept: str = _JSON) -> AsyncIterator[Json]:
+        """The objects of a list, page by page."""
+        following = ""
         while True:
-            page = await self._call("GET", path + more, accept=_METADATA_ALONE)
-            found |= {item["metadata"]["uid"] for item in page.get("items") or []}
+            page = await self._call("GET", path + following, accept=accept)
+            for item in page.get("items") or []:
+                yield item
             token = (page.get("metadata") or {}).get("continue")
             if not token:
-                return found
-            more = f"&continue={token}"
+                return
+            following = f"&continue={token}"
 
     async def delete_job(self, namespace: str, name: str, uid: str) -> None:
         """Deletes a SimulationJob if it still is the one with that UID; gone is no error.
@@ -219,8 +223,8 @@ class KubernetesApi:
         method: str,
         path: str,
         body: Json | None = None,
-        content_type: str = "application/json",
-        accept: str = "application/json",
+        content_type: str = _JSON,
+        accept: str = _JSON,
     ) -> Json:
         """One call, counted with its status; 0 says that there was no answer."""
         begun, status = time.monotonic(), 0
@@ -250,18 +254,18 @@ class KubernetesApi:
         )
         try:
             response = await client.call_api(*request, _request_timeout=self._deadline)
-            text = (await response.read()).decode("utf-8", "replace")
+            data = await response.read()
         except ApiException as error:
             raise _refusal(error.status or 0, str(error.body or error.reason)) from error
         except (aiohttp.ClientError, TimeoutError, OSError) as error:
             what = str(error) or type(error).__name__
             raise ApiError(0, "Unreachable", f"{method} {path}: {what}") from error
         if not 200 <= response.status < 300:
-            raise _refusal(response.status, text)
+            raise _refusal(response.status, data.decode("utf-8", "replace"))
         try:
-            answer: Json = loads(text)
+            answer: Json = (read_object if method == "PATCH" else read_answer)(data)
         except ValueError as error:
-            raise ApiError(0, "Unreadable", f"{method} {path}: {text[:200]}") from error
+            raise ApiError(0, "Unreadable", f"{method} {path}: {data[:200]!r}") from error
         return answer
 
 

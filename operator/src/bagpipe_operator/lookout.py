@@ -18,6 +18,7 @@ from bagpipe_operator.patience import Patience
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.trouble import Trouble
 from bagpipe_operator.view import JobView, PodView
+from bagpipe_operator.whole_job import whole
 
 logger = logging.getLogger(__name__)
 
@@ -116,6 +117,7 @@ class Lookout:
         self, job: JobView, attempt: int, pods: Sequence[PodView]
     ) -> list[Trouble]:
         try:
+            job = await whole(self.api, job)
             spec = read_spec(job)
             await self.api.try_create("pods", executor_trial(job, spec, attempt, self.settings))
         except UnusableSpecError:

@@ -31,17 +31,21 @@ from bagpipe_operator.life import (
 from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
+from bagpipe_operator.queue import LaterError
 from bagpipe_operator.refusals import Refusals
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.status import Observation, acknowledged, decide, fatal
 from bagpipe_operator.teller import Teller
 from bagpipe_operator.unheard import Rounds, serves
 from bagpipe_operator.view import JobView, Json, PodView, View
+from bagpipe_operator.whole_job import whole
 
 logger = logging.getLogger(__name__)
 
 # A driver that has been silent for this long is looked for: the watch may have lost its end.
 SILENT_DRIVER_SECONDS = 30.0
+# A visit of a job of a megabyte takes the API server about as long.
+LARGE_AGAIN_SECONDS = 0.5
 
 
 class Drivers(Protocol):
@@ -80,6 +84,7 @@ class Reconciler:
     _rounds: Rounds = field(init=False)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _teller: Teller = field(init=False)
+    _large_at_work: bool = False
 
     def __post_init__(self) -> None:
         self._teller = Teller(self.api)
@@ -96,7 +101,24 @@ class Reconciler:
         self._teller.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
-        """Brings one job forward; raises ApiError when it should be tried again."""
+        """Brings one job forward; raises ApiError when it should be tried again.
+
+        Large jobs go one at a time, and LaterError is raised for another meanwhile: all at once
+        they would keep the API server from everybody else's calls, and this replica from its Lease.
+        """
+        job = self.view.job(uid)
+        if job is None or not job.large:
+            await self._reconcile(uid)
+            return
+        if self._large_at_work:
+            raise LaterError(LARGE_AGAIN_SECONDS)
+        self._large_at_work = True
+        try:
+            await self._reconcile(uid)
+        finally:
+            self._large_at_work = False
+
+    async def _reconcile(self, uid: str) -> None:
         job = self.view.job(uid)
         if job is None or job.deleting:
             self._forget(uid)  # its children go by their ownerReferences
@@ -171,7 +193,8 @@ class Reconciler:
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
         """Where to go on from; it is written before there is a driver, since the old job may go."""
         try:
-            earlier = await find_earlier(self.api, job, read_spec(job))
+            entire = await whole(self.api, job)
+            earlier = await find_earlier(self.api, entire, read_spec(entire))
         except UnusableSpecError as error:
             return Observation(job, attempt, ending=_refused(reasons.SPEC_INVALID, error))
         except CannotResumeError as error:
@@ -221,8 +244,9 @@ class Reconciler:
             return None, standing, None
         again = self._refusals.asked(job.uid)
         try:
+            entire = await whole(self.api, job)
             made = await create_children(
-                self.api, job, read_spec(job), attempt, self.settings, again
+                self.api, entire, read_spec(entire), attempt, self.settings, again
             )
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)

@@ -13,6 +13,8 @@ from typing import Any
 
 from bagpipe.marks import marks_of
 from bagpipe_operator import names, readings
+from bagpipe_operator.kept_spec import packed, scalars
+from bagpipe_operator.large_objects import TRIMMED
 from bagpipe_operator.nesting import bounded
 
 Json = dict[str, Any]
@@ -176,6 +178,10 @@ class JobView:
     created: str = ""  # as the API server writes it
     # `labels` and `annotations`, as far as results keep them
     marks: Json = field(default_factory=dict)
+    # `spec` and `marks` whole, where these are only what decides; empty if it is too large to keep
+    packed: bytes | None = None
+    # Each call about it is a megabyte's work for the API server and for us.
+    large: bool = False
 
     @cached_property
     def finished(self) -> bool:
@@ -198,6 +204,18 @@ class JobView:
             for c in self.status.get("conditions") or []
         )
 
+    def kept(self) -> "JobView":
+        """The job with as much of its spec as is kept until the next visit."""
+        if self.finished:
+            return replace(self, spec=scalars(self.spec, _OF_ENDED), marks={}, packed=b"")
+        executors = readings.whole(readings.mapping(self.spec.get("spark")).get("executors"))
+        spark = {} if executors is None else {"spark": {"executors": executors}}
+        decides = scalars(self.spec, _OF_UNFINISHED) | spark
+        entire = self.packed
+        if entire is None:
+            entire = packed({"spec": self.spec, "marks": self.marks})
+        return replace(self, spec=decides, marks={}, packed=entire)
+
     @classmethod
     def from_object(cls, job: Json) -> "JobView":
         """A job as the API server sends it."""
@@ -213,11 +231,17 @@ class JobView:
             status=bounded(readings.status(job.get("status"))),
             created=str(meta.get("creationTimestamp") or ""),
             marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
+            packed=b"" if TRIMMED in job else None,
+            large=TRIMMED in job,
         )
 
 
 # What an ended job's spec still decides: whether it is removed some time.
 _OF_ENDED = frozenset({"ttlAfterFinished"})
+# And of any other: whether it may run, how long, how often, and whose it is.
+_OF_UNFINISHED = _OF_ENDED | {
+    "suspend", "startDeadline", "activeDeadline", "backoffLimit", "managedBy", "resumeFrom",
+}  # fmt: skip
 # Spark deletes an executor as soon as it has ended; the last ones tell why.
 MOST_GONE_PODS = 10
 
@@ -277,10 +301,8 @@ class View:
         if known and is_older(job.resource_version, known.resource_version):
             return False
         if job.finished:
-            # Its parameters may be a megabyte, and nothing is decided by them any more.
-            job = replace(job, spec={k: v for k, v in job.spec.items() if k in _OF_ENDED})
             self._gone.pop(job.uid, None)
-        self._jobs[job.uid] = job
+        self._jobs[job.uid] = job.kept()
         return True
 
     def drop_job(self, uid: str) -> None:

@@ -14,6 +14,7 @@ import kopf
 
 from bagpipe_operator import names
 from bagpipe_operator.bounded_session import bounded_connection
+from bagpipe_operator.large_objects import PAGE
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import Lane, WorkQueue
 from bagpipe_operator.view import JobView, Json, PodView, View
@@ -119,8 +120,8 @@ def apply(settings: kopf.OperatorSettings) -> None:
     settings.peering.standalone = True
     # The API server sends only the pods of jobs, not every pod of the cluster.
     settings.watching.label_selectors["", "v1", "pods"] = names.LABEL_JOB_UID
-    # Thousands of jobs come in pieces: 50 of the largest that may be stored are 75 MB of text.
-    settings.watching.chunk_size = 50
+    # Thousands of jobs come in pieces, which fit the memory however large they are.
+    settings.watching.chunk_size = PAGE
     settings.watching.connect_timeout = 10
     settings.networking.request_timeout = 60
     settings.networking.error_backoffs = SYSTEM_ERRORS_SECONDS

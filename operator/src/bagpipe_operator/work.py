@@ -8,7 +8,7 @@ from bagpipe_operator.api import ApiError
 from bagpipe_operator.fence import NotLeadingError
 from bagpipe_operator.log import about
 from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.queue import LaterError, WorkQueue
 
 logger = logging.getLogger(__name__)
 
@@ -57,6 +57,8 @@ async def _work_on(
     except asyncio.CancelledError:
         queue.done(key)
         raise
+    except LaterError as error:
+        queue.later(key, error.seconds)
     except (ApiError, TimeoutError) as error:
         if isinstance(error, NotLeadingError) and not leads():
             queue.done(key)

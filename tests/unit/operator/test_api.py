@@ -103,7 +103,7 @@ async def test_the_calls_for_schedules() -> None:
     selector = "labelSelector=sim.bagpipe.io/schedule%3Dnightly"
     assert recorder.calls == [
         ("POST", jobs, plain, manifest),
-        ("GET", f"{jobs}?{selector}", None, None),
+        ("GET", f"{jobs}?{selector}&limit=20", None, None),
         ("DELETE", f"{jobs}/n-1", plain, options),
         ("GET", one, None, None),
         ("PATCH", f"{one}/status", merge, patch),

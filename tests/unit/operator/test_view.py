@@ -1,5 +1,6 @@
 """What the operator remembers of the cluster, and when it refuses to step back."""
 
+from bagpipe_operator.kept_spec import unpacked
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.view import View
 from tests.unit.operator.builders import make_driver, make_executor, make_job
@@ -85,9 +86,14 @@ def test_of_an_ended_job_only_that_is_kept_by_which_it_goes() -> None:
     view.put_job(job.view())
     kept = view.job("uid-of-x")
     assert kept is not None
-    assert kept.spec == job.object["spec"]
+    assert kept.packed is not None
+    assert kept.spec == {"ttlAfterFinished": "60s"}
+    entire = unpacked(kept.packed)
+    assert entire is not None
+    assert entire["spec"] == job.object["spec"]
     job.with_status(conditions=[{"type": "Complete", "status": "True"}])
     view.put_job(job.view())
     kept = view.job("uid-of-x")
     assert kept is not None
     assert (kept.finished, kept.spec) == (True, {"ttlAfterFinished": "60s"})
+    assert kept.packed == b""

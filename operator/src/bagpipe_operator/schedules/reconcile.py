@@ -6,12 +6,13 @@ has one name, so that a second operator meets AlreadyExists.
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from typing import Protocol
 
 from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.kept_spec import unpacked
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -146,7 +147,7 @@ class ScheduleReconciler:
         """Creates the run's job, or finds that another operator has."""
         name = job_name(schedule.name, run)
         try:
-            made = await self.api.create_job(job_manifest(schedule, run))
+            made = await self.api.create_job(job_manifest(await self._whole(schedule), run))
         except ApiError as error:
             if error.status == 409 and error.reason == "AlreadyExists":
                 await self._list(schedule)
@@ -161,6 +162,19 @@ class ScheduleReconciler:
         self.metrics.lateness.observe((self.now() - run).total_seconds())
         logger.info("%s/%s: started %s", schedule.namespace, schedule.name, name)
         return None
+
+    async def _whole(self, schedule: ScheduleView) -> ScheduleView:
+        """The schedule with its jobs' template, which the view does not keep if it is large."""
+        if schedule.template is None:
+            return schedule
+        template = unpacked(schedule.template)
+        if template is None:
+            found = await self.api.get_schedule(schedule.namespace, schedule.name)
+            live = ScheduleView.from_object(found)
+            if live.uid != schedule.uid:
+                raise ApiError(404, "NotFound", f"{schedule.name} is another schedule by now")
+            return live
+        return replace(schedule, spec=schedule.spec | {"jobTemplate": template}, template=None)
 
     async def _delete(self, job: ScheduledJob) -> None:
         await self.api.delete_job(job.namespace, job.name, job.uid)

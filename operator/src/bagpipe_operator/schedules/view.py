@@ -4,10 +4,12 @@ Fed by watches, so it may lag; before a job is started the API server itself is 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from bagpipe_operator import readings
+from bagpipe_operator.kept_spec import packed, scalars
+from bagpipe_operator.large_objects import TRIMMED
 from bagpipe_operator.nesting import DEEPEST, bounded
 from bagpipe_operator.view import Json, is_older
 
@@ -25,11 +27,20 @@ class ScheduleView:
     deleting: bool = False
     spec: Json = field(default_factory=dict)
     status: Json = field(default_factory=dict)
+    # spec.jobTemplate as JSON, where `spec` is without it; empty if it is too large to keep
+    template: bytes | None = None
 
     @property
     def suspended(self) -> bool:
         """Whether its runs are let pass."""
         return bool(self.spec.get("suspend"))
+
+    def kept(self) -> "ScheduleView":
+        """The schedule with as much of its spec as is kept until a run is due."""
+        template = self.template
+        if template is None:
+            template = packed(readings.mapping(self.spec.get("jobTemplate")))
+        return replace(self, spec=scalars(self.spec), template=template)
 
     @classmethod
     def from_object(cls, schedule: Json) -> "ScheduleView":
@@ -46,6 +57,7 @@ class ScheduleView:
             # Its jobs' spec begins two levels further in, and must be as deep as it was written.
             spec=bounded(readings.mapping(schedule.get("spec")), DEEPEST + 2),
             status=bounded(readings.status(schedule.get("status"))),
+            template=b"" if TRIMMED in schedule else None,
         )
 
 
@@ -133,7 +145,7 @@ class Schedules:
         known = self._schedules.get(schedule.uid)
         if known and is_older(schedule.resource_version, known.resource_version):
             return False
-        self._schedules[schedule.uid] = schedule
+        self._schedules[schedule.uid] = schedule.kept()
         return True
 
     def drop_schedule(self, uid: str) -> None:

@@ -1,0 +1,63 @@
+"""Jobs as large as the API server stores them: they wait, and the operator has its memory limit."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from bagpipe.driver.spark_context import quantity
+from tests.integration.control_plane.client import Client, Object, core, jobs
+from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.observe import UID_LABEL, a_job
+from tests.integration.control_plane.operator_process import OperatorProcess
+from tests.integration.storage.servers import PATIENCE, wait_until
+
+VALUES = Path(__file__).parents[3] / "charts/bagpipe/values.yaml"
+# More than a page of a list, each near the 1.5 MB that etcd takes: parsed, they are 700 MB.
+JOBS = 24
+# Three bytes of JSON for each, and sixty of Python's.
+NOTHING: list[list[int]] = [[] for _ in range(470_000)]
+
+
+def large(name: str, parameters: Object, **spec: Any) -> Object:
+    job = a_job(name)
+    job["spec"] |= spec
+    job["spec"]["stack"]["parameters"] = parameters
+    return job
+
+
+def peak(operator: OperatorProcess) -> int:
+    """The most bytes that it has had in memory."""
+    status = Path(f"/proc/{operator._process.pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) * 1024 for line in status if line.startswith("VmHWM:"))
+
+
+def test_jobs_of_a_megabyte_that_wait_fit_the_memory_limit_and_their_neighbour_runs(
+    admin: Client, namespace: str, operator_process: StartOperator
+) -> None:
+    limit = yaml.safe_load(VALUES.read_text())["operator"]["resources"]["limits"]["memory"]
+    waiting = large("waits", {"/x": NOTHING}, suspend=True)
+    assert len(json.dumps(waiting, separators=(",", ":"))) > 1_400_000
+    for number in range(JOBS):
+        waiting["metadata"]["name"] = f"waits-{number:02d}"
+        admin.create(jobs(namespace), waiting)
+    operator = operator_process()
+    suspended = 'bagpipe_jobs{phase="Suspended"}'
+    wait_until(lambda: operator.metric(suspended) == JOBS, PATIENCE, "not all are suspended")
+    # What is large is asked for when its driver is made, and is whole.
+    neighbour = large("runs", {f"/p{n}": [m % 7 for m in range(50)] for n in range(900)})
+    admin.create(jobs(namespace), neighbour)
+    configs = f"{core(namespace, 'configmaps')}?labelSelector={UID_LABEL}"
+    wait_until(lambda: bool(admin.items(configs)), PATIENCE, "the neighbour was not begun")
+    (config,) = admin.items(configs)
+    told = json.loads(config["data"]["job.json"])["spec"]["stack"]["parameters"]
+    assert told == neighbour["spec"]["stack"]["parameters"]
+    # An edit of each goes through the watch, whole.
+    events = 'bagpipe_watch_events_total{kind="SimulationJob"}'
+    before = operator.metric(events) or 0
+    for number in range(JOBS):
+        admin.merge(jobs(namespace, f"waits-{number:02d}"), {"metadata": {"labels": {"a": "b"}}})
+    wait_until(lambda: (operator.metric(events) or 0) >= before + JOBS, PATIENCE, "edits are lost")
+    print(f"{JOBS} waiting jobs: {peak(operator) >> 20} MiB at most")
+    assert peak(operator) < 0.75 * quantity(limit)

@@ -1,0 +1,163 @@
+"""What the operator keeps of specs, however large a tenant writes them, and what it asks for."""
+
+import asyncio
+import gc
+import json
+import random
+import tracemalloc
+from typing import Any
+
+import pytest
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, packed, scalars, unpacked
+from bagpipe_operator.large_objects import TRIMMED
+from bagpipe_operator.queue import LaterError
+from bagpipe_operator.schedules.view import Schedules, ScheduleView
+from bagpipe_operator.view import JobView, View
+from bagpipe_operator.whole_job import whole
+from tests.unit.operator.builders import make_job
+from tests.unit.operator.schedules.world import World as ScheduleWorld
+from tests.unit.operator.schedules.world import make_schedule, name_of
+from tests.unit.operator.world import UID, World
+
+# What the operator's container may have, what it has before it knows a job, and what kopf takes for
+# each (docs/operations/sizing.md).
+LIMIT, ALONE, KOPF, JOBS = 512 << 20, 120 << 20, 21_000, 10_000
+# A spec of many small values: a byte of JSON is ten of Python's.
+LARGE = {f"/p{n}": [n % 7, n % 5] for n in range(12_000)}
+SMALL = {"/map": "a4"}
+
+
+def large_job(name: str) -> dict[str, Any]:
+    text = json.dumps(make_job(name).with_spec("stack.parameters", LARGE).object)
+    parsed: dict[str, Any] = json.loads(text)
+    return parsed
+
+
+def test_ten_thousand_large_jobs_that_wait_fit_the_charts_limit() -> None:
+    view = View()
+    size = len(json.dumps(large_job("x")["spec"]))
+    assert size > 200_000
+    gc.collect()
+    tracemalloc.start()
+    try:
+        for number in range(50):
+            view.put_job(JobView.from_object(large_job(f"x{number}")))
+        gc.collect()
+        each = tracemalloc.get_traced_memory()[0] / 50
+    finally:
+        tracemalloc.stop()
+    assert ALONE + JOBS * (each + LARGEST_KEPT_BYTES + KOPF) < LIMIT
+    assert each < 8_000
+
+
+def test_large_templates_of_schedules_are_not_kept_either() -> None:
+    schedules = Schedules()
+    schedule = make_schedule()
+    schedule["spec"]["jobTemplate"]["spec"]["stack"] = {"parameters": LARGE}
+    schedules.put_schedule(ScheduleView.from_object(json.loads(json.dumps(schedule))))
+    (kept,) = schedules.schedules()
+    assert (kept.template, "jobTemplate" in kept.spec) == (b"", False)
+    assert kept.spec["schedule"] == schedule["spec"]["schedule"]
+
+
+@pytest.mark.parametrize(("parameters", "asked"), [(SMALL, 0), (LARGE, 1)])
+async def test_a_driver_gets_the_whole_spec(parameters: dict[str, Any], asked: int) -> None:
+    world = World(make_job("x").with_spec("stack.parameters", parameters))
+    await world.reconcile()
+    config = world.config("x-1")
+    told = json.loads(config["data"]["job.json"])["spec"]["stack"]["parameters"]
+    assert told == parameters
+    assert world.api.calls.count("get job") == asked
+    await world.reconcile(after=60)
+    assert world.api.calls.count("get job") == asked
+
+
+async def test_a_job_that_took_the_large_ones_name_is_not_run_in_its_place() -> None:
+    world = World(make_job("x").with_spec("stack.parameters", LARGE))
+    other = world.api.objects["jobs", "x"]
+    other["metadata"]["uid"] = "another"
+    with pytest.raises(ApiError, match="another job by now"):
+        await world.reconcile()
+    assert world.api.named("pods") == []
+    job = world.view.job(UID)
+    assert job is not None
+    assert job.packed == b""
+
+
+@pytest.mark.parametrize("parameters", [SMALL, LARGE])
+async def test_a_run_gets_the_whole_template(parameters: dict[str, Any]) -> None:
+    world = ScheduleWorld()
+    assert world.api.schedule is not None
+    template = world.api.schedule["spec"]["jobTemplate"]
+    template["spec"]["stack"] = {"parameters": parameters}
+    world.deliver()
+    schedule = world.view.schedule(world.api.schedule["metadata"]["uid"])
+    assert schedule is not None
+    entire = await world.reconciler._whole(schedule)
+    assert entire.spec["jobTemplate"] == template
+    await world.at(1)
+    assert world.api.jobs[name_of(1)]["spec"] == template["spec"]
+
+
+async def test_what_decides_is_the_same_in_part_and_in_whole() -> None:
+    fields = {"suspend": True, "activeDeadline": "1h", "startDeadline": "2h", "backoffLimit": 3,
+              "ttlAfterFinished": "5m", "resumeFrom": "earlier", "managedBy": "kueue"}  # fmt: skip
+    job = make_job("x").with_spec("stack.parameters", LARGE).with_spec("spark.executors", 7)
+    for name, value in fields.items():
+        job.with_spec(name, value)
+    part = job.view().kept()
+    assert part.spec == fields | {"spark": {"executors": 7}}
+    assert part.managed_elsewhere
+    assert part.kept() == part
+    world = World(job)
+    assert (await whole(world.api, part)).spec == job.object["spec"]
+
+
+def test_texts_as_long_as_no_name_and_lists_are_left_out() -> None:
+    spec = {"a": "x" * 256, "b": "x" * 257, "c": [1], "d": {"e": 1}, "f": 1.5, "g": None, "h": True}
+    assert scalars(spec) == {"a": "x" * 256, "f": 1.5, "h": True}
+    assert scalars(spec, frozenset({"h"})) == {"h": True}
+
+
+def test_what_is_packed_comes_out_as_it_was_or_not_at_all() -> None:
+    chance = random.Random(7)  # noqa: S311  no secret
+    for _ in range(200):
+        value = {chr(chance.randrange(1, 0xD7FF)) * chance.randrange(9): chance.random()
+                 for _ in range(chance.randrange(600))}  # fmt: skip
+        text = packed(value)
+        assert len(text) <= LARGEST_KEPT_BYTES
+        assert unpacked(text) == (value if text else None)
+    edge = {"a": "x" * (LARGEST_KEPT_BYTES - 8)}
+    assert unpacked(packed(edge)) == edge
+    assert packed({"a": "x" * (LARGEST_KEPT_BYTES - 7)}) == b""
+
+
+async def test_large_jobs_go_one_at_a_time_and_keep_no_small_one_waiting() -> None:
+    world = World(make_job("x").with_spec("stack.parameters", LARGE))
+    for name, large in (("y", True), ("z", False)):
+        job = make_job(name)
+        world.api.put("jobs", job.object)
+        world.view.put_job(JobView.from_object(job.object | ({TRIMMED: True} if large else {})))
+    entire = dict(world.api.objects["jobs", "x"])
+    world.view.put_job(JobView.from_object(entire | {TRIMMED: True}))
+    asked, go_on = asyncio.Event(), asyncio.Event()
+    get_job = world.api.get_job
+
+    async def slow(namespace: str, name: str) -> dict[str, Any]:
+        asked.set()
+        await go_on.wait()
+        return await get_job(namespace, name)
+
+    world.api.get_job = slow  # type: ignore[method-assign]
+    first = asyncio.create_task(world.reconciler.reconcile(UID))
+    await asked.wait()
+    with pytest.raises(LaterError):
+        await world.reconciler.reconcile("uid-of-y")
+    await world.reconciler.reconcile("uid-of-z")
+    assert world.api.named("pods") == ["z-1-driver"]
+    go_on.set()
+    await first
+    await world.reconciler.reconcile("uid-of-y")
+    assert world.api.named("pods") == ["x-1-driver", "y-1-driver", "z-1-driver"]
