@@ -41,12 +41,21 @@ def read_answer(data: bytes) -> Any:
     """The value of an answer, large objects of a list trimmed; raises ValueError for no JSON."""
     text = data.decode("utf-8", "replace")
     begin = text.find(_ITEMS)
-    if begin < 0 or len(data) <= LARGE_TEXT:
+    if begin < 0 or len(data) <= LARGE_TEXT or not _is_list(text[:begin]):
         return loads(text)
     try:
         return _read_list(text, begin + len(_ITEMS))
     except RecursionError:
         return _read_list(shallow := cut(data).decode(), shallow.find(_ITEMS) + len(_ITEMS))
+
+
+def _is_list(head: str) -> bool:
+    """Whether what comes next is a field of the answer itself, and of nothing inside of it."""
+    try:
+        json.loads(head + _ITEMS + "]}")
+    except (ValueError, RecursionError):
+        return False
+    return True
 
 
 def _read_list(text: str, at: int) -> Any:
@@ -81,8 +90,8 @@ def trimmed(thing: Json) -> Json:
     kept["metadata"] = {key: value for key, value in meta.items() if key in _OF_METADATA}
     owners = meta.get("ownerReferences") or []
     kept["metadata"]["ownerReferences"] = [each for each in owners if each.get("controller")]
+    kept["metadata"]["labels"] = _ours(meta.get("labels"))
     if "containers" in spec:
-        kept["metadata"]["labels"] = _ours(meta.get("labels"))
         volumes = [v for v in spec.get("volumes") or [] if "persistentVolumeClaim" in v]
         return kept | {"spec": {"nodeName": spec.get("nodeName"), "volumes": volumes}}
     executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe_operator import names
 from bagpipe_operator.large_objects import LARGE_TEXT, PAGE, TRIMMED, read_answer, read_event
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 from bagpipe_operator.view import JobView, PodView
@@ -55,6 +56,12 @@ def test_short_and_odd_lists_are_read_as_json_reads_them(items: list[Any]) -> No
     assert read_answer(b'{"items":null}') == {"items": None}
 
 
+def test_an_object_that_has_items_inside_is_no_list() -> None:
+    job = make_job("x").with_spec("stack.parameters", {"/a": {"items": [{"b": "y" * LARGE_TEXT}]}})
+    text = json.dumps(job.object, separators=(",", ":"))
+    assert read_answer(text.encode()) == job.object
+
+
 @pytest.mark.parametrize("cut", [-1, -40, -300_000])
 def test_a_list_that_breaks_off_is_no_json(cut: int) -> None:
     with pytest.raises(json.JSONDecodeError):
@@ -86,7 +93,10 @@ def test_what_views_keep_of_a_large_object_is_what_they_keep_of_all_of_it() -> N
     assert ScheduleView.from_object(read).kept() == ScheduleView.from_object(schedule).kept()
     owner = {"uid": "uid-of-nightly", "controller": True}
     job["metadata"]["ownerReferences"] = [{"uid": "another"}, owner]
+    job["metadata"]["labels"] = {names.LABEL_SCHEDULE: "nightly", "other": "x" * LARGE_TEXT}
     (read,) = read_answer(listed(job))["items"]
+    # kopf brings a schedule only jobs with its label.
+    assert read["metadata"]["labels"] == {names.LABEL_SCHEDULE: "nightly"}
     assert ScheduledJob.from_object(read) == ScheduledJob.from_object(job)
     assert ScheduledJob.from_object(read).schedule_uid == "uid-of-nightly"
 
