@@ -13,7 +13,7 @@ from kubernetes.aio.client import ApiClient
 from kubernetes.aio.client.exceptions import ApiException
 
 from bagpipe_operator import names
-from bagpipe_operator.large_objects import PAGE, read_answer, read_object
+from bagpipe_operator.large_objects import PAGE, read_answer, trimmed
 from bagpipe_operator.nesting import loads
 from bagpipe_operator.view import Json
 
@@ -125,9 +125,9 @@ class KubernetesApi:
         return await self._call("POST", self._path(namespace, names.PLURAL), manifest)
 
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
-        """The SimulationJobs with a label, written `key=value`."""
+        """The SimulationJobs with a label, written `key=value`, without their specs."""
         path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"
-        return [item async for item in self._listed(path)]
+        return [trimmed(item) async for item in self._listed(path)]
 
     async def job_uids(self, namespace: str | None) -> set[str]:
         """The UIDs of all SimulationJobs, without their specs; None: of all namespaces."""
@@ -263,7 +263,7 @@ class KubernetesApi:
         if not 200 <= response.status < 300:
             raise _refusal(response.status, data.decode("utf-8", "replace"))
         try:
-            answer: Json = (read_object if method == "PATCH" else read_answer)(data)
+            answer: Json = await read_answer(data, written=method == "PATCH")
         except ValueError as error:
             raise ApiError(0, "Unreadable", f"{method} {path}: {data[:200]!r}") from error
         return answer

@@ -11,7 +11,7 @@ from typing import Any
 import aiohttp
 import kopf
 
-from bagpipe_operator.large_objects import LARGE_TEXT, read_answer, read_event
+from bagpipe_operator.large_objects import TRIMMED_FROM, read_answer, read_event
 from bagpipe_operator.nesting import cut
 
 # Brackets below each other that json reads with room to spare for its callers.
@@ -30,7 +30,7 @@ class BoundedResponse(aiohttp.ClientResponse):
 
     async def json(self, **_: Any) -> Any:
         """The answer's value."""
-        return read_answer(await self.read())
+        return await read_answer(await self.read())
 
 
 class BoundedLines:
@@ -49,15 +49,15 @@ class BoundedLines:
             *ended, rest = chunk.split(b"\n")
             if ended:
                 lines = [b"".join([*begun, ended[0]]), *ended[1:]]
-                yield b"".join(_harmless(line) + b"\n" for line in lines)
+                yield b"".join([await _harmless(line) + b"\n" for line in lines])
                 begun = []
             begun.append(rest)
-        yield _harmless(b"".join(begun))
+        yield await _harmless(b"".join(begun))
 
 
-def _harmless(line: bytes) -> bytes:
-    if len(line) > LARGE_TEXT:
-        return read_event(line)
+async def _harmless(line: bytes) -> bytes:
+    if len(line) > TRIMMED_FROM:
+        return await read_event(line)
     few = line.count(b"[") + line.count(b"{") < _HARMLESS
     return line if few else cut(line)
 

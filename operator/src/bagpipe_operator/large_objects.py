@@ -1,25 +1,31 @@
-"""Answers with objects of a megabyte, read one object at a time, each without what nobody keeps.
+"""Answers with large objects, read one object at a time, each without what nobody keeps.
 
-Python takes ten bytes for one of JSON: a page of the largest objects that a tenant may store,
-parsed whole, is more than the operator's memory limit (issue 13).
+Python takes ten to twenty bytes for one of JSON: a page of the largest objects that a tenant may
+store, parsed whole, is more than the operator's memory limit (issue 13).
 """
 
+import asyncio
 import json
 from typing import Any
 
-from bagpipe.marks import PREFIX
-from bagpipe_operator import readings
-from bagpipe_operator.kept_spec import scalars
-from bagpipe_operator.nesting import cut, loads
+from bagpipe_operator import names, readings
+from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, scalars
+from bagpipe_operator.nesting import cut, end_of, loads
 
 Json = dict[str, Any]
 
-# The text of a larger object is trimmed; jobs with a robot's description are 20 KB.
-LARGE_TEXT = 64 << 10
+# The text of a larger object is trimmed: its spec may be one that is not kept.
+TRIMMED_FROM = 2 * LARGEST_KEPT_BYTES
+# Each call about a larger one is much work for the API server; jobs with a robot's description are
+# 30 KB.
+LARGE = 64 << 10
+# Longer texts are read in a thread, so that the Lease is renewed meanwhile.
+_ASIDE = 256 << 10
 # Objects in one page: twenty of the largest are 30 MB of text.
 PAGE = 20
-# In the place of what was left out. No stored object has it: the CRDs' schemas prune it.
-TRIMMED = "bagpipeTrimmed"
+# How many bytes the text had, and that something was left out. The CRDs' schemas prune such fields,
+# so no stored object has them.
+SIZE, TRIMMED = "bagpipeSize", "bagpipeTrimmed"
 
 _ITEMS = '"items":['
 _OF_METADATA = frozenset(
@@ -28,25 +34,47 @@ _OF_METADATA = frozenset(
         "deletionTimestamp", "continue",
     }
 )  # fmt: skip
+_LABELS = frozenset(
+    {
+        names.LABEL_JOB, names.LABEL_JOB_UID, names.LABEL_ROLE, names.LABEL_ATTEMPT,
+        names.LABEL_SCHEDULE,
+    }
+)  # fmt: skip
 _DECODER = json.JSONDecoder()
 
 
-def read_object(data: bytes) -> Any:
+def is_large(thing: Json) -> bool:
+    """Whether an object's text, as it was read, is larger than LARGE."""
+    return bool(thing.get(SIZE, 0) > LARGE)
+
+
+async def read_answer(data: bytes, *, written: bool = False) -> Any:
+    """The value of an answer; raises ValueError for no JSON.
+
+    Objects of a list, and what was `written`, are trimmed if they are large.
+    """
+    read = read_written if written else read_whole
+    return await asyncio.to_thread(read, data) if len(data) > _ASIDE else read(data)
+
+
+async def read_event(line: bytes) -> bytes:
+    """A line of a watch, its object trimmed if it is large; the line itself if it is no event."""
+    return await asyncio.to_thread(_event, line) if len(line) > _ASIDE else _event(line)
+
+
+def read_written(data: bytes) -> Any:
     """The value of an answer to a write, trimmed if it is large; raises ValueError for no JSON."""
-    value = loads(data.decode("utf-8", "replace"))
-    return trimmed(value) if len(data) > LARGE_TEXT and isinstance(value, dict) else value
+    value = read_whole(data)
+    return trimmed(value) if isinstance(value, dict) and SIZE in value else value
 
 
-def read_answer(data: bytes) -> Any:
+def read_whole(data: bytes) -> Any:
     """The value of an answer, large objects of a list trimmed; raises ValueError for no JSON."""
     text = data.decode("utf-8", "replace")
     begin = text.find(_ITEMS)
-    if begin < 0 or len(data) <= LARGE_TEXT or not _is_list(text[:begin]):
-        return loads(text)
-    try:
+    if begin >= 0 and len(data) > TRIMMED_FROM and _is_list(text[:begin]):
         return _read_list(text, begin + len(_ITEMS))
-    except RecursionError:
-        return _read_list(shallow := cut(data).decode(), shallow.find(_ITEMS) + len(_ITEMS))
+    return _sized(loads(text), len(data))
 
 
 def _is_list(head: str) -> bool:
@@ -61,43 +89,63 @@ def _is_list(head: str) -> bool:
 def _read_list(text: str, at: int) -> Any:
     head, items = text[:at], []
     while text[at : at + 1] not in ("]", ""):
-        item, end = _DECODER.raw_decode(text, at)
-        items.append(trimmed(item) if end - at > LARGE_TEXT else item)
+        item, end = _item(text, at)
+        sized = _sized(item, end - at)
+        items.append(trimmed(sized) if isinstance(sized, dict) and SIZE in sized else sized)
         at = end + 1 if text[end : end + 1] == "," else end
     value = json.loads(head + text[at:])
     value["items"] = items
     return value
 
 
-def read_event(line: bytes) -> bytes:
-    """A line of a watch, its object trimmed; the line itself if it is no event.
+def _item(text: str, at: int) -> tuple[Any, int]:
+    try:
+        return _DECODER.raw_decode(text, at)
+    except RecursionError:
+        end = end_of(text, at)
+        return loads(text[at:end]), end
 
-    A megabyte of brackets takes Python's parser 0.05 s, and `cut` a second: only where it must.
-    """
+
+def _sized(value: Any, size: int) -> Any:
+    """The object with the size of its text, where that matters."""
+    return value | {SIZE: size} if size > TRIMMED_FROM and isinstance(value, dict) else value
+
+
+def _event(line: bytes) -> bytes:
+    """A megabyte of brackets takes Python's parser 0.05 s, and `cut` more: only where it must."""
     try:
         event = loads(line)
     except ValueError:
         return line
-    if not isinstance(event, dict) or not isinstance(event.get("object"), dict):
+    # kopf looks into an ERROR for its code.
+    if not isinstance(event, dict) or event.get("type") == "ERROR":
         return cut(line)
-    return json.dumps(event | {"object": trimmed(event["object"])}).encode()
+    if not isinstance(event.get("object"), dict):
+        return cut(line)
+    return json.dumps(event | {"object": trimmed(_sized(event["object"], len(line)))}).encode()
 
 
 def trimmed(thing: Json) -> Json:
-    """A job, schedule or pod with what its view keeps of it; marked, where a spec is missing."""
+    """A job, schedule or pod with what its view keeps of it; marked, where a spec is missing.
+
+    Whatever else keeps all but most of its metadata.
+    """
     meta, spec = readings.mapping(thing.get("metadata")), readings.mapping(thing.get("spec"))
-    kept: Json = {key: thing[key] for key in ("apiVersion", "kind", "status") if key in thing}
+    kept: Json = {k: thing[k] for k in ("apiVersion", "kind", "status", SIZE) if k in thing}
     kept["metadata"] = {key: value for key, value in meta.items() if key in _OF_METADATA}
-    owners = meta.get("ownerReferences") or []
-    kept["metadata"]["ownerReferences"] = [each for each in owners if each.get("controller")]
-    kept["metadata"]["labels"] = _ours(meta.get("labels"))
+    labels = readings.mapping(meta.get("labels"))
+    kept["metadata"]["labels"] = {key: labels[key] for key in _LABELS if key in labels}
+    owners = [each for each in _objects(meta.get("ownerReferences")) if each.get("controller")]
+    kept["metadata"]["ownerReferences"] = owners
+    if "spec" not in thing:  # an Event, or metadata alone
+        return {key: value for key, value in thing.items() if key != "metadata"} | kept
     if "containers" in spec:
-        volumes = [v for v in spec.get("volumes") or [] if "persistentVolumeClaim" in v]
+        volumes = [v for v in _objects(spec.get("volumes")) if "persistentVolumeClaim" in v]
         return kept | {"spec": {"nodeName": spec.get("nodeName"), "volumes": volumes}}
     executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
     spark = {} if executors is None else {"spark": {"executors": executors}}
     return kept | {"spec": scalars(spec) | spark, TRIMMED: True}
 
 
-def _ours(labels: object) -> Json:
-    return {k: v for k, v in readings.mapping(labels).items() if k.startswith(PREFIX)}
+def _objects(value: object) -> list[Json]:
+    return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []

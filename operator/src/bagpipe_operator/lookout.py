@@ -25,6 +25,8 @@ logger = logging.getLogger(__name__)
 LOOK_AFTER_SECONDS = 2.0
 LOOK_EVERY_SECONDS = 4.0
 MOST_PODS = 3
+# Of a pod that names thousands; an executor of Bagpipe's has a handful.
+MOST_CLAIMS = 20
 # Spark needs some seconds from the first case planned to the first executor asked for.
 EXECUTORS_AFTER_SECONDS = 4.0
 
@@ -96,7 +98,9 @@ class Lookout:
             if pending.awaits_its_node(pod):
                 told = pending.of_events(pod, await self.api.events_of(pod.namespace, pod.uid))
                 return [told] if told else []
-            return [t for claim in pod.claims if (t := await self._of_claim(pod, claim))]
+            return [
+                t for claim in pod.claims[:MOST_CLAIMS] if (t := await self._of_claim(pod, claim))
+            ]
         except ApiError as error:
             logger.warning("%s/%s: not looked into: %s", pod.namespace, pod.name, error)
             return []

@@ -19,6 +19,7 @@ from bagpipe_operator.api import ApiError, KubernetesApi
 from bagpipe_operator.census import Census
 from bagpipe_operator.election import Election, new_identity
 from bagpipe_operator.fence import Fence, FencedApi
+from bagpipe_operator.large_jobs import LargeJobs
 from bagpipe_operator.lease import Terms
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.progress import ProgressReader
@@ -68,7 +69,8 @@ async def run(settings: Settings) -> None:
     view, fence = View(), Fence()
     queue = WorkQueue(tenant_of=view.namespace_of)
     metrics = Metrics(view, queue, fence.leads)
-    sweeper = Sweeper(view, queue, settings.sweep_seconds)
+    large = LargeJobs(view)
+    sweeper = Sweeper(view, queue, settings.sweep_seconds, large=large)
     async with AsyncExitStack() as stack:
         client = await stack.enter_async_context(_client())
         api = KubernetesApi(client, settings.request_seconds, metrics.api_called)
@@ -101,10 +103,19 @@ async def run(settings: Settings) -> None:
         tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election, census)]
         tasks += [
             asyncio.create_task(
-                work(queue, reconciler.reconcile, metrics, fence.leads, view.called)
+                work(
+                    queue,
+                    reconciler.reconcile,
+                    metrics,
+                    fence.leads,
+                    view.called,
+                    passed_on=large.take,
+                )
             )
             for _ in range(settings.workers)
         ]
+        one_by_one = work(large.queue, reconciler.reconcile, metrics, fence.leads, view.called)
+        tasks.append(asyncio.create_task(one_by_one))
         tasks += schedules.start()
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")

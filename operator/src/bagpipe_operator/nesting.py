@@ -15,6 +15,7 @@ DEEPEST = 32
 # refused there.
 _DEEPEST_OF_TEXT = 4 * DEEPEST
 _TOKEN = re.compile(rb'"(?:[^"\\]++|\\.)*+(?:"|\Z)|[\[{]++|[\]}]++', re.DOTALL)
+_TOKEN_OF_TEXT = re.compile(_TOKEN.pattern.decode(), re.DOTALL)
 
 
 def loads(text: bytes | str) -> Any:
@@ -45,6 +46,21 @@ def cut(text: bytes, most: int = _DEEPEST_OF_TEXT) -> bytes:
     if depth <= most:
         kept.append(text[begin:])
     return b"".join(kept)
+
+
+def end_of(text: str, at: int) -> int:
+    """Where the list or object that begins at a place of a JSON text ends, however deep it is."""
+    depth = 0
+    for token in _TOKEN_OF_TEXT.finditer(text, at):
+        first = text[token.start()]
+        if first in "[{":
+            depth += token.end() - token.start()
+        elif first in "]}":
+            closed = token.end() - token.start()
+            if depth <= closed:
+                return token.start() + depth
+            depth -= closed
+    return len(text)
 
 
 def bounded(value: Any, most: int = DEEPEST) -> Any:

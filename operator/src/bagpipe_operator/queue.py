@@ -18,14 +18,6 @@ REST_SECONDS = 120.0
 TURNS = 4
 
 
-class LaterError(Exception):
-    """A key's turn has not come, and nothing is wrong with it; `seconds` from now it may have."""
-
-    def __init__(self, seconds: float) -> None:
-        super().__init__(f"{seconds} s")
-        self.seconds = seconds
-
-
 class Lane(IntEnum):
     """Why a key is asked for. A key is in one lane, and only news takes it out of another."""
 
@@ -139,11 +131,6 @@ class WorkQueue:
         del self._place[key]
         self._busy.add(key)
         return key
-
-    def later(self, key: str, seconds: float) -> None:
-        """The key gives its turn to others for so long; that is no failure."""
-        self._not_before[key] = self._now() + seconds
-        self._release(key)
 
     def done(self, key: str) -> None:
         """The key was worked on without a fault."""

@@ -31,7 +31,6 @@ from bagpipe_operator.life import (
 from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
 from bagpipe_operator.progress import Progress
-from bagpipe_operator.queue import LaterError
 from bagpipe_operator.refusals import Refusals
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.status import Observation, acknowledged, decide, fatal
@@ -44,8 +43,6 @@ logger = logging.getLogger(__name__)
 
 # A driver that has been silent for this long is looked for: the watch may have lost its end.
 SILENT_DRIVER_SECONDS = 30.0
-# A visit of a job of a megabyte takes the API server about as long.
-LARGE_AGAIN_SECONDS = 0.5
 
 
 class Drivers(Protocol):
@@ -84,7 +81,6 @@ class Reconciler:
     _rounds: Rounds = field(init=False)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     _teller: Teller = field(init=False)
-    _large_at_work: bool = False
 
     def __post_init__(self) -> None:
         self._teller = Teller(self.api)
@@ -101,24 +97,7 @@ class Reconciler:
         self._teller.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
-        """Brings one job forward; raises ApiError when it should be tried again.
-
-        Large jobs go one at a time, and LaterError is raised for another meanwhile: all at once
-        they would keep the API server from everybody else's calls, and this replica from its Lease.
-        """
-        job = self.view.job(uid)
-        if job is None or not job.large:
-            await self._reconcile(uid)
-            return
-        if self._large_at_work:
-            raise LaterError(LARGE_AGAIN_SECONDS)
-        self._large_at_work = True
-        try:
-            await self._reconcile(uid)
-        finally:
-            self._large_at_work = False
-
-    async def _reconcile(self, uid: str) -> None:
+        """Brings one job forward; raises ApiError when it should be tried again."""
         job = self.view.job(uid)
         if job is None or job.deleting:
             self._forget(uid)  # its children go by their ownerReferences
@@ -193,7 +172,7 @@ class Reconciler:
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
         """Where to go on from; it is written before there is a driver, since the old job may go."""
         try:
-            entire = await whole(self.api, job)
+            entire = await self._whole(job)
             earlier = await find_earlier(self.api, entire, read_spec(entire))
         except UnusableSpecError as error:
             return Observation(job, attempt, ending=_refused(reasons.SPEC_INVALID, error))
@@ -243,8 +222,9 @@ class Reconciler:
         if standing is not None:
             return None, standing, None
         again = self._refusals.asked(job.uid)
+        await self._stop_driver_before(job, attempt)
         try:
-            entire = await whole(self.api, job)
+            entire = await self._whole(job)
             made = await create_children(
                 self.api, entire, read_spec(entire), attempt, self.settings, again
             )
@@ -258,6 +238,22 @@ class Reconciler:
         self._refusals.forget(job.uid)
         self.view.put_pod(made)
         return made, None, None
+
+    async def _stop_driver_before(self, job: JobView, attempt: int) -> None:
+        """Deletes the driver that is replaced; a new operator's watch may not have brought it."""
+        if attempt == 1 or self.view.driver(job.uid, attempt - 1) is not None:
+            return
+        pod = await self._get_pod(job.namespace, names.driver_name(job.name, attempt - 1))
+        if pod is not None and pod.job_uid == job.uid and not (pod.ended or pod.deleting):
+            await self._delete(pod)
+
+    async def _whole(self, job: JobView) -> JobView:
+        try:
+            return await whole(self.api, job)
+        except ApiError as error:
+            if error.status == 404:
+                await self._reread(job)
+            raise
 
     async def _look_for(
         self, job: JobView, attempt: int, at_once: bool

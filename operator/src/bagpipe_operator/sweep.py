@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
+from bagpipe_operator.large_jobs import LargeJobs
 from bagpipe_operator.life import expired, lingers, rests
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.view import JobView, View
@@ -26,11 +27,13 @@ class Sweeper:
     period_seconds: float
     last_sweep: float = float("-inf")
     now: Callable[[], datetime] = lambda: datetime.now(UTC)
+    large: LargeJobs | None = None
 
     def sweep(self) -> int:
         """One visit; how many jobs were asked for."""
         jobs = (job for job in self.view.jobs() if not job.deleting and self._is_due(job))
-        due = {job.uid: None for job in jobs} | dict.fromkeys(self.queue.rested())
+        failed = self.queue.rested() + (self.large.queue.rested() if self.large else [])
+        due = {job.uid: None for job in jobs} | dict.fromkeys(failed)
         for uid in due:
             self.queue.add_if_rested(uid)
         return len(due)

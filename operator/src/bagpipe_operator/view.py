@@ -14,7 +14,7 @@ from typing import Any
 from bagpipe.marks import marks_of
 from bagpipe_operator import names, readings
 from bagpipe_operator.kept_spec import packed, scalars
-from bagpipe_operator.large_objects import TRIMMED
+from bagpipe_operator.large_objects import TRIMMED, is_large
 from bagpipe_operator.nesting import bounded
 
 Json = dict[str, Any]
@@ -232,7 +232,7 @@ class JobView:
             created=str(meta.get("creationTimestamp") or ""),
             marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
             packed=b"" if TRIMMED in job else None,
-            large=TRIMMED in job,
+            large=is_large(job),
         )
 
 

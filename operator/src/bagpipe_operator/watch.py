@@ -122,6 +122,8 @@ def apply(settings: kopf.OperatorSettings) -> None:
     settings.watching.label_selectors["", "v1", "pods"] = names.LABEL_JOB_UID
     # Thousands of jobs come in pieces, which fit the memory however large they are.
     settings.watching.chunk_size = PAGE
+    # So long each object of a list is held as it was read: by default 5 s, thousands at once.
+    settings.queueing.idle_timeout = 0.1
     settings.watching.connect_timeout = 10
     settings.networking.request_timeout = 60
     settings.networking.error_backoffs = SYSTEM_ERRORS_SECONDS

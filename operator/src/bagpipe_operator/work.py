@@ -8,7 +8,7 @@ from bagpipe_operator.api import ApiError
 from bagpipe_operator.fence import NotLeadingError
 from bagpipe_operator.log import about
 from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import LaterError, WorkQueue
+from bagpipe_operator.queue import WorkQueue
 
 logger = logging.getLogger(__name__)
 
@@ -23,17 +23,19 @@ async def work(
     leads: Callable[[], bool] = lambda: True,
     called: Callable[[str], tuple[str, str]] = lambda _: ("", ""),
     kind: str = "job",
+    passed_on: Callable[[str], bool] = lambda _: False,
 ) -> None:
     """Reconciles keys until cancelled. A fault costs its own key a delay and no other anything.
 
-    `called` gives the namespace and name of a key, which is a UID, for the log.
+    `called` gives the namespace and name of a key, which is a UID, for the log; `passed_on` says
+    that another queue has taken a key.
 
     Without leadership keys are dropped: whoever begins to lead asks for all jobs anew. A write that
     the fence stopped although the lead has been renewed since is a fault like any other.
     """
     while True:
         key = await queue.get()
-        if not leads():
+        if not leads() or passed_on(key):
             queue.done(key)
             continue
         namespace, name = called(key)
@@ -57,8 +59,6 @@ async def _work_on(
     except asyncio.CancelledError:
         queue.done(key)
         raise
-    except LaterError as error:
-        queue.later(key, error.seconds)
     except (ApiError, TimeoutError) as error:
         if isinstance(error, NotLeadingError) and not leads():
             queue.done(key)

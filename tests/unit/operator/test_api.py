@@ -87,7 +87,7 @@ async def test_the_calls_for_schedules() -> None:
     async with server(recorder.answer) as api:
         await api.create_job(manifest)
         found = await api.list_jobs("lanes", "sim.bagpipe.io/schedule=nightly")
-        assert found == [{"kind": "SimulationJob"}]
+        assert [each["kind"] for each in found] == ["SimulationJob"]
         await api.delete_job("lanes", "n-1", "uid-of-n-1")
         await api.get_schedule("lanes", "nightly")
         await api.patch_schedule_status("lanes", "nightly", patch)

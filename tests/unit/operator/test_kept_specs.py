@@ -1,6 +1,6 @@
 """What the operator keeps of specs, however large a tenant writes them, and what it asks for."""
 
-import asyncio
+import contextlib
 import gc
 import json
 import random
@@ -11,14 +11,12 @@ import pytest
 
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, packed, scalars, unpacked
-from bagpipe_operator.large_objects import TRIMMED
-from bagpipe_operator.queue import LaterError
+from bagpipe_operator.large_objects import SIZE, trimmed
 from bagpipe_operator.schedules.view import Schedules, ScheduleView
 from bagpipe_operator.view import JobView, View
 from bagpipe_operator.whole_job import whole
 from tests.unit.operator.builders import make_job
-from tests.unit.operator.schedules.world import World as ScheduleWorld
-from tests.unit.operator.schedules.world import make_schedule, name_of
+from tests.unit.operator.schedules.world import make_schedule
 from tests.unit.operator.world import UID, World
 
 # What the operator's container may have, what it has before it knows a job, and what kopf takes for
@@ -52,13 +50,13 @@ def test_ten_thousand_large_jobs_that_wait_fit_the_charts_limit() -> None:
     assert each < 8_000
 
 
-def test_large_templates_of_schedules_are_not_kept_either() -> None:
+def test_templates_of_schedules_are_not_kept_either() -> None:
     schedules = Schedules()
     schedule = make_schedule()
     schedule["spec"]["jobTemplate"]["spec"]["stack"] = {"parameters": LARGE}
     schedules.put_schedule(ScheduleView.from_object(json.loads(json.dumps(schedule))))
     (kept,) = schedules.schedules()
-    assert (kept.template, "jobTemplate" in kept.spec) == (b"", False)
+    assert "jobTemplate" not in kept.spec
     assert kept.spec["schedule"] == schedule["spec"]["schedule"]
 
 
@@ -81,24 +79,7 @@ async def test_a_job_that_took_the_large_ones_name_is_not_run_in_its_place() -> 
     with pytest.raises(ApiError, match="another job by now"):
         await world.reconcile()
     assert world.api.named("pods") == []
-    job = world.view.job(UID)
-    assert job is not None
-    assert job.packed == b""
-
-
-@pytest.mark.parametrize("parameters", [SMALL, LARGE])
-async def test_a_run_gets_the_whole_template(parameters: dict[str, Any]) -> None:
-    world = ScheduleWorld()
-    assert world.api.schedule is not None
-    template = world.api.schedule["spec"]["jobTemplate"]
-    template["spec"]["stack"] = {"parameters": parameters}
-    world.deliver()
-    schedule = world.view.schedule(world.api.schedule["metadata"]["uid"])
-    assert schedule is not None
-    entire = await world.reconciler._whole(schedule)
-    assert entire.spec["jobTemplate"] == template
-    await world.at(1)
-    assert world.api.jobs[name_of(1)]["spec"] == template["spec"]
+    assert world.view.job(UID) is None
 
 
 async def test_what_decides_is_the_same_in_part_and_in_whole() -> None:
@@ -134,30 +115,24 @@ def test_what_is_packed_comes_out_as_it_was_or_not_at_all() -> None:
     assert packed({"a": "x" * (LARGEST_KEPT_BYTES - 7)}) == b""
 
 
-async def test_large_jobs_go_one_at_a_time_and_keep_no_small_one_waiting() -> None:
+@pytest.mark.parametrize("parameters", [SMALL, LARGE])
+async def test_a_job_that_is_gone_is_dropped_at_its_next_visit(parameters: dict[str, Any]) -> None:
+    world = World(make_job("x").with_spec("stack.parameters", parameters))
+    del world.api.objects["jobs", "x"]
+    with contextlib.suppress(ApiError):
+        await world.reconcile()
+    assert world.view.job(UID) is None
+
+
+async def test_a_large_job_stays_large_when_it_is_read_again() -> None:
     world = World(make_job("x").with_spec("stack.parameters", LARGE))
-    for name, large in (("y", True), ("z", False)):
-        job = make_job(name)
-        world.api.put("jobs", job.object)
-        world.view.put_job(JobView.from_object(job.object | ({TRIMMED: True} if large else {})))
-    entire = dict(world.api.objects["jobs", "x"])
-    world.view.put_job(JobView.from_object(entire | {TRIMMED: True}))
-    asked, go_on = asyncio.Event(), asyncio.Event()
-    get_job = world.api.get_job
-
-    async def slow(namespace: str, name: str) -> dict[str, Any]:
-        asked.set()
-        await go_on.wait()
-        return await get_job(namespace, name)
-
-    world.api.get_job = slow  # type: ignore[method-assign]
-    first = asyncio.create_task(world.reconciler.reconcile(UID))
-    await asked.wait()
-    with pytest.raises(LaterError):
-        await world.reconciler.reconcile("uid-of-y")
-    await world.reconciler.reconcile("uid-of-z")
-    assert world.api.named("pods") == ["z-1-driver"]
-    go_on.set()
-    await first
-    await world.reconciler.reconcile("uid-of-y")
-    assert world.api.named("pods") == ["x-1-driver", "y-1-driver", "z-1-driver"]
+    entire = world.api.objects["jobs", "x"]
+    entire[SIZE] = 200_000
+    world.view.put_job(JobView.from_object(trimmed(entire)))
+    world.api.version += 5
+    entire["metadata"]["resourceVersion"] = str(world.api.version)
+    with pytest.raises(ApiError, match="modified"):
+        await world.reconcile()
+    job = world.view.job(UID)
+    assert job is not None
+    assert (job.large, job.resource_version) == (True, str(world.api.version))

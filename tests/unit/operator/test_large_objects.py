@@ -1,5 +1,6 @@
 """Lists and watches with objects of a megabyte: each is read alone, and its bulk is left out."""
 
+import asyncio
 import gc
 import json
 import tracemalloc
@@ -9,7 +10,18 @@ from typing import Any
 import pytest
 
 from bagpipe_operator import names
-from bagpipe_operator.large_objects import LARGE_TEXT, PAGE, TRIMMED, read_answer, read_event
+from bagpipe_operator.large_objects import (
+    PAGE,
+    SIZE,
+    TRIMMED,
+    TRIMMED_FROM,
+    read_answer,
+    read_event,
+    read_whole,
+    read_written,
+    trimmed,
+)
+from bagpipe_operator.nesting import end_of
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 from bagpipe_operator.view import JobView, PodView
 from tests.unit.operator.builders import make_driver, make_job
@@ -17,11 +29,11 @@ from tests.unit.operator.schedules.world import make_schedule
 from tests.unit.operator.test_nesting import nested
 
 # Many small values: a byte of JSON is ten of Python's.
-LARGE = {f"/p{n}": [n % 7, n % 5] for n in range(12_000)}
+MANY = {f"/p{n}": [n % 7, n % 5] for n in range(12_000)}
 
 
 def large_job(name: str, **spec: Any) -> dict[str, Any]:
-    job = make_job(name).with_spec("stack.parameters", LARGE)
+    job = make_job(name).with_spec("stack.parameters", MANY)
     for key, value in spec.items():
         job.with_spec(key, value)
     job.object["metadata"]["annotations"] = {"kubectl": "x" * 100_000}
@@ -37,7 +49,7 @@ def listed(*items: Any, **more: Any) -> bytes:
 def test_a_list_is_what_it_was_but_for_its_large_objects() -> None:
     small = make_job("small").object
     answer = listed(small, large_job("large", suspend=True), small, **{"continue": "token"})
-    value = read_answer(answer)
+    value = read_whole(answer)
     assert (value["kind"], value["metadata"]["continue"]) == ("List", "token")
     assert value["items"][0] == value["items"][2] == json.loads(json.dumps(small))
     large = value["items"][1]
@@ -47,31 +59,33 @@ def test_a_list_is_what_it_was_but_for_its_large_objects() -> None:
 
 @pytest.mark.parametrize("items", [[], [1], ["]"], [None, {"a": '"items":['}]])
 def test_short_and_odd_lists_are_read_as_json_reads_them(items: list[Any]) -> None:
-    filler = {"x": "y" * LARGE_TEXT}
+    filler = {"x": "y" * TRIMMED_FROM}
     for answer in (listed(*items), listed(*items, filler)):
         wanted = json.loads(answer)
         if filler in wanted["items"]:
-            wanted["items"][-1] = read_answer(answer)["items"][-1]
-        assert read_answer(answer) == wanted
-    assert read_answer(b'{"items":null}') == {"items": None}
+            wanted["items"][-1] = read_whole(answer)["items"][-1]
+        assert read_whole(answer) == wanted
+    assert read_whole(b'{"items":null}') == {"items": None}
 
 
 def test_an_object_that_has_items_inside_is_no_list() -> None:
-    job = make_job("x").with_spec("stack.parameters", {"/a": {"items": [{"b": "y" * LARGE_TEXT}]}})
+    job = make_job("x").with_spec(
+        "stack.parameters", {"/a": {"items": [{"b": "y" * TRIMMED_FROM}]}}
+    )
     text = json.dumps(job.object, separators=(",", ":"))
-    assert read_answer(text.encode()) == job.object
+    assert read_whole(text.encode()) == job.object | {SIZE: len(text)}
 
 
 @pytest.mark.parametrize("cut", [-1, -40, -300_000])
 def test_a_list_that_breaks_off_is_no_json(cut: int) -> None:
     with pytest.raises(json.JSONDecodeError):
-        read_answer(listed(large_job("a"), large_job("b"))[:cut])
+        read_whole(listed(large_job("a"), large_job("b"))[:cut])
 
 
 def test_a_large_list_with_an_object_that_is_nested_deeply_is_read() -> None:
     deep = '{"spec": {"stack": {"parameters": ' + nested(2_000) + "}}}"
     answer = listed(large_job("a"), "HERE", make_job("b").object)
-    value = read_answer(answer.replace(b'"HERE"', deep.encode()))
+    value = read_whole(answer.replace(b'"HERE"', deep.encode()))
     assert [TRIMMED in item for item in value["items"]] == [True, False, False]
     assert value["items"][2]["metadata"]["name"] == "b"
 
@@ -80,7 +94,7 @@ def test_what_views_keep_of_a_large_object_is_what_they_keep_of_all_of_it() -> N
     job = large_job("x", suspend=True, ttlAfterFinished="5m")
     job["spec"]["spark"] = {"executors": 7}
     part, entire = (
-        JobView.from_object(read_answer(listed(job))["items"][0]),
+        JobView.from_object(read_whole(listed(job))["items"][0]),
         JobView.from_object(job),
     )
     assert (part.large, entire.large) == (True, False)
@@ -88,13 +102,15 @@ def test_what_views_keep_of_a_large_object_is_what_they_keep_of_all_of_it() -> N
     assert part.kept().packed == b""
 
     schedule = make_schedule()
-    schedule["spec"]["jobTemplate"]["spec"]["stack"] = {"parameters": LARGE}
-    (read,) = read_answer(listed(schedule))["items"]
-    assert ScheduleView.from_object(read).kept() == ScheduleView.from_object(schedule).kept()
+    schedule["spec"]["jobTemplate"]["spec"]["stack"] = {"parameters": MANY}
+    (read,) = read_whole(listed(schedule))["items"]
+    kept = ScheduleView.from_object(read).kept()
+    assert kept.large
+    assert replace(kept, large=False) == ScheduleView.from_object(schedule).kept()
     owner = {"uid": "uid-of-nightly", "controller": True}
     job["metadata"]["ownerReferences"] = [{"uid": "another"}, owner]
-    job["metadata"]["labels"] = {names.LABEL_SCHEDULE: "nightly", "other": "x" * LARGE_TEXT}
-    (read,) = read_answer(listed(job))["items"]
+    job["metadata"]["labels"] = {names.LABEL_SCHEDULE: "nightly", "other": "x" * TRIMMED_FROM}
+    (read,) = read_whole(listed(job))["items"]
     # kopf brings a schedule only jobs with its label.
     assert read["metadata"]["labels"] == {names.LABEL_SCHEDULE: "nightly"}
     assert ScheduledJob.from_object(read) == ScheduledJob.from_object(job)
@@ -102,30 +118,40 @@ def test_what_views_keep_of_a_large_object_is_what_they_keep_of_all_of_it() -> N
 
     pod = make_driver("x").running().object()
     claim = {"name": "v", "persistentVolumeClaim": {"claimName": "results"}}
-    pod["metadata"]["annotations"] = {"a": "x" * LARGE_TEXT}
-    pod["spec"] = {"nodeName": "n", "containers": [{"env": ["x"] * LARGE_TEXT}],
+    pod["metadata"]["annotations"] = {"a": "x" * TRIMMED_FROM}
+    pod["spec"] = {"nodeName": "n", "containers": [{"env": ["x"] * TRIMMED_FROM}],
                    "volumes": [{"name": "e", "emptyDir": {}}, claim]}  # fmt: skip
-    (read,) = read_answer(listed(pod))["items"]
+    (read,) = read_whole(listed(pod))["items"]
     assert PodView.from_object(read) == PodView.from_object(pod)
     assert PodView.from_object(read).claims == ("results",)
     assert len(json.dumps(read)) < 2_000
 
 
+def event_of(line: bytes) -> bytes:
+    return asyncio.run(read_event(line))
+
+
 def test_an_event_is_trimmed_and_what_is_none_is_left() -> None:
     line = json.dumps({"type": "ADDED", "object": large_job("x")}).encode()
-    event = json.loads(read_event(line))
+    event = json.loads(event_of(line))
     assert (event["type"], event["object"]["metadata"]["name"]) == ("ADDED", "x")
-    assert event["object"][TRIMMED] is True
-    long = b'{"type": "ERROR", "object": "' + b"x" * LARGE_TEXT + b'"}'
-    for each in (long, line[:-1], b"[" + b"1," * LARGE_TEXT + b"1]"):
-        assert read_event(each) == each
+    assert (event["object"][TRIMMED], event["object"][SIZE]) == (True, len(line))
+    fault = {"type": "ERROR", "object": {"code": 410, "message": "x" * TRIMMED_FROM}}
+    for each in (json.dumps(fault).encode(), line[:-1], b"[" + b"1," * TRIMMED_FROM + b"1]"):
+        assert event_of(each) == each
+
+
+def test_a_deep_object_in_a_watch_is_read_to_the_bound_and_trimmed() -> None:
+    deep = '{"type": "ADDED", "object": {"spec": {"suspend": true, "x": ' + nested(20_000) + "}}}"
+    event = json.loads(event_of(deep.encode()))
+    assert (event["object"]["spec"], event["object"][TRIMMED]) == ({"suspend": True}, True)
 
 
 def test_a_page_of_the_largest_objects_takes_little_beside_its_text() -> None:
     answer = listed(*(large_job(f"x{n}") for n in range(PAGE)))
     assert len(answer) > 5_000_000
     peaks = []
-    for read in (json.loads, read_answer):
+    for read in (json.loads, read_whole):
         gc.collect()
         tracemalloc.start()
         read(answer)
@@ -134,3 +160,33 @@ def test_a_page_of_the_largest_objects_takes_little_beside_its_text() -> None:
     print(len(answer), peaks)
     assert peaks[1] < 2 * len(answer)
     assert peaks[1] < peaks[0] / 3
+
+
+def test_where_an_object_ends_is_found_however_deep_it_is_and_whatever_its_texts_say() -> None:
+    for inner in ("[]", '{"a": "]}[{"}', nested(3_000), '["\\"]", {"b": [1]}]'):
+        text = f"[{inner},7]"
+        assert text[1 : end_of(text, 1)] == inner
+
+
+def test_an_answer_to_a_write_is_trimmed_and_one_to_a_question_is_whole() -> None:
+    job = large_job("x", suspend=True)
+    text = json.dumps(job).encode()
+    entire = asyncio.run(read_answer(text))
+    assert entire == job | {SIZE: len(text)}
+    assert JobView.from_object(entire).large
+    part = asyncio.run(read_answer(text, written=True))
+    assert part == trimmed(entire)
+    assert part[SIZE] == len(text)
+    small = make_job("y").object
+    assert read_written(json.dumps(small).encode()) == small
+
+
+def test_events_keep_their_words_and_odd_metadata_ends_nothing() -> None:
+    note = {"metadata": {"name": "e", "annotations": {"a": "x" * TRIMMED_FROM}}, "reason": "Failed"}
+    (read,) = read_whole(listed(note))["items"]
+    assert (read["reason"], read["metadata"]["name"]) == ("Failed", "e")
+    assert len(json.dumps(read)) < 500
+    for owners in ([None], {"a": 1}, "x"):
+        odd = {"metadata": {"ownerReferences": owners, "labels": [1]},
+               "spec": {"containers": [], "volumes": [None]}}  # fmt: skip
+        assert trimmed(odd)["metadata"]["ownerReferences"] == []

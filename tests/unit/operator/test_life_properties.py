@@ -4,7 +4,7 @@ import asyncio
 import os
 from dataclasses import replace
 
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bagpipe_operator import names
@@ -161,6 +161,9 @@ def check(world: World, told: set[str], late: bool = False) -> None:
 
 
 @settings(max_examples=HISTORIES, deadline=None)
+@example(
+    ["driver runs", "driver dies beside a proxy", "operator restarts", "wait 40"], 1, None, False
+)
 @given(
     st.lists(st.sampled_from(EVENTS), max_size=40),
     st.integers(min_value=0, max_value=2),

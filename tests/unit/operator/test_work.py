@@ -9,11 +9,11 @@ import pytest
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.fence import Fence, FencedApi, NotLeadingError
 from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import LaterError, WorkQueue
+from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.sweep import Sweeper
 from bagpipe_operator.view import View
 from bagpipe_operator.work import RECONCILE_SECONDS, work
-from tests.unit.operator.builders import Clock, account, make_driver, make_executor, make_job
+from tests.unit.operator.builders import account, make_driver, make_executor, make_job
 from tests.unit.operator.fakes import FakeApi
 from tests.unit.operator.test_life import edit
 from tests.unit.operator.world import UID, World
@@ -38,8 +38,6 @@ class Bench:
                 raise NotLeadingError
             case "renewed meanwhile":
                 raise NotLeadingError
-            case "later":
-                raise LaterError(7.0)
             case "hangs":
                 await asyncio.Event().wait()
 
@@ -201,13 +199,19 @@ async def test_a_write_that_outlasts_a_renewal_is_made_again() -> None:
     assert is_alone(world)
 
 
-async def test_a_key_whose_turn_has_not_come_waits_without_having_failed() -> None:
-    clock = Clock()
+async def test_a_key_that_another_queue_takes_is_not_worked_on_here() -> None:
     bench = Bench()
-    bench.queue = WorkQueue(clock.monotonic)
-    await bench.run("later", seconds=0.01)
-    assert (bench.seen, bench.queue.rested()) == (["later"], [])
-    assert [bench.count(result) for result in ("retried", "faulted")] == [0, 0]
-    clock.advance(7.0)
-    assert bench.queue.rested() == ["later"]
-    assert bench.queue.retry("later") == 0.5  # its first failure
+    taken: list[str] = []
+
+    def take(key: str) -> bool:
+        taken.append(key)
+        return key == "large"
+
+    worker = asyncio.create_task(work(bench.queue, bench.reconcile, bench.metrics, passed_on=take))
+    for key in ("large", "small"):
+        bench.queue.add(key)
+    await asyncio.sleep(0.01)
+    worker.cancel()
+    await asyncio.gather(worker, return_exceptions=True)
+    assert (taken, bench.seen) == (["large", "small"], ["small"])
+    assert bench.count("done") == 1

@@ -1,6 +1,5 @@
 """The SimulationJob of one run, and what it means when the API server does not take it."""
 
-import copy
 from datetime import datetime
 
 from bagpipe_operator import conditions, names, reasons
@@ -30,7 +29,7 @@ def job_manifest(schedule: ScheduleView, run: datetime) -> Json:
                 names.owner_reference(schedule.name, schedule.uid, names.SCHEDULE_KIND)
             ],
         },
-        "spec": copy.deepcopy(mapping(template.get("spec"))),
+        "spec": mapping(template.get("spec")),
     }
 
 

@@ -4,15 +4,16 @@ Level-triggered: it is right whenever and however often it is called, and by who
 has one name, so that a second operator meets AlreadyExists.
 """
 
+import asyncio
+import contextlib
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Protocol
 
 from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
-from bagpipe_operator.kept_spec import unpacked
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -61,6 +62,7 @@ class ScheduleReconciler:
     now: Callable[[], datetime]
     _listed: dict[str, datetime] = field(default_factory=dict)
     _zones: Zones = field(default_factory=Zones)
+    _large: asyncio.Lock = field(default_factory=asyncio.Lock)
     _teller: events.Teller = field(init=False)
 
     def __post_init__(self) -> None:
@@ -139,7 +141,9 @@ class ScheduleReconciler:
         if decision.verdict is Verdict.START and decision.run is not None:
             for job in decision.replaced:
                 await self._delete(job)
-            refused = await self._start(schedule, decision.run)
+            # Of large ones one at a time: each takes a hundred megabytes meanwhile.
+            async with self._large if schedule.large else contextlib.nullcontext():
+                refused = await self._start(schedule, decision.run)
             started = "" if refused else job_name(schedule.name, decision.run)
         return Outcome(decision, self.view.jobs(schedule.uid), started, refused)
 
@@ -147,7 +151,7 @@ class ScheduleReconciler:
         """Creates the run's job, or finds that another operator has."""
         name = job_name(schedule.name, run)
         try:
-            made = await self.api.create_job(job_manifest(await self._whole(schedule), run))
+            made = await self.api.create_job(job_manifest(schedule, run))
         except ApiError as error:
             if error.status == 409 and error.reason == "AlreadyExists":
                 await self._list(schedule)
@@ -162,19 +166,6 @@ class ScheduleReconciler:
         self.metrics.lateness.observe((self.now() - run).total_seconds())
         logger.info("%s/%s: started %s", schedule.namespace, schedule.name, name)
         return None
-
-    async def _whole(self, schedule: ScheduleView) -> ScheduleView:
-        """The schedule with its jobs' template, which the view does not keep if it is large."""
-        if schedule.template is None:
-            return schedule
-        template = unpacked(schedule.template)
-        if template is None:
-            found = await self.api.get_schedule(schedule.namespace, schedule.name)
-            live = ScheduleView.from_object(found)
-            if live.uid != schedule.uid:
-                raise ApiError(404, "NotFound", f"{schedule.name} is another schedule by now")
-            return live
-        return replace(schedule, spec=schedule.spec | {"jobTemplate": template}, template=None)
 
     async def _delete(self, job: ScheduledJob) -> None:
         await self.api.delete_job(job.namespace, job.name, job.uid)

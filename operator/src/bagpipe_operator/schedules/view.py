@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 from bagpipe_operator import readings
-from bagpipe_operator.kept_spec import packed, scalars
-from bagpipe_operator.large_objects import TRIMMED
+from bagpipe_operator.kept_spec import scalars
+from bagpipe_operator.large_objects import is_large
 from bagpipe_operator.nesting import DEEPEST, bounded
 from bagpipe_operator.view import Json, is_older
 
@@ -27,8 +27,8 @@ class ScheduleView:
     deleting: bool = False
     spec: Json = field(default_factory=dict)
     status: Json = field(default_factory=dict)
-    # spec.jobTemplate as JSON, where `spec` is without it; empty if it is too large to keep
-    template: bytes | None = None
+    # Its jobs' template is a megabyte's work for the API server and for us.
+    large: bool = False
 
     @property
     def suspended(self) -> bool:
@@ -36,11 +36,8 @@ class ScheduleView:
         return bool(self.spec.get("suspend"))
 
     def kept(self) -> "ScheduleView":
-        """The schedule with as much of its spec as is kept until a run is due."""
-        template = self.template
-        if template is None:
-            template = packed(readings.mapping(self.spec.get("jobTemplate")))
-        return replace(self, spec=scalars(self.spec), template=template)
+        """Without the jobs' template, since a run that is due is started from a new reading."""
+        return replace(self, spec=scalars(self.spec))
 
     @classmethod
     def from_object(cls, schedule: Json) -> "ScheduleView":
@@ -57,7 +54,7 @@ class ScheduleView:
             # Its jobs' spec begins two levels further in, and must be as deep as it was written.
             spec=bounded(readings.mapping(schedule.get("spec")), DEEPEST + 2),
             status=bounded(readings.status(schedule.get("status"))),
-            template=b"" if TRIMMED in schedule else None,
+            large=is_large(schedule),
         )
 
 
