@@ -190,6 +190,10 @@ REFUSED: dict[str, tuple[str, object, str]] = {
         "spec.source.bags", ["/data/drive.bag"],
         "this bag's URI has no known scheme: write pvc://<claim>/<path>, s3://<bucket>/<path>, ",
     ),
+    "baseline outside its volume": (
+        "spec.baseline", {"results": "pvc://results/../secrets/x"},
+        "baseline.results leaves its volume: write it without '..'",
+    ),
     "claim without path": (
         "spec.source.bags", ["pvc://recordings"],
         "this bag's URI has no known scheme: write pvc://<claim>/<path>, s3://<bucket>/<path>, ",

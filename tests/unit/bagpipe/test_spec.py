@@ -37,6 +37,10 @@ def test_defaults() -> None:
     [
         ({"source": {"bags": ["ftp://fleet/a.bag"]}}, "pvc://<claim>/<path>, s3://<bucket>/"),
         ({"source": {"bags": ["s3://fleet"]}}, "has no known scheme"),
+        (
+            {"variants": [{"name": "a", "env": [{"name": "X"}, {"name": "X", "value": "1"}]}]},
+            "'X' is there twice: write it once",
+        ),
         ({"source": {"bags": ["https://fleet.example/*.bag"]}}, "without wildcards"),
         ({"output": {"uri": "https://fleet.example/r"}}, "only be read from"),
         ({"storage": {"secrets": ["S3_Login"]}}, "can't be the name of a Secret"),

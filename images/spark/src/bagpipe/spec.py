@@ -5,7 +5,7 @@ the rest of the code types, defaults and parsed durations. They refuse what the 
 refuses, so that a job read from a file on a laptop meets the same rules.
 """
 
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -104,6 +104,14 @@ class PlainVariable(_Model):
     value: str = ""
 
 
+_Variable = TypeVar("_Variable", bound=PlainVariable)
+
+
+def _variables_once(variables: list[_Variable]) -> list[_Variable]:
+    each_once([variable.name for variable in variables])
+    return variables
+
+
 class EnvironmentVariable(PlainVariable):
     """One environment variable of the stack, which may come from the cluster."""
 
@@ -116,11 +124,6 @@ class EnvironmentVariable(PlainVariable):
                 "a variable of stack.env has a value or a valueFrom: write one of them"
             )
         return self
-
-
-def _variables_once(variables: list[EnvironmentVariable]) -> list[EnvironmentVariable]:
-    each_once([variable.name for variable in variables])
-    return variables
 
 
 class Stack(_Model):
@@ -145,7 +148,7 @@ class Variant(_Model):
     name: str = Field(pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", max_length=40)
     image: str = Field(default="", pattern=r"^\S*$")
     command: list[str] = []
-    env: list[PlainVariable] = []
+    env: Annotated[list[PlainVariable], AfterValidator(_variables_once)] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
 
