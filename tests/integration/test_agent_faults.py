@@ -182,5 +182,8 @@ def test_a_killed_slot_is_met_again_by_the_next_attempt(
     os.kill(agent.slot_processes()[0], signal.SIGKILL)
     runner.join(timeout=300)
     assert not runner.is_alive()
-    assert rows[0]["discarded"][0]["reason"] in {"AgentDied", "ProtocolError", "SlotUnavailable"}
-    assert (rows[0]["outcome"], rows[0]["attempts"]) == ("passed", 2), rows[0]
+    # The slot's pipes are there again before its process listens, or after it.
+    discarded = [each["reason"] for each in rows[0]["discarded"]]
+    assert 1 <= len(discarded) <= 2
+    assert set(discarded) <= {"AgentDied", "ProtocolError", "SlotUnavailable"}
+    assert (rows[0]["outcome"], rows[0]["attempts"]) == ("passed", len(discarded) + 1), rows[0]

@@ -68,7 +68,7 @@ def test_the_search_finds_without_a_network(browser: webdriver.Chrome, site: Pat
         shown = b.find_elements(By.CSS_SELECTOR, "#search-results li a")
         return {link.text.partition(":")[0]: link for link in shown}
 
-    wait.until(lambda b: {"Playback", "Lock-step", "SimulationJob"} <= set(found(b)))
+    wait.until(lambda b: {"Playback", "robot_state_publisher", "SimulationJob"} <= set(found(b)))
     # Not by a click, which would go where it was: the page may still grow above it.
     found(browser)["Playback"].send_keys(Keys.ENTER)
     wait.until(lambda b: "/concepts/playback.html" in b.current_url)
