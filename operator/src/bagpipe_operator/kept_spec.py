@@ -8,6 +8,8 @@ asked for when a driver is made of it (issue 13).
 import json
 from typing import Any
 
+from bagpipe_operator import readings
+
 Json = dict[str, Any]
 
 # 10,000 specs of this size are 80 MB. Jobs are mostly smaller; with a robot's description, 9 KB.
@@ -23,6 +25,13 @@ def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
         for key, value in spec.items()
         if (fields is None or key in fields) and _is_small(value)
     }
+
+
+def what_decides(spec: Json, fields: frozenset[str] | None = None) -> Json:
+    """Those scalars of a job's spec, and how many executors it wants."""
+    executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
+    wanted = {} if executors is None else {"spark": {"executors": executors}}
+    return scalars(spec, fields) | wanted
 
 
 def _is_small(value: object) -> bool:

@@ -9,7 +9,7 @@ import json
 from typing import Any
 
 from bagpipe_operator import names, readings
-from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, scalars
+from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, what_decides
 from bagpipe_operator.nesting import cut, end_of, loads
 
 Json = dict[str, Any]
@@ -142,9 +142,7 @@ def trimmed(thing: Json) -> Json:
     if "containers" in spec:
         volumes = [v for v in _objects(spec.get("volumes")) if "persistentVolumeClaim" in v]
         return kept | {"spec": {"nodeName": spec.get("nodeName"), "volumes": volumes}}
-    executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
-    spark = {} if executors is None else {"spark": {"executors": executors}}
-    return kept | {"spec": scalars(spec) | spark, TRIMMED: True}
+    return kept | {"spec": what_decides(spec), TRIMMED: True}
 
 
 def _objects(value: object) -> list[Json]:

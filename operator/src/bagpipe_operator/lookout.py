@@ -122,6 +122,10 @@ class Lookout:
     ) -> list[Trouble]:
         try:
             job = await whole(self.api, job)
+        except ApiError as error:
+            logger.warning("%s/%s: not looked into: %s", job.namespace, job.name, error)
+            return []
+        try:
             spec = read_spec(job)
             await self.api.try_create("pods", executor_trial(job, spec, attempt, self.settings))
         except UnusableSpecError:

@@ -7,6 +7,7 @@ import os
 import sys
 from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
+from functools import partial
 from typing import Any
 
 import aiohttp
@@ -101,21 +102,12 @@ async def run(settings: Settings) -> None:
         await wait_until_watchable(api, settings)
         census = Census(view, queue, api, settings.watch_namespaces or (None,))
         tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election, census)]
-        tasks += [
-            asyncio.create_task(
-                work(
-                    queue,
-                    reconciler.reconcile,
-                    metrics,
-                    fence.leads,
-                    view.called,
-                    passed_on=large.take,
-                )
-            )
-            for _ in range(settings.workers)
-        ]
-        one_by_one = work(large.queue, reconciler.reconcile, metrics, fence.leads, view.called)
-        tasks.append(asyncio.create_task(one_by_one))
+        at_work = partial(
+            work, reconcile=reconciler.reconcile, metrics=metrics, leads=fence.leads,
+            called=view.called,
+        )  # fmt: skip
+        workers = [at_work(queue, passed_on=large.take) for _ in range(settings.workers)]
+        tasks += [asyncio.create_task(each) for each in (*workers, at_work(large.queue))]
         tasks += schedules.start()
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")

@@ -13,7 +13,7 @@ from typing import Any
 
 from bagpipe.marks import marks_of
 from bagpipe_operator import names, readings
-from bagpipe_operator.kept_spec import packed, scalars
+from bagpipe_operator.kept_spec import packed, scalars, what_decides
 from bagpipe_operator.large_objects import TRIMMED, is_large
 from bagpipe_operator.nesting import bounded
 
@@ -208,9 +208,7 @@ class JobView:
         """The job with as much of its spec as is kept until the next visit."""
         if self.finished:
             return replace(self, spec=scalars(self.spec, _OF_ENDED), marks={}, packed=b"")
-        executors = readings.whole(readings.mapping(self.spec.get("spark")).get("executors"))
-        spark = {} if executors is None else {"spark": {"executors": executors}}
-        decides = scalars(self.spec, _OF_UNFINISHED) | spark
+        decides = what_decides(self.spec, _OF_UNFINISHED)
         entire = self.packed
         if entire is None:
             entire = packed({"spec": self.spec, "marks": self.marks})

@@ -3,8 +3,10 @@
 import pytest
 
 from bagpipe_operator.api import ApiError
-from bagpipe_operator.lookout import MOST_PODS, Lookout
+from bagpipe_operator.large_objects import LARGE, SIZE, trimmed
+from bagpipe_operator.lookout import MOST_CLAIMS, MOST_PODS, Lookout
 from bagpipe_operator.settings import Settings
+from bagpipe_operator.view import JobView
 from tests.unit.operator.builders import (
     Clock,
     PodBuilder,
@@ -95,6 +97,19 @@ async def test_many_pods_are_not_all_asked_about() -> None:
     assert len([c for c in world.api.calls if c.startswith("events of")]) == MOST_PODS
 
 
+async def test_of_a_pod_that_names_thousands_of_claims_a_few_are_asked_about() -> None:
+    world = World()
+    await world.reconcile()
+    pod = make_driver("x")
+    pod.claims = tuple(f"claim-{n}" for n in range(3_000))
+    world.deliver(pod)
+    await world.reconcile()
+    world.api.calls.clear()
+    await world.reconcile(after=2)
+    asked = [call for call in world.api.calls if call.startswith("get persistentvolumeclaims")]
+    assert len(asked) == MOST_CLAIMS
+
+
 async def running_without_executors(world: World) -> None:
     await world.reconcile()
     world.deliver(make_driver("x").running())
@@ -122,6 +137,19 @@ async def test_executors_that_may_not_be_created(error: ApiError, reason: str) -
     assert world.reason("Running") == "False/ExecutorsPending"
     assert {shown["metadata"]["name"] for shown in world.api.shown} == {"x-1-exec-trial"}
     assert world.api.named("pods") == ["x-1-driver"]
+
+
+async def test_a_large_job_that_can_t_be_read_says_nothing_of_its_executors() -> None:
+    world = World()
+    await running_without_executors(world)
+    entire = world.api.objects["jobs", "x"]
+    world.view.put_job(JobView.from_object(trimmed(entire | {SIZE: LARGE + 1})))
+    world.api.fail("get job", RESTRICTED, RESTRICTED)
+    world.api.calls.clear()
+    await world.reconcile(after=4)
+    assert world.reason("Running") == "False/ExecutorsPending"
+    assert "get job" in world.api.calls
+    assert "try pods" not in world.api.calls
 
 
 async def test_executors_that_are_all_there_are_not_asked_about() -> None:

@@ -1,6 +1,8 @@
 """Schedules over a fake API server and a fake clock: what is started when, and what is told."""
 
+import asyncio
 import copy
+from dataclasses import replace
 from datetime import timedelta
 from typing import Any
 
@@ -378,3 +380,27 @@ async def test_a_job_s_nested_parameters_are_as_the_schedule_says_or_the_job_is_
     whole = job["spec"]["stack"]["parameters"] == {"/x": nested}
     assert whole or is_deep(job["spec"])
     assert is_deep(job["spec"]) == (levels > 28)
+
+
+async def test_of_large_schedules_one_is_started_at_a_time() -> None:
+    world = World()
+    schedule = replace(ScheduleView.from_object(make_schedule()), large=True)
+    decision = await world.reconciler._decided(schedule, minute(1))
+    create_job, at_once, most = world.api.create_job, 0, 0
+
+    async def counted(manifest: dict[str, Any]) -> dict[str, Any]:
+        nonlocal at_once, most
+        at_once += 1
+        most = max(most, at_once)
+        await asyncio.sleep(0)
+        at_once -= 1
+        return await create_job(manifest)
+
+    world.api.create_job = counted  # type: ignore[method-assign]
+    runs = [replace(decision, run=minute(n)) for n in range(1, 5)]
+    await asyncio.gather(*(world.reconciler._carried_out(schedule, each) for each in runs))
+    assert (most, len(world.names)) == (1, 4)
+    small = replace(schedule, large=False)
+    runs = [replace(decision, run=minute(n)) for n in range(5, 9)]
+    await asyncio.gather(*(world.reconciler._carried_out(small, each) for each in runs))
+    assert (most, len(world.names)) == (4, 8)
