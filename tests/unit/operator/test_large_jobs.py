@@ -41,13 +41,19 @@ async def test_small_jobs_pass_while_a_large_one_takes_its_time() -> None:
     view = View()
     queue, large = WorkQueue(), LargeJobs(view)
     metrics = Metrics(view, queue)
-    begun, go_on = asyncio.Event(), asyncio.Event()
+    begun, go_on, passed, over = (asyncio.Event() for _ in range(4))
+    heavy = [put(view, f"x{n}", LARGE + 1) for n in range(9)]
+    light = [put(view, f"y{n}", 10) for n in range(9)]
     seen: list[str] = []
     at_once = most = 0
 
     async def reconcile(uid: str) -> None:
         nonlocal at_once, most
         seen.append(uid)
+        if set(light) <= set(seen):
+            passed.set()
+        if len(seen) == len(heavy + light):
+            over.set()
         job = view.job(uid)
         if job is None or not job.large:
             return
@@ -61,15 +67,13 @@ async def test_small_jobs_pass_while_a_large_one_takes_its_time() -> None:
     tasks = [
         asyncio.create_task(each) for each in (*workers, work(large.queue, reconcile, metrics))
     ]
-    heavy = [put(view, f"x{n}", LARGE + 1) for n in range(9)]
-    light = [put(view, f"y{n}", 10) for n in range(9)]
     for uid in heavy + light:
         queue.add(uid)
-    await begun.wait()
-    await asyncio.sleep(0.01)
+    await asyncio.wait_for(begun.wait(), 60)
+    await asyncio.wait_for(passed.wait(), 60)
     assert (sorted(set(seen)), most) == (sorted([heavy[0], *light]), 1)
     go_on.set()
-    await asyncio.sleep(0.01)
+    await asyncio.wait_for(over.wait(), 60)
     assert (sorted(seen), most) == (sorted(heavy + light), 1)
     for task in tasks:
         task.cancel()

@@ -202,15 +202,20 @@ async def test_a_write_that_outlasts_a_renewal_is_made_again() -> None:
 async def test_a_key_that_another_queue_takes_is_not_worked_on_here() -> None:
     bench = Bench()
     taken: list[str] = []
+    over = asyncio.Event()
+
+    async def reconcile(key: str) -> None:
+        await bench.reconcile(key)
+        over.set()
 
     def take(key: str) -> bool:
         taken.append(key)
         return key == "large"
 
-    worker = asyncio.create_task(work(bench.queue, bench.reconcile, bench.metrics, passed_on=take))
+    worker = asyncio.create_task(work(bench.queue, reconcile, bench.metrics, passed_on=take))
     for key in ("large", "small"):
         bench.queue.add(key)
-    await asyncio.sleep(0.01)
+    await asyncio.wait_for(over.wait(), 60)
     worker.cancel()
     await asyncio.gather(worker, return_exceptions=True)
     assert (taken, bench.seen) == (["large", "small"], ["small"])
