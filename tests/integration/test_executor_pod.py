@@ -38,6 +38,14 @@ def test_spark_keeps_the_account_and_gives_secrets_to_its_own_container_alone(
     assert all(not c.get("envFrom") and "s3-login" not in str(c) for c in others)
 
 
+def test_spark_keeps_the_servers_that_storage_may_be_on(jvm: Any, tmp_path: Path) -> None:
+    job, settings = make_job("x").view(), Settings(storage_hosts=("s3.lab", "*.example.com"))
+    template = tmp_path / "executor.yaml"
+    template.write_text(yaml.safe_dump(executor_template(job, read_spec(job), 1, settings)))
+    _, spark = built(jvm, template)
+    assert {"name": "BAGPIPE_STORAGE_HOSTS", "value": "s3.lab,*.example.com"} in spark["env"]
+
+
 def test_what_authenticates_executors_is_in_spark_s_container_alone(
     jvm: Any, tmp_path: Path
 ) -> None:

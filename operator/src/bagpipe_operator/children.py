@@ -6,7 +6,8 @@ Nothing here deletes: children go with their job by their ownerReference.
 import re
 from dataclasses import dataclass
 
-from bagpipe.spec import SimulationJobSpec, evaluator_config_maps
+from bagpipe.spec import SimulationJobSpec, evaluator_config_maps, storage_uris
+from bagpipe.storage_hosts import refused_uris
 from bagpipe_operator import names, reasons
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.driver_pod import driver_pod
@@ -49,11 +50,7 @@ async def create_children(
     since it could have been replaced by another's while there was no room for the driver.
     Raises UnusableSpecError, JobTooLargeError, and ApiError for faults that may pass.
     """
-    if evaluator_config_maps(spec) and not settings.own_evaluators:
-        raise UnusableSpecError(
-            "spec.evaluate has an own evaluator, and this installation lets no job bring one: "
-            "leave it out, or ask an administrator for operator.ownEvaluators of the Helm chart."
-        )
+    _check_allowed(spec, settings)
     config = job_config(job, spec, attempt, settings)
     what = "an executor's pod"
     try:
@@ -71,6 +68,20 @@ async def create_children(
             raise
         return refusal
     return made if isinstance(made, Refusal) else PodView.from_object(made)
+
+
+def _check_allowed(spec: SimulationJobSpec, settings: Settings) -> None:
+    """Refuses what this installation's administrator lets no job do."""
+    if evaluator_config_maps(spec) and not settings.own_evaluators:
+        raise UnusableSpecError(
+            "spec.evaluate has an own evaluator, and this installation lets no job bring one: "
+            "leave it out, or ask an administrator for operator.ownEvaluators of the Helm chart."
+        )
+    if refused := refused_uris(settings.storage_hosts, storage_uris(spec)):
+        raise UnusableSpecError(
+            f"{refused[0]} is on a server that this installation does not allow: use another, or "
+            "ask an administrator to add it to storage.allowedHosts of the Helm chart."
+        )
 
 
 async def _try_executor(api: Api, pod: Json) -> None:

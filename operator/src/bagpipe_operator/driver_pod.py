@@ -5,7 +5,12 @@ from bagpipe_operator import names, pod_parts
 from bagpipe_operator.quantities import heap
 from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import JobView, Json
-from bagpipe_operator.volumes import claim_mounts, claim_volumes, secret_environment
+from bagpipe_operator.volumes import (
+    claim_mounts,
+    claim_volumes,
+    host_environment,
+    secret_environment,
+)
 
 # The image's name for the user that its containers run as.
 SPARK_USER = "bagpipe"
@@ -65,6 +70,7 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             {"name": "SPARK_DRIVER_MEMORY", "value": heap(resources.memory)},
             # Else Spark takes the HADOOP_USER_NAME of a Secret, and writes it into executors' pods.
             {"name": "SPARK_USER", "value": SPARK_USER},
+            *host_environment(settings),
         ],
         "envFrom": secret_environment(spec),
         "ports": [{"name": "progress", "containerPort": names.PROGRESS_PORT}],

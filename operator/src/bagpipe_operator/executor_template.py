@@ -13,6 +13,7 @@ from bagpipe_operator.volumes import (
     claim_volumes,
     evaluator_mounts,
     evaluator_volumes,
+    host_environment,
     secret_environment,
 )
 
@@ -59,6 +60,7 @@ def executor_template(
                     "name": names.CONTAINER_SPARK,
                     "image": settings.spark_image,
                     "imagePullPolicy": settings.image_pull_policy,
+                    "env": host_environment(settings),
                     "envFrom": secret_environment(spec),
                     "securityContext": pod_parts.restricted(settings.fixed_users),
                     "volumeMounts": [

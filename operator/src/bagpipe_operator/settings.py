@@ -6,6 +6,8 @@ The chart sets the variables; docs name them as they stand here.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from bagpipe import storage_hosts
+
 # A fifth of it is the deadline of a renewal, and an API server under load needs most of a second.
 SHORTEST_LEASE_SECONDS = 3
 
@@ -74,6 +76,11 @@ class Settings:
     container, where it could use what the executor knows to speak to the driver, who may create
     pods."""
 
+    storage_hosts: tuple[str, ...] = ()
+    """BAGPIPE_STORAGE_HOSTS: comma-separated hosts that jobs' storage may be on, such as
+    s3.example.com, *.example.com or namenode:8020; none means all. Drivers and executors get it
+    too."""
+
     scrape_annotations: bool = True
     """BAGPIPE_SCRAPE_ANNOTATIONS: true or false; whether drivers and executors carry
     prometheus.io/scrape."""
@@ -115,6 +122,7 @@ class Settings:
             workers=int(_number(environment, "BAGPIPE_WORKERS", cls.workers)),
             lease_seconds=_lease_seconds(environment, cls.lease_seconds),
             own_evaluators=_truth(environment, "BAGPIPE_OWN_EVALUATORS", cls.own_evaluators),
+            storage_hosts=_hosts(environment),
             scrape_annotations=_truth(
                 environment, "BAGPIPE_SCRAPE_ANNOTATIONS", cls.scrape_annotations
             ),
@@ -132,6 +140,13 @@ def _lease_seconds(environment: Mapping[str, str], default: int) -> int:
             f"{SHORTEST_LEASE_SECONDS}, for example {default}"
         )
     return int(value)
+
+
+def _hosts(environment: Mapping[str, str]) -> tuple[str, ...]:
+    try:
+        return storage_hosts.read_hosts(environment.get(storage_hosts.VARIABLE, ""))
+    except ValueError as error:
+        raise SettingError(f"{storage_hosts.VARIABLE}: {error}") from None
 
 
 def _truth(environment: Mapping[str, str], name: str, default: bool) -> bool:

@@ -1,5 +1,6 @@
 """How a job's pods reach its storage: claims as volumes and mounts, Secrets as environment."""
 
+from bagpipe import storage_hosts
 from bagpipe.secret_names import SECRET_PREFIX
 from bagpipe.spec import (
     EVALUATORS_PATH,
@@ -8,6 +9,7 @@ from bagpipe.spec import (
     evaluator_config_maps,
 )
 from bagpipe_operator import names
+from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import Json
 
 
@@ -63,3 +65,13 @@ def secret_environment(spec: SimulationJobSpec) -> list[Json]:
         {"prefix": f"{SECRET_PREFIX}{index}_", "secretRef": {"name": name}}
         for index, name in enumerate(spec.storage.secrets)
     ]
+
+
+def host_environment(settings: Settings) -> list[Json]:
+    """The servers that the container's storage may be on. Where the list is empty, no variable.
+
+    What a Secret says of servers is known in the pod alone, so it is checked there.
+    """
+    if not settings.storage_hosts:
+        return []
+    return [{"name": storage_hosts.VARIABLE, "value": ",".join(settings.storage_hosts)}]

@@ -7,7 +7,9 @@ import itertools
 from collections.abc import Callable
 
 import pytest
+import yaml
 
+from bagpipe_operator.settings import Settings
 from bagpipe_operator.view import Json
 from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.world import World
@@ -65,6 +67,38 @@ async def test_evaluators_are_the_administrators_to_allow() -> None:
     assert world.reason("Failed") == "True/SpecInvalid"
     assert "ask an administrator for operator.ownEvaluators" in world.message("Failed")
     assert world.api.named("pods") == []
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("source", {"bags": ["https://evil.example/drive.bag"]}),
+        ("source", {"sequence": [{"bag": "hdfs://evil.example/drive.bag"}]}),
+        ("output", {"uri": "hdfs://evil.example/results"}),
+        ("baseline", {"results": "https://evil.example/results"}),
+    ],
+)
+async def test_servers_of_storage_are_the_administrators_to_allow(field: str, value: Json) -> None:
+    settings = Settings(storage_hosts=("s3.lab", "*.lab"))
+    world = World(make_job("x").with_spec(field, value), settings=settings)
+    await world.reconcile()
+    assert world.reason("Failed") == "True/SpecInvalid"
+    assert "evil.example/" in world.message("Failed")
+    assert "to add it to storage.allowedHosts" in world.message("Failed")
+    assert world.api.named("pods") == []
+
+
+async def test_pods_know_the_servers_of_storage_and_the_stack_does_not() -> None:
+    world = World(make_job("x"), settings=Settings(storage_hosts=("s3.lab", "*.lab")))
+    await world.reconcile()
+    [driver] = [pod for (kind, _), pod in world.api.objects.items() if kind == "pods"]
+    [config] = [each for (kind, _), each in world.api.objects.items() if kind == "configmaps"]
+    hosts = {"name": "BAGPIPE_STORAGE_HOSTS", "value": "s3.lab,*.lab"}
+    template = yaml.safe_load(config["data"]["executor.yaml"])
+    (spark,), stack = template["spec"]["containers"], template["spec"]["initContainers"][-1]
+    assert hosts in driver["spec"]["containers"][0]["env"]
+    assert spark["env"] == [hosts]
+    assert hosts not in stack["env"]
 
 
 async def test_the_first_reconcile_makes_both_children_and_writes_once() -> None:

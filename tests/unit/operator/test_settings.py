@@ -20,8 +20,10 @@ def test_what_the_chart_sets() -> None:
             "BAGPIPE_STUCK_SECONDS": "7.5",
             "BAGPIPE_WORKERS": "2",
             "BAGPIPE_OWN_EVALUATORS": "true",
+            "BAGPIPE_STORAGE_HOSTS": "S3.lab, *.example.com,",
         }
     )
+    assert settings.storage_hosts == ("s3.lab", "*.example.com")
     assert settings.own_evaluators
     assert settings.spark_image == "r/spark:2"
     assert settings.watch_namespaces == ("lanes", "maps")
@@ -38,6 +40,11 @@ def test_what_the_chart_sets() -> None:
 def test_a_wrong_one_is_named(text: str, sentence: str) -> None:
     with pytest.raises(SettingError, match=f"^{sentence}$"):
         Settings.from_environment({"BAGPIPE_STUCK_SECONDS": text})
+
+
+def test_a_host_that_is_none_is_named() -> None:
+    with pytest.raises(SettingError, match=r"^BAGPIPE_STORAGE_HOSTS: 'http://a' is no host"):
+        Settings.from_environment({"BAGPIPE_STORAGE_HOSTS": "s3.lab,http://a"})
 
 
 def test_whether_drivers_are_annotated() -> None:

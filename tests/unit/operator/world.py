@@ -12,7 +12,8 @@ UID = "uid-of-x"
 class World:
     """A job, an operator, and a watch that delivers when it is told to."""
 
-    def __init__(self, job: JobBuilder | None = None) -> None:
+    def __init__(self, job: JobBuilder | None = None, settings: Settings | None = None) -> None:
+        self.settings = settings or Settings()
         self.clock = Clock()
         self.api = FakeApi()
         self.view = View()
@@ -23,7 +24,7 @@ class World:
 
     def restarted(self, view: View) -> Reconciler:
         return Reconciler(
-            self.api, view, self.drivers, Settings(), self.clock.now, self.clock.monotonic
+            self.api, view, self.drivers, self.settings, self.clock.now, self.clock.monotonic
         )
 
     def forget_everything(self) -> None:

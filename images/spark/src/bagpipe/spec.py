@@ -438,6 +438,12 @@ def evaluator_config_maps(spec: SimulationJobSpec) -> list[str]:
     return sorted({c.own.config_map for c in spec.evaluate if c.own is not None})
 
 
+def storage_uris(spec: SimulationJobSpec) -> list[str]:
+    """All URIs of a spec, as it has them: of recordings and files, of results, of a baseline's."""
+    earlier = [spec.baseline.results] if spec.baseline is not None else []
+    return [*spec.source.uris, *earlier, spec.output.uri]
+
+
 def claims(spec: SimulationJobSpec) -> dict[str, bool]:
     """The volume claims that a spec's URIs name, each with whether it may be mounted read-only."""
     found = {_claim(uri): True for uri in spec.source.uris if uri.startswith("pvc://")}

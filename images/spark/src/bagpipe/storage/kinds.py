@@ -13,6 +13,7 @@ from bagpipe.storage.environment import take_over_secrets
 from bagpipe.storage.faults import StorageError, told
 from bagpipe.storage.local import LocalBackend
 from bagpipe.storage.retries import Patience
+from bagpipe.storage.servers import check_server
 
 _OBJECTS = {"s3", "gs", "az", "https", "http"}
 
@@ -48,6 +49,7 @@ def restore(pattern: str, path: str, volumes: dict[str, str]) -> str:
 def _remote(scheme: str, authority: str, patience: Patience, _process: int) -> Backend:
     """One for each bucket or NameNode, whose connections are kept; another after a fork."""
     take_over_secrets()
+    check_server(scheme, authority, os.environ)
     if scheme == "hdfs":
         from bagpipe.storage.hdfs import HdfsBackend  # noqa: PLC0415
 
