@@ -22,9 +22,9 @@ VERSION = "0.1.0"
 BASE = "docker.io/library/debian:bookworm-20251103-slim"
 TARGET = "x86_64-unknown-linux-gnu"
 CARGO_SECONDS = 1800.0
+WHEEL_SECONDS = 120.0
 # Debian 12 has glibc 2.36: maturin refuses a module that asks for more than this names.
 WHEEL = "manylinux_2_34"
-LEFT_OUT = shutil.ignore_patterns("__pycache__", "*.pyc", "*.egg-info", ".*_cache")
 # Layers are reused when files are the same to the second, and a copy has a time of its own.
 EPOCH = 1_700_000_000
 
@@ -49,20 +49,41 @@ def tool(name: str) -> str:
 
 def requirements(package: str, target: Path, *extras: str, left_out: Sequence[str] = ()) -> None:
     """Write the pinned dependencies of a package, as uv.lock has them, with their hashes."""
-    command = [tool("uv"), "export", "--frozen", "--no-emit-workspace", "--no-dev", "--no-header"]
-    command += ["--package", package, *(f"--extra={extra}" for extra in extras)]
-    command += [f"--no-emit-package={name}" for name in left_out]
+    chosen = ["--no-dev", "--package", package, *(f"--extra={extra}" for extra in extras)]
+    _export(target, *chosen, *(f"--no-emit-package={name}" for name in left_out))
+
+
+def builders(target: Path) -> None:
+    """Write what makes wheels out of sources, as uv.lock has it, with hashes."""
+    _export(target, "--only-group", "build")
+
+
+def _export(target: Path, *chosen: str) -> None:
+    command = [tool("uv"), "export", "--frozen", "--no-emit-workspace", "--no-header", *chosen]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode:
         raise BuildError(f"`{' '.join(command[1:])}` failed: {done.stderr.strip()}")
     target.write_text(done.stdout)
 
 
-def package(source: Path, target: Path) -> None:
-    """Copy a Python package's pyproject.toml and sources."""
-    target.mkdir(parents=True)
-    shutil.copy(source / "pyproject.toml", target)
-    shutil.copytree(source / "src", target / "src", ignore=LEFT_OUT)
+def package(source: Path, folder: Path) -> None:
+    """Build a Python package's wheel into a folder; the same sources give the same bytes.
+
+    By the virtual environment's hatchling, which is in uv.lock: inside of an image, or by `uv
+    build`, another one would be fetched for it.
+    """
+    command = [tool("hatchling"), "build", "--target", "wheel", "--directory", str(folder)]
+    done = subprocess.run(
+        command,
+        cwd=source,
+        env={**os.environ, "SOURCE_DATE_EPOCH": str(EPOCH)},
+        capture_output=True,
+        text=True,
+        timeout=WHEEL_SECONDS,
+        check=False,
+    )
+    if done.returncode:
+        raise BuildError(f"hatchling could not build {source.name}: {done.stderr.strip()}")
 
 
 def compile_rust(what: str, command: list[str], **environment: str) -> None:
@@ -115,15 +136,16 @@ def stage_agent(folder: Path) -> None:
 
 def stage_spark(folder: Path) -> None:
     requirements("bagpipe", folder / "requirements.txt", "spark", "storage")
-    package(ROOT / "images" / "spark", folder / "packages" / "bagpipe")
+    builders(folder / "build-requirements.txt")
+    package(ROOT / "images" / "spark", folder / "packages")
     memory_bag(folder / "packages")
     shutil.copy(ROOT / "images" / "spark" / "entrypoint.sh", folder)
 
 
 def stage_operator(folder: Path) -> None:
     requirements("bagpipe-operator", folder / "requirements.txt")
-    package(ROOT / "images" / "spark", folder / "packages" / "bagpipe")
-    package(ROOT / "operator", folder / "packages" / "bagpipe_operator")
+    package(ROOT / "images" / "spark", folder / "packages")
+    package(ROOT / "operator", folder / "packages")
 
 
 def stage_exec_highway(folder: Path) -> None:

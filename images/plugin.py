@@ -12,8 +12,6 @@ import argparse
 import gzip
 import hashlib
 import io
-import os
-import subprocess
 import sys
 import tarfile
 import tempfile
@@ -21,11 +19,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
-from context import EPOCH, ROOT, VERSION, BuildError, requirements, tool
+from context import EPOCH, ROOT, VERSION, BuildError, package, requirements
 
 NAME = "bagpipe"
 LAUNCHER = ROOT / "images/kubectl/kubectl-bagpipe"
-BUILD_SECONDS = 300.0
 # Spark runs jobs, and Arrow its tables: the program starts no Spark.
 LEFT_OUT = ("pyspark", "py4j", "pyarrow")
 # Whoever publishes the archive says where; names below .example belong to nobody.
@@ -40,25 +37,6 @@ CAVEATS = """\
 The first call installs the program's packages beside the plugin, with python3 (3.11 or later, with
 venv) and the package index that pip is configured for.
 """
-
-
-def build_wheel(folder: Path) -> Path:
-    """Build bagpipe's wheel in a folder. Raises BuildError."""
-    command = [tool("uv"), "build", "--quiet", "--wheel", "--package", NAME]
-    command += ["--out-dir", str(folder)]
-    done = subprocess.run(
-        command,
-        cwd=ROOT,
-        env={**os.environ, "SOURCE_DATE_EPOCH": str(EPOCH)},
-        capture_output=True,
-        text=True,
-        timeout=BUILD_SECONDS,
-        check=False,
-    )
-    if done.returncode:
-        raise BuildError(f"uv could not build bagpipe's wheel: {done.stderr.strip()}")
-    (wheel,) = folder.glob(f"{NAME}-*.whl")
-    return wheel
 
 
 def archive(files: Sequence[tuple[str, bytes, int]]) -> bytes:
@@ -101,7 +79,8 @@ def pack(folder: Path, uri: str = URI) -> tuple[Path, Path]:
     """Write archive and manifest into a folder; their paths. Raises BuildError."""
     launcher = LAUNCHER.read_bytes()
     with tempfile.TemporaryDirectory() as scratch:
-        wheel = build_wheel(Path(scratch))
+        package(ROOT / "images" / "spark", Path(scratch))
+        (wheel,) = Path(scratch).glob(f"{NAME}-*.whl")
         needs = Path(scratch, "requirements.txt")
         requirements(NAME, needs, "cli", "spark", "storage", left_out=LEFT_OUT)
         packed = archive(

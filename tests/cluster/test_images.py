@@ -133,8 +133,12 @@ def test_only_the_spark_image_gets_the_native_module(
     monkeypatch.setattr(context, "compile_rust", compiled)
     monkeypatch.setattr(context, "requirements", lambda *_: None)
     staged = {i.name: context.stage(i) for i in IMAGES if i.name in {"operator", "spark"}}
-    found = {name: [p.name for p in folder.rglob("*.whl")] for name, folder in staged.items()}
-    assert found == {"operator": [], "spark": ["bagpipe_bag-0.1.0.whl"]}
+    found = {name: {p.name for p in folder.rglob("*.whl")} for name, folder in staged.items()}
+    ours = "bagpipe-0.1.0-py3-none-any.whl"
+    assert found == {
+        "operator": {ours, "bagpipe_operator-0.1.0-py3-none-any.whl"},
+        "spark": {ours, "bagpipe_bag-0.1.0.whl"},
+    }
 
 
 def test_a_module_that_does_not_compile_is_said_with_cargos_last_lines(tmp_path: Path) -> None:
