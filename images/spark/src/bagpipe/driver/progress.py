@@ -15,6 +15,8 @@ from bagpipe.run.case_run import Row
 Phase = Literal["Planning", "Running", "Complete", "Failed"]
 MAX_FAILURES = 5
 _MAX_MESSAGE = 300
+# Of the first failure, which the job's own message tells: the operator takes 1,000 letters.
+_MAX_FIRST = 800
 
 
 @dataclass
@@ -39,6 +41,7 @@ class Progress:
     _outcomes: Counter[str] = field(default_factory=Counter)
     _ledger: Counter[str] = field(default_factory=Counter)
     _failures: list[dict[str, str]] = field(default_factory=list)
+    _first: str = ""
     _compared: Compared = field(default_factory=Compared)
     _stopped: tuple[str, str] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -53,7 +56,7 @@ class Progress:
     def warn(self, message: str) -> None:
         """Tell a trouble that may pass; empty when it has."""
         with self._lock:
-            self.warning = message[:_MAX_MESSAGE]
+            self.warning = shortened(message, _MAX_MESSAGE)
 
     def failed(self) -> int:
         """Cases that failed or errored so far."""
@@ -114,7 +117,7 @@ class Progress:
     def stop(self, reason: str, message: str) -> None:
         """No further case is run; `finish` says so."""
         with self._lock:
-            self._stopped = (reason, message[: 2 * _MAX_MESSAGE])
+            self._stopped = (reason, shortened(message, 2 * _MAX_MESSAGE))
 
     def compare(self, compared: Compared) -> None:
         """What the comparisons with a baseline say, which `finish` looks at."""
@@ -141,7 +144,7 @@ class Progress:
         """End the job for a fault of the whole, such as storage that can't be written."""
         with self._lock:
             self.phase, self.reason, self.running = "Failed", reason, 0
-            self.message = message[: 2 * _MAX_MESSAGE]
+            self.message = shortened(message, 2 * _MAX_MESSAGE)
 
     def snapshot(self) -> dict[str, Any]:
         """The JSON of /progress and of the termination message, well under 4 KiB."""
@@ -178,16 +181,18 @@ class Progress:
                 snapshot[part].pop()
         for part in ("warning", "message"):
             while len(text := json.dumps(snapshot)) > 4096 and snapshot[part]:
-                snapshot[part] = snapshot[part][: len(snapshot[part]) // 2]
+                snapshot[part] = shortened(snapshot[part], len(snapshot[part]) // 2)
         return text
 
     def _done(self) -> int:
         return sum(self._outcomes[outcome] for outcome in OUTCOMES)
 
     def _fail(self, case: str, reason: str, message: str) -> None:
+        if not self._failures:
+            self._first = shortened(message, _MAX_FIRST)
         if len(self._failures) < MAX_FAILURES:
-            failure = {"case": case[:100], "reason": reason, "message": message[:_MAX_MESSAGE]}
-            self._failures.append(failure)
+            told = shortened(message, _MAX_MESSAGE)
+            self._failures.append({"case": case[:100], "reason": reason, "message": told})
 
     def _why_failed(self, errored: int, missing: int) -> tuple[str, str]:
         if not self._failures:
@@ -197,7 +202,7 @@ class Progress:
         reason = first["reason"] if len(reasons) == 1 else "CasesErrored"
         return reason, (
             f"{errored} of {self.planned} cases errored; {first['case']}:"
-            f" {first['reason']}: {first['message']}"
+            f" {first['reason']}: {self._first or first['message']}"
         )
 
     def _verdict(self) -> tuple[str, str, str]:
@@ -216,3 +221,14 @@ class Progress:
             said = self._compared.message[: 2 * _MAX_MESSAGE]
             return "Invalid", self._compared.reason, f"; {said}"
         return ("Invalid", "NothingCompared", why) if against else ("Passed", "", "")
+
+
+def shortened(message: str, most: int) -> str:
+    """A message in at most that many letters, with its beginning and its end.
+
+    What went wrong is said first and what to do last; lists are in the middle.
+    """
+    if len(message) <= most or most < 20:
+        return message[:most]
+    end = most // 3
+    return f"{message[: most - end - 5]} ... {message[-end:]}"
