@@ -71,7 +71,8 @@ def test_spark_keeps_what_a_job_says_of_its_pods(jvm: Any, tmp_path: Path) -> No
     job = (
         make_job("x")
         .with_spec("spark.executor.pod", POD)
-        .with_spec("stack.resources", {"limits": {"nvidia.com/gpu": 1}})
+        .with_spec("stack.resources.limits", {"nvidia.com/gpu": 1})
+        .with_spec("stack.resources.claims", [{"name": "gpu"}])
         .with_spec("stack.volumeMounts", [{"name": "models", "mountPath": "/opt/models"}])
         .view()
     )
@@ -83,6 +84,7 @@ def test_spark_keeps_what_a_job_says_of_its_pods(jvm: Any, tmp_path: Path) -> No
     for field in (
         "nodeSelector", "tolerations", "affinity", "topologySpreadConstraints",
         "priorityClassName", "runtimeClassName", "imagePullSecrets", "securityContext",
+        "resourceClaims",
     ):  # fmt: skip
         assert kept[field] == said["spec"][field], field
     volumes = {v["name"] for v in said["spec"]["volumes"]}
@@ -91,7 +93,7 @@ def test_spark_keeps_what_a_job_says_of_its_pods(jvm: Any, tmp_path: Path) -> No
     assert pod["metadata"]["annotations"].items() >= said["metadata"]["annotations"].items()
     stack = next(c for c in kept["initContainers"] if c["name"] == "stack")
     expected = next(c for c in said["spec"]["initContainers"] if c["name"] == "stack")
-    assert stack["resources"] == {"limits": {"nvidia.com/gpu": "1"}}
+    assert stack["resources"] == {"limits": {"nvidia.com/gpu": "1"}, "claims": [{"name": "gpu"}]}
     for field in ("securityContext", "volumeMounts", "env"):
         assert stack[field] == expected[field], field
     assert spark["securityContext"]["readOnlyRootFilesystem"] is True

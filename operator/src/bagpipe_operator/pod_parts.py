@@ -102,6 +102,7 @@ def placement(pod: PodSettings, labels: dict[str, str]) -> Json:
         "priorityClassName": pod.priority_class_name,
         "runtimeClassName": pod.runtime_class_name,
         "imagePullSecrets": [plain(secret) for secret in pod.image_pull_secrets],
+        "resourceClaims": [plain(claim) for claim in pod.resource_claims],
     }
     said = {key: value for key, value in found.items() if value}
     tolerations = [plain(toleration) for toleration in pod.tolerations]

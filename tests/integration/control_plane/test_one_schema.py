@@ -32,10 +32,11 @@ _CLUSTER_S = re.compile(
     r"spec\.(spark\.(driver|executor)\.(pod|resources|volumeMounts)"
     r"|stack\.(resources|securityContext))\b"
 )
-# A laptop reads its own disk, has no etcd whose objects are bounded in size, and takes "yes" and 1
-# for true, as YAML's readers do.
+# A laptop reads its own disk, has no etcd whose objects are bounded in size, takes "yes" and 1 for
+# true, as YAML's readers do, and an empty list of bags, pieces or files for none.
 _LAPTOP_S = re.compile(
     r"file:// reaches only what is mounted below /mnt|Too long|Too many|must be of type boolean"
+    r"|source\.(bags|sequence|files) must (have|name) at least one"
 )
 _PATH = re.compile(r"(spec(?:\.[A-Za-z]+(?:\[[^\]]*\])*)+): [A-Z]")
 

@@ -19,6 +19,7 @@ POD: Json = {
     "priorityClassName": "nightly",
     "runtimeClassName": "nvidia",
     "imagePullSecrets": [{"name": "registry-login"}],
+    "resourceClaims": [{"name": "gpu", "resourceClaimTemplateName": "one-gpu"}],
     "securityContext": {"fsGroup": 2000, "supplementalGroups": [3000]},
     "volumes": [
         {"name": "models", "persistentVolumeClaim": {"claimName": "models", "readOnly": True}},
@@ -47,6 +48,7 @@ def test_a_role_s_pods_are_as_the_job_says(role: str) -> None:
     for field in ("nodeSelector", "affinity", "priorityClassName", "runtimeClassName"):
         assert spec[field] == POD[field]
     assert spec["imagePullSecrets"] == [{"name": "registry-login"}]
+    assert spec["resourceClaims"] == [{"name": "gpu", "resourceClaimTemplateName": "one-gpu"}]
     assert [t["key"] for t in spec["tolerations"]] == [
         "node.kubernetes.io/not-ready", "node.kubernetes.io/unreachable", "nvidia.com/gpu",
     ]  # fmt: skip

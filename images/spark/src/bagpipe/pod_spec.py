@@ -5,10 +5,13 @@ that a cluster's older or wider CRD lets pass is left out.
 """
 
 import re
-from typing import Annotated, Literal, Self
+from collections.abc import Sequence
+from typing import Annotated, Literal, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, model_validator
 from pydantic.alias_generators import to_camel
+
+from bagpipe.texts import each_once
 
 # Whatever a manifest may write as a quantity: 1, "500m" or 2Gi.
 Quantity = str | int | float
@@ -145,11 +148,32 @@ class StackSecurity(SpecModel):
     capabilities: Capabilities = Capabilities()
 
 
+class _Entry(SpecModel):
+    name: str = Field(max_length=63)
+
+
+_Entries = TypeVar("_Entries", bound=Sequence[_Entry])
+
+
+def _named_once(entries: _Entries) -> _Entries:
+    each_once([entry.name for entry in entries])
+    return entries
+
+
+class DeviceRequest(_Entry):
+    """A claim of the pod whose devices a container gets, or those of one of its requests."""
+
+    request: str | None = Field(default=None, max_length=63)
+
+
 class Resources(SpecModel):
     """What is set aside for a container, and what it may use at most; by resource name."""
 
     requests: dict[str, Quantity] | None = None
     limits: dict[str, Quantity] | None = None
+    claims: Annotated[list[DeviceRequest], AfterValidator(_named_once)] | None = Field(
+        default=None, max_length=8
+    )
 
 
 class Claim(SpecModel):
@@ -259,6 +283,23 @@ class PullSecret(SpecModel):
     name: str
 
 
+class DeviceClaim(_Entry):
+    """Devices that are allocated to a pod: a ResourceClaim, or what makes each pod one."""
+
+    name: str = Field(pattern=r"^[a-z0-9]([-a-z0-9]*[a-z0-9])?$", max_length=63)
+    resource_claim_name: str | None = Field(default=None, min_length=1, max_length=253)
+    resource_claim_template_name: str | None = Field(default=None, min_length=1, max_length=253)
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if (self.resource_claim_name is None) == (self.resource_claim_template_name is None):
+            raise ValueError(
+                f"resource claim {self.name} is either there or made from a template: write"
+                " resourceClaimName or resourceClaimTemplateName"
+            )
+        return self
+
+
 class PodSecurity(SpecModel):
     """Groups of a pod's processes."""
 
@@ -279,5 +320,8 @@ class PodSettings(SpecModel):
     priority_class_name: str = ""
     runtime_class_name: str = ""
     image_pull_secrets: list[PullSecret] = []
+    resource_claims: Annotated[list[DeviceClaim], AfterValidator(_named_once)] = Field(
+        default=[], max_length=8
+    )
     security_context: PodSecurity = PodSecurity()
     volumes: list[Volume] = []

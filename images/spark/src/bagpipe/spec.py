@@ -318,6 +318,18 @@ class SimulationJobSpec(_Model):
         return self
 
     @model_validator(mode="after")
+    def _claims_are_the_pods(self) -> Self:
+        claims = {claim.name for claim in self.spark.executor.pod.resource_claims}
+        for asked in self.stack.resources.claims or []:
+            if asked.name not in claims:
+                raise ValueError(
+                    f"stack.resources.claims has {asked.name}, which spark.executor.pod"
+                    ".resourceClaims lacks: write it there, for example {name: gpu,"
+                    " resourceClaimTemplateName: one-gpu}"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _a_simulator_is_steered(self) -> Self:
         simulator = self.source.simulator
         if simulator is None:
