@@ -80,6 +80,8 @@ class Reconciler:
     _refusals: Refusals = field(init=False)
     _rounds: Rounds = field(init=False)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
+    # Jobs as they were before a write that was not answered: it may have happened.
+    _unanswered: dict[str, JobView] = field(default_factory=dict)
     _teller: Teller = field(init=False)
 
     def __post_init__(self) -> None:
@@ -94,6 +96,7 @@ class Reconciler:
         self._rounds = Rounds(self.monotonic)
         for uid in list(self._asked):
             self._forget_driver(uid)
+        self._unanswered.clear()
         self._teller.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
@@ -101,8 +104,12 @@ class Reconciler:
         job = self.view.job(uid)
         if job is None or job.deleting:
             self._forget(uid)  # its children go by their ownerReferences
+            self._unanswered.pop(uid, None)
             self._teller.forget(uid)
             return
+        before = self._unanswered.get(uid)
+        if before is not None and before.resource_version != job.resource_version:
+            self._written(before, job)
         await self._teller.meet(job, self.now())
         if not job.finished:
             job = await self._advance(job)
@@ -319,6 +326,7 @@ class Reconciler:
             return job
         # With the version that was decided on, a job that has changed since answers 409.
         patch = {"metadata": {"resourceVersion": job.resource_version}, "status": changed}
+        self._unanswered[job.uid] = job
         try:
             written = await self.api.patch_status(job.namespace, job.name, patch)
         except ApiError as error:
@@ -329,12 +337,17 @@ class Reconciler:
             raise
         now = JobView.from_object(written)
         self.view.put_job(now)
-        self.counted(job, now)
+        self._written(job, now)
+        return now
+
+    def _written(self, before: JobView, now: JobView) -> None:
+        """Counts what a write has changed, and keeps it to be told."""
+        self._unanswered.pop(now.uid, None)
+        self.counted(before, now)
         notes = events.transitions(
-            job.status.get("conditions") or [], now.status.get("conditions") or []
+            before.status.get("conditions") or [], now.status.get("conditions") or []
         )
         self._teller.add(now, notes)
-        return now
 
     async def _reread(self, job: JobView) -> None:
         """The watch is behind: takes the job from the API server itself."""

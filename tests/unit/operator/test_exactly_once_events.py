@@ -7,6 +7,7 @@ import pytest
 
 from bagpipe_operator.api import ApiError
 from tests.unit.operator.builders import START, account, make_driver, make_executor
+from tests.unit.operator.test_life import edit
 from tests.unit.operator.world import World
 
 KILLED = ApiError(0, "Unreachable", "killed")
@@ -189,3 +190,31 @@ async def test_a_trouble_beside_running_cases_is_a_warning() -> None:
 def _at(world: World) -> str:
     assert world.clock.now() == START
     return START.isoformat()
+
+
+@pytest.mark.parametrize("watch_is_behind", [False, True])
+async def test_a_status_whose_answer_was_lost_is_told_all_the_same(watch_is_behind: bool) -> None:
+    """The write has happened, and nothing is left to be written at the next visit."""
+    world = World()
+    world.api.lost.add("patch status")
+    with pytest.raises(ApiError, match="lost"):
+        await world.reconcile()
+    if watch_is_behind:
+        with pytest.raises(ApiError, match="409"):
+            await world.reconcile()
+    else:
+        world.deliver_job()
+    for _ in range(2):
+        await world.reconcile(after=0.5)
+    assert world.api.event_reasons() == ["DriverCreated"]
+
+
+async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
+    world = World()
+    world.api.fail("patch status", KILLED)
+    with pytest.raises(ApiError, match="killed"):
+        await world.reconcile()
+    edit(world, activeDeadline="600s")
+    for _ in range(2):
+        await world.reconcile(after=0.5)
+    assert world.api.event_reasons() == ["DriverCreated"]
