@@ -122,11 +122,32 @@ def _judged(job: JobView, manifest: Json, found: Json) -> Json | Refusal:
     owners = found["metadata"].get("ownerReferences") or []
     if any(owner.get("uid") == job.uid for owner in owners) and _is_ours(manifest, found):
         return found
+    if _goes(job, found):
+        return Refusal(
+            reasons.NAME_TAKEN,
+            f"{manifest['kind']} {name}, which is not of this job, is being deleted in namespace "
+            f"{job.namespace}. The job starts as soon as it is gone.",
+            lasting=False,
+        )
     return Refusal(
         reasons.NAME_TAKEN,
         f"{manifest['kind']} {name} exists in namespace {job.namespace} and does not belong to "
         f"this job. Delete it, or give the job another name.",
     )
+
+
+def _goes(job: JobView, found: Json) -> bool:
+    """Whether an object is on its way out: deleted, or of an earlier job of this one's name.
+
+    That job is gone, since this one has its name; the garbage collector comes later.
+    """
+    meta = found["metadata"]
+    earlier = (
+        owner.get("uid") != job.uid
+        for owner in meta.get("ownerReferences") or []
+        if (owner.get("kind"), owner.get("name")) == (names.KIND, job.name)
+    )
+    return bool(meta.get("deletionTimestamp")) or any(earlier)
 
 
 def _is_ours(manifest: Json, found: Json) -> bool:

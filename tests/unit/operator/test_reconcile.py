@@ -5,6 +5,7 @@ import json
 import pytest
 import yaml
 
+from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.view import JobView, PodView, View
 from tests.unit.operator.builders import account, make_driver, make_executor, make_job
@@ -112,6 +113,28 @@ async def test_a_name_that_is_another_s(resource: str) -> None:
         "give the job another name."
     )
     del world.api.objects[resource, name]
+    await world.reconcile(after=5)
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
+@pytest.mark.parametrize("deleting", [True, False])
+async def test_a_job_that_is_made_again_waits_for_the_pods_of_the_one_before(
+    deleting: bool,
+) -> None:
+    """They have their grace period, and the garbage collector has its time."""
+    world = World()
+    pod = make_driver("x").running()
+    earlier = (pod.deleting() if deleting else pod).object()
+    earlier["metadata"]["uid"] = "uid-of-the-earlier"
+    earlier["metadata"]["labels"][names.LABEL_JOB_UID] = "uid-before-x"
+    earlier["metadata"]["ownerReferences"] = [names.owner_reference("x", "uid-before-x")]
+    world.api.put("pods", earlier)
+    for _ in range(20):
+        await world.reconcile(after=5)
+    assert (world.status()["phase"], world.reason("Accepted")) == ("Pending", "False/NameTaken")
+    assert "The job starts as soon as it is gone." in world.message("Accepted")
+    assert "delete x-1-driver" not in world.api.calls
+    del world.api.objects["pods", "x-1-driver"]
     await world.reconcile(after=5)
     assert world.reason("Accepted") == "True/DriverCreated"
 
