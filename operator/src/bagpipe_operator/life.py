@@ -8,7 +8,7 @@ from datetime import datetime
 from bagpipe_operator import conditions, names, readings, reasons
 from bagpipe_operator.ending import overdue
 from bagpipe_operator.progress import Progress
-from bagpipe_operator.view import JobView, Json, PodView
+from bagpipe_operator.view import JobView, PodView
 
 # A driver that is lost again and again is not helped by haste, and its node or its storage is.
 FIRST_PAUSE_SECONDS = 10.0
@@ -17,6 +17,7 @@ LONGEST_PAUSE_SECONDS = 300.0
 _MOST_DOUBLINGS = 10
 # A native sidecar, or a mesh that is told to, ends within seconds after the driver.
 LINGER_SECONDS = 30.0
+_DEADLINES = frozenset({reasons.START_DEADLINE_EXCEEDED, reasons.DEADLINE_EXCEEDED})
 _STOPPING = re.compile(r" \d+ pods? (is|are) being stopped; what is done is kept\.$")
 
 
@@ -37,26 +38,22 @@ class Halt:
 def halt_of(job: JobView, now: datetime) -> Halt | None:
     """Why the job may have no pods at this moment, if so.
 
-    A suspension that has begun is brought to its end, also when it was taken back meanwhile: its
-    driver has been told to stop and must not be counted as lost.
+    What has begun is brought to its end, also when a suspension was taken back meanwhile, a
+    deadline moved, or the clock set back: the driver has been told to stop and must not be counted
+    as lost.
     """
     said = conditions.find(job.status.get("conditions") or [], conditions.SUSPENDED)
     if job.spec.get("suspend"):
         return Halt(reasons.JOB_SUSPENDED, "spec.suspend is true: set it to false to go on.")
     if said is not None and said["reason"] == reasons.SUSPENDING:
         return Halt(reasons.JOB_SUSPENDED, "The job goes on when its pods are gone.")
-    return _late_start(job, now) or _late_end(job, now)
+    return _told_late(job) or _late_start(job, now) or _late_end(job, now)
 
 
 def _late_start(job: JobView, now: datetime) -> Halt | None:
     deadline = job.spec.get("startDeadline")
     if job.status.get("firstCaseTime") or not _passed(job.status.get("startTime"), deadline, now):
         return None
-    told = _told_late_start(job)
-    if told is not None:
-        # What held it up was said then; now the condition tells of this halt.
-        before = _STOPPING.sub("", str(told["message"]))
-        return Halt(reasons.START_DEADLINE_EXCEEDED, before, final=True)
     message = (
         f"No case began within spec.startDeadline ({deadline}). {_held_up_by(job)}"
         " Mend that, or allow more time, and create the job again."
@@ -64,11 +61,12 @@ def _late_start(job: JobView, now: datetime) -> Halt | None:
     return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
 
 
-def _told_late_start(job: JobView) -> Json | None:
-    """The condition that tells of a start deadline, once its pods are being stopped for it."""
+def _told_late(job: JobView) -> Halt | None:
+    """The halt for which a late job's pods are being stopped; what held it up was said then."""
     told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
-    late = told is not None and told["reason"] == reasons.START_DEADLINE_EXCEEDED
-    return told if late else None
+    if told is None or told["reason"] not in _DEADLINES:
+        return None
+    return Halt(told["reason"], _STOPPING.sub("", str(told["message"])), final=True)
 
 
 def halt_as_seen(
@@ -82,7 +80,7 @@ def halt_as_seen(
     """
     if halt is None or halt.reason != reasons.START_DEADLINE_EXCEEDED:
         return halt
-    if _told_late_start(job) is not None:
+    if _told_late(job) is not None:
         return halt  # its pods are being stopped
     begun = progress.cases.begun if progress else running
     return _late_end(job, now) if begun else halt

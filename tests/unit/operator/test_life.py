@@ -239,6 +239,51 @@ async def test_the_active_deadline_may_be_moved_while_the_job_runs() -> None:
     assert world.reason("Running") == "False/DeadlineExceeded"
 
 
+async def stopped_for_its_deadline(world: World) -> None:
+    """The driver ends within its grace period, and goes."""
+    gone(world, "x-1-exec-1")
+    world.view.put_pod(ending_driver(gone_by="2026-11-20T04:01:30Z"))
+    await world.reconcile(after=1)
+    gone(world, "x-1-driver")
+    await world.reconcile(after=1)
+
+
+async def test_a_deadline_that_is_moved_while_the_pods_are_stopped_is_brought_to_its_end() -> None:
+    """The driver was told to stop, and was not lost."""
+    world = World(make_job("x").with_spec("activeDeadline", "60s").with_spec("backoffLimit", 0))
+    await running(world)
+    await world.reconcile(after=58)
+    edit(world, activeDeadline="600s")
+    await stopped_for_its_deadline(world)
+    assert world.reason("Failed") == "True/DeadlineExceeded"
+    assert "spec.activeDeadline (60s)" in world.message("Failed")
+    assert world.status()["lostDrivers"] == 0
+
+
+async def test_a_replica_whose_clock_is_behind_brings_a_deadline_to_its_end() -> None:
+    world = World(make_job("x").with_spec("activeDeadline", "60s").with_spec("backoffLimit", 0))
+    await running(world)
+    await world.reconcile(after=58)
+    world.reconciler = world.restarted(world.view)
+    world.clock.advance(-20)
+    await stopped_for_its_deadline(world)
+    assert world.reason("Failed") == "True/DeadlineExceeded"
+
+
+async def test_a_case_that_begins_while_a_late_driver_is_stopped_takes_nothing_back() -> None:
+    world = World(make_job("x").with_spec("startDeadline", "30s").with_spec("backoffLimit", 0))
+    await world.reconcile()
+    world.deliver(make_driver("x").running())
+    world.drivers.says = account("Planning", cases={"planned": 0})
+    await world.reconcile(after=30)
+    assert world.reason("Running") == "False/StartDeadlineExceeded"
+    world.view.put_pod(deleting_driver())
+    world.drivers.says = account()
+    await world.reconcile(after=1)
+    await stopped_for_its_deadline(world)
+    assert world.reason("Failed") == "True/StartDeadlineExceeded"
+
+
 async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> None:
     world = World(make_job("x").with_spec("startDeadline", "30s"))
     await world.reconcile()
