@@ -163,9 +163,9 @@ class Reconciler:
         elif driver is None and halt is None and not pausing(job, self.now()):
             driver, refusal, ending = await self._start(job, attempt)
         if driver is not None:
-            driver = await self._refreshed_if_unheard(driver)
+            seen, driver = driver, await self._refreshed_if_unheard(driver)
             if driver is None:
-                ending = lost_driver(job.namespace, names.driver_name(job.name, attempt))
+                ending = lost_driver(job.namespace, seen.name, seen)
         progress = None
         if driver is not None:
             ending = ending_of(driver, self.now())

@@ -8,6 +8,7 @@ from aiohttp import web
 from bagpipe_operator.life import pause_seconds
 from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_progress import driver
+from tests.unit.operator.test_unseen import vanish
 from tests.unit.operator.world import UID, World
 
 
@@ -187,6 +188,37 @@ async def test_a_drained_node_costs_no_attempt_and_ends_no_job() -> None:
         world.deliver(make_driver("x", attempt + 1).running())
         await world.reconcile(after=2)
     assert world.reason("Failed") == "False/InProgress"
+
+
+def evicted_driver() -> PodBuilder:
+    """A driver that is being evicted, and has its grace period."""
+    pod = make_driver("x").running().disrupted("EvictionByEvictionAPI", "Eviction API: evicting")
+    return pod.deleting(gone_by="2026-11-20T04:00:30Z")
+
+
+async def test_an_eviction_whose_end_no_watch_has_told_costs_no_attempt() -> None:
+    world = World()
+    await started(world)
+    world.deliver(evicted_driver())
+    await world.reconcile(after=2)
+    vanish(world, "x-1-driver")
+    world.drivers.silent = 30.0
+    await world.reconcile(after=30)
+    assert world.reason("Running") == "False/DriverEvicted"
+    assert (world.status()["attempt"], world.status()["lostDrivers"]) == (2, 0)
+
+
+async def test_a_driver_that_has_completed_and_went_unseen_has_completed() -> None:
+    """Its end was seen, and could not be written before its pod went."""
+    world = World()
+    await started(world)
+    done = make_driver("x").running()
+    ended = {"exitCode": 0, "message": account("Complete")}
+    world.view.put_pod(done.with_container("driver", {"terminated": ended}).view())
+    vanish(world, "x-1-driver")
+    world.drivers.silent = 30.0
+    await world.reconcile(after=30)
+    assert world.reason("Complete") == "True/JobComplete"
 
 
 def test_a_pause_is_a_number_however_many_attempts_there_were() -> None:
