@@ -48,9 +48,10 @@ def ending_of(driver: PodView, now: datetime) -> Ending | None:
     container = driver.container(names.CONTAINER_DRIVER)
     code = container.exit_code if container else None
     if container is None or code is None:
-        if driver.ended:
+        late = overdue(driver, now)
+        if driver.ended or (late and driver.disruption is not None):
             return _of_pod(driver)
-        return _unreachable(driver) if overdue(driver, now) else None
+        return _unreachable(driver) if late else None
     return _of_exit(driver, container, code)
 
 

@@ -221,5 +221,15 @@ async def test_a_driver_that_has_completed_and_went_unseen_has_completed() -> No
     assert world.reason("Complete") == "True/JobComplete"
 
 
+async def test_a_drained_node_that_does_not_answer_costs_no_attempt() -> None:
+    """It was drained to be switched off, and its kubelet told no more."""
+    world = World()
+    await started(world)
+    world.deliver(evicted_driver())
+    await world.reconcile(after=60)
+    assert world.reason("Running") == "False/DriverEvicted"
+    assert (world.status()["attempt"], world.status()["lostDrivers"]) == (2, 0)
+
+
 def test_a_pause_is_a_number_however_many_attempts_there_were() -> None:
     assert [pause_seconds(lost) for lost in (1, 2, 6, 1025, 10**6)] == [10, 20, 300, 300, 300]
