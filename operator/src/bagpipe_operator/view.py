@@ -284,9 +284,11 @@ class View:
         return (pod for pods in list(self._pods.values()) for pod in pods.values())
 
     def driver(self, job_uid: str, attempt: int) -> PodView | None:
-        """The driver of one attempt."""
+        """The driver of one attempt; a copy that somebody has made of it has another name."""
+        job = self._jobs.get(job_uid)
         for pod in self.pods(job_uid):
-            if pod.role == names.ROLE_DRIVER and pod.attempt == attempt:
+            named = job is None or pod.name == names.driver_name(job.name, attempt)
+            if named and pod.role == names.ROLE_DRIVER and pod.attempt == attempt:
                 return pod
         return None
 

@@ -190,6 +190,21 @@ async def test_a_drained_node_costs_no_attempt_and_ends_no_job() -> None:
     assert world.reason("Failed") == "False/InProgress"
 
 
+async def test_a_copy_of_the_driver_s_pod_is_not_taken_for_it() -> None:
+    """Somebody looks for a fault in it: same labels, same ConfigMap, and a name of its own."""
+    world = World()
+    await started(world)
+    copy = make_driver("x").running()
+    copy.name = "debug-x"
+    world.deliver(copy)
+    await world.reconcile(after=2)
+    assert world.status()["driver"] == "x-1-driver"
+    world.deliver(copy.ended(1))
+    await world.reconcile(after=2)
+    assert (world.status()["attempt"], world.reason("Running")) == (1, "True/CasesRunning")
+    assert "x-1-driver" in world.api.named("pods")
+
+
 def evicted_driver() -> PodBuilder:
     """A driver that is being evicted, and has its grace period."""
     pod = make_driver("x").running().disrupted("EvictionByEvictionAPI", "Eviction API: evicting")
