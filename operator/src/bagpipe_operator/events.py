@@ -7,7 +7,7 @@ time (a retry, the operator's next run) finds it written.
 import hashlib
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Protocol
 
@@ -103,7 +103,7 @@ class Subject(Protocol):
 
 def manifest(job: JobView, note: Note, now: datetime) -> Json:
     """A job's Event as core/v1 wants it."""
-    return event(job, names.KIND, note, _mark(job, note), now)
+    return event(job, names.KIND, note, note.mark, now)
 
 
 def event(about: Subject, kind: str, note: Note, mark: str, now: datetime) -> Json:
@@ -133,17 +133,15 @@ def event(about: Subject, kind: str, note: Note, mark: str, now: datetime) -> Js
     }
 
 
-def _mark(job: JobView, note: Note) -> str:
-    """Of one transition always the same.
+def marked(job: JobView, note: Note) -> Note:
+    """The note of one transition with a mark that is always the same.
 
     Of a trouble that comes and goes while cases run on (the condition stays True) the first is
     told. A driver's end is announced, and then happens: one Event for each driver.
     """
-    mark = note.mark
-    if mark.startswith(conditions.RUNNING):
-        driver = re.search(rf"\b{re.escape(job.name)}-\d+-driver\b", note.message)
-        if driver and note.reason in reasons.DRIVER_ENDS:
-            mark = driver[0]
-        else:
-            mark = f"{job.status.get('attempt')} {mark}"
-    return mark
+    if not note.mark.startswith(conditions.RUNNING):
+        return note
+    driver = re.search(rf"\b{re.escape(job.name)}-\d+-driver\b", note.message)
+    if driver and note.reason in reasons.DRIVER_ENDS:
+        return replace(note, mark=driver[0])
+    return replace(note, mark=f"{job.status.get('attempt')} {note.mark}")

@@ -55,8 +55,8 @@ class Teller:
             logger.warning("%s/%s: told later: %s", job.namespace, job.name, error)
 
     def add(self, job: JobView, notes: Iterable[Note]) -> None:
-        """Keeps what is to be told."""
-        self._untold.add(job.uid, notes)
+        """Keeps what is to be told, marked now: by then the job may be at another attempt."""
+        self._untold.add(job.uid, [events.marked(job, note) for note in notes])
 
     async def tell(self, job: JobView, now: datetime) -> None:
         """Writes what is kept; raises the ApiError after which to try again."""

@@ -218,3 +218,16 @@ async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
     for _ in range(2):
         await world.reconcile(after=0.5)
     assert world.api.event_reasons() == ["DriverCreated"]
+
+
+async def test_an_event_whose_answer_was_lost_is_not_told_again_of_the_next_attempt() -> None:
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").waiting("driver", "ErrImagePull"))
+    world.api.lost.add("create events")
+    with pytest.raises(ApiError, match="lost"):
+        await world.reconcile(after=1)
+    world.deliver(make_driver("x").ended(137))
+    await world.reconcile(after=0.5)
+    assert world.status()["attempt"] == 2
+    assert world.api.event_reasons() == ["DriverCreated", "DriverImageUnavailable", "DriverFailed"]
