@@ -40,15 +40,16 @@ def transitions(old: Iterable[Json], new: Iterable[Json]) -> list[Note]:
     """What is worth telling of the way from the old conditions to the new."""
     before = list(old)
     notes: list[Note] = []
-    for condition in new:
-        known = conditions.find(before, condition["type"])
-        if known is not None and _same(known, condition):
-            continue
-        type_ = _worth(condition)
-        told = any(note.reason == condition["reason"] for note in notes)
+    changed = [c for c in new if not _same(conditions.find(before, c["type"]), c)]
+    # Of two that say the same the end is told: the other one may have been told before it.
+    ends = {c["reason"] for c in changed if c["type"] in conditions.ENDS and c["status"] == "True"}
+    for condition in changed:
+        type_, reason = _worth(condition), condition["reason"]
+        told = any(note.reason == reason for note in notes)
+        told = told or (reason in ends and condition["type"] not in conditions.ENDS)
         if type_ is not None and not told:
             mark = f"{condition['type']} {condition['status']} {condition['lastTransitionTime']}"
-            notes.append(Note(type_, condition["reason"], condition["message"], mark))
+            notes.append(Note(type_, reason, condition["message"], mark))
     return notes
 
 
@@ -63,7 +64,9 @@ def recent(written: Iterable[Json], now: datetime) -> list[Note]:
     return transitions([], fresh)
 
 
-def _same(known: Json, condition: Json) -> bool:
+def _same(known: Json | None, condition: Json) -> bool:
+    if known is None:
+        return False
     # Two drivers in a row may end alike; the message counts them.
     ended = condition["reason"] in reasons.DRIVER_ENDS
     keys = ("status", "reason", "message") if ended else ("status", "reason")

@@ -6,8 +6,9 @@ from dataclasses import replace
 import pytest
 
 from bagpipe_operator.api import ApiError
-from tests.unit.operator.builders import START, account, make_driver, make_executor
+from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_life import edit
+from tests.unit.operator.test_reconcile import MISSING_ACCOUNT
 from tests.unit.operator.world import World
 
 KILLED = ApiError(0, "Unreachable", "killed")
@@ -231,3 +232,27 @@ async def test_an_event_whose_answer_was_lost_is_not_told_again_of_the_next_atte
     await world.reconcile(after=0.5)
     assert world.status()["attempt"] == 2
     assert world.api.event_reasons() == ["DriverCreated", "DriverImageUnavailable", "DriverFailed"]
+
+
+async def test_an_end_that_says_what_was_told_before_is_told_by_the_next_operator() -> None:
+    """The refusal was told when it began; the end has the same reason, and an Event of its own."""
+    world = World()
+    world.api.fail("create pods", *[MISSING_ACCOUNT] * 2)
+    await world.reconcile()
+    world.clock.advance(28)
+    await killed_before_telling(world)
+    assert world.reason("Failed") == "True/ServiceAccountMissing"
+    assert world.api.event_reasons() == ["ServiceAccountMissing"]
+    for _ in range(2):
+        await world.reconcile(after=2)
+        world.reconciler = world.restarted(world.view)
+    assert world.api.event_reasons() == ["ServiceAccountMissing"] * 2
+
+
+async def test_an_end_at_once_is_told_once_whoever_tells_it() -> None:
+    world = World(make_job("x").with_spec("stack.parameters", {"threshold": 0.5}))
+    for _ in range(2):
+        await world.reconcile(after=2)
+        world.reconciler = world.restarted(world.view)
+    assert world.reason("Accepted") == "False/SpecInvalid"
+    assert world.api.event_reasons() == ["SpecInvalid"]
