@@ -43,7 +43,9 @@ class Untold:
             try:
                 await self.api.create("events", manifest(notes[0]))
             except ApiError as error:
-                if error.status in _TRANSIENT:
+                # A quota of Events answers 409 too, when another Event is counted meanwhile.
+                conflict = error.status == 409 and error.reason != "AlreadyExists"
+                if error.status in _TRANSIENT or conflict:
                     raise
                 if error.status != 409:  # 409: it was told before, or its answer was lost
                     logger.warning(

@@ -69,9 +69,16 @@ async def test_an_event_that_can_not_be_written_stops_nothing() -> None:
     assert world.api.event_reasons() == []
 
 
-async def test_an_event_that_can_not_be_written_now_is_written_later() -> None:
+@pytest.mark.parametrize(
+    "error",
+    [
+        ApiError(500, "InternalError", "no"),
+        ApiError(409, "Conflict", 'Operation cannot be fulfilled on resourcequotas "events"'),
+    ],
+)
+async def test_an_event_that_can_not_be_written_now_is_written_later(error: ApiError) -> None:
     world = World()
-    world.api.fail("create events", ApiError(500, "InternalError", "no"))
+    world.api.fail("create events", error)
     with pytest.raises(ApiError):
         await world.reconcile()
     assert world.status()["phase"] == "Pending"
