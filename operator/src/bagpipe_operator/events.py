@@ -55,10 +55,11 @@ def transitions(old: Iterable[Json], new: Iterable[Json]) -> list[Note]:
 
 def recent(written: Iterable[Json], now: datetime) -> list[Note]:
     """What a status says of the last RETOLD_SECONDS: its writer may have died before telling it."""
+    # A moment to come is one of a clock that was ahead, by seconds or by far.
     fresh = [
         condition
         for condition in written
-        if (now - datetime.fromisoformat(condition["lastTransitionTime"])).total_seconds()
+        if abs((now - datetime.fromisoformat(condition["lastTransitionTime"])).total_seconds())
         < RETOLD_SECONDS
     ]
     return transitions([], fresh)

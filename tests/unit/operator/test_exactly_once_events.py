@@ -130,6 +130,18 @@ async def test_a_restart_tells_nothing_of_what_was_long_ago() -> None:
     assert world.api.event_reasons() == []
 
 
+async def test_a_clock_that_was_ahead_makes_nothing_news_again() -> None:
+    """Each operator that starts until then would tell it, whenever the API server has forgotten."""
+    world = World()
+    world.clock.advance(7200)
+    await world.reconcile()
+    world.clock.advance(-7200)
+    world.api.objects = {key: o for key, o in world.api.objects.items() if key[0] != "events"}
+    world.reconciler = world.restarted(world.view)
+    await world.reconcile(after=1)
+    assert world.api.event_reasons() == []
+
+
 async def test_what_release_0_1_0_told_under_other_names_is_not_told_again() -> None:
     world = World()
     await killed_before_telling(world)
