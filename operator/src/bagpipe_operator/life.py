@@ -118,7 +118,11 @@ def _passed(since: str | None, duration: object, now: datetime) -> bool:
 def pausing(job: JobView, now: datetime) -> bool:
     """Whether the next driver is not to be created yet."""
     until = job.status.get("nextAttemptTime")
-    return until is not None and now < datetime.fromisoformat(until)
+    if until is None:
+        return False
+    left = (datetime.fromisoformat(until) - now).total_seconds()
+    # Twice as much is no pause, but a clock that was ahead: by days, maybe.
+    return 0 < left <= 2 * LONGEST_PAUSE_SECONDS
 
 
 def pause_seconds(lost: int) -> float:

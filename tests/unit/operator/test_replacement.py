@@ -190,6 +190,19 @@ async def test_a_drained_node_costs_no_attempt_and_ends_no_job() -> None:
     assert world.reason("Failed") == "False/InProgress"
 
 
+async def test_a_clock_that_is_set_back_holds_no_driver_up() -> None:
+    world = World()
+    await started(world)
+    world.clock.advance(86_400)
+    world.deliver(make_driver("x").ended(137))
+    await world.reconcile()
+    assert world.status()["nextAttemptTime"] == "2026-11-21T04:00:12Z"
+    world.clock.advance(-86_400)
+    for _ in range(3):
+        await world.reconcile(after=100)
+    assert world.status()["driver"] == "x-2-driver"
+
+
 async def test_a_copy_of_the_driver_s_pod_is_not_taken_for_it() -> None:
     """Somebody looks for a fault in it: same labels, same ConfigMap, and a name of its own."""
     world = World()
