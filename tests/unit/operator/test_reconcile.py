@@ -180,6 +180,24 @@ async def test_a_quota_that_gets_room_lets_the_job_start() -> None:
     assert world.reason("Accepted") == "True/DriverCreated"
 
 
+@pytest.mark.parametrize("call", ["try pods", "create configmaps", "create pods"])
+async def test_a_webhook_that_is_down_is_told_and_the_deadline_counts(call: str) -> None:
+    world = World(make_job("x").with_spec("startDeadline", "60s"))
+    said = 'Internal error occurred: failed calling webhook "pods.istio.io": no endpoints available'
+    world.api.fail(call, *[ApiError(500, "InternalError", said)] * 20)
+    for _ in range(12):
+        await world.reconcile(after=4)
+    assert (world.status()["phase"], world.reason("Accepted")) == (
+        "Pending",
+        "False/CreationRefused",
+    )
+    assert 'webhook "pods.istio.io"' in world.message("Accepted")
+    for _ in range(5):
+        await world.reconcile(after=4)
+    assert world.reason("Failed") == "True/StartDeadlineExceeded"
+    assert 'webhook "pods.istio.io"' in world.message("Failed")
+
+
 async def test_a_refused_pod_is_told_in_the_server_s_words() -> None:
     world = World()
     said = 'violates PodSecurity "restricted:latest"'
