@@ -14,6 +14,7 @@ from typing import Protocol
 
 from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.events import Note
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -61,6 +62,8 @@ class ScheduleReconciler:
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
     _listed: dict[str, datetime] = field(default_factory=dict)
+    # What a write would have changed and told that was not answered: it may have happened.
+    _unanswered: dict[str, tuple[Json, list[Note]]] = field(default_factory=dict)
     _zones: Zones = field(default_factory=Zones)
     _large: asyncio.Lock = field(default_factory=asyncio.Lock)
     _teller: events.Teller = field(init=False)
@@ -70,14 +73,10 @@ class ScheduleReconciler:
 
     async def reconcile(self, uid: str) -> None:
         """Brings one schedule forward; raises ApiError when it should be tried again."""
-        schedule = self.view.schedule(uid)
-        if schedule is None or schedule.deleting:
-            self.alarms.set(uid, None)
-            self._listed.pop(uid, None)  # its jobs go by their ownerReferences
-            self._teller.forget(uid)
-            return
         now = self.now()
-        self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
+        schedule = await self._to_look_at(uid, now)
+        if schedule is None:
+            return
         if uid not in self._listed:
             # A new operator's watch may not have brought the jobs yet.
             await self._list(schedule)
@@ -102,6 +101,18 @@ class ScheduleReconciler:
         if decision.verdict is Verdict.WAIT:
             moments.append(self._listed[uid] + LIST_EVERY)
         self.alarms.set(uid, min((at for at in moments if at is not None), default=None))
+
+    async def _to_look_at(self, uid: str, now: datetime) -> ScheduleView | None:
+        """The schedule; None when it is gone, and so forgotten."""
+        schedule = self.view.schedule(uid)
+        if schedule is None or schedule.deleting:
+            self.alarms.set(uid, None)
+            self._listed.pop(uid, None)  # its jobs go by their ownerReferences
+            self._unanswered.pop(uid, None)
+            self._teller.forget(uid)
+            return None
+        self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
+        return await self._settled(schedule) if uid in self._unanswered else schedule
 
     async def _decided(self, schedule: ScheduleView, now: datetime) -> Decision:
         zone = await self._zones.read(time_zone_of(schedule))
@@ -181,14 +192,26 @@ class ScheduleReconciler:
             return
         # With the version that was decided on, a schedule that has changed since answers 409.
         patch = {"metadata": {"resourceVersion": schedule.resource_version}, "status": changed}
+        notes = notes_of(schedule, outcome, now)
+        self._unanswered[schedule.uid] = changed, notes
         try:
             written = await self.api.patch_schedule_status(schedule.namespace, schedule.name, patch)
         except ApiError as error:
             if error.status in {404, 409}:
+                self._unanswered.pop(schedule.uid)
                 await self._reread(schedule)
             if error.status == 404:
                 return
             raise
+        self._unanswered.pop(schedule.uid)
         current = ScheduleView.from_object(written)
         self.view.put_schedule(current)
-        self._teller.add(current, notes_of(schedule, outcome, now))
+        self._teller.add(current, notes)
+
+    async def _settled(self, schedule: ScheduleView) -> ScheduleView | None:
+        """The schedule as it is after a write without an answer, which is told if it happened."""
+        live = await self._reread(schedule)
+        changed, notes = self._unanswered.pop(schedule.uid)
+        if live is not None and all(live.status.get(key) == changed[key] for key in changed):
+            self._teller.add(live, notes)
+        return live

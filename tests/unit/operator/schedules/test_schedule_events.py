@@ -37,6 +37,30 @@ async def test_an_event_whose_answer_was_lost_is_not_told_twice() -> None:
     assert world.api.calls.count("event") == 3
 
 
+@pytest.mark.parametrize("watch_is_behind", [False, True])
+async def test_a_status_whose_answer_was_lost_is_told_all_the_same(watch_is_behind: bool) -> None:
+    """The write has happened, and nothing is left to be written at the next visit."""
+    world = World()
+    world.api.lost["patch"] = True
+    with pytest.raises(ApiError, match="no answer"):
+        await world.at(1)
+    if not watch_is_behind:
+        world.deliver()
+    for seconds in (1, 2):
+        await world.at(1, seconds)
+    assert (world.names, world.told()) == ([name_of(1)], ["Normal/JobStarted"])
+
+
+async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
+    world = World(suspend=True)
+    world.api.fail("patch", ApiError(0, "Unreachable", "no answer"))
+    with pytest.raises(ApiError, match="no answer"):
+        await world.at(1)
+    for seconds in (1, 2):
+        await world.at(1, seconds)
+    assert world.told() == ["Normal/SuspendedBySpec"]
+
+
 async def test_an_event_that_is_refused_is_let_go() -> None:
     world = World()
     world.api.fail("event", ApiError(403, "Forbidden", "no"))

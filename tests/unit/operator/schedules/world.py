@@ -96,8 +96,7 @@ class FakeApi:
         if any(event["metadata"] == manifest["metadata"] for event in self.told):
             raise ApiError(409, "AlreadyExists", "it already exists")
         self.told.append(manifest)
-        if self.lost.pop("event", None):
-            raise ApiError(0, "Unreachable", "no answer")
+        self._answers("event")
         return manifest
 
     async def create_job(self, manifest: Json) -> Json:
@@ -108,6 +107,7 @@ class FakeApi:
         made = copy.deepcopy(manifest)
         made["metadata"]["uid"] = f"uid-of-{name}"
         self.jobs[name] = made
+        self._answers("create")
         return copy.deepcopy(made)
 
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
@@ -134,12 +134,17 @@ class FakeApi:
         schedule["metadata"]["resourceVersion"] = str(self.version)
         merged = (schedule.get("status") or {}) | patch["status"]
         schedule["status"] = {k: v for k, v in merged.items() if v is not None}
+        self._answers("patch")
         return copy.deepcopy(schedule)
 
     def _schedule(self) -> Json:
         if self.schedule is None:
             raise ApiError(404, "NotFound", "nightly not found")
         return self.schedule
+
+    def _answers(self, call: str) -> None:
+        if self.lost.pop(call, None):
+            raise ApiError(0, "Unreachable", "no answer")
 
     def _called(self, call: str) -> None:
         self.calls.append(call)
