@@ -75,10 +75,23 @@ def decide(
     seen = replace(seen, next_run=next_run, wake=next_run)
     since = seen.last_run or schedule.created
     run = cron.latest_run(since, now)
-    if run is None:
+    if run is None and not seen.unwritten:
         return seen
-    due = cron.count_runs(since, now, MISSED_LIMIT + 1)
-    return _with_due_run(schedule, replace(seen, run=run, due=due), run, now)
+    seen = replace(seen, run=run, due=_due(schedule, jobs, cron, run or since, now))
+    return seen if run is None else _with_due_run(schedule, seen, run, now)
+
+
+def _due(
+    schedule: ScheduleView, jobs: tuple[ScheduledJob, ...], cron: Cron, latest: datetime,
+    now: datetime,
+) -> int:  # fmt: skip
+    """How many runs are due up to the latest one, with it, of which the status says nothing.
+
+    Those that have jobs were not missed.
+    """
+    written = _written(schedule) or schedule.created
+    runs = [job.run for job in jobs if job.run is not None and written < job.run < latest]
+    return max(1, cron.count_runs(written, now, MISSED_LIMIT + 1) - len(runs))
 
 
 def _with_due_run(schedule: ScheduleView, seen: Decision, run: datetime, now: datetime) -> Decision:

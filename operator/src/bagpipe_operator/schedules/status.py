@@ -179,6 +179,8 @@ def _told_late(schedule: ScheduleView, decision: Decision) -> Condition | None:
         return None
     name = job_name(schedule.name, decision.last_run)
     words = f"{name} was started for the run of {conditions.timestamp(decision.last_run)}."
+    if decision.due > 1:
+        return Condition(ON_TIME, False, *_missed(words, decision.due - 1))
     return Condition(ON_TIME, True, reasons.JOB_STARTED, words)
 
 

@@ -91,6 +91,28 @@ async def test_of_missed_runs_the_latest_is_made_up_for() -> None:
     assert world.condition("OnTime") == ("True", "JobStarted")
 
 
+@pytest.mark.parametrize("later", [7, 8])
+@pytest.mark.parametrize("call", ["create", "patch"])
+async def test_missed_runs_are_told_also_where_the_start_had_no_answer(
+    call: str, later: int
+) -> None:
+    """The job is found afterwards, by this operator or the next one."""
+    world = World()
+    await world.at(1)
+    if call == "create":
+        world.api.lost["create"] = True
+    else:
+        world.api.fail("patch", ApiError(0, "Unreachable", "killed"))
+    with pytest.raises(ApiError, match="Unreachable"):
+        await world.at(7)
+    world.restart()
+    await world.at(later, 20)
+    assert world.names == [name_of(count) for count in (1, *range(7, later + 1))]
+    assert world.condition("OnTime") == ("False", "MissedStart")
+    assert "5 runs were missed" in world.message("OnTime")
+    assert world.told() == ["Normal/JobStarted", "Warning/MissedStart"]
+
+
 @pytest.mark.parametrize(("gap", "reason"), [(100, "MissedStart"), (101, "TooManyMissedStarts")])
 async def test_a_hundred_missed_runs_are_told_apart(gap: int, reason: str) -> None:
     world = World()
