@@ -169,8 +169,15 @@ class Schedules:
         return changed
 
     def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:
-        """Takes the API server's own list in place of what was seen."""
-        self._jobs[uid] = {job.name: job for job in jobs if job.schedule_uid == uid}
+        """Takes the API server's own list in place of what was seen.
+
+        The watch may have brought what is newer while the list was read.
+        """
+        listed = [job for job in jobs if job.schedule_uid == uid]
+        known = self._jobs.get(uid, {})
+        self._jobs[uid] = {job.name: known.get(job.name, job) for job in listed}
+        for job in listed:
+            self.put_job(job)
 
     def drop_job(self, job: ScheduledJob) -> None:
         """Forgets a job, unless another of the same name has taken its place."""
