@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.schedules.cron import MINUTE
 
 # A run starts at most this much after its time, plus the queue's and the API server's share.
 PERIOD_SECONDS = 0.5
@@ -18,6 +19,7 @@ class Alarms:
     queue: WorkQueue
     now: Callable[[], datetime]
     _at: dict[str, datetime] = field(default_factory=dict)
+    _rung: datetime | None = None
 
     def set(self, uid: str, at: datetime | None) -> None:
         """The moment to wake a schedule at; None for none."""
@@ -29,7 +31,10 @@ class Alarms:
     def ring(self) -> int:
         """Asks for every schedule whose moment has come, but not while it rests after a fault."""
         now = self.now()
-        due = [uid for uid, at in self._at.items() if at <= now]
+        # By a clock that was set back all alarms are wrong.
+        set_back = self._rung is not None and self._rung - now > MINUTE
+        self._rung = now
+        due = [uid for uid, at in self._at.items() if at <= now or set_back]
         for uid in due:
             self.queue.add_if_rested(uid)
         return len(due)

@@ -11,7 +11,7 @@ from enum import Enum
 from zoneinfo import ZoneInfo
 
 from bagpipe_operator import readings, reasons
-from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
+from bagpipe_operator.schedules.cron import MINUTE, Cron, UnusableScheduleError
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 
 # Past this many the rest is not counted: CronJob's own bound.
@@ -73,6 +73,9 @@ def decide(
     if schedule.suspended:
         return seen
     seen = replace(seen, next_run=next_run, wake=next_run)
+    if last_run is not None and last_run > now + MINUTE:
+        # The clock was ahead when that was written, and the runs until then are still to come.
+        seen = replace(seen, last_run=cron.latest_run(schedule.created, now), unwritten=False)
     since = seen.last_run or schedule.created
     run = cron.latest_run(since, now)
     if run is None and not seen.unwritten:

@@ -122,6 +122,35 @@ async def test_a_hundred_missed_runs_are_told_apart(gap: int, reason: str) -> No
     assert world.condition("OnTime") == ("False", reason)
 
 
+async def test_a_clock_that_is_set_back_stops_no_schedule() -> None:
+    """It was a day ahead, and a run of that day has been started."""
+    world = World()
+    await world.at(1)
+    await world.at(1441)
+    assert world.alarms.ring() == 0
+    world.clock = minute(2) + timedelta(seconds=30)
+    assert (world.alarms.ring(), world.alarms.ring()) == (1, 0)
+    await world.at(2, 30)
+    assert world.status["lastScheduleTime"] == "2026-11-20T04:02:00Z"
+    assert world.status["nextScheduleTime"] == "2026-11-20T04:03:00Z"
+    world.clock = minute(3)
+    assert world.alarms.ring() == 1
+    await world.at(3)
+    assert world.names == [name_of(1), name_of(3), name_of(1441)]
+    assert world.told() == ["Normal/JobStarted", "Warning/TooManyMissedStarts", "Normal/JobStarted"]
+
+
+async def test_a_replica_whose_clock_is_behind_starts_no_run_again() -> None:
+    world = World()
+    await world.at(1)
+    world.restart()
+    await world.at(0, 58)
+    assert world.status["lastScheduleTime"] == "2026-11-20T04:01:00Z"
+    await world.at(1, 1)
+    assert world.names == [name_of(1)]
+    assert world.told() == ["Normal/JobStarted"]
+
+
 async def test_after_its_deadline_a_run_is_missed() -> None:
     world = World(schedule="0 * * * *", startingDeadline="20s")
     await world.at(60, 21)
