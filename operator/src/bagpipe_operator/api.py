@@ -131,8 +131,15 @@ class KubernetesApi:
 
     async def job_uids(self, namespace: str | None) -> set[str]:
         """The UIDs of all SimulationJobs, without their specs; None: of all namespaces."""
+        return await self._uids(namespace, names.PLURAL)
+
+    async def schedule_uids(self, namespace: str | None) -> set[str]:
+        """The same of all SimulationSchedules."""
+        return await self._uids(namespace, names.SCHEDULE_PLURAL)
+
+    async def _uids(self, namespace: str | None, plural: str) -> set[str]:
         scope = f"/namespaces/{namespace}" if namespace else ""
-        path = f"/apis/{names.API_VERSION}{scope}/{names.PLURAL}?limit={PAGE}"
+        path = f"/apis/{names.API_VERSION}{scope}/{plural}?limit={PAGE}"
         listed = self._listed(path, accept=_METADATA_ALONE)
         return {item["metadata"]["uid"] async for item in listed}
 

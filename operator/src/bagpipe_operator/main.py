@@ -100,8 +100,10 @@ async def run(settings: Settings) -> None:
         runner = await serve.start(application, settings.listen_host, settings.listen_port)
         stack.push_async_callback(runner.cleanup)
         await wait_until_watchable(api, settings)
-        census = Census(view, queue, api, settings.watch_namespaces or (None,))
-        tasks = [asyncio.create_task(work_of.run()) for work_of in (sweeper, election, census)]
+        namespaces = settings.watch_namespaces or (None,)
+        census = Census(view, queue, api.job_uids, namespaces)
+        second = schedules.census(api.schedule_uids, namespaces)
+        tasks = [asyncio.create_task(each.run()) for each in (sweeper, election, census, second)]
         at_work = partial(
             work, reconcile=reconciler.reconcile, metrics=metrics, leads=fence.leads,
             called=view.called,

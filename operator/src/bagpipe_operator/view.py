@@ -310,8 +310,13 @@ class View:
         self._jobs.pop(uid, None)
         self._gone.pop(uid, None)
 
-    def drop_pods(self, job_uid: str) -> None:
-        """Forgets all pods of a job that is gone; those that are there still will be told again."""
+    def uids(self) -> list[str]:
+        """Of all known jobs."""
+        return list(self._jobs)
+
+    def forget(self, job_uid: str) -> None:
+        """Forgets a job that is gone, and its pods; those that are there still are told again."""
+        self.drop_job(job_uid)
         self._pods.pop(job_uid, None)
 
     def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:

@@ -194,10 +194,12 @@ async def test_uids_come_by_pages_without_specs() -> None:
     async with server(answer) as api:
         assert await api.job_uids(None) == {"uid-1", "uid-2"}
         assert await api.job_uids("lanes") == {"uid-3"}
+        assert await api.schedule_uids("lanes") == {"uid-4"}
     everywhere, lanes = f"{JOBS}/simulationjobs", f"{JOBS}/namespaces/lanes/simulationjobs"
     brief = "as=PartialObjectMetadataList"
     assert asked == [
         (everywhere, None, brief), (everywhere, "a+b/c==", brief), (lanes, None, brief),
+        (f"{JOBS}/namespaces/lanes/simulationschedules", None, brief),
     ]  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from bagpipe_operator.census import Census
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.view import View
 from tests.unit.operator.builders import make_driver, make_job
+from tests.unit.operator.schedules.world import UID, World
 
 
 @dataclass
@@ -43,7 +44,7 @@ def known(view: View) -> list[str]:
 async def test_what_is_gone_is_forgotten(namespaces: tuple[str | None, ...]) -> None:
     view, queue = viewing("here", "gone"), WorkQueue()
     register = Register(view, {None: {"uid-of-here"}, "lanes": {"uid-of-here"}, "drives": set()})
-    census = Census(view, queue, register, namespaces)
+    census = Census(view, queue, register.job_uids, namespaces)
     for name in ("here", "gone"):
         view.put_pod(make_driver(name).view())
     assert (await census.count(), known(view)) == (1, ["here"])
@@ -56,7 +57,7 @@ async def test_what_is_gone_is_forgotten(namespaces: tuple[str | None, ...]) -> 
 async def test_what_was_created_while_the_list_was_read_stays() -> None:
     view = viewing("here")
     register = Register(view, {None: {"uid-of-here"}}, created=["new"])
-    assert await Census(view, WorkQueue(), register, (None,)).count() == 0
+    assert await Census(view, WorkQueue(), register.job_uids, (None,)).count() == 0
     assert known(view) == ["here", "new"]
 
 
@@ -64,5 +65,22 @@ async def test_a_list_that_fails_forgets_nobody() -> None:
     view = viewing("here")
     register = Register(view, {}, fault=ApiError(410, "Expired", "the continue token is too old"))
     with pytest.raises(ApiError):
-        await Census(view, WorkQueue(), register, (None,)).count()
+        await Census(view, WorkQueue(), register.job_uids, (None,)).count()
     assert known(view) == ["here"]
+
+
+async def test_a_schedule_that_is_gone_is_forgotten() -> None:
+    """A stalled one has no alarm, so that nobody else finds it gone, and is alerted of for ever."""
+    world = World(schedule="61 * * * *")
+    await world.at(1)
+    assert 'bagpipe_schedules{state="Stalled"} 1.0' in world.exposed()
+    queue, there = WorkQueue(), {UID}
+
+    async def register(_: str | None) -> set[str]:
+        return there
+
+    census = Census(world.view, queue, register, (None,))
+    assert await census.count() == 0
+    there.clear()
+    assert (await census.count(), await queue.get()) == (1, UID)
+    assert 'bagpipe_schedules{state="Stalled"} 0.0' in world.exposed()

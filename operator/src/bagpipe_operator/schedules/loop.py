@@ -1,11 +1,12 @@
 """Schedules' parts, tied together: main starts them beside those of jobs."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Sequence
 from datetime import datetime
 
 import kopf
 
+from bagpipe_operator.census import Census
 from bagpipe_operator.metrics import Metrics
 from bagpipe_operator.queue import WorkQueue
 from bagpipe_operator.reconcile import utc_now
@@ -48,6 +49,14 @@ class ScheduleLoop:
         """Asks for every schedule: a new leader knows of no work done, and of no next run."""
         for schedule in self._view.schedules():
             self._queue.add(schedule.uid)
+
+    def census(
+        self,
+        register: Callable[[str | None], Awaitable[set[str]]],
+        namespaces: Sequence[str | None],
+    ) -> Census:
+        """Who forgets the schedules that went between two watches."""
+        return Census(self._view, self._queue, register, namespaces)
 
     def start(self) -> list[asyncio.Task[None]]:
         """Starts alarms and workers; they end when they are cancelled."""

@@ -137,6 +137,10 @@ class Schedules:
         """All known schedules."""
         return iter(list(self._schedules.values()))
 
+    def uids(self) -> list[str]:
+        """Of all known schedules."""
+        return list(self._schedules)
+
     def put_schedule(self, schedule: ScheduleView) -> bool:
         """Keeps a schedule unless something newer is known; says whether it was kept."""
         known = self._schedules.get(schedule.uid)
@@ -148,6 +152,11 @@ class Schedules:
     def drop_schedule(self, uid: str) -> None:
         """Forgets a schedule; its jobs are forgotten when their own deletion arrives."""
         self._schedules.pop(uid, None)
+
+    def forget(self, uid: str) -> None:
+        """Forgets a schedule that is gone, and its jobs, which go with it."""
+        self.drop_schedule(uid)
+        self._jobs.pop(uid, None)
 
     def jobs(self, uid: str) -> tuple[ScheduledJob, ...]:
         """A schedule's jobs, the earliest run first."""

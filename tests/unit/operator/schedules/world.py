@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
-from prometheus_client import CollectorRegistry
+from prometheus_client import CollectorRegistry, generate_latest
 
 from bagpipe_operator import names
 from bagpipe_operator.api import ApiError
@@ -164,7 +164,8 @@ class World:
         """Another operator: nothing is remembered, and the watch has brought the schedule only."""
         self.view = Schedules()
         self.alarms = Alarms(WorkQueue(lambda: 0.0), self.now)
-        self.metrics = ScheduleMetrics(self.view, CollectorRegistry())
+        self.registry = CollectorRegistry()
+        self.metrics = ScheduleMetrics(self.view, self.registry)
         self.reconciler = ScheduleReconciler(
             self.api, self.view, self.alarms, self.metrics, self.now
         )
@@ -213,6 +214,10 @@ class World:
 
     def message(self, type_: str) -> str:
         return str(next(c["message"] for c in self.status["conditions"] if c["type"] == type_))
+
+    def exposed(self) -> str:
+        """What a scrape would get."""
+        return generate_latest(self.registry).decode()
 
     def told(self) -> list[str]:
         """The Events so far, as `Type/Reason`."""
