@@ -17,6 +17,8 @@ LONGEST_PAUSE_SECONDS = 300.0
 _MOST_DOUBLINGS = 10
 # A native sidecar, or a mesh that is told to, ends within seconds after the driver.
 LINGER_SECONDS = 30.0
+# The kubelet's word for a container that its runtime knows no more: no moment of its end, no log.
+_LOST_CONTAINER = "ContainerStatusUnknown"
 _DEADLINES = frozenset({reasons.START_DEADLINE_EXCEEDED, reasons.DEADLINE_EXCEEDED})
 _STOPPING = re.compile(r" \d+ pods? (is|are) being stopped; what is done is kept\.$")
 
@@ -160,10 +162,11 @@ def lingers(pod: PodView, now: datetime) -> bool:
     its quota and its claims for ever.
     """
     driver = pod.container(names.CONTAINER_DRIVER)
-    if driver is None or driver.exit_code is None or driver.ended_at is None:
+    if driver is None or driver.exit_code is None or pod.ended or pod.deleting:
         return False
-    kept = (now - driver.ended_at).total_seconds()
-    return not pod.ended and not pod.deleting and kept >= LINGER_SECONDS
+    if driver.ended_at is None:
+        return driver.reason == _LOST_CONTAINER
+    return (now - driver.ended_at).total_seconds() >= LINGER_SECONDS
 
 
 def needs_stop(pod: PodView, now: datetime) -> bool:

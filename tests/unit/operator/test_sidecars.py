@@ -33,6 +33,22 @@ async def test_a_sidecar_that_does_not_end_keeps_no_place_of_an_ended_job() -> N
     assert world.api.named("pods") == []
 
 
+async def test_a_driver_that_its_runtime_has_lost_keeps_no_place_beside_a_sidecar() -> None:
+    """The kubelet tells its end, and not when that was."""
+    world = World()
+    await running(world)
+    edit(world, suspend=True)
+    lost = {"exitCode": 137, "reason": "ContainerStatusUnknown", "finishedAt": None}
+    pod = beside_a_proxy(137).with_container(names.CONTAINER_DRIVER, {"terminated": lost})
+    world.deliver(pod)
+    gone(world, "x-1-exec-1")
+    await world.reconcile(after=60)
+    assert world.api.named("pods") == []
+    gone(world, "x-1-driver")
+    await world.reconcile(after=1)
+    assert world.reason("Suspended") == "True/JobSuspended"
+
+
 async def test_a_sidecar_that_does_not_end_does_not_hold_a_suspension_up() -> None:
     world = World()
     await running(world)
