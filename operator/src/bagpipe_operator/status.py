@@ -72,7 +72,9 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
     progress = (ending.progress if ending else None) or seen.progress
     if ending is not None:
         status["phase"] = conditions.COMPLETE if ending.complete else conditions.FAILED
-        status["completionTime"] = conditions.timestamp(now)
+        # A clock that is behind the one that wrote the start, such as another replica's, ends no
+        # job before it began.
+        status["completionTime"] = max(conditions.timestamp(now), str(status["startTime"]))
         status["cases"] = (status.get("cases") or {}) | {"running": 0}
         passed = verdict.passed(
             status, ending.complete, ending.reason, ending.last_words,

@@ -270,6 +270,17 @@ async def test_a_replica_whose_clock_is_behind_brings_a_deadline_to_its_end() ->
     assert world.reason("Failed") == "True/DeadlineExceeded"
 
 
+async def test_a_replica_whose_clock_is_behind_ends_no_job_before_it_began() -> None:
+    world = World()
+    await running(world)
+    world.reconciler = world.restarted(world.view)
+    world.clock.advance(-20)
+    world.deliver(make_driver("x").ended(0, account("Complete")))
+    await world.reconcile()
+    assert world.status()["startTime"] == "2026-11-20T04:00:00Z"
+    assert world.status()["completionTime"] == "2026-11-20T04:00:00Z"
+
+
 async def test_a_case_that_begins_while_a_late_driver_is_stopped_takes_nothing_back() -> None:
     world = World(make_job("x").with_spec("startDeadline", "30s").with_spec("backoffLimit", 0))
     await world.reconcile()
