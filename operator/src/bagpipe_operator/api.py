@@ -32,6 +32,11 @@ class ApiError(Exception):
         self.reason = reason
         self.message = message
 
+    @property
+    def webhook_is_down(self) -> bool:
+        """Whether an admission webhook does not answer the API server; that may last."""
+        return self.status == 500 and "failed calling webhook" in self.message
+
 
 class Api(Protocol):
     """What the loop needs of an API server; every method raises ApiError."""

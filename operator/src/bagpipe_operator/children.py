@@ -19,8 +19,6 @@ from bagpipe_operator.view import JobView, Json, PodView
 # Of what a pod names and the API server can't look up, such as the priority class `a/b`: it answers
 # 500, and would do so for ever.
 _NO_NAME = "invalid resource name"
-# An admission webhook is down, for as long as that takes; the API server answers 500.
-_NO_WEBHOOK = "failed calling webhook"
 _MISSING_ACCOUNT = re.compile(r'serviceaccount "([^"]+)" not found')
 
 
@@ -181,7 +179,7 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
             "The job starts as soon as it has.",
             lasting=False,
         )
-    if error.status == 500 and _NO_WEBHOOK in error.message:
+    if error.webhook_is_down:
         return Refusal(
             reasons.CREATION_REFUSED,
             f"The API server creates {what} only when a webhook answers: {error.message} "

@@ -39,7 +39,7 @@ def refusal_of(error: ApiError, name: str) -> Refused | None:
         return None
     if error.status == 403 and "exceeded quota" in error.message:
         return Refused(reasons.QUOTA_EXCEEDED, f"the namespace's quota is full: {error.message}")
-    if error.status in {400, 403, 413, 422}:
+    if error.status in {400, 403, 413, 422} or error.webhook_is_down:
         return Refused(
             reasons.CREATION_REFUSED, f"the API server refuses the job {name}: {error.message}"
         )

@@ -347,6 +347,19 @@ async def test_a_refused_job_is_told_and_tried_again() -> None:
     assert world.told() == ["Warning/QuotaExceeded", "Normal/JobStarted"]
 
 
+async def test_a_webhook_that_is_down_is_told() -> None:
+    world = World(schedule="0 * * * *")
+    said = 'Internal error occurred: failed calling webhook "jobs.example": no endpoints available'
+    world.api.fail(f"create {name_of(60)}", ApiError(500, "InternalError", said))
+    with pytest.raises(ApiError, match=r"jobs\.example"):
+        await world.at(60)
+    assert world.condition("OnTime") == ("False", "CreationRefused")
+    assert 'webhook "jobs.example"' in world.message("OnTime")
+    await world.at(60, 5)
+    assert world.names == [name_of(60)]
+    assert world.told() == ["Warning/CreationRefused", "Normal/JobStarted"]
+
+
 async def test_a_job_of_somebody_else_s_is_left_alone() -> None:
     world = World(successfulJobsHistoryLimit=0)
     world.api.jobs[name_of(1)] = make_job(name_of(1), "Complete", uid="uid-of-another")
