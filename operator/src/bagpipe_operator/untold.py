@@ -13,7 +13,8 @@ logger = logging.getLogger(__name__)
 
 # An object's transitions that wait for an API server which takes no Events.
 MOST_UNTOLD = 20
-_TRANSIENT = frozenset({0, 429, 500, 502, 503, 504})
+# 401: our token is being renewed, or the API server can't check it; all other calls wait too.
+_TRANSIENT = frozenset({0, 401, 429, 500, 502, 503, 504})
 
 
 class Creator(Protocol):

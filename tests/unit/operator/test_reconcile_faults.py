@@ -73,6 +73,7 @@ async def test_an_event_that_can_not_be_written_stops_nothing() -> None:
     "error",
     [
         ApiError(500, "InternalError", "no"),
+        ApiError(401, "Unauthorized", "Unauthorized"),
         ApiError(409, "Conflict", 'Operation cannot be fulfilled on resourcequotas "events"'),
     ],
 )
