@@ -66,7 +66,7 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
 def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note]:
     """What is worth telling of the way from the status before to the one of the outcome."""
     old = before.status.get("conditions") or []
-    notes: list[Note] = []
+    notes = _of_earlier_starts(before, outcome)
     for condition in _conditions(before, outcome, now):
         known = conditions.find(old, condition.type)
         status = "True" if condition.status else "False"
@@ -78,6 +78,30 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note
             mark = f"{condition.type} {status} {_moment(condition, outcome.decision, now)}"
             notes.append(Note(_worth(condition), condition.reason, condition.message, mark))
     return notes
+
+
+def _of_earlier_starts(before: ScheduleView, outcome: Outcome) -> list[Note]:
+    """Of jobs that no status has told of before another run was due; OnTime tells the latest."""
+    decision = outcome.decision
+    written = readings.moment(before.status.get("lastScheduleTime")) or before.created
+    if decision.last_run is None or not decision.unwritten:
+        return []
+    told = decision.last_run if decision.run is None else None
+    runs = [job.run for job in outcome.jobs if job.run is not None and job.run != told]
+    return [
+        Note(
+            NORMAL,
+            reasons.JOB_STARTED,
+            _words_of_start(before, run),
+            f"{ON_TIME} True {conditions.timestamp(run)}",
+        )
+        for run in runs
+        if written < run <= decision.last_run
+    ]
+
+
+def _words_of_start(schedule: ScheduleView, run: datetime) -> str:
+    return f"{job_name(schedule.name, run)} was started for the run of {conditions.timestamp(run)}."
 
 
 def _moment(condition: Condition, decision: Decision, now: datetime) -> str:
@@ -177,8 +201,7 @@ def _told_late(schedule: ScheduleView, decision: Decision) -> Condition | None:
     """A job was created, and the status could not be written: this write makes up for it."""
     if not _unwritten(decision) or decision.last_run is None:
         return None
-    name = job_name(schedule.name, decision.last_run)
-    words = f"{name} was started for the run of {conditions.timestamp(decision.last_run)}."
+    words = _words_of_start(schedule, decision.last_run)
     if decision.due > 1:
         return Condition(ON_TIME, False, *_missed(words, decision.due - 1))
     return Condition(ON_TIME, True, reasons.JOB_STARTED, words)

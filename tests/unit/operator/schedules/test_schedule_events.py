@@ -51,6 +51,21 @@ async def test_a_status_whose_answer_was_lost_is_told_all_the_same(watch_is_behi
     assert (world.names, world.told()) == ([name_of(1)], ["Normal/JobStarted"])
 
 
+@pytest.mark.parametrize("policy", ["Allow", "Forbid"])
+async def test_a_start_is_told_also_when_another_run_is_due_before_it_is_written(
+    policy: str,
+) -> None:
+    world = World(concurrencyPolicy=policy)
+    world.api.fail("patch", ApiError(0, "Unreachable", "no"))
+    with pytest.raises(ApiError, match="Unreachable"):
+        await world.at(1)
+    for seconds in (1, 2):
+        await world.at(2, seconds)
+    then = "JobStarted" if policy == "Allow" else "JobActive"
+    assert world.told() == ["Normal/JobStarted", f"Normal/{then}"]
+    assert world.api.told[0]["message"].startswith(f"{name_of(1)} was started")
+
+
 async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
     world = World(suspend=True)
     world.api.fail("patch", ApiError(0, "Unreachable", "no answer"))
