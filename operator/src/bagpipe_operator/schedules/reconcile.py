@@ -170,6 +170,7 @@ class ScheduleReconciler:
                 return None if ours else name_taken(name, schedule.namespace)
             refused = refusal_of(error, name)
             if refused is None:
+                self._listed.pop(schedule.uid, None)  # it may be there: the next visit looks
                 raise
             return refused
         self.view.put_job(ScheduledJob.from_object(made))

@@ -166,6 +166,17 @@ async def test_after_its_deadline_a_run_is_missed() -> None:
     assert world.names == [name_of(120)]
 
 
+async def test_a_run_whose_job_was_made_without_an_answer_is_not_missed() -> None:
+    """Its deadline is over before the watch has brought the job."""
+    world = World(schedule="0 * * * *", startingDeadline="20s")
+    world.api.lost["create"] = True
+    with pytest.raises(ApiError, match="no answer"):
+        await world.at(60, 20)
+    await world.at(60, 21)
+    assert world.condition("OnTime") == ("True", "JobStarted")
+    assert (world.names, world.told()) == ([name_of(60)], ["Normal/JobStarted"])
+
+
 async def test_forbid_waits_for_the_active_job_and_starts_the_latest() -> None:
     world = World(concurrencyPolicy="Forbid")
     await world.at(1)
