@@ -17,6 +17,8 @@ ON_TIME = "OnTime"
 
 # More jobs than this are counted and not named.
 MOST_ACTIVE_NAMES = 10
+# What the Event of a run's start is marked by.
+_START = "Start"
 # A start this much after its time is worth a word.
 LATE_SECONDS = 60.0
 
@@ -75,7 +77,9 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note
         )  # fmt: skip
         begun = condition.type == ON_TIME and (outcome.started or _unwritten(outcome.decision))
         if begun or (not same and _is_told(condition, known)):
-            mark = f"{condition.type} {status} {_moment(condition, outcome.decision, now)}"
+            # A run that was told as missed may be started all the same, by a longer deadline.
+            what = _START if begun else f"{condition.type} {status}"
+            mark = f"{what} {_moment(condition, outcome.decision, now)}"
             notes.append(Note(_worth(condition), condition.reason, condition.message, mark))
     return notes
 
@@ -93,7 +97,7 @@ def _of_earlier_starts(before: ScheduleView, outcome: Outcome) -> list[Note]:
             NORMAL,
             reasons.JOB_STARTED,
             _words_of_start(before, run),
-            f"{ON_TIME} True {conditions.timestamp(run)}",
+            f"{_START} {conditions.timestamp(run)}",
         )
         for run in runs
         if written < run <= decision.last_run

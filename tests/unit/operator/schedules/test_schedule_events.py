@@ -66,6 +66,17 @@ async def test_a_start_is_told_also_when_another_run_is_due_before_it_is_written
     assert world.api.told[0]["message"].startswith(f"{name_of(1)} was started")
 
 
+async def test_a_missed_run_that_is_started_by_a_longer_deadline_is_told_twice() -> None:
+    """Of both the reason is MissedStart, since a run before it was missed."""
+    world = World(schedule="*/2 * * * *", startingDeadline="20s")
+    await world.at(4, 30)
+    assert world.told() == ["Warning/MissedStart"]
+    world.change(startingDeadline="60s")
+    await world.at(4, 40)
+    assert (world.names, world.told()) == ([name_of(4)], ["Warning/MissedStart"] * 2)
+    assert world.api.told[1]["message"].startswith(f"{name_of(4)} was started")
+
+
 async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
     world = World(suspend=True)
     world.api.fail("patch", ApiError(0, "Unreachable", "no answer"))
