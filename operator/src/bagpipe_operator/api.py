@@ -129,6 +129,12 @@ class KubernetesApi:
         namespace = manifest["metadata"]["namespace"]
         return await self._call("POST", self._path(namespace, names.PLURAL), manifest)
 
+    async def try_job(self, manifest: Json) -> None:
+        """Has a SimulationJob judged as if it were created; nothing is kept."""
+        namespace = manifest["metadata"]["namespace"]
+        path = f"{self._path(namespace, names.PLURAL)}?dryRun=All"
+        await self._call("POST", path, manifest)
+
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
         """The SimulationJobs with a label, written `key=value`, without their specs."""
         path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"

@@ -22,6 +22,9 @@ class FencedScheduleApi(FencedApi):
     async def create_job(self, manifest: Json) -> Json:
         return await self._leading(lambda: self._whole.create_job(manifest))
 
+    async def try_job(self, manifest: Json) -> None:
+        await self._whole.try_job(manifest)
+
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
         return await self._whole.list_jobs(namespace, label)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Protocol
 
-from bagpipe_operator import names
+from bagpipe_operator import names, reasons
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.events import Note
 from bagpipe_operator.schedules import events
@@ -38,6 +38,9 @@ class ScheduleApi(Creator, Protocol):
 
     async def create_job(self, manifest: Json) -> Json:
         """Creates a SimulationJob."""
+
+    async def try_job(self, manifest: Json) -> None:
+        """Has a SimulationJob judged as if it were created; nothing is kept."""
 
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
         """The SimulationJobs with a label, written `key=value`."""
@@ -150,13 +153,33 @@ class ScheduleReconciler:
         """Starts the run that is due, if one is to be started."""
         started, refused = "", None
         if decision.verdict is Verdict.START and decision.run is not None:
-            for job in decision.replaced:
-                await self._delete(job)
             # Of large ones one at a time: each takes a hundred megabytes meanwhile.
             async with self._large if schedule.large else contextlib.nullcontext():
-                refused = await self._start(schedule, decision.run)
+                if decision.replaced:
+                    refused = await self._tried(schedule, decision.run)
+                if refused is None:
+                    for job in decision.replaced:
+                        await self._delete(job)
+                    refused = await self._start(schedule, decision.run)
             started = "" if refused else job_name(schedule.name, decision.run)
         return Outcome(decision, self.view.jobs(schedule.uid), started, refused)
+
+    async def _tried(self, schedule: ScheduleView, run: datetime) -> Refused | None:
+        """Why the run's job would be refused: what works is not replaced by what can't.
+
+        A quota may be full of what is to be replaced.
+        """
+        name = job_name(schedule.name, run)
+        try:
+            await self.api.try_job(job_manifest(schedule, run))
+        except ApiError as error:
+            if error.status == 409:
+                return None
+            refused = refusal_of(error, name)
+            if refused is None:
+                raise
+            return None if refused.reason == reasons.QUOTA_EXCEEDED else refused
+        return None
 
     async def _start(self, schedule: ScheduleView, run: datetime) -> Refused | None:
         """Creates the run's job, or finds that another operator has."""

@@ -257,6 +257,28 @@ async def test_replace_deletes_before_it_creates() -> None:
     assert name_of(1) in world.message("OnTime")
 
 
+async def test_what_is_refused_replaces_nothing() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    world.api.fail(f"try {name_of(2)}", ApiError(422, "Invalid", "spec.stack: Required value"))
+    with pytest.raises(ApiError, match="Required value"):
+        await world.at(2)
+    assert world.names == [name_of(1)]
+    assert world.condition("OnTime") == ("False", "CreationRefused")
+    # Mended: the run is made up for, and replaces the one before.
+    await world.at(2, 30)
+    assert world.names == [name_of(2)]
+
+
+async def test_a_quota_that_is_full_of_what_is_replaced_keeps_no_run_from_its_start() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    full = ApiError(403, "Forbidden", "exceeded quota: jobs, used: 1, limited: 1")
+    world.api.fail(f"try {name_of(2)}", full)
+    await world.at(2)
+    assert world.names == [name_of(2)]
+
+
 async def test_allow_runs_side_by_side_and_names_ten() -> None:
     world = World()
     for count in range(1, 14):

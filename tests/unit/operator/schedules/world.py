@@ -110,6 +110,12 @@ class FakeApi:
         self._answers("create")
         return copy.deepcopy(made)
 
+    async def try_job(self, manifest: Json) -> None:
+        name = manifest["metadata"]["name"]
+        self._called(f"try {name}")
+        if name in self.jobs:
+            raise ApiError(409, "AlreadyExists", f"{name} already exists")
+
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
         self._called("list")
         key, _, value = label.partition("=")
