@@ -82,6 +82,7 @@ def test_uris_that_name_a_server_are_looked_at_and_others_are_not() -> None:
 
 
 KEY = '{"gcs_base_url": "%s", "disable_oauth": true}'
+AS_A_LIST = '["", "", "", "https://evil.example", true]'
 ALLOWED = [
     ("s3", {}, "s3.us-east-1.amazonaws.com"),
     ("s3", {"AWS_REGION": "eu-west-1"}, "s3.eu-west-1.amazonaws.com"),
@@ -113,6 +114,8 @@ def test_where_a_bucket_is(scheme: str, environment: dict[str, str], host: str) 
         ("s3", {"AWS_ENDPOINT_URL": "http://evil\\.amazonaws.com"}, "names no server"),
         ("gs", {"GOOGLE_SERVICE_ACCOUNT_KEY": "{"}, "GOOGLE_SERVICE_ACCOUNT_KEY holds no JSON"),
         ("gs", {"GOOGLE_SERVICE_ACCOUNT_KEY": "[" * 9000}, "holds no JSON"),
+        # obstore takes the fields without their names too, in the order of its own struct.
+        ("gs", {"GOOGLE_SERVICE_ACCOUNT_KEY": AS_A_LIST}, "holds no JSON object"),
         ("gs", {"GOOGLE_SERVICE_ACCOUNT_KEY": KEY % "evil"}, "gcs_base_url in GOOGLE_.* is no URL"),
         ("az", {"AZURE_STORAGE_ACCOUNT_NAME": "evil.example/x"}, "ACCOUNT_NAME holds more"),
     ],

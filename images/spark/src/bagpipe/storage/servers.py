@@ -76,7 +76,10 @@ def _of_google(key: str) -> tuple[str, str, str]:
         content = json.loads(key) if key else {}
     except (ValueError, RecursionError):
         raise OSError(f"{_GOOGLE_KEY} holds no JSON: write the whole key file into it") from None
-    base = content.get("gcs_base_url") if isinstance(content, dict) else None
+    if not isinstance(content, dict):
+        # obstore takes a list for a key file too: the same fields in their order, without names.
+        raise OSError(f"{_GOOGLE_KEY} holds no JSON object: write the whole key file into it")
+    base = content.get("gcs_base_url")
     if base is not None:
         return _of_url(str(base), f"gcs_base_url in {_GOOGLE_KEY}")
     return "https", "storage.googleapis.com", "the bucket"
