@@ -146,6 +146,7 @@ def _goes(job: JobView, found: Json) -> bool:
         owner.get("uid") != job.uid
         for owner in meta.get("ownerReferences") or []
         if (owner.get("kind"), owner.get("name")) == (names.KIND, job.name)
+        and str(owner.get("apiVersion")).startswith(f"{names.GROUP}/")
     )
     return bool(meta.get("deletionTimestamp")) or any(earlier)
 

@@ -139,6 +139,19 @@ async def test_a_job_that_is_made_again_waits_for_the_pods_of_the_one_before(
     assert world.reason("Accepted") == "True/DriverCreated"
 
 
+async def test_a_name_that_is_an_object_s_of_another_group_is_not_waited_for() -> None:
+    """Its owner is of our kind by name only, so no garbage collector takes it away for us."""
+    world = World()
+    other = make_driver("x").object()
+    owner = names.owner_reference("x", "uid-of-another") | {"apiVersion": "example.com/v1"}
+    other["metadata"]["uid"] = "uid-of-another-pod"
+    other["metadata"]["labels"][names.LABEL_JOB_UID] = "uid-of-another"
+    other["metadata"]["ownerReferences"] = [owner]
+    world.api.put("pods", other)
+    await world.reconcile()
+    assert "does not belong to this job. Delete it" in world.message("Accepted")
+
+
 MISSING_ACCOUNT = ApiError(
     403,
     "Forbidden",
