@@ -218,6 +218,20 @@ async def test_a_copy_of_the_driver_s_pod_is_not_taken_for_it() -> None:
     assert "x-1-driver" in world.api.named("pods")
 
 
+async def test_a_copy_of_the_driver_s_pod_that_does_not_start_ends_no_job() -> None:
+    world = World()
+    await started(world)
+    copy = make_driver("x").with_container("driver", {"waiting": {"reason": "ErrImagePull"}})
+    copy.name = "debug-x"
+    world.deliver(copy)
+    for _ in range(4):
+        await world.reconcile(after=world.settings.stuck_seconds)
+    assert (world.reason("Running"), world.reason("Failed")) == (
+        "True/CasesRunning",
+        "False/InProgress",
+    )
+
+
 def evicted_driver() -> PodBuilder:
     """A driver that is being evicted, and has its grace period."""
     pod = make_driver("x").running().disrupted("EvictionByEvictionAPI", "Eviction API: evicting")
