@@ -31,10 +31,11 @@ class Alarms:
     def ring(self) -> int:
         """Asks for every schedule whose moment has come, but not while it rests after a fault."""
         now = self.now()
-        # By a clock that was set back all alarms are wrong.
-        set_back = self._rung is not None and self._rung - now > MINUTE
+        if self._rung is not None and self._rung - now > MINUTE:
+            # By a clock that was set back all alarms are wrong, also those of who rests just now.
+            self._at = dict.fromkeys(self._at, now)
         self._rung = now
-        due = [uid for uid, at in self._at.items() if at <= now or set_back]
+        due = [uid for uid, at in self._at.items() if at <= now]
         for uid in due:
             self.queue.add_if_rested(uid)
         return len(due)
