@@ -84,7 +84,8 @@ class ScheduleReconciler:
             # A new operator's watch may not have brought the jobs yet.
             await self._list(schedule)
         decision = await self._decided(schedule, now)
-        if decision.verdict is Verdict.WAIT and now >= self._listed[uid] + LIST_EVERY:
+        # A list of a time to come was read before the clock was set back.
+        if decision.verdict is Verdict.WAIT and abs(now - self._listed[uid]) >= LIST_EVERY:
             await self._list(schedule)
             decision = await self._decided(schedule, now)
         if decision.verdict is Verdict.START:

@@ -168,6 +168,16 @@ async def test_a_schedule_that_rests_after_a_fault_is_visited_by_a_clock_that_wa
     assert len(queue) == 0
 
 
+async def test_a_run_that_waits_asks_for_the_jobs_also_by_a_clock_that_was_set_back() -> None:
+    world = World(concurrencyPolicy="Forbid")
+    await world.at(1441)
+    await world.at(2)
+    del world.api.jobs[name_of(1441)]
+    for seconds in (0, 31):
+        await world.at(3, seconds)
+    assert world.names == [name_of(3)]
+
+
 async def test_a_replica_whose_clock_is_behind_starts_no_run_again() -> None:
     world = World()
     await world.at(1)
