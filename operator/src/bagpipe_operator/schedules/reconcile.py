@@ -175,12 +175,22 @@ class ScheduleReconciler:
             await self.api.try_job(job_manifest(schedule, run))
         except ApiError as error:
             if error.status == 409:
-                return None
+                return await self._name_taken(schedule, error, name)
             refused = refusal_of(error, name)
             if refused is None:
                 raise
             return None if refused.reason == reasons.QUOTA_EXCEEDED else refused
         return None
+
+    async def _name_taken(
+        self, schedule: ScheduleView, error: ApiError, name: str
+    ) -> Refused | None:
+        """Whether a conflict is about a job of this name that is not the schedule's."""
+        if error.reason != "AlreadyExists":
+            return None
+        await self._list(schedule)
+        ours = any(job.name == name for job in self.view.jobs(schedule.uid))
+        return None if ours else name_taken(name, schedule.namespace)
 
     async def _start(self, schedule: ScheduleView, run: datetime) -> Refused | None:
         """Creates the run's job, or finds that another operator has."""
@@ -189,9 +199,7 @@ class ScheduleReconciler:
             made = await self.api.create_job(job_manifest(schedule, run))
         except ApiError as error:
             if error.status == 409 and error.reason == "AlreadyExists":
-                await self._list(schedule)
-                ours = any(job.name == name for job in self.view.jobs(schedule.uid))
-                return None if ours else name_taken(name, schedule.namespace)
+                return await self._name_taken(schedule, error, name)
             refused = refusal_of(error, name)
             if refused is None:
                 self._listed.pop(schedule.uid, None)  # it may be there: the next visit looks

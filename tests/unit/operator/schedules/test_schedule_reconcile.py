@@ -316,6 +316,19 @@ async def test_a_quota_that_is_full_of_what_is_replaced_keeps_no_run_from_its_st
     assert world.names == [name_of(2)]
 
 
+async def test_a_name_that_is_taken_replaces_nothing() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    world.api.jobs[name_of(2)] = make_job(name_of(2), uid="uid-of-another")
+    with pytest.raises(ApiError, match="does not belong to this schedule"):
+        await world.at(2)
+    assert world.names == [name_of(1), name_of(2)]
+    assert world.condition("OnTime") == ("False", "NameTaken")
+    del world.api.jobs[name_of(2)]
+    await world.at(2, 30)
+    assert world.names == [name_of(2)]
+
+
 async def test_allow_runs_side_by_side_and_names_ten() -> None:
     world = World()
     for count in range(1, 14):
