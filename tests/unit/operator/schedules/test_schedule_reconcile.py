@@ -329,6 +329,15 @@ async def test_a_name_that_is_taken_replaces_nothing() -> None:
     assert world.names == [name_of(2)]
 
 
+async def test_a_webhook_that_can_t_be_tried_keeps_no_run_from_its_start() -> None:
+    world = World(concurrencyPolicy="Replace")
+    await world.at(1)
+    said = 'admission webhook "jobs.example" does not support dry run'
+    world.api.fail(f"try {name_of(2)}", ApiError(400, "BadRequest", said))
+    await world.at(2)
+    assert world.names == [name_of(2)]
+
+
 async def test_allow_runs_side_by_side_and_names_ten() -> None:
     world = World()
     for count in range(1, 14):
