@@ -43,11 +43,16 @@ def _servers(
     scheme: str, authority: str, environment: Mapping[str, str]
 ) -> list[tuple[str, str, str]]:
     """The servers that could be asked, each with its scheme and with what names it."""
+    # Also beside an endpoint: obstore shows the pod's web identity to sts.<region>.amazonaws.com.
+    regions = _regions(environment) if scheme == "s3" else []
     endpoints = [name for name in _ENDPOINTS.get(scheme, ()) if environment.get(name)]
     if endpoints:
         return [_of_url(environment[name], name) for name in endpoints]
     if scheme == "s3":
-        return _of_amazon(environment)
+        return [
+            ("https", f"s3.{label}.amazonaws.com", whence)
+            for label, whence in regions or [("us-east-1", "the bucket")]
+        ]
     if scheme == "gs":
         return [_of_google(environment.get(_GOOGLE_KEY, ""))]
     if scheme == "az":
@@ -57,13 +62,8 @@ def _servers(
     return [(scheme, authority, "the URI")]
 
 
-def _of_amazon(environment: Mapping[str, str]) -> list[tuple[str, str, str]]:
-    regions = [name for name in _REGIONS if environment.get(name)]
-    labels = [(_label(environment[name], name), name) for name in regions]
-    return [
-        ("https", f"s3.{label}.amazonaws.com", whence)
-        for label, whence in labels or [("us-east-1", "the bucket")]
-    ]
+def _regions(environment: Mapping[str, str]) -> list[tuple[str, str]]:
+    return [(_label(environment[name], name), name) for name in _REGIONS if environment.get(name)]
 
 
 def _of_azure(account: str) -> tuple[str, str, str]:
