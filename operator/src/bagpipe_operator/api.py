@@ -37,6 +37,11 @@ class ApiError(Exception):
         """Whether an admission webhook does not answer the API server; that may last."""
         return self.status == 500 and "failed calling webhook" in self.message
 
+    @property
+    def webhook_is_not_tried(self) -> bool:
+        """Whether a dry run would call a webhook with side effects: it says nothing of the real."""
+        return self.status == 400 and "does not support dry run" in self.message
+
 
 class Api(Protocol):
     """What the loop needs of an API server; every method raises ApiError."""

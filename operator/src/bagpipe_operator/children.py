@@ -89,7 +89,8 @@ async def _try_executor(api: Api, pod: Json) -> None:
     try:
         await api.try_create("pods", pod)
     except ApiError as error:
-        if not (error.status == 403 and "exceeded quota" in error.message):
+        full = error.status == 403 and "exceeded quota" in error.message
+        if not (full or error.webhook_is_not_tried):
             raise
 
 

@@ -211,6 +211,14 @@ async def test_a_webhook_that_is_down_is_told_and_the_deadline_counts(call: str)
     assert 'webhook "pods.istio.io"' in world.message("Failed")
 
 
+async def test_a_webhook_that_can_t_be_tried_keeps_no_job_from_its_driver() -> None:
+    world = World()
+    said = 'admission webhook "pods.example" does not support dry run'
+    world.api.fail("try pods", *[ApiError(400, "BadRequest", said)] * 20)
+    await world.reconcile()
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
 async def test_a_refused_pod_is_told_in_the_server_s_words() -> None:
     world = World()
     said = 'violates PodSecurity "restricted:latest"'

@@ -31,8 +31,6 @@ logger = logging.getLogger(__name__)
 # A run that waits for a job asks this often whether it is still there: a deletion that falls
 # between two watches is told by nobody.
 LIST_EVERY = timedelta(seconds=30)
-# Of a webhook that the API server does not call to try something: it may take the real thing.
-_NO_DRY_RUN = "does not support dry run"
 
 
 class ScheduleApi(Creator, Protocol):
@@ -178,7 +176,7 @@ class ScheduleReconciler:
         except ApiError as error:
             if error.status == 409:
                 return await self._name_taken(schedule, error, name)
-            if _NO_DRY_RUN in error.message:
+            if error.webhook_is_not_tried:
                 return None
             refused = refusal_of(error, name)
             if refused is None:
