@@ -11,11 +11,14 @@ from enum import Enum
 from zoneinfo import ZoneInfo
 
 from bagpipe_operator import readings, reasons
-from bagpipe_operator.schedules.cron import MINUTE, Cron, UnusableScheduleError
+from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 
 # Past this many the rest is not counted: CronJob's own bound.
 MISSED_LIMIT = 100
+# A last run that is this much ahead was another replica's, and is caught up with: the runs until
+# then may have been done, and their jobs be gone.
+MOST_AHEAD = timedelta(minutes=10)
 DEFAULT_TIME_ZONE = "Etc/UTC"
 DEFAULT_SUCCESSFUL_HISTORY = 3
 DEFAULT_FAILED_HISTORY = 1
@@ -73,7 +76,7 @@ def decide(
     if schedule.suspended:
         return seen
     seen = replace(seen, next_run=next_run, wake=next_run)
-    if last_run is not None and last_run > now + MINUTE:
+    if last_run is not None and last_run > now + MOST_AHEAD:
         # The clock was ahead when that was written, and the runs until then are still to come.
         seen = replace(seen, last_run=cron.latest_run(schedule.created, now), unwritten=False)
     since = seen.last_run or schedule.created

@@ -178,6 +178,21 @@ async def test_a_run_that_waits_asks_for_the_jobs_also_by_a_clock_that_was_set_b
     assert world.names == [name_of(3)]
 
 
+async def test_a_replica_whose_clock_is_minutes_behind_makes_no_run_again() -> None:
+    """Its job has ended and is kept no longer, so that only the status knows of it."""
+    world = World(successfulJobsHistoryLimit=0)
+    for count in range(1, 6):
+        await world.at(count)
+        world.end(name_of(count))
+        await world.at(count, 1)
+    world.restart()
+    for count in (2, 3, 4, 5):
+        await world.at(count, 30)
+    assert (world.names, world.status["lastScheduleTime"]) == ([], "2026-11-20T04:05:00Z")
+    await world.at(6)
+    assert world.names == [name_of(6)]
+
+
 async def test_a_replica_whose_clock_is_behind_starts_no_run_again() -> None:
     world = World()
     await world.at(1)
