@@ -31,6 +31,8 @@ logger = logging.getLogger(__name__)
 # A run that waits for a job asks this often whether it is still there: a deletion that falls
 # between two watches is told by nobody.
 LIST_EVERY = timedelta(seconds=30)
+# An API server that answers late writes late; older ones it has given up.
+MOST_UNANSWERED = 3
 
 
 class ScheduleApi(Creator, Protocol):
@@ -55,6 +57,21 @@ class ScheduleApi(Creator, Protocol):
         """Merges into a schedule's status; the schedule as it is afterwards."""
 
 
+@dataclass(frozen=True)
+class _Write:
+    """What a write would have changed and told that was not answered.
+
+    It may have happened, or happen as long as the schedule has the version that was decided on.
+    """
+
+    version: str
+    changed: Json
+    notes: list[Note]
+
+    def is_in(self, status: Json) -> bool:
+        return all(status.get(key) == value for key, value in self.changed.items())
+
+
 @dataclass
 class ScheduleReconciler:
     """One per operator; what it knows is in the view and in the API server."""
@@ -65,8 +82,7 @@ class ScheduleReconciler:
     metrics: ScheduleMetrics
     now: Callable[[], datetime]
     _listed: dict[str, datetime] = field(default_factory=dict)
-    # What a write would have changed and told that was not answered: it may have happened.
-    _unanswered: dict[str, tuple[Json, list[Note]]] = field(default_factory=dict)
+    _unanswered: dict[str, list[_Write]] = field(default_factory=dict)
     _zones: Zones = field(default_factory=Zones)
     _large: asyncio.Lock = field(default_factory=asyncio.Lock)
     _teller: events.Teller = field(init=False)
@@ -228,12 +244,17 @@ class ScheduleReconciler:
         # With the version that was decided on, a schedule that has changed since answers 409.
         patch = {"metadata": {"resourceVersion": schedule.resource_version}, "status": changed}
         notes = notes_of(schedule, outcome, now)
-        self._unanswered[schedule.uid] = changed, notes
+        before = self._unanswered.get(schedule.uid, [])
+        write = _Write(schedule.resource_version, changed, notes)
+        self._unanswered[schedule.uid] = [*before, write][-MOST_UNANSWERED:]
         try:
             written = await self.api.patch_schedule_status(schedule.namespace, schedule.name, patch)
         except ApiError as error:
             if error.status in {404, 409}:
+                # This one did not happen; one before it may have.
                 self._unanswered.pop(schedule.uid)
+                if before and error.status == 409:
+                    self._unanswered[schedule.uid] = before
                 await self._reread(schedule)
             if error.status == 404:
                 return
@@ -246,7 +267,12 @@ class ScheduleReconciler:
     async def _settled(self, schedule: ScheduleView) -> ScheduleView | None:
         """The schedule as it is after a write without an answer, which is told if it happened."""
         live = await self._reread(schedule)
-        changed, notes = self._unanswered.pop(schedule.uid)
-        if live is not None and all(live.status.get(key) == changed[key] for key in changed):
-            self._teller.add(live, notes)
+        writes = self._unanswered.pop(schedule.uid)
+        if live is None:
+            return None
+        happened = next((write for write in writes if write.is_in(live.status)), None)
+        if happened is not None:
+            self._teller.add(live, happened.notes)
+        elif live.resource_version == writes[-1].version:
+            self._unanswered[schedule.uid] = writes
         return live

@@ -5,6 +5,7 @@ from datetime import timedelta
 import pytest
 
 from bagpipe_operator.api import ApiError
+from bagpipe_operator.view import Json
 from tests.unit.operator.schedules.world import World, minute, name_of
 
 
@@ -47,6 +48,28 @@ async def test_a_status_whose_answer_was_lost_is_told_all_the_same(watch_is_behi
     if not watch_is_behind:
         world.deliver()
     for seconds in (1, 2):
+        await world.at(1, seconds)
+    assert (world.names, world.told()) == ([name_of(1)], ["Normal/JobStarted"])
+
+
+async def test_a_status_that_arrives_late_is_told_all_the_same() -> None:
+    """The API server has given up its answer, and writes it after it was asked whether it had."""
+    world = World()
+    write, late = world.api.patch_schedule_status, list[Json]()
+
+    async def slow(namespace: str, name: str, patch: Json) -> Json:
+        if not late:
+            late.append(patch)
+            raise ApiError(0, "Unreachable", "no answer")
+        if len(late) == 1:
+            late.append(await write(namespace, name, late[0]))
+        return await write(namespace, name, patch)
+
+    world.api.patch_schedule_status = slow  # type: ignore[method-assign]
+    for seconds, said in ((0, "no answer"), (1, "has been modified")):
+        with pytest.raises(ApiError, match=said):
+            await world.at(1, seconds)
+    for seconds in (2, 3):
         await world.at(1, seconds)
     assert (world.names, world.told()) == ([name_of(1)], ["Normal/JobStarted"])
 
