@@ -136,6 +136,20 @@ def test_what_a_secret_must_not_make_of_a_host(
         assert not any(value in str(told.value) for value in environment.values())
 
 
+@pytest.mark.parametrize("bucket", ["evil.example#", "evil.example?", "a@b", "a:1", ""])
+@pytest.mark.parametrize("scheme", ["s3", "gs", "az"])
+def test_a_bucket_makes_no_other_host(scheme: str, bucket: str) -> None:
+    with pytest.raises(OSError, match="the URI names no bucket"):
+        check_server(scheme, bucket, {"AWS_VIRTUAL_HOSTED_STYLE_REQUEST": "true"})
+
+
+def test_a_line_s_end_after_an_endpoint_is_none_of_it() -> None:
+    given_list = {VARIABLE: "minio.lab:9000"}
+    check_server("s3", "bucket", {"AWS_ENDPOINT_URL": "http://minio.lab:9000\n"} | given_list)
+    with pytest.raises(OSError, match="AWS_ENDPOINT_URL names no server"):
+        check_server("s3", "bucket", {"AWS_ENDPOINT_URL": "http://minio.lab\n.evil"} | given_list)
+
+
 def test_every_endpoint_that_the_library_may_choose_must_be_allowed() -> None:
     both = {"AWS_ENDPOINT_URL": "http://good:9000", "AWS_ENDPOINT_URL_S3": "http://evil:9000"}
     with pytest.raises(PermissionError, match="AWS_ENDPOINT_URL_S3 leads to a server"):

@@ -20,6 +20,7 @@ _REGIONS = ("AWS_REGION", "AWS_DEFAULT_REGION")
 _GOOGLE_KEY = "GOOGLE_SERVICE_ACCOUNT_KEY"
 _ACCOUNT = "AZURE_STORAGE_ACCOUNT_NAME"
 _LABEL = re.compile(r"[A-Za-z0-9](?:[A-Za-z0-9-]{0,61}[A-Za-z0-9])?")
+_BUCKET = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _URL = re.compile(r"(?P<scheme>https?)://(?P<server>[^/]+)(?:/.*)?", re.DOTALL)
 
 
@@ -43,6 +44,9 @@ def _servers(
     scheme: str, authority: str, environment: Mapping[str, str]
 ) -> list[tuple[str, str, str]]:
     """The servers that could be asked, each with its scheme and with what names it."""
+    if scheme in _ENDPOINTS and _BUCKET.fullmatch(authority) is None:
+        # Where a bucket is a part of its host's name, `#` or `/` in it would make another host.
+        raise OSError("the URI names no bucket: write letters, digits, points and hyphens")
     # Also beside an endpoint: obstore shows the pod's web identity to sts.<region>.amazonaws.com.
     regions = _regions(environment) if scheme == "s3" else []
     endpoints = [name for name in _ENDPOINTS.get(scheme, ()) if environment.get(name)]
@@ -86,7 +90,8 @@ def _of_google(key: str) -> tuple[str, str, str]:
 
 
 def _of_url(url: str, whence: str) -> tuple[str, str, str]:
-    found = _URL.fullmatch(url)
+    # A Secret's value often ends with a line's end, which libraries leave out.
+    found = _URL.fullmatch(url.strip(" \t\r\n"))
     if found is None:
         raise OSError(f"{whence} is no URL: write http:// or https://, and a server")
     return found["scheme"], found["server"], whence
