@@ -54,11 +54,20 @@ def objects_of(page: str) -> list[dict[str, Any]]:
     ],
 )
 def test_the_jobs_of_a_page_can_be_planned_and_judged(page: str) -> None:
-    jobs = [o for o in objects_of(page) if o["kind"] == "SimulationJob"]
+    jobs = [o for o in objects_of(page) if o.get("kind") == "SimulationJob"]
     assert len(jobs) == 1
     spec = SimulationJobSpec.model_validate(jobs[0]["spec"])
     check_templates(spec)
     assert faults(spec.evaluate) == []
+    for part in (o for o in objects_of(page) if "kind" not in o):
+        SimulationJobSpec.model_validate(merged(jobs[0]["spec"], part["spec"]))
+
+
+def merged(whole: Any, part: Any) -> Any:
+    """A job's spec with what a page says to write into it."""
+    if not (isinstance(whole, dict) and isinstance(part, dict)):
+        return part
+    return whole | {key: merged(whole.get(key), value) for key, value in part.items()}
 
 
 def test_the_pod_for_copying_has_the_claims_of_the_job_beside_it() -> None:
