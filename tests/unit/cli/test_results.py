@@ -41,6 +41,17 @@ def test_the_status_is_the_verdict(
     assert ("why a-1" in text) == (len(outcomes) > 1)
 
 
+@pytest.mark.parametrize(
+    ("attempts", "sentence"),
+    [(1, ""), (2, "1 run does not count: "), (4, "3 runs do not count: ")],
+)
+def test_runs_that_do_not_count_are_told(tmp_path: Path, attempts: int, sentence: str) -> None:
+    folder = publish(tmp_path, [make_row("a-0", attempts=attempts)])
+    text = run("results", folder)[1]
+    assert sentence in text
+    assert ("not count" in text) == (attempts > 1)
+
+
 def test_results_by_uri_and_only_the_failed_ones(tmp_path: Path) -> None:
     rows = [make_row("a-0"), make_row("a-1", "failed", "Bad", message="[red] is no markup")]
     folder = publish(tmp_path, rows)

@@ -126,7 +126,8 @@ def _show(found: dict[str, Any], console: Console) -> None:
     if runs := found["counts"]["discarded"]:
         why = found["provenance"].get("discarded") or {}
         told = ", ".join(f"{count} {reason}" for reason, count in why.items())
-        console.print(escape(f"{runs} runs do not count: {told or 'executors were lost'}"),
+        noun = "1 run does" if runs == 1 else f"{runs:,} runs do"
+        console.print(escape(f"{noun} not count: {told or 'executors were lost'}"),
                       highlight=False)  # fmt: skip
     for comparison in found["comparisons"]:
         name = comparison["variant"] or "this job"
