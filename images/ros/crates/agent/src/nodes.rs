@@ -6,6 +6,8 @@ use std::time::Duration;
 
 use bagpipe_ros::{Master, RosError};
 
+use crate::processes::descendants;
+
 /// A node on this machine answers within milliseconds.
 const ASK: Duration = Duration::from_secs(1);
 const CALLER: &str = "/bagpipe_agent";
@@ -64,7 +66,7 @@ fn registered(master: &Master) -> BTreeSet<String> {
     topics.flatten().collect()
 }
 
-/// What has become of each.
+/// What has become of each; the stack's processes are all below this one.
 pub fn look(master_uri: &str, roll: &[Known]) -> Vec<Found> {
     let Ok(master) = Master::new(master_uri, CALLER, ASK) else {
         return vec![Found::Same; roll.len()];
@@ -78,14 +80,22 @@ fn look_at(master: &Master, known: &Known) -> Found {
         Err(RosError::Refused { .. }) => return Found::Unregistered,
         Err(_) => return Found::Same,
     };
-    match (pid_of(&uri), known.pid) {
-        (Ok(pid), Some(before)) if pid != before => Found::Another,
-        (Ok(_), _) if uri != known.uri => Found::Another,
-        (Ok(_), _) => Found::Same,
+    match (answering(&uri, known), known.pid) {
+        (Some(pid), Some(before)) if pid != before => Found::Another,
+        (Some(_), _) if uri != known.uri => Found::Another,
+        (Some(_), _) => Found::Same,
         // One that hangs still has its socket: that is for the ledger to say.
-        (Err(_), Some(pid)) if is_alive(pid) && uri == known.uri => Found::Same,
-        (Err(_), _) => Found::Unreachable,
+        (None, Some(pid)) if is_alive(pid) && uri == known.uri => Found::Same,
+        (None, _) => Found::Unreachable,
     }
+}
+
+/// Who answers there in the node's name: where one ended, the kernel may have given its port to
+/// a node of another slot.
+fn answering(uri: &str, known: &Known) -> Option<i32> {
+    let pid = pid_of(uri).ok()?;
+    let stack = || descendants(std::process::id(), &[]);
+    (known.pid == Some(pid) || stack().contains(&pid)).then_some(pid)
 }
 
 fn pid_of(uri: &str) -> Result<i32, RosError> {

@@ -3,6 +3,8 @@
 
 mod worker;
 
+use std::process::Command;
+
 use rmpv::Value;
 use worker::*;
 
@@ -16,6 +18,10 @@ rospy.init_node(name)
 out = rospy.Publisher("/echo", String, queue_size=1000)
 heard = [0]
 def end():
+    if way == "fails" and "TELL" in os.environ:
+        with open(os.environ["TELL"] + ".part", "w") as file:
+            file.write(rospy.get_node_uri())
+        os.rename(os.environ["TELL"] + ".part", os.environ["TELL"])
     print(name + " has had enough", file=sys.stderr, flush=True)
     if way == "segfault":
         os.kill(os.getpid(), signal.SIGSEGV)
@@ -47,12 +53,36 @@ while True:
 END
 exec /usr/bin/python3 "$ROS_HOME/launch.py" "$ROS_HOME" "#;
 
+/// Answers `getPid` where a node was, once that one has told its address and is gone.
+const STRANGER: &str = r#"
+import os, sys, time, urllib.parse, xmlrpc.server
+deadline = time.monotonic() + 60
+while True:
+    assert time.monotonic() < deadline, "no node told its address"
+    try:
+        where = urllib.parse.urlsplit(open(sys.argv[1]).read())
+        server = xmlrpc.server.SimpleXMLRPCServer(("", where.port), logRequests=False)
+        break
+    except OSError:
+        time.sleep(0.01)
+def pid(caller):
+    with open(sys.argv[1] + ".answered", "w") as file:
+        file.write(str(os.getpid()))
+    return [1, "", os.getpid()]
+server.register_function(pid, "getPid")
+server.serve_forever()
+"#;
+
 /// Causes, names and signals of `stack.ended`, of a case of so many messages, 100 in a second.
 fn ends(messages: u64, how: &str) -> Vec<(String, String, Option<i64>, String)> {
+    ends_of(messages, &format!("{LAUNCH}{how}"))
+}
+
+fn ends_of(messages: u64, script: &str) -> Vec<(String, String, Option<i64>, String)> {
     let agent = Agent::start(1);
-    let case = realtime(&agent, messages, &format!("{LAUNCH}{how}"), &[]);
+    let case = realtime(&agent, messages, script, &[]);
     let (result, _) = agent.run(0, case, &chatter(messages)).result();
-    println!("{how}: {}", at(&result, "stack.ended"));
+    println!("{}", at(&result, "stack.ended"));
     let ended = at(&result, "stack.ended").as_array().unwrap();
     let text = |end: &Value, key: &str| at(end, key).as_str().unwrap().to_owned();
     let told = ended.iter().map(|end| {
@@ -96,6 +126,25 @@ fn a_node_that_is_started_again_is_seen() {
     let respawned = ends(800, "100 fails respawn");
     assert_eq!(respawned[0].0, "NodeRespawned");
     assert_eq!(respawned.len(), 1);
+}
+
+#[test]
+fn a_stranger_at_the_address_of_a_node_that_ended_is_not_taken_for_it() {
+    if without_ros() {
+        return;
+    }
+    // A node of another slot, say: the kernel gives the same port again as soon as it is free.
+    let folder = tempfile::tempdir().unwrap();
+    let told = folder.path().join("uri");
+    let stranger = Command::new("/usr/bin/python3").args(["-c", STRANGER]).arg(&told).spawn();
+    let mut stranger = stranger.unwrap();
+    let ended = ends_of(800, &format!("export TELL={}\n{LAUNCH}100 fails keep", told.display()));
+    let answered = std::fs::read_to_string(folder.path().join("uri.answered"));
+    stranger.kill().unwrap();
+    stranger.wait().unwrap();
+    assert_eq!(answered.unwrap(), stranger.id().to_string());
+    assert_eq!(short(&ended), [("StackCrashed", "/bad", None)]);
+    assert!(ended[0].3.contains("ended with exit status 3"), "{}", ended[0].3);
 }
 
 #[test]
