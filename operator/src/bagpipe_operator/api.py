@@ -33,6 +33,21 @@ class ApiError(Exception):
         self.message = message
 
     @property
+    def name_is_taken(self) -> bool:
+        """Whether what was to be created is there; any other conflict may pass."""
+        return self.status == 409 and self.reason == "AlreadyExists"
+
+    @property
+    def quota_is_full(self) -> bool:
+        """Whether the namespace's quota has no room at present."""
+        return self.status == 403 and "exceeded quota" in self.message
+
+    @property
+    def namespace_ends(self) -> bool:
+        """Whether nothing is created any more because the namespace is being deleted."""
+        return self.status == 403 and "being terminated" in self.message
+
+    @property
     def webhook_is_down(self) -> bool:
         """Whether an admission webhook does not answer the API server; that may last."""
         return self.status == 500 and "failed calling webhook" in self.message

@@ -89,8 +89,7 @@ async def _try_executor(api: Api, pod: Json) -> None:
     try:
         await api.try_create("pods", pod)
     except ApiError as error:
-        full = error.status == 403 and "exceeded quota" in error.message
-        if not (full or error.webhook_is_not_tried):
+        if not (error.quota_is_full or error.webhook_is_not_tried):
             raise
 
 
@@ -100,7 +99,7 @@ async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json)
     try:
         return await api.create(resource, manifest)
     except ApiError as error:
-        if not (error.status == 409 and error.reason == "AlreadyExists"):
+        if not error.name_is_taken:
             raise
     # A former run of the operator made it and could not write so into the status.
     return _judged(job, manifest, await api.get(resource, job.namespace, name))
@@ -172,9 +171,9 @@ def _refusal_of(error: ApiError, job: JobView, what: str) -> Refusal | None:
             f"{job.namespace}. Install the Helm chart bagpipe-namespace there, or add the "
             f"namespace to jobNamespaces of the chart bagpipe: either makes the account.",
         )
-    if error.status == 403 and "being terminated" in error.message:
+    if error.namespace_ends:
         return None
-    if error.status == 403 and "exceeded quota" in error.message:
+    if error.quota_is_full:
         return Refusal(
             reasons.QUOTA_EXCEEDED,
             f"The namespace's quota has no room for {what}: {error.message} "

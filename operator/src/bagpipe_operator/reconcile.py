@@ -198,13 +198,7 @@ class Reconciler:
         halt: Halt | None,
     ) -> Observation:
         all_pods = self.view.pods(job.uid)
-        own = names.driver_name(job.name, attempt)
-        # A driver of another name is somebody's copy of it, whose troubles are not the job's.
-        pods = tuple(
-            pod
-            for pod in all_pods
-            if pod.attempt == attempt and (pod.role != names.ROLE_DRIVER or pod.name == own)
-        )
+        pods = self.view.pods_of(job.uid, attempt)
         gone = [pod for pod in self.view.gone_pods(job.uid) if pod.attempt == attempt]
         wanting = progress is not None and progress.phase == "Running" and halt is None
         looked_up = await self._lookout.look(job, attempt, pods, wanting)

@@ -45,10 +45,10 @@ class Untold:
                 await self.api.create("events", manifest(notes[0]))
             except ApiError as error:
                 # A quota of Events answers 409 too, when another Event is counted meanwhile.
-                conflict = error.status == 409 and error.reason != "AlreadyExists"
+                conflict = error.status == 409 and not error.name_is_taken
                 if error.status in _TRANSIENT or conflict:
                     raise
-                if error.status != 409:  # 409: it was told before, or its answer was lost
+                if not error.name_is_taken:  # else it was told before, or its answer was lost
                     logger.warning(
                         "%s/%s: the event %s was not written: %s",
                         about.namespace, about.name, notes[0].reason, error,

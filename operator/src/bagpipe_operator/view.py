@@ -283,14 +283,24 @@ class View:
         """The pods of all jobs."""
         return (pod for pods in list(self._pods.values()) for pod in pods.values())
 
-    def driver(self, job_uid: str, attempt: int) -> PodView | None:
-        """The driver of one attempt; a copy that somebody has made of it has another name."""
+    def pods_of(self, job_uid: str, attempt: int) -> tuple[PodView, ...]:
+        """The pods of one attempt, without a copy that somebody has made of its driver.
+
+        A copy has another name, and its end and its troubles are not the job's.
+        """
         job = self._jobs.get(job_uid)
-        for pod in self.pods(job_uid):
-            named = job is None or pod.name == names.driver_name(job.name, attempt)
-            if named and pod.role == names.ROLE_DRIVER and pod.attempt == attempt:
-                return pod
-        return None
+        own = names.driver_name(job.name, attempt) if job is not None else None
+        return tuple(
+            pod
+            for pod in self.pods(job_uid)
+            if pod.attempt == attempt
+            and (pod.role != names.ROLE_DRIVER or own is None or pod.name == own)
+        )
+
+    def driver(self, job_uid: str, attempt: int) -> PodView | None:
+        """The driver of one attempt."""
+        found = (p for p in self.pods_of(job_uid, attempt) if p.role == names.ROLE_DRIVER)
+        return next(found, None)
 
     def put_job(self, job: JobView) -> bool:
         """Keeps a job unless something newer is known; says whether it was kept.

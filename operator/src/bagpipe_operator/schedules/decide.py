@@ -65,7 +65,7 @@ def decide(
         active=tuple(job for job in jobs if not job.finished),
         surplus=_surplus(schedule, jobs),
         last_run=last_run,
-        unwritten=last_run is not None and last_run != _written(schedule),
+        unwritten=last_run is not None and last_run != written_run(schedule),
     )
     try:
         expression = str(schedule.spec.get("schedule") or "")
@@ -95,7 +95,7 @@ def _due(
 
     Those that have jobs were not missed.
     """
-    written = _written(schedule) or schedule.created
+    written = written_run(schedule) or schedule.created
     runs = [job.run for job in jobs if job.run is not None and written < job.run < latest]
     return max(1, cron.count_runs(written, now, MISSED_LIMIT + 1) - len(runs))
 
@@ -134,11 +134,12 @@ def _last_run(
     An operator that is killed between creating a job and writing the status leaves only the job.
     """
     runs = [job.run for job in jobs if job.run is not None and job.run <= now]
-    written = _written(schedule)
+    written = written_run(schedule)
     return max(runs if written is None else [*runs, written], default=None)
 
 
-def _written(schedule: ScheduleView) -> datetime | None:
+def written_run(schedule: ScheduleView) -> datetime | None:
+    """The last run that the schedule's status tells of."""
     return readings.moment(schedule.status.get("lastScheduleTime"))
 
 

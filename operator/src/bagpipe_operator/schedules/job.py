@@ -35,9 +35,9 @@ def job_manifest(schedule: ScheduleView, run: datetime) -> Json:
 
 def refusal_of(error: ApiError, name: str) -> Refused | None:
     """The refusal that an error means, or None for a fault that may pass by itself."""
-    if error.status == 403 and "being terminated" in error.message:
+    if error.namespace_ends:
         return None
-    if error.status == 403 and "exceeded quota" in error.message:
+    if error.quota_is_full:
         return Refused(reasons.QUOTA_EXCEEDED, f"the namespace's quota is full: {error.message}")
     if error.status in {400, 403, 413, 422} or error.webhook_is_down:
         return Refused(

@@ -190,9 +190,9 @@ class ScheduleReconciler:
         try:
             await self.api.try_job(job_manifest(schedule, run))
         except ApiError as error:
-            if error.status == 409:
-                return await self._name_taken(schedule, error, name)
-            if error.webhook_is_not_tried:
+            if error.name_is_taken:
+                return await self._not_ours(schedule, name)
+            if error.status == 409 or error.webhook_is_not_tried:
                 return None
             refused = refusal_of(error, name)
             if refused is None:
@@ -200,12 +200,8 @@ class ScheduleReconciler:
             return None if refused.reason == reasons.QUOTA_EXCEEDED else refused
         return None
 
-    async def _name_taken(
-        self, schedule: ScheduleView, error: ApiError, name: str
-    ) -> Refused | None:
-        """Whether a conflict is about a job of this name that is not the schedule's."""
-        if error.reason != "AlreadyExists":
-            return None
+    async def _not_ours(self, schedule: ScheduleView, name: str) -> Refused | None:
+        """The refusal for a job of this name that is there, unless it is the schedule's."""
         await self._list(schedule)
         ours = any(job.name == name for job in self.view.jobs(schedule.uid))
         return None if ours else name_taken(name, schedule.namespace)
@@ -216,8 +212,8 @@ class ScheduleReconciler:
         try:
             made = await self.api.create_job(job_manifest(schedule, run))
         except ApiError as error:
-            if error.status == 409 and error.reason == "AlreadyExists":
-                return await self._name_taken(schedule, error, name)
+            if error.name_is_taken:
+                return await self._not_ours(schedule, name)
             refused = refusal_of(error, name)
             if refused is None:
                 self._listed.pop(schedule.uid, None)  # it may be there: the next visit looks

@@ -6,7 +6,7 @@ from datetime import datetime
 from bagpipe_operator import conditions, readings, reasons
 from bagpipe_operator.conditions import Condition
 from bagpipe_operator.events import NORMAL, WARNING, Note
-from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict
+from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict, written_run
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, job_name
 from bagpipe_operator.view import Json
 
@@ -87,9 +87,9 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note
 def _of_earlier_starts(before: ScheduleView, outcome: Outcome) -> list[Note]:
     """Of jobs that no status has told of before another run was due; OnTime tells the latest."""
     decision = outcome.decision
-    written = readings.moment(before.status.get("lastScheduleTime")) or before.created
     if decision.last_run is None or not decision.unwritten:
         return []
+    written = written_run(before) or before.created
     told = decision.last_run if decision.run is None else None
     runs = [job.run for job in outcome.jobs if job.run is not None and job.run != told]
     return [
