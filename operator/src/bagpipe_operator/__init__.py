@@ -5,6 +5,7 @@ Layers, each importing only those below it:
     main                    wires the parts together
     watch, serve, sweep     what wakes the loop, and what others ask of it
     reconcile               the loop: observe, decide, write, tell
+    kueue                   a job's place in its queue, if Kueue is there
     children, api           what is asked of the API server
     status, events          what to write and to tell (pure)
     diagnose, patience, ending, progress, driver_pod, executor_template, job_config (pure)

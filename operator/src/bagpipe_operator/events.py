@@ -19,8 +19,8 @@ WARNING = "Warning"
 COMPONENT = "bagpipe-operator"
 # The API server's limit for an Event's message.
 LONGEST_NOTE = 1024
-# Reasons of Accepted that are no trouble; the last is told by the condition Suspended.
-_QUIET = frozenset({reasons.IN_PROGRESS, reasons.JOB_SUSPENDED})
+# Reasons of Accepted that are no trouble; the last two are told by the condition Suspended.
+_QUIET = frozenset({reasons.IN_PROGRESS, reasons.JOB_SUSPENDED, reasons.QUEUED})
 # Well below the hour after which the API server forgets an Event, and with it that it was told.
 RETOLD_SECONDS = 600.0
 
@@ -86,7 +86,8 @@ def _worth(condition: Json) -> str | None:
         case conditions.ACCEPTED if not true:
             return WARNING if condition["reason"] not in _QUIET else None
         case conditions.SUSPENDED if not true:
-            return NORMAL if condition["reason"] == reasons.JOB_RESUMED else None
+            resumed = {reasons.JOB_RESUMED, reasons.ADMITTED}
+            return NORMAL if condition["reason"] in resumed else None
         case kind:
             # Complete and Failed have told what Passed says.
             return NORMAL if true and kind != conditions.PASSED else None

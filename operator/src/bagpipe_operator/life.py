@@ -176,11 +176,12 @@ def needs_stop(pod: PodView, now: datetime) -> bool:
 
 def rests(job: JobView) -> bool:
     """Whether nothing but an event can bring the job forward: it is suspended, and that is told."""
-    return bool(
-        job.spec.get("suspend")
-        and job.suspended
-        and job.status.get("observedGeneration") == job.generation
-    )
+    return bool(job.spec.get("suspend")) and is_told(job)
+
+
+def is_told(job: JobView) -> bool:
+    """Whether the status says of the job as it is now that it is suspended, without pods."""
+    return job.suspended and job.status.get("observedGeneration") == job.generation
 
 
 def expired(job: JobView, now: datetime) -> bool:

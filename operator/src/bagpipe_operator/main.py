@@ -16,10 +16,14 @@ from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator import log, serve, watch
-from bagpipe_operator.api import ApiError, KubernetesApi
+from bagpipe_operator.api import ApiError
 from bagpipe_operator.census import Census
 from bagpipe_operator.election import Election, new_identity
-from bagpipe_operator.fence import Fence, FencedApi
+from bagpipe_operator.fence import Fence
+from bagpipe_operator.kueue.api import FencedKueueApi, KubernetesKueueApi
+from bagpipe_operator.kueue.queueing import Queueing
+from bagpipe_operator.kueue.watch import WorkloadWatch, register_workloads
+from bagpipe_operator.kueue.workload_view import Workloads
 from bagpipe_operator.large_jobs import LargeJobs
 from bagpipe_operator.lease import Terms
 from bagpipe_operator.metrics import Metrics
@@ -74,12 +78,15 @@ async def run(settings: Settings) -> None:
     sweeper = Sweeper(view, queue, settings.sweep_seconds, large=large)
     async with AsyncExitStack() as stack:
         client = await stack.enter_async_context(_client())
-        api = KubernetesApi(client, settings.request_seconds, metrics.api_called)
+        api = KubernetesKueueApi(client, settings.request_seconds, metrics.api_called)
         session = await stack.enter_async_context(aiohttp.ClientSession())
         drivers = ProgressReader(session, settings.progress_seconds, counted=metrics.driver_asked)
-        reconciler = Reconciler(
-            FencedApi(api, fence), view, drivers, settings, counted=metrics.job_written
-        )
+        fenced, workloads = FencedKueueApi(api, fence), Workloads()
+        reconciler = Reconciler(fenced, view, drivers, settings, counted=metrics.job_written)
+        if settings.kueue:
+            reconciler.queueing = Queueing(
+                fenced, workloads, settings, reconciler.now, reconciler.monotonic
+            )
         schedules = ScheduleLoop(FencedScheduleApi(api, fence), metrics, fence.leads)
 
         def take_up() -> None:
@@ -115,6 +122,8 @@ async def run(settings: Settings) -> None:
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
             handlers = watch.registry(watch.Watch(view, queue, metrics))
+            if settings.kueue:
+                register_workloads(handlers, WorkloadWatch(workloads, queue, metrics))
             await _watch(schedules.register(handlers), settings)
         finally:
             for task in tasks:
@@ -155,7 +164,7 @@ def session_settings(environment: Mapping[str, str]) -> dict[str, Any]:
     return {"trust_env": any(environment.get(name) for name in PROXY_VARIABLES)}
 
 
-async def wait_until_watchable(api: KubernetesApi, settings: Settings) -> None:
+async def wait_until_watchable(api: KubernetesKueueApi, settings: Settings) -> None:
     """Returns once jobs, schedules and pods can be listed; raises the last ApiError in the end.
 
     kopf looks for the resource once, at its start, and would then watch nothing for ever; and it
@@ -166,10 +175,12 @@ async def wait_until_watchable(api: KubernetesApi, settings: Settings) -> None:
         try:
             for namespace in settings.watch_namespaces or (None,):
                 await api.check_watchable(namespace)
+                if settings.kueue:
+                    await api.check_queues(namespace)
         except ApiError as error:
             if asyncio.get_running_loop().time() > deadline:
                 raise
-            logger.warning("SimulationJobs and SimulationSchedules can't be watched yet: %s", error)
+            logger.warning("what the operator watches can't be watched yet: %s", error)
         else:
             return
         await asyncio.sleep(WATCHABLE_POLL_SECONDS)

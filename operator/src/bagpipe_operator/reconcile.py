@@ -18,15 +18,16 @@ from bagpipe_operator.diagnose import troubles
 from bagpipe_operator.earlier import CannotResumeError, find_earlier
 from bagpipe_operator.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.kueue.queueing import Queueing
 from bagpipe_operator.life import (
     Halt,
     expired,
     halt_as_seen,
     halt_of,
+    is_told,
     living,
     needs_stop,
     pausing,
-    rests,
 )
 from bagpipe_operator.lookout import Lookout
 from bagpipe_operator.patience import Patience
@@ -74,6 +75,7 @@ class Reconciler:
     now: Callable[[], datetime] = utc_now
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
+    queueing: Queueing | None = None
     _patience: Patience = field(init=False)
     _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
@@ -106,6 +108,8 @@ class Reconciler:
             self._forget(uid)  # its children go by their ownerReferences
             self._unanswered.pop(uid, None)
             self._teller.forget(uid)
+            if self.queueing is not None:
+                self.queueing.forget(uid)
             return
         before = self._unanswered.get(uid)
         if before is not None and before.resource_version != job.resource_version:
@@ -120,6 +124,8 @@ class Reconciler:
             self._forget(uid)
         if job is not None:
             await self._teller.tell(job, self.now())
+        if job is not None and self.queueing is not None:
+            await self.queueing.settle(job)
         if job is not None and job.finished and expired(job, self.now()):
             await self._remove(job)
 
@@ -150,6 +156,8 @@ class Reconciler:
     async def _observe(self, job: JobView) -> Observation:
         """Everything that the decision needs; creates the children if they were never there."""
         halt = halt_of(job, self.now())
+        if halt is None and self.queueing is not None:
+            halt = await self.queueing.halt(job)
         attempt = int(job.status.get("attempt") or 1)
         if halt is None and job.suspended:
             return Observation(job, attempt)  # it is said first that there may be pods again
@@ -158,7 +166,7 @@ class Reconciler:
         driver = self.view.driver(job.uid, attempt)
         refusal: Refusal | None = None
         ending: Ending | None = None
-        if driver is None and (job.status.get("driver") or (halt and not rests(job))):
+        if driver is None and (job.status.get("driver") or (halt and not is_told(job))):
             driver, ending = await self._look_for(job, attempt, at_once=halt is not None)
         elif driver is None and halt is None and not pausing(job, self.now()):
             driver, refusal, ending = await self._start(job, attempt)
@@ -232,9 +240,10 @@ class Reconciler:
         await self._stop_driver_before(job, attempt)
         try:
             entire = await self._whole(job)
-            made = await create_children(
-                self.api, entire, read_spec(entire), attempt, self.settings, again
-            )
+            spec = read_spec(entire)
+            if self.queueing is not None:
+                spec = await self.queueing.placed(job, spec)
+            made = await create_children(self.api, entire, spec, attempt, self.settings, again)
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)
         except JobTooLargeError as error:

@@ -81,6 +81,10 @@ class Settings:
     s3.example.com, *.example.com or namenode:8020; none means all. Drivers and executors get it
     too."""
 
+    kueue: bool = False
+    """BAGPIPE_KUEUE: true or false; whether a job with a queueName gets a Workload of Kueue's, and
+    its pods only when that is admitted. Needs Kueue in the cluster, and rights of its own."""
+
     scrape_annotations: bool = True
     """BAGPIPE_SCRAPE_ANNOTATIONS: true or false; whether drivers and executors carry
     prometheus.io/scrape."""
@@ -123,6 +127,7 @@ class Settings:
             lease_seconds=_lease_seconds(environment, cls.lease_seconds),
             own_evaluators=_truth(environment, "BAGPIPE_OWN_EVALUATORS", cls.own_evaluators),
             storage_hosts=_hosts(environment),
+            kueue=_truth(environment, "BAGPIPE_KUEUE", cls.kueue),
             scrape_annotations=_truth(
                 environment, "BAGPIPE_SCRAPE_ANNOTATIONS", cls.scrape_annotations
             ),

@@ -162,6 +162,10 @@ def _suspended(seen: Observation, halt: Halt, now: datetime) -> Json:
 
 def _not_suspended(seen: Observation) -> Condition:
     before = conditions.find(seen.job.status.get("conditions") or [], conditions.SUSPENDED)
+    if before and before["reason"] in {reasons.QUEUED, reasons.ADMITTED}:
+        return Condition(
+            conditions.SUSPENDED, False, reasons.ADMITTED, "Kueue has admitted the job."
+        )
     if before and (before["status"] == "True" or before["reason"] == reasons.JOB_RESUMED):
         return Condition(
             conditions.SUSPENDED,

@@ -239,6 +239,7 @@ _OF_ENDED = frozenset({"ttlAfterFinished"})
 # And of any other: whether it may run, how long, how often, and whose it is.
 _OF_UNFINISHED = _OF_ENDED | {
     "suspend", "startDeadline", "activeDeadline", "backoffLimit", "managedBy", "resumeFrom",
+    "queueName",
 }  # fmt: skip
 # Spark deletes an executor as soon as it has ended; the last ones tell why.
 MOST_GONE_PODS = 10

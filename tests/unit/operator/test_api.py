@@ -11,7 +11,8 @@ from aiohttp import web
 from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator import main
-from bagpipe_operator.api import ApiError, KubernetesApi
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.kueue.api import KubernetesKueueApi
 from bagpipe_operator.settings import Settings
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
@@ -38,7 +39,7 @@ class Recorder:
 
 
 @asynccontextmanager
-async def server(handler: Handler, deadline: float = 60.0) -> AsyncIterator[KubernetesApi]:
+async def server(handler: Handler, deadline: float = 60.0) -> AsyncIterator[KubernetesKueueApi]:
     app = web.Application()
     app.router.add_route("*", "/{tail:.*}", handler)
     runner = web.AppRunner(app)
@@ -46,7 +47,7 @@ async def server(handler: Handler, deadline: float = 60.0) -> AsyncIterator[Kube
     await web.TCPSite(runner, "127.0.0.1", 0).start()
     configuration = Configuration(host=f"http://127.0.0.1:{runner.addresses[0][1]}")
     async with ApiClient(configuration=configuration) as client:
-        yield KubernetesApi(client, deadline)
+        yield KubernetesKueueApi(client, deadline)
     await runner.cleanup()
 
 
@@ -151,7 +152,7 @@ async def test_nobody_there() -> None:
     configuration = Configuration(host="http://127.0.0.1:1")
     async with ApiClient(configuration=configuration) as client:
         with pytest.raises(ApiError, match="Unreachable"):
-            await KubernetesApi(client, 1.0).get("pods", "lanes", "p")
+            await KubernetesKueueApi(client, 1.0).get("pods", "lanes", "p")
 
 
 MISSING = (404, {"kind": "Status", "reason": "NotFound", "message": "no such resource"})
@@ -169,6 +170,15 @@ async def test_the_crd_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
         f"{JOBS}/namespaces/maps/simulationjobs?limit=1",
         f"{JOBS}/namespaces/maps/simulationschedules?limit=1",
         "/api/v1/namespaces/maps/pods?limit=1",
+    ]
+
+
+async def test_kueue_is_waited_for_where_it_is_wanted() -> None:
+    recorder = Recorder((200, {"items": []}))
+    async with server(recorder.answer) as api:
+        await main.wait_until_watchable(api, Settings(watch_namespaces=("lanes",), kueue=True))
+    assert [call[1] for call in recorder.calls[3:]] == [
+        "/apis/kueue.x-k8s.io/v1beta2/namespaces/lanes/workloads?limit=1"
     ]
 
 
