@@ -56,11 +56,32 @@ help: ## List the verbs
 demo: cluster install ## Set everything up, run the main job, show the result
 	$(STEP) "Running the demonstration" -- .venv/bin/python -m tests.e2e.demo
 
+# Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
 .PHONY: test
-test: preflight-all venv test-python test-rust test-integration test-liars test-e2e ## Set everything up, run all tests
+ifdef K
+test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
+	$(STEP) "Testing $(K)" -- .venv/bin/python -m pytest tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
+else
+test: preflight-all venv test-python test-rust test-integration test-liars test-e2e
+endif
+
+.PHONY: quick
+quick: venv ## Check what differs from SINCE=HEAD in under a minute: style, and the nearest unit tests
+	$(STEP) "Checking what has changed" -- .venv/bin/python -m tests.quick.run --since "$(or $(SINCE),HEAD)"
+
+.PHONY: fmt
+fmt: venv ## Format all Python and Rust, and mend what ruff can mend
+	$(STEP) "Formatting" -- bash -euc '.venv/bin/ruff check --quiet --fix --exit-zero .; .venv/bin/ruff format --quiet .; \
+	  cd images/ros; cargo fmt --all'
+
+# Else whichever test is first would build them, and take minutes.
+.PHONY: test-programs
+test-programs: preflight
+	$(STEP) "Building what tests start" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
+	  $(CLUSTER_PY) build kubernetes helm-unittest versitygw
 
 .PHONY: test-python
-test-python: venv tools ## Run the Python unit tests (part of test)
+test-python: venv tools test-programs ## Run the Python unit tests (part of test)
 	$(STEP) "Testing the Python packages and the cluster's parts" -- .venv/bin/python -m pytest tests/unit tests/cluster
 
 .PHONY: test-rust
@@ -69,7 +90,7 @@ test-rust: preflight-all ## Run the agent's tests, against Debian's ROS (part of
 	  cargo test --locked --workspace --no-fail-fast
 
 .PHONY: test-integration
-test-integration: preflight-all venv ## Run worker, agent and real nodes together (part of test)
+test-integration: preflight-all venv test-programs ## Run worker, agent and real nodes together (part of test)
 	$(STEP) "Testing worker, agent and real nodes" -- .venv/bin/python -m pytest tests/integration
 
 .PHONY: test-liars
@@ -113,7 +134,7 @@ fuzz: ## Fuzz the agent's parsers, each for SECONDS=60 (TARGET=scan: only that; 
 endif
 
 .PHONY: lint
-lint: preflight-all venv tools ## Check style and types of everything
+lint: venv tools ## Check style and types of everything
 	$(STEP) "Linting" -- tests/lint.sh
 
 .PHONY: docs

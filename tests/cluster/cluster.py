@@ -10,6 +10,7 @@ Usage: python3 tests/cluster/cluster.py VERB [ARGUMENT...]
     load [IMAGE...]     give it images (all that are built)
     kubeconfig          print the path of its kubeconfig
     tools               print a folder with kubectl and helm
+    build PROGRAM...    build programs of the tests from their Go modules, unless the cache has them
     preflight [SET...]  check the machine and install what is needed
 """
 
@@ -20,11 +21,12 @@ import os
 import sys
 from collections.abc import Callable
 
-from embedded import faults, images, lifecycle, preflight, tools
+from embedded import builds, faults, images, lifecycle, preflight, tools
 from embedded.failure import ClusterError
 from embedded.places import KUBECONFIG, LOGS, MOST_NODES
 
-VERBS = ["up", "down", "status", "cut", "join", "load", "kubeconfig", "tools", "preflight"]
+VERBS = ["up", "down", "status", "cut", "join", "load", "kubeconfig", "tools", "build",
+         "preflight"]  # fmt: skip
 PREFLIGHT = "`make preflight` installs the programs that the cluster needs."
 
 
@@ -45,6 +47,7 @@ def main() -> int:
         "load": lambda: images.load(given.arguments),
         "kubeconfig": lambda: print(KUBECONFIG),
         "tools": lambda: print(tools.link()),
+        "build": lambda: list(map(builds.ensure, map(builds.named, given.arguments))),
         "preflight": lambda: preflight.run(given.arguments),
     }
     try:

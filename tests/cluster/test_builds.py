@@ -180,3 +180,9 @@ def test_a_failed_step_says_what_to_do() -> None:
     first, second = done.stderr.splitlines()
     assert re.fullmatch(r"<== FAILED after [\d.]+ s: Building \(status 7\)\.", first)
     assert second == "    Try again."
+
+
+def test_a_program_has_the_name_of_its_module_s_folder() -> None:
+    assert builds.named("helm-unittest") is builds.CHART_TESTS
+    with pytest.raises(ClusterError, match="no program nothing: it can be coredns, helm, helm-u"):
+        builds.named("nothing")

@@ -97,6 +97,16 @@ PROMETHEUS = Program(
 )
 
 
+def named(folder: str) -> Program:
+    """The program of a module's folder; raises ClusterError where there is none."""
+    known = [*PROGRAMS, S3_SERVER, KWOK, SPARK_OPERATOR, CHART_TESTS, PROMETHEUS]
+    for program in known:
+        if program.folder == folder:
+            return program
+    folders = ", ".join(sorted(each.folder for each in known))
+    raise ClusterError(f"there is no program {folder}: it can be {folders}.")
+
+
 def key(program: Program, folder: Path) -> str:
     """The name of a build: a hash over the module's files and how it is built."""
     # Tags are written only where there are some: a new kind of choice makes no old build stale.

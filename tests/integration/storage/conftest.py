@@ -1,13 +1,12 @@
 """Servers that all storage tests share, and the places that the contract is tested on."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import hdfs_native
 import pytest
+from embedded import builds
 
 from bagpipe.storage import Patience, Storage
 from bagpipe.storage import kinds as storage_kinds
@@ -15,7 +14,6 @@ from tests.integration.storage.faulty_proxy import FaultyProxy, faulty_proxy
 from tests.integration.storage.hdfs_server import Hdfs, hdfs
 from tests.integration.storage.servers import ACCESS_KEY, BUCKET, SECRET_KEY, S3Server, s3_server
 
-CLUSTER = Path(__file__).parents[2] / "cluster"
 # Short pauses, since the servers are on this machine; as many tries as jobs have, and more.
 QUICK = Patience(request_seconds=20, tries=12, first_pause_seconds=0.05, longest_pause_seconds=1)
 
@@ -31,17 +29,7 @@ class Place:
 @pytest.fixture(scope="session")
 def s3_binary() -> Path:
     """versitygw, built as the cluster's programs are, and kept in the same cache."""
-    command = "from embedded import builds; print(builds.ensure(builds.S3_SERVER))"
-    done = subprocess.run(
-        [sys.executable, "-c", command],
-        cwd=CLUSTER,
-        capture_output=True,
-        text=True,
-        timeout=900,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    return Path(done.stdout.strip().splitlines()[-1]) / "versitygw"
+    return builds.ensure(builds.S3_SERVER) / "versitygw"
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,6 @@ def test_every_template_has_a_suite(chart: Path) -> None:
     assert wanted == suites
 
 
-@pytest.mark.timeout(900)  # the first run builds the program from its Go modules
 @pytest.mark.parametrize("chart", CHARTS, ids=lambda chart: chart.name)
 def test_the_suites(chart: Path) -> None:
     program = builds.ensure(builds.CHART_TESTS) / "helm-unittest"

@@ -1,0 +1,70 @@
+"""`make quick` runs the unit tests that a change can break, nearest first, and no others."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.quick.affected import Sources, affected, read
+
+FILES = {
+    "images/spark/src/bagpipe/__init__.py": "",
+    "images/spark/src/bagpipe/texts.py": "import re",
+    "images/spark/src/bagpipe/spec.py": "from bagpipe.texts import each_once",
+    "images/spark/src/bagpipe/plan/__init__.py": "",
+    "images/spark/src/bagpipe/plan/cases.py": "def f():\n    import bagpipe.spec",
+    "images/context.py": 'FOLDER = "images"',
+    "crds/generate.py": 'FILE = "simulationjobs.yaml"',
+    "tests/unit/conftest.py": "",
+    "tests/unit/plan/builders.py": "from bagpipe.plan import cases",
+    "tests/unit/plan/test_cases.py": "from tests.unit.plan import builders",
+    "tests/unit/bagpipe/test_texts.py": "from bagpipe import texts",
+    "tests/unit/crds/test_crd.py": "import crds.generate",
+    "tests/cluster/test_images.py": "import context",
+    "tests/e2e/test_main_job.py": "import bagpipe.texts",
+}
+
+
+@pytest.fixture
+def sources(tmp_path: Path) -> Sources:
+    for name, text in FILES.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    return read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ("images/spark/src/bagpipe/texts.py",
+         {"tests/unit/bagpipe/test_texts.py": 1, "tests/unit/plan/test_cases.py": 4}),
+        ("images/spark/src/bagpipe/plan/cases.py", {"tests/unit/plan/test_cases.py": 2}),
+        ("tests/unit/plan/test_cases.py", {"tests/unit/plan/test_cases.py": 0}),
+        ("images/context.py", {"tests/cluster/test_images.py": 1}),
+        ("crds/simulationjobs.yaml", {"tests/unit/crds/test_crd.py": 2}),
+        ("README.md", {}),
+        ("tests/e2e/test_main_job.py", {}),
+    ],
+)  # fmt: skip
+def test_what_a_change_can_break(sources: Sources, changed: str, expected: dict[str, int]) -> None:
+    found = affected(sources, [Path(changed)])
+    assert {str(path): distance for path, distance in found.items()} == expected
+
+
+def test_a_configuration_is_that_of_all_below_it(sources: Sources) -> None:
+    found = affected(sources, [Path("tests/unit/conftest.py")])
+    assert sorted(path.name for path in found) == ["test_cases.py", "test_crd.py", "test_texts.py"]
+
+
+def test_what_everything_is_installed_by_can_break_everything(sources: Sources) -> None:
+    assert len(affected(sources, [Path("uv.lock")])) == 4
+
+
+def test_the_nearest_of_two_changes_counts(sources: Sources) -> None:
+    changed = [Path("images/spark/src/bagpipe/texts.py"), Path("tests/unit/plan/builders.py")]
+    assert affected(sources, changed)[Path("tests/unit/plan/test_cases.py")] == 1
+
+
+def test_this_project_s_own_tests_are_found() -> None:
+    found = affected(read(Path(__file__).parents[3]), [Path("tests/quick/affected.py")])
+    assert found[Path(__file__).relative_to(Path(__file__).parents[3])] == 1
