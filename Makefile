@@ -22,6 +22,18 @@ MEMORY_BAG_SOURCES := $(wildcard images/ros/Cargo.* images/ros/crates/bag/Cargo.
   images/ros/crates/bag/src/*.rs images/ros/crates/python/*.* images/ros/crates/python/src/*.rs images/module.py)
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
 
+# The demonstration by itself needs no others; whatever else is asked for gets all.
+ifeq ($(MAKECMDGOALS),demo)
+WANTED_IMAGES := agent operator spark ros robot-state-publisher
+endif
+
+# Each step's seconds, for the summary; who calls make several times gives one file to all.
+ifndef BAGPIPE_STEPS
+export BAGPIPE_STEPS := $(shell mkdir -p "$(BAGPIPE_CACHE)" && : > "$(BAGPIPE_CACHE)/steps.jsonl"; \
+  echo "$(BAGPIPE_CACHE)/steps.jsonl")
+endif
+SUMMARY := @python3 tests/cluster/step.py --summary
+
 # embedded: tests/cluster, on this machine. kind: with Docker. existing: the current context.
 # A KUBECONFIG that is there and not ours means a cluster of the user's.
 ifeq ($(origin CLUSTER),undefined)
@@ -55,6 +67,7 @@ help: ## List the verbs
 .PHONY: demo
 demo: cluster install ## Set everything up, run the main job, show the result
 	$(STEP) "Running the demonstration" -- .venv/bin/python -m tests.e2e.demo
+	$(SUMMARY)
 
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
 .PHONY: test
@@ -63,6 +76,7 @@ test: preflight-all venv tools ## Set everything up, run all tests (K=resume: on
 	$(STEP) "Testing $(K)" -- .venv/bin/python -m pytest tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
 test: preflight-all venv test-python test-rust test-integration test-liars test-e2e
+	$(SUMMARY)
 endif
 
 .PHONY: quick
@@ -172,9 +186,9 @@ venv: .venv/.memory-bag ## Make .venv with the pinned Python packages and bagpip
 .PHONY: images
 images: preflight venv ## Build all images (`make cluster` loads them)
 ifeq ($(CLUSTER),kind)
-	$(STEP) "Building images" -- python3 images/build.py --engine docker --no-archives
+	$(STEP) "Building images" -- python3 images/build.py --engine docker --no-archives $(WANTED_IMAGES)
 else
-	$(STEP) "Building images" -- python3 images/build.py
+	$(STEP) "Building images" -- python3 images/build.py $(WANTED_IMAGES)
 endif
 
 .PHONY: plugin

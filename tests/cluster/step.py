@@ -1,13 +1,20 @@
 """Run one step of make: say what it does, how long it took, and what to do when it fails.
 
 python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] -- COMMAND...
+python3 tests/cluster/step.py --summary
+
+Each step adds a line to the file that BAGPIPE_STEPS names, if it does; the summary has the longest
+first.
 """
 
 from __future__ import annotations
 
+import json
+import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 
 def colour(code: str, text: str) -> str:
@@ -30,7 +37,26 @@ def split(arguments: list[str]) -> tuple[str, str, list[str]]:
     return words[0], advice, command
 
 
+def record(what: str, seconds: float) -> None:
+    """Keeps a step's time for the summary."""
+    if path := os.environ.get("BAGPIPE_STEPS"):
+        with Path(path).open("a") as file:
+            file.write(json.dumps({"what": what, "seconds": seconds}) + "\n")
+
+
+def summary(lines: list[str]) -> str:
+    """The steps that took a second or more, the longest first, and the sum of all."""
+    steps = [json.loads(line) for line in lines]
+    longest = sorted(steps, key=lambda step: -step["seconds"])
+    rows = [(step["what"], step["seconds"]) for step in longest if step["seconds"] >= 1]
+    rows.append(("all steps", sum(step["seconds"] for step in steps)))
+    return "\n".join(f"{duration(seconds):>15}  {what}" for what, seconds in rows)
+
+
 def main() -> int:
+    if sys.argv[1:] == ["--summary"]:
+        print(summary(Path(os.environ["BAGPIPE_STEPS"]).read_text().splitlines()))
+        return 0
     what, advice, command = split(sys.argv[1:])
     print(colour("1", f"==> {what}"), flush=True)
     began = time.monotonic()
@@ -42,7 +68,9 @@ def main() -> int:
     except OSError as error:
         print(f"{command[0]} can't be run: {error}", file=sys.stderr)
         status = 127
-    took = duration(time.monotonic() - began)
+    seconds = time.monotonic() - began
+    took = duration(seconds)
+    record(what, seconds)
     if status:
         # Shown by a signal's number, a child's end is a negative status.
         said = f"<== FAILED after {took}: {what} (status {status})."

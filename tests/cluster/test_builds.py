@@ -182,6 +182,23 @@ def test_a_failed_step_says_what_to_do() -> None:
     assert second == "    Try again."
 
 
+def test_a_summary_has_the_longest_step_first(tmp_path: Path) -> None:
+    record = tmp_path / "steps.jsonl"
+    environment = {"BAGPIPE_STEPS": str(record), "PATH": "/usr/bin:/bin"}
+    for what, command in (("Looking", "true"), ("Failing", "false")):
+        words = [sys.executable, str(SCRIPT), what, "--", command]
+        subprocess.run(words, env=environment, check=False, timeout=30)
+    kept = record.read_text().splitlines()
+    assert ['"what": "Looking"' in kept[0], '"what": "Failing"' in kept[1]] == [True, True]
+    long = ['{"what": "Building", "seconds": 71.4}', '{"what": "Loading", "seconds": 130}']
+    short = ['{"what": "Checking", "seconds": 0.6}']
+    assert step.summary([*long, *short]).splitlines() == [
+        "     2 min 10 s  Loading",
+        "     1 min 11 s  Building",
+        "     3 min 22 s  all steps",
+    ]
+
+
 def test_a_program_has_the_name_of_its_module_s_folder() -> None:
     assert builds.named("helm-unittest") is builds.CHART_TESTS
     with pytest.raises(ClusterError, match="no program nothing: it can be coredns, helm, helm-u"):
