@@ -1,6 +1,10 @@
 """Versions compared on the same cases: regressions, repairs, flaky cases, and the whole's word."""
 
+from typing import Any
+
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from bagpipe.compare.compare import compare
 from tests.unit.compare.rows import only, rounds, row
@@ -162,3 +166,62 @@ def test_many_cases_that_lose_too_few_rounds_each_are_worse_together() -> None:
     [shares] = [one for one in found.criteria if one.name == "rounds: passed"]
     assert (shares.verdict, shares.baseline, shares.variant) == ("worse", 100.0, 75.0)
     assert found.verdict == "worse"
+
+
+GRAVITY = ("unknown", "same", "better", "worse")
+WORDS = {"P": "passed", "F": "failed", "I": "invalid", "E": "errored"}
+# What a case did in both versions; - where a version lacks it.
+both = st.sampled_from([before + now for before in "PFIE-" for now in "PFIE-"][:-1])
+
+
+def verdict(cases: list[str]) -> str:
+    rows = [
+        row(n, variant, WORDS[letter])
+        for n, case in enumerate(cases)
+        for letter, variant in zip(case, ("released", "pr-812"), strict=True)
+        if letter != "-"
+    ]
+    return only(rows).verdict
+
+
+@pytest.mark.parametrize(
+    ("case", "word"),
+    [("PF", "worse"), ("P-", "worse"), ("FP", "better"), ("PP", "same"), ("FF", "same"),
+     ("EP", "unknown"), ("-P", "unknown"), ("F-", "unknown")],
+)  # fmt: skip
+def test_the_verdict_of_one_case(case: str, word: str) -> None:
+    assert verdict([case]) == word
+
+
+@given(st.lists(both, min_size=1, max_size=10))
+@example(["PF", "FP"])
+@example(["FP", "FP", "FP", "P-"])
+def test_the_gravest_case_is_the_verdict_whatever_got_better(cases: list[str]) -> None:
+    assert verdict(cases) == max((verdict([case]) for case in cases), key=GRAVITY.index)
+
+
+def criteria_of(**changes: float) -> list[dict[str, Any]]:
+    """Eight recordings of both versions, with a figure of each name that moves so."""
+    return [
+        row(n, variant, criteria=[
+            {"name": name, "figure": 1.0 + (variant == "pr-812") * change, "direction": "lower"}
+            for name, change in changes.items()
+        ])
+        for n in range(8)
+        for variant in ("released", "pr-812")
+    ]  # fmt: skip
+
+
+def test_a_worse_criterion_is_worse_whatever_got_better() -> None:
+    repaired = [row(9, "released", "failed", criteria=[]), row(9, "pr-812", criteria=[])]
+    better = only(criteria_of(jerk=-1.0) + repaired)
+    assert (better.verdict, [one.verdict for one in better.criteria]) == ("better", ["better"])
+    mixed = only(criteria_of(jerk=-1.0, delay=1.0) + repaired)
+    assert [one.verdict for one in mixed.criteria] == ["better", "worse"]
+    assert (mixed.verdict, mixed.counts["fixed"]) == ("worse", 1)
+
+
+def test_a_regressed_case_is_worse_whatever_criterion_got_better() -> None:
+    regressed = [row(9, "released", criteria=[]), row(9, "pr-812", "failed", criteria=[])]
+    found = only(criteria_of(jerk=-1.0) + regressed)
+    assert (found.verdict, [one.verdict for one in found.criteria]) == ("worse", ["better"])
