@@ -1,11 +1,17 @@
 """Figures of two versions: by recording, corrected for the number of criteria."""
 
+import math
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy import stats
 
 from bagpipe.compare.compare import Comparison
-from bagpipe.compare.criteria import CriterionComparison
+from bagpipe.compare.criteria import CriterionComparison, Measured, judged
 from tests.unit.compare.rows import only, row
 
 
@@ -187,3 +193,64 @@ def test_loss_is_compared_like_any_other_figure_also_that_of_discarded_runs() ->
     loss, runs = found["delivery: loss"], found["delivery: discarded runs"]
     assert (loss.verdict, loss.baseline, loss.variant) == ("worse", 0.0, 20.0)
     assert (runs.verdict, runs.baseline, runs.variant) == ("worse", 0.0, 1.0)
+
+
+def told(differences: NDArray[np.float64], direction: str = "lower") -> CriterionComparison:
+    """Of one criterion alone, in which the recordings differ so."""
+    baseline = np.linspace(2.0, 3.0, len(differences))
+    variant = baseline + differences
+    one = Measured("delay", "s", direction, len(differences), baseline.tolist(), variant.tolist())
+    [found] = judged([one])
+    return found
+
+
+# Of chance, what each side of the interval leaves out: 4 % where the variant is worse.
+TAILS = {"lower": (0.04, 0.01), "higher": (0.01, 0.04)}
+
+
+@pytest.mark.parametrize("direction", ["lower", "higher"])
+@pytest.mark.parametrize("seed", range(4))
+def test_the_interval_ends_where_scipy_s_test_begins_to_refuse(direction: str, seed: int) -> None:
+    """Each end parts the true differences that the figures refute from those that they don't."""
+    differences = np.random.default_rng(seed).normal(0.3, 1.0, 9)
+    found = told(differences, direction)
+    below, above = TAILS[direction]
+
+    def chance(true_difference: float, alternative: str) -> float:
+        return float(stats.permutation_test(
+            (differences - true_difference,), np.mean, permutation_type="samples",
+            alternative=alternative, n_resamples=np.inf,
+        ).pvalue)  # fmt: skip
+
+    assert found.low is not None
+    assert found.high is not None
+    assert chance(found.low - 1e-6, "greater") <= below < chance(found.low + 1e-6, "greater")
+    assert chance(found.high + 1e-6, "less") <= above < chance(found.high - 1e-6, "less")
+
+
+@pytest.mark.parametrize("direction", ["lower", "higher"])
+def test_the_interval_is_student_s_where_that_one_is_right(direction: str) -> None:
+    differences = np.random.default_rng(5).normal(0.1, 1.0, 200)
+    found = told(differences, direction)
+    below, above = TAILS[direction]
+    student = stats.t(199, differences.mean(), stats.sem(differences))
+    assert found.low == pytest.approx(student.ppf(below), abs=0.01)
+    assert found.high == pytest.approx(student.ppf(1 - above), abs=0.01)
+
+
+@given(
+    st.lists(st.integers(-40, 40).map(lambda n: n / 8), min_size=5, max_size=20),
+    st.sampled_from(["lower", "higher"]),
+)
+def test_the_effect_is_scipy_s_paired_t_freed_of_the_number_of_recordings(
+    differences: list[float], direction: str
+) -> None:
+    """It points where the difference does, whichever direction is better."""
+    baseline = [float(n) for n in range(len(differences))]
+    variant = [n + change for n, change in zip(baseline, differences, strict=True)]
+    [found] = judged([Measured("delay", "s", direction, len(baseline), baseline, variant)])
+    if len(set(differences)) == 1:
+        assert found.effect is None
+    else:
+        paired = stats.ttest_rel(variant, baseline).statistic
+        assert found.effect == pytest.approx(paired / math.sqrt(len(differences)))
