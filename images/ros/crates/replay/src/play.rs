@@ -18,10 +18,6 @@ use crate::step::Stepper;
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
-/// What the slowest subscriber may have left unread before it is waited for, at full speed:
-/// bytes and messages, whichever is less.
-const WINDOW_BYTES: u64 = 16 << 20;
-const WINDOW_MESSAGES: u64 = 16_384;
 /// The tick of a /clock that does not advance between two messages.
 const STEPPED: u64 = u64::MAX;
 
@@ -240,13 +236,10 @@ impl<'a> Player<'a> {
             let Some(message) = plan.bare_message(place) else { continue };
             if !run.takes(message.connection, message.frame.len()) {
                 self.send_run(&run, share, watch)?;
-                run.frames.clear();
-                run.bytes = 0;
+                run.clear();
             }
-            run.connection = message.connection;
-            run.bytes += message.frame.len();
+            run.add(message.connection, message.frame);
             run.time = message.time;
-            run.frames.push(message.frame);
             last = Some(message.time);
         }
         self.send_run(&run, share, watch)?;
@@ -267,15 +260,12 @@ impl<'a> Player<'a> {
         // What answers the run is not older than any message of it.
         self.clock.stand(run.time);
         let messages = run.frames.len() as u64;
-        let window = WINDOW_BYTES.min(WINDOW_MESSAGES * run.bytes as u64 / messages);
         for &at in &route.topics {
             let topic = &self.publications[at];
             if route.latching {
                 topic.latch(&route.caller_id, share, frame);
             }
-            topic
-                .await_unread(window, &mut || watch.must_stop())
-                .and_then(|()| topic.send(share, &run.frames, &mut || watch.must_stop()))
+            run.go_out(&**topic, share, &mut || watch.must_stop())
                 .map_err(|error| failed(error, watch))?;
             self.count(at, share, messages, watch);
         }
