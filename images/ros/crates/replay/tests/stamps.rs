@@ -89,3 +89,26 @@ fn a_stamp_of_the_far_future_satisfies_no_wait_and_is_reported() {
         assert_eq!(replayed.recorded.messages, 30);
     }
 }
+
+#[test]
+fn an_answer_that_comes_when_the_next_input_is_out_is_late_and_not_that_one_s() {
+    let seconds: Vec<u32> = (100..125).collect();
+    let bag = joint_states(&seconds);
+    let graph = Graph::start(TMP);
+    let _late = graph.python(&node("late_stamper.py"), &["/joint_states", "/relayed", "10"]);
+    let replayed = play(&bag, &graph, Duration::from_secs(2));
+    let step = &replayed.playback.steps[0];
+    let counts = (step.released, step.answered, step.no_output, step.unmatched);
+    assert_eq!(counts, (25, 23, 2, 2), "{step:?}");
+    let warning = &replayed.playback.warnings[0];
+    assert!(warning.starts_with("2 messages of /relayed have stamps"), "{warning}");
+    assert!(warning.contains("the first 109.000000000 where 110.0"), "{warning}");
+    // All were recorded, each where it came: the late ones in the step after their own.
+    let answers = read_back(&replayed);
+    let came = answers.iter().map(|(_, time, data)| {
+        (time / 1_000_000, u32::from_le_bytes(*data[4..].first_chunk().unwrap()))
+    });
+    let step_of = |second| u64::from(second) - 100 + u64::from(matches!(second, 109 | 119));
+    let expected: Vec<(u64, u32)> = seconds.iter().map(|s| (step_of(*s), *s)).collect();
+    assert_eq!(came.collect::<Vec<_>>(), expected);
+}

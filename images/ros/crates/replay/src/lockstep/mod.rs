@@ -358,6 +358,42 @@ mod tests {
         assert!(warnings[0].starts_with("1 messages of /out have stamps"), "{warnings:?}");
     }
 
+    /// Releases (input, simulated time), then hears these stamps: was it answered?
+    fn answered(
+        lockstep: &mut Lockstep,
+        answers: &Answers,
+        (input, now): (u32, u64),
+        said: &[u64],
+    ) -> bool {
+        let due = lockstep.release(0, &at(input), Some(now * SECOND), answers)[0];
+        for stamp in said {
+            pair(answers, "/out", |pairing| pairing.hear(stamp * SECOND));
+        }
+        let before = lockstep.groups[0].report.answered;
+        lockstep.wait(due, Instant::now(), answers, || Ok(())).unwrap();
+        lockstep.groups[0].report.answered > before
+    }
+
+    #[test]
+    fn a_late_answer_by_stamp_answers_nothing_that_follows_also_where_its_stamp_could() {
+        let steps = [step("/left", AnswerBy::Stamp, false)];
+        let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+        let answers = Answers::new(lockstep.awaited());
+        let mut turn = |input, said: &[u64]| answered(&mut lockstep, &answers, input, said);
+        assert!(!turn((5, 5), &[]));
+        // In time's order the stamp is too old; its own answer counts all the same.
+        assert!(!turn((6, 6), &[5]));
+        assert!(turn((7, 7), &[6, 7]));
+        // Once time has gone back, the late stamps lie among those that may answer.
+        assert!(!turn((3, 9), &[5]));
+        assert!(!turn((4, 9), &[6]));
+        assert!(turn((2, 9), &[8]));
+        let (reports, _) = lockstep.reports(&answers);
+        let report = &reports[0];
+        let counts = (report.released, report.answered, report.no_output, report.unmatched);
+        assert_eq!(counts, (6, 2, 4, 4));
+    }
+
     #[test]
     fn only_a_topic_of_which_every_message_was_answered_was_called_back() {
         let answered = |messages: &[u32], said: &[u32], by: AnswerBy| {
