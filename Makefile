@@ -98,8 +98,14 @@ test-programs: preflight
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
 	$(STEP) "Testing the Python packages and the cluster's parts" -- .venv/bin/python -m pytest tests/unit tests/cluster
 
+.PHONY: recording
+recording: preflight-all ## Fetch the real recording that the tests play
+	$(STEP) "Getting the PR2 recording" --if-it-fails "Is the Debian mirror reachable? Then run it again." -- \
+	  python3 -m tests.recording
+
+# Without ROS or the recording its tests fail; BAGPIPE_WITHOUT_ROS=1 leaves out what needs ROS.
 .PHONY: test-rust
-test-rust: preflight-all ## Run the agent's tests, against Debian's ROS (part of test)
+test-rust: recording ## Run the agent's tests, against Debian's ROS (part of test)
 	$(STEP) "Testing the agent" -- env -C images/ros CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" \
 	  cargo test --locked --workspace --no-fail-fast
 

@@ -3,8 +3,6 @@
 
 mod worker;
 
-use std::path::Path;
-
 use bagpipe_bag::{Bag, MemoryChunkedFile};
 use rmpv::Value;
 use worker::*;
@@ -54,13 +52,10 @@ fn in_lockstep() -> Value {
 
 #[test]
 fn the_pr2_recording_reaches_robot_state_publisher_whole() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../../../shared/data/pr2_joint_states_bz2.bag");
-    if without_ros() || !Path::new(NODE).exists() || !path.exists() {
-        println!("skipped: {NODE} or {} is not here", path.display());
+    if without_ros() {
         return;
     }
-    let recording = std::fs::read(&path).unwrap();
+    let recording = std::fs::read(needed::pr2_recording()).unwrap();
     let bag = Bag::open(MemoryChunkedFile::new(recording.clone())).unwrap();
     let timeline = bag.timeline(|_| true).unwrap();
     let names = joints(timeline.get(0).unwrap().data);

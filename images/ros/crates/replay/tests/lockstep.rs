@@ -68,7 +68,7 @@ impl Drop for Load {
 
 #[test]
 fn twenty_runs_of_a_rospy_and_a_roscpp_relay_record_the_same_bytes_on_a_loaded_machine() {
-    let Some(bag) = pr2() else { return };
+    let bag = pr2();
     let _load = Load::start(3);
     let mut first: Option<Vec<u8>> = None;
     for round in 0..20 {

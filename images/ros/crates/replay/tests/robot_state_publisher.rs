@@ -50,11 +50,7 @@ fn a_pr2_drives_the_robot_state_publisher_at_its_own_and_at_four_times_its_speed
 /// Plays the recording, or its first `nanoseconds`.
 fn pr2_drives(rate: f64, nanoseconds: Option<u64>, at_least: f64) {
     let program = "/usr/lib/robot_state_publisher/robot_state_publisher";
-    let Some(bag) = pr2() else { return };
-    if !std::path::Path::new(program).exists() {
-        eprintln!("skipped: {program} is not installed");
-        return;
-    }
+    let bag = pr2();
     let timeline = bag.timeline(|_| true).unwrap();
     let joints = joint_names(timeline.get(0).unwrap().data);
     assert_eq!(joints.len(), 42);

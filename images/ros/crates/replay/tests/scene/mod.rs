@@ -1,6 +1,9 @@
 //! What the replay tests play: the real PR2 recording, small bags, usual requests.
 #![allow(dead_code)] // each test file uses its own part
 
+#[path = "../../../bag/tests/needed/mod.rs"]
+mod needed;
+
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -20,20 +23,9 @@ pub fn node(name: &str) -> PathBuf {
 }
 
 /// The real PR2 recording: 1,598 JointStates in 16 s.
-pub fn pr2() -> Option<Bag<MemoryChunkedFile>> {
-    recording("pr2_joint_states_bz2.bag")
-}
-
-/// A real recording; where it is absent, the test says so and is skipped.
-pub fn recording(name: &str) -> Option<Bag<MemoryChunkedFile>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../../shared/data").join(name);
-    match std::fs::read(&path) {
-        Ok(bytes) => Some(Bag::open(MemoryChunkedFile::new(bytes)).unwrap()),
-        Err(_) => {
-            eprintln!("skipped: the recording {} is not on this machine", path.display());
-            None
-        }
-    }
+pub fn pr2() -> Bag<MemoryChunkedFile> {
+    let bytes = std::fs::read(needed::pr2_recording()).unwrap();
+    Bag::open(MemoryChunkedFile::new(bytes)).unwrap()
 }
 
 /// A request for all of a bag, in `max`.
@@ -98,7 +90,16 @@ pub fn bag_of(
     connections: &[Connection],
     messages: impl Iterator<Item = (usize, Vec<u8>)>,
 ) -> Bag<MemoryChunkedFile> {
-    let mut writer = BagWriter::new(WriterOptions::default());
+    packed(connections, messages, WriterOptions::default())
+}
+
+/// The same, in the chunks that are asked for.
+pub fn packed(
+    connections: &[Connection],
+    messages: impl Iterator<Item = (usize, Vec<u8>)>,
+    options: WriterOptions,
+) -> Bag<MemoryChunkedFile> {
+    let mut writer = BagWriter::new(options);
     let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
     for (number, (connection, data)) in messages.enumerate() {
         writer.write(ids[connection], 1_000_000 * number as u64, &data).unwrap();
