@@ -3,12 +3,15 @@
 #[path = "../../ros/tests/graph/mod.rs"]
 mod graph;
 mod scene;
+#[path = "../../bag/tests/witness/mod.rs"]
+mod witness;
 
 use std::collections::BTreeMap;
 
 use bagpipe_replay::{Mode, Window, replay_together};
 use graph::{Graph, Process, wait_until};
 use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
+use witness::Witness;
 
 const MS: u64 = 1_000_000;
 
@@ -202,12 +205,14 @@ fn realtime_keeps_the_bags_times_at_the_asked_rate() {
     request.rate = 2.0;
     request.record_topics = vec!["/answer".to_owned()];
     once_in_time(|| {
+        let witness = Witness::start();
         let replayed = run(&bag, &request).unwrap();
+        let excuse = witness.excuse();
         // 49 intervals of 20 ms at twice the speed: 0.49 s.
         let playback = &replayed.playback;
         eprintln!("{playback:?}");
-        assert!(playback.played_seconds >= 0.39, "{playback:?}");
-        assert!(playback.achieved_rate < 2.35, "{playback:?}");
+        assert!(playback.played_seconds >= 0.49, "{playback:?}");
+        assert!(playback.achieved_rate <= 2.0, "{playback:?}");
         assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (50, 0));
         // An answer's stamp is bag time at receipt: after its input, by less than 0.4 s.
         let mut latest = 0;
@@ -218,9 +223,11 @@ fn realtime_keeps_the_bags_times_at_the_asked_rate() {
         }
         let kept = playback.played_seconds < 0.9
             && playback.achieved_rate > 1.1
-            && playback.late_max_seconds < 0.4
-            && latest < 400 * MS as i64;
-        kept.then_some(()).ok_or_else(|| format!("{playback:?}, answers {latest} ns"))
+            && playback.late_max_seconds < 0.4;
+        // The player itself may only be late where the machine was; a node may take its time.
+        assert!(kept || excuse.is_some(), "{playback:?}");
+        let kept = kept && latest < 400 * MS as i64;
+        kept.then_some(()).ok_or_else(|| format!("{playback:?}, answers {latest} ns: {excuse:?}"))
     });
 }
 
@@ -235,13 +242,16 @@ fn the_time_between_the_last_warm_up_message_and_the_window_passes_too() {
     request.rate = 2.0;
     request.window = Window { lead_in_start: 1_000 * MS, start: 2_000 * MS, end: 3_000 * MS };
     once_in_time(|| {
+        let witness = Witness::start();
         let replayed = run(&bag, &request).unwrap();
+        let excuse = witness.excuse();
         // A second of lead-in and 0.1 s of window, twice as fast.
         let timings = replayed.timings;
         assert!(timings.lead_in >= 0.5 && timings.play >= 0.05, "{timings:?}");
         assert_eq!((replayed.ledger.lead_in, replayed.ledger.received), (1, 1));
         let kept = timings.lead_in < 0.9 && timings.play < 0.45;
-        kept.then_some(()).ok_or_else(|| format!("{timings:?}"))
+        assert!(kept || excuse.is_some(), "{timings:?}");
+        kept.then_some(()).ok_or_else(|| format!("{timings:?}: {excuse:?}"))
     });
 }
 
