@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 const STEP: Duration = Duration::from_millis(10);
-/// On an idle machine a thread wakes late by a millisecond at most.
+/// On an idle machine a thread wakes late by a millisecond at most; less explains no lateness.
 const STALL: Duration = Duration::from_millis(50);
 /// The share of the time in which some task waited for a processor, a disk or memory.
 const WANT: f64 = 0.1;
@@ -36,7 +36,7 @@ impl Witness {
         let waited = waited().saturating_sub(self.waited);
         self.over.store(true, Ordering::Relaxed);
         let stall = self.sleeper.join().unwrap();
-        let busy = stall >= STALL || waited.as_secs_f64() >= WANT * took.as_secs_f64();
+        let busy = stall >= STALL || waited >= STALL.max(took.mul_f64(WANT));
         busy.then(|| {
             format!("in {took:?} a thread woke {stall:?} late and tasks waited {waited:?}")
         })
