@@ -182,6 +182,22 @@ async def test_kueue_is_waited_for_where_it_is_wanted() -> None:
     ]
 
 
+@pytest.mark.parametrize(
+    "name", ["../../../../api/v1/secrets", "a/b", "..", "x?watch=true", "A", ""]
+)
+async def test_what_a_tenant_names_is_no_path(name: str) -> None:
+    recorder = Recorder((200, {"value": 1}))
+    async with server(recorder.answer) as api:
+        with pytest.raises(ApiError, match="404"):
+            await api.get_priority_class("scheduling.k8s.io", name)
+        with pytest.raises(ApiError, match="404"):
+            await api.get_resource_flavor(name)
+        assert await api.get_priority_class("scheduling.k8s.io", "high.v2-a") == {"value": 1}
+    assert [call[1] for call in recorder.calls] == [
+        "/apis/scheduling.k8s.io/v1/priorityclasses/high.v2-a"
+    ]
+
+
 async def test_the_wait_for_the_crd_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(main, "WATCHABLE_SECONDS", 0.05)
     monkeypatch.setattr(main, "WATCHABLE_POLL_SECONDS", 0.01)

@@ -1,6 +1,8 @@
 """The calls about Workloads, and their fence."""
 
-from bagpipe_operator.api import KubernetesApi
+import re
+
+from bagpipe_operator.api import ApiError, KubernetesApi
 from bagpipe_operator.fence import Fence, FencedApi
 from bagpipe_operator.kueue.queueing import KueueApi
 from bagpipe_operator.kueue.workload import GROUP, PLURAL, VERSION
@@ -10,6 +12,7 @@ _PRIORITY_CLASSES = {
     GROUP: f"/apis/{GROUP}/{VERSION}/workloadpriorityclasses",
     "scheduling.k8s.io": "/apis/scheduling.k8s.io/v1/priorityclasses",
 }
+_NAME = re.compile(r"[a-z0-9]([-a-z0-9.]*[a-z0-9])?")
 
 
 class KubernetesKueueApi(KubernetesApi):
@@ -34,10 +37,10 @@ class KubernetesKueueApi(KubernetesApi):
         await self._delete(_path(namespace, name), options)
 
     async def get_resource_flavor(self, name: str) -> Json:
-        return await self._call("GET", f"/apis/{GROUP}/{VERSION}/resourceflavors/{name}")
+        return await self._call("GET", _named(f"/apis/{GROUP}/{VERSION}/resourceflavors", name))
 
     async def get_priority_class(self, group: str, name: str) -> Json:
-        return await self._call("GET", f"{_PRIORITY_CLASSES[group]}/{name}")
+        return await self._call("GET", _named(_PRIORITY_CLASSES[group], name))
 
     async def check_queues(self, namespace: str | None) -> None:
         """Raises ApiError when Kueue's CRDs are not there, or Workloads can't be listed."""
@@ -48,6 +51,16 @@ class KubernetesKueueApi(KubernetesApi):
 def _path(namespace: str, name: str = "") -> str:
     below = f"/apis/{GROUP}/{VERSION}/namespaces/{namespace}/{PLURAL}"
     return f"{below}/{name}" if name else below
+
+
+def _named(path: str, name: str) -> str:
+    """The path of an object that a job's author has named.
+
+    With slashes it would be that of anything the operator may read: of another tenant's, or of all.
+    """
+    if _NAME.fullmatch(name) is None:
+        raise ApiError(404, "NotFound", f"{name!r} is no name that an object can have")
+    return f"{path}/{name}"
 
 
 class FencedKueueApi(FencedApi):
