@@ -99,6 +99,8 @@ class Reconciler:
         for uid in list(self._asked):
             self._forget_driver(uid)
         self._unanswered.clear()
+        if self.queueing is not None:
+            self.queueing.begin_to_lead()
         self._teller.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:

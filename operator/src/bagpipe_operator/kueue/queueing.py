@@ -61,6 +61,10 @@ class Queueing:
         self._settings = settings
         self._now = now
         self._monotonic = monotonic
+        self.begin_to_lead()
+
+    def begin_to_lead(self) -> None:
+        """Forgets what was asked when this replica led before: another may have led since."""
         self._share = FairShare(LOOK_EVERY_SECONDS)
         self._asked: dict[str, float] = {}
         # Jobs without a Workload; None where a driver's creation tells what is wrong

@@ -1,0 +1,36 @@
+"""A job of a queue, and what restarts, other replicas, strangers and lost words do to it."""
+
+from bagpipe_operator.api import ApiError
+from bagpipe_operator.kueue.workload_view import WorkloadView
+from bagpipe_operator.view import JobView
+from tests.unit.operator.builders import account, make_driver, make_executor
+from tests.unit.operator.kueue.fake_kueue import QueueWorld
+from tests.unit.operator.kueue.test_queueing import queued
+from tests.unit.operator.world import UID
+
+REFUSED = ApiError(403, "Forbidden", "the webhook says no")
+
+
+async def test_what_was_refused_before_another_led_stops_nothing() -> None:
+    world = QueueWorld()
+    world.api.fail("create workloads", REFUSED)
+    await world.reconcile()
+    first, view, workloads = world.reconciler, world.view, world.workloads
+    world.forget_everything()
+    await queued(world)
+    world.flavor()
+    await world.admit()
+    await world.reconcile()
+    pods = (make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    world.deliver(*pods)
+    await world.reconcile()
+
+    view.put_job(JobView.from_object(world.api.objects["jobs", "x"]))
+    workloads.put(WorkloadView.from_object(world.workload()))
+    for pod in pods:
+        view.put_pod(pod.view())
+    first.begin_to_lead()
+    await first.reconcile(UID)
+
+    assert world.reason("Running") == "True/CasesRunning"
