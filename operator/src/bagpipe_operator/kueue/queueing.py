@@ -107,7 +107,7 @@ class Queueing:
 
     async def settle(self, job: JobView) -> None:
         """Tells Kueue what has become of a job, as its status says: it is written by now."""
-        if job.finished:
+        if job.finished or (job.suspended and job.spec.get("suspend")):
             self.forget(job.uid)
         seen = self._of(job)
         if seen is None or seen.deleting:

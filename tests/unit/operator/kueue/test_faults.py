@@ -11,6 +11,16 @@ from tests.unit.operator.world import UID
 REFUSED = ApiError(403, "Forbidden", "the webhook says no")
 
 
+def edit(world: QueueWorld, **spec: object) -> None:
+    """Somebody changes the job, and the watch brings it."""
+    job = world.api.objects["jobs", "x"]
+    world.api.version += 100
+    job["spec"] |= spec
+    job["metadata"]["generation"] = job["metadata"].get("generation", 1) + 1
+    job["metadata"]["resourceVersion"] = str(world.api.version)
+    world.deliver_job()
+
+
 async def test_what_was_refused_before_another_led_stops_nothing() -> None:
     world = QueueWorld()
     world.api.fail("create workloads", REFUSED)
@@ -34,3 +44,15 @@ async def test_what_was_refused_before_another_led_stops_nothing() -> None:
     await first.reconcile(UID)
 
     assert world.reason("Running") == "True/CasesRunning"
+
+
+async def test_who_suspends_a_refused_job_has_it_asked_for_anew() -> None:
+    world = QueueWorld()
+    world.api.fail("create workloads", REFUSED)
+    await world.reconcile()
+    edit(world, suspend=True)
+    await world.reconcile()
+    edit(world, suspend=False)
+    await world.reconcile()
+
+    assert world.reason("Suspended") == "True/Queued"
