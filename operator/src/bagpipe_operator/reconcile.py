@@ -111,7 +111,7 @@ class Reconciler:
             self._unanswered.pop(uid, None)
             self._teller.forget(uid)
             if self.queueing is not None:
-                self.queueing.forget(uid)
+                self.queueing.gone(uid)
             return
         before = self._unanswered.get(uid)
         if before is not None and before.resource_version != job.resource_version:

@@ -125,6 +125,11 @@ class Queueing:
         elif seen.admitted and _runs(job) and not seen.holds(workload_view.PODS_READY):
             await self._tell(seen, workload.ready(seen, self._now()))
 
+    def gone(self, uid: str) -> None:
+        """There is no such job any more; its Workload may have gone without a word, too."""
+        self.forget(uid)
+        self._workloads.forget(uid)
+
     def forget(self, uid: str) -> None:
         """The job is over, or waits for nothing."""
         self._asked.pop(uid, None)

@@ -97,6 +97,7 @@ class Workloads:
 
     def __init__(self) -> None:
         self._seen: dict[tuple[str, str], WorkloadView] = {}
+        self._owned: dict[str, set[tuple[str, str]]] = {}
 
     def find(self, namespace: str, name: str) -> WorkloadView | None:
         """The Workload, or None when it is gone or was never seen."""
@@ -107,11 +108,27 @@ class Workloads:
         known = self.find(workload.namespace, workload.name)
         if known is not None and is_older(workload.resource_version, known.resource_version):
             return False
-        self._seen[workload.namespace, workload.name] = workload
+        if known is not None:
+            self._remove(known)
+        key = workload.namespace, workload.name
+        self._seen[key] = workload
+        self._owned.setdefault(workload.owner_uid, set()).add(key)
         return True
 
     def drop(self, workload: WorkloadView) -> None:
         """Takes a Workload away, unless another of the same name has taken its place."""
         known = self.find(workload.namespace, workload.name)
         if known is not None and known.uid == workload.uid:
-            del self._seen[workload.namespace, workload.name]
+            self._remove(known)
+
+    def forget(self, owner_uid: str) -> None:
+        """Takes away the Workloads of a job that is gone."""
+        for key in list(self._owned.get(owner_uid, ())):
+            self._remove(self._seen[key])
+
+    def _remove(self, known: WorkloadView) -> None:
+        key = known.namespace, known.name
+        del self._seen[key]
+        self._owned[known.owner_uid].discard(key)
+        if not self._owned[known.owner_uid]:
+            del self._owned[known.owner_uid]

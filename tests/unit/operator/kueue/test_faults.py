@@ -56,3 +56,12 @@ async def test_who_suspends_a_refused_job_has_it_asked_for_anew() -> None:
     await world.reconcile()
 
     assert world.reason("Suspended") == "True/Queued"
+
+
+async def test_the_workload_of_a_job_that_went_unheard_is_forgotten() -> None:
+    world = await queued()
+    seen = WorkloadView.from_object(world.workload())
+    world.view.forget(UID)
+    await world.reconcile()
+
+    assert world.workloads.find(seen.namespace, seen.name) is None
