@@ -244,7 +244,7 @@ class Reconciler:
             entire = await self._whole(job)
             spec = read_spec(entire)
             if self.queueing is not None:
-                spec = await self.queueing.placed(job, spec)
+                spec = await self.queueing.placed(entire, spec)
             made = await create_children(self.api, entire, spec, attempt, self.settings, again)
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)

@@ -67,6 +67,7 @@ class Queueing:
         """Forgets what was asked when this replica led before: another may have led since."""
         self._share = FairShare(LOOK_EVERY_SECONDS)
         self._asked: dict[str, float] = {}
+        self._fitting: dict[str, int] = {}  # generations of jobs that their Workloads fit
         # Jobs without a Workload; None where a driver's creation tells what is wrong
         self._refused: dict[str, Halt | None] = {}
 
@@ -87,14 +88,20 @@ class Queueing:
         return None
 
     async def placed(self, job: JobView, spec: SimulationJobSpec) -> SimulationJobSpec:
-        """The job's spec with its pods where its queue wants them.
+        """The entire job's spec with its pods where its queue wants them.
 
+        Looks once more: the watch may be behind, and who suspends a job, edits it and resumes it
+        before its pods are gone has left its Workload as it was.
         Raises ApiError, with status 404 where a flavor is gone, and UnusableSpecError for one that
         no pod can have.
         """
         if not spec.queue_name:
             return spec
+        await self._look(job)
         seen = self._of(job)
+        if seen is not None and seen.made_of != workload.made_of(job):
+            await self._replace(seen)
+            raise ApiError(409, "Conflict", "the job was edited: it is put into its queue anew")
         if seen is None or not seen.admitted:
             raise ApiError(409, "Conflict", "the queue has taken its admission back just now")
         flavors = {}
@@ -117,9 +124,7 @@ class Queueing:
             if not over:
                 await self._tell(seen, workload.finished(seen, job, self._now()))
         elif job.suspended and (over or job.spec.get("suspend")):
-            await self._api.delete_workload(seen.namespace, seen.name, seen.uid)
-            self._workloads.drop(seen)
-            self.forget(job.uid)
+            await self._replace(seen)
         elif job.suspended and workload.must_be_released(seen):
             await self._tell(seen, workload.released(seen, self._now()))
         elif seen.admitted and _runs(job) and not seen.holds(workload_view.PODS_READY):
@@ -133,6 +138,7 @@ class Queueing:
     def forget(self, uid: str) -> None:
         """The job is over, or waits for nothing."""
         self._asked.pop(uid, None)
+        self._fitting.pop(uid, None)
         self._refused.pop(uid, None)
         self._share.remove(uid)
 
@@ -151,6 +157,18 @@ class Queueing:
     async def _ask(self, job: JobView) -> None:
         """Looks at the job's Workload, and creates it if it is not there."""
         self._refused.pop(job.uid, None)
+        if not await self._look(job):
+            await self._create(job)
+            return
+        seen = self._of(job)
+        if seen is None:
+            name = workload.name_of(job)
+            self._refuse(job, f"Workload {name} exists and is not of this job: delete it.")
+        elif not seen.holds(workload_view.QUOTA_RESERVED) and not await self._fits(job, seen):
+            await self._replace(seen)
+
+    async def _look(self, job: JobView) -> bool:
+        """Whether there is a Workload of the job's name, which the view has as it is now."""
         name = workload.name_of(job)
         try:
             found = await self._api.get_workload(job.namespace, name)
@@ -160,11 +178,23 @@ class Queueing:
             known = self._workloads.find(job.namespace, name)
             if known is not None:
                 self._workloads.drop(known)
-            await self._create(job)
-            return
+            return False
         self._workloads.put(WorkloadView.from_object(found))
-        if self._of(job) is None:
-            self._refuse(job, f"Workload {name} exists and is not of this job: delete it.")
+        return True
+
+    async def _fits(self, job: JobView, seen: WorkloadView) -> bool:
+        """Whether a Workload that was just read is of the job's sizes; asked once for each edit."""
+        if self._fitting.get(job.uid) != job.generation:
+            if seen.made_of != workload.made_of(await whole(self._api, job)):
+                return False
+            self._fitting[job.uid] = job.generation
+        return True
+
+    async def _replace(self, seen: WorkloadView) -> None:
+        """Deletes a job's Workload: another is made when the job may have pods again."""
+        await self._api.delete_workload(seen.namespace, seen.name, seen.uid)
+        self._workloads.drop(seen)
+        self.forget(seen.owner_uid)
 
     async def _create(self, job: JobView) -> None:
         entire = await whole(self._api, job)
@@ -172,7 +202,7 @@ class Queueing:
             spec = read_spec(entire)
             priority = await self._priority(entire, spec)
             made = await self._api.create_workload(
-                workload.manifest(job, spec, self._settings, priority)
+                workload.manifest(entire, spec, self._settings, priority)
             )
         except UnusableSpecError:
             self._refused[job.uid] = None

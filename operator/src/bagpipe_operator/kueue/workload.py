@@ -6,6 +6,7 @@ job's controller gives the quota back, when Kueue wants it, once the pods are go
 """
 
 import hashlib
+import json
 from datetime import datetime
 
 from bagpipe.spec import SimulationJobSpec
@@ -46,10 +47,16 @@ def name_of(job: JobView) -> str:
     return f"{names.KIND.lower()}-{job.name}-{mark}"
 
 
+def made_of(job: JobView) -> str:
+    """What of an entire job's spec its Workload was made of, and may be edited."""
+    text = json.dumps(job.spec.get("spark"), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
 def manifest(
     job: JobView, spec: SimulationJobSpec, settings: Settings, priority: Json | None = None
 ) -> Json:
-    """The Workload of a job; `priority` are its fields of that, if any."""
+    """The Workload of an entire job; `priority` are its fields of that, if any."""
     driver = driver_pod(job, spec, 1, settings, "config")
     executor = executor_trial(job, spec, 1, settings)
     return {
@@ -64,6 +71,7 @@ def manifest(
                 names.LABEL_JOB_UID: job.uid,
                 _LABEL_JOB_UID: job.uid,
             },
+            "annotations": {workload_view.MADE_OF: made_of(job)},
             "ownerReferences": [names.owner_reference(job.name, job.uid)],
         },
         "spec": {

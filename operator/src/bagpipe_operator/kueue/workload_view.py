@@ -15,6 +15,9 @@ PODS_READY = "PodsReady"
 QUOTA_RESERVED = "QuotaReserved"
 REQUEUED = "Requeued"
 
+# Which sizes the Workload was made for.
+MADE_OF = f"{names.GROUP}/made-of"
+
 
 @dataclass(frozen=True)
 class WorkloadView:
@@ -32,6 +35,7 @@ class WorkloadView:
     # By the pod set's name: its flavors' names, and what admission checks add to its pods
     flavors: dict[str, tuple[str, ...]]
     updates: dict[str, tuple[Json, ...]]
+    made_of: str  # empty where the watch has left it out
 
     def condition(self, type_: str) -> Json | None:
         """The condition of a type, if it was ever written."""
@@ -67,6 +71,7 @@ class WorkloadView:
             conditions=tuple(readings.conditions(status.get("conditions"))),
             flavors=_flavors(_objects(admission.get("podSetAssignments"))),
             updates=_updates([u for check in checks for u in _objects(check.get("podSetUpdates"))]),
+            made_of=str(readings.mapping(meta.get("annotations")).get(MADE_OF, "")),
         )
 
 

@@ -1,11 +1,13 @@
 """A job of a queue, and what restarts, other replicas, strangers and lost words do to it."""
 
+import pytest
+
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.kueue.workload_view import WorkloadView
 from bagpipe_operator.view import JobView
 from tests.unit.operator.builders import account, make_driver, make_executor
 from tests.unit.operator.kueue.fake_kueue import QueueWorld
-from tests.unit.operator.kueue.test_queueing import queued
+from tests.unit.operator.kueue.test_queueing import queued, running
 from tests.unit.operator.world import UID
 
 REFUSED = ApiError(403, "Forbidden", "the webhook says no")
@@ -65,3 +67,62 @@ async def test_the_workload_of_a_job_that_went_unheard_is_forgotten() -> None:
     await world.reconcile()
 
     assert world.workloads.find(seen.namespace, seen.name) is None
+
+
+LARGER = {"executors": 3, "executor": {"resources": {"cpu": "64"}}}
+
+
+def reserved(world: QueueWorld) -> str:
+    """The CPUs of an executor's Spark that the Workload asks for."""
+    spark = world.workload()["spec"]["podSets"][1]["template"]["spec"]["containers"][0]
+    return str(spark["resources"]["requests"]["cpu"])
+
+
+async def test_a_job_that_grew_while_it_was_stopped_is_admitted_anew() -> None:
+    """It was resumed before its pods were gone, so it never left the queue."""
+    world = await running()
+    edit(world, suspend=True)
+    await world.reconcile()
+    edit(world, suspend=False, spark=LARGER)
+    for pod in (make_driver("x"), make_executor("x")):
+        world.view.drop_pod(pod.view())
+        world.api.objects.pop(("pods", pod.name), None)
+    await world.reconcile()
+    await world.reconcile()
+    with pytest.raises(ApiError, match="anew"):
+        await world.reconcile()
+    await world.reconcile()
+
+    assert world.api.named("pods") == []
+    assert reserved(world) == "64"
+    assert world.reason("Suspended") == "True/Queued"
+    await world.admit()
+    await world.reconcile()
+    assert world.api.named("pods") == ["x-2-driver"]
+
+
+async def test_a_job_that_was_edited_unseen_waits_with_its_new_size() -> None:
+    world = await queued()
+    await world.put_off()
+    edit(world, activeDeadline="2h")
+    await world.reconcile(after=31)
+    assert "delete workload" not in world.api.calls
+    assert reserved(world) == "500m"
+    edit(world, spark=LARGER)
+    await world.reconcile(after=31)
+    await world.reconcile()
+
+    assert reserved(world) == "64"
+
+
+async def test_an_eviction_that_no_watch_told_lets_no_driver_begin() -> None:
+    world = await queued()
+    world.flavor()
+    await world.admit()
+    world.api.tell(world.name, {"Evicted": ("True", "Preempted", "for what matters more")})
+    with pytest.raises(ApiError, match="409"):
+        await world.reconcile()
+    await world.reconcile()
+
+    assert world.api.named("pods") == []
+    assert world.condition("QuotaReserved") == "False/Pending"
