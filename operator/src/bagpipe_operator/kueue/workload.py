@@ -36,6 +36,7 @@ _OF_POD = (
 _OF_CONTAINER = ("name", "resources", "restartPolicy")
 # What of its own limits makes Kueue deactivate a Workload; nobody else would queue it again.
 _FOR_GOOD = "DeactivatedDueTo"
+_DEACTIVATED = "Deactivated"
 # Of these evictions nobody but the job's controller says that the Workload waits in line again;
 # of the others Kueue does, when what it waits for is over.
 _REQUEUED_AT_ONCE = frozenset({"Preempted", "NodeFailures"})
@@ -107,10 +108,15 @@ def _container(container: Json) -> Json:
 def waits_for(workload: WorkloadView, queue: object) -> str:
     """Why a job has no pods although nobody has suspended it."""
     where = f"The job waits in the queue {queue} of Kueue"
+    if workload.deleting or workload.holds(workload_view.FINISHED):
+        return f"{where} anew: its Workload was ended or deleted, another follows when it is gone."
     evicted = workload.condition(workload_view.EVICTED) or {}
-    if str(evicted.get("reason")).startswith(_FOR_GOOD) and workload.holds(workload_view.EVICTED):
-        why = str(evicted["message"]).rstrip(".")
+    reason = evicted.get("reason", "") if workload.holds(workload_view.EVICTED) else ""
+    why = str(evicted.get("message", "")).rstrip(".")
+    if reason.startswith(_FOR_GOOD):
         return f"{where}, which has given it up: {why}. Delete its Workload to queue it again."
+    if reason == _DEACTIVATED and why:
+        return f"{where}: {why}."  # what it was short of before stays said beside it
     for type_, wanted in ((workload_view.QUOTA_RESERVED, "False"), (workload_view.EVICTED, "True")):
         said = workload.condition(type_)
         if said is not None and said["status"] == wanted and said["message"]:

@@ -126,3 +126,33 @@ async def test_an_eviction_that_no_watch_told_lets_no_driver_begin() -> None:
 
     assert world.api.named("pods") == []
     assert world.condition("QuotaReserved") == "False/Pending"
+
+
+@pytest.mark.parametrize("how", ["finished", "deleted"])
+async def test_a_workload_that_goes_is_not_said_to_wait_for_checks(how: str) -> None:
+    world = await running()
+    if how == "deleted":  # and a finalizer, such as that of --cascade=foreground, keeps it
+        gone = world.workload()
+        gone["metadata"]["deletionTimestamp"] = "2026-11-20T04:00:00Z"
+        world.workloads.put(WorkloadView.from_object(gone))
+    else:
+        world._deliver({"Finished": ("True", "Succeeded", "or so somebody says")})
+    await world.reconcile()
+
+    assert world.message("Running") == (
+        "The job waits in the queue nightly of Kueue anew: its Workload was ended or deleted, "
+        "another follows when it is gone. 2 pods are being stopped; what is done is kept."
+    )
+
+
+async def test_a_workload_that_was_deactivated_while_it_waited_says_so() -> None:
+    """Kueue leaves what it said of the quota before."""
+    world = await queued()
+    await world.put_off()
+    world._deliver({"Evicted": ("True", "Deactivated", "The workload is deactivated")})
+    await world.reconcile()
+
+    assert world.message("Suspended") == (
+        "No pod holds a place. The job waits in the queue nightly of Kueue: The workload is "
+        "deactivated."
+    )
