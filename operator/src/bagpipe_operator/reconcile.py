@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Protocol
 
-from bagpipe.spec import DEFAULT_BACKOFF_LIMIT
+from bagpipe.spec import DEFAULT_BACKOFF_LIMIT, SimulationJobSpec
 from bagpipe_operator import events, names, readings, reasons
 from bagpipe_operator.api import Api, ApiError
 from bagpipe_operator.children import Refusal, create_children
@@ -242,10 +242,12 @@ class Reconciler:
         await self._stop_driver_before(job, attempt)
         try:
             entire = await self._whole(job)
-            spec = read_spec(entire)
-            if self.queueing is not None:
-                spec = await self.queueing.placed(entire, spec)
-            made = await create_children(self.api, entire, spec, attempt, self.settings, again)
+            spec = await self._place(entire)
+            made = (
+                spec
+                if isinstance(spec, Refusal)
+                else await create_children(self.api, entire, spec, attempt, self.settings, again)
+            )
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)
         except JobTooLargeError as error:
@@ -256,6 +258,11 @@ class Reconciler:
         self._refusals.forget(job.uid)
         self.view.put_pod(made)
         return made, None, None
+
+    async def _place(self, entire: JobView) -> SimulationJobSpec | Refusal:
+        """The job's spec, with its pods where its queue wants them if it has one."""
+        spec = read_spec(entire)
+        return spec if self.queueing is None else await self.queueing.placed(entire, spec)
 
     async def _stop_driver_before(self, job: JobView, attempt: int) -> None:
         """Deletes the driver that is replaced; a new operator's watch may not have brought it."""

@@ -52,8 +52,7 @@ def _pod(pod: PodSettings, updates: Iterable[Json]) -> PodSettings:
         labels |= readings.mapping(update.get("labels"))
         annotations |= readings.mapping(update.get("annotations"))
         selector |= readings.mapping(update.get("nodeSelector"))
-        added = [Toleration.model_validate(each) for each in update.get("tolerations") or []]
-        tolerations += [each for each in added if each not in tolerations]
+        tolerations += [each for each in _tolerations(update) if each not in tolerations]
     return pod.model_copy(
         update={
             "labels": labels,
@@ -62,3 +61,10 @@ def _pod(pod: PodSettings, updates: Iterable[Json]) -> PodSettings:
             "tolerations": tolerations,
         }
     )
+
+
+def _tolerations(update: Json) -> list[Toleration]:
+    said = update.get("tolerations") or []
+    if not isinstance(said, list):
+        raise ValueError("tolerations is no list")  # noqa: TRY004 - a stranger's text, no bug of ours
+    return [Toleration.model_validate(each) for each in said]

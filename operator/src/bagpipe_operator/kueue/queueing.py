@@ -9,8 +9,9 @@ from datetime import datetime
 from typing import Protocol
 
 from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator import conditions, reasons
+from bagpipe_operator import conditions, readings, reasons
 from bagpipe_operator.api import Api, ApiError
+from bagpipe_operator.children import Refusal
 from bagpipe_operator.fair_share import FairShare
 from bagpipe_operator.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.kueue import placement, workload, workload_view
@@ -87,13 +88,13 @@ class Queueing:
             return Halt(reasons.QUEUED, said if seen is None else workload.waits_for(seen, queue))
         return None
 
-    async def placed(self, job: JobView, spec: SimulationJobSpec) -> SimulationJobSpec:
+    async def placed(self, job: JobView, spec: SimulationJobSpec) -> SimulationJobSpec | Refusal:
         """The entire job's spec with its pods where its queue wants them.
 
         Looks once more: the watch may be behind, and who suspends a job, edits it and resumes it
         before its pods are gone has left its Workload as it was.
-        Raises ApiError, with status 404 where a flavor is gone, and UnusableSpecError for one that
-        no pod can have.
+        Refused where a flavor can't be read. Raises ApiError, and UnusableSpecError for a flavor
+        that no pod can have.
         """
         if not spec.queue_name:
             return spec
@@ -106,7 +107,13 @@ class Queueing:
             raise ApiError(409, "Conflict", "the queue has taken its admission back just now")
         flavors = {}
         for name in placement.flavors_of(seen):
-            flavors[name] = (await self._api.get_resource_flavor(name)).get("spec") or {}
+            try:
+                flavor = await self._api.get_resource_flavor(name)
+            except ApiError as error:
+                if error.status not in {403, 404}:
+                    raise
+                return _unread(name, error)
+            flavors[name] = readings.mapping(flavor.get("spec"))
         try:
             return placement.placed(spec, seen, flavors)
         except ValueError as error:
@@ -244,6 +251,14 @@ class Queueing:
                 self._workloads.put(WorkloadView.from_object(found))
             raise
         self._workloads.put(WorkloadView.from_object(told))
+
+
+def _unread(flavor: str, error: ApiError) -> Refusal:
+    message = (
+        f"ResourceFlavor {flavor}, which the job was admitted to, can't be read: {error.message}. "
+        "The job starts as soon as it can."
+    )
+    return Refusal(reasons.QUEUE_REFUSED, message, lasting=False)
 
 
 def _runs(job: JobView) -> bool:

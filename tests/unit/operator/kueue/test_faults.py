@@ -156,3 +156,31 @@ async def test_a_workload_that_was_deactivated_while_it_waited_says_so() -> None
         "No pod holds a place. The job waits in the queue nightly of Kueue: The workload is "
         "deactivated."
     )
+
+
+@pytest.mark.parametrize("tolerations", [5, {"key": "spot"}, ["spot"]])
+async def test_tolerations_that_are_none_end_the_job_with_a_sentence(tolerations: object) -> None:
+    world = await queued()
+    world.flavor(tolerations=tolerations)
+    await world.admit()
+    await world.reconcile()
+
+    assert world.reason("Failed") == "True/SpecInvalid"
+    assert "its queue's flavors can't be used" in world.message("Failed")
+
+
+async def test_a_flavor_that_can_t_be_read_is_told_and_asked_for_again() -> None:
+    world = await queued()
+    await world.admit()
+    await world.reconcile()
+    assert world.message("Accepted") == (
+        "ResourceFlavor default, which the job was admitted to, can't be read: default not found. "
+        "The job starts as soon as it can."
+    )
+    asked = world.api.calls.count("get flavors")
+    await world.reconcile(after=2)
+    assert world.api.calls.count("get flavors") == asked
+
+    world.flavor()
+    await world.reconcile(after=60)
+    assert world.api.named("pods") == ["x-1-driver"]
