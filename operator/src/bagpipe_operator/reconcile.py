@@ -133,7 +133,7 @@ class Reconciler:
 
     async def _advance(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""
-        seen = await self._observe(job)
+        seen = replace(await self._observe(job), kueue=self.queueing is not None)
         if await self._was_behind(seen):
             return job  # the next visit decides by what is known now
         status = decide(seen, self.now(), self.settings.stuck_seconds)

@@ -42,6 +42,7 @@ class Observation:
     halt: Halt | None = None
     alive: tuple[PodView, ...] = ()  # of all attempts
     resumed_from: Json | None = None
+    kueue: bool = False  # whether jobs wait for their queues
 
     @property
     def executor_runs(self) -> bool:
@@ -162,7 +163,7 @@ def _suspended(seen: Observation, halt: Halt, now: datetime) -> Json:
 
 def _not_suspended(seen: Observation) -> Condition:
     before = conditions.find(seen.job.status.get("conditions") or [], conditions.SUSPENDED)
-    if before and before["reason"] in {reasons.QUEUED, reasons.ADMITTED}:
+    if seen.kueue and before and before["reason"] in {reasons.QUEUED, reasons.ADMITTED}:
         return Condition(
             conditions.SUSPENDED, False, reasons.ADMITTED, "Kueue has admitted the job."
         )

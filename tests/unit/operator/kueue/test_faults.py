@@ -184,3 +184,13 @@ async def test_a_flavor_that_can_t_be_read_is_told_and_asked_for_again() -> None
     world.flavor()
     await world.reconcile(after=60)
     assert world.api.named("pods") == ["x-1-driver"]
+
+
+async def test_a_job_that_waits_no_more_since_kueue_is_off_was_admitted_by_nobody() -> None:
+    world = await queued()
+    world.reconciler.queueing = None
+    await world.reconcile()
+    await world.reconcile()
+
+    assert world.reason("Suspended") == "False/JobResumed"
+    assert world.api.named("pods") == ["x-1-driver"]
