@@ -6,7 +6,7 @@ mod graph;
 mod worker;
 
 use std::io::{BufRead, BufReader, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Stdio;
 
 use bagpipe_bag::{Bag, MemoryChunkedFile};
@@ -24,7 +24,8 @@ fn chatter(graph: &Graph, name: &str, count: u64) -> String {
 
 /// A node of the replay tests on /chatter.
 fn node(graph: &Graph, name: &str, more: &[&str]) -> Process {
-    let nodes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../replay/tests/nodes");
+    let nodes = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap())
+        .join("../replay/tests/nodes");
     let script: PathBuf = nodes.join(name);
     graph.python(&script, &[&["/chatter"], more].concat())
 }

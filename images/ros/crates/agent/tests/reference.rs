@@ -1,7 +1,7 @@
 //! docs/reference/agent.md is what the program itself says; BAGPIPE_WRITE_REFERENCE=1 writes it.
 #![allow(clippy::unwrap_used)]
 
-use std::path::Path;
+use std::path::PathBuf;
 use std::process::Command;
 
 const VERBS: [&str; 6] = ["install", "serve", "ready", "info", "play", "record"];
@@ -24,7 +24,8 @@ fn the_reference_page_is_the_program_s_own_help() {
     for verb in VERBS {
         page.push_str(&format!("\n## {verb}\n\n```\n{}\n```\n", help(&[verb, "--help"])));
     }
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../docs/reference/agent.md");
+    let path = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap())
+        .join("../../../../docs/reference/agent.md");
     if std::env::var_os("BAGPIPE_WRITE_REFERENCE").is_some() {
         std::fs::write(&path, &page).unwrap();
     }

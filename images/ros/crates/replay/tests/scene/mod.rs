@@ -5,7 +5,7 @@
 mod needed;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -17,9 +17,10 @@ use bagpipe_replay::{
 /// Where compiled nodes and the graphs' folders lie.
 pub const TMP: &str = env!("CARGO_TARGET_TMPDIR");
 
-/// A source of a node.
+/// A source of a node. Where the crate is, cargo says when it runs the test: what was compiled may
+/// come from the cache of another checkout.
 pub fn node(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/nodes").join(name)
+    PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap()).join("tests/nodes").join(name)
 }
 
 /// The real PR2 recording: 1,598 JointStates in 16 s.
