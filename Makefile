@@ -153,6 +153,10 @@ fuzz: ## Fuzz the agent's parsers, each for SECONDS=60 (TARGET=scan: only that; 
 	  env CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-fuzz" images/ros/fuzz/run.sh $(or $(SECONDS),60) $(TARGET)
 endif
 
+.PHONY: mutants
+mutants: venv ## Break modules line by line, and name the breaks that no unit test notices (FILES='a.py b.py')
+	$(STEP) "Breaking the code" -- .venv/bin/python -m tests.mutation.run $(FILES)
+
 .PHONY: lint
 lint: venv tools ## Check style and types of everything
 	$(STEP) "Linting" -- tests/lint.sh

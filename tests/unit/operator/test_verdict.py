@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe_operator import verdict
 from bagpipe_operator.view import Json
 from tests.unit.operator.builders import JobBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_life import untold
@@ -74,7 +75,7 @@ def of_an_earlier_release(kind: str, reason: str, **status: Any) -> JobBuilder:
         for each in ("Accepted", "Running", "Complete", "Failed")
     ]
     return make_job("x").with_status(
-        conditions=told, completionTime="2026-11-20T03:00:00Z", observedGeneration=1,
+        conditions=told, completionTime="2026-11-20T03:00:05Z", observedGeneration=1,
         lostDrivers=0, **status,
     )  # fmt: skip
 
@@ -99,10 +100,21 @@ async def test_a_job_that_ended_before_the_upgrade_gets_it_by_one_write(
     assert untold(world.api.calls) == ["patch status"]
     assert world.reason("Passed") == told
     assert world.status()["conditions"][:4] == before  # it keeps what it told
-    assert world.status()["conditions"][4]["lastTransitionTime"] == "2026-11-20T03:00:00Z"
+    new = world.status()["conditions"][4]
+    assert (new["lastTransitionTime"], new["message"]) == ("2026-11-20T03:00:05Z", "As it was.")
     for _ in range(3):
         await world.reconcile(after=2)
     world.reconciler = world.restarted(world.view)
     await world.reconcile(after=600)
     assert untold(world.api.calls) == ["patch status"]
     assert world.api.event_reasons() == []
+
+
+def test_a_status_without_what_later_releases_write_is_completed_all_the_same() -> None:
+    told = {
+        "type": "Complete", "status": "True", "reason": "AllCasesRan", "message": "",
+        "lastTransitionTime": "2026-11-20T03:00:00Z",
+    }  # fmt: skip
+    [_, new] = verdict.completed({"conditions": [told], "verdict": "Passed"})
+    assert new["lastTransitionTime"] == "2026-11-20T03:00:00Z"
+    assert new["observedGeneration"] == 0

@@ -1,0 +1,167 @@
+"""Break one line after another, and say which breaks no unit test notices.
+
+    python -m tests.mutation.run FILE... [--tests TEST...]
+
+Each FILE is a module whose decisions matter. cosmic-ray makes the mutants, in a copy of the
+project, and each meets the unit tests that import the module until one fails: those of its name
+first, then the nearest. A mutant that none kills is shown as it differs: a test is missing, or the
+line says nothing.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tarfile
+import tempfile
+import time
+from collections.abc import Iterable
+from io import BytesIO
+from pathlib import Path
+
+from tests.quick.affected import affected, read
+
+ROOT = Path(__file__).parents[2]
+CACHE = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "mutation"
+# One that hangs is as good as one that fails. The operator's tests together take 45 s.
+MUTANT_SECONDS = 300
+# What says nothing: `|` is mostly a type's, operators on numbers have nearer neighbours, and `is`
+# of two numbers or texts is an accident, as the order of two words is.
+LEFT_OUT = [
+    "core/ReplaceBinaryOperator_BitOr_.*",
+    "core/ReplaceBinaryOperator_.*_(Pow|RShift|LShift|BitOr|BitAnd|BitXor|FloorDiv|Mod|Div)",
+    "core/ReplaceComparisonOperator_.*_(Is|IsNot)",
+    "core/ReplaceComparisonOperator_(Eq|NotEq)_(Lt|LtE|Gt|GtE)",
+    "core/RemoveDecorator",
+    "core/VariableReplacer",
+    "core/VariableInserter",
+]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("files", nargs="+", metavar="FILE")
+    parser.add_argument("--tests", nargs="*", metavar="TEST", help="instead of the nearest ones")
+    given = parser.parse_args()
+    programs = _installed()
+    status = 0
+    for file in given.files:
+        tests = given.tests or nearest(Path(file))
+        if not tests:
+            print(f"{file}: no unit test imports it: name some by --tests")
+            status = 1
+            continue
+        begun = time.monotonic()
+        with tempfile.TemporaryDirectory(dir=CACHE) as folder:
+            results = _mutants(programs, Path(folder), file, tests)
+        killed, survivors = judged(results)
+        print(
+            f"{file}: {killed} of {killed + len(survivors)} killed "
+            f"({share(killed, len(survivors))}), by {len(tests)} files of tests, "
+            f"{time.monotonic() - begun:.0f} s",
+            flush=True,
+        )
+        for survivor in survivors:
+            print(survivor)
+    return status
+
+
+def nearest(file: Path) -> list[str]:
+    """The unit tests that import a file, those first that are likely to fail with it."""
+    found = affected(read(ROOT), [file])
+    by_name = sorted(found, key=lambda test: (file.stem not in test.stem, found[test], test))
+    return [str(test) for test in by_name]
+
+
+def configuration(file: str, command: str) -> str:
+    """cosmic-ray's, as TOML; texts of TOML and JSON are written alike."""
+    return "\n".join(
+        [
+            "[cosmic-ray]",
+            f"module-path = {json.dumps(file)}",
+            f"timeout = {MUTANT_SECONDS}.0",
+            "excluded-modules = []",
+            f"test-command = {json.dumps(command)}",
+            "[cosmic-ray.distributor]",
+            'name = "local"',
+            "[cosmic-ray.filters.operators-filter]",
+            f"exclude-operators = {json.dumps(LEFT_OUT)}",
+        ]
+    )
+
+
+def judged(dump: Iterable[str]) -> tuple[int, list[str]]:
+    """How many mutants of a session's dump were killed, and the others as they differ."""
+    killed, survivors = 0, []
+    for line in dump:
+        _, result = json.loads(line)
+        if result is None or result["worker_outcome"] == "skipped":
+            continue
+        if result["test_outcome"] == "survived":
+            survivors.append(result["diff"])
+        else:
+            killed += 1
+    return killed, survivors
+
+
+def share(killed: int, survived: int) -> str:
+    """In percent, rounded down, so that 100 % is all of them."""
+    return f"{100 * killed // max(1, killed + survived)} %"
+
+
+def _installed() -> Path:
+    """cosmic-ray in an environment of its own, as uv.lock has it."""
+    lock = subprocess.run(
+        [ROOT / ".venv/bin/uv", "export", "--quiet", "--frozen", "--only-group", "mutation"],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    CACHE.mkdir(parents=True, exist_ok=True)
+    venv, kept = CACHE / "venv", CACHE / "requirements.txt"
+    if not kept.exists() or kept.read_text() != lock:
+        subprocess.run([sys.executable, "-m", "venv", "--clear", venv], check=True)
+        wanted = CACHE / "requirements.partly.txt"
+        wanted.write_text(lock)
+        pip = [str(venv / "bin/pip"), "install", "--quiet", "--require-hashes", "-r", str(wanted)]
+        subprocess.run(pip, check=True)
+        wanted.rename(kept)
+    return venv / "bin"
+
+
+def _mutants(programs: Path, folder: Path, file: str, tests: list[str]) -> list[str]:
+    """The dump of a session in a copy of what git knows or could know."""
+    _copy_into(folder)
+    pytest = f"{ROOT}/.venv/bin/python -m pytest -q -x --no-header -p no:cacheprovider"
+    command = f"env PYTHONPATH=images/spark/src:operator/src PYTHONDONTWRITEBYTECODE=1 {pytest} "
+    (folder / "mutation.toml").write_text(configuration(file, command + " ".join(tests)))
+
+    def run(program: str, *words: str) -> str:
+        done = subprocess.run(
+            [programs / program, *words], cwd=folder, stdout=subprocess.PIPE, text=True, check=True
+        )
+        return done.stdout
+
+    run("cosmic-ray", "baseline", "mutation.toml")  # else every mutant would count as killed
+    run("cosmic-ray", "init", "mutation.toml", "session.sqlite")
+    run("cr-filter-operators", "session.sqlite", "mutation.toml")
+    run("cosmic-ray", "exec", "mutation.toml", "session.sqlite")
+    return run("cosmic-ray", "dump", "session.sqlite").splitlines()
+
+
+def _copy_into(folder: Path) -> None:
+    names = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, capture_output=True, check=True,
+    ).stdout  # fmt: skip
+    packed = subprocess.run(
+        ["tar", "--create", "--null", "--files-from=-", "--ignore-failed-read"],
+        cwd=ROOT, input=names, capture_output=True, check=True,
+    ).stdout  # fmt: skip
+    with tarfile.open(fileobj=BytesIO(packed)) as archive:
+        archive.extractall(folder, filter="tar")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
