@@ -17,6 +17,7 @@ from embedded.failure import ClusterError
 
 from tests.bench import operator_load as load
 from tests.bench import operator_peer as peer
+from tests.bench.operator_largest import LARGEST, largest
 from tests.bench.operator_load import p99
 from tests.bench.operator_world import PROCESSOR
 from tests.bench.rows import Load, Row
@@ -169,6 +170,17 @@ async def _cycles(scale: float, _rounds: int) -> list[Row]:
     ]
 
 
+async def _largest(scale: float, _rounds: int) -> list[Row]:
+    count = scaled(LARGEST, scale)
+    found = await _said(f"{count:,} jobs of the largest size", largest(count))
+    case = f"{count:,} suspended jobs of {found.job_bytes:,} bytes"
+    return [
+        promised(case, "memory at most", "MiB", found.peak_mib, 512.0),
+        Row(case, "until each was looked at", "s", [found.seconds], "", []),
+        Row(case, "operator's processor until then", "s", [found.processor_seconds], "", []),
+    ]
+
+
 LOADS: dict[str, Callable[[float, int], Coroutine[Any, Any, list[Row]]]] = {
     "peer": _beside_the_peer,
     "rate": _rate,
@@ -176,6 +188,7 @@ LOADS: dict[str, Callable[[float, int], Coroutine[Any, Any, list[Row]]]] = {
     "burst": _burst,
     "full": _full,
     "cycles": _cycles,
+    "largest": _largest,
 }
 
 

@@ -158,6 +158,11 @@ async def fresh(more_crds: Path | None = None) -> AsyncIterator[World]:
                     operator.kill()
 
 
+def plane_alone() -> contextlib.AbstractContextManager[server.ControlPlane]:
+    """A control plane with the CRDs, without nodes."""
+    return _plane(None)
+
+
 @contextlib.contextmanager
 def _plane(more_crds: Path | None) -> Iterator[server.ControlPlane]:
     folders = [ROOT / "crds", *([more_crds] if more_crds else [])]
