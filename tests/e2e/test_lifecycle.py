@@ -89,6 +89,7 @@ def test_a_suspended_job_goes_on_and_runs_nothing_again(namespace: str) -> None:
         assert {case: counted[case] for case in done} == done
 
 
+# Promise: resumed-from-the-journal
 @pytest.mark.slow
 def test_a_deadline_keeps_what_is_done_and_another_job_goes_on_from_it(namespace: str) -> None:
     with jobs.applied(namespace, make_job("late", activeDeadline="3600s")) as late:

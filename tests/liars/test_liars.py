@@ -32,6 +32,7 @@ def army(
     gathered.end()
 
 
+# Promise: no-evidence-no-pass
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
 def test_every_stack_is_told_for_what_it_is(army: Army, row: Row) -> None:

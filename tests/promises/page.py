@@ -24,9 +24,10 @@ _TEST = re.compile(r"^\s*(?:async )?(?:def|fn) (\w+)")
 HEAD = """\
 # Promises, and the tests that hold them
 
-What these pages promise, in their own words, and the tests that fail when it is broken. Written by
-`python -m tests.promises.page` from the lines `Promise: …` above the tests; `make docs` fails for a promise
-without a test. The threat model has [a table of its own](../operations/threat-model.md).
+What these pages promise, in their own words, and the tests that fail when it is broken. Written
+by `python -m tests.promises.page` from the lines `Promise: …` above the tests; `make docs` fails
+for a promise without a test. The threat model has [a table of its
+own](../operations/threat-model.md).
 """
 
 

@@ -174,6 +174,7 @@ def test_storage_that_never_answers_has_three_tries(
     assert "hdfs://namenode/a.bag can't be written" in row["message"]
 
 
+# Promise: no-evidence-no-pass
 def test_nothing_played_or_recorded_is_invalid_and_never_passed() -> None:
     silent = copy.deepcopy(RESULT)
     silent["recorded"]["messages"] = 0

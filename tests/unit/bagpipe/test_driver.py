@@ -38,6 +38,7 @@ def test_a_job_whose_cases_all_passed_is_complete() -> None:
     assert told["ledger"] == {"sent": 6, "received": 6, "dropped": 0, "leadIn": 2}
 
 
+# Promise: verdict-of-the-job
 @pytest.mark.parametrize(
     ("outcome", "verdict"), [("failed", "Failed"), ("invalid", "Invalid"), ("passed", "Passed")]
 )

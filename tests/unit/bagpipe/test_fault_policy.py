@@ -127,6 +127,7 @@ def test_what_is_allowed_is_told_beside_what_is_not() -> None:
     assert [each.cause for each in judged.allowed] == ["NodeRespawned"]
 
 
+# Promise: end-is-judged-first
 def test_a_crash_goes_before_the_loss_that_it_causes() -> None:
     result = ended()
     result["ledger"] = lossy()["ledger"]
@@ -173,6 +174,7 @@ def test_more_received_than_sent_proves_nothing() -> None:
     assert (judged.outcome, judged.reason) == ("errored", "ProtocolError")
 
 
+# Promise: loss-is-the-stack-s
 def test_a_stack_that_loses_now_and_then_is_not_run_until_it_does_not(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:

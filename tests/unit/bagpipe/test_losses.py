@@ -84,6 +84,7 @@ def test_what_is_missing_needs_an_excuse_though_nobody_dropped_it() -> None:
     assert judge(result(lost(39, 0.0) | {"dropped": 0})).reason == "MessagesLost"
 
 
+# Promise: loss-is-the-stack-s
 @pytest.mark.parametrize("mode", ["max", "lockstep"])
 def test_a_player_that_waits_for_the_stack_leaves_it_no_excuse(mode: str) -> None:
     assert judge(result(lost(39, 9.0)), mode=mode).reason == "MessagesLost"

@@ -22,6 +22,7 @@ def world(tmp_path: Path) -> World:
     return World(tmp_path)
 
 
+# Promise: readers-trust-the-manifest
 def test_the_manifest_names_what_counts_and_the_rest_is_removed(world: World) -> None:
     for name in ("a.bag", "b.bag", "stale.bag"):
         world.record(name)
@@ -41,6 +42,7 @@ def test_the_manifest_names_what_counts_and_the_rest_is_removed(world: World) ->
     assert [row["case"] for row in world.lines()] == ["a", "b", "lost"]
 
 
+# Promise: manifest-once
 def test_of_two_drivers_one_commits_and_the_other_adopts(world: World) -> None:
     for name in ("a.bag", "a-too.bag"):
         world.record(name)
@@ -90,6 +92,7 @@ def killed(*_arguments: object) -> None:
     raise SystemExit
 
 
+# Promise: successor-finishes
 def test_what_a_driver_left_unpublished_another_one_finishes(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:

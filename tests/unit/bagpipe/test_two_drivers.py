@@ -159,6 +159,7 @@ def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bagpipe.driver.patience._PAUSE_SECONDS", 0.0)
 
 
+# Promise: manifest-once
 def test_of_two_drivers_in_every_order_one_counts_and_keeps_all_that_does() -> None:
     assert interleaving.orders(partial(follow, 2)) > 100
 

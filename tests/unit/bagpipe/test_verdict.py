@@ -67,6 +67,7 @@ def test_the_cases_of_two_jobs_have_the_graver_verdict_of_the_two(
     assert both.verdict_reason == ("" if both.verdict == "Passed" else both.verdict)
 
 
+# Promise: verdict-of-the-job
 @given(st.lists(st.sampled_from(OUTCOMES), max_size=12), st.integers(0, 2))
 def test_there_is_a_verdict_just_where_every_case_gave_evidence(
     outcomes: list[str], missing: int

@@ -188,7 +188,15 @@ def test_the_versions_told_are_those_that_are_built() -> None:
 
 
 def test_loads_are_chosen_by_name() -> None:
-    assert operator_bench.chosen("") == ["peer", "rate", "steady", "burst", "full", "cycles", "largest"]
+    assert operator_bench.chosen("") == [
+        "peer",
+        "rate",
+        "steady",
+        "burst",
+        "full",
+        "cycles",
+        "largest",
+    ]
     assert operator_bench.chosen(" full, burst ") == ["full", "burst"]
     with pytest.raises(SystemExit, match=r"BENCH_LOADS names fast; there are: peer,rate,steady,"):
         operator_bench.chosen("fast,full")

@@ -212,6 +212,7 @@ def criteria_of(**changes: float) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+# Promise: worse-whatever-is-better
 def test_a_worse_criterion_is_worse_whatever_got_better() -> None:
     repaired = [row(9, "released", "failed", criteria=[]), row(9, "pr-812", criteria=[])]
     better = only(criteria_of(jerk=-1.0) + repaired)
@@ -221,6 +222,7 @@ def test_a_worse_criterion_is_worse_whatever_got_better() -> None:
     assert (mixed.verdict, mixed.counts["fixed"]) == ("worse", 1)
 
 
+# Promise: worse-whatever-is-better
 def test_a_regressed_case_is_worse_whatever_criterion_got_better() -> None:
     regressed = [row(9, "released", criteria=[]), row(9, "pr-812", "failed", criteria=[])]
     found = only(criteria_of(jerk=-1.0) + regressed)

@@ -53,6 +53,7 @@ def test_a_figure_is_better_or_worse_by_its_direction(
     assert (criterion.low <= 0 <= criterion.high) == (verdict == "same")
 
 
+# Promise: too-few-are-unknown
 def test_few_recordings_are_no_evidence_and_say_how_many_would_be() -> None:
     [criterion] = with_latency(0.5, cases=4).criteria
     assert criterion.verdict == "unknown"
@@ -91,6 +92,7 @@ def of_recordings(recordings: int, fragments: int, worse_in: set[int]) -> Criter
     return criterion
 
 
+# Promise: unit-is-the-recording
 def test_fragments_of_one_recording_are_one_piece_of_evidence() -> None:
     """Sixty pairs look overwhelming; they are six recordings, of which four went up."""
     found = of_recordings(6, 10, worse_in={0, 1, 2, 3})
@@ -208,6 +210,7 @@ def told(differences: NDArray[np.float64], direction: str = "lower") -> Criterio
 TAILS = {"lower": (0.04, 0.01), "higher": (0.01, 0.04)}
 
 
+# Promise: interval-and-chance
 @pytest.mark.parametrize("direction", ["lower", "higher"])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_interval_ends_where_scipy_s_test_begins_to_refuse(direction: str, seed: int) -> None:

@@ -303,6 +303,7 @@ def test_resources_that_were_not_measured_are_no_evidence() -> None:
     assert found(evidence([]), resources={"maxMemory": "1G"}).outcome == "invalid"
 
 
+# Promise: expected-failure
 def test_an_expected_failure_passes_and_a_pass_is_news() -> None:
     given = evidence(every(1.0))
     failed = found(given, expectFailure=True, presence={"topic": "/out", "min": 11})

@@ -151,6 +151,7 @@ def test_in_a_gap_of_the_truth_it_may_have_been_anywhere() -> None:
 # Numbers that are none.
 
 
+# Promise: no-number-fails
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("measure", ANSWERED[1:], ids=named)
 def test_no_number_fails_with_the_time_of_the_first(measure: dict[str, Any], value: float) -> None:

@@ -31,6 +31,7 @@ async def test_what_a_killed_operator_owed_is_told_by_the_next() -> None:
     assert world.api.event_reasons() == ["DriverCreated"]
 
 
+# Promise: told-once
 async def test_a_whole_life_under_an_operator_that_is_killed_at_every_step() -> None:
     world = World()
     await killed_before_telling(world)

@@ -153,6 +153,7 @@ def stuck(job: JobView, seconds: float) -> Observation:
     return replace(seen, seen_for={seen.troubles[0].key: seconds})
 
 
+# Promise: lasting-trouble-ends
 def test_a_stuck_image_is_told_at_once_and_ends_the_job_at_the_bound() -> None:
     written = run([lambda job, s=s: stuck(job, s) for s in (0.0, 29.9, 30.0)])  # type: ignore[misc]
     assert [condition(s, "Running") for s in written] == [

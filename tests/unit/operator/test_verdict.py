@@ -26,6 +26,7 @@ async def ended(phase: str, **said: Any) -> World:
     return world
 
 
+# Promise: passed-gates
 @pytest.mark.parametrize(
     ("said", "told"),
     [
@@ -48,6 +49,7 @@ async def test_a_complete_job_passed_by_its_verdict_alone(said: Json, told: str)
     assert passed["lastTransitionTime"] == world.status()["completionTime"]
 
 
+# Promise: passed-gates
 async def test_a_failed_job_has_not_passed_for_the_reason_of_its_failure() -> None:
     # Whatever a driver said of a verdict: a job that could not be run has none that counts.
     world = await ended("Failed", reason="BagMissing", message="no bag", verdict="Passed")

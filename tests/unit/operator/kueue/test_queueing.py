@@ -32,6 +32,7 @@ async def running() -> QueueWorld:
     return world
 
 
+# Promise: queued-has-no-pods
 async def test_a_queued_job_has_a_workload_and_no_pods() -> None:
     world = await queued()
 
@@ -166,6 +167,7 @@ async def test_kueue_is_told_once_that_the_pods_are_ready() -> None:
     assert world.api.calls.count("patch workload") == 1
 
 
+# Promise: quota-goes-back
 async def test_an_evicted_job_gives_its_quota_back_when_its_pods_are_gone() -> None:
     world = await running()
 

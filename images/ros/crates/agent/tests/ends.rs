@@ -147,6 +147,7 @@ fn a_stranger_at_the_address_of_a_node_that_ended_is_not_taken_for_it() {
     assert!(ended[0].3.contains("ended with exit status 3"), "{}", ended[0].3);
 }
 
+// Promise: done-is-no-fault
 #[test]
 fn a_crash_right_after_the_last_answer_is_seen_and_a_good_end_is_none() {
     if without_ros() {

@@ -305,6 +305,7 @@ mod tests {
         assert_eq!(rospy.reached(&link(10, 100)), 100);
     }
 
+    // Promise: ledger-says-no-more
     #[test]
     fn what_is_not_proved_is_not_received() {
         assert_eq!(Known::default().reached(&link(0, 100)), 0);
@@ -327,6 +328,7 @@ mod tests {
         }
     }
 
+    // Promise: ledger-says-no-more
     #[test]
     fn a_proof_is_as_strong_as_what_the_library_counts_and_what_was_seen() {
         let at = |now, place| Known { now, place, ..Known::default() };

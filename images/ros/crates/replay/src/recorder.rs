@@ -371,6 +371,7 @@ mod tests {
         })
     }
 
+    // Promise: recording-over-budget
     #[test]
     fn a_last_step_that_does_not_fit_is_an_error_and_never_a_shorter_recording() {
         let recorder = recorder(2_000);

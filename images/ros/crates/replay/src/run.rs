@@ -138,6 +138,7 @@ mod tests {
         run.go_out(outlet, Share::Counted, &mut || false)
     }
 
+    // Promise: window-of-max
     #[test]
     fn small_messages_wait_once_16384_are_unread_and_never_before() {
         let idle = Idle::default();
@@ -149,6 +150,7 @@ mod tests {
         assert_eq!(idle.read.into_inner(), 40 * 1_024);
     }
 
+    // Promise: window-of-max
     #[test]
     fn large_messages_wait_once_16_mib_are_unread_and_never_before() {
         let idle = Idle::default();

@@ -16,6 +16,7 @@ fn roscpp_relay(graph: &Graph, queue: &str, busy: &str) -> Process {
     graph.spawn(relay.to_str().unwrap(), &["/joint_states", "/relayed", queue, busy])
 }
 
+// Promise: player-never-drops
 #[test]
 fn a_roscpp_relay_gets_and_answers_every_message_in_max() {
     let bag = pr2();
@@ -51,6 +52,7 @@ fn rosbag_agrees(graph: &Graph, recorded: &[u8], topic: &str, messages: u64) {
     graph.run("/usr/bin/rosbag", &["check", path.to_str().unwrap()]);
 }
 
+// Promise: player-never-drops
 #[test]
 fn a_rospy_relay_gets_and_answers_every_message_in_max() {
     let bag = pr2();
@@ -68,6 +70,7 @@ fn a_rospy_relay_gets_and_answers_every_message_in_max() {
     assert_eq!(replayed.recorded.topics[0].messages, PR2);
 }
 
+// Promise: loss-is-known
 #[test]
 fn what_a_short_roscpp_queue_drops_is_what_its_callbacks_did_not_see() {
     let bag = pr2();
@@ -87,6 +90,7 @@ fn what_a_short_roscpp_queue_drops_is_what_its_callbacks_did_not_see() {
     assert_eq!(replayed.recorded.messages, seen);
 }
 
+// Promise: loss-is-known
 #[test]
 fn what_a_short_rospy_queue_drops_is_what_its_callbacks_did_not_see() {
     let bag = pr2();

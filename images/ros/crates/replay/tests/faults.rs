@@ -39,6 +39,7 @@ fn a_stack_that_never_subscribes_is_named_with_what_it_subscribes_to() {
     drop(node);
 }
 
+// Promise: other-type-is-named
 #[test]
 fn a_subscriber_of_another_type_is_refused_and_named() {
     let mut connection = words("/talk", "/t", false);
@@ -133,6 +134,7 @@ fn read_nothing_for_half_a_second(error: &ReplayError, name: &str, witness: Witn
     assert_eq!(error.to_string(), sentence);
 }
 
+// Promise: reader-that-stops
 #[test]
 fn a_subscriber_that_stops_reading_is_named_and_nothing_hangs() {
     let large = "x".repeat(1 << 20);
@@ -212,6 +214,7 @@ fn the_case_deadline_holds_in_the_middle_of_a_play() {
     assert!(late < Duration::from_secs(30), "{late:?}");
 }
 
+// Promise: recording-over-budget
 #[test]
 fn a_recording_over_its_budget_is_an_error() {
     let large = "x".repeat(100_000);

@@ -66,6 +66,7 @@ impl Drop for Load {
     }
 }
 
+// Promise: same-bytes
 #[test]
 fn twenty_runs_of_a_rospy_and_a_roscpp_relay_record_the_same_bytes_on_a_loaded_machine() {
     let bag = pr2();
@@ -170,6 +171,7 @@ fn two_inputs_that_are_fused_are_answered_once_both_have_come() {
     assert_eq!((replayed.ledger.sent, replayed.ledger.received), (7, 7));
 }
 
+// Promise: no-output-at-the-deadline
 #[test]
 fn an_answer_that_does_not_come_is_no_output_after_its_deadline_and_the_play_goes_on() {
     let messages: Vec<(usize, u64, &str)> = (0..6).map(|n| (0, 1_000 + n * 100, "w")).collect();

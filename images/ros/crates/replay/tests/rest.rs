@@ -29,6 +29,7 @@ fn warm_up_and_window() -> Bag<MemoryChunkedFile> {
     bag_of_words(&[words("/talk", "/t", false)], &messages)
 }
 
+// Promise: lead-in-hides-no-loss
 #[test]
 fn a_first_callback_that_blocks_for_long_hides_no_loss_of_the_window() {
     let bag = warm_up_and_window();
@@ -68,6 +69,7 @@ fn all_is_recorded(replayed: &Replayed, messages: u64) {
     assert_eq!(replayed.recorded.messages, messages);
 }
 
+// Promise: recording-ends-by-nodes
 #[test]
 fn a_last_callback_of_rospy_that_takes_its_time_is_recorded() {
     let bag = pr2();
@@ -78,6 +80,7 @@ fn a_last_callback_of_rospy_that_takes_its_time_is_recorded() {
     assert_eq!(replayed.ledger.strength, Some(Strength::Called));
 }
 
+// Promise: recording-ends-by-nodes
 #[test]
 fn a_last_callback_of_roscpp_that_computes_or_sleeps_is_recorded() {
     let bag = pr2();
@@ -109,6 +112,7 @@ fn a_chain_of_nodes_is_recorded_to_its_end() {
     all_is_recorded(&replayed, 2);
 }
 
+// Promise: nothing-before-everybody
 #[test]
 fn a_chain_is_played_to_once_its_links_stand() {
     let bag = pr2();

@@ -9,6 +9,7 @@ use bagpipe_replay::StartWhen;
 use graph::Graph;
 use scene::{TMP, bag_of_words, node, request, run, words};
 
+// Promise: nothing-before-everybody
 #[test]
 fn a_node_that_is_seen_to_start_misses_nothing() {
     let texts: Vec<String> = (0..20).map(|number| format!("w{number}")).collect();

@@ -374,6 +374,7 @@ mod tests {
         lockstep.groups[0].report.answered > before
     }
 
+    // Promise: late-answer-by-stamp
     #[test]
     fn a_late_answer_by_stamp_answers_nothing_that_follows_also_where_its_stamp_could() {
         let steps = [step("/left", AnswerBy::Stamp, false)];
