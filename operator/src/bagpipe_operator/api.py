@@ -120,8 +120,7 @@ class KubernetesApi:
         return list(found.get("items") or [])
 
     async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
-        options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
-        return await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", options)
+        return await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", uid)
 
     async def get_job(self, namespace: str, name: str) -> Json:
         return await self._call("GET", self._job_path(namespace, name))
@@ -137,12 +136,7 @@ class KubernetesApi:
         await self._call("DELETE", self._job_path(namespace, name), options)
 
     async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
-        return await self._call(
-            "PATCH",
-            f"{self._job_path(namespace, name)}/status",
-            patch,
-            content_type="application/merge-patch+json",
-        )
+        return await self._patch_status(self._job_path(namespace, name), patch)
 
     async def create_job(self, manifest: Json) -> Json:
         """Creates a SimulationJob in its namespace."""
@@ -191,13 +185,9 @@ class KubernetesApi:
 
         Its children are deleted after it.
         """
-        options = {
-            "apiVersion": "v1",
-            "kind": "DeleteOptions",
-            "propagationPolicy": "Background",
-            "preconditions": {"uid": uid},
-        }
-        await self._delete(self._job_path(namespace, name), options)
+        await self._delete(
+            self._job_path(namespace, name), uid, {"propagationPolicy": "Background"}
+        )
 
     async def get_schedule(self, namespace: str, name: str) -> Json:
         """One SimulationSchedule."""
@@ -205,12 +195,8 @@ class KubernetesApi:
 
     async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
         """Merges into a SimulationSchedule's status; the schedule as it is afterwards."""
-        return await self._call(
-            "PATCH",
-            f"{self._path(namespace, names.SCHEDULE_PLURAL, name)}/status",
-            patch,
-            content_type="application/merge-patch+json",
-        )
+        path = self._path(namespace, names.SCHEDULE_PLURAL, name)
+        return await self._patch_status(path, patch)
 
     async def get_lease(self, namespace: str, name: str) -> Json:
         return await self._call("GET", self._lease_path(namespace, name))
@@ -245,8 +231,15 @@ class KubernetesApi:
         below = f"/apis/{names.API_VERSION}/namespaces/{namespace}/{plural}"
         return f"{below}/{name}" if name else below
 
-    async def _delete(self, path: str, options: Json) -> bool:
-        """Whether there was something to delete."""
+    async def _patch_status(self, path: str, patch: Json) -> Json:
+        """Merges into the status of the object at a path; the object as it is afterwards."""
+        content_type = "application/merge-patch+json"
+        return await self._call("PATCH", f"{path}/status", patch, content_type=content_type)
+
+    async def _delete(self, path: str, uid: str, more: Json | None = None) -> bool:
+        """Deletes what is at a path if it has that UID; whether there was something to delete."""
+        options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
+        options |= more or {}
         try:
             await self._call("DELETE", path, options)
         except ApiError as error:

@@ -86,8 +86,7 @@ def _worth(condition: Json) -> str | None:
         case conditions.ACCEPTED if not true:
             return WARNING if condition["reason"] not in _QUIET else None
         case conditions.SUSPENDED if not true:
-            resumed = {reasons.JOB_RESUMED, reasons.ADMITTED}
-            return NORMAL if condition["reason"] in resumed else None
+            return NORMAL if condition["reason"] in reasons.GOES_ON else None
         case kind:
             # Complete and Failed have told what Passed says.
             return NORMAL if true and kind != conditions.PASSED else None

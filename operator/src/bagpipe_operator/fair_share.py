@@ -11,7 +11,7 @@ MOST_LOOKS_PER_SECOND = 10.0
 
 def seconds_between(waiting: int, namespaces: int, least: float) -> float:
     """After how long one of so many that wait in a namespace is asked about again."""
-    return max(least, waiting * max(1, namespaces) / MOST_LOOKS_PER_SECOND)
+    return max(least, waiting * namespaces / MOST_LOOKS_PER_SECOND)
 
 
 class FairShare:

@@ -5,14 +5,17 @@ store, parsed whole, is more than the operator's memory limit (issue 13).
 """
 
 import asyncio
+import gc
 import json
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 from bagpipe_operator import names, readings
 from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, what_decides
 from bagpipe_operator.nesting import cut, end_of, loads
 
 Json = dict[str, Any]
+_Read = TypeVar("_Read")
 
 # The text of a larger object is trimmed: its spec may be one that is not kept.
 TRIMMED_FROM = 2 * LARGEST_KEPT_BYTES
@@ -54,12 +57,29 @@ async def read_answer(data: bytes, *, written: bool = False) -> Any:
     Objects of a list, and what was `written`, are trimmed if they are large.
     """
     read = read_written if written else read_whole
-    return await asyncio.to_thread(read, data) if len(data) > _ASIDE else read(data)
+    return await _aside(read, data) if len(data) > _ASIDE else read(data)
 
 
 async def read_event(line: bytes) -> bytes:
     """A line of a watch, its object trimmed if it is large; the line itself if it is no event."""
-    return await asyncio.to_thread(_event, line) if len(line) > _ASIDE else _event(line)
+    return await _aside(_event, line) if len(line) > _ASIDE else _event(line)
+
+
+async def _aside(read: Callable[[bytes], _Read], text: bytes) -> _Read:
+    return await asyncio.to_thread(_uncollected, read, text)
+
+
+def _uncollected(read: Callable[[bytes], _Read], text: bytes) -> _Read:
+    """Reading makes no cycles, but up to half a million lists of one object, of which the collector
+    would look for some fifty times.
+    """
+    if not gc.isenabled():  # another thread reads, and will switch it on
+        return read(text)
+    gc.disable()
+    try:
+        return read(text)
+    finally:
+        gc.enable()
 
 
 def read_written(data: bytes) -> Any:
@@ -135,15 +155,13 @@ def trimmed(thing: Json) -> Json:
     kept["metadata"] = {key: value for key, value in meta.items() if key in _OF_METADATA}
     labels = readings.mapping(meta.get("labels"))
     kept["metadata"]["labels"] = {key: labels[key] for key in _LABELS if key in labels}
-    owners = [each for each in _objects(meta.get("ownerReferences")) if each.get("controller")]
+    owners = [
+        each for each in readings.objects(meta.get("ownerReferences")) if each.get("controller")
+    ]
     kept["metadata"]["ownerReferences"] = owners
     if "spec" not in thing:  # an Event, or metadata alone
         return {key: value for key, value in thing.items() if key != "metadata"} | kept
     if "containers" in spec:
-        volumes = [v for v in _objects(spec.get("volumes")) if "persistentVolumeClaim" in v]
+        volumes = [v for v in readings.objects(spec.get("volumes")) if "persistentVolumeClaim" in v]
         return kept | {"spec": {"nodeName": spec.get("nodeName"), "volumes": volumes}}
     return kept | {"spec": what_decides(spec), TRIMMED: True}
-
-
-def _objects(value: object) -> list[Json]:
-    return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []

@@ -69,7 +69,7 @@ def _newly(old: dict[str, str], new: dict[str, str]) -> set[str]:
 
 def _resumed(status: Json) -> str | None:
     said = conditions.find(status.get("conditions") or [], conditions.SUSPENDED)
-    resumed = said is not None and said["reason"] in {reasons.JOB_RESUMED, reasons.ADMITTED}
+    resumed = said is not None and said["reason"] in reasons.GOES_ON
     return str(said["lastTransitionTime"]) if said is not None and resumed else None
 
 

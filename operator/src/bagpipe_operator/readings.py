@@ -57,11 +57,14 @@ def mapping(value: object) -> Json:
     return value if isinstance(value, dict) else {}
 
 
+def objects(value: object) -> list[Json]:
+    """The objects of a list; none for anything else."""
+    return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []
+
+
 def conditions(value: object) -> list[Json]:
     """A status's conditions, each with the texts that all conditions have; others are left out."""
-    if not isinstance(value, list):
-        return []
-    return [_condition(each) for each in value if isinstance(each, dict) and _is_one(each)]
+    return [_condition(each) for each in objects(value) if _is_one(each)]
 
 
 def _is_one(condition: Json) -> bool:
@@ -92,7 +95,7 @@ def _counts(value: object) -> Json:
 
 
 def _records(value: object) -> list[Json] | None:
-    return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else None
+    return objects(value) if isinstance(value, list) else None
 
 
 def _texts(value: object) -> list[str] | None:

@@ -29,6 +29,8 @@ JOB_RESUMED = "JobResumed"
 QUEUED = "Queued"
 QUEUE_REFUSED = "QueueRefused"
 ADMITTED = "Admitted"
+# Of a job that is suspended no more.
+GOES_ON = frozenset({JOB_RESUMED, ADMITTED})
 DEADLINE_EXCEEDED = "DeadlineExceeded"
 START_DEADLINE_EXCEEDED = "StartDeadlineExceeded"
 RESUME_REFUSED = "ResumeRefused"

@@ -1,11 +1,13 @@
 """How a job ended, from its driver's pod."""
 
+from datetime import timedelta
+
 import pytest
 
-from bagpipe_operator.ending import Ending, lost_driver
+from bagpipe_operator.ending import Ending, lost_driver, overdue
 from bagpipe_operator.ending import ending_of as ending_at
 from bagpipe_operator.view import PodView
-from tests.unit.operator.builders import START, account, make_driver
+from tests.unit.operator.builders import START, PodBuilder, account, make_driver
 
 
 def ending_of(driver: PodView) -> Ending | None:
@@ -72,13 +74,6 @@ def test_a_driver_that_lost_its_spark_is_lost_and_says_so() -> None:
     assert ending.progress.cases.passed == 1
 
 
-def test_out_of_memory() -> None:
-    ending = ending_of(make_driver("x").ended(137, reason="OOMKilled").view())
-    assert ending is not None
-    assert ending.reason == "DriverOutOfMemory"
-    assert "Raise spec.spark.driver.resources.memory" in ending.last_words
-
-
 def test_evicted_with_and_without_a_container_status() -> None:
     said = "The node was low on resource: memory."
     for pod in (make_driver("x"), make_driver("x").ended(137)):
@@ -88,12 +83,6 @@ def test_evicted_with_and_without_a_container_status() -> None:
         assert ending.last_words == (
             f"The driver's pod x-1-driver was evicted. {said} Create the job again."
         )
-
-
-def test_deleted_by_hand_while_it_ran() -> None:
-    ending = ending_of(make_driver("x").ended(143).deleting().view())
-    assert ending is not None
-    assert (ending.reason, ending.complete) == ("DriverLost", False)
 
 
 def test_a_driver_that_had_ended_well_before_it_was_deleted_has_completed() -> None:
@@ -119,3 +108,127 @@ def test_what_is_taken_for_another_s_sake_is_not_counted(reason: str, counted: b
     ending = ending_of(make_driver("x").ended(143).disrupted(reason, "moved").deleting().view())
     assert ending is not None
     assert (ending.lost, ending.voluntary) == (True, not counted)
+
+
+WORDS = "The driver's pod x-1-driver"
+AGAIN = "Create the job again."
+# A driver that was cut short: by what, and all that is made of it.
+CUT_SHORT = {
+    "lack of memory": (
+        make_driver("x").ended(137, reason="OOMKilled"),
+        "DriverOutOfMemory",
+        f"{WORDS} was ended for lack of memory.",
+        "Raise spec.spark.driver.resources.memory and create the job again.",
+    ),
+    "its node's lack of memory": (
+        make_driver("x").evicted("The node was low on resource: memory."),
+        "DriverEvicted",
+        f"{WORDS} was evicted. The node was low on resource: memory.",
+        AGAIN,
+    ),
+    "an end of the whole pod": (
+        PodBuilder("x-1-driver", "x", "driver", "Failed", {"reason": "NodeLost"}),
+        "DriverLost",
+        f"{WORDS} ended as Failed (NodeLost).",
+        AGAIN,
+    ),
+    "an end that nobody explains": (
+        PodBuilder("x-1-driver", "x", "driver", "Failed"),
+        "DriverLost",
+        f"{WORDS} ended as Failed (no reason).",
+        AGAIN,
+    ),
+    "a deletion": (
+        make_driver("x").ended(143).deleting(),
+        "DriverLost",
+        f"{WORDS} was deleted before its job ended.",
+        AGAIN,
+    ),
+    "an exit without a word": (
+        make_driver("x").ended(3),
+        "DriverFailed",
+        f"{WORDS} ended with exit status 3 and without an account of its cases.",
+        "Read its log: kubectl logs -n lanes x-1-driver",
+    ),
+    "a lost node": (
+        make_driver("x").running().deleting("2026-11-20T03:59:44Z"),
+        "DriverLost",
+        f"{WORDS} was deleted and its node does not say that it has ended.",
+        AGAIN,
+    ),
+    "a taint of its node": (
+        make_driver("x").ended(143).disrupted("DeletionByTaintManager", "Taint manager: deleting"),
+        "DriverLost",
+        f"{WORDS} was taken away (DeletionByTaintManager). Taint manager: deleting",
+        AGAIN,
+    ),
+    "its node's wish": (
+        make_driver("x").ended(143).disrupted("TerminationByKubelet", ""),
+        "DriverEvicted",
+        f"{WORDS} was evicted by its node.",
+        AGAIN,
+    ),
+}
+
+
+@pytest.mark.parametrize("cause", CUT_SHORT)
+def test_a_driver_that_was_cut_short_is_lost_so_that_another_goes_on(cause: str) -> None:
+    pod, reason, message, advice = CUT_SHORT[cause]
+    ending = Ending(False, reason, message, advice=advice, lost=True, voluntary=False)
+    assert ending_of(pod.view()) == ending
+
+
+def test_the_kubelet_s_word_for_the_pod_says_more_than_that_of_the_disruption() -> None:
+    pod = make_driver("x").ended(143).disrupted("PreemptionByScheduler", "preempting")
+    pod.status["message"] = "Preempted by lane-9 on node 4."
+    ending = ending_of(pod.view())
+    assert ending is not None
+    assert ending.message == (
+        f"{WORDS} was evicted for a pod of a higher priority. Preempted by lane-9 on node 4."
+    )
+
+
+@pytest.mark.parametrize(
+    ("exit_reason", "said", "reason", "lost"),
+    [
+        ("OOMKilled", "DriverFailed", "DriverOutOfMemory", True),  # Spark's JVM was killed
+        ("OOMKilled", "BagUnreadable", "BagUnreadable", False),
+        ("Error", "DriverFailed", "DriverFailed", False),
+    ],
+)
+def test_an_account_counts_unless_it_tells_only_what_lack_of_memory_did(
+    exit_reason: str, said: str, reason: str, lost: bool
+) -> None:
+    failed = account("Failed", reason=said, message="It failed.")
+    ending = ending_of(make_driver("x").ended(1, failed, exit_reason).view())
+    assert ending is not None
+    assert (ending.complete, ending.reason, ending.lost) == (False, reason, lost)
+
+
+def test_a_deleted_pod_is_overdue_15_s_after_it_should_be_gone() -> None:
+    pod = make_driver("x").running().deleting("2026-11-20T04:00:00Z").view()
+    for seconds, late in ((-30, False), (0, False), (15, False), (15.1, True), (900, True)):
+        now = START + timedelta(seconds=seconds)
+        assert overdue(pod, now) is late
+        assert (ending_at(pod, now) is None) is not late
+    assert not overdue(make_driver("x").running().view(), START)
+
+
+def test_a_disruption_ends_a_driver_that_runs_only_when_its_pod_is_overdue() -> None:
+    moved = make_driver("x").running().disrupted("EvictionByEvictionAPI", "moved")
+    assert ending_of(moved.view()) is None
+    assert ending_of(moved.deleting("2026-11-20T03:59:50Z").view()) is None
+    late = ending_of(moved.deleting("2026-11-20T03:59:40Z").view())
+    assert late is not None
+    assert (late.reason, late.voluntary) == ("DriverEvicted", True)
+
+
+def test_of_a_driver_that_has_vanished_is_told_what_was_seen_last() -> None:
+    deleted = "was deleted in namespace lanes before its job ended."
+    unseen = Ending(False, "DriverLost", f"{WORDS} {deleted}", advice=AGAIN, lost=True)
+    assert lost_driver("lanes", "x-1-driver") == unseen
+    assert lost_driver("lanes", "x-1-driver", make_driver("x").view()) == unseen
+    assert lost_driver("lanes", "x-1-driver", make_driver("x").running().view()) == unseen
+    drained = make_driver("x").running().disrupted("EvictionByEvictionAPI", "moved")
+    ending = lost_driver("lanes", "x-1-driver", drained.view())
+    assert (ending.reason, ending.lost, ending.voluntary) == ("DriverEvicted", True, True)

@@ -36,6 +36,19 @@ def test_five_thousand_jobs_of_one_tenant_cost_the_others_nothing() -> None:
     assert share.seconds("new") == 20.0  # beside the honest one, and nobody else
 
 
+def test_a_namespace_counts_until_the_last_of_its_jobs_waits_no_more() -> None:
+    share = FairShare(1.0)
+    for number in range(100):
+        share.add(f"a-{number}", "a")
+        share.add(f"b-{number}", "b")
+    for number in range(50):
+        share.remove(f"a-{number}")
+    assert (share.seconds("a"), share.seconds("b"), share.seconds("c")) == (10.0, 20.0, 1.0)
+    for number in range(50, 100):
+        share.remove(f"a-{number}")
+    assert (share.seconds("a"), share.seconds("b")) == (1.0, 10.0)
+
+
 async def test_a_thousand_new_jobs_of_one_tenant_do_not_come_before_another_s_one() -> None:
     owner = {f"hostile-{number}": "hostile" for number in range(1000)}
     owner |= {"a": "honest", "b": "honest", "c": "third"}

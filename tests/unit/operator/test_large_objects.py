@@ -190,3 +190,32 @@ def test_events_keep_their_words_and_odd_metadata_ends_nothing() -> None:
         odd = {"metadata": {"ownerReferences": owners, "labels": [1]},
                "spec": {"containers": [], "volumes": [None]}}  # fmt: skip
         assert trimmed(odd)["metadata"]["ownerReferences"] == []
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_the_collector_waits_while_a_large_object_is_read(broken: bool) -> None:
+    text = json.dumps({"items": [large_job("a"), large_job("b")]}, separators=(",", ":")).encode()
+    found: list[str] = []
+
+    def note(phase: str, _: dict[str, int]) -> None:
+        found.append(phase)
+
+    async def read() -> None:
+        if broken:
+            with pytest.raises(ValueError, match="Expecting"):
+                await read_answer(text[:-1])
+        else:
+            assert len((await read_answer(text))["items"]) == 2
+
+    before = gc.get_threshold()
+    gc.set_threshold(700)
+    gc.callbacks.append(note)
+    try:
+        asyncio.run(read())
+        quiet = len(found)
+        read_whole(text)  # as it would be without
+    finally:
+        gc.callbacks.remove(note)
+        gc.set_threshold(*before)
+    assert gc.isenabled()
+    assert len(found) - quiet > 30 > 2 * quiet

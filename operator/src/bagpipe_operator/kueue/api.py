@@ -25,16 +25,10 @@ class KubernetesKueueApi(KubernetesApi):
         return await self._call("GET", _path(namespace, name))
 
     async def patch_workload_status(self, namespace: str, name: str, patch: Json) -> Json:
-        return await self._call(
-            "PATCH",
-            f"{_path(namespace, name)}/status",
-            patch,
-            content_type="application/merge-patch+json",
-        )
+        return await self._patch_status(_path(namespace, name), patch)
 
     async def delete_workload(self, namespace: str, name: str, uid: str) -> None:
-        options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
-        await self._delete(_path(namespace, name), options)
+        await self._delete(_path(namespace, name), uid)
 
     async def get_resource_flavor(self, name: str) -> Json:
         return await self._call("GET", _named(f"/apis/{GROUP}/{VERSION}/resourceflavors", name))

@@ -56,9 +56,11 @@ class WorkloadView:
     def from_object(cls, workload: Json) -> "WorkloadView":
         """Trims a Workload as the API server sends it."""
         meta, status = workload["metadata"], readings.mapping(workload.get("status"))
-        owners = [each for each in _objects(meta.get("ownerReferences")) if each.get("controller")]
+        owners = [
+            each for each in readings.objects(meta.get("ownerReferences")) if each.get("controller")
+        ]
         admission = readings.mapping(status.get("admission"))
-        checks = _objects(status.get("admissionChecks"))
+        checks = readings.objects(status.get("admissionChecks"))
         return cls(
             namespace=meta["namespace"],
             name=meta["name"],
@@ -69,14 +71,12 @@ class WorkloadView:
             resource_version=str(meta.get("resourceVersion") or ""),
             deleting=bool(meta.get("deletionTimestamp")),
             conditions=tuple(readings.conditions(status.get("conditions"))),
-            flavors=_flavors(_objects(admission.get("podSetAssignments"))),
-            updates=_updates([u for check in checks for u in _objects(check.get("podSetUpdates"))]),
+            flavors=_flavors(readings.objects(admission.get("podSetAssignments"))),
+            updates=_updates(
+                [u for check in checks for u in readings.objects(check.get("podSetUpdates"))]
+            ),
             made_of=str(readings.mapping(meta.get("annotations")).get(MADE_OF, "")),
         )
-
-
-def _objects(value: object) -> list[Json]:
-    return [each for each in value if isinstance(each, dict)] if isinstance(value, list) else []
 
 
 def _flavors(assignments: list[Json]) -> dict[str, tuple[str, ...]]:

@@ -112,6 +112,15 @@ class QueueWorld(World):
         found = next(c for c in told if c["type"] == type_)
         return f"{found['status']}/{found['reason']}"
 
+    def edit(self, **spec: object) -> None:
+        """Somebody changes the job, and the watch brings it."""
+        job = self.api.objects["jobs", "x"]
+        self.api.version += 100
+        job["spec"] |= spec
+        job["metadata"]["generation"] += 1
+        job["metadata"]["resourceVersion"] = str(self.api.version)
+        self.deliver_job()
+
     async def put_off(self, message: str = "couldn't assign flavors to pod set driver") -> None:
         """Kueue has looked at the Workload and has no quota for it."""
         self._deliver({"QuotaReserved": ("False", "Pending", message)})

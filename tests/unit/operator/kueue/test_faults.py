@@ -13,16 +13,6 @@ from tests.unit.operator.world import UID
 REFUSED = ApiError(403, "Forbidden", "the webhook says no")
 
 
-def edit(world: QueueWorld, **spec: object) -> None:
-    """Somebody changes the job, and the watch brings it."""
-    job = world.api.objects["jobs", "x"]
-    world.api.version += 100
-    job["spec"] |= spec
-    job["metadata"]["generation"] = job["metadata"].get("generation", 1) + 1
-    job["metadata"]["resourceVersion"] = str(world.api.version)
-    world.deliver_job()
-
-
 async def test_what_was_refused_before_another_led_stops_nothing() -> None:
     world = QueueWorld()
     world.api.fail("create workloads", REFUSED)
@@ -52,9 +42,9 @@ async def test_who_suspends_a_refused_job_has_it_asked_for_anew() -> None:
     world = QueueWorld()
     world.api.fail("create workloads", REFUSED)
     await world.reconcile()
-    edit(world, suspend=True)
+    world.edit(suspend=True)
     await world.reconcile()
-    edit(world, suspend=False)
+    world.edit(suspend=False)
     await world.reconcile()
 
     assert world.reason("Suspended") == "True/Queued"
@@ -81,9 +71,9 @@ def reserved(world: QueueWorld) -> str:
 async def test_a_job_that_grew_while_it_was_stopped_is_admitted_anew() -> None:
     """It was resumed before its pods were gone, so it never left the queue."""
     world = await running()
-    edit(world, suspend=True)
+    world.edit(suspend=True)
     await world.reconcile()
-    edit(world, suspend=False, spark=LARGER)
+    world.edit(suspend=False, spark=LARGER)
     for pod in (make_driver("x"), make_executor("x")):
         world.view.drop_pod(pod.view())
         world.api.objects.pop(("pods", pod.name), None)
@@ -104,11 +94,11 @@ async def test_a_job_that_grew_while_it_was_stopped_is_admitted_anew() -> None:
 async def test_a_job_that_was_edited_unseen_waits_with_its_new_size() -> None:
     world = await queued()
     await world.put_off()
-    edit(world, activeDeadline="2h")
+    world.edit(activeDeadline="2h")
     await world.reconcile(after=31)
     assert "delete workload" not in world.api.calls
     assert reserved(world) == "500m"
-    edit(world, spark=LARGER)
+    world.edit(spark=LARGER)
     await world.reconcile(after=31)
     await world.reconcile()
 

@@ -251,10 +251,7 @@ async def test_that_of_a_failed_job_is_finished_too() -> None:
 
 async def test_who_suspends_a_queued_job_leaves_the_queue() -> None:
     world = await queued()
-    job = world.api.objects["jobs", "x"]
-    job["spec"]["suspend"] = True
-    job["metadata"] |= {"generation": 2, "resourceVersion": "200"}
-    world.deliver_job()
+    world.edit(suspend=True)
     await world.reconcile()
 
     assert world.api.named("workloads") == []
@@ -263,11 +260,7 @@ async def test_who_suspends_a_queued_job_leaves_the_queue() -> None:
 
 async def test_one_that_is_resumed_queues_again() -> None:
     world = await running()
-    job = world.api.objects["jobs", "x"]
-    job["spec"]["suspend"] = True
-    job["metadata"] |= {"generation": 2, "resourceVersion": "9000"}
-    world.api.version = 9000
-    world.deliver_job()
+    world.edit(suspend=True)
     await world.reconcile()
     assert world.api.named("workloads") != []  # its pods hold what was reserved for them
     for pod in (make_driver("x"), make_executor("x")):
@@ -275,11 +268,7 @@ async def test_one_that_is_resumed_queues_again() -> None:
     await world.reconcile()
     assert world.api.named("workloads") == []
 
-    job = world.api.objects["jobs", "x"]
-    job["spec"]["suspend"] = False
-    job["metadata"] |= {"generation": 3, "resourceVersion": "9500"}
-    world.api.version = 9500
-    world.deliver_job()
+    world.edit(suspend=False)
     await world.reconcile()
     assert len(world.api.named("workloads")) == 1
     assert DRIVER not in world.api.named("pods")
