@@ -9,6 +9,7 @@ use bagpipe_ros::Incoming;
 use crate::pairing::Pairing;
 use crate::simulate::Said;
 use crate::stamp::{has_header, stamp};
+use crate::time::Time;
 
 /// The answers, shared by the recorder, which hears them, and the player, which waits.
 #[derive(Debug, Default)]
@@ -98,19 +99,18 @@ impl Answers {
     pub(crate) fn wait(
         &self,
         topic: &str,
+        time: &Time,
         limit: Duration,
         mut satisfied: impl FnMut(&mut Heard) -> bool,
     ) -> bool {
         let Some(&place) = self.places.get(topic) else { return false };
-        let all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
         let mut over = false;
-        let waited = self.more.wait_timeout_while(all, limit, |all| {
+        // The last look is after the last message; what satisfies is looked for once, since that
+        // may use it up.
+        time.wait_while(&self.heard, &self.more, limit, |all| {
             over = satisfied(&mut all[place]);
             !over
         });
-        // A poisoned lock is as good as another: the figures are whole. The last look is after
-        // the last message; what satisfies is looked for once, since that may use it up.
-        drop(waited);
         over
     }
 }

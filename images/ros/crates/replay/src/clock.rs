@@ -3,9 +3,13 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use crate::time::Time;
+
 /// Bag time as it passes. Stands until it is set; shared by player and recorder.
 #[derive(Debug)]
 pub(crate) struct BagClock {
+    /// What it passes by, and the whole replay goes by.
+    pub(crate) time: Time,
     state: Mutex<State>,
     /// Bag time never goes beyond this.
     limit: u64,
@@ -19,8 +23,8 @@ enum State {
 
 impl BagClock {
     /// A clock that stands at `start` and never goes beyond `limit`, in nanoseconds.
-    pub(crate) fn new(start: u64, limit: u64) -> BagClock {
-        BagClock { state: Mutex::new(State::Standing(start)), limit }
+    pub(crate) fn new(time: Time, start: u64, limit: u64) -> BagClock {
+        BagClock { time, state: Mutex::new(State::Standing(start)), limit }
     }
 
     /// Bag time now, in nanoseconds.
@@ -29,7 +33,7 @@ impl BagClock {
         let now = match state {
             State::Standing(bag) => bag,
             State::Running { epoch, bag, rate } => {
-                let passed = Instant::now().saturating_duration_since(epoch);
+                let passed = self.time.now().saturating_duration_since(epoch);
                 bag.saturating_add((passed.as_secs_f64() * rate * 1e9) as u64)
             }
         };
@@ -73,6 +77,7 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::ByHand;
 
     #[test]
     fn due_times_follow_the_rate_and_do_not_drift() {
@@ -83,13 +88,21 @@ mod tests {
     }
 
     #[test]
-    fn a_running_clock_advances_and_stops_at_its_limit() {
-        let clock = BagClock::new(7, 2_000_000_000);
+    fn a_running_clock_advances_at_its_rate_and_stops_at_its_limit() {
+        let by_hand = ByHand::new();
+        let clock = BagClock::new(by_hand.time(), 7, 2_000_000_000);
         assert_eq!(clock.now(), 7);
-        clock.run(Instant::now() - Duration::from_millis(100), 1_000_000_000, 2.0);
-        let now = clock.now();
-        assert!((1_200_000_000..1_900_000_000).contains(&now), "{now}");
-        clock.run(Instant::now() - Duration::from_secs(9), 0, 1.0);
+        clock.run(by_hand.moment(Duration::from_secs(1)), 1_000_000_000, 2.0);
+        assert_eq!(clock.now(), 1_000_000_000);
+        by_hand.sleep(Duration::from_secs(1));
+        assert_eq!(clock.now(), 1_000_000_000);
+        by_hand.sleep(Duration::from_millis(250));
+        assert_eq!(clock.now(), 1_500_000_000);
+        by_hand.sleep(Duration::from_millis(250));
         assert_eq!(clock.now(), 2_000_000_000);
+        by_hand.sleep(Duration::from_millis(250));
+        assert_eq!(clock.now(), 2_000_000_000);
+        clock.stand(3);
+        assert_eq!(clock.now(), 3);
     }
 }

@@ -10,9 +10,11 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros::{Node, Publication};
 
+use crate::outlet::Outlet;
+use crate::patience::Patience;
 use crate::play::Player;
 use crate::processes::{Processes, Rest};
-use crate::prove::{Patience, Proof};
+use crate::prove::Proof;
 use crate::recorder::Recorder;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
@@ -50,16 +52,16 @@ impl Drain<'_> {
         let patience = Patience { deadline, busy: deadline, stable: STABLE };
         let topics = player.publications().to_vec();
         let mut pause = |watch: &mut Watch<'_>| {
-            watch.sleep_until(Instant::now() + PAUSE)?;
+            watch.sleep(PAUSE)?;
             player.show_clock(watch)?;
             Ok::<bool, ReplayError>(watch.stack_has_exited())
         };
-        while topics.iter().any(|topic| topic.unsent() > 0) && Instant::now() < patience.deadline {
+        while topics.iter().any(|topic| topic.unsent() > 0) && watch.now() < patience.deadline {
             if pause(watch)? {
                 return Ok(());
             }
         }
-        proof.settle(&topics, &patience, || pause(watch)).map(drop)
+        proof.settle(&topics, &patience, watch.time(), || pause(watch)).map(drop)
     }
 
     /// Until the outputs have ended.
@@ -72,23 +74,35 @@ impl Drain<'_> {
     ) -> Result<(), ReplayError> {
         let topics = player.publications().to_vec();
         // Quiet counts from here: what was received last is not answered yet.
-        let begun = Instant::now();
-        let deadline = (self.since + self.request.drain_deadline).max(begun + QUIET);
+        let begun = watch.now();
         processes.begin();
-        let (mut quiet, mut rest, mut look) = (begun, Rest::Working, begun + LOOK);
-        while Instant::now() < deadline && !self.is_over(rest, quiet) {
-            let before = Instant::now();
+        self.await_quiet(begun, |heard| work(proof, processes, &topics, heard), player, watch)
+    }
+
+    /// Until nothing has come for long enough since `begun`, and nobody works by what `look`
+    /// says; it is told whether something was heard since it was asked before.
+    pub(crate) fn await_quiet<O: Outlet>(
+        &self,
+        begun: Instant,
+        mut look: impl FnMut(bool) -> Rest,
+        player: &mut Player<'_, O>,
+        watch: &mut Watch<'_>,
+    ) -> Result<(), ReplayError> {
+        let deadline = (self.since + self.request.drain_deadline).max(begun + QUIET);
+        let (mut quiet, mut rest, mut next) = (begun, Rest::Working, begun + LOOK);
+        while watch.now() < deadline && !self.is_over(rest, quiet) {
+            let before = watch.now();
             watch.sleep_until(before + PAUSE)?;
             player.show_clock(watch)?;
             if watch.stack_has_exited() {
                 break;
             }
-            let now = Instant::now();
+            let now = watch.now();
             quiet += stood_still(now - before);
-            if now >= look {
-                let heard = self.recorder.quiet_for(begun) < now + LOOK - look;
-                look = now + LOOK;
-                rest = work(proof, processes, &topics, heard);
+            if now >= next {
+                let heard = self.recorder.quiet_for(begun) < now + LOOK - next;
+                next = now + LOOK;
+                rest = look(heard);
                 if rest == Rest::Working {
                     quiet = now;
                 }

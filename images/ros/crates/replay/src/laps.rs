@@ -6,12 +6,11 @@ use std::time::Instant;
 pub(crate) struct Laps(Instant);
 
 impl Laps {
-    pub(crate) fn start() -> Laps {
-        Laps(Instant::now())
+    pub(crate) fn start(now: Instant) -> Laps {
+        Laps(now)
     }
 
-    pub(crate) fn lap(&mut self) -> f64 {
-        let now = Instant::now();
+    pub(crate) fn lap(&mut self, now: Instant) -> f64 {
         let lap = now.duration_since(self.0).as_secs_f64();
         self.0 = now;
         lap

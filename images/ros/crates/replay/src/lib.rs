@@ -19,7 +19,9 @@ mod machine;
 mod meter;
 mod ordered;
 mod outcome;
+mod outlet;
 mod pairing;
+mod patience;
 mod pause;
 mod plan;
 mod play;
@@ -27,6 +29,8 @@ mod processes;
 mod prove;
 mod record;
 mod recorder;
+#[cfg(test)]
+mod rehearsal;
 mod replay;
 mod request;
 mod rostime;
@@ -37,6 +41,7 @@ mod spacing;
 mod stamp;
 mod step;
 mod subscribe;
+mod time;
 mod watch;
 
 pub use error::ReplayError;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use crate::ReplayError;
 use crate::request::resolved;
@@ -37,10 +37,10 @@ impl Pause {
 
     /// Waits before a message of a topic. How long it waited.
     pub(crate) fn wait(&self, topic: &str, watch: &mut Watch<'_>) -> Result<Duration, ReplayError> {
-        let begun = Instant::now();
+        let begun = watch.now();
         while !(self.resumed)(topic) {
-            watch.sleep_until(Instant::now() + LOOK)?;
+            watch.sleep(LOOK)?;
         }
-        Ok(begun.elapsed())
+        Ok(watch.now().duration_since(begun))
     }
 }

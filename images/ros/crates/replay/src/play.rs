@@ -9,6 +9,7 @@ use bagpipe_ros::{Node, Publication, SendError, Share};
 
 use crate::clock::{BagClock, Schedule};
 use crate::outcome::StepReport;
+use crate::outlet::Outlet;
 use crate::pause::Pause;
 use crate::plan::{Plan, Route};
 use crate::rostime::{clock_frame, clock_topic};
@@ -21,12 +22,12 @@ use crate::{Mode, ReplayError, ReplayRequest};
 /// The tick of a /clock that does not advance between two messages.
 const STEPPED: u64 = u64::MAX;
 
-/// Plays a plan on a node.
-pub(crate) struct Player<'a> {
+/// Plays a plan into outlets, which are a node's publications.
+pub(crate) struct Player<'a, O = Publication> {
     plan: &'a Plan<'a>,
-    publications: Vec<Arc<Publication>>,
+    publications: Vec<Arc<O>>,
     /// /clock, if simulated time is wanted.
-    clock_topic: Option<Arc<Publication>>,
+    clock_topic: Option<Arc<O>>,
     clock: &'a BagClock,
     mode: Mode,
     rate: f64,
@@ -76,9 +77,28 @@ impl<'a> Player<'a> {
         };
         let topics = plan.topics.iter();
         let publications = topics.map(|topic| node.advertise(topic.clone()).map_err(failed));
-        Ok(Player {
+        let publications = publications.collect::<Result<_, _>>()?;
+        Ok(Player::new(plan, clock, request, stepper, (publications, clock_topic)))
+    }
+
+    /// Everything advertised, /clock included.
+    pub(crate) fn advertised(&self) -> impl Iterator<Item = &Arc<Publication>> {
+        self.publications.iter().chain(&self.clock_topic)
+    }
+}
+
+impl<'a, O: Outlet> Player<'a, O> {
+    /// Plays the plan's topics into these outlets, in its order, and /clock into the other one.
+    pub(crate) fn new(
+        plan: &'a Plan<'a>,
+        clock: &'a BagClock,
+        request: &ReplayRequest,
+        stepper: Option<Stepper<'a>>,
+        (publications, clock_topic): (Vec<Arc<O>>, Option<Arc<O>>),
+    ) -> Player<'a, O> {
+        Player {
             plan,
-            publications: publications.collect::<Result<_, _>>()?,
+            publications,
             clock_topic,
             clock,
             mode: request.mode,
@@ -89,17 +109,12 @@ impl<'a> Player<'a> {
             tick: (1e9 / request.clock_rate).max(1.0) as u64,
             stepper,
             pause: request.pause.clone(),
-        })
+        }
     }
 
     /// The advertised topics, in the plan's order; /clock is not among them.
-    pub(crate) fn publications(&self) -> &[Arc<Publication>] {
+    pub(crate) fn publications(&self) -> &[Arc<O>] {
         &self.publications
-    }
-
-    /// Everything advertised, /clock included.
-    pub(crate) fn advertised(&self) -> impl Iterator<Item = &Arc<Publication>> {
-        self.publications.iter().chain(&self.clock_topic)
     }
 
     /// The topics that need a subscriber: those with messages to be played.
@@ -134,9 +149,9 @@ impl<'a> Player<'a> {
         Ok(())
     }
 
-    /// The times of a range that begins at bag time `from`, now.
-    pub(crate) fn schedule(&self, from: u64) -> Schedule {
-        Schedule { epoch: Instant::now(), bag: from, rate: self.rate }
+    /// The times of a range that begins at bag time `from`, at `epoch`.
+    pub(crate) fn schedule(&self, from: u64, epoch: Instant) -> Schedule {
+        Schedule { epoch, bag: from, rate: self.rate }
     }
 
     /// Plays a range by a schedule that has just been made.
@@ -153,7 +168,8 @@ impl<'a> Player<'a> {
             Mode::Max if self.clock_topic.is_none() && self.pause.is_none() => {
                 self.clock.stand(from);
                 let last = self.play_in_runs(range, share, watch)?;
-                return Ok(Pace { last, took: schedule.epoch.elapsed(), ..Pace::default() });
+                let took = watch.now().duration_since(schedule.epoch);
+                return Ok(Pace { last, took, ..Pace::default() });
             }
             Mode::Max | Mode::Lockstep => self.move_to(from),
         }
@@ -169,7 +185,7 @@ impl<'a> Player<'a> {
                     self.wait_for(message.time, schedule, watch)?;
                     let due = schedule.due(message.time);
                     watch.sleep_until(spacing.earliest(&route.topics, due))?;
-                    let now = Instant::now();
+                    let now = watch.now();
                     spacing.sent(&route.topics, now);
                     pace.late = pace.late.max(now.saturating_duration_since(due));
                 }
@@ -183,7 +199,7 @@ impl<'a> Player<'a> {
             watch.reached = message.time;
             pace.last = Some(message.time);
         }
-        pace.took = schedule.epoch.elapsed();
+        pace.took = watch.now().duration_since(schedule.epoch);
         Ok(pace)
     }
 
@@ -198,14 +214,14 @@ impl<'a> Player<'a> {
         let Some(pause) = self.pause.clone() else { return Ok(()) };
         for &at in &route.topics {
             let topic = Arc::clone(&self.publications[at]);
-            if !pause.stops_at(&topic.info().topic) {
+            if !pause.stops_at(topic.topic()) {
                 continue;
             }
             if self.mode == Mode::Realtime {
                 self.wait_for(time, *schedule, watch)?;
             }
             self.clock.stand(self.clock.now());
-            schedule.epoch += pause.wait(&topic.info().topic, watch)?;
+            schedule.epoch += pause.wait(topic.topic(), watch)?;
             if self.mode == Mode::Realtime {
                 self.clock.run(schedule.epoch, schedule.bag, self.rate);
             }
@@ -322,7 +338,7 @@ impl<'a> Player<'a> {
         let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
         sent.map_err(|error| failed(error, watch))?;
         match &self.stepper {
-            Some(stepper) => stepper.settle_clock(topic, &frame, watch),
+            Some(stepper) => stepper.settle_clock(&**topic, &frame, watch),
             None => Ok(()),
         }
     }
@@ -353,12 +369,13 @@ impl<'a> Player<'a> {
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
         let topic = &self.publications[at];
-        let due = self.stepper.as_mut().map(|stepper| stepper.release(at, &frame[4..]));
+        let due =
+            self.stepper.as_mut().map(|stepper| stepper.release(at, &frame[4..], watch.now()));
         topic
             .send(share, &[frame], &mut || watch.must_stop())
             .map_err(|error| failed(error, watch))?;
         if let (Some(stepper), Some(due)) = (&mut self.stepper, due) {
-            stepper.complete(due, topic, watch)?;
+            stepper.complete(due, &**topic, watch)?;
         }
         self.count(at, share, 1, watch);
         Ok(())

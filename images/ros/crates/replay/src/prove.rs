@@ -2,13 +2,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::{Duration, Instant};
 
 use bagpipe_ros::audit::{Audit, Received};
 use bagpipe_ros::{FarEnd, LinkState, Publication};
 
 use crate::outcome::Strength;
+use crate::patience::{Patience, Round, Settled};
 use crate::processes::waits_at;
+use crate::time::Time;
 
 /// A subscriber of a topic: the topic's place and the connection's number.
 type Key = (usize, u64);
@@ -47,27 +48,6 @@ pub(crate) enum Place {
     /// It has read everything, and a thread of it waits at the socket again. Where the thread
     /// that reads also calls, as in rospy, all callbacks have returned.
     Back,
-}
-
-/// How an attempt to see everything received ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Settled {
-    /// No open connection's figures can change any more.
-    Complete,
-    /// Some have not, but nothing has changed for a while.
-    Stable,
-    /// Time ran out.
-    Unsettled,
-}
-
-/// How a settling is waited for.
-pub(crate) struct Patience {
-    /// When to give up on those of whom nothing can be seen.
-    pub(crate) deadline: Instant,
-    /// When to give up on those that are seen to be busy.
-    pub(crate) busy: Instant,
-    /// Without a change for this time, nothing more is expected.
-    pub(crate) stable: Duration,
 }
 
 impl Proof {
@@ -160,36 +140,20 @@ impl Proof {
     }
 
     /// Asks until every node has everything, or nothing changes any more, or time runs
-    /// out, or `stop` (which may also sleep between two rounds) says so.
+    /// out, or `pause` (which may also sleep between two rounds) says so.
     pub(crate) fn settle<E>(
         &mut self,
         topics: &[Arc<Publication>],
         patience: &Patience,
-        mut pause: impl FnMut() -> Result<bool, E>,
+        time: &Time,
+        pause: impl FnMut() -> Result<bool, E>,
     ) -> Result<Settled, E> {
-        let mut before = None;
-        let mut changed = Instant::now();
-        loop {
+        let ask = || {
             self.ask(topics);
             let (complete, figures) = self.figures(topics);
-            let same = before.as_ref() == Some(&figures);
-            if same && complete {
-                // Twice the same: roscpp counts a message before it counts its drop.
-                return Ok(Settled::Complete);
-            }
-            let now = Instant::now();
-            if !same {
-                (before, changed) = (Some(figures), now);
-            }
-            let busy = self.busy(topics);
-            if !busy && now.duration_since(changed) >= patience.stable {
-                return Ok(Settled::Stable);
-            }
-            let deadline = if busy { patience.busy } else { patience.deadline };
-            if now >= deadline || pause()? {
-                return Ok(Settled::Unsettled);
-            }
-        }
+            Round { figures, complete, busy: self.busy(topics) }
+        };
+        patience.settle(time, ask, pause)
     }
 
     /// Remembers the present figures as those of the lead-in, where they can't change any

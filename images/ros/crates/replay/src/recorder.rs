@@ -117,10 +117,10 @@ impl Recorder {
         };
         Recorder {
             shared: Arc::new(Shared {
+                born: clock.time.now(),
                 clock,
                 answers,
                 byte_budget,
-                born: Instant::now(),
                 last: AtomicU64::new(0),
                 messages: AtomicU64::new(0),
                 state: Mutex::new(state),
@@ -180,7 +180,7 @@ impl Recorder {
     pub(crate) fn quiet_for(&self, since: Instant) -> Duration {
         let last =
             self.shared.born + Duration::from_nanos(self.shared.last.load(Ordering::Relaxed));
-        Instant::now().saturating_duration_since(last.max(since))
+        self.shared.clock.time.now().saturating_duration_since(last.max(since))
     }
 
     /// Why recording has failed, if it has.
@@ -326,7 +326,8 @@ impl Sink for Recorder {
     }
 
     fn part(&mut self) {
-        let since = self.shared.born.elapsed().as_nanos() as u64;
+        let now = self.shared.clock.time.now();
+        let since = now.duration_since(self.shared.born).as_nanos() as u64;
         self.shared.last.store(since, Ordering::Relaxed);
     }
 
@@ -353,10 +354,16 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::time::Time;
 
     fn recorder(bytes: u64) -> Recorder {
         let room = Room { bytes, file: None };
-        Recorder::new(Arc::new(BagClock::new(0, u64::MAX)), room, Arc::default(), true)
+        Recorder::new(
+            Arc::new(BagClock::new(Time::Machine, 0, u64::MAX)),
+            room,
+            Arc::default(),
+            true,
+        )
     }
 
     fn connection() -> Arc<Connection> {

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bagpipe_bag::{Bag, ChunkedFile};
 use bagpipe_ros::audit::Audit;
@@ -19,14 +19,16 @@ use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
 use crate::machine::{Foreign, Gauge};
 use crate::outcome::{Ledger, Playback, Replayed, Timings};
+use crate::patience::Patience;
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::processes::{Processes, Waiting};
-use crate::prove::{Patience, Proof};
+use crate::prove::Proof;
 use crate::recorder::{Recorder, Room};
 use crate::simulate::{Turns, World};
 use crate::step::Stepper;
 use crate::subscribe::{Discovery, wait_for_stack};
+use crate::time::Time;
 use crate::watch::Watch;
 use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
 
@@ -81,7 +83,7 @@ pub(crate) fn carry_out(
     cancelled: &dyn Fn() -> Option<Cancellation>,
 ) -> Result<Replayed, ReplayError> {
     let limit = request.window.end.saturating_add(nanoseconds(request.drain_deadline));
-    let clock = Arc::new(BagClock::new(request.window.lead_in_start, limit));
+    let clock = Arc::new(BagClock::new(Time::Machine, request.window.lead_in_start, limit));
     let ordered = request.mode == Mode::Lockstep;
     let steps = if ordered { request.steps.as_slice() } else { &[] };
     let lockstep = Lockstep::new(steps, &plan.topics)?.metered(&request.meter);
@@ -118,7 +120,7 @@ fn finish(recorder: &Recorder, mut outcome: Replayed) -> Result<Replayed, Replay
     Ok(outcome)
 }
 
-fn node_options(request: &ReplayRequest) -> NodeOptions {
+pub(crate) fn node_options(request: &ReplayRequest) -> NodeOptions {
     static NEXT: AtomicU64 = AtomicU64::new(0);
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
     NodeOptions {
@@ -147,9 +149,9 @@ fn perform(
     watch: &mut Watch<'_>,
 ) -> Result<Replayed, ReplayError> {
     let &Scene { node, plan, request, recorder, clock } = scene;
-    let mut laps = Laps::start();
+    let mut laps = Laps::start(watch.now());
     watch.enter(Stage::Subscribe);
-    let mut discovery = Discovery::start(node, &request.record_topics)?;
+    let mut discovery = Discovery::start(node, &request.record_topics, watch.time())?;
     discovery.listen_for(&lockstep, recorder)?;
     let turns = world.map(|world| Turns::new(world, &answers, recorder, &plan.topics));
     let stepper = (request.mode == Mode::Lockstep)
@@ -162,7 +164,7 @@ fn perform(
     rounds.ask();
     let foreign = Foreign::new(Mutex::new(pids.values().copied().collect()));
     let mut processes = Processes::meet(pids.values().copied().collect());
-    let subscribe = laps.lap();
+    let subscribe = laps.lap(watch.now());
 
     let window = request.window;
     let (lead_in, gauge, waiting, pace) = std::thread::scope(|scope| {
@@ -170,7 +172,7 @@ fn perform(
         let _ends = EndOnDrop(&rounds);
         watch.enter(Stage::LeadIn);
         warm_up(&rounds, &mut player, plan, request, watch)?;
-        let lead_in = laps.lap();
+        let lead_in = laps.lap(watch.now());
         watch.enter(Stage::Play);
         clock.stand(window.start);
         let (gauge, waiting) = (Gauge::start(&foreign), Waiting::begin(&pids));
@@ -179,23 +181,23 @@ fn perform(
             node.sweep(PAUSE);
         }
         recorder.count_from(window.start);
-        let schedule = player.schedule(window.start);
+        let schedule = player.schedule(window.start, watch.now());
         let pace = match turns {
             Some(turns) => turns.play(&mut player, watch)?,
             None => player.play(plan.counted.clone(), schedule, Share::Counted, watch)?,
         };
         Ok::<_, ReplayError>((lead_in, gauge, waiting, pace))
     })?;
-    let play = laps.lap();
+    let play = laps.lap(watch.now());
 
     watch.enter(Stage::Drain);
     let there = present(player.publications());
     let mut proof = rounds.into_proof();
-    let drain = Drain { node, request, recorder, since: Instant::now() };
+    let drain = Drain { node, request, recorder, since: watch.now() };
     drain.prove(&mut proof, &mut player, watch)?;
     let waited = waiting.seconds();
     drain.listen(&mut proof, &mut processes, &mut player, watch)?;
-    let timings = Timings { subscribe, lead_in, play, drain: laps.lap() };
+    let timings = Timings { subscribe, lead_in, play, drain: laps.lap(watch.now()) };
     let ledger = conclude(&player, &mut proof, &there, &waited);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     let machine = Some(gauge.finish(playback.late_max_seconds));
@@ -226,7 +228,7 @@ fn warm_up(
         player.play_latched(watch)?;
         await_lead_in(rounds, player, request, watch)?;
     }
-    let schedule = player.schedule(window.lead_in_start);
+    let schedule = player.schedule(window.lead_in_start, watch.now());
     player.play(plan.lead_in.clone(), schedule, Share::LeadIn, watch)?;
     player.wait_until(window.start, schedule, watch)?;
     if !plan.lead_in.is_empty() {
@@ -243,13 +245,12 @@ fn await_lead_in(
     request: &ReplayRequest,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
-    let now = Instant::now();
+    let now = watch.now();
     let (deadline, busy) = (now + LEAD_IN, now + request.drain_deadline.max(LEAD_IN));
     let patience = Patience { deadline, busy, stable: LEAD_IN_STABLE };
     let mut proof = rounds.proof.lock().unwrap_or_else(PoisonError::into_inner);
-    proof.settle(player.publications(), &patience, || {
-        watch.sleep_until(Instant::now() + PAUSE).map(|()| false)
-    })?;
+    let time = watch.time();
+    proof.settle(player.publications(), &patience, time, || watch.sleep(PAUSE).map(|()| false))?;
     proof.end_lead_in(player.publications());
     Ok(())
 }
@@ -282,8 +283,8 @@ fn take_answers(player: &Player<'_>, proof: &mut Proof) {
     }
 }
 
-/// What goes on beside the play: nodes are asked now and then, so that something is known
-/// of those that leave early, and new topics are sought.
+/// What goes on beside the play, on the machine's clock: nodes are asked now and then, so that
+/// something is known of those that leave early, and new topics are sought.
 struct Rounds {
     proof: Mutex<Proof>,
     topics: Vec<Arc<Publication>>,

@@ -1,6 +1,8 @@
 //! Consecutive messages that go out together, at full speed.
 
-use bagpipe_ros::{Publication, SendError, Share};
+use bagpipe_ros::{SendError, Share};
+
+use crate::outlet::{Cancelled, Outlet};
 
 /// Messages that go out in one system call at most, and their bytes: at full speed.
 const RUN: usize = 1024;
@@ -18,27 +20,6 @@ pub(crate) struct Run<'a> {
     bytes: usize,
     /// Bag time of the last one.
     pub(crate) time: u64,
-}
-
-/// Where runs go: the subscribers of a topic.
-pub(crate) trait Outlet {
-    /// As [`Publication::await_unread`].
-    fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError>;
-    /// As [`Publication::send`].
-    fn send(&self, share: Share, frames: &[&[u8]], c: Cancelled<'_>) -> Result<(), SendError>;
-}
-
-/// Asked now and then whether to give up.
-pub(crate) type Cancelled<'a> = &'a mut dyn FnMut() -> bool;
-
-impl Outlet for Publication {
-    fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
-        Publication::await_unread(self, window, cancelled)
-    }
-
-    fn send(&self, share: Share, frames: &[&[u8]], c: Cancelled<'_>) -> Result<(), SendError> {
-        Publication::send(self, share, frames, c)
-    }
 }
 
 impl<'a> Run<'a> {
@@ -103,6 +84,12 @@ mod tests {
     }
 
     impl Outlet for Idle {
+        fn topic(&self) -> &str {
+            "/idle"
+        }
+
+        fn latch(&self, _: &str, _: Share, _: &[u8]) {}
+
         fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
             while self.bytes() as u64 > window {
                 if cancelled() {

@@ -11,6 +11,7 @@ use crate::ReplayError;
 use crate::play::Player;
 use crate::processes::Starting;
 use crate::subscribe::{Discovery, LOOK, open_subscribers, others};
+use crate::time::Time;
 use crate::watch::Watch;
 
 /// How long to wait for connections that the master already knows of.
@@ -31,13 +32,13 @@ pub(crate) fn settle(
     at_rest_below: Option<u32>,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
-    let deadline = Instant::now() + SETTLE;
+    let deadline = watch.now() + SETTLE;
     let node = discovery.node;
     let mut audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
     let mut inner = Inner::default();
     let mut starting = Starting::below(at_rest_below);
     let mut last = SystemState::default();
-    while Instant::now() < deadline {
+    while watch.now() < deadline {
         if let Some(state) = discovery.look()? {
             let name = node.name();
             let heard = player.advertised().all(|publication| {
@@ -50,13 +51,13 @@ pub(crate) fn settle(
                 && heard
                 && begun(&state, &discovery.expected)
                 && discovery.hears_everyone(&state)
-                && inner.stand(&promised(&state, name), &mut audit, deadline)
+                && inner.stand(&promised(&state, name), &mut audit, deadline, watch.time())
             {
                 return Ok(());
             }
             last = state;
         }
-        watch.sleep_until(Instant::now() + LOOK)?;
+        watch.sleep(LOOK)?;
         player.show_clock(watch)?;
     }
     Ok(())
@@ -111,12 +112,13 @@ impl Inner {
         promised: &BTreeMap<String, BTreeSet<Link>>,
         audit: &mut Audit,
         deadline: Instant,
+        time: &Time,
     ) -> bool {
         for (node, links) in promised {
             if self.holds(node, links) {
                 continue;
             }
-            if Instant::now() >= deadline {
+            if time.now() >= deadline {
                 return false;
             }
             match audit.subscribers(node) {

@@ -7,12 +7,12 @@
 
 use std::cell::RefCell;
 use std::sync::Arc;
-use std::time::Instant;
 
 use bagpipe_bag::Connection;
 use bagpipe_ros::{Share, TopicInfo};
 
 use crate::answers::Answers;
+use crate::outlet::Outlet;
 use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::recorder::Recorder;
@@ -112,16 +112,16 @@ impl<'a> Turns<'a> {
     }
 
     /// Takes turns until the world ends.
-    pub(crate) fn play(
+    pub(crate) fn play<O: Outlet>(
         mut self,
-        player: &mut Player<'_>,
+        player: &mut Player<'_, O>,
         watch: &mut Watch<'_>,
     ) -> Result<Pace, ReplayError> {
-        let begun = Instant::now();
+        let begun = watch.now();
         while let Some(moment) = self.next(watch)? {
             self.show(&moment, player, watch)?;
         }
-        Ok(Pace { last: self.before, took: begun.elapsed(), ..Pace::default() })
+        Ok(Pace { last: self.before, took: watch.now().duration_since(begun), ..Pace::default() })
     }
 
     fn next(&mut self, watch: &mut Watch<'_>) -> Result<Option<Moment>, ReplayError> {
@@ -138,10 +138,10 @@ impl<'a> Turns<'a> {
         }
     }
 
-    fn show(
+    fn show<O: Outlet>(
         &mut self,
         moment: &Moment,
-        player: &mut Player<'_>,
+        player: &mut Player<'_, O>,
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
         if self.before.is_some_and(|before| before >= moment.time) {

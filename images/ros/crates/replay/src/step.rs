@@ -4,12 +4,13 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Publication, Share};
+use bagpipe_ros::{Node, Share};
 
 use crate::ReplayError;
 use crate::answers::Answers;
 use crate::lockstep::{Due, Lockstep};
 use crate::outcome::StepReport;
+use crate::outlet::Outlet;
 use crate::play::failed;
 use crate::recorder::Recorder;
 use crate::watch::Watch;
@@ -42,7 +43,7 @@ impl<'a> Stepper<'a> {
     /// has been set. roscpp sets it on another thread, which nobody can see from outside.
     pub(crate) fn settle_clock(
         &self,
-        topic: &Publication,
+        topic: &impl Outlet,
         frame: &[u8],
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
@@ -68,20 +69,26 @@ impl<'a> Stepper<'a> {
         }
     }
 
-    /// A message goes out next: the answers that are due to it.
-    pub(crate) fn release(&mut self, topic: usize, data: &[u8]) -> (Vec<Due>, Instant) {
-        (self.lockstep.release(topic, data, self.now, &self.answers), Instant::now())
+    /// A message goes out next: the answers that are due to it, from `now` on.
+    pub(crate) fn release(
+        &mut self,
+        topic: usize,
+        data: &[u8],
+        now: Instant,
+    ) -> (Vec<Due>, Instant) {
+        (self.lockstep.release(topic, data, self.now, &self.answers), now)
     }
 
     /// Waits until the message has been answered, and read by all of its subscribers.
     pub(crate) fn complete(
         &mut self,
         (dues, released): (Vec<Due>, Instant),
-        topic: &Publication,
+        topic: &impl Outlet,
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
+        let time = watch.time();
         for due in dues {
-            self.lockstep.wait(due, released, &self.answers, || watch.check())?;
+            self.lockstep.wait(due, released, &self.answers, time, || watch.check())?;
         }
         await_read(topic, watch)
     }
@@ -98,6 +105,6 @@ impl<'a> Stepper<'a> {
 }
 
 /// Waits until every subscriber has read everything from its socket.
-fn await_read(topic: &Publication, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
-    topic.await_read(&mut || watch.must_stop()).map_err(|error| failed(error, watch))
+fn await_read(topic: &impl Outlet, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+    topic.await_unread(0, &mut || watch.must_stop()).map_err(|error| failed(error, watch))
 }

@@ -12,6 +12,7 @@ use crate::play::Player;
 use crate::recorder::Recorder;
 use crate::request::resolved;
 use crate::settle::settle;
+use crate::time::Time;
 use crate::watch::Watch;
 use crate::{ReplayError, ReplayRequest};
 
@@ -31,6 +32,7 @@ pub(crate) struct Discovery<'a> {
     /// Topics whose publishers must be there before the play begins.
     pub(crate) expected: Vec<String>,
     master: Mutex<MasterSeen>,
+    time: &'a Time,
 }
 
 /// How the master was found.
@@ -44,7 +46,11 @@ struct MasterSeen {
 
 impl<'a> Discovery<'a> {
     /// Subscribes to the plain names at once; the patterns need [`Discovery::look`].
-    pub(crate) fn start(node: &'a Node, record: &[String]) -> Result<Discovery<'a>, ReplayError> {
+    pub(crate) fn start(
+        node: &'a Node,
+        record: &[String],
+        time: &'a Time,
+    ) -> Result<Discovery<'a>, ReplayError> {
         let mut patterns = Vec::new();
         for text in record {
             if is_plain(text) {
@@ -53,7 +59,7 @@ impl<'a> Discovery<'a> {
                 patterns.push(whole(text)?);
             }
         }
-        Ok(Discovery { node, patterns, expected: Vec::new(), master: Mutex::default() })
+        Ok(Discovery { node, patterns, expected: Vec::new(), master: Mutex::default(), time })
     }
 
     /// Subscribes to the answers of a lock-step play, which need not be recorded, and expects
@@ -98,8 +104,9 @@ impl<'a> Discovery<'a> {
                 Ok(Some(state))
             }
             Err(error) => {
-                let since = *master.silent.get_or_insert_with(Instant::now);
-                if since.elapsed() >= GONE {
+                let now = self.time.now();
+                let since = *master.silent.get_or_insert(now);
+                if now.duration_since(since) >= GONE {
                     return Err(ReplayError::RosMasterFailed(error));
                 }
                 Ok(None)
@@ -155,12 +162,13 @@ pub(crate) fn wait_for_stack(
     request: &ReplayRequest,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
-    let deadline = Instant::now() + request.subscribe_deadline;
-    let mut waiting = Waiting::new(player.required(), request.topics.is_empty());
-    let mut next_look = Instant::now();
+    let begun = watch.now();
+    let deadline = begun + request.subscribe_deadline;
+    let mut waiting = Waiting::new(player.required(), request.topics.is_empty(), begun);
+    let mut next_look = begun;
     loop {
         watch.check()?;
-        let now = Instant::now();
+        let now = watch.now();
         if now >= next_look {
             next_look = now + DISCOVER;
             discovery.look()?;
@@ -187,9 +195,9 @@ pub(crate) fn wait_for_stack(
         watch.sleep_until(now + LOOK)?;
     }
     settle(discovery, player, request.start.at_rest_below, watch)?;
-    let begin = Instant::now() + request.start.delay;
-    while Instant::now() < begin {
-        watch.sleep_until(begin.min(Instant::now() + LOOK))?;
+    let begin = watch.now() + request.start.delay;
+    while watch.now() < begin {
+        watch.sleep_until(begin.min(watch.now() + LOOK))?;
         player.show_clock(watch)?;
     }
     Ok(())
@@ -229,8 +237,8 @@ struct Waiting {
 }
 
 impl Waiting {
-    fn new(required: Vec<usize>, any: bool) -> Waiting {
-        Waiting { required, any, links: 0, since: Instant::now() }
+    fn new(required: Vec<usize>, any: bool, now: Instant) -> Waiting {
+        Waiting { required, any, links: 0, since: now }
     }
 
     fn is_over(&mut self, topics: &[Arc<Publication>], now: Instant, deadline: Instant) -> bool {

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 use crate::clock::BagClock;
 use crate::meter::{Seen, Tally};
 use crate::recorder::Recorder;
+use crate::time::Time;
 use crate::{Cancellation, Progress, ReplayError, ReplayRequest, Stage};
 
 /// The least time between two looks.
@@ -44,7 +45,7 @@ impl<'a> Watch<'a> {
         progress: &'a mut dyn FnMut(Progress),
         cancelled: &'a dyn Fn() -> Option<Cancellation>,
     ) -> Watch<'a> {
-        let now = Instant::now();
+        let now = clock.time.now();
         Watch {
             cancelled,
             progress,
@@ -65,17 +66,27 @@ impl<'a> Watch<'a> {
         }
     }
 
+    /// What it goes by.
+    pub(crate) fn time(&self) -> &'a Time {
+        &self.clock.time
+    }
+
+    /// The present moment.
+    pub(crate) fn now(&self) -> Instant {
+        self.clock.time.now()
+    }
+
     /// Enters a stage and tells so.
     pub(crate) fn enter(&mut self, stage: Stage) {
         self.note();
-        self.tally.enter(stage, self.window_start, Instant::now());
+        self.tally.enter(stage, self.window_start, self.now());
         self.stage = stage;
         self.tell();
     }
 
     /// Whether to stop now; looks at most every 10 ms, so it costs nothing in a loop.
     pub(crate) fn must_stop(&mut self) -> bool {
-        let now = Instant::now();
+        let now = self.now();
         if self.failure.is_none() && now.duration_since(self.looked) >= LOOK {
             self.looked = now;
             self.failure = self.look(now);
@@ -102,7 +113,7 @@ impl<'a> Watch<'a> {
 
     /// The last message goes out now: whoever ends from here on may have had everything.
     pub(crate) fn last_goes_out(&mut self) {
-        self.last_out = Some(Instant::now());
+        self.last_out = Some(self.now());
     }
 
     /// Whether the stack ended while that was allowed, behind the last message.
@@ -110,15 +121,20 @@ impl<'a> Watch<'a> {
         self.stack_exited
     }
 
+    /// Sleeps for so long, looking up now and then.
+    pub(crate) fn sleep(&mut self, time: Duration) -> Result<(), ReplayError> {
+        self.sleep_until(self.now() + time)
+    }
+
     /// Sleeps until `due`, looking up now and then.
     pub(crate) fn sleep_until(&mut self, due: Instant) -> Result<(), ReplayError> {
         loop {
-            let left = due.saturating_duration_since(Instant::now());
+            let left = due.saturating_duration_since(self.now());
             if left.is_zero() {
                 return Ok(());
             }
             self.check()?;
-            std::thread::sleep(left.min(NAP));
+            self.clock.time.sleep(left.min(NAP));
         }
     }
 
@@ -151,7 +167,7 @@ impl<'a> Watch<'a> {
 
     fn tell(&mut self) {
         self.note();
-        self.told = Instant::now();
+        self.told = self.now();
         let bag = self.clock.now().saturating_sub(self.lead_in_start);
         (self.progress)(Progress {
             stage: self.stage,
@@ -165,7 +181,8 @@ impl<'a> Watch<'a> {
     /// Brings the meter up to date.
     fn note(&mut self) {
         let (sent, reached, recorded) = (self.sent, self.reached, self.recorder.figures());
-        self.tally.note(Seen { sent, reached, recorded }, Instant::now());
+        let now = self.now();
+        self.tally.note(Seen { sent, reached, recorded }, now);
     }
 }
 

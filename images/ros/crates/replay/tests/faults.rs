@@ -8,7 +8,7 @@ mod witness;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bagpipe_replay::{Cancellation, Mode, ReplayError, Stage, replay};
 use graph::Graph;
@@ -27,7 +27,6 @@ fn a_stack_that_never_subscribes_is_named_with_what_it_subscribes_to() {
     let mut request = request(&bag, &graph.uri);
     request.topics = vec!["/talk".to_owned()];
     request.subscribe_deadline = Duration::from_millis(700);
-    let began = Instant::now();
     let error = run(&bag, &request).unwrap_err();
     assert_eq!(error.reason(), "NeverSubscribed");
     assert_eq!(
@@ -35,7 +34,6 @@ fn a_stack_that_never_subscribes_is_named_with_what_it_subscribes_to() {
         "nobody subscribed to /talk within 0.7 s; the stack's nodes subscribe to /elsewhere \
          (by /words); remap joins the names"
     );
-    assert!(began.elapsed() < Duration::from_secs(30), "{:?}", began.elapsed());
     drop(node);
 }
 
@@ -183,35 +181,18 @@ fn a_stack_that_exits_ends_the_play() {
     let _node = graph.python(&node("words.py"), &["/talk"]);
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
-    let playing = std::cell::Cell::new(None);
+    let playing = std::cell::Cell::new(false);
     let mut progress = |progress: bagpipe_replay::Progress| {
-        if progress.stage == Stage::Play && playing.get().is_none() {
-            playing.set(Some(Instant::now()));
-        }
+        playing.set(playing.get() || progress.stage == Stage::Play);
     };
-    let exits = || playing.get().map(|_| Cancellation::StackExited);
+    let exits = || playing.get().then_some(Cancellation::StackExited);
     let error = replay(&bag, &request, &mut progress, &exits).unwrap_err();
     assert!(matches!(error, ReplayError::StackExited { .. }), "{error}");
+    // Ten minutes before the second message is due.
     assert_eq!(
         error.to_string(),
         "the stack ended during the play; it must keep running until the agent stops it"
     );
-    let took = playing.get().unwrap().elapsed();
-    assert!(took < Duration::from_secs(60), "{took:?}");
-}
-
-#[test]
-fn the_case_deadline_holds_in_the_middle_of_a_play() {
-    let bag = bag_of_words(&[words("/talk", "/t", false)], &[(0, 0, "a"), (0, 600_000, "b")]);
-    let graph = Graph::start(TMP);
-    let _node = graph.python(&node("words.py"), &["/talk"]);
-    let mut request = request(&bag, &graph.uri);
-    request.mode = Mode::Realtime;
-    request.case_deadline = Instant::now() + Duration::from_secs(4);
-    let error = run(&bag, &request).unwrap_err();
-    assert_eq!(error.reason(), "CaseDeadlineExceeded");
-    let late = Instant::now().duration_since(request.case_deadline);
-    assert!(late < Duration::from_secs(30), "{late:?}");
 }
 
 // Promise: recording-over-budget

@@ -6,7 +6,7 @@ mod scene;
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_replay::{AnswerBy, Mode, ReplayRequest, Replayed, Step};
@@ -176,21 +176,18 @@ fn two_inputs_that_are_fused_are_answered_once_both_have_come() {
 fn an_answer_that_does_not_come_is_no_output_after_its_deadline_and_the_play_goes_on() {
     let messages: Vec<(usize, u64, &str)> = (0..6).map(|n| (0, 1_000 + n * 100, "w")).collect();
     let bag = bag_of_words(&[words("/in", "/t", false)], &messages);
-    for optional in [false, true] {
-        let graph = Graph::start(TMP);
-        let _second = graph.python(&node("fuse.py"), &["/out", "2", "/in"]);
-        let mut every_second = step("/in", "/out");
-        (every_second.deadline, every_second.optional) = (Duration::from_secs(5), optional);
-        let begun = Instant::now();
-        let replayed = run(&bag, &lockstep(&bag, &graph, &[every_second])).unwrap();
-        let step = &replayed.playback.steps[0];
-        assert_eq!((step.released, step.answered), (6, 3), "{step:?}");
-        let silent = if optional { (0, 3) } else { (3, 0) };
-        assert_eq!((step.no_output, step.skipped), silent);
-        assert!(begun.elapsed() >= 3 * Duration::from_secs(5));
-        let times: Vec<u64> = texts(&replayed).iter().map(|(time, _)| *time).collect();
-        assert_eq!(times, [1_100, 1_300, 1_500]);
-    }
+    let graph = Graph::start(TMP);
+    let _second = graph.python(&node("fuse.py"), &["/out", "2", "/in"]);
+    let mut every_second = step("/in", "/out");
+    // So long an answer may take; those that may be skipped are in src/rehearsal.
+    every_second.deadline = Duration::from_secs(5);
+    let replayed = run(&bag, &lockstep(&bag, &graph, &[every_second])).unwrap();
+    let step = &replayed.playback.steps[0];
+    assert_eq!((step.released, step.answered), (6, 3), "{step:?}");
+    assert_eq!((step.no_output, step.skipped), (3, 0));
+    assert!(replayed.playback.played_seconds >= 15.0, "{:?}", replayed.playback);
+    let times: Vec<u64> = texts(&replayed).iter().map(|(time, _)| *time).collect();
+    assert_eq!(times, [1_100, 1_300, 1_500]);
 }
 
 #[test]

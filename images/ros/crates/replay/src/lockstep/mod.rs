@@ -26,6 +26,7 @@ use crate::outcome::StepReport;
 use crate::pairing::{Pairing, Span};
 use crate::request::resolved;
 use crate::stamp::{has_header, stamp};
+use crate::time::Time;
 use crate::{AnswerBy, Meter, ReplayError, Step};
 use group::{Group, Input};
 
@@ -149,6 +150,7 @@ impl Lockstep {
         due: Due,
         released: Instant,
         answers: &Answers,
+        time: &Time,
         mut check: impl FnMut() -> Result<(), ReplayError>,
     ) -> Result<(), ReplayError> {
         const LOOK: Duration = Duration::from_millis(10);
@@ -158,9 +160,9 @@ impl Lockstep {
             Target::Stamp(span) => heard.pairing.as_mut().is_some_and(|pairing| pairing.take(span)),
         };
         loop {
-            let left = due.deadline.saturating_sub(released.elapsed());
-            if answers.wait(&group.answer, left.min(LOOK), come) {
-                let waited = released.elapsed();
+            let left = due.deadline.saturating_sub(time.now().duration_since(released));
+            if answers.wait(&group.answer, time, left.min(LOOK), come) {
+                let waited = time.now().duration_since(released);
                 self.meter.answered(waited);
                 let waited = waited.as_secs_f64();
                 group.report.answered += 1;
@@ -350,7 +352,7 @@ mod tests {
             if let Some(said) = said {
                 pair(&answers, "/out", |pairing| pairing.hear(said * SECOND));
             }
-            lockstep.wait(due, Instant::now(), &answers, || Ok(())).unwrap();
+            lockstep.wait(due, Instant::now(), &answers, &Time::Machine, || Ok(())).unwrap();
         }
         let (reports, warnings) = lockstep.reports(&answers);
         let counts = (reports[0].answered, reports[0].no_output, reports[0].unmatched);
@@ -370,7 +372,7 @@ mod tests {
             pair(answers, "/out", |pairing| pairing.hear(stamp * SECOND));
         }
         let before = lockstep.groups[0].report.answered;
-        lockstep.wait(due, Instant::now(), answers, || Ok(())).unwrap();
+        lockstep.wait(due, Instant::now(), answers, &Time::Machine, || Ok(())).unwrap();
         lockstep.groups[0].report.answered > before
     }
 
@@ -407,7 +409,7 @@ mod tests {
                     answers.of("/out", |heard| heard.count += 1);
                     pair(&answers, "/out", |pairing| pairing.hear(u64::from(*input) * SECOND));
                 }
-                lockstep.wait(due, Instant::now(), &answers, || Ok(())).unwrap();
+                lockstep.wait(due, Instant::now(), &answers, &Time::Machine, || Ok(())).unwrap();
             }
             let topics = lockstep.answered(&answers);
             topics.into_iter().map(|(topic, _)| topic).collect::<Vec<_>>()
@@ -459,7 +461,7 @@ mod tests {
             let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
             let answers = Answers::new(lockstep.awaited());
             let due = lockstep.release(2, &[1], None, &answers)[0];
-            lockstep.wait(due, Instant::now(), &answers, || Ok(())).unwrap();
+            lockstep.wait(due, Instant::now(), &answers, &Time::Machine, || Ok(())).unwrap();
             let report = &lockstep.reports(&answers).0[0];
             assert_eq!(
                 (report.no_output, report.skipped, report.released),

@@ -1,6 +1,7 @@
 //! What the replay tests play: the real PR2 recording, small bags, usual requests.
 #![allow(dead_code)] // each test file uses its own part
 
+mod bags;
 #[path = "../../../bag/tests/needed/mod.rs"]
 mod needed;
 
@@ -9,10 +10,13 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_replay::{
     CLOCK_RATE, Mode, Progress, ReplayError, ReplayRequest, Replayed, StartWhen, Window, replay,
 };
+
+#[allow(unused_imports)] // each test file uses its own part
+pub use bags::{bag_of, bag_of_words, packed, words};
 
 /// Where compiled nodes and the graphs' folders lie.
 pub const TMP: &str = env!("CARGO_TARGET_TMPDIR");
@@ -57,55 +61,6 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
 /// Replays without anybody who cancels.
 pub fn run(bag: &Bag<MemoryChunkedFile>, request: &ReplayRequest) -> Result<Replayed, ReplayError> {
     replay(bag, request, &mut |_: Progress| (), &|| None)
-}
-
-/// A std_msgs/String connection.
-pub fn words(topic: &str, caller_id: &str, latching: bool) -> Connection {
-    Connection {
-        id: 0,
-        topic: topic.to_owned(),
-        datatype: "std_msgs/String".to_owned(),
-        md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-        definition: "string data\n".to_owned(),
-        caller_id: Some(caller_id.to_owned()),
-        latching,
-    }
-}
-
-/// A bag of strings: connections, then (connection, milliseconds, text).
-pub fn bag_of_words(
-    connections: &[Connection],
-    messages: &[(usize, u64, &str)],
-) -> Bag<MemoryChunkedFile> {
-    let mut writer = BagWriter::new(WriterOptions::default());
-    let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
-    for (connection, milliseconds, text) in messages {
-        let data = [&(text.len() as u32).to_le_bytes()[..], text.as_bytes()].concat();
-        writer.write(ids[*connection], milliseconds * 1_000_000, &data).unwrap();
-    }
-    Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
-}
-
-/// A bag of (connection, data), a millisecond apart.
-pub fn bag_of(
-    connections: &[Connection],
-    messages: impl Iterator<Item = (usize, Vec<u8>)>,
-) -> Bag<MemoryChunkedFile> {
-    packed(connections, messages, WriterOptions::default())
-}
-
-/// The same, in the chunks that are asked for.
-pub fn packed(
-    connections: &[Connection],
-    messages: impl Iterator<Item = (usize, Vec<u8>)>,
-    options: WriterOptions,
-) -> Bag<MemoryChunkedFile> {
-    let mut writer = BagWriter::new(options);
-    let ids: Vec<u32> = connections.iter().map(|c| writer.add_connection(c)).collect();
-    for (number, (connection, data)) in messages.enumerate() {
-        writer.write(ids[connection], 1_000_000 * number as u64, &data).unwrap();
-    }
-    Bag::open(MemoryChunkedFile::new(writer.finish().unwrap())).unwrap()
 }
 
 /// (connection's topic, time in nanoseconds, data) of a recording.

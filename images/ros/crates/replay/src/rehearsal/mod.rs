@@ -1,0 +1,168 @@
+//! Plays without a graph, on a clock that is moved by hand: what goes out stays in memory, with
+//! its moment. Nothing here sleeps, and each figure is exact.
+
+#[path = "../../tests/scene/bags.rs"]
+mod bags;
+mod deadlines;
+mod drain;
+mod kept;
+mod lockstep;
+mod master;
+mod pause;
+mod realtime;
+mod start;
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use bagpipe_bag::{Bag, MemoryChunkedFile};
+use bagpipe_ros::{ConnectionHeader, Incoming, Node, Sink};
+
+use crate::answers::Answers;
+use crate::clock::BagClock;
+use crate::lockstep::Lockstep;
+use crate::plan::Plan;
+use crate::play::Player;
+use crate::recorder::{Recorder, Room};
+use crate::replay::node_options;
+use crate::request::resolved;
+use crate::rostime::clock_topic;
+use crate::step::Stepper;
+use crate::time::ByHand;
+use crate::watch::Watch;
+use crate::{
+    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, StartWhen, Step, Window,
+};
+use kept::{Kept, Log};
+
+const MS: u64 = 1_000_000;
+
+const fn ms(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}
+
+/// A window of milliseconds of bag time, without a warm-up.
+const fn window(start: u64, end: u64) -> Window {
+    Window { lead_in_start: start * MS, start: start * MS, end: end * MS }
+}
+
+/// A request in realtime for a window. Nobody answers as its master.
+fn request(by_hand: &ByHand, window: Window) -> ReplayRequest {
+    ReplayRequest {
+        master_uri: "http://127.0.0.1:9/".to_owned(),
+        window,
+        topics: vec!["/a".to_owned(), "/b".to_owned()],
+        remap: BTreeMap::new(),
+        mode: Mode::Realtime,
+        steps: Vec::new(),
+        rate: 1.0,
+        record_topics: Vec::new(),
+        byte_budget: 1 << 20,
+        record_to: None,
+        subscribe_deadline: ms(60_000),
+        drain_deadline: ms(2_000),
+        case_deadline: by_hand.moment(ms(1_000_000)),
+        use_sim_time: false,
+        clock_rate: CLOCK_RATE,
+        start: StartWhen::default(),
+        pause: None,
+        meter: Arc::default(),
+    }
+}
+
+/// A step of /a's messages, answered on /answer.
+fn step(by: AnswerBy, deadline: Duration) -> Step {
+    let (trigger, answer) = ("/a".to_owned(), "/answer".to_owned());
+    Step { trigger, answer, deadline, by, optional: false }
+}
+
+/// What a play needs beside its bag, and what came of it.
+struct Rehearsal {
+    by_hand: Arc<ByHand>,
+    request: ReplayRequest,
+    clock: Arc<BagClock>,
+    recorder: Recorder,
+    answers: Arc<Answers>,
+    /// What went out.
+    log: Log,
+    /// What was told, and when.
+    told: Mutex<Vec<(Duration, Progress)>>,
+    cancelled: Arc<Mutex<Option<Cancellation>>>,
+}
+
+impl Rehearsal {
+    fn new(by_hand: &Arc<ByHand>, request: ReplayRequest) -> Rehearsal {
+        let start = request.window.lead_in_start;
+        let clock = Arc::new(BagClock::new(by_hand.time(), start, u64::MAX));
+        let awaited: Vec<(String, bool)> =
+            request.steps.iter().map(|s| (resolved(&s.answer), s.by == AnswerBy::Stamp)).collect();
+        let answers = Answers::new(awaited.iter().map(|(topic, by)| (topic.as_str(), *by)));
+        let answers = Arc::new(answers);
+        let room = Room { bytes: request.byte_budget, file: None };
+        let ordered = request.mode == Mode::Lockstep;
+        let recorder = Recorder::new(Arc::clone(&clock), room, Arc::clone(&answers), ordered);
+        Rehearsal {
+            by_hand: Arc::clone(by_hand),
+            log: Log::new(by_hand, &clock),
+            request,
+            clock,
+            recorder,
+            answers,
+            told: Mutex::default(),
+            cancelled: Arc::default(),
+        }
+    }
+
+    /// Acts under the watch.
+    fn watched<R>(&self, act: impl FnOnce(&mut Watch<'_>) -> R) -> R {
+        let mut progress = |progress| {
+            self.told.lock().unwrap().push((self.by_hand.passed(), progress));
+        };
+        let cancelled = || *self.cancelled.lock().unwrap();
+        let (recorder, clock) = (&self.recorder, &self.clock);
+        act(&mut Watch::new(&self.request, recorder, clock, &mut progress, &cancelled))
+    }
+
+    /// Lets a player of a bag act, whose outlets keep what goes out.
+    fn play<R>(
+        &self,
+        bag: &Bag<MemoryChunkedFile>,
+        act: impl FnOnce(&mut Player<'_, Kept>, &Plan<'_>, &mut Watch<'_>) -> R,
+    ) -> R {
+        let plan = Plan::new(std::slice::from_ref(bag), &self.request).unwrap();
+        let node = self.node();
+        let stepper = (self.request.mode == Mode::Lockstep).then(|| {
+            let lockstep = Lockstep::new(&self.request.steps, &plan.topics).unwrap();
+            Stepper::new(&node, lockstep, Arc::clone(&self.answers), &self.recorder)
+        });
+        let outlets = plan.topics.iter().map(|info| self.log.outlet(&info.topic)).collect();
+        let clock = self.request.use_sim_time.then(|| self.log.outlet(&clock_topic().topic));
+        let outlets = (outlets, clock);
+        let mut player = Player::new(&plan, &self.clock, &self.request, stepper, outlets);
+        self.watched(|watch| act(&mut player, &plan, watch))
+    }
+
+    /// A node that has called nobody yet.
+    fn node(&self) -> Node {
+        Node::start(node_options(&self.request), Box::new(self.recorder.clone())).unwrap()
+    }
+
+    /// After so much time the stack says something.
+    fn says(&self, after: Duration, topic: &'static str) {
+        let recorder = self.recorder.clone();
+        self.by_hand.at(after, move || say(&recorder, topic));
+    }
+
+    /// After so much time somebody wants an end.
+    fn cancels(&self, after: Duration, why: Cancellation) {
+        let cancelled = Arc::clone(&self.cancelled);
+        self.by_hand.at(after, move || *cancelled.lock().unwrap() = Some(why));
+    }
+}
+
+/// The stack says something now.
+fn say(recorder: &Recorder, topic: &str) {
+    let header = &ConnectionHeader::default();
+    recorder.clone().message(Incoming { topic, header, link: 1, data: &[0; 4] });
+}
