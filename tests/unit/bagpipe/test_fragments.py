@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, read_tail
-from bagpipe.plan.fragments import FragmentPlan, cut
+from bagpipe.plan.fragments import FragmentPlan, Window, cut, cut_one
 from tests.recording import fetch
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
@@ -71,6 +71,72 @@ def test_cuts_move_to_a_near_chunk_boundary_and_no_further() -> None:
     tail = tail_with([(0, 3.6, {0: 9}), (3.7, 6.4, {0: 9}), (6.5, 12, {0: 9})], SCAN)
     starts = [f.window.start / SECOND for f in cut(tail, [], 4 * SECOND, 0)]
     assert starts == [0, 3.7, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("boundaries", "cut_at"),
+    [
+        ([3 * SECOND], 3 * SECOND),
+        ([3 * SECOND - 1], 4 * SECOND),
+        ([5 * SECOND], 5 * SECOND),
+        ([5 * SECOND + 1], 4 * SECOND),
+        ([3_400_000_000, 4_500_000_000], 4_500_000_000),
+        ([3_600_000_000, 4_500_000_000], 3_600_000_000),
+        ([3_500_000_000, 4_500_000_000], 3_500_000_000),  # as near: the earlier one
+        ([3_800_000_000, 4 * SECOND, 4_100_000_000], 4 * SECOND),
+    ],
+)
+def test_a_cut_moves_by_a_quarter_of_the_length_at_most(boundaries: list[int], cut_at: int) -> None:
+    times = [0, *boundaries, 8 * SECOND - 1]
+    chunks = [
+        Chunk(1000 * n, 1000 * n + 1000, start, end - 1, {0: 1})
+        for n, (start, end) in enumerate(itertools.pairwise(times))
+    ]
+    first, second = cut(BagTail(10**6, [SCAN], chunks), [], 4 * SECOND, 0)
+    assert (first.window.end, second.window.start) == (cut_at, cut_at)
+
+
+@pytest.mark.parametrize(("end", "ends"), [(5 * SECOND, [4, 5]), (5 * SECOND - 1, [5])])
+def test_a_remainder_of_a_quarter_of_the_length_is_a_fragment(end: int, ends: list[int]) -> None:
+    tail = BagTail(10**6, [SCAN], [Chunk(1000, 2000, 0, end - 1, {0: 9})])
+    fragments = cut(tail, [], 4 * SECOND, 0)
+    assert [round(fragment.window.end / SECOND) for fragment in fragments] == ends
+
+
+def test_a_window_of_one_s_own_has_what_it_touches_and_the_state_before_it() -> None:
+    chunks = [
+        (0.0, 1.0, {1: 1}),
+        (1.0, 2.0, {2: 4}),  # another topic
+        (2.0, 3.0, {0: 5}),  # ends before the lead-in
+        (3.0, 4.0, {0: 6}),  # ends as the lead-in starts
+        (4.5, 5.5, {0: 7, 2: 1}),
+        (6.0, 7.0, {0: 8}),  # starts as the window ends
+    ]
+    map_, camera = connection(1, "/map", latching=True), connection(2, "/camera")
+    tail = tail_with(chunks, SCAN, map_, camera)
+    window = Window(4 * SECOND, 5 * SECOND, 6 * SECOND)
+    fragment = cut_one(tail, ["/scan", "/map"], window)
+    assert fragment == FragmentPlan(window, [(1000, 1000), (4000, 2000)], 13, 0)
+    everything = cut_one(tail, [], window)
+    assert (everything.ranges, everything.messages) == ([(1000, 1000), (4000, 2000)], 14)
+    nothing = cut_one(tail, ["/other"], window)
+    assert (nothing.ranges, nothing.messages) == ([], 0)
+
+
+def test_the_state_of_a_topic_that_is_not_wanted_stays_behind() -> None:
+    chunks = [(0.0, 1.0, {1: 1}), (4.0, 5.0, {0: 5})]
+    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    window = Window(4 * SECOND, 4 * SECOND, 9 * SECOND)
+    assert cut_one(tail, ["/scan"], window).ranges == [(2000, 1000)]
+
+
+def test_a_latched_message_of_the_lead_in_s_first_moment_replaces_none_before_it() -> None:
+    """The chunk of the older one is needed: only what lies before the lead-in is certain."""
+    for end, ranges in ((4.0, [(1000, 1000), (3000, 2000)]), (3.9, [(3000, 2000)])):
+        chunks = [(0.0, 1.0, {1: 1}), (2.0, 2.5, {0: 1}), (3.0, end, {1: 1}), (4.5, 5.0, {0: 1})]
+        tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+        window = Window(4 * SECOND, 4 * SECOND, 9 * SECOND)
+        assert cut_one(tail, [], window).ranges == ranges
 
 
 def test_a_short_remainder_joins_the_last_fragment() -> None:
@@ -216,6 +282,58 @@ def test_no_index_behind_a_chunk_is_read_where_the_tail_tells() -> None:
         assert cut(tail, ["/scan"], 60 * SECOND, 0, refused)
 
 
+@pytest.mark.parametrize(
+    ("chunks", "numbers"),
+    [
+        # With other topics' messages: it begins and ends in the window, maybe just with it.
+        ([(0.0, 3.0, {0: 1, 1: 1})], [0]),
+        ([(0.0, 0.5, {0: 1}), (5.0, 7.0, {0: 1, 1: 1})], [0, 1]),
+        # Of the topic alone: it begins in one window, and ends in the next.
+        ([(0.0, 6.0, {0: 1})], [0, 1]),
+    ],
+)
+def test_a_chunk_s_own_first_or_last_time_is_enough(
+    chunks: list[tuple[float, float, dict[int, int]]], numbers: list[int]
+) -> None:
+    def refused(offset: int, length: int) -> bytes:
+        raise AssertionError(f"{length} bytes at {offset} were read")
+
+    tail = tail_with(chunks, SCAN, connection(1, "/camera"))
+    assert [f.number for f in cut(tail, ["/scan"], 4 * SECOND, 0, refused)] == numbers
+
+
+def test_of_a_chunk_with_some_of_the_topics_alone_no_index_is_read() -> None:
+    def refused(offset: int, length: int) -> bytes:
+        raise AssertionError(f"{length} bytes at {offset} were read")
+
+    tail = tail_with([(0.0, 6.0, {0: 1})], SCAN, connection(1, "/camera"))
+    assert len(cut(tail, [], 4 * SECOND, 0, refused)) == 2
+
+
+def test_a_message_at_a_window_s_end_is_the_next_one_s(tmp_path: Path) -> None:
+    recorded = [
+        Recorded("/camera", 10 * SECOND, "a"),
+        Recorded("/scan", 14 * SECOND, "b" * 500),  # ends its chunk
+        Recorded("/scan", 19 * SECOND, "c"),
+    ]
+    path = write_bag(tmp_path / "edge.bag", recorded, 300)
+    fragments = cut_file(path, ["/scan"], 4 * SECOND, 0)
+    assert [(f.number, f.window.start // SECOND) for f in fragments] == [(1, 14), (2, 19)]
+
+
+def test_latched_state_that_may_be_of_after_the_window_s_begin_replaces_none() -> None:
+    chunks = [(0.0, 1.0, {1: 1}), (2.0, 2.5, {0: 1}), (3.0, 6.0, {1: 1})]
+    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    window = Window(5 * SECOND, 5 * SECOND, 9 * SECOND)
+    assert cut_one(tail, [], window).ranges == [(1000, 1000), (3000, 1000)]
+
+
+def test_latched_state_may_be_as_old_as_a_newer_chunk_s_first_message_and_never_younger() -> None:
+    chunks = [(0.0, 5.0, {1: 1}), (5.0, 6.0, {1: 1}), (6.5, 7.0, {0: 1}), (9.5, 9.9, {1: 1})]
+    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    assert cut_one(tail, [], Window(8 * SECOND, 8 * SECOND, 9 * SECOND)).ranges == [(1000, 2000)]
+
+
 def test_a_chunk_without_its_own_index_keeps_its_windows(tmp_path: Path) -> None:
     recorded = [*steady("/scan", 5, SECOND), *steady("/scan", 5, SECOND, 60 * SECOND)]
     path = write_bag(tmp_path / "one.bag", recorded)
@@ -226,3 +344,12 @@ def test_a_chunk_without_its_own_index_keeps_its_windows(tmp_path: Path) -> None
     data[chunk.end - 12 : chunk.end - 8] = b"\xff" * 4
     path.write_bytes(data)
     assert [f.number for f in cut_file(path, [], 10 * SECOND, 0)] == [0, 1, 2, 3, 4, 5, 6]
+
+
+@pytest.mark.parametrize("length", [0, -1, -5 * SECOND])
+@pytest.mark.parametrize("chunks", [1, 3])
+def test_a_length_that_never_ends_is_refused(length: int, chunks: int) -> None:
+    tail = tail_with([(n, n + 1, {0: 5}) for n in range(chunks)], SCAN)
+    with pytest.raises(ValueError, match=f"a fragment lasts at least 1 ns, and not {length}"):
+        cut(tail, [], length, 0)
+    assert len(cut(tail, [], 10 * SECOND, 0)) == 1

@@ -203,3 +203,10 @@ def test_a_decoded_message_has_the_values_that_were_written(tmp_path: Path) -> N
         "data": bytes(range(16)),
         "is_dense": True,
     }
+
+
+@pytest.mark.parametrize("seconds", ["0", "-1", "1e-10", "nan", "inf"])
+def test_a_fragment_of_no_length_is_refused(tmp_path: Path, seconds: str) -> None:
+    with pytest.raises(OptionError, match="rosbag: fragment is "):
+        options(tmp_path / "a.bag", fragment=seconds)
+    assert options(tmp_path / "a.bag", fragment="1e-9").fragment == 1

@@ -3,7 +3,7 @@
 import pytest
 
 from bagpipe.compare.gate import CAUSES, objections
-from tests.unit.compare.rows import only, row
+from tests.unit.compare.rows import only, rounds, row
 
 
 def causes(rows: list[dict[str, object]], *allowed: str) -> list[str]:
@@ -52,3 +52,24 @@ def test_each_says_how_many_and_of_which_variant() -> None:
         "pr-812 against released: 2 regressed (1 failed, 1 errored)",
         "pr-812 against released: 1 missing",
     ]
+
+
+def test_each_says_which_criteria_and_that_nothing_could_be_compared() -> None:
+    [worse] = objections(only(WORSE_LATENCY).as_json())
+    assert worse.message == "pr-812 against released: worse in latency"
+    rows = [row(0, "released", "errored"), row(0, "pr-812")]
+    [unknown] = objections(only(rows).as_json())
+    assert unknown.message == "pr-812 against released: no case of both could be compared"
+
+
+def test_a_comparison_with_an_earlier_job_is_this_job_s() -> None:
+    earlier = only([*BOTH, row(1, "released")]).as_json() | {"variant": "", "baseline": "nightly-7"}
+    assert [each.message for each in objections(earlier)] == [
+        "this job against nightly-7: 1 missing"
+    ]
+
+
+def test_what_was_compared_though_it_is_flaky_or_fixed_is_not_unknown() -> None:
+    for before, after in (("PF", "PF"), ("FF", "PP")):
+        rows = [*rounds(0, "released", before), *rounds(0, "pr-812", after)]
+        assert causes(rows) == []

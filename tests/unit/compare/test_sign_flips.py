@@ -91,4 +91,7 @@ def test_questions_that_can_t_be_answered_don_t_share_the_level() -> None:
     assert family_size([1.0] * 9 + [1 / 64], 0.04) == 1
     # 1/64 is below 0.04 / 2 and above 0.04 / 3.
     assert family_size([1 / 64] * 10, 0.04) == 3
+    # One of just its share can be answered.
+    assert family_size([0.02] * 3, 0.04) == 3
+    assert family_size([0.0201] * 3, 0.04) == 2
     assert family_size([], 0.04) == 1

@@ -18,6 +18,7 @@ def test_survivors_are_shown_and_what_was_left_out_counts_for_nothing() -> None:
         line("normal", "survived", "-c\n+d"),
         line("skipped", None),
         line("normal", "incompetent"),
+        line("normal", "survived", "-@dataclass(frozen=True)\n+@dataclass(frozen=False)\n"),
         line(None, None),
     ]
     assert run.judged(dump) == (2, ["-c\n+d"])

@@ -5,18 +5,16 @@ can't be answered at all with the evidence at hand, since even the clearest answ
 by chance, it takes nothing from the others (Tarone 1990).
 """
 
+import itertools
 from collections.abc import Sequence
 
 
 def holm(chances: Sequence[float]) -> list[float]:
     """Each question's corrected chance, in the same order: at most `level` is a find."""
     order = sorted(range(len(chances)), key=chances.__getitem__)
-    corrected = [1.0] * len(chances)
-    most = 0.0
-    for place, number in enumerate(order):
-        most = max(most, min(1.0, (len(chances) - place) * chances[number]))
-        corrected[number] = most
-    return corrected
+    shares = (min(1.0, (len(order) - place) * chances[at]) for place, at in enumerate(order))
+    corrected = dict(zip(order, itertools.accumulate(shares, max), strict=True))
+    return [corrected[at] for at in range(len(chances))]
 
 
 def family_size(least: Sequence[float], level: float) -> int:

@@ -62,8 +62,8 @@ class Measured:
 
     @property
     def finite(self) -> bool:
-        """Whether all figures are numbers that can be subtracted."""
-        return all(map(math.isfinite, [*self.baseline, *self.variant]))
+        """Whether all figures are numbers that can be subtracted and added up."""
+        return math.isfinite(sum(map(abs, [*self.baseline, *self.variant])))
 
     @property
     def differences(self) -> Figures:
@@ -179,11 +179,10 @@ def _told(
 
 
 def _untold(one: Measured, why: str) -> CriterionComparison:
-    baseline, variant = (
-        fmean(figures) if figures and one.finite else None
-        for figures in (one.baseline, one.variant)
-    )
-    difference = None if baseline is None or variant is None else variant - baseline
+    baseline = variant = difference = None
+    if one.pairs and one.finite:
+        baseline, variant = fmean(one.baseline), fmean(one.variant)
+        difference = variant - baseline
     return CriterionComparison(
         one.name, "unknown", one.pairs, len(one.baseline), baseline, variant, difference, None,
         None, None, None, one.unit, why,
@@ -207,5 +206,7 @@ def _interval(low: float | None, high: float | None) -> str:
 def _effect(one: Measured) -> float | None:
     """The mean difference in standard deviations of the recordings' differences."""
     differences = one.differences
-    spread = float(differences.std(ddof=1)) if len(differences) > 1 else 0.0
+    if not differences.any():
+        return None
+    spread = float(differences.std(ddof=1))
     return float(differences.mean()) / spread if spread > 0 else None

@@ -1,6 +1,5 @@
 """The criterion over what the stack used, as the agent measured it."""
 
-import re
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
@@ -72,5 +71,6 @@ def _used(name: str, wanted: Resources, usage: dict[str, Any]) -> Finding:
 
 
 def _bytes(quantity: str) -> int:
-    found = re.fullmatch(r"([0-9]+(?:[.][0-9]+)?)([kMGT]|[KMGT]i|)", quantity)
-    return int(float(found[1]) * _SUFFIXES[found[2]]) if found else 0
+    """Of a quantity that the model has let pass."""
+    number = quantity.rstrip("kKMGTi")
+    return int(float(number) * _SUFFIXES[quantity[len(number) :]])

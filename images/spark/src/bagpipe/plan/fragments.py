@@ -45,8 +45,11 @@ def cut(
     """The fragments of a bag for `topics` (resolved names; empty: all); times in ns.
 
     Empty where the bag has no message on any of the topics. A chunk that was open during a gap
-    reaches over windows that it has no message in: `read` lets its index records tell.
+    reaches over windows that it has no message in: `read` lets its index records tell. Raises
+    ValueError for a length of less than a nanosecond.
     """
+    if length < 1:
+        raise ValueError(f"a fragment lasts at least 1 ns, and not {length}")
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
     latching = {c.id for c in tail.connections if c.latching} & wanted
     chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
@@ -119,8 +122,7 @@ class _Recorded:
 
 def _edges(begin: int, end: int, length: int, boundaries: list[int]) -> list[int]:
     edges = [begin]
-    for number in range(1, (end - begin) // length + 1):
-        nominal = begin + number * length
+    for nominal in itertools.count(begin + length, length):
         if end - nominal < length * _SNAP:
             break
         edges.append(_snap(nominal, boundaries, int(length * _SNAP)))
@@ -128,9 +130,8 @@ def _edges(begin: int, end: int, length: int, boundaries: list[int]) -> list[int
 
 
 def _snap(nominal: int, boundaries: list[int], tolerance: int) -> int:
-    at = bisect.bisect_left(boundaries, nominal)
-    near = boundaries[max(0, at - 1) : at + 1]
-    best = min(near, key=lambda boundary: abs(boundary - nominal), default=nominal)
+    at = bisect.bisect_left(boundaries, nominal)  # the first one is where the bag begins: before
+    best = min(boundaries[at - 1 : at + 1], key=lambda boundary: abs(boundary - nominal))
     return best if abs(best - nominal) <= tolerance else nominal
 
 

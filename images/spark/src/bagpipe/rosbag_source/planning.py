@@ -44,19 +44,20 @@ def parse_options(given: Mapping[str, str]) -> Options:
     try:
         topics = tuple(resolved(t.strip()) for t in given.get("topics", "").split(",") if t.strip())
         seconds = float(given.get("fragment", DEFAULT_FRAGMENT_SECONDS))
+        length = int(seconds * _NANOSECONDS)
         times = [int(given[key]) if key in given else None for key in ("start", "end")]
         volumes = tuple(sorted(json.loads(given.get("volumes", "{}")).items()))
-    except (ValueError, AttributeError) as error:
+    except (ValueError, OverflowError, AttributeError) as error:
         raise OptionError(
             "rosbag: fragment is seconds, start and end are integers of ns, volumes is a JSON map"
             f" of claims to paths: {error}"
         ) from error
-    if seconds <= 0:
+    if length < 1:
         raise OptionError(f"rosbag: fragment is {seconds} s, expected more than 0")
     decode = given.get("decode", "false").lower() == "true"
     if decode and len(topics) != 1:
         raise OptionError("rosbag: decode=true needs exactly one topic, whose type the columns are")
-    return Options(path, topics, int(seconds * _NANOSECONDS), decode, times[0], times[1], volumes)
+    return Options(path, topics, length, decode, times[0], times[1], volumes)
 
 
 @dataclass(frozen=True)

@@ -70,10 +70,11 @@ def by_the_machine(loss: Loss, result: Mapping[str, Any], mode: str) -> bool:
         return False
     kept = loss.waited + machine["stall_max_seconds"] + machine["late_max_seconds"]
     period = result["playback"]["played_seconds"] / max(1, loss.sent)
-    drained = float((result.get("timings") or {}).get("drain") or 0.0) - _SOON_SECONDS
-    if _nodes(result) != {loss.node}:
-        drained = 0.0  # it may have been another node's
-    return bool(kept >= _EXPLAINED * max(loss.missing * period, drained))
+    came = loss.missing * period
+    drain = (result.get("timings") or {}).get("drain")
+    if drain and _nodes(result) == {loss.node}:  # else it may have been another node's
+        came = max(came, drain - _SOON_SECONDS)
+    return bool(kept >= _EXPLAINED * came)
 
 
 def _nodes(result: Mapping[str, Any]) -> set[str]:
