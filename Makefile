@@ -4,8 +4,15 @@ SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 MAKEFLAGS += --no-print-directory
-# Steps build on each other, and each uses all processors where it can.
+# Steps that need nothing of each other run beside each other: some compute while others wait for the
+# network. What is asked for in one line is done in its order, as people mean `make down demo`.
+JOBS ?= $(shell echo $$(($$(nproc) + 2)))
+ifeq ($(MAKELEVEL),0)
+MAKEFLAGS += -j$(JOBS)
+endif
+ifneq ($(word 2,$(MAKECMDGOALS)),)
 .NOTPARALLEL:
+endif
 
 export BAGPIPE_CACHE ?= $(HOME)/.cache/bagpipe
 export PATH := $(BAGPIPE_CACHE)/bin/tools:$(PATH)
@@ -23,16 +30,25 @@ MEMORY_BAG_SOURCES := $(wildcard images/ros/Cargo.* images/ros/crates/bag/Cargo.
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
 
 # The demonstration by itself needs no others; whatever else is asked for gets all.
-ifeq ($(MAKECMDGOALS),demo)
+ifeq ($(filter-out demo first-verdict,$(or $(MAKECMDGOALS),help)),)
 WANTED_IMAGES := agent operator spark ros robot-state-publisher
+VENV := .venv/.runs
+else
+VENV := .venv/.synced
 endif
 
-# Each step's seconds, for the summary; who calls make several times gives one file to all.
+# What runs the demonstration's job without Kubernetes.
+LAPTOP := $(if $(filter demo first-verdict,$(MAKECMDGOALS)),laptop)
+
+# What needs all packages gets them first: a compiler may be among them, or be replaced.
+ALL_PACKAGES := test set-up test-rust test-integration test-liars bench
+
+# Each step's seconds, for the summary; who calls make several times gives one file to all, and sums up.
 ifndef BAGPIPE_STEPS
+SUMMARY := @python3 tests/cluster/step.py --summary
 export BAGPIPE_STEPS := $(shell mkdir -p "$(BAGPIPE_CACHE)" && : > "$(BAGPIPE_CACHE)/steps.jsonl"; \
   echo "$(BAGPIPE_CACHE)/steps.jsonl")
 endif
-SUMMARY := @python3 tests/cluster/step.py --summary
 
 # embedded: tests/cluster, on this machine. kind: with Docker. existing: the current context.
 # A KUBECONFIG that is there and not ours means a cluster of the user's.
@@ -45,14 +61,14 @@ endif
 # A rebuilt operator keeps its tag: what it holds, said in its pod, makes Kubernetes start it anew.
 ifeq ($(CLUSTER),embedded)
 export KUBECONFIG := $(EMBEDDED_KUBECONFIG)
-PREFLIGHT := cluster images tools
+PREFLIGHT := cluster images tools $(LAPTOP)
 OPERATOR_CONTENT = $$(sha256sum < $(BAGPIPE_CACHE)/images/operator.oci.json | cut -c1-16)
 else ifeq ($(CLUSTER),kind)
 export KUBECONFIG := $(KIND_KUBECONFIG)
-PREFLIGHT := tools
+PREFLIGHT := tools $(LAPTOP)
 OPERATOR_CONTENT = $$(docker image inspect --format '{{.Id}}' bagpipe.local/operator:0.1.0)
 else ifeq ($(CLUSTER),existing)
-PREFLIGHT := tools images
+PREFLIGHT := tools images $(LAPTOP)
 OPERATOR_CONTENT = none
 else
 $(error CLUSTER is $(CLUSTER); it can be embedded, kind or existing)
@@ -64,10 +80,15 @@ help: ## List the verbs
 	@echo "  CLUSTER=embedded|kind|existing chooses the Kubernetes; it is $(CLUSTER) now."
 	@echo "  NODES=3 gives the embedded one as many nodes (one by default), each with its own kubelet."
 
+# The first verdict needs little of what the cluster does: it is there while Kubernetes compiles.
 .PHONY: demo
-demo: cluster install ## Set everything up, run the main job, show the result
+demo: first-verdict cluster install ## Set everything up, run the main job, show the result
 	$(STEP) "Running the demonstration" -- .venv/bin/python -m tests.e2e.demo
 	$(SUMMARY)
+
+.PHONY: first-verdict
+first-verdict: recording agent $(VENV) ## Run the demonstration's job on this machine, without Kubernetes
+	$(STEP) "Running the demonstration's job without Kubernetes" -- .venv/bin/python -m tests.e2e.first_verdict
 
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
 .PHONY: test
@@ -75,9 +96,18 @@ ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
 	$(STEP) "Testing $(K)" -- .venv/bin/python -m pytest tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-test: preflight-all venv test-python test-rust test-integration test-liars test-e2e
+# One stage after the other: what runs beside a test makes it slow.
+test: set-up
+	@$(MAKE) test-python
+	@$(MAKE) test-rust
+	@$(MAKE) test-integration
+	@$(MAKE) test-liars
+	@$(MAKE) test-e2e
 	$(SUMMARY)
 endif
+
+.PHONY: set-up
+set-up: preflight-all venv tools test-programs test-agent recording images ## Build all that tests need, at once
 
 .PHONY: quick
 quick: venv ## Check what differs from SINCE=HEAD in under a minute: style, and the nearest unit tests
@@ -90,24 +120,36 @@ fmt: venv ## Format all Python and Rust, and mend what ruff can mend
 
 # Else whichever test is first would build them, and take minutes.
 .PHONY: test-programs
-test-programs: preflight
+test-programs: kubernetes
 	$(STEP) "Building what tests start" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
-	  $(CLUSTER_PY) build kubernetes helm-unittest versitygw
+	  nice $(CLUSTER_PY) build helm-unittest versitygw
+
+# The longest of all: at a low priority it takes what the other steps leave, and then everything.
+.PHONY: kubernetes
+kubernetes: machine
+	$(STEP) "Building Kubernetes" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
+	  nice $(CLUSTER_PY) build kubernetes pause
 
 .PHONY: test-python
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
 	$(STEP) "Testing the Python packages and the cluster's parts" -- .venv/bin/python -m pytest tests/unit tests/cluster
 
 .PHONY: recording
-recording: preflight-all ## Fetch the real recording that the tests play
+recording: preflight ## Fetch the real recording that the tests play
 	$(STEP) "Getting the PR2 recording" --if-it-fails "Is the Debian mirror reachable? Then run it again." -- \
 	  python3 -m tests.recording
 
+TEST_AGENT := env -C images/ros CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
+
+.PHONY: test-agent
+test-agent: preflight-all
+	$(STEP) "Compiling the agent's tests" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
+	  $(TEST_AGENT) --quiet --no-run
+
 # Without ROS or the recording its tests fail; BAGPIPE_WITHOUT_ROS=1 leaves out what needs ROS.
 .PHONY: test-rust
-test-rust: recording ## Run the agent's tests, against Debian's ROS (part of test)
-	$(STEP) "Testing the agent" -- env -C images/ros CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" \
-	  cargo test --locked --workspace --no-fail-fast
+test-rust: recording test-agent ## Run the agent's tests, against Debian's ROS (part of test)
+	$(STEP) "Testing the agent" -- $(TEST_AGENT) --no-fail-fast
 
 .PHONY: test-integration
 test-integration: preflight-all venv test-programs ## Run worker, agent and real nodes together (part of test)
@@ -167,34 +209,50 @@ docs: venv ## Build the documentation's site into build/docs; a dead link is an 
 	  bash -euc '.venv/bin/python -m tests.promises.page --check; .venv/bin/python -m docs.site.build build/docs'
 
 .PHONY: tools
-tools: preflight ## Get kubectl and helm, built where the machine's are too old
+tools: preflight $(if $(filter embedded,$(CLUSTER)),kubernetes) ## Get kubectl and helm, built where the machine's are too old
 	$(STEP) "Getting kubectl and helm" -- $(CLUSTER_PY) tools
 
+.PHONY: machine
+machine:
+	$(STEP) "Checking this machine" -- $(CLUSTER_PY) check
+
 .PHONY: preflight
-preflight:
-	$(STEP) "Checking this machine" -- $(CLUSTER_PY) preflight $(PREFLIGHT)
+preflight: machine $(if $(filter $(ALL_PACKAGES),$(MAKECMDGOALS)),preflight-all)
+	$(STEP) "Getting Debian's packages" -- $(CLUSTER_PY) preflight $(PREFLIGHT)
 
 .PHONY: preflight-all
-preflight-all:
-	$(STEP) "Checking this machine" -- $(CLUSTER_PY) preflight
+preflight-all: machine
+	$(STEP) "Getting all of Debian's packages" -- $(CLUSTER_PY) preflight
 
 .PHONY: venv
 venv: .venv/.memory-bag ## Make .venv with the pinned Python packages and bagpipe.MemoryBag
 
-.venv/.synced: uv.lock pyproject.toml operator/pyproject.toml images/spark/pyproject.toml | preflight
-	$(STEP) "Making .venv from uv.lock" --if-it-fails "Is the Python package registry reachable? Then run it again." -- \
-	  bash -euc 'python3 -m venv .venv; \
-	    .venv/bin/pip install --quiet --disable-pip-version-check uv==$(UV_VERSION); \
-	    .venv/bin/uv sync --quiet --frozen --all-packages --all-extras; touch $@'
+SYNC = $(STEP) "Making .venv from uv.lock" --if-it-fails "Is the Python package registry reachable? Then run it again." -- \
+  bash -euc 'python3 -m venv .venv; \
+    .venv/bin/pip install --quiet --disable-pip-version-check uv==$(UV_VERSION); \
+    .venv/bin/uv sync --quiet --frozen --all-packages --all-extras $(1); touch $(2)'
+LOCKED := uv.lock pyproject.toml operator/pyproject.toml images/spark/pyproject.toml
+
+.venv/.synced: $(LOCKED) | preflight
+	$(call SYNC,,.venv/.runs $@)
+
+# What runs Bagpipe and builds its images, without what tests and checks it; it takes nothing away.
+.venv/.runs: $(LOCKED) | preflight
+	$(call SYNC,--inexact --no-default-groups --group build --group demo,$@)
 
 # Not in uv.lock: cargo builds it from these sources. A sync removes it, so it comes after one.
-.venv/.memory-bag: .venv/.synced $(MEMORY_BAG_SOURCES)
+.venv/.memory-bag: $(VENV) $(MEMORY_BAG_SOURCES)
 	$(STEP) "Building bagpipe.MemoryBag into .venv" --if-it-fails "Is the crates' registry reachable? Then run 'make venv' again." -- \
 	  .venv/bin/python images/module.py
 	@touch $@
 
+.PHONY: agent
+agent: preflight
+	$(STEP) "Building the agent" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
+	  python3 images/agent.py
+
 .PHONY: images
-images: preflight venv ## Build all images (`make cluster` loads them)
+images: preflight $(VENV) ## Build all images (`make cluster` loads them)
 ifeq ($(CLUSTER),kind)
 	$(STEP) "Building images" -- python3 images/build.py --engine docker --no-archives $(WANTED_IMAGES)
 else
@@ -206,10 +264,13 @@ plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by defaul
 	$(STEP) "Packing the kubectl plugin" -- .venv/bin/python images/plugin.py \
 	  "$(or $(FOLDER),$(BAGPIPE_CACHE)/plugin)" $(if $(URI),--uri "$(URI)")
 
-.PHONY: cluster
-cluster: preflight images ## Start Kubernetes if there is none and load the images
-ifeq ($(CLUSTER),embedded)
+.PHONY: up
+up: preflight tools
 	$(STEP) "Starting Kubernetes on this machine" --if-it-fails "'make down' cleans up; then try again." -- $(CLUSTER_PY) up $(if $(NODES),--nodes $(NODES))
+
+.PHONY: cluster
+cluster: images $(if $(filter embedded,$(CLUSTER)),up) ## Start Kubernetes if there is none and load the images
+ifeq ($(CLUSTER),embedded)
 	$(STEP) "Loading images" -- $(CLUSTER_PY) load
 else ifeq ($(CLUSTER),kind)
 	$(STEP) "Getting kubectl, helm and kind" -- bash -euc '$(CLUSTER_PY) tools; \

@@ -9,13 +9,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
+from collections.abc import Sequence
+from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import engines
 from context import IMAGES, BuildError, Image, cache, content, stage
 from lock import LockError, locked
+
+Engine = engines.Docker | engines.Buildah
 
 
 def archive_of(image: Image) -> Path:
@@ -32,7 +37,7 @@ def recorded(image: Image) -> str:
         return ""
 
 
-def keep(engine: engines.Docker | engines.Buildah, image: Image, hashed: str) -> None:
+def keep(engine: Engine, image: Image, hashed: str) -> None:
     """Write the archive beside its final place, move it there, then record what it holds."""
     path = archive_of(image)
     temporary = path.with_name(f".{path.name}")
@@ -44,12 +49,11 @@ def keep(engine: engines.Docker | engines.Buildah, image: Image, hashed: str) ->
     path.with_suffix(".json").write_text(json.dumps(record))
 
 
-def ensure(engine: engines.Docker | engines.Buildah, image: Image, archives: bool) -> None:
+def ensure(engine: Engine, image: Image, archives: bool, base: Future[str]) -> None:
     """Build an image unless what it would hold is there already."""
     began = time.monotonic()
     folder = stage(image)
-    base = "scratch" if image.base == "scratch" else engine.base()
-    hashed = content(image, folder, base)
+    hashed = content(image, folder, "scratch" if image.base == "scratch" else base.result())
     built = engine.has(image, hashed)
     archived = recorded(image) == hashed
     if archived and (built or isinstance(engine, engines.Buildah)):
@@ -60,6 +64,26 @@ def ensure(engine: engines.Docker | engines.Buildah, image: Image, archives: boo
     if archives:
         keep(engine, image, hashed)
     print(f"  {image.reference}: built in {time.monotonic() - began:.1f} s", flush=True)
+
+
+def ensure_all(engine: Engine, images: Sequence[Image], archives: bool) -> None:
+    """Build images beside each other: one compiles while another waits for a mirror.
+
+    After a failure none begins, and those that have begun end. Raises the first one's BuildError.
+    """
+    with ThreadPoolExecutor((os.cpu_count() or 1) + 2) as pool:
+        base = pool.submit(engine.base if any(i.base != "scratch" for i in images) else str)
+        builds = [pool.submit(ensure, engine, image, archives, base) for image in images]
+        try:
+            wait(builds, return_when=FIRST_EXCEPTION)
+        except BaseException:
+            engines.interrupted.set()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+    for each in builds:
+        if not each.cancelled():
+            each.result()
 
 
 def main() -> int:
@@ -84,9 +108,9 @@ def main() -> int:
         # All share storage and contexts.
         with locked(cache() / "images" / "lock"):
             engine.release()
-            for image in IMAGES:
-                if not given.release and image.name in (given.names or [image.name]):
-                    ensure(engine, image, not given.no_archives)
+            if not given.release:
+                named = [i for i in IMAGES if i.name in (given.names or [i.name])]
+                ensure_all(engine, named, not given.no_archives)
     except (BuildError, LockError) as error:
         print(f"Building the images failed. {error}", file=sys.stderr)
         return 1

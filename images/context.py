@@ -20,7 +20,6 @@ ROOT = Path(__file__).resolve().parent.parent
 REGISTRY = "bagpipe.local"
 VERSION = "0.1.0"
 BASE = "docker.io/library/debian:bookworm-20251103-slim"
-TARGET = "x86_64-unknown-linux-gnu"
 CARGO_SECONDS = 1800.0
 WHEEL_SECONDS = 120.0
 # Debian 12 has glibc 2.36: maturin refuses a module that asks for more than this names.
@@ -88,10 +87,12 @@ def package(source: Path, folder: Path) -> None:
 
 def compile_rust(what: str, command: list[str], **environment: str) -> None:
     """Run cargo or maturin on the workspace, which is quick when nothing changed."""
+    # Where cargo leaves what it builds, and for which machines, is not the user's to choose here.
+    inherited = {name: value for name, value in os.environ.items() if name != "CARGO_BUILD_TARGET"}
     done = subprocess.run(
         command,
         cwd=ROOT / "images" / "ros",
-        env={**os.environ, "CARGO_TARGET_DIR": str(cache() / "cargo"), **environment},
+        env={**inherited, "CARGO_TARGET_DIR": str(cache() / "cargo"), **environment},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
         text=True,
@@ -105,10 +106,10 @@ def compile_rust(what: str, command: list[str], **environment: str) -> None:
 
 def agent_binary() -> Path:
     """Build the static agent with the machine's cargo."""
-    command = ["cargo", "build", "--locked", "--release", "--target", TARGET]
-    command += ["--package", "bagpipe-agent"]
-    compile_rust("the agent", command, RUSTFLAGS="-C target-feature=+crt-static")
-    return cache() / "cargo" / TARGET / "release" / "bagpipe-agent"
+    # Only the last crate is told to be static: so the others are those of bagpipe.MemoryBag too.
+    command = ["cargo", "rustc", "--locked", "--release", "--package", "bagpipe-agent"]
+    compile_rust("the agent", [*command, "--", "-C", "target-feature=+crt-static"], RUSTFLAGS="")
+    return cache() / "cargo" / "release" / "bagpipe-agent"
 
 
 def memory_bag(folder: Path) -> Path:

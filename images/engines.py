@@ -6,6 +6,7 @@ import contextlib
 import os
 import shutil
 import subprocess
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from context import BASE, BuildError, Image, cache
 BUILD_SECONDS = 1800.0
 PULL_SECONDS = 90.0
 LABEL = "io.bagpipe.content"
+# Set by an interrupt, which only the main thread meets: then nothing more is begun.
+interrupted = threading.Event()
 # Before 23.0, as in Debian 12, Docker takes BuildKit only when told, and knows no secrets without.
 BUILDKIT = {"DOCKER_BUILDKIT": "1", "BUILDKIT_PROGRESS": "plain"}
 
@@ -22,6 +25,8 @@ BUILDKIT = {"DOCKER_BUILDKIT": "1", "BUILDKIT_PROGRESS": "plain"}
 def run(command: Sequence[str | Path], *, log: Path, seconds: float = BUILD_SECONDS) -> None:
     """Run a command with its output in `log`; its end becomes the error's text."""
     log.parent.mkdir(parents=True, exist_ok=True)
+    if interrupted.is_set():
+        raise BuildError("It was interrupted.")
     with log.open("w") as file:
         try:
             done = subprocess.run(
@@ -96,7 +101,10 @@ def secrets() -> list[str]:
         lines.append("cert = /run/ca.crt")
         flags.append(f"--secret=id=ca,src={bundle}")
     path = temporary() / "pip.conf"
-    path.write_text("\n".join(lines) + "\n")
+    # Whole at each moment: another image's build may be reading it.
+    written = path.with_name(f"pip.conf.{threading.get_ident()}")
+    written.write_text("\n".join(lines) + "\n")
+    written.replace(path)
     return [*flags, f"--secret=id=pip-conf,src={path}"]
 
 
@@ -107,7 +115,9 @@ def minimal_debian() -> Iterator[Path]:
     tar = temporary() / f"debian-{os.getpid()}.tar"
     # Its proc, sys and dev are mounted in a namespace that ends with it: a killed one would
     # else leave them below the cache, where a deletion of the cache would walk into them.
-    make = ["unshare", "--mount", "mmdebstrap", "--variant=minbase", "bookworm"]
+    make = ["unshare", "--mount", "mmdebstrap", "--variant=minbase"]
+    # An interrupted layer is thrown away: dpkg need not wait for the disk, as in Debian's images.
+    make += ["--dpkgopt=force-unsafe-io", "bookworm"]
     try:
         run([*make, tar], log=logs("mmdebstrap"))
         yield tar
@@ -120,7 +130,7 @@ def pulled(command: Sequence[str | Path]) -> bool:
     try:
         run(command, log=logs("pull"), seconds=PULL_SECONDS)
     except BuildError:
-        if os.geteuid() or not shutil.which("mmdebstrap"):
+        if interrupted.is_set() or os.geteuid() or not shutil.which("mmdebstrap"):
             raise
         print("  no registry answers: making the base image from Debian's packages", flush=True)
         return False

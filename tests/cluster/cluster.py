@@ -11,6 +11,7 @@ Usage: python3 tests/cluster/cluster.py VERB [ARGUMENT...]
     kubeconfig          print the path of its kubeconfig
     tools               print a folder with kubectl and helm
     build PROGRAM...    build programs of the tests from their Go modules, unless the cache has them
+    check               say what the machine lacks that can't be installed for you
     preflight [SET...]  check the machine and install what is needed
 """
 
@@ -26,7 +27,7 @@ from embedded.failure import ClusterError
 from embedded.places import KUBECONFIG, LOGS, MOST_NODES
 
 VERBS = ["up", "down", "status", "cut", "join", "load", "kubeconfig", "tools", "build",
-         "preflight"]  # fmt: skip
+         "check", "preflight"]  # fmt: skip
 PREFLIGHT = "`make preflight` installs the programs that the cluster needs."
 
 
@@ -48,6 +49,7 @@ def main() -> int:
         "kubeconfig": lambda: print(KUBECONFIG),
         "tools": lambda: print(tools.link()),
         "build": lambda: list(map(builds.ensure, map(builds.named, given.arguments))),
+        "check": preflight.check,
         "preflight": lambda: preflight.run(given.arguments),
     }
     try:

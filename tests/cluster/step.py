@@ -4,7 +4,7 @@ python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] -- COMMAND...
 python3 tests/cluster/step.py --summary
 
 Each step adds a line to the file that BAGPIPE_STEPS names, if it does; the summary has the longest
-first.
+first, each with the seconds that it had a processor (of what it waited for: no server that stays).
 """
 
 from __future__ import annotations
@@ -40,16 +40,23 @@ def split(arguments: list[str]) -> tuple[str, str, list[str]]:
 def record(what: str, seconds: float) -> None:
     """Keeps a step's time for the summary."""
     if path := os.environ.get("BAGPIPE_STEPS"):
+        step = {"what": what, "ended": time.time(), "seconds": seconds}
         with Path(path).open("a") as file:
-            file.write(json.dumps({"what": what, "seconds": seconds}) + "\n")
+            file.write(json.dumps(step) + "\n")
 
 
 def summary(lines: list[str]) -> str:
-    """The steps that took a second or more, the longest first, and the sum of all."""
+    """The steps that took a second or more, the longest first, and all of them: one after the
+    other, and as long as it took, since some ran beside each other.
+    """
     steps = [json.loads(line) for line in lines]
+    if not steps:  # of another make, which has begun since
+        return ""
     longest = sorted(steps, key=lambda step: -step["seconds"])
     rows = [(step["what"], step["seconds"]) for step in longest if step["seconds"] >= 1]
-    rows.append(("all steps", sum(step["seconds"] for step in steps)))
+    rows.append(("all steps, each by itself", sum(step["seconds"] for step in steps)))
+    begun = min(step["ended"] - step["seconds"] for step in steps)
+    rows.append(("from the first to the last", max(step["ended"] for step in steps) - begun))
     return "\n".join(f"{duration(seconds):>15}  {what}" for what, seconds in rows)
 
 

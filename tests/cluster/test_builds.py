@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import subprocess
 import sys
@@ -30,7 +31,11 @@ def test_a_builds_key_follows_its_files(module: Path) -> None:
     assert len(before) == len("kubernetes-") + 16
     (module / "README.md").write_text("changed")
     assert builds.key(program, module) == before
-    for name in ("go.mod", "go.sum", "main.go"):
+    (module / "beside").mkdir()
+    (module / "beside" / "main.go").write_text("beside")
+    before, without = builds.key(program, module), before
+    assert before != without
+    for name in ("go.mod", "go.sum", "main.go", "beside/main.go"):
         kept = (module / name).read_text()
         (module / name).write_text(kept + "x")
         assert builds.key(program, module) != before
@@ -41,7 +46,10 @@ def test_a_builds_key_follows_its_flags(module: Path) -> None:
     program = builds.Program("kubernetes")
     other = dataclasses.replace(program, variables=(("version", "2"),))
     tagged = dataclasses.replace(program, tags=("only_this",))
-    assert len({builds.key(each, module) for each in (program, other, tagged)}) == 3
+    beside = dataclasses.replace(program, beside=(("other", "./other"),))
+    quick = dataclasses.replace(program, compiler="-l")
+    chosen = (program, other, tagged, beside, quick)
+    assert len({builds.key(each, module) for each in chosen}) == 5
 
 
 def test_a_build_has_the_tags_that_it_names(
@@ -60,6 +68,28 @@ def test_a_build_has_the_tags_that_it_names(
         made = builds.ensure(builds.Program("tagged", tags=tags))
         done = subprocess.run([made / "tagged"], capture_output=True, text=True, check=True)
         assert done.stderr.strip() == said
+
+
+def test_programs_of_one_module_are_built_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "sources" / "first"
+    (folder / "second").mkdir(parents=True)
+    (folder / "go.mod").write_text("module first\n\ngo 1.24.0\n")
+    for place, said in ((folder, "one"), (folder / "second", "two")):
+        text = f'package main\n\nfunc main() {{ println("{said}") }}\n'
+        (place / "main.go").write_text(text)
+    monkeypatch.setattr(builds, "sources", lambda: tmp_path / "sources")
+    monkeypatch.setattr(builds, "cache", lambda: tmp_path / "cache")
+    program = builds.Program(
+        "first", links=("alias",), beside=(("second", "./second"),), compiler="-l -dwarf=false"
+    )
+    made = builds.ensure(program)
+    words = {
+        name: subprocess.run([made / name], capture_output=True, text=True, check=True).stderr
+        for name in program.names
+    }
+    assert words == {"first": "one\n", "alias": "one\n", "second": "two\n"}
 
 
 def test_a_failed_build_leaves_nothing_behind(
@@ -82,6 +112,8 @@ def test_every_component_is_a_link_of_the_one_binary() -> None:
     module = (places.sources() / "kubernetes" / "go.mod").read_text()
     assert f"k8s.io/kubernetes v{builds.KUBERNETES}\n" in module
     assert module.count("=> k8s.io/") == module.count("v0.34.4\n") - 2 == 29
+    helm = dict(builds.PROGRAMS[0].variables)["helm.sh/helm/v3/internal/version.version"]
+    assert f"helm.sh/helm/v3 {helm} " in module
 
 
 @pytest.mark.parametrize(
@@ -190,16 +222,20 @@ def test_a_summary_has_the_longest_step_first(tmp_path: Path) -> None:
         subprocess.run(words, env=environment, check=False, timeout=30)
     kept = record.read_text().splitlines()
     assert ['"what": "Looking"' in kept[0], '"what": "Failing"' in kept[1]] == [True, True]
-    long = ['{"what": "Building", "seconds": 71.4}', '{"what": "Loading", "seconds": 130}']
-    short = ['{"what": "Checking", "seconds": 0.6}']
-    assert step.summary([*long, *short]).splitlines() == [
+    steps = [("Building", 171, 71.4), ("Loading", 230, 130), ("Checking", 99, 0.6)]
+    lines = [json.dumps({"what": w, "ended": end, "seconds": s}) for w, end, s in steps]
+    assert step.summary([]) == ""
+    assert step.summary(lines).splitlines() == [
         "     2 min 10 s  Loading",
         "     1 min 11 s  Building",
-        "     3 min 22 s  all steps",
+        "     3 min 22 s  all steps, each by itself",
+        "     2 min 12 s  from the first to the last",
     ]
 
 
 def test_a_program_has_the_name_of_its_module_s_folder() -> None:
     assert builds.named("helm-unittest") is builds.CHART_TESTS
-    with pytest.raises(ClusterError, match="no program nothing: it can be coredns, helm, helm-u"):
+    with pytest.raises(
+        ClusterError, match="no program nothing: it can be helm-unittest, kubernetes, kwok"
+    ):
         builds.named("nothing")

@@ -20,7 +20,7 @@ case "$1" in
 esac
 """
 MMDEBSTRAP = """#!/bin/sh
-printf made > "$3"
+printf made > "$4"
 """
 # Without a namespace: the test may not be root's.
 UNSHARE = """#!/bin/sh

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+import threading
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import build
 import context
@@ -74,6 +77,84 @@ def test_an_incomplete_archive_does_not_count(image: Image) -> None:
     assert build.recorded(image) == "abc"
     archive.write_bytes(b"123")
     assert build.recorded(image) == ""
+
+
+class Sequencer:
+    """An engine whose builds wait for each other: it ends only if they run at once."""
+
+    def __init__(self, together: int) -> None:
+        self.barrier = threading.Barrier(together, timeout=20)
+        self.built: list[str] = []
+
+    def base(self) -> str:
+        return "base"
+
+    def has(self, _image: Image, _content: str) -> bool:
+        return False
+
+    def build(self, image: Image, _folder: Path, _content: str) -> None:
+        if image.name == "broken":
+            raise BuildError("It is broken.")
+        self.barrier.wait()
+        self.built.append(image.name)
+
+    def save(self, _image: Image, archive: Path) -> None:
+        archive.write_text("archive")
+
+
+def test_images_are_built_beside_each_other(image: Image) -> None:
+    engine: Any = Sequencer(together=2)
+    both = [dataclasses.replace(image, name=name) for name in ("one", "two")]
+    (context.cache() / "images").mkdir(parents=True)
+    build.ensure_all(engine, both, archives=True)
+    assert sorted(engine.built) == ["one", "two"]
+    assert all(len(build.recorded(each)) == 64 for each in both)
+    build.ensure_all(engines.Buildah.__new__(NeverBuilds), both, archives=True)
+
+
+class NeverBuilds(engines.Buildah):
+    """Knows the base, and fails where anything is to be built."""
+
+    def base(self) -> str:
+        return "base"
+
+    def build(self, image: Image, folder: Path, content: str) -> None:
+        raise AssertionError(f"{image.name} is there already, with {content}: {folder}")
+
+
+def test_an_image_that_can_t_be_built_ends_the_others_in_peace(image: Image) -> None:
+    engine: Any = Sequencer(together=1)
+    some = [dataclasses.replace(image, name=name) for name in ("broken", "whole")]
+    (context.cache() / "images").mkdir(parents=True)
+    with pytest.raises(BuildError, match=r"It is broken\."):
+        build.ensure_all(engine, some, archives=True)
+    assert build.recorded(some[0]) == ""
+    assert len(build.recorded(some[1])) == (64 if engine.built else 0)
+
+
+def test_an_interrupt_begins_nothing_more(image: Image, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(engines, "interrupted", threading.Event())
+    monkeypatch.setattr(build, "wait", interrupt)
+    (context.cache() / "images").mkdir(parents=True)
+    engine: Any = Sequencer(together=1)
+    with pytest.raises(KeyboardInterrupt):
+        build.ensure_all(engine, [image], archives=True)
+    with pytest.raises(BuildError, match="interrupted"):
+        engines.run(["true"], log=context.cache() / "log")
+    # A pull that the interrupt ended is no registry that does not answer.
+    with pytest.raises(BuildError, match="interrupted"):
+        engines.pulled(["true"])
+
+
+def test_what_is_made_of_nothing_needs_no_base(image: Image) -> None:
+    engine: Any = Sequencer(together=1)
+    engine.base = None
+    (context.cache() / "images").mkdir(parents=True)
+    build.ensure_all(engine, [dataclasses.replace(image, base="scratch")], archives=True)
+    assert engine.built == ["probe"]
 
 
 def test_every_dockerfile_starts_from_the_pinned_base() -> None:

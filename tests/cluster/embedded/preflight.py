@@ -6,6 +6,7 @@ in one message; `install` then gets from apt what is missing.
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 import shutil
@@ -22,7 +23,8 @@ from .places import STATE, cache
 Version = tuple[int, ...]
 APT_SECONDS = 1500.0
 SERVICE_POLICY = Path("/usr/sbin/policy-rc.d")
-FREE_GIB = 15
+# For images and caches, and once those are there for what a cluster writes.
+FREE_GIB, FREE_GIB_WHEN_BUILT = 15, 4
 
 PACKAGES = {
     "cluster": [
@@ -35,10 +37,12 @@ PACKAGES = {
         "runc",
         "util-linux",
     ],
-    "images": ["buildah", "mmdebstrap"],
+    "images": ["buildah", "gcc", "libc6-dev", "mmdebstrap"],
     # A real browser for the tests of the report.
     "browser": ["chromium", "chromium-driver"],
     "tools": ["dpkg-dev", "prometheus", "python3-venv", "shellcheck"],
+    # What runs the demonstration's job without Kubernetes.
+    "laptop": ["openjdk-17-jre-headless", "python3-rosmaster", "ros-robot-state-publisher"],
     "integration": [
         "g++",
         "libroscpp-dev",
@@ -48,11 +52,9 @@ PACKAGES = {
         "libtf2-msgs-dev",
         "make",
         "maven",
-        "openjdk-17-jre-headless",
         "python3-geometry-msgs",
         "python3-nav-msgs",
         "python3-rosbag",
-        "python3-rosmaster",
         "python3-rosnode",
         "python3-rosparam",
         "python3-rospy",
@@ -60,7 +62,6 @@ PACKAGES = {
         "python3-sensor-msgs",
         "python3-std-msgs",
         "python3-tf2-msgs",
-        "ros-robot-state-publisher",
     ],
 }
 
@@ -124,10 +125,19 @@ def overlay_works(folder: Path) -> bool:
 
 
 def disk(folder: Path) -> str | None:
+    if int(os.environ.get("MAKELEVEL", "0")) > 1:
+        return None  # a make that was called by one that has looked, and has built since
     free = shutil.disk_usage(folder).free / 2**30
-    if free >= FREE_GIB:
+    needed = FREE_GIB_WHEN_BUILT if built() else FREE_GIB
+    if free >= needed:
         return None
-    return f"{folder} has {free:.1f} GiB free; {FREE_GIB} GiB are needed for images and caches."
+    return f"{folder} has {free:.1f} GiB free; {needed} GiB are needed for images and caches."
+
+
+def built() -> bool:
+    """Whether the demonstration's images are in the cache, of this checkout or an earlier one."""
+    # Five, of which one may be about to be replaced.
+    return len(list((cache() / "images").glob("*.oci.json"))) >= 4
 
 
 def machine(*folders: Path) -> list[str]:
@@ -214,29 +224,45 @@ def services_held(policy: Path = SERVICE_POLICY) -> Iterator[None]:
         policy.unlink()
 
 
+@contextmanager
+def apt_to_itself() -> Iterator[None]:
+    """One after the other: the second would find the first one's services no longer held."""
+    with (cache() / "apt.lock").open("w") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # as long as apt takes, which has a deadline
+        yield
+
+
 def install(packages: list[str]) -> None:
     """Install what is missing, after one look at what the archive has now."""
-    wanted = missing(packages)
-    if not wanted:
+    if not missing(packages):
         return
-    print(f"  installing with apt: {' '.join(wanted)}", flush=True)
-    apt("update")
-    with services_held():
-        apt("install", "--yes", "--no-install-recommends", *wanted)
-    left = missing(wanted)
+    with apt_to_itself():
+        wanted = missing(packages)
+        if not wanted:  # by now
+            return
+        print(f"  installing with apt: {' '.join(wanted)}", flush=True)
+        apt("update")
+        with services_held():
+            apt("install", "--yes", "--no-install-recommends", *wanted)
+    left = missing(packages)
     if left:
         raise ClusterError(f"apt did not install {', '.join(left)}.")
 
 
-def run(sets: list[str]) -> None:
-    """Check everything, say all that is wrong at once, then install the sets of packages."""
-    unknown = set(sets) - set(PACKAGES)
-    if unknown:
-        raise ClusterError(f"There is no set {', '.join(unknown)}; sets are {', '.join(PACKAGES)}.")
+def check() -> None:
+    """Say all at once what the machine lacks that no package brings. Raises ClusterError."""
     cache().mkdir(parents=True, exist_ok=True)
     wrong = [*machine(cache(), STATE.parent), *languages(), *filter(None, [old_java()])]
     if wrong:
         listed = "\n".join(f"  - {sentence}" for sentence in wrong)
         raise ClusterError(f"this machine lacks what can't be installed for you:\n{listed}")
+
+
+def run(sets: list[str]) -> None:
+    """Check everything, then install the sets of packages, all of them if none is named."""
+    unknown = set(sets) - set(PACKAGES)
+    if unknown:
+        raise ClusterError(f"There is no set {', '.join(unknown)}; sets are {', '.join(PACKAGES)}.")
+    check()
     install([package for name in sets or PACKAGES for package in PACKAGES[name]])
     print("  the machine has what is needed", flush=True)

@@ -61,7 +61,7 @@ def link() -> Path:
         if machine_has(name):
             place.unlink(missing_ok=True)
             continue
-        program = next(p for p in builds.PROGRAMS if name in (p.folder, *p.links))
+        program = next(p for p in builds.PROGRAMS if name in p.names)
         temporary = folder() / f".{name}.{os.getpid()}"
         temporary.symlink_to(builds.ensure(program) / name)
         temporary.replace(place)

@@ -25,7 +25,7 @@ CRDS = "/apis/apiextensions.k8s.io/v1/customresourcedefinitions"
 
 def binaries() -> Path:
     """The folder of the cluster's multi-call program; built where the cache has it not."""
-    return builds.ensure(next(p for p in builds.PROGRAMS if p.folder == "kubernetes"))
+    return builds.ensure(builds.named("kubernetes"))
 
 
 @dataclass
