@@ -10,6 +10,12 @@ from embedded.api import ApiError
 Object = dict[str, Any]
 
 TIMEOUT_SECONDS = 30.0
+# An API server that has just begun answers 429 until it has read a kind's objects, each time with
+# the second after which to ask again; every client of Kubernetes does.
+BUSY = urllib3.Retry(
+    total=None, connect=0, read=0, redirect=0, other=0, status=60, status_forcelist=[429],
+    allowed_methods=None, raise_on_status=False,
+)  # fmt: skip
 JSON = "application/json"
 MERGE_PATCH = "application/merge-patch+json"
 STRATEGIC_PATCH = "application/strategic-merge-patch+json"
@@ -50,14 +56,17 @@ class Client:
         return Client(self.url, self.authority, token=token)
 
     def call(self, method: str, path: str, body: object = None, type_: str = JSON) -> Object:
-        """The decoded answer. Raises ApiError when refused, OSError when nobody answers."""
+        """The decoded answer. Raises ApiError when refused, OSError when nobody answers.
+
+        A server that has too much to do is asked again when it says, for about a minute.
+        """
         headers = {"Accept": JSON, "Content-Type": type_}
         if self.token:
             headers["Authorization"] = f"Bearer {self.token}"
         try:
             answer = self._pool.request(
                 method, self.url + path, json=body, headers=headers, timeout=TIMEOUT_SECONDS,
-                retries=False,
+                retries=BUSY,
             )  # fmt: skip
         except urllib3.exceptions.HTTPError as error:
             raise OSError(f"{method} {path}: the API server does not answer: {error}") from error
