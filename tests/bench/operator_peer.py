@@ -19,7 +19,8 @@ from tests.bench.operator_world import (
     dying_with_us,
     fresh,
 )
-from tests.integration.storage.servers import Server, free_port
+from tests.integration.storage.servers import Server
+from tests.ports import free_port
 
 VERSION = "v2.3.0"
 APPLICATIONS = f"/apis/sparkoperator.k8s.io/v1beta2/namespaces/{NAMESPACE}/sparkapplications"

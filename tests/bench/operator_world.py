@@ -24,7 +24,8 @@ from embedded import builds
 from tests.bench.operator_api import Client, Object, connected
 from tests.bench.operator_drivers import POD_RANGE
 from tests.integration.control_plane import server
-from tests.integration.storage.servers import Server, free_port
+from tests.integration.storage.servers import Server
+from tests.ports import free_port
 
 ROOT = Path(__file__).parents[2]
 OPERATOR = Path(sys.executable).with_name("bagpipe-operator")

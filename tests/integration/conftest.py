@@ -1,18 +1,18 @@
 """The real agent as a process, with slots below a folder of the test's own."""
 
 import os
-import random
 import signal
-import socket
 import subprocess
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
+from bagpipe.run.master_ports import master_ports
 from tests.agent_binary import built
 
 ROOT = Path(__file__).parents[2]
@@ -56,6 +56,7 @@ def agent_binary() -> Path:
 def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., RunningAgent]]:
     """Start an agent with a number of slots; it is ended after the test."""
     started: list[RunningAgent] = []
+    ports = ExitStack()
 
     def start(slots: int = 1, path: str | None = None, *options: str) -> RunningAgent:
         shared = tmp_path / f"shared{len(started)}"
@@ -67,9 +68,10 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
         # What ROS writes in a case whose slot is killed stays with the test.
         environment["TMPDIR"] = str(tmp_path)
         command = [str(agent_binary), "serve", "--shared", str(shared), "--slots", str(slots)]
+        port = ports.enter_context(master_ports(slots))
         with log.open("wb") as output:
             process = subprocess.Popen(
-                [*command, "--master-port", str(_free_ports(slots)), *options],
+                [*command, "--master-port", str(port), *options],
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 env=environment,
@@ -80,10 +82,11 @@ def start_agent(agent_binary: Path, tmp_path: Path) -> Iterator[Callable[..., Ru
         _await_ready(agent_binary, agent)
         return agent
 
-    yield start
-    for agent in started:
-        agent.process.send_signal(signal.SIGTERM)
-        agent.process.wait(timeout=_PATIENCE_SECONDS)
+    with ports:
+        yield start
+        for agent in started:
+            agent.process.send_signal(signal.SIGTERM)
+            agent.process.wait(timeout=_PATIENCE_SECONDS)
 
 
 def _await_ready(binary: Path, agent: RunningAgent) -> None:
@@ -93,31 +96,6 @@ def _await_ready(binary: Path, agent: RunningAgent) -> None:
         assert agent.process.poll() is None, agent.log.read_text()
         assert time.monotonic() < deadline, agent.log.read_text()
         pause.wait(0.02)
-
-
-def _free_ports(count: int) -> int:
-    """The first of `count` neighbouring ports that are free now.
-
-    Nothing listens there before a case runs, so they are not always the same: another agent, of
-    another run of the tests, looks for ports as well.
-    """
-    firsts = list(range(12011, 22011, 97))  # below those of free_port
-    random.shuffle(firsts)
-    for first in firsts:
-        with_all = []
-        try:
-            for port in range(first, first + count):
-                probe = socket.socket()
-                with_all.append(probe)
-                probe.bind(("127.0.0.1", port))
-        except OSError:
-            continue
-        else:
-            return first
-        finally:
-            for probe in with_all:
-                probe.close()
-    raise AssertionError("no free ports for the ROS masters")
 
 
 def _below(pid: int) -> list[int]:

@@ -17,7 +17,8 @@ from bagpipe.storage import Storage
 from charts.monitoring import generate
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording, in_one_piece
-from tests.integration.storage.servers import PATIENCE, free_port, wait_until
+from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.ports import free_port
 from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration

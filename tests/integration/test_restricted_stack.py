@@ -14,9 +14,10 @@ from pathlib import Path
 
 import pytest
 
+from bagpipe.run.master_ports import master_ports
 from bagpipe_operator.names import BAGPIPE_UID
 from bagpipe_operator.pod_parts import STACK_UID
-from tests.integration.conftest import RunningAgent, _await_ready, _free_ports
+from tests.integration.conftest import RunningAgent, _await_ready
 from tests.integration.stacks import folders_with_recording, stepped
 from tests.integration.test_real_stack import run_all
 from tests.recording import MESSAGES
@@ -35,7 +36,14 @@ exec setpriv --reuid "$STACK" --regid "$STACK" --groups "$GROUP" --no-new-privs 
 
 
 @pytest.fixture
-def restricted_agent(agent_binary: Path) -> Iterator[RunningAgent]:
+def master_port() -> Iterator[int]:
+    """A port that no other test takes meanwhile."""
+    with master_ports(1) as port:
+        yield port
+
+
+@pytest.fixture
+def restricted_agent(agent_binary: Path, master_port: int) -> Iterator[RunningAgent]:
     """An agent as the stack's container starts it, on volumes as the kubelet makes them."""
     folder = Path(tempfile.mkdtemp(prefix="bagpipe-restricted-"))
     folder.chmod(0o755)
@@ -49,7 +57,7 @@ def restricted_agent(agent_binary: Path) -> Iterator[RunningAgent]:
     shutil.copy(agent_binary, program)
     subprocess.run([program, "install", shared], check=True, timeout=30, **as_bagpipe)  # type: ignore[call-overload]
     agent = shared / "bin" / "bagpipe-agent"
-    serve = [agent, "serve", "--shared", shared, "--slots", "1", "--master-port", _free_ports(1)]
+    serve = [agent, "serve", "--shared", shared, "--slots", "1", "--master-port", master_port]
     log = folder / "agent.log"
     with log.open("wb") as output:
         process = subprocess.Popen(

@@ -4,13 +4,15 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import urllib3
 
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import PATIENCE, Server, free_port
+from tests.integration.storage.servers import PATIENCE, Server
+from tests.ports import free_port
 
 PROGRAM = Path(sys.executable).with_name("bagpipe-operator")
 # An answer is asked for once, so it may take its time.
@@ -24,8 +26,12 @@ class OperatorProcess:
     kubeconfig: Path
     log: Path
     environment: dict[str, str] = field(default_factory=dict)
+    # Removes the Lease that one which was killed has left, as if its time were over: to wait for
+    # that is what the tests of replicas are for.
+    forget_lease: Callable[[], None] | None = None
     port: int = field(default_factory=free_port)
     server: Server = field(init=False)
+    _killed: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         defaults = {
@@ -40,6 +46,9 @@ class OperatorProcess:
 
     def start(self, ready_seconds: float = PATIENCE) -> "OperatorProcess":
         """Starts it, again after it has ended, and waits until /readyz says yes."""
+        if self._killed and self.forget_lease:
+            self.forget_lease()
+        self._killed = False
         self.server.start()
         self.server.await_ready(lambda: self.ask("/readyz")[0] == 200, ready_seconds)
         return self
@@ -47,6 +56,7 @@ class OperatorProcess:
     def kill(self) -> None:
         """SIGKILL: it can't say or finish anything."""
         self.server.kill()
+        self._killed = True
 
     def terminate(self) -> int:
         """SIGTERM, as a kubelet sends it; the exit status."""

@@ -9,7 +9,8 @@ import urllib3
 import yaml
 
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import LOOPBACK, PATIENCE, Host, Server, free_port
+from tests.integration.storage.servers import LOOPBACK, PATIENCE, Host, Server
+from tests.ports import free_port
 
 
 @dataclass

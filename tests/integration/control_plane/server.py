@@ -15,7 +15,8 @@ from pathlib import Path
 from embedded import builds
 
 from tests.integration.control_plane.client import Client, Object, core
-from tests.integration.storage.servers import PATIENCE, Server, free_port, wait_until
+from tests.integration.storage.servers import PATIENCE, Server, wait_until
+from tests.ports import free_port
 
 CLUSTER = Path(__file__).parents[2] / "cluster"
 # Tests may be killed before they can clean up; the kernel then ends what they started.

@@ -11,10 +11,10 @@ from tests.integration.storage.servers import (
     PATIENCE,
     Host,
     Server,
-    free_port,
     listens,
     wait_until,
 )
+from tests.ports import free_port
 
 _POM = Path(__file__).parent / "hadoop" / "pom.xml"
 _SHA256 = {

@@ -4,7 +4,6 @@ They serve loopback, or an address of a network namespace that others reach (see
 """
 
 import os
-import random
 import signal
 import socket
 import subprocess
@@ -14,37 +13,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from tests.ports import free_port
+
 ACCESS_KEY = "bagpipe-tests"
 SECRET_KEY = "a-secret-that-nobody-may-ever-read"  # noqa: S105  of a server for tests
 BUCKET = "recordings"
 # After this a wait fails. Large, since it is only then reached: a machine that has other work, or
 # a slow one, needs some times the seconds that an idle one does.
 PATIENCE = 90.0
-_EPHEMERAL = Path("/proc/sys/net/ipv4/ip_local_port_range")
-_given_ports: set[int] = set()
-
-
-def free_port() -> int:
-    """A port of loopback that nothing listens on now, each time another one.
-
-    Below those that connections take by themselves: one of these could be taken before its server
-    listens, or while the server is down between two starts.
-    """
-    below = max(int(_EPHEMERAL.read_text().split()[0]), 12_000)
-    ports: list[int] = list({*range(below - 10_000, below)} - _given_ports)
-    random.shuffle(ports)  # another run on this machine looks for ports as well
-    port = next(port for port in ports if _is_free(port))
-    _given_ports.add(port)
-    return port
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-        return True
 
 
 def wait_until(done: Callable[[], bool], seconds: float, what: str) -> None:

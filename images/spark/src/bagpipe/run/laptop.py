@@ -4,13 +4,12 @@ import ctypes
 import dataclasses
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import bagpipe
@@ -18,14 +17,13 @@ from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run.case_run import Row
 from bagpipe.run.fragment_stream import fragment_file
+from bagpipe.run.master_ports import NoPortsError, master_ports
 from bagpipe.run.pieces import sequence_file
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 
 _READY_SECONDS = 20.0
 _END_SECONDS = 15.0
-# Ports of this machine's rosmasters: beside ROS' own 11311, below what the kernel hands out.
-_MASTER_PORTS = range(21311, 31311, 97)
 _PR_SET_PDEATHSIG = 1
 
 
@@ -113,8 +111,19 @@ def serving_agent(agent: str, shared: Path, log: Path, slots: int = 1) -> Iterat
 
     Raises ReplayError where it does not start.
     """
+    with ExitStack() as held:
+        try:
+            port = held.enter_context(master_ports(slots))
+        except NoPortsError as error:
+            raise ReplayError(str(error)) from error
+        with _serving(agent, shared, log, slots, port):
+            yield
+
+
+@contextmanager
+def _serving(agent: str, shared: Path, log: Path, slots: int, port: int) -> Iterator[None]:
     command = [agent, "serve", "--shared", str(shared), "--slots", str(slots)]
-    command += ["--master-port", str(free_ports(slots))]
+    command += ["--master-port", str(port)]
     with log.open("wb") as output:
         try:
             process = subprocess.Popen(
@@ -164,26 +173,3 @@ def own_environment() -> dict[str, str]:
         environment["PATH"] = os.pathsep.join(part for part in parts if part != own)
         environment.pop("VIRTUAL_ENV", None)
     return environment
-
-
-def free_ports(count: int) -> int:
-    """The first of `count` neighbouring ports of loopback that are free now.
-
-    Raises ReplayError where there are none.
-    """
-    # Another process looks at others first: what is free now may be taken when a rosmaster starts.
-    begin = os.getpid() % len(_MASTER_PORTS)
-    ports: list[int] = [*_MASTER_PORTS[begin:], *_MASTER_PORTS[:begin]]
-    for first in ports:
-        if all(_is_free(port) for port in range(first, first + count)):
-            return first
-    raise ReplayError(f"no {count} neighbouring ports are free for the rosmasters: end what runs")
-
-
-def _is_free(port: int) -> bool:
-    with socket.socket() as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return False
-        return True
