@@ -90,7 +90,9 @@ def operator_process(installation: Installation, tmp_path: Path) -> Iterator[Sta
     def begin(start: bool = True, **environment: str) -> OperatorProcess:
         log = tmp_path / f"operator-{len(processes)}.log"
         lease = {"BAGPIPE_LEASE_NAMESPACE": installation.namespace}
-        process = OperatorProcess(installation.kubeconfig, log, lease | environment)
+        process = OperatorProcess(
+            installation.kubeconfig, log, lease | environment, installation.forget_lease
+        )
         processes.append(process)
         return process.start() if start else process
 

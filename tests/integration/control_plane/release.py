@@ -24,6 +24,7 @@ OPERATOR_TEMPLATES = [
 # Values of a release whose operator watches all namespaces.
 CLUSTER_WIDE = ["clusterWide=true"]
 ADMISSION = "/apis/admissionregistration.k8s.io/v1"
+LEASES = "/apis/coordination.k8s.io/v1/namespaces/{namespace}/leases"
 COLLECTIONS = {
     "ServiceAccount": "/api/v1/namespaces/{namespace}/serviceaccounts",
     "Role": "/apis/rbac.authorization.k8s.io/v1/namespaces/{namespace}/roles",
@@ -43,6 +44,16 @@ class Installation:
     namespace: str
     kubeconfig: Path
     client: Client
+    admin: Client
+
+    @property
+    def lease(self) -> str:
+        """The path of the Lease that its operators lead by."""
+        return f"{LEASES.format(namespace=self.namespace)}/{OPERATOR}"
+
+    def forget_lease(self) -> None:
+        """Removes that Lease."""
+        self.admin.delete(self.lease)
 
 
 def find_helm() -> None:
@@ -67,7 +78,7 @@ def installed(
         client = admin.with_token(token)
         await_right(client, "list", watched, "pods")
         await_right(client, "create", name, "leases", "coordination.k8s.io")
-        yield Installation(name, kubeconfig, client)
+        yield Installation(name, kubeconfig, client, admin)
         for path in made:
             admin.delete(path)
 

@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from embedded.api import ApiError
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
@@ -61,22 +60,17 @@ def kueue(admin: Client) -> Iterator[Client]:
     """An API server with Kueue's API, a flavor and a priority class."""
     for plural in KINDS:
         admin.create(CRDS, definition(plural))
-    wait_until(lambda: all(served(admin, each) for each in KINDS), PATIENCE, "CRDs are not served")
+    wait_until(
+        lambda: all(admin.exists(f"{KUEUE}/{each}") for each in KINDS),
+        PATIENCE,
+        "CRDs are not served",
+    )
     spot = {"nodeLabels": {"pool": "spot"}, "tolerations": [{"key": "spot", "operator": "Exists"}]}
     _create(admin, "resourceflavors", {"metadata": {"name": "spot"}, "spec": spot})
     _create(admin, "workloadpriorityclasses", {"metadata": {"name": "urgent"}, "value": 700})
     yield admin
     for plural in KINDS:
         admin.delete(f"{CRDS}/{plural}.{GROUP}")
-
-
-def served(admin: Client, plural: str) -> bool:
-    try:
-        return admin.exists(f"{KUEUE}/{plural}")
-    except ApiError as error:
-        if error.status == 429:  # its storage is being made
-            return False
-        raise
 
 
 def _create(admin: Client, plural: str, obj: Object) -> None:
@@ -155,6 +149,7 @@ def operator(
         process = OperatorProcess(
             release.kubeconfig, tmp_path / "operator.log",
             {"BAGPIPE_LEASE_NAMESPACE": release.namespace, "BAGPIPE_KUEUE": "true"},
+            release.forget_lease,
         )  # fmt: skip
         yield process.start()
         process.kill()

@@ -28,7 +28,6 @@ TAKEOVER_SECONDS = 15.0
 # So many drivers at most has the leader that is killed.
 MOST_BEFORE = 30
 NAMES = [f"j{number:03}" for number in range(60)]
-LEASE = "/apis/coordination.k8s.io/v1/namespaces/{}/leases/bagpipe-operator"
 
 
 def drivers_and_attempts(admin: Client, namespace: str) -> set[tuple[str, int]]:
@@ -65,7 +64,7 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
     wait_until(
         lambda: len(children(admin, namespace)["pods"]) >= 10, PATIENCE, "no drivers were made"
     )
-    lease = LEASE.format(installation.namespace)
+    lease = installation.lease
     renewed = moment(admin.get(lease)["spec"]["renewTime"])
     with Stalls() as stalls:
         leader.kill()
@@ -116,7 +115,7 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
     await_phase(admin, namespace, "Pending", 3)
     assert leads(second)
     assert children(admin, namespace) == expected_children(["a", "b", "c"])
-    lease = admin.get(LEASE.format(installation.namespace))
+    lease = admin.get(installation.lease)
     assert lease["spec"]["leaseTransitions"] == 1
     assert first.metric('bagpipe_reconciles_total{result="done"}') == 0
 
@@ -155,7 +154,7 @@ def test_a_replica_that_leads_a_second_time_begins_anew(
     await_lead(first)
     complete_job(admin, namespace, kubelet, "c")
     await_phase(admin, namespace, "Failed", 1)
-    lease = admin.get(LEASE.format(installation.namespace))
+    lease = admin.get(installation.lease)
     led = moment(lease["spec"]["acquireTime"])
     failed = moment(statuses(admin, namespace)["a"]["completionTime"])  # in whole seconds
     assert (failed - led).total_seconds() > stuck - 1, "it counted from when it led before"
@@ -209,7 +208,7 @@ def test_a_leader_that_is_asked_to_end_gives_the_lease_back(
         took = time.monotonic() - began
     assert "gave the Lease" in leader.said()
     assert took - stalls.seconds < 20
-    spec = admin.get(LEASE.format(installation.namespace))["spec"]
+    spec = admin.get(installation.lease)["spec"]
     assert spec["leaseTransitions"] == 1
     # The same for a lone one that is replaced: its successor need not wait for the Lease's end.
     assert standby.terminate() == 0

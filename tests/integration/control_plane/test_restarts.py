@@ -18,8 +18,7 @@ from tests.integration.control_plane.server import ControlPlane
 from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
 
-# Short, so that a successor need not wait long for what a killed operator held.
-QUICK = {"BAGPIPE_LEASE_SECONDS": "5", "BAGPIPE_MISSING_DRIVER_SECONDS": "1"}
+QUICK = {"BAGPIPE_MISSING_DRIVER_SECONDS": "1"}
 
 
 def test_what_happens_while_no_operator_runs_is_found(
