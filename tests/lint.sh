@@ -22,7 +22,7 @@ step "import-linter" lint-imports
 step "rustfmt" env -C images/ros cargo fmt --all --check
 step "clippy" env -C images/ros CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/cargo-debug" \
   cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
-mapfile -t scripts < <(git ls-files '*.sh' .ci/run)
+mapfile -t scripts < <(git ls-files '*.sh' '.ci/*')
 step "shellcheck" shellcheck "${scripts[@]}"
 step "helm lint" helm lint --quiet --namespace bagpipe-system charts/bagpipe
 step "helm lint, a namespace's chart" helm lint --quiet --namespace lanes charts/bagpipe-namespace

@@ -1,11 +1,12 @@
 """Break one line after another, and say which breaks no unit test notices.
 
-    python -m tests.mutation.run FILE... [--tests TEST...]
+    python -m tests.mutation.run [FILE...] [--tests TEST...]
 
-Each FILE is a module whose decisions matter. cosmic-ray makes the mutants, in a copy of the
-project, and each meets the unit tests that import the module until one fails: those of its name
-first, then the nearest. A mutant that none kills is shown as it differs: a test is missing, or the
-line says nothing.
+Each FILE is a module whose decisions matter; without one those of deciders.toml are meant, which
+also names their tests, and less than 85 % killed of any is a failure. cosmic-ray makes the mutants,
+in a copy of the project, and each meets the unit tests that import the module until one fails:
+those of its name first, then the nearest. A mutant that none kills is shown as it differs: a test
+is missing, or the line says nothing.
 """
 
 import argparse
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -23,6 +25,7 @@ from tests.quick.affected import affected, read
 
 ROOT = Path(__file__).parents[2]
 CACHE = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "mutation"
+LEAST_PERCENT = 85
 # What runs the tests ends one that hangs, long before.
 MUTANT_SECONDS = 3600
 # What says nothing: `|` is mostly a type's, operators on numbers have nearer neighbours, and `is`
@@ -44,13 +47,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("files", nargs="+", metavar="FILE")
-    parser.add_argument("--tests", nargs="*", metavar="TEST", help="instead of the nearest ones")
+    parser.add_argument("files", nargs="*", metavar="FILE")
+    parser.add_argument("--tests", nargs="*", metavar="TEST", help="instead of the known ones")
     given = parser.parse_args()
     programs = _installed()
+    known = deciders()
     status = 0
-    for file in given.files:
-        tests = given.tests or nearest(Path(file))
+    for file in given.files or known:
+        tests = given.tests or known.get(file) or nearest(Path(file))
         if not tests:
             print(f"{file}: no unit test imports it: name some by --tests")
             status = 1
@@ -67,7 +71,21 @@ def main() -> int:
         )
         for survivor in survivors:
             print(survivor)
+        if not given.files and not enough(killed, len(survivors)):
+            print(f"{file}: fewer than {LEAST_PERCENT} % were killed", flush=True)
+            status = 1
     return status
+
+
+def deciders() -> dict[str, list[str]]:
+    """The modules that are looked at each night, with their tests."""
+    parts = tomllib.loads(Path(__file__).with_name("deciders.toml").read_text())
+    return {file: tests for part in parts.values() for file, tests in part.items()}
+
+
+def enough(killed: int, survived: int) -> bool:
+    """Whether so many of a module's mutants were killed as must be (issue 14)."""
+    return 100 * killed >= LEAST_PERCENT * (killed + survived)
 
 
 def nearest(file: Path) -> list[str]:

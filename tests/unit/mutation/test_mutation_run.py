@@ -43,3 +43,19 @@ def test_the_configuration_is_toml() -> None:
     assert read["cosmic-ray"]["module-path"] == "a/b.py"
     assert read["cosmic-ray"]["test-command"] == 'pytest -k "c d"'
     assert read["cosmic-ray"]["filters"]["operators-filter"]["exclude-operators"] == run.LEFT_OUT
+
+
+def test_each_decider_and_each_of_its_tests_is_there() -> None:
+    for file, tests in run.deciders().items():
+        assert (run.ROOT / file).is_file(), file
+        assert tests
+        for test in tests:
+            path, _, name = test.partition("::")
+            assert (run.ROOT / path).is_file(), test
+            assert not name or f"def {name}(" in (run.ROOT / path).read_text(), test
+
+
+def test_enough_is_eighty_five_percent() -> None:
+    assert run.enough(17, 3)
+    assert not run.enough(169, 30)  # 84.9 %
+    assert run.enough(0, 0)
