@@ -90,21 +90,28 @@ demo: first-verdict cluster install ## Set everything up, run the main job, show
 first-verdict: recording agent $(VENV) ## Run the demonstration's job on this machine, without Kubernetes
 	$(STEP) "Running the demonstration's job without Kubernetes" -- .venv/bin/python -m tests.e2e.first_verdict
 
+# So many processes share the tests; those of a file, and of a folder with servers, stay together.
+LANES ?= $(shell nproc)
+PYTEST := .venv/bin/python -m pytest
+BESIDE := --numprocesses $(LANES) --dist loadgroup
+
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
 .PHONY: test
 ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
-	$(STEP) "Testing $(K)" -- .venv/bin/python -m pytest tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
+	$(STEP) "Testing $(K)" -- $(PYTEST) tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-# One stage after the other: what runs beside a test makes it slow.
+# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; the
+# cluster has the machine to itself.
 test: set-up
 	@$(MAKE) test-python
-	@$(MAKE) test-rust
-	@$(MAKE) test-integration
-	@$(MAKE) test-liars
+	@$(MAKE) test-real-parts AND=tests/liars
 	@$(MAKE) test-e2e
 	$(SUMMARY)
 endif
+
+.PHONY: test-real-parts
+test-real-parts: test-rust test-integration
 
 .PHONY: set-up
 set-up: preflight-all venv tools test-programs test-agent recording images ## Build all that tests need, at once
@@ -132,7 +139,7 @@ kubernetes: machine
 
 .PHONY: test-python
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
-	$(STEP) "Testing the Python packages and the cluster's parts" -- .venv/bin/python -m pytest tests/unit tests/cluster
+	$(STEP) "Testing the Python packages and the cluster's parts" -- $(PYTEST) $(BESIDE) tests/unit tests/cluster
 
 .PHONY: recording
 recording: preflight ## Fetch the real recording that the tests play
@@ -149,30 +156,30 @@ test-agent: preflight-all
 # Without ROS or the recording its tests fail; BAGPIPE_WITHOUT_ROS=1 leaves out what needs ROS.
 .PHONY: test-rust
 test-rust: recording test-agent ## Run the agent's tests, against Debian's ROS (part of test)
-	$(STEP) "Testing the agent" -- $(TEST_AGENT) --no-fail-fast
+	$(STEP) "Testing the agent" --output-at-its-end -- $(TEST_AGENT) --no-fail-fast
 
 .PHONY: test-integration
 test-integration: preflight-all venv test-programs ## Run worker, agent and real nodes together (part of test)
-	$(STEP) "Testing worker, agent and real nodes" -- .venv/bin/python -m pytest tests/integration
+	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE) tests/integration $(AND)
 
 .PHONY: test-liars
 test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, before the gate (part of test)
-	$(STEP) "Testing that no liar passes" -- .venv/bin/python -m pytest tests/liars
+	$(STEP) "Testing that no liar passes" -- $(PYTEST) tests/liars
 
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
-	$(STEP) "Testing whole jobs on Kubernetes" -- .venv/bin/python -m pytest tests/e2e -m "not slow"
+	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) tests/e2e -m "not slow"
 
 .PHONY: test-slow
 test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes
-	$(STEP) "Testing what takes minutes" -- .venv/bin/python -m pytest tests/e2e -m slow
+	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e -m slow
 
 .PHONY: test-nodes
 ifeq ($(CLUSTER),embedded)
 # On any other number of nodes all its tests are skipped, which would look like success.
 test-nodes: override NODES := 3
 test-nodes: cluster install ## Test three nodes, their loss, and 200 cases that are disturbed
-	$(STEP) "Testing a cluster of three nodes" -- .venv/bin/python -m pytest \
+	$(STEP) "Testing a cluster of three nodes" -- $(PYTEST) \
 	  tests/e2e/test_nodes.py tests/e2e/test_fleet_faults.py
 else
 test-nodes:

@@ -1,7 +1,9 @@
 """Run one step of make: say what it does, how long it took, and what to do when it fails.
 
-python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] -- COMMAND...
+python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] [--output-at-its-end] -- COMMAND...
 python3 tests/cluster/step.py --summary
+
+A step that runs beside another one may keep its output until its end, so that both can be read.
 
 Each step adds a line to the file that BAGPIPE_STEPS names, if it does; the summary has the longest
 first, each with the seconds that it had a processor (of what it waited for: no server that stays).
@@ -11,8 +13,11 @@ from __future__ import annotations
 
 import json
 import os
+import resource
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -29,18 +34,37 @@ def duration(seconds: float) -> str:
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 
 
-def split(arguments: list[str]) -> tuple[str, str, list[str]]:
-    """(what, advice, command) of a command line."""
+def split(arguments: list[str]) -> tuple[str, str, bool, list[str]]:
+    """(what, advice, whether its output comes at its end, command) of a command line."""
     at = arguments.index("--")
     words, command = arguments[:at], arguments[at + 1 :]
-    advice = words[2] if len(words) > 2 and words[1] == "--if-it-fails" else ""
-    return words[0], advice, command
+    advice = words[2] if words[1:2] == ["--if-it-fails"] else ""
+    return words[0], advice, words[-1] == "--output-at-its-end", command
 
 
-def record(what: str, seconds: float) -> None:
-    """Keeps a step's time for the summary."""
+def run(command: list[str], at_its_end: bool) -> int:
+    """The command's status. Raises OSError where it can't be run."""
+    if not at_its_end:
+        return subprocess.run(command, check=False).returncode
+    with tempfile.TemporaryFile() as output:
+        try:
+            return subprocess.run(command, check=False, stdout=output, stderr=output).returncode
+        finally:
+            output.seek(0)
+            shutil.copyfileobj(output, sys.stdout.buffer)
+            sys.stdout.flush()
+
+
+def processor_seconds() -> float:
+    """Of all processes that this one waited for, and those that they waited for."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def record(what: str, seconds: float, processor: float) -> None:
+    """Keeps a step's times for the summary."""
     if path := os.environ.get("BAGPIPE_STEPS"):
-        step = {"what": what, "ended": time.time(), "seconds": seconds}
+        step = {"what": what, "ended": time.time(), "seconds": seconds, "processor": processor}
         with Path(path).open("a") as file:
             file.write(json.dumps(step) + "\n")
 
@@ -53,22 +77,28 @@ def summary(lines: list[str]) -> str:
     if not steps:  # of another make, which has begun since
         return ""
     longest = sorted(steps, key=lambda step: -step["seconds"])
-    rows = [(step["what"], step["seconds"]) for step in longest if step["seconds"] >= 1]
-    rows.append(("all steps, each by itself", sum(step["seconds"] for step in steps)))
+    rows = [
+        (step["what"], step["seconds"], step["processor"])
+        for step in longest
+        if step["seconds"] >= 1
+    ]
+    processor = sum(step["processor"] for step in steps)
+    rows.append(("all steps, each by itself", sum(step["seconds"] for step in steps), processor))
     begun = min(step["ended"] - step["seconds"] for step in steps)
-    rows.append(("from the first to the last", max(step["ended"] for step in steps) - begun))
-    return "\n".join(f"{duration(seconds):>15}  {what}" for what, seconds in rows)
+    rows.append(("from the first to the last", max(s["ended"] for s in steps) - begun, processor))
+    lines = [f"{duration(took):>15}  {duration(used):>15}  {what}" for what, took, used in rows]
+    return "\n".join([f"{'took':>15}  {'of a processor':>15}  step", *lines])
 
 
 def main() -> int:
     if sys.argv[1:] == ["--summary"]:
         print(summary(Path(os.environ["BAGPIPE_STEPS"]).read_text().splitlines()))
         return 0
-    what, advice, command = split(sys.argv[1:])
+    what, advice, at_its_end, command = split(sys.argv[1:])
     print(colour("1", f"==> {what}"), flush=True)
     began = time.monotonic()
     try:
-        status = subprocess.run(command, check=False).returncode
+        status = run(command, at_its_end)
     except KeyboardInterrupt:
         print(f"\n<== interrupted: {what}. It can be run again.", file=sys.stderr)
         return 130
@@ -77,7 +107,7 @@ def main() -> int:
         status = 127
     seconds = time.monotonic() - began
     took = duration(seconds)
-    record(what, seconds)
+    record(what, seconds, processor_seconds())
     if status:
         # Shown by a signal's number, a child's end is a negative status.
         said = f"<== FAILED after {took}: {what} (status {status})."

@@ -222,15 +222,38 @@ def test_a_summary_has_the_longest_step_first(tmp_path: Path) -> None:
         subprocess.run(words, env=environment, check=False, timeout=30)
     kept = record.read_text().splitlines()
     assert ['"what": "Looking"' in kept[0], '"what": "Failing"' in kept[1]] == [True, True]
-    steps = [("Building", 171, 71.4), ("Loading", 230, 130), ("Checking", 99, 0.6)]
-    lines = [json.dumps({"what": w, "ended": end, "seconds": s}) for w, end, s in steps]
+    names = ("what", "ended", "seconds", "processor")
+    steps = [("Building", 171, 71.4, 90), ("Loading", 230, 130, 4.5), ("Checking", 99, 0.6, 0.1)]
+    lines = [json.dumps(dict(zip(names, each, strict=True))) for each in steps]
     assert step.summary([]) == ""
     assert step.summary(lines).splitlines() == [
-        "     2 min 10 s  Loading",
-        "     1 min 11 s  Building",
-        "     3 min 22 s  all steps, each by itself",
-        "     2 min 12 s  from the first to the last",
+        "           took   of a processor  step",
+        "     2 min 10 s            4.5 s  Loading",
+        "     1 min 11 s       1 min 30 s  Building",
+        "     3 min 22 s       1 min 35 s  all steps, each by itself",
+        "     2 min 12 s       1 min 35 s  from the first to the last",
     ]
+
+
+def test_a_step_may_keep_its_output_until_its_end() -> None:
+    script = "import sys; print('out', flush=True); print('err', file=sys.stderr, flush=True)"
+    words = [sys.executable, str(SCRIPT), "Telling", "--output-at-its-end", "--"]
+    done = subprocess.run(
+        [*words, sys.executable, "-c", script + "; sys.exit(3)"],
+        env={"PATH": "/usr/bin:/bin"}, capture_output=True, text=True, check=False, timeout=30,
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert done.stdout == "==> Telling\nout\nerr\n"
+    assert "FAILED after" in done.stderr
+
+
+def test_a_step_has_the_processors_that_its_processes_used(tmp_path: Path) -> None:
+    record = tmp_path / "steps.jsonl"
+    environment = {"BAGPIPE_STEPS": str(record), "PATH": "/usr/bin:/bin"}
+    busy = "import time\nwhile time.process_time() < 0.3: pass"
+    words = [sys.executable, str(SCRIPT), "Computing", "--", sys.executable, "-c", busy]
+    subprocess.run(words, env=environment, check=True, timeout=30)
+    assert json.loads(record.read_text())["processor"] >= 0.3
 
 
 def test_a_program_has_the_name_of_its_module_s_folder() -> None:
