@@ -4,6 +4,7 @@ python3 tests/cluster/step.py WHAT [--if-it-fails ADVICE] [--output-at-its-end] 
 python3 tests/cluster/step.py --summary
 
 A step that runs beside another one may keep its output until its end, so that both can be read.
+Each says how long it took the last time, or on the machine of FIRST where this is its first.
 
 Each step adds a line to the file that BAGPIPE_STEPS names, if it does; the summary has the longest
 first, each with the seconds that it had a processor (of what it waited for: no server that stays).
@@ -11,6 +12,7 @@ first, each with the seconds that it had a processor (of what it waited for: no 
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import resource
@@ -20,6 +22,18 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+# Seconds of the long steps with empty caches, beside each other, on two processors (November 2026).
+FIRST = {
+    "Building Kubernetes": 564,
+    "Building images": 342,
+    "Compiling the agent's tests": 280,
+    "Building the agent": 164,
+    "Making .venv from uv.lock": 51,
+    "Running the demonstration's job without Kubernetes": 51,
+    "Loading images": 34,
+    "Running the demonstration": 33,
+}
 
 
 def colour(code: str, text: str) -> str:
@@ -32,6 +46,29 @@ def duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+def expectation(what: str, kept: Path) -> str:
+    """How long a step may take, in words; empty where nobody knows, or it is not worth a word."""
+    try:
+        last = float((kept / file_name(what)).read_text())
+    except (OSError, ValueError):
+        first = FIRST.get(what)
+        return f" (the first time: {duration(first)} on two processors)" if first else ""
+    return f" (the last time: {duration(last)})" if last >= 10 else ""
+
+
+def remember(what: str, seconds: float, kept: Path) -> None:
+    """Keeps what a step took for the next time; that it can't be kept is no fault of the step."""
+    partly = kept / f"{file_name(what)}.{os.getpid()}"
+    with contextlib.suppress(OSError):
+        kept.mkdir(parents=True, exist_ok=True)
+        partly.write_text(f"{seconds:.1f}")
+        partly.replace(kept / file_name(what))
+
+
+def file_name(what: str) -> str:
+    return "".join(letter if letter.isalnum() else "-" for letter in what)
 
 
 def split(arguments: list[str]) -> tuple[str, str, bool, list[str]]:
@@ -95,7 +132,8 @@ def main() -> int:
         print(summary(Path(os.environ["BAGPIPE_STEPS"]).read_text().splitlines()))
         return 0
     what, advice, at_its_end, command = split(sys.argv[1:])
-    print(colour("1", f"==> {what}"), flush=True)
+    kept = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe")) / "steps"
+    print(colour("1", f"==> {what}{expectation(what, kept)}"), flush=True)
     began = time.monotonic()
     try:
         status = run(command, at_its_end)
@@ -114,6 +152,7 @@ def main() -> int:
         print(colour("31;1", said), file=sys.stderr)
         print(f"    {advice or 'Its last lines are above.'}", file=sys.stderr)
         return status if 0 < status < 256 else 1
+    remember(what, seconds, kept)
     print(colour("32", f"<== {what}: {took}"), flush=True)
     return 0
 

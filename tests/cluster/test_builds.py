@@ -17,6 +17,11 @@ from embedded.failure import ClusterError
 SCRIPT = Path(step.__file__)
 
 
+def environ(cache: Path) -> dict[str, str]:
+    """A step's, which keeps what it keeps in a test's folder."""
+    return {"PATH": "/usr/bin:/bin", "BAGPIPE_CACHE": str(cache)}
+
+
 @pytest.fixture
 def module(tmp_path: Path) -> Path:
     for name in ("go.mod", "go.sum", "main.go", "README.md"):
@@ -216,7 +221,7 @@ def test_a_failed_step_says_what_to_do() -> None:
 
 def test_a_summary_has_the_longest_step_first(tmp_path: Path) -> None:
     record = tmp_path / "steps.jsonl"
-    environment = {"BAGPIPE_STEPS": str(record), "PATH": "/usr/bin:/bin"}
+    environment = environ(tmp_path) | {"BAGPIPE_STEPS": str(record)}
     for what, command in (("Looking", "true"), ("Failing", "false")):
         words = [sys.executable, str(SCRIPT), what, "--", command]
         subprocess.run(words, env=environment, check=False, timeout=30)
@@ -235,12 +240,31 @@ def test_a_summary_has_the_longest_step_first(tmp_path: Path) -> None:
     ]
 
 
-def test_a_step_may_keep_its_output_until_its_end() -> None:
+def test_a_step_says_how_long_it_took_the_last_time(tmp_path: Path) -> None:
+    kept = tmp_path / "steps"
+    first = " (the first time: 9 min 24 s on two processors)"
+    assert step.expectation("Building Kubernetes", kept) == first
+    assert step.expectation("Testing whole jobs", kept) == ""
+    step.remember("Building Kubernetes", 123.4, kept)
+    assert step.expectation("Building Kubernetes", kept) == " (the last time: 2 min 03 s)"
+    step.remember("Building Kubernetes", 0.4, kept)  # nothing was to be built
+    assert step.expectation("Building Kubernetes", kept) == ""
+    assert [path.name for path in kept.iterdir()] == ["Building-Kubernetes"]
+    (kept / "Building-Kubernetes").write_text("")
+    assert step.expectation("Building Kubernetes", kept) == first
+
+
+def test_a_cache_that_cannot_be_written_fails_no_step(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    step.remember("Looking", 1.0, tmp_path / "file")
+
+
+def test_a_step_may_keep_its_output_until_its_end(tmp_path: Path) -> None:
     script = "import sys; print('out', flush=True); print('err', file=sys.stderr, flush=True)"
     words = [sys.executable, str(SCRIPT), "Telling", "--output-at-its-end", "--"]
     done = subprocess.run(
         [*words, sys.executable, "-c", script + "; sys.exit(3)"],
-        env={"PATH": "/usr/bin:/bin"}, capture_output=True, text=True, check=False, timeout=30,
+        env=environ(tmp_path), capture_output=True, text=True, check=False, timeout=30,
     )  # fmt: skip
     assert done.returncode == 3
     assert done.stdout == "==> Telling\nout\nerr\n"
@@ -249,7 +273,7 @@ def test_a_step_may_keep_its_output_until_its_end() -> None:
 
 def test_a_step_has_the_processors_that_its_processes_used(tmp_path: Path) -> None:
     record = tmp_path / "steps.jsonl"
-    environment = {"BAGPIPE_STEPS": str(record), "PATH": "/usr/bin:/bin"}
+    environment = environ(tmp_path) | {"BAGPIPE_STEPS": str(record)}
     busy = "import time\nwhile time.process_time() < 0.3: pass"
     words = [sys.executable, str(SCRIPT), "Computing", "--", sys.executable, "-c", busy]
     subprocess.run(words, env=environment, check=True, timeout=30)

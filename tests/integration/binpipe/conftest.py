@@ -10,6 +10,8 @@ import pytest
 from pyspark import SparkContext
 from pyspark.sql import SparkSession
 
+from bagpipe.driver.spark_context import QUICK_JVM
+
 ROOT = Path(__file__).parents[3]
 EXAMPLES = ROOT / "docs/examples/binpipe"
 HEAP_BYTES = 512 << 20
@@ -23,6 +25,7 @@ def spark() -> Iterator[SparkSession]:
         SparkSession.builder.master("local[2, 2]")
         .appName("binpipe tests")
         .config("spark.driver.memory", "512m")
+        .config("spark.driver.extraJavaOptions", QUICK_JVM)
         .config("spark.driver.host", "127.0.0.1")
         .config("spark.driver.bindAddress", "127.0.0.1")
         .config("spark.ui.enabled", "false")

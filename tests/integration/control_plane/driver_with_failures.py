@@ -27,6 +27,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.simulate import simulate
+from bagpipe.driver.spark_context import QUICK_JVM
 from bagpipe.pipe.frames import FrameType
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run.case_run import RunContext
@@ -147,6 +148,7 @@ def main(folder: Path, namespace: str, *addresses: str) -> None:
         served.append(ServedJob(folder, job, address, shared))
     os.environ["PYSPARK_PYTHON"] = sys.executable
     conf = SparkConf().setMaster("local[2, 9]").set("spark.ui.enabled", "false")
+    conf.set("spark.driver.extraJavaOptions", QUICK_JVM)
     conf.set("spark.driver.host", "127.0.0.1").set("spark.driver.bindAddress", "127.0.0.1")
     spark = SparkContext(conf=conf)
     agent.start()

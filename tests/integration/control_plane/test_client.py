@@ -12,12 +12,15 @@ from tests.integration.control_plane.client import Client
 
 
 class _Busy(BaseHTTPRequestHandler):
-    """Answers what the server's list of statuses says next, with an empty object."""
+    """Answers what the server's list of statuses says next, and nothing where that is empty."""
 
     server: "_Server"
 
     def do_POST(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
+        if not self.server.answers:
+            self.close_connection = True
+            return
         self.send_response(self.server.answers.pop(0))
         self.send_header("Retry-After", "0")
         self.send_header("Content-Length", "2")

@@ -14,9 +14,9 @@ from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.storage.servers import PATIENCE, wait_until
 
 VALUES = Path(__file__).parents[3] / "charts/bagpipe/values.yaml"
-# Each near the 1.5 MB that etcd takes: parsed, they are 470 MB. The API server takes seconds for
+# Each near the 1.5 MB that etcd takes: parsed, they are 290 MB. The API server takes seconds for
 # each (10,000 of them are a bench's).
-JOBS, EDITED = 16, 4
+JOBS, EDITED = 10, 2
 # Three bytes of JSON for each, and sixty of Python's.
 NOTHING: list[list[int]] = [[] for _ in range(470_000)]
 

@@ -23,6 +23,7 @@ def settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
     made = spark_context.spark_settings(job, pod) | {
         "spark.master": _master,
         "spark.cores.max": str(job.spec.spark.executors * job.spec.spark.slots),
+        "spark.driver.extraJavaOptions": spark_context.QUICK_JVM,
         # Only Spark's Kubernetes backend makes the secret by itself.
         "spark.authenticate": "false",
         "spark.network.crypto.enabled": "false",

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pyspark
 
+from bagpipe.driver.spark_context import QUICK_JVM
+
 _SPARK = Path(pyspark.__file__).parent
 _DEPLOY = "org.apache.spark.deploy"
 _START_SECONDS = 180
@@ -40,7 +42,7 @@ def _daemon(folder: Path, name: str, *arguments: str) -> Iterator[Path]:
     log = folder / f"{name}-{len(list(folder.iterdir()))}.log"
     environment = os.environ | {
         "SPARK_DAEMON_MEMORY": "256m",
-        "SPARK_DAEMON_JAVA_OPTS": "-Dspark.master.rest.enabled=false -XX:+UseSerialGC",
+        "SPARK_DAEMON_JAVA_OPTS": f"-Dspark.master.rest.enabled=false -XX:+UseSerialGC {QUICK_JVM}",
         "SPARK_HOME": str(_SPARK),
     }
     command = [str(_SPARK / "bin/spark-class"), f"{_DEPLOY}.{name}", "--webui-port", "0"]

@@ -9,7 +9,13 @@ import pytest
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
-from bagpipe.driver.spark_context import DriverPod, memory_split, quantity, spark_settings
+from bagpipe.driver.spark_context import (
+    DriverPod,
+    local_settings,
+    memory_split,
+    quantity,
+    spark_settings,
+)
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import Row, unplanned_row
 from bagpipe.spec import Images, PodResources
@@ -154,8 +160,14 @@ def test_spark_settings_that_decide() -> None:
         "spark.network.crypto.enabled": "true",
         "spark.executor.maxNumFailures": "2147483647",
         "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError",
+        "spark.executor.extraJavaOptions": "-XX:TieredStopAtLevel=1",
     }
     assert {key: settings[key] for key in chosen} == chosen
+
+
+def test_spark_on_one_machine_starts_quickly_and_ends_when_its_heap_is_full() -> None:
+    options = local_settings(make_job({}), 2)["spark.driver.extraJavaOptions"]
+    assert options == "-XX:+ExitOnOutOfMemoryError -XX:TieredStopAtLevel=1"
 
 
 @pytest.mark.parametrize(

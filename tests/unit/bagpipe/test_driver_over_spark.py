@@ -22,6 +22,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.simulate import simulate
+from bagpipe.driver.spark_context import QUICK_JVM
 from bagpipe.plan.cases import Case, plan
 from bagpipe.run.case_run import Row, RunContext
 from bagpipe.storage import Storage
@@ -37,6 +38,7 @@ def spark() -> Iterator[SparkContext]:
     # Spark's Python workers are to be the Python that runs the tests, whatever PATH says.
     os.environ["PYSPARK_PYTHON"] = sys.executable
     conf = SparkConf().setMaster("local[2, 9]").set("spark.ui.enabled", "false")
+    conf.set("spark.driver.extraJavaOptions", QUICK_JVM)
     conf.set("spark.driver.host", "127.0.0.1").set("spark.driver.bindAddress", "127.0.0.1")
     conf.set("spark.executor.heartbeatInterval", "500ms")
     context = SparkContext(conf=conf)

@@ -73,3 +73,35 @@ async def test_a_write_that_is_cancelled_gives_its_place_back() -> None:
             await write
     api.answers.set()
     assert len(await asyncio.gather(*await begun(fenced, 8))) == 8
+
+
+def test_a_fence_is_open_until_its_moment_and_no_longer() -> None:
+    now = 10.0
+    fence = Fence(lambda: now)
+    assert (fence.leads(), fence.remaining()) == (False, float("-inf"))
+    fence.open_until(12.5)
+    assert (fence.leads(), fence.remaining()) == (True, 2.5)
+    now = 12.25
+    assert (fence.leads(), fence.remaining()) == (True, 0.25)
+    now = 12.5
+    assert (fence.leads(), fence.remaining()) == (False, 0.0)
+    now = 13.0
+    assert (fence.leads(), fence.remaining()) == (False, -0.5)
+    fence.open_until(14.0)
+    fence.close()
+    assert (fence.leads(), fence.remaining()) == (False, float("-inf"))
+
+
+@pytest.mark.parametrize(("remaining", "begun_"), [(0.0, 0), (-0.5, 0), (0.5, 1)])
+async def test_a_write_is_begun_before_the_end_and_not_at_it(remaining: float, begun_: int) -> None:
+    api, fence = HeldApi(), Fence(lambda: 100.0)
+    fence.open_until(100.0 + remaining)
+    (write,) = await begun(FencedApi(api, fence), 1)
+    assert api.under_way == begun_
+    api.answers.set()
+    (answer,) = await asyncio.gather(write, return_exceptions=True)
+    assert isinstance(answer, NotLeadingError) == (not begun_)
+
+
+def test_who_lost_the_lead_may_try_again_as_after_a_lost_answer() -> None:
+    assert (NotLeadingError().status, NotLeadingError().reason) == (0, "NotLeading")

@@ -1,13 +1,19 @@
 """What is told of the tests' times is what they took, and each test has its lane."""
 
 import json
+import os
+import re
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
-from tests.conftest import TESTS, lane
+from tests.conftest import lane
 from tests.times import Meter, table
+
+ROOT = Path(__file__).parents[3]
 
 
 def test_a_table_has_sums_of_files_and_the_longest_tests() -> None:
@@ -43,11 +49,30 @@ def test_a_meter_counts_the_processes_that_were_waited_for() -> None:
 @pytest.mark.parametrize(
     ("place", "expected"),
     [
-        ("integration/control_plane/test_life.py", "integration/control_plane"),
-        ("integration/test_lockstep.py", "integration/test_lockstep.py"),
-        ("e2e/test_scenes.py", "e2e"),
-        ("unit/cli/test_run.py", "unit/cli/test_run.py"),
+        ("tests/integration/control_plane/test_life.py", "tests/integration/control_plane"),
+        ("tests/integration/test_lockstep.py", "tests/integration/test_lockstep.py"),
+        ("tests/e2e/test_scenes.py", "tests/e2e"),
+        ("tests/unit/cli/test_run.py", "tests/unit/cli/test_run.py"),
     ],
 )
 def test_tests_that_share_servers_are_in_one_lane(place: str, expected: str) -> None:
-    assert lane(TESTS / place) == expected
+    assert lane(place) == expected
+
+
+def test_the_tests_of_a_file_run_in_one_process(tmp_path: Path) -> None:
+    """As `make test` calls pytest: a scheduler that groups nothing would pass all other tests."""
+    shutil.copy(ROOT / "tests/conftest.py", tmp_path / "conftest.py")
+    for name in ("a", "b"):
+        tests = "\n".join(f"def test_{n}(): pass" for n in range(8))
+        (tmp_path / f"test_{name}.py").write_text(tests)
+    words = re.search(r"^BESIDE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert words
+    options = words[1].replace("$(LANES)", "2").split()
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-v", "--rootdir", str(tmp_path), *options, str(tmp_path)],
+        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True, text=True, check=False, timeout=120,
+    )  # fmt: skip
+    ran = re.findall(r"\[(gw\d)\].* PASSED (test_[ab])\.py", done.stdout)
+    assert len(ran) == 16, done.stdout + done.stderr
+    assert sorted(file for _, file in set(ran)) == ["test_a", "test_b"]
