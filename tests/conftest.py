@@ -27,12 +27,13 @@ def lane(file: str) -> str:
 
 
 class Lanes(LoadScopeScheduling):  # type: ignore[misc]  # xdist has no types
-    """Gives a process the tests of a lane; the longest lanes first, since they have most tests."""
+    """Gives a process the tests of a lane; those with most tests first."""
 
     def _split_scope(self, nodeid: str) -> str:
         return lane(nodeid.partition("::")[0])
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> Lanes:
     """For `--dist loadscope`: loadgroup groups nothing with pytest 9.2 (pytest-xdist#1386)."""
     return Lanes(config, log)

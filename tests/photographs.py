@@ -63,7 +63,7 @@ def _download(folder: Path) -> Path:
 def _unpack(wheel: Path, paths: dict[str, Path]) -> None:
     with zipfile.ZipFile(wheel) as archive:
         for name, path in paths.items():
-            part = path.with_suffix(".part")
+            part = path.with_suffix(f".{os.getpid()}.part")
             part.write_bytes(archive.read(f"ultralytics/assets/{name}"))
             if not _is_known(name, part):
                 raise PhotographError(f"{name} of {PACKAGE} is not what the tests know")

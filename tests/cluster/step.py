@@ -16,10 +16,8 @@ import contextlib
 import json
 import os
 import resource
-import shutil
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -75,20 +73,25 @@ def split(arguments: list[str]) -> tuple[str, str, bool, list[str]]:
     """(what, advice, whether its output comes at its end, command) of a command line."""
     at = arguments.index("--")
     words, command = arguments[:at], arguments[at + 1 :]
-    advice = words[2] if words[1:2] == ["--if-it-fails"] else ""
-    return words[0], advice, words[-1] == "--output-at-its-end", command
+    advice = words[words.index("--if-it-fails") + 1] if "--if-it-fails" in words else ""
+    return words[0], advice, "--output-at-its-end" in words, command
 
 
-def run(command: list[str], at_its_end: bool) -> int:
-    """The command's status. Raises OSError where it can't be run."""
-    if not at_its_end:
+def run(command: list[str], output: Path | None) -> int:
+    """The command's status; its output stands in a file until its end, if there is one.
+
+    The file has a name and stays where the step itself is killed. Raises OSError where the command
+    can't be run.
+    """
+    if output is None:
         return subprocess.run(command, check=False).returncode
-    with tempfile.TemporaryFile() as output:
+    output.parent.mkdir(parents=True, exist_ok=True)
+    print(f"    its output comes at its end, and stands in {output} until then", flush=True)
+    with output.open("wb") as file:
         try:
-            return subprocess.run(command, check=False, stdout=output, stderr=output).returncode
+            return subprocess.run(command, check=False, stdout=file, stderr=file).returncode
         finally:
-            output.seek(0)
-            shutil.copyfileobj(output, sys.stdout.buffer)
+            sys.stdout.buffer.write(output.read_bytes())
             sys.stdout.flush()
 
 
@@ -132,11 +135,12 @@ def main() -> int:
         print(summary(Path(os.environ["BAGPIPE_STEPS"]).read_text().splitlines()))
         return 0
     what, advice, at_its_end, command = split(sys.argv[1:])
-    kept = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe")) / "steps"
+    kept = Path(os.environ.get("BAGPIPE_CACHE") or Path.home() / ".cache/bagpipe") / "steps"
+    output = kept / f"{file_name(what)}.log" if at_its_end else None
     print(colour("1", f"==> {what}{expectation(what, kept)}"), flush=True)
     began = time.monotonic()
     try:
-        status = run(command, at_its_end)
+        status = run(command, output)
     except KeyboardInterrupt:
         print(f"\n<== interrupted: {what}. It can be run again.", file=sys.stderr)
         return 130

@@ -203,7 +203,7 @@ def test_says_durations_as_people_do(seconds: float, text: str) -> None:
     assert step.duration(seconds) == text
 
 
-def test_a_failed_step_says_what_to_do() -> None:
+def test_a_failed_step_says_what_to_do(tmp_path: Path) -> None:
     words = ["Building", "--if-it-fails", "Try again.", "--", "sh", "-c", "exit 7"]
     done = subprocess.run(
         [sys.executable, str(SCRIPT), *words],
@@ -211,6 +211,7 @@ def test_a_failed_step_says_what_to_do() -> None:
         text=True,
         timeout=120,
         check=False,
+        env=environ(tmp_path),
     )
     assert done.returncode == 7
     assert done.stdout == "==> Building\n"
@@ -267,7 +268,10 @@ def test_a_step_may_keep_its_output_until_its_end(tmp_path: Path) -> None:
         env=environ(tmp_path), capture_output=True, text=True, check=False, timeout=30,
     )  # fmt: skip
     assert done.returncode == 3
-    assert done.stdout == "==> Telling\nout\nerr\n"
+    file = tmp_path / "steps/Telling.log"
+    told = f"    its output comes at its end, and stands in {file} until then"
+    assert done.stdout == f"==> Telling\n{told}\nout\nerr\n"
+    assert file.read_text() == "out\nerr\n"
     assert "FAILED after" in done.stderr
 
 

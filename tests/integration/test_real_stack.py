@@ -70,6 +70,7 @@ def at_once(window: list[int], seconds: float = 0.002) -> int:
     return sum(after - before < seconds * 1e9 for before, after in itertools.pairwise(times))
 
 
+@pytest.mark.alone
 def test_in_real_time_a_queue_of_one_loses_at_most_what_comes_at_once_or_the_machine_was_busy(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:

@@ -84,8 +84,8 @@ def deciders() -> dict[str, list[str]]:
 
 
 def enough(killed: int, survived: int) -> bool:
-    """Whether so many of a module's mutants were killed as must be (issue 14)."""
-    return 100 * killed >= LEAST_PERCENT * (killed + survived)
+    """Whether so many of a module's mutants were killed as must be (issue 14); none is too few."""
+    return killed > 0 and 100 * killed >= LEAST_PERCENT * (killed + survived)
 
 
 def nearest(file: Path) -> list[str]:

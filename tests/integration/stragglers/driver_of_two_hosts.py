@@ -20,10 +20,12 @@ _job, _master, _shared, _seconds = sys.argv[1:]
 
 def settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
     """The job's own settings, less Kubernetes."""
-    made = spark_context.spark_settings(job, pod) | {
+    own = spark_context.spark_settings(job, pod)
+    options = own["spark.driver.extraJavaOptions"]
+    made = own | {
+        "spark.driver.extraJavaOptions": f"{options} {spark_context.QUICK_JVM}",
         "spark.master": _master,
         "spark.cores.max": str(job.spec.spark.executors * job.spec.spark.slots),
-        "spark.driver.extraJavaOptions": spark_context.QUICK_JVM,
         # Only Spark's Kubernetes backend makes the secret by itself.
         "spark.authenticate": "false",
         "spark.network.crypto.enabled": "false",

@@ -13,7 +13,7 @@ NODES = ("/a", "/b", "/c")
 seconds = st.floats(0, 20, allow_nan=False)
 figures = st.floats(0, 2, allow_nan=False)
 modes = st.sampled_from(["realtime", "realtime", "max", "lockstep"])
-lines = st.fixed_dictionaries(
+lines: st.SearchStrategy[Json] = st.fixed_dictionaries(
     {
         "node": st.sampled_from(NODES),
         "lacks": st.integers(0, 40) | st.just(0),

@@ -160,7 +160,6 @@ def test_spark_settings_that_decide() -> None:
         "spark.network.crypto.enabled": "true",
         "spark.executor.maxNumFailures": "2147483647",
         "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError",
-        "spark.executor.extraJavaOptions": "-XX:TieredStopAtLevel=1",
     }
     assert {key: settings[key] for key in chosen} == chosen
 

@@ -1,5 +1,6 @@
 """Rows, journal, manifest: each case counts once, whatever dies between them."""
 
+import tempfile
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,7 +30,10 @@ def test_the_first_row_of_a_case_stays(rows: list[tuple[str, int]]) -> None:
     first: dict[str, int] = {}
     for name, value in rows:
         first.setdefault(name, value)
-    with RowFile(Path("/dev/shm/bagpipe-test-rows")) as file:
+    with (
+        tempfile.TemporaryDirectory(dir="/dev/shm") as folder,
+        RowFile(Path(folder, "rows")) as file,
+    ):
         added = [file.add({"case": name, "value": value}) for name, value in rows]
         assert sum(added) == len(file) == len(first)
         assert [(row["case"], row["value"]) for row in file.rows()] == sorted(first.items())

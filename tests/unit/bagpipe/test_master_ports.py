@@ -1,5 +1,6 @@
 """No two runs on one machine take the same ports for their rosmasters."""
 
+import errno
 import random
 import socket
 import subprocess
@@ -14,6 +15,7 @@ HOLDER = """
 import sys
 from bagpipe.run import master_ports as module
 module.FIRST, module.END = map(int, sys.argv[1:])
+module._in_turn = list
 with module.master_ports(3) as first:
     print(first, flush=True)
     sys.stdin.read()
@@ -26,6 +28,7 @@ def ranges(monkeypatch: pytest.MonkeyPatch) -> range:
     first = random.SystemRandom().randrange(31_400, 32_400)
     monkeypatch.setattr(module, "FIRST", first)
     monkeypatch.setattr(module, "END", first + 3 * module.STEP)
+    monkeypatch.setattr(module, "_in_turn", list)
     return range(first, module.END, module.STEP)
 
 
@@ -57,6 +60,27 @@ def test_another_process_holds_its_ports_until_it_ends(ranges: range) -> None:
         other.wait(timeout=30)
     with master_ports(3) as mine:
         assert mine == ranges[0]
+
+
+def test_another_process_begins_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.getpid", lambda: 7)
+    assert module._in_turn([10, 20, 30]) == [20, 30, 10]
+
+
+def test_where_names_are_not_to_be_had_free_ports_must_do(
+    ranges: range, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = socket.socket
+
+    class Denied(socket.socket):
+        def bind(self, address: object) -> None:
+            if self.family == socket.AF_UNIX:
+                raise PermissionError(errno.EACCES, "denied")
+            real.bind(self, address)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("bagpipe.run.master_ports.socket.socket", Denied)
+    with master_ports(3) as first:
+        assert first == ranges[0]
 
 
 @pytest.mark.usefixtures("ranges")

@@ -58,4 +58,4 @@ def test_each_decider_and_each_of_its_tests_is_there() -> None:
 def test_enough_is_eighty_five_percent() -> None:
     assert run.enough(17, 3)
     assert not run.enough(169, 30)  # 84.9 %
-    assert run.enough(0, 0)
+    assert not run.enough(0, 0)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import lane
+from tests.conftest import TIMES, lane
 from tests.times import Meter, table
 
 ROOT = Path(__file__).parents[3]
@@ -59,20 +59,27 @@ def test_tests_that_share_servers_are_in_one_lane(place: str, expected: str) -> 
     assert lane(place) == expected
 
 
-def test_the_tests_of_a_file_run_in_one_process(tmp_path: Path) -> None:
+def test_a_lane_runs_in_one_process(tmp_path: Path) -> None:
     """As `make test` calls pytest: a scheduler that groups nothing would pass all other tests."""
-    shutil.copy(ROOT / "tests/conftest.py", tmp_path / "conftest.py")
-    for name in ("a", "b"):
+    (tmp_path / "tests/integration/storage").mkdir(parents=True)
+    shutil.copy(ROOT / "tests/conftest.py", tmp_path / "tests/conftest.py")
+    for name in ("integration/storage/test_a", "integration/storage/test_b", "test_c", "test_d"):
         tests = "\n".join(f"def test_{n}(): pass" for n in range(8))
-        (tmp_path / f"test_{name}.py").write_text(tests)
+        (tmp_path / f"tests/{name}.py").write_text(tests)
     words = re.search(r"^BESIDE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert words
-    options = words[1].replace("$(LANES)", "2").split()
+    options = words[1].replace("$(LANES)", "3").split()
+    environment = {name: value for name, value in os.environ.items() if name != TIMES}
     done = subprocess.run(
-        [sys.executable, "-m", "pytest", "-v", "--rootdir", str(tmp_path), *options, str(tmp_path)],
-        cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        [sys.executable, "-m", "pytest", "-v", "--rootdir", ".", *options, "tests"],
+        cwd=tmp_path, env=environment | {"PYTHONPATH": str(ROOT)},
         capture_output=True, text=True, check=False, timeout=120,
     )  # fmt: skip
-    ran = re.findall(r"\[(gw\d)\].* PASSED (test_[ab])\.py", done.stdout)
-    assert len(ran) == 16, done.stdout + done.stderr
-    assert sorted(file for _, file in set(ran)) == ["test_a", "test_b"]
+    ran = re.findall(r"\[(gw\d)\].* PASSED .*test_([abcd])\.py", done.stdout)
+    assert len(ran) == 32, done.stdout + done.stderr
+    by_file: dict[str, set[str]] = {}
+    for process, file in ran:
+        by_file.setdefault(file, set()).add(process)
+    assert [len(processes) for processes in by_file.values()] == [1, 1, 1, 1]
+    assert by_file["a"] == by_file["b"]
+    assert len({process for process, _ in ran}) == 3

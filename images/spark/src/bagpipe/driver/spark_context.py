@@ -17,8 +17,8 @@ _SERVICE_ACCOUNT = "/var/run/secrets/kubernetes.io/serviceaccount"
 _MEBIBYTE = 1 << 20
 # Spark refuses a heap below 450 MiB; the JVM's own and the Python workers' memory comes on top.
 _LEAST_HEAP_MEBIBYTES = 512
-# Cases run in Python and in the stack: a JVM that only hands tasks on has ended before the second
-# compiler earns what it costs, nearly half of a start's processor seconds (docs/performance.md).
+# Cases run in Python and in the stack: a JVM that hands on one machine's tasks has ended before the
+# second compiler earns what it costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
 # A case that is quicker than that is not worth a copy, however slow it is beside the others.
 LEAST_STRAGGLER_SECONDS = 60
@@ -113,7 +113,6 @@ def _size(job: JobFile) -> dict[str, str]:
         "spark.executor.instances": str(spark.executors),
         # Slots are task places, not processors: the pod requests what the user asked for.
         "spark.executor.cores": str(spark.slots),
-        "spark.executor.extraJavaOptions": QUICK_JVM,
         "spark.kubernetes.executor.request.cores": f"{math.ceil(cpu * 1000)}m",
         "spark.executor.memory": f"{heap}m",
         "spark.executor.memoryOverhead": f"{overhead}m",
