@@ -8,7 +8,7 @@ use bagpipe_ros::{FarEnd, LinkState, Publication};
 
 use crate::outcome::Strength;
 use crate::patience::{Patience, Round, Settled};
-use crate::processes::waits_at;
+use crate::processes::Sockets;
 use crate::time::Time;
 
 /// A subscriber of a topic: the topic's place and the connection's number.
@@ -106,27 +106,30 @@ impl Proof {
     /// Looks where the subscribers are, without asking them. What had been sent to each.
     pub(crate) fn see(&mut self, topics: &[Arc<Publication>]) -> BTreeMap<Key, u64> {
         let sent = sent(topics);
-        for (at, publication) in topics.iter().enumerate() {
-            let ends = publication.far_ends();
+        let ends: Vec<Vec<FarEnd>> = topics.iter().map(|topic| topic.far_ends()).collect();
+        let mut looks = BTreeMap::new();
+        for (at, (publication, ends)) in topics.iter().zip(ends).enumerate() {
             for link in publication.subscribers().into_iter().filter(|link| link.open) {
                 let end = ends.iter().find(|end| end.id == link.id);
-                let place = end.map_or(Place::Unknown, |end| self.place(&link.node, end));
+                let place =
+                    end.map_or(Place::Unknown, |end| self.place(&link.node, end, &mut looks));
                 self.known.entry((at, link.id)).or_default().place = place;
             }
         }
         sent
     }
 
-    /// Where a node is with what was sent to it. Unread bytes are looked for first: who has
-    /// none and then waits at the socket has nothing else to do for it.
-    fn place(&self, node: &str, end: &FarEnd) -> Place {
+    /// Where a node is with what was sent to it. Unread bytes are looked for first, in all
+    /// topics: who has none and then waits at the socket has nothing else to do for it. `looks`
+    /// has one at each process.
+    fn place(&self, node: &str, end: &FarEnd, looks: &mut BTreeMap<i32, Sockets>) -> Place {
         if end.unread > 0 {
             return Place::Unread;
         }
-        let (Some(pid), Some(inode)) = (self.pids.get(node), end.inode) else {
+        let (Some(&pid), Some(inode)) = (self.pids.get(node), end.inode) else {
             return Place::Unknown;
         };
-        match waits_at(*pid, inode) {
+        match looks.entry(pid).or_insert_with(|| Sockets::of(pid)).wait(inode) {
             None => Place::Unknown,
             Some(true) => Place::Back,
             Some(false) => Place::Away,

@@ -2,6 +2,7 @@
 //! to its socket? Where /proc says nothing, nothing is known, and silence has to do.
 
 mod rest;
+mod sockets;
 mod starting;
 mod threads;
 mod tree;
@@ -15,6 +16,7 @@ use rest::{Look, RESTING, Watch};
 use threads::{Demand, Waits};
 
 pub(crate) use rest::Rest;
+pub(crate) use sockets::Sockets;
 pub(crate) use starting::Starting;
 pub use tree::descendants;
 pub(crate) use tree::{ProcessLine, below, processes};
@@ -65,24 +67,6 @@ impl Processes {
     }
 }
 
-/// Whether a thread of a process waits for bytes of a socket; `None` if that can't be seen.
-pub(crate) fn waits_at(pid: i32, inode: u32) -> Option<bool> {
-    let descriptor = descriptor(pid, inode)?;
-    let all: Vec<Waits> = tasks(pid).into_iter().filter_map(waits).collect();
-    (!all.is_empty()).then(|| all.contains(&Waits::Bytes(descriptor)))
-}
-
-/// By which number a process knows a socket.
-fn descriptor(pid: i32, inode: u32) -> Option<u64> {
-    let wanted = format!("socket:[{inode}]");
-    let entries = std::fs::read_dir(format!("/proc/{pid}/fd")).ok()?;
-    entries.flatten().find_map(|entry| {
-        let target = std::fs::read_link(entry.path()).ok()?;
-        let number = || entry.file_name().to_str()?.parse().ok();
-        (target.to_str() == Some(&wanted)).then(number).flatten()
-    })
-}
-
 fn look(pids: &BTreeSet<i32>, born: Instant) -> Look {
     let mut found = BTreeMap::new();
     for &pid in pids {
@@ -107,54 +91,4 @@ fn demand(task: &std::path::Path) -> Option<Demand> {
 
 fn waits(task: PathBuf) -> Option<Waits> {
     threads::waits(&std::fs::read_to_string(task.join("syscall")).ok()?)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::io::{Read, Write};
-    use std::net::{TcpListener, TcpStream};
-    use std::sync::mpsc::channel;
-
-    fn ourselves() -> i32 {
-        i32::try_from(std::process::id()).unwrap()
-    }
-
-    #[test]
-    fn a_thread_that_has_gone_back_to_its_socket_is_seen_there() {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let mut near = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
-        let (mut far, _) = listener.accept().unwrap();
-        let name = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&far));
-        let name = std::fs::read_link(name).unwrap().to_str().unwrap().to_owned();
-        let inode: u32 = name.trim_start_matches("socket:[").trim_end_matches(']').parse().unwrap();
-        if waits_at(ourselves(), inode).is_none() {
-            eprintln!("skipped: this kernel does not show system calls");
-            return;
-        }
-        assert_eq!(waits_at(ourselves(), inode), Some(false));
-        let (go, wait) = channel::<()>();
-        let reader = std::thread::spawn(move || {
-            far.read_exact(&mut [0; 1]).unwrap();
-            wait.recv().unwrap_err();
-            far.read_exact(&mut [0; 1]).unwrap();
-        });
-        let until = |expected: bool| {
-            let begun = Instant::now();
-            while waits_at(ourselves(), inode) != Some(expected) {
-                assert!(begun.elapsed() < Duration::from_secs(60));
-                std::thread::yield_now();
-            }
-        };
-        until(true);
-        // It has taken the byte and works on it: on its own wait, it is not at the socket.
-        near.write_all(&[1]).unwrap();
-        until(false);
-        drop(go);
-        until(true);
-        near.write_all(&[1]).unwrap();
-        reader.join().unwrap();
-        assert_eq!(waits_at(ourselves(), 0), None);
-        assert_eq!(waits_at(0, inode), None);
-    }
 }
