@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from scipy import stats
-
 from bagpipe.compare.correction import holm
 from bagpipe.compare.pairing import Key, Rounds
 
@@ -72,5 +70,8 @@ def _moved(then: Rounds, now: Rounds) -> Change:
 @lru_cache(maxsize=4096)
 def _chance(passed: int, rounds: int, passed_now: int, rounds_now: int) -> float:
     """Two-sided, of so different shares in as many rounds."""
+    # Loading it takes longer than the rest of a driver, and few jobs compare rounds that differ.
+    from scipy.stats import fisher_exact  # noqa: PLC0415
+
     table = [[passed, rounds - passed], [passed_now, rounds_now - passed_now]]
-    return float(stats.fisher_exact(table).pvalue)
+    return float(fisher_exact(table).pvalue)

@@ -1,8 +1,6 @@
 """Criteria over what messages say: bounds of a field, an expression over each message."""
 
-from typing import Any
-
-import cel
+from typing import TYPE_CHECKING, Any
 
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.fields import as_map, no_number, number_at
@@ -11,6 +9,9 @@ from bagpipe.evaluate.limits import bounded, limits
 from bagpipe.evaluate.model import Expression, FieldBounds
 from bagpipe.evaluate.reads import number_below, paths_of
 from bagpipe.evaluate.window import Heard, heard, over_window, samples
+
+if TYPE_CHECKING:
+    import cel
 
 _FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
 
@@ -75,7 +76,7 @@ def _odd(
 def _holds(
     name: str,
     wanted: Expression,
-    program: cel.Program,
+    program: "cel.Program",
     answers: list[tuple[int, Any]],
     evidence: Evidence,
 ) -> Finding:
@@ -99,7 +100,7 @@ def _holds(
     )
 
 
-def _answer(program: cel.Program, wanted: Expression, known: dict[str, Any]) -> bool:
+def _answer(program: "cel.Program", wanted: Expression, known: dict[str, Any]) -> bool:
     try:
         answer = program.execute(known)
     except _FAULTS as error:
@@ -112,8 +113,10 @@ def _answer(program: cel.Program, wanted: Expression, known: dict[str, Any]) -> 
     return answer
 
 
-def compiled(text: str) -> cel.Program:
+def compiled(text: str) -> "cel.Program":
     """Raises NoEvidenceError for a text that is no expression or names what is not known."""
+    import cel  # noqa: PLC0415  it loads a shell of its own: half a second
+
     try:
         program = cel.compile(text)
     except _FAULTS as error:

@@ -2,11 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-
-import cel
+from typing import TYPE_CHECKING
 
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.matrix.model import Exclusion, Scalar
+
+if TYPE_CHECKING:
+    import cel
 
 # What the expression library raises for text that does not parse and for what can't be computed.
 _FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
@@ -18,7 +20,7 @@ class Rule:
 
     when: str
     because: str
-    program: cel.Program
+    program: "cel.Program"
 
 
 @dataclass(frozen=True)
@@ -66,7 +68,11 @@ def shown(values: Mapping[str, Scalar]) -> str:
     return ", ".join(f"{name}={value}" for name, value in values.items())
 
 
-def _program(where: str, rule: Exclusion, variables: Mapping[str, Sequence[Scalar]]) -> cel.Program:
+def _program(
+    where: str, rule: Exclusion, variables: Mapping[str, Sequence[Scalar]]
+) -> "cel.Program":
+    import cel  # noqa: PLC0415  it loads a shell of its own: half a second
+
     try:
         program = cel.compile(rule.when)
     except _FAULTS as error:

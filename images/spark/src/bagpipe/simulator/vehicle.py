@@ -12,10 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks
-from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
-from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
-
 from bagpipe.simulator.scenario import Ego
 
 # The longest step of the integration, in seconds; its error is far below a millimetre.
@@ -34,7 +30,21 @@ Dynamics = Callable[[State, list[float], Any], State]
 @cache
 def parameters(vehicle: int) -> Any:
     """The library's parameters of a vehicle, read once."""
+    # Here and below: a job of recordings has no car, and loading the library takes a while.
+    from vehiclemodels.vehicle_parameters import setup_vehicle_parameters  # noqa: PLC0415
+
     return setup_vehicle_parameters(vehicle_id=vehicle)
+
+
+def dynamics(*, kinematic: bool) -> Dynamics:
+    """The library's model: how the state changes, with or without wheels that slip."""
+    if kinematic:
+        from vehiclemodels.vehicle_dynamics_ks import vehicle_dynamics_ks  # noqa: PLC0415
+
+        return vehicle_dynamics_ks  # type: ignore[no-any-return]
+    from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st  # noqa: PLC0415
+
+    return vehicle_dynamics_st  # type: ignore[no-any-return]
 
 
 @dataclass(frozen=True)
@@ -73,7 +83,7 @@ class Vehicle:
         self.state: State = [x, y, 0.0, ego.speed, ego.heading]
         if not self.kinematic:
             self.state += [0.0, 0.0]
-        self._dynamics: Dynamics = vehicle_dynamics_ks if self.kinematic else vehicle_dynamics_st
+        self._dynamics = dynamics(kinematic=self.kinematic)
 
     @property
     def length(self) -> float:
