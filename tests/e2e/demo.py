@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from tests.e2e import first_verdict
 from tests.e2e import kubectl as k
 from tests.recording import RecordingError, fetch
 
@@ -107,12 +108,24 @@ def _show(job: k.Object) -> int:
     info = k.in_toolbox(NAMESPACE, *command)
     console.print(info, markup=False, highlight=False, soft_wrap=True)
     take_out(status["results"])
+    _show_real_time()
     console.print(
         "The cluster stays up: export KUBECONFIG="
         f"{k.EMBEDDED_KUBECONFIG}; kubectl get simjob,pods -A. make down removes it.",
         soft_wrap=True,
     )
     return 0 if status.get("verdict") == "Passed" else 1
+
+
+def _show_real_time() -> None:
+    """The other mode, on this machine. Whether the node keeps up is luck, so it is no verdict."""
+    _say("Lock-step waits for each answer. In real time a node with a queue of one may lose some:")
+    folder = k.cache() / "demo/laptop"
+    try:
+        first_verdict.run(first_verdict.in_real_time(folder), folder / "realtime")
+    except (RecordingError, subprocess.TimeoutExpired, OSError) as error:
+        _say(f"There is no play in real time to show: {error}")
+    _say("")
 
 
 def take_out(uri: str) -> None:

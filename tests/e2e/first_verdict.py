@@ -1,7 +1,7 @@
 """The demonstration's job without Kubernetes: `bagpipe run`, as on a laptop.
 
 `make demo` calls it as soon as it can, while the cluster is still being built: the same manifest
-and recording, and the same verdict.
+and recording, and the same verdict. At its end the same node is played a part in real time.
 """
 
 import os
@@ -9,6 +9,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import yaml
 
 from tests.e2e.kubectl import cache
 from tests.recording import RecordingError, fetch
@@ -23,27 +25,45 @@ _SECONDS = 300
 
 def main() -> int:
     """The exit status of `bagpipe run`: 0 when the verdict is Passed."""
-    folder = cache() / "demo" / "laptop"
     try:
-        recordings = _recordings(folder)
+        return run(f"docs/examples/{JOB}/job.yaml", cache() / "demo/laptop" / JOB)
     except RecordingError as error:
         print(f"The recording can't be had: {error}", file=sys.stderr)
-        return 2
+    except subprocess.TimeoutExpired:
+        print(f"There was no verdict within {_SECONDS} s.", file=sys.stderr)
+    return 2
+
+
+def run(manifest: str | Path, results: Path) -> int:
+    """The exit status of `bagpipe run` of a manifest, which is shown as it is called.
+
+    Raises RecordingError and subprocess.TimeoutExpired.
+    """
     command = [
-        f"{ROOT}/.venv/bin/bagpipe", "run", f"docs/examples/{JOB}/job.yaml",
+        f"{ROOT}/.venv/bin/bagpipe", "run", f"{manifest}",
         "--agent", f"{cache()}/cargo/release/bagpipe-agent",
-        "--volume", f"recordings={recordings}",
-        "--results", f"{folder / JOB}", "--replace",
+        "--volume", f"recordings={_recordings(cache() / 'demo/laptop')}",
+        "--results", f"{results}", "--replace",
     ]  # fmt: skip
     print(f"  $ PATH={_STACK}:$PATH {' '.join(command)}", flush=True)
     environment = os.environ | {"PATH": f"{_STACK}:{os.environ['PATH']}"}
-    try:
-        return subprocess.run(
-            command, cwd=ROOT, env=environment, timeout=_SECONDS, check=False
-        ).returncode
-    except subprocess.TimeoutExpired:
-        print(f"There was no verdict within {_SECONDS} s.", file=sys.stderr)
-        return 2
+    return subprocess.run(
+        command, cwd=ROOT, env=environment, timeout=_SECONDS, check=False
+    ).returncode
+
+
+def in_real_time(folder: Path) -> Path:
+    """A manifest in the folder: four seconds of the recording, one case, as the robot had them."""
+    job = yaml.safe_load((ROOT / f"docs/examples/{JOB}/realtime.yaml").read_text())
+    job["spec"]["source"] = {
+        "sequence": [{"bag": "pvc://recordings/pr2/joint_states.bag", "to": "4s"}],
+        "topics": job["spec"]["source"]["topics"],
+    }
+    job["spec"]["spark"]["executors"] = 1
+    folder.mkdir(parents=True, exist_ok=True)
+    manifest = folder / "realtime.yaml"
+    manifest.write_text(yaml.safe_dump(job))
+    return manifest
 
 
 def _recordings(folder: Path) -> Path:
