@@ -93,7 +93,9 @@ first-verdict: recording agent $(VENV) ## Run the demonstration's job on this ma
 # So many processes share the tests; those of a file, and of a folder with servers, stay together.
 # More were never tried: each may have a Spark, an HDFS or an API server of its own.
 LANES ?= $(shell echo $$(($$(nproc) > 4 ? 4 : $$(nproc))))
-PYTEST := .venv/bin/python -m pytest
+# SEED=7 gives the tests another order, each number its own; what is drawn by chance stays so.
+ORDER := $(if $(SEED),-p randomly --randomly-seed=$(SEED) --randomly-dont-reset-seed)
+PYTEST := .venv/bin/python -m pytest $(ORDER)
 BESIDE := --numprocesses $(LANES) --dist loadscope
 
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
