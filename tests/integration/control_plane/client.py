@@ -1,5 +1,6 @@
 """A small client of the API server for tests: dictionaries in and out, one try, a deadline."""
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,7 @@ class Client:
         except urllib3.exceptions.HTTPError as error:
             raise OSError(f"{method} {path}: the API server does not answer: {error}") from error
         if answer.status >= 400:
-            raise ApiError(answer.status, answer.data.decode(errors="replace")[:2000])
+            raise ApiError(answer.status, _said(answer.data))
         decoded: Object = answer.json()
         return decoded
 
@@ -117,3 +118,12 @@ class Client:
         except ApiError as error:
             if error.status != 404:
                 raise
+
+
+def _said(body: bytes) -> str:
+    """A Status' message, or what came in its place."""
+    try:
+        message = json.loads(body)["message"]
+    except (ValueError, KeyError, TypeError):
+        message = body.decode(errors="replace")
+    return str(message)[:2000]

@@ -1,13 +1,15 @@
 """What the API server would say of a value, without one: a structural schema and its CEL rules.
 
-As far as this project's CRDs go: types, bounds, lengths, enums, required and unknown fields,
-defaults, and rules without `oldSelf`.
+As far as this project's CRDs go: types, bounds, lengths, enums, lists without repetition, required
+and unknown fields, defaults, and rules without `oldSelf`.
 """
 
-from collections.abc import Iterator
+import re
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import cel
+import re2
 
 Schema = dict[str, Any]
 
@@ -48,22 +50,56 @@ def defaulted(schema: Schema, value: Any) -> Any:
 
 
 def _structural(schema: Schema, value: Any, path: str) -> Iterator[str]:
+    if schema.get("x-kubernetes-int-or-string"):
+        if type(value) not in (int, str):
+            yield f"{path}: must be of type integer or string"
+        return
+    if "type" not in schema:  # whatever it is, it is preserved
+        return
     kind = schema["type"]
     if type(value) not in _TYPES[kind]:  # a boolean is an integer to isinstance
         yield f"{path}: must be of type {kind}"
     elif "enum" in schema and value not in schema["enum"]:
         yield f"{path}: Unsupported value: {value!r}"
-    elif kind in {"integer", "number"}:
-        yield from _bounds(schema, value, path)
-    elif kind == "string" and len(value) > schema.get("maxLength", len(value)):
+    else:
+        yield from _CHECKS.get(kind, _nothing)(schema, value, path)
+
+
+def _nothing(_schema: Schema, _value: Any, _path: str) -> Iterator[str]:
+    return iter(())
+
+
+def _text(schema: Schema, value: str, path: str) -> Iterator[str]:
+    if len(value) > schema.get("maxLength", len(value)):
         yield f"{path}: Too long"
-    elif kind == "array":
-        if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
-            yield f"{path}: a wrong number of items"
-        for number, item in enumerate(value):
-            yield from _structural(schema["items"], item, f"{path}[{number}]")
-    elif kind == "object" and "properties" in schema:
+
+
+def _list(schema: Schema, value: list[Any], path: str) -> Iterator[str]:
+    if not schema.get("minItems", 0) <= len(value) <= schema.get("maxItems", len(value)):
+        yield f"{path}: a wrong number of items"
+    for number, item in enumerate(value):
+        yield from _structural(schema["items"], item, f"{path}[{number}]")
+    yield from _repeated(schema, value, path)
+
+
+def _object(schema: Schema, value: dict[str, Any], path: str) -> Iterator[str]:
+    if "properties" in schema:
         yield from _fields(schema, value, path)
+    elif isinstance(schema.get("additionalProperties"), dict):
+        for name, item in value.items():
+            yield from _structural(schema["additionalProperties"], item, f"{path}.{name}")
+
+
+def _repeated(schema: Schema, value: list[Any], path: str) -> Iterator[str]:
+    if schema.get("x-kubernetes-list-type", "atomic") == "atomic":
+        return
+    keys = schema.get("x-kubernetes-list-map-keys", [])
+    known: list[Any] = []
+    for number, item in enumerate(value):
+        key = [item.get(name) for name in keys] if keys and isinstance(item, dict) else item
+        if key in known:
+            yield f"{path}[{number}]: Duplicate value"
+        known.append(key)
 
 
 def _fields(schema: Schema, value: dict[str, Any], path: str) -> Iterator[str]:
@@ -85,6 +121,15 @@ def _bounds(schema: Schema, value: float, path: str) -> Iterator[str]:
         yield f"{path}: must be at most {most}"
 
 
+_CHECKS: dict[str, Callable[[Schema, Any, str], Iterator[str]]] = {
+    "integer": _bounds,
+    "number": _bounds,
+    "string": _text,
+    "array": _list,
+    "object": _object,
+}
+
+
 def _by_rules(schema: Schema, value: Any, path: str) -> Iterator[str]:
     for rule in schema.get("x-kubernetes-validations") or []:
         if "oldSelf" not in rule["rule"] and not _holds(rule["rule"], value):
@@ -92,13 +137,48 @@ def _by_rules(schema: Schema, value: Any, path: str) -> Iterator[str]:
     if schema.get("type") == "array":
         for number, item in enumerate(value):
             yield from _by_rules(schema["items"], item, f"{path}[{number}]")
-    for name, field in (schema.get("properties") or {}).items():
-        if name in value:
-            yield from _by_rules(field, value[name], f"{path}.{name}")
+    if schema.get("type") == "object":
+        others = schema.get("additionalProperties")
+        for name, item in value.items():
+            below = schema.get("properties", {}).get(name, others)
+            if isinstance(below, dict):
+                yield from _by_rules(below, item, f"{path}.{name}")
 
 
 def _holds(rule: str, value: Any) -> bool:
-    answer = cel.compile(rule).execute({"self": value})
+    context = cel.Context(variables={"self": value}, functions=_FUNCTIONS)
+    # The reader's own regular expressions are not Go's, and its own functions can't be replaced.
+    answer = cel.compile(rule.replace(".matches(", ".found(")).execute(context)
     if not isinstance(answer, bool):
         raise TypeError(f"{rule} gives {answer!r}")
     return answer
+
+
+# k8s.io/apimachinery/pkg/api/resource: a number with a factor of 10 or of 2, or an exponent.
+_QUANTITY = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+))(?:([KMGTPE]i)|([numkMGTPE])|[eE]([+-]?\d+))?")
+
+
+def _quantity(text: str) -> float:
+    found = _QUANTITY.fullmatch(text)
+    if found is None:
+        raise ValueError(f"{text!r} is no quantity")
+    number, binary, decimal, exponent = found.groups()
+    if binary:
+        return float(number) * 1024.0 ** (1 + "KMGTPE".index(binary[0]))
+    thousands = 1000.0 ** ("num kMGTPE".index(decimal) - 3) if decimal else 1.0
+    return float(number) * thousands * 10.0 ** int(exponent or 0)
+
+
+def _is_quantity(text: str) -> bool:
+    return _QUANTITY.fullmatch(text) is not None
+
+
+# k8s.io/apiserver/pkg/cel/library: what Kubernetes adds to CEL, as far as our rules use it.
+_FUNCTIONS: dict[str, Any] = {
+    "quantity": _quantity,
+    "isQuantity": _is_quantity,
+    "compareTo": lambda one, other: (one > other) - (one < other),
+    "isGreaterThan": lambda one, other: one > other,
+    "found": lambda text, pattern: re2.search(pattern, text) is not None,
+    "split": lambda text, at: text.split(at),
+}
