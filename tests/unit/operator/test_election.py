@@ -277,8 +277,57 @@ async def test_a_replica_without_rights_says_so(api: FakeLeases) -> None:
     assert a.election.trouble().endswith("can't be used: 403 Forbidden: no right")
     await a.step()
     assert a.election.trouble() == ""
-    a.seconds += 27.0
+    a.seconds += 26.9
+    assert a.election.trouble() == ""
+    a.seconds += 0.1
     assert a.election.trouble() != ""
+
+
+async def test_a_lost_race_is_no_fault_to_warn_of(
+    api: FakeLeases, caplog: pytest.LogCaptureFixture
+) -> None:
+    a = Candidate(api, "a")
+    await a.step()
+    api.faults = [ApiError(409, "Conflict", "it was modified")]
+    with caplog.at_level(logging.WARNING):
+        await a.step(after=1.8)
+    assert caplog.records == []
+
+
+async def test_a_renewal_that_took_longer_than_it_lets_work_is_no_lead(api: FakeLeases) -> None:
+    a, b = Candidate(api, "a"), Candidate(api, "b")
+    await b.step()
+    await b.election.release()
+
+    async def slow() -> None:
+        a.seconds += 6.0
+
+    api.before_replace = slow
+    await a.step()
+    assert (a.fence.leads(), a.led) == (False, 0)
+    await a.step()
+    assert (a.fence.leads(), a.led) == (True, 1)
+
+
+async def test_a_lease_that_nobody_understands_leaves_no_replica_deaf(api: FakeLeases) -> None:
+    a = Candidate(api, "a")
+    api.lease = {"metadata": {}}
+    assert await a.step() == 1.8
+    assert a.election.trouble() != ""
+    api.lease = None
+    await a.step()
+    assert (a.fence.leads(), a.election.trouble()) == (True, "")
+
+
+async def test_a_lease_that_can_t_be_given_back_runs_out_by_itself(api: FakeLeases) -> None:
+    a, b = Candidate(api, "a"), Candidate(api, "b")
+    await a.step()
+    await b.step()
+    api.faults = [DOWN]
+    await a.election.release()
+    assert (a.fence.leads(), holder(api)) == (False, "a")
+    await b.step(after=9.0)
+    assert (b.fence.leads(), holder(api)) == (True, "b")
 
 
 def test_no_two_candidates_have_one_name() -> None:
