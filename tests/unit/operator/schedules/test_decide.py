@@ -84,6 +84,11 @@ def test_runs_that_have_jobs_were_not_missed_though_no_status_tells_of_them(
     assert (found.last_run, found.unwritten, found.due) == (minute(3), True, due)
 
 
+def test_jobs_of_runs_that_are_told_of_or_still_to_come_take_nothing_from_the_missed() -> None:
+    found = decided(minute(5), job(1), job(2), job(9), written=3)
+    assert (found.run, found.due) == (minute(5), 2)
+
+
 def test_jobs_of_an_earlier_schedule_do_not_make_a_due_run_none() -> None:
     jobs = [job(count) for count in (5, 6, 7)]
     found = decided(minute(60), *jobs, schedule=HOURLY)

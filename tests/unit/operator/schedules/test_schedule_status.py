@@ -110,7 +110,9 @@ def test_the_last_success_is_the_latest_end_of_a_job_that_completed() -> None:
         assert status["lastSuccessfulTime"] == f"2026-11-20T{last}Z"
 
 
-@pytest.mark.parametrize(("seconds", "end"), [(59, "."), (60, ", 60 s late.")])
+@pytest.mark.parametrize(
+    ("seconds", "end"), [(59, "."), (60, ", 60 s late."), (90, ", 90 s late.")]
+)
 def test_a_start_that_is_a_minute_late_says_so(seconds: float, end: str) -> None:
     now = minute(5) + timedelta(seconds=seconds)
     assert on_time(started(5), now) == ("True", "JobStarted", f"{words(5)}{end}")
@@ -165,6 +167,7 @@ def test_what_kept_a_run_from_its_start_is_said() -> None:
         (1, "1 run was missed since the last start."),
         (99, "99 runs were missed since the last start."),
         (100, "At least 100 runs were missed, as after a long suspension."),
+        (101, "At least 100 runs were missed, as after a long suspension."),
     ],
 )
 def test_a_run_after_its_deadline_is_missed_itself(due: int, missed: str) -> None:
@@ -211,6 +214,16 @@ def test_suspending_is_told_and_so_is_going_on() -> None:
         ("Normal", "NotSuspended", f"Suspended False {mark}"),
         ("Normal", "JobStarted", f"Start {timestamp(minute(5))}"),
     ]
+
+
+def test_a_schedule_that_is_understood_is_ready_since_it_was() -> None:
+    before = schedule(("Ready", "True", "Scheduled"), ("Stalled", "True", "InvalidSchedule"))
+    since = {
+        c["type"]: (c["status"], c["reason"], c["lastTransitionTime"])
+        for c in status_of(before, outcome(), NOW)["conditions"]
+    }
+    assert since["Ready"] == ("True", "Scheduled", timestamp(minute(0)))
+    assert since["Stalled"] == ("False", "Scheduled", timestamp(NOW))
 
 
 def test_a_schedule_that_is_not_understood_is_told_once_and_its_mending_is_not() -> None:
