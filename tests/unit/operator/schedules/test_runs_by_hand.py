@@ -31,6 +31,12 @@ def test_the_latest_run_may_be_the_moment_itself(minutes: float, latest: int | N
     assert found == (None if latest is None else START + latest * MINUTE)
 
 
+def test_of_two_runs_a_minute_apart_the_second_is_the_latest() -> None:
+    cron = Cron.parse("10,11 * * * *", "Etc/UTC", read_zone("Etc/UTC"))
+    for minutes, latest in ((10.9, 10), (11, 11), (12, 11), (40, 11)):
+        assert cron.latest_run(START, START + minutes * MINUTE) == START + latest * MINUTE
+
+
 @pytest.mark.parametrize(
     ("minutes", "limit", "count"), [(9.9, 5, 0), (10, 5, 1), (50, 5, 5), (60, 5, 5), (60, 6, 6)]
 )
