@@ -31,6 +31,8 @@ def test_a_driver_that_waits_is_looked_for_thirty_seconds_after_it_was_last() ->
         assert not rounds.due(driver)
         clock.advance(0.5)
         assert rounds.due(driver)
+        clock.advance(7)
+        assert rounds.due(driver)
         rounds.forget(UID)
 
 
