@@ -41,7 +41,7 @@ def test_each_container_s_lack_of_memory(container: str, advice: str) -> None:
     )
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(-5, 1), (59, 1), (60, 0)])
+@pytest.mark.parametrize(("seconds", "told"), [(-5, 1), (59, 1), (60, 0), (61, 0)])
 def test_it_is_told_for_a_minute(seconds: float, told: int) -> None:
     pod = killed("stack").view()
     now = START + timedelta(seconds=seconds)
@@ -108,7 +108,7 @@ def test_an_eviction_through_the_api() -> None:
     )
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(59, 1), (60, 0)])
+@pytest.mark.parametrize(("seconds", "told"), [(59, 1), (60, 0), (61, 0)])
 def test_an_eviction_is_told_for_a_minute(seconds: float, told: int) -> None:
     pod = make_executor("x").running().disrupted(*EVICTION).deleting().view()
     now = START + timedelta(seconds=seconds)

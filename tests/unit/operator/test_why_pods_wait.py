@@ -144,6 +144,7 @@ async def test_executors_that_do_not_come_are_asked_about_after_four_seconds() -
     [
         (None, [], 1),
         (None, [make_executor("x").running()], 0),
+        (1, [make_executor("x").running(), make_executor("x", 2).running()], 0),
         (2, [make_executor("x").running()], 1),
         (2, [make_executor("x").running(), make_executor("x", 2)], 0),
         (2, [make_executor("x").running(), make_executor("x", 2).ended(1)], 1),

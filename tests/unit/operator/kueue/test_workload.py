@@ -44,6 +44,9 @@ def test_another_release_finds_the_workload_of_the_one_before() -> None:
     assert workload.name_of(job) == "simulationjob-x-29c8838fae"
     assert workload.made_of(job) == "4b7cf58572c1155f"
     assert workload.made_of(make_job("x").with_executors(4).view()) != workload.made_of(job)
+    orders = [{"executors": 3, "driver": {}}, {"driver": {}, "executors": 3}]
+    marks = {workload.made_of(make_job("x").with_spec("spark", each).view()) for each in orders}
+    assert len(marks) == 1
     edited = make_job("x").with_executors(3).with_spec("activeDeadline", "1h")
     assert workload.made_of(edited.view()) == workload.made_of(job)
 
