@@ -7,7 +7,7 @@ import pytest
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import ApiError
 from bagpipe_operator.children import Refusal
-from bagpipe_operator.job_config import read_spec
+from bagpipe_operator.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.kueue.queueing import Queueing
 from bagpipe_operator.kueue.workload_view import Workloads, WorkloadView
 from bagpipe_operator.large_objects import LARGE, SIZE, trimmed
@@ -206,16 +206,24 @@ async def test_a_flavor_that_can_t_be_read_keeps_the_job_from_its_start(status: 
         await place.placed()
 
 
+async def test_a_flavor_that_no_pod_can_have_is_told_as_such() -> None:
+    place = await queued()
+    place.admit()
+    place.api.put("flavors", {"metadata": {"name": "spot"}, "spec": {"tolerations": 5}})
+    with pytest.raises(UnusableSpecError, match="its queue's flavors can't be used"):
+        await place.placed()
+
+
 async def test_no_driver_begins_with_an_admission_that_was_taken_back() -> None:
     place = await queued()
-    with pytest.raises(ApiError, match="taken its admission back"):
+    with pytest.raises(ApiError, match="409 Conflict: the queue has taken"):
         await place.placed()
     place.admit()
     place.api.tell(place.name, EVICTED)  # and no watch has told
-    with pytest.raises(ApiError, match="taken its admission back"):
+    with pytest.raises(ApiError, match="409 Conflict: the queue has taken"):
         await place.placed()
     del place.api.objects["workloads", place.name]
-    with pytest.raises(ApiError, match="taken its admission back"):
+    with pytest.raises(ApiError, match="409 Conflict: the queue has taken"):
         await place.placed()
 
 
@@ -223,7 +231,7 @@ async def test_no_driver_begins_with_an_admission_of_other_sizes() -> None:
     place = await queued()
     place.admit()
     place.job = queued_job().with_executors(5).view()
-    with pytest.raises(ApiError, match="put into its queue anew"):
+    with pytest.raises(ApiError, match="409 Conflict: the job was edited"):
         await place.placed()
     assert place.api.named("workloads") == []
 
@@ -266,6 +274,14 @@ async def test_what_a_job_without_pods_gives_back(
     place = await queued()
     place.tell(kueue)
     assert await place.settled(in_state(SUSPENDED, suspend=suspend)) == calls
+
+
+async def test_a_job_that_waits_in_its_queue_is_remembered_and_one_that_is_over_is_not() -> None:
+    place = await queued()
+    await place.settled(in_state(SUSPENDED))
+    assert await place.calls() == []
+    await place.settled(in_state(condition("Failed")))
+    assert await place.calls() == ["get workloads"]
 
 
 async def test_a_job_that_is_to_be_suspended_keeps_its_place_until_its_pods_are_gone() -> None:
