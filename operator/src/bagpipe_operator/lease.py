@@ -46,10 +46,10 @@ class Lease:
     """A Lease as it was read; `version` changes with every write."""
 
     version: str
-    holder: str = ""
-    duration_seconds: int = 0
-    acquired: str = ""
-    transitions: int = 0
+    holder: str
+    duration_seconds: int
+    acquired: str
+    transitions: int
 
     @classmethod
     def from_object(cls, lease: Json) -> "Lease":

@@ -35,11 +35,9 @@ def awaits_its_node(pod: PodView) -> bool:
     """Whether the pod has a node, and nothing in its status says why it does not start there."""
     if not pod.node or pod.deleting or pod.phase != "Pending":
         return False
-    return all(
-        container.waiting_reason in {"", "ContainerCreating", "PodInitializing"}
-        for container in pod.containers
-        if not container.running and container.exit_code is None
-    )
+    # One that runs or has ended waits for nothing.
+    quiet = {"", "ContainerCreating", "PodInitializing"}
+    return all(container.waiting_reason in quiet for container in pod.containers)
 
 
 def of_events(pod: PodView, events: Iterable[Json]) -> Trouble | None:

@@ -41,11 +41,32 @@ def test_each_container_s_lack_of_memory(container: str, advice: str) -> None:
     )
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(-5, 1), (59, 1), (60, 0)])
+@pytest.mark.parametrize(("seconds", "told"), [(-5, 1), (59, 1), (60, 0), (61, 0)])
 def test_it_is_told_for_a_minute(seconds: float, told: int) -> None:
     pod = killed("stack").view()
     now = START + timedelta(seconds=seconds)
     assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == told
+
+
+def test_a_lack_of_memory_whose_moment_is_not_known_is_news() -> None:
+    pod = make_executor("x").running()
+    pod.with_container("stack", {"terminated": {"exitCode": 137, "reason": "OOMKilled"}})
+    (trouble,) = casualties([pod.view()], [], START)
+    assert trouble.reason == "ExecutorOutOfMemory"
+
+
+def test_an_executor_s_container_that_ended_otherwise_lacked_no_memory() -> None:
+    last = {"exitCode": 1, "reason": "Error", "finishedAt": START.isoformat()}
+    pod = make_executor("x").running()
+    pod.with_container("stack", {"running": {}}, lastState={"terminated": last})
+    assert casualties([pod.view()], [], START) == []
+
+
+def test_what_became_of_a_driver_is_not_told_of_as_an_executor_s_end() -> None:
+    """Its end is told by the job's own conditions."""
+    short = make_driver("x").ended(137, reason="OOMKilled").view()
+    taken = make_driver("x").running().disrupted(*EVICTION).deleting().view()
+    assert casualties([short], [short, taken], START) == []
 
 
 def test_a_container_that_is_ended_for_it_again_and_again_is_lasting() -> None:
@@ -87,6 +108,56 @@ def test_an_eviction_through_the_api() -> None:
     )
 
 
+@pytest.mark.parametrize(("seconds", "told"), [(59, 1), (60, 0), (61, 0)])
+def test_an_eviction_is_told_for_a_minute(seconds: float, told: int) -> None:
+    pod = make_executor("x").running().disrupted(*EVICTION).deleting().view()
+    now = START + timedelta(seconds=seconds)
+    assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == told
+
+
+def test_an_executor_that_the_kubelet_evicted() -> None:
+    pod = make_executor("x").evicted("The node was low on resource: memory.").view()
+    (trouble,) = casualties([pod], [], START)
+    assert (trouble.reason, trouble.lasting) == ("ExecutorEvicted", False)
+    assert trouble.message == (
+        "Pod x-1-exec-1 was evicted: The node was low on resource: memory. Spark replaces it."
+    )
+
+
+def test_an_executor_that_ended_for_another_reason_was_not_evicted() -> None:
+    pod = make_executor("x").ended(1)
+    pod.status |= {"reason": "NodeShutdown"}
+    assert casualties([pod.view()], [], START) == []
+
+
+@pytest.mark.parametrize(
+    ("disruption", "reason", "told"),
+    [
+        (
+            EVICTION,
+            "DriverEvicted",
+            "is being evicted through the eviction API, as `kubectl drain` does",
+        ),
+        (
+            TAINT,
+            "DriverLost",
+            "is taken away (DeletionByTaintManager)",
+        ),
+    ],
+)
+def test_a_driver_in_its_grace_period_says_what_is_to_come(
+    disruption: tuple[str, str], reason: str, told: str
+) -> None:
+    pod = make_driver("x").running().disrupted(*disruption).deleting()
+    (trouble,) = casualties([pod.view()], [], START)
+    assert (trouble.reason, trouble.lasting) == (reason, False)
+    assert trouble.message == (
+        f"The driver's pod x-1-driver {told}: {disruption[1]}. "
+        "Another takes over once it has ended."
+    )
+    assert casualties([pod.ended(143).view()], [], START) == []
+
+
 def test_a_pod_that_goes_with_its_node() -> None:
     pod = make_executor("x").running().disrupted(*TAINT).deleting().view()
     (trouble,) = troubles([pod], START)
@@ -105,6 +176,8 @@ def test_a_node_that_does_not_answer(pod: PodBuilder) -> None:
     (trouble,) = troubles([pod.view()], START)
     assert (trouble.reason, trouble.lasting) == ("NodeLost", False)
     assert trouble.message.startswith(f"Node worker-2 of pod {pod.name} does not answer.")
+    pod.phase = "Failed"
+    assert casualties([pod.view()], [], START) == []
 
 
 @pytest.mark.parametrize(

@@ -104,10 +104,27 @@ def holder(api: FakeLeases) -> str:
     return str(api.lease["spec"]["holderIdentity"])
 
 
-async def test_the_first_leads_and_the_second_waits(api: FakeLeases) -> None:
+@pytest.mark.looptime
+async def test_a_candidate_campaigns_until_it_is_cancelled(api: FakeLeases) -> None:
+    clock = asyncio.get_running_loop().time
+    fence = Fence(clock)
+    terms = Terms("a", 9)
+    a = Election(api, fence, terms, "system", "bagpipe", lambda: None, clock=clock)
+    campaign = asyncio.create_task(a.run())
+    await asyncio.sleep(4.0)
+    campaign.cancel()
+    await asyncio.sleep(4.0)
+    assert api.calls == ["get system/bagpipe", "create", "replace", "replace"]
+
+
+async def test_the_first_leads_and_the_second_waits(
+    api: FakeLeases, caplog: pytest.LogCaptureFixture
+) -> None:
     a, b = Candidate(api, "a"), Candidate(api, "b", started_at=5000.0)
-    assert await a.step() == 1.8
-    assert await b.step() == 1.8
+    with caplog.at_level(logging.WARNING):
+        assert await a.step() == 1.8
+        assert await b.step() == 1.8
+    assert caplog.records == []  # who never led does not say that it leads no more
     assert (a.fence.leads(), b.fence.leads(), b.election.leader) == (True, False, "a")
     assert (a.led, b.led, holder(api)) == (1, 0, "a")
 
@@ -165,8 +182,9 @@ async def test_a_lost_renewal_or_two_are_borne(
     await a.step()
     api.faults = [DOWN, DOWN]
     with caplog.at_level(logging.WARNING):
-        assert await a.step(after=1.8) == RETRY_SECONDS
-        assert await a.step(after=RETRY_SECONDS) == RETRY_SECONDS
+        assert await a.step(after=1.8) == 0.3
+        assert caplog.text.count("connection refused") == 1
+        assert await a.step(after=0.3) == 0.3
     assert a.fence.leads()
     assert caplog.text.count("connection refused") == 1  # told once
     assert await a.step(after=RETRY_SECONDS) == 1.8
@@ -204,8 +222,9 @@ async def test_a_paused_leader_finds_another_and_steps_back(
     assert await a.step() == RETRY_SECONDS  # its clock stood still: 409
     with caplog.at_level(logging.WARNING):
         await a.step()
+        await a.step()
     assert (a.fence.leads(), a.election.leader, a.led) == (False, "b", 1)
-    assert "does not lead any more; the Lease is b's" in caplog.text
+    assert caplog.text.count("does not lead any more; the Lease is b's") == 1  # told once
 
 
 @pytest.mark.parametrize("status", [409, 500, 403])
@@ -277,8 +296,57 @@ async def test_a_replica_without_rights_says_so(api: FakeLeases) -> None:
     assert a.election.trouble().endswith("can't be used: 403 Forbidden: no right")
     await a.step()
     assert a.election.trouble() == ""
-    a.seconds += 27.0
+    a.seconds += 26.9
+    assert a.election.trouble() == ""
+    a.seconds += 0.1
     assert a.election.trouble() != ""
+
+
+async def test_a_lost_race_is_no_fault_to_warn_of(
+    api: FakeLeases, caplog: pytest.LogCaptureFixture
+) -> None:
+    a = Candidate(api, "a")
+    await a.step()
+    api.faults = [ApiError(409, "Conflict", "it was modified")]
+    with caplog.at_level(logging.WARNING):
+        await a.step(after=1.8)
+    assert caplog.records == []
+
+
+async def test_a_renewal_that_took_longer_than_it_lets_work_is_no_lead(api: FakeLeases) -> None:
+    a, b = Candidate(api, "a"), Candidate(api, "b")
+    await b.step()
+    await b.election.release()
+
+    async def slow() -> None:
+        a.seconds += 6.0
+
+    api.before_replace = slow
+    await a.step()
+    assert (a.fence.leads(), a.led) == (False, 0)
+    await a.step()
+    assert (a.fence.leads(), a.led) == (True, 1)
+
+
+async def test_a_lease_that_nobody_understands_leaves_no_replica_deaf(api: FakeLeases) -> None:
+    a = Candidate(api, "a")
+    api.lease = {"metadata": {}}
+    assert await a.step() == 1.8
+    assert a.election.trouble() != ""
+    api.lease = None
+    await a.step()
+    assert (a.fence.leads(), a.election.trouble()) == (True, "")
+
+
+async def test_a_lease_that_can_t_be_given_back_runs_out_by_itself(api: FakeLeases) -> None:
+    a, b = Candidate(api, "a"), Candidate(api, "b")
+    await a.step()
+    await b.step()
+    api.faults = [DOWN]
+    await a.election.release()
+    assert (a.fence.leads(), holder(api)) == (False, "a")
+    await b.step(after=9.0)
+    assert (b.fence.leads(), holder(api)) == (True, "b")
 
 
 def test_no_two_candidates_have_one_name() -> None:

@@ -36,6 +36,7 @@ def test_it_stands_until_the_next_look_is_due() -> None:
     asked.refused(after=0.0)
     assert asked.stands(after=LOOK_EVERY_SECONDS - 0.5)
     assert not asked.stands(after=0.5)
+    assert not asked.stands(after=0.5)
     asked.refused(after=0.0)
     assert asked.stands()
     assert not asked.stands(attempt=2)

@@ -110,9 +110,13 @@ def test_what_is_packed_comes_out_as_it_was_or_not_at_all() -> None:
         text = packed(value)
         assert len(text) <= LARGEST_KEPT_BYTES
         assert unpacked(text) == (value if text else None)
-    edge = {"a": "x" * (LARGEST_KEPT_BYTES - 8)}
-    assert unpacked(packed(edge)) == edge
-    assert packed({"a": "x" * (LARGEST_KEPT_BYTES - 7)}) == b""
+
+
+def test_what_is_kept_whole_is_at_most_eight_kibibytes() -> None:
+    for length in (0, 1, 4000, 8192 - len('{"a":""}')):
+        value = {"a": "x" * length}
+        assert unpacked(packed(value)) == value
+    assert packed({"a": "x" * (8193 - len('{"a":""}'))}) == b""
 
 
 @pytest.mark.parametrize("parameters", [SMALL, LARGE])

@@ -26,6 +26,7 @@ def test_the_times_follow_from_the_duration() -> None:
         (None, Sighting("5", 98.0), 100.0, Decision(WAIT, 1.8)),
         (None, Sighting("5", 91.5), 100.0, Decision(WAIT, 0.5)),
         (None, Sighting("5", 91.0), 100.0, Decision(Step.CREATE)),
+        (None, Sighting("5", 50.0), 100.0, Decision(Step.CREATE)),
         # It is ours, however long ago we wrote it.
         (held("me"), Sighting("5", 99.0), 100.0, Decision(Step.RENEW)),
         (held("me"), Sighting("5", 10.0), 100.0, Decision(Step.RENEW)),
@@ -90,8 +91,19 @@ def test_what_is_written(step: Step, lease: Lease | None, acquired: str, transit
     assert made["metadata"].get("resourceVersion") == (lease.version if lease else None)
 
 
+def test_a_lease_that_is_read_before_it_is_renewed_keeps_when_it_was_acquired() -> None:
+    written = leases.manifest("system", "bagpipe", ME, Step.RENEW, held("me"), "now")
+    written["metadata"]["resourceVersion"] = "6"
+    assert Lease.from_object(written) == held("me", version="6")
+
+
 def test_what_is_given_back_has_no_holder() -> None:
     made = leases.released("system", "bagpipe", held("me"), "now")
-    assert made["spec"]["holderIdentity"] == ""
-    assert made["spec"]["leaseTransitions"] == 3
+    # Who heeds the duration before the holder waits for a second, the least that is allowed.
+    assert made["spec"] == {
+        "holderIdentity": "",
+        "leaseDurationSeconds": 1,
+        "renewTime": "now",
+        "leaseTransitions": 3,
+    }
     assert made["metadata"]["resourceVersion"] == "5"

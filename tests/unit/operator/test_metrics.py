@@ -53,6 +53,7 @@ def test_each_transition_of_a_job_is_told_once() -> None:
     ]
     assert milestones.ended(story[-2], story[-1]) == milestones.Ended("Complete", "Failed")
     assert milestones.ended(story[-1], story[-1]) is None
+    assert list(milestones.passed(story[-1], story[-1])) == []
 
 
 def test_a_second_driver_is_accepted_without_a_second_creation() -> None:
@@ -69,6 +70,16 @@ def test_the_time_of_a_suspension_is_nobodys_delay() -> None:
     going_on = job(ACCEPTED, PLANNED, startTime=at("51:00"), attempt=2)
     running = job(ACCEPTED, PLANNED, startTime=at("51:00"), firstCaseTime=at("51:09"), attempt=2)
     assert list(milestones.passed(going_on, running)) == [("planned_to_running", 9.0)]
+
+
+def test_a_job_that_was_never_suspended_is_accepted_since_its_creation() -> None:
+    never = condition("Suspended", "00:02", "False", "NotSuspended")
+    assert list(milestones.passed(job(), job(never, ACCEPTED))) == [("created_to_accepted", 3.0)]
+
+
+def test_clocks_that_differ_make_no_time_less_than_none() -> None:
+    before, after = job(ACCEPTED), job(ACCEPTED, condition("Planned", "00:02"))
+    assert list(milestones.passed(before, after)) == [("accepted_to_planned", 0.0)]
 
 
 def test_what_never_ran_took_no_time_to_run() -> None:

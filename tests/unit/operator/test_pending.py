@@ -31,6 +31,27 @@ def test_which_pods_are_asked_about() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("reason", "may_be_asked_about"),
+    [("PodInitializing", True), ("ContainerCreating", True), ("CrashLoopBackOff", False)],
+)
+def test_a_pod_whose_status_says_what_it_waits_for_is_not_asked_about(
+    reason: str, may_be_asked_about: bool
+) -> None:
+    pod = on_node(make_executor("x").waiting("spark", reason))
+    pod.with_container("agent", {"running": {}})
+    pod.with_container("stack", {"terminated": {"exitCode": 0, "reason": "Completed"}})
+    assert pending.awaits_its_node(pod.view()) is may_be_asked_about
+
+
+def test_a_pod_that_has_a_node_or_runs_or_goes_waits_for_no_claim() -> None:
+    claims = ("recordings",)
+    placed = on_node(make_driver("x"))
+    for pod in (placed, make_driver("x").running(), make_driver("x").deleting()):
+        pod.claims = claims
+        assert not pending.awaits_a_claim(pod.view())
+
+
 def test_which_pods_may_wait_for_a_claim() -> None:
     pod = make_driver("x")
     assert not pending.awaits_a_claim(pod.view())
@@ -83,7 +104,11 @@ def test_a_pull_that_failed_is_told_before_the_pods_status_has_it() -> None:
     # It is being tried again, or the container is not this pod's, or something else failed.
     assert pending.of_events(pod, [failed, event("Pulling", after=2)]) is None
     assert pending.of_events(pod, [pulling, error]) is None
+    error["involvedObject"] = failed["involvedObject"]
+    assert pending.of_events(pod, [pulling, error]) is None
     failed["involvedObject"] = {"fieldPath": "spec.containers{other}"}
+    assert pending.of_events(pod, [pulling, failed]) is None
+    del failed["involvedObject"]
     assert pending.of_events(pod, [pulling, failed]) is None
 
 
@@ -118,6 +143,12 @@ def test_what_a_claim_says() -> None:
         "Pod x-1-driver waits for PersistentVolumeClaim tapes, which is Pending and not bound to a "
         "volume: no class. It starts as soon as the claim is bound."
     )
+    new = pending.of_claim(pod, "tapes", {"metadata": {}}, ())
+    assert new is not None
+    assert new.message == (
+        "Pod x-1-driver waits for PersistentVolumeClaim tapes, which is Pending and not bound to a "
+        "volume: Nobody has said why. It starts as soon as the claim is bound."
+    )
     lost = pending.of_claim(pod, "tapes", {"status": {"phase": "Lost"}}, ())
     assert lost is not None
     assert lost.lasting
@@ -135,6 +166,9 @@ QUOTA = 'pods "x-1-exec-probe" is forbidden: exceeded quota: small, requested: p
         (403, "namespace lanes is being terminated", True, None),
         (400, "admission webhook does not support dry run", True, None),
         (0, "Unreachable", True, None),
+        (422, "spec.containers: Invalid value", True, ("ExecutorsRefused", True)),
+        (422, "namespace lanes is being terminated", True, None),
+        (500, "exceeded quota: the quota's controller does not answer", True, None),
     ],
 )
 def test_what_a_refused_executor_means(

@@ -126,6 +126,40 @@ async def test_new_jobs_get_one_turn_of_four_however_many_jobs_run() -> None:
     assert sum(key.startswith("round-") for key in taken) == 4
 
 
+async def test_lanes_take_turns_in_one_order_whoever_was_first() -> None:
+    queue = WorkQueue()
+    for lane in (Lane.START, Lane.ROUND, Lane.NEWS):
+        for n in range(4):
+            queue.add(f"{lane.name}-{n}", lane)
+    assert await _taken(queue, 8) == [
+        "START-0", "NEWS-0", "ROUND-0", "NEWS-1", "START-1", "NEWS-2", "ROUND-1", "NEWS-3",
+    ]  # fmt: skip
+
+
+async def test_news_of_a_key_come_before_what_is_only_looked_at() -> None:
+    queue = WorkQueue()
+    queue.add("new", Lane.START)
+    for key in ("visited", "told"):
+        queue.add(key, Lane.ROUND)
+    queue.add("told")
+    assert await _taken(queue, 3) == ["new", "told", "visited"]
+
+
+async def test_a_visit_takes_no_new_job_out_of_its_lane() -> None:
+    queue = WorkQueue()
+    for key in ("first", "second"):
+        queue.add(key, Lane.START)
+    for key in ("second", "third"):
+        queue.add_if_rested(key)
+    assert await _taken(queue, 3) == ["first", "third", "second"]
+
+
+async def test_a_key_that_never_failed_is_rested_by_a_clock_that_has_just_begun() -> None:
+    queue = WorkQueue(lambda: 0.0)
+    queue.add_if_rested("a")
+    assert await queue.get() == "a"
+
+
 async def test_a_turn_that_a_lane_does_not_need_is_the_others() -> None:
     queue = WorkQueue()
     for n in range(9):

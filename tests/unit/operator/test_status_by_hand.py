@@ -143,7 +143,9 @@ def test_one_that_was_taken_for_another_s_sake_is_not_counted_and_waits_by_its_a
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("lost", "phase"), [(0, "Pending"), (1, "Pending"), (2, "Failed")])
+@pytest.mark.parametrize(
+    ("lost", "phase"), [(0, "Pending"), (1, "Pending"), (2, "Failed"), (3, "Failed")]
+)
 def test_after_so_many_lost_drivers_the_job_fails(lost: int, phase: str) -> None:
     status = decided(seen({"lostDrivers": lost}, ending=LOST, backoff_limit=2))
     assert status["phase"] == phase
@@ -220,6 +222,7 @@ def test_the_end_of_a_job_that_needs_a_person_is_the_first_lasting_trouble_s() -
     )
     assert fatal(observation, 30.0) == long
     assert fatal(replace(observation, seen_for={}), 30.0) is None
+    assert fatal(observation, 29.0) == short
     status = decided(observation)
     assert said(status, "Failed") == (
         "True", "StackImageUnavailable", "No image. The job was ended after 30 s of this.",
@@ -228,7 +231,12 @@ def test_the_end_of_a_job_that_needs_a_person_is_the_first_lasting_trouble_s() -
 
 @pytest.mark.parametrize(
     ("lasting", "seconds", "phase"),
-    [(True, 29.9, "Pending"), (True, 30.0, "Failed"), (False, 90.0, "Pending")],
+    [
+        (True, 29.9, "Pending"),
+        (True, 30.0, "Failed"),
+        (True, 31.0, "Failed"),
+        (False, 90.0, "Pending"),
+    ],
 )
 def test_a_refusal_ends_a_job_when_it_lasts(lasting: bool, seconds: float, phase: str) -> None:
     refusal = Refusal("SpecRefused", "It is refused.", lasting=lasting)
@@ -299,6 +307,13 @@ def test_the_first_case_s_time_is_when_it_was_first_seen() -> None:
     assert begun["firstCaseTime"] == "2026-11-20T04:00:05Z"
     kept = decided(seen({"firstCaseTime": timestamp(START)}, progress=parse(account())), 5.0)
     assert kept["firstCaseTime"] == "2026-11-20T04:00:00Z"
+
+
+def test_whose_results_a_job_goes_on_from_is_said_from_then_on() -> None:
+    earlier = {"name": "x-before", "uid": "uid-of-x-before"}
+    assert decided(seen(resumed_from=earlier))["resumedFrom"] == earlier
+    assert decided(seen({"resumedFrom": earlier}))["resumedFrom"] == earlier
+    assert "resumedFrom" not in decided(seen())
 
 
 def test_a_verdict_is_the_last_account_s() -> None:

@@ -145,7 +145,7 @@ def written_run(schedule: ScheduleView) -> datetime | None:
 
 def _limit(schedule: ScheduleView, field: str, default: int) -> int:
     limit = readings.whole(schedule.spec.get(field))
-    return default if limit is None else max(0, limit)
+    return default if limit is None else limit
 
 
 def _surplus(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> tuple[ScheduledJob, ...]:
