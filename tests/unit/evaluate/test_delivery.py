@@ -1,0 +1,152 @@
+"""Counts, rates and delays of messages, each worked out by hand."""
+
+from typing import Any
+
+import pytest
+
+from bagpipe.evaluate.delivery import percentile
+from bagpipe.evaluate.finding import Finding
+from bagpipe.evaluate.judge import evaluate
+from bagpipe.evaluate.model import Criterion
+from tests.unit.evaluate.recordings import evidence, number, stamped
+
+SECOND = 1_000_000_000
+
+
+def plain(*times: float) -> list[Any]:
+    return [("/t", at, number(at)) for at in times]
+
+
+def with_stamps(*pairs: tuple[float, float]) -> list[Any]:
+    return [("/t", at, stamped(stamp, at, 0.0)) for at, stamp in pairs]
+
+
+def found(kind: str, entries: list[Any], wanted: dict[str, Any], **more: Any) -> Finding:
+    """In a window from 10 to 20 s."""
+    criterion = Criterion.model_validate({"name": "c", kind: {"topic": "/t"} | wanted})
+    [finding] = evaluate([criterion], evidence(entries, **more))
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("percent", "value"), [(0.1, 15), (20, 15), (20.1, 20), (30, 20), (40, 20), (50, 35), (100, 50)]
+)
+def test_a_percentile_is_the_value_of_the_nearest_rank(percent: float, value: float) -> None:
+    assert percentile([50, 20, 15, 40, 35], percent) == value
+
+
+def test_the_delay_is_that_of_the_percentile_that_is_asked() -> None:
+    entries = with_stamps(*((10.0 + n + 0.001 * (9 - n), 10.0 + n) for n in range(10)))
+    for percent, delay in ((90, 0.008), (91, 0.009), (10, 0.0), (50, 0.004)):
+        finding = found("latency", entries, {"percentile": percent, "max": "8ms"})
+        assert finding.figure == pytest.approx(delay, abs=1e-8)
+        assert finding.outcome == ("failed" if percent == 91 else "passed")
+        assert f"at percentile {percent} of 10 messages on /t" in finding.message
+
+
+def test_what_comes_after_the_end_without_a_stamp_is_late_and_not_too_much() -> None:
+    entries = plain(*(10 + n for n in range(10)), 20, 21)
+    most = found("presence", entries, {"max": 10})
+    assert (most.outcome, most.figure, most.limit) == ("passed", 12.0, "1 to 10 messages")
+    assert (most.coverage, most.covered) == (
+        0.8333, "the whole window, and 2 of 12 messages after its end",
+    )  # fmt: skip
+    assert found("presence", entries, {"max": 9}).outcome == "failed"
+    assert found("presence", entries, {"min": 12}).outcome == "passed"
+    assert found("presence", entries, {"min": 12}).limit == "at least 12 messages"
+    assert found("presence", entries, {"min": 13}).outcome == "failed"
+
+
+def test_too_few_stay_too_few_however_late_they_were() -> None:
+    late = plain(19, 21, 22, 23)
+    assert found("presence", late, {"min": 5}).outcome == "failed"
+    doubt = found("presence", late, {"min": 4})
+    assert (doubt.outcome, doubt.coverage, doubt.clock) == ("invalid", 0.25, "receipt")
+
+
+def test_what_a_stamp_puts_elsewhere_is_no_late_answer() -> None:
+    entries = with_stamps((12, 11), (21, 19), (22, 20.5))
+    finding = found("presence", entries, {"min": 2})
+    assert (finding.outcome, finding.figure, finding.coverage) == ("passed", 2.0, 1.0)
+    assert found("presence", entries, {"min": 3}).outcome == "failed"
+
+
+@pytest.mark.parametrize(
+    ("times", "hertz"),
+    [
+        ([12, 14, 16, 18], 0.5),
+        ([13, 14, 16, 18], 1 / 3),  # until the first
+        ([12, 14, 16], 0.25),  # from the last
+        ([12, 14, 17.5, 18, 19], 1 / 3.5),
+        ([15], 0.2),
+    ],
+)
+def test_the_worst_rate_is_that_of_the_longest_gap_with_the_window_s_ends(
+    times: list[float], hertz: float
+) -> None:
+    finding = found("rate", plain(*times), {"min": 0.3, "over": "worst"})
+    assert finding.figure == pytest.approx(hertz)
+    assert finding.outcome == ("passed" if hertz > 0.3 else "failed")
+    assert (finding.coverage, finding.covered) == (1.0, "the whole window")
+    assert (finding.clock, finding.unit, finding.direction) == ("receipt", "Hz", "higher")
+
+
+def test_silence_is_too_low_a_rate_and_no_rate_that_is_low_enough() -> None:
+    assert found("rate", [], {"min": 0.1}).outcome == "failed"
+    for wanted in ({"max": 5.0}, {"min": 0.0, "max": 5.0}):
+        finding = found("rate", [], wanted)
+        assert finding.outcome == "invalid"
+        assert finding.message == "no message on /t: a stack that is silent shows no rate"
+
+
+def test_a_window_without_length_has_no_rate() -> None:
+    for end in (10.0, 9.0):
+        finding = found("rate", plain(10), {"min": 1.0}, end=end)
+        assert (finding.outcome, finding.message) == (
+            "invalid", "the case's window has no length",
+        )  # fmt: skip
+
+
+def test_repeated_messages_are_a_rate_where_it_may_not_be_too_high_only() -> None:
+    entries = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
+    enough = found("rate", entries, {"min": 1.0})
+    assert (enough.outcome, enough.figure) == ("passed", 2.0)
+    few = found("rate", entries, {"min": 1.01})
+    assert (few.outcome, few.figure) == ("failed", 1.0)
+    assert few.message.startswith("1 Hz on /t, 10 of 20 repeat another one, and may be")
+    many = found("rate", entries, {"max": 1.9})
+    assert (many.outcome, many.figure) == ("failed", 2.0)
+
+
+def test_of_stamps_and_receipts_those_are_counted_that_are_more() -> None:
+    """Answers of the window are eight, of which six come in it, and two of the lead-in's do."""
+    answers = [(10.0 + n + 2.5, 10.0 + n) for n in range(9)]
+    led_in = [(10.5, 8.0), (11.5, 9.0)]
+    entries = with_stamps(*led_in, *answers)
+    wanted = {"min": 0.1, "minCoverage": 0}
+    assert found("rate", entries, wanted, lead_in_start=8 * SECOND).figure == 1.0
+    assert found("rate", entries, wanted).figure == 1.1
+    more = with_stamps(*led_in, *answers, (19.9, 19.5))
+    assert found("rate", more, wanted, lead_in_start=8 * SECOND).figure == 1.1
+    others = with_stamps(*answers, (21.0, 20.5))
+    assert "1 more after the window's end" in found("rate", others, wanted).message
+
+
+def test_a_rate_is_covered_but_for_the_longest_silence_beyond_its_usual_step() -> None:
+    finding = found("rate", plain(10, 12, 14, 16), {"min": 0.1, "minCoverage": 0})
+    # Of 4 s, 2.5 s are the rate's own step, and one millisecond is rounding.
+    assert finding.coverage == 0.8501
+    assert finding.covered == "4 messages without a longer silence in 85% of the window"
+    doubt = found("rate", plain(10, 12, 14, 16), {"min": 0.1, "minCoverage": 0.86})
+    assert doubt.outcome == "invalid"
+    assert "look at when they came, or lower minCoverage" in doubt.message
+
+
+def test_a_latched_topic_and_receipts_of_mode_max_are_covered_as_they_speak() -> None:
+    wanted = {"min": 0.1, "minCoverage": 0}
+    latched = found("rate", plain(16), wanted, latching={"/t"})
+    assert (latched.figure, latched.coverage) == (0.1, 0.4)
+    unpaced = found("rate", plain(16), wanted, paced=False)
+    assert (unpaced.figure, unpaced.coverage) == (0.1, None)
+    by_stamp = found("rate", with_stamps((16, 15)), wanted, paced=False)
+    assert (by_stamp.clock, by_stamp.coverage) == ("header", 1.0)
