@@ -8,7 +8,7 @@ import pytest
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.evaluate.matching import Matched, Pair, matched
-from bagpipe.evaluate.model import Criterion
+from bagpipe.evaluate.model import Error
 from tests.unit.evaluate.recordings import evidence, number, stamped
 
 SECOND = 1_000_000_000
@@ -21,8 +21,7 @@ def ns(seconds: float) -> int:
 
 def brought(given: Evidence, **wanted: Any) -> Matched:
     error = {"topic": "/pose", "truth": "/truth", "fields": X, "max": 1} | wanted
-    criterion = Criterion.model_validate({"name": "c", "error": error})
-    return matched("c", criterion.measurement, given)
+    return matched("c", Error.model_validate(error), given)
 
 
 def answer(stamp: float, x: float, y: float = 0.0, late: float = 0.25) -> Any:

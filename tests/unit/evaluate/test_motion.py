@@ -7,7 +7,7 @@ import pytest
 
 from bagpipe.evaluate.finding import Finding
 from bagpipe.evaluate.judge import evaluate
-from bagpipe.evaluate.model import Criterion
+from bagpipe.evaluate.model import Criterion, Separation
 from bagpipe.evaluate.motion import closest
 from tests.unit.evaluate.recordings import STORE, evidence, header, number, poses, stamped
 
@@ -80,16 +80,16 @@ def test_a_speed_needs_an_earlier_place_of_the_same_car() -> None:
 
 def test_the_nearest_car_of_every_scene_is_its_distance() -> None:
     entries = [ego(10), ego(11, 1, 1), cars(10, (30, 40), (3, 4)), cars(11, (1, 9), (1, 6))]
-    wanted = Criterion.model_validate({"name": "c", "separation": FAR | {"minDistance": 1}})
+    wanted = Separation.model_validate(FAR | {"minDistance": 1})
     given = evidence([*entries, cars(10.5)])
-    assert closest(wanted.measurement, given) == [(10 * SECOND, 5.0), (11 * SECOND, 5.0)]
+    assert closest(wanted, given) == [(10 * SECOND, 5.0), (11 * SECOND, 5.0)]
     finding = found([*entries, cars(11.5, (1, 5.5))], minDistance=5)
     assert finding.message == "4.5 m at 1.500 s, and may be at least 5 m"
 
 
 def test_of_two_bounds_the_distance_is_told_where_it_is_too_small() -> None:
     entries = [ego(10), ego(11), cars(10, (12, 0)), cars(11, (10, 0))]
-    both = {"minTimeToCollision": 4.5, "radius": 0.5}
+    both: dict[str, Any] = {"minTimeToCollision": 4.5, "radius": 0.5}
     assert found(entries, minDistance=10, **both).message == "4.5 s to a collision at 1.000 s"
     assert found(entries, minDistance=10.1, **both).unit == "m"
     assert found(entries, minDistance=10).message == "10 m at 1.000 s"
@@ -99,10 +99,9 @@ def test_of_two_bounds_the_distance_is_told_where_it_is_too_small() -> None:
 def test_a_scene_counts_while_the_ego_s_pose_is_at_most_so_old(
     age: str, distances: list[float]
 ) -> None:
-    separation = FAR | {"minDistance": 1, "maxAge": age}
-    wanted = Criterion.model_validate({"name": "c", "separation": separation})
+    wanted = Separation.model_validate(FAR | {"minDistance": 1, "maxAge": age})
     entries = [ego(12), cars(12, (3, 0)), cars(13, (2, 0)), cars(13.5, (1, 0))]
-    assert [metres for _, metres in closest(wanted.measurement, evidence(entries))] == distances
+    assert [metres for _, metres in closest(wanted, evidence(entries))] == distances
 
 
 def test_the_pose_is_the_last_one_that_was_known_at_the_scene() -> None:

@@ -28,7 +28,8 @@ def seconds(*times: float) -> list[int]:
 def window(start: float = 0.0, end: float = 10.0, **more: Any) -> Evidence:
     """A window of which nothing is read."""
     empty = Recording(lambda: b"", 0, None)
-    return Evidence(empty, empty, *seconds(start, end), **more)
+    first, last = seconds(start, end)
+    return Evidence(empty, empty, first, last, **more)
 
 
 def received(time: float, stamp: float | None = None, latching: bool = False) -> Received:
