@@ -96,3 +96,15 @@ def test_a_line_that_is_no_row_is_named_with_the_way_out(
     said = str(refused.value)
     assert said.startswith(f"{RESULTS}/journal/0001-a-000000.jsonl {words}")
     assert said.endswith("remove the file, and its cases run again")
+
+
+def test_a_segment_larger_than_any_that_a_driver_keeps_is_not_read(
+    storage: Storage, tmp_path: Path
+) -> None:
+    journal = Journal(storage, RESULTS, 1)
+    journal.append([{"case": "one"}])
+    (segment,) = (tmp_path / "out/journal").iterdir()
+    with segment.open("r+b") as file:
+        file.truncate((256 << 20) + 1)  # takes no room: it is a hole
+    with pytest.raises(StorageError, match="has 268435457 bytes where at most 268435456"):
+        list(journal.rows())

@@ -23,40 +23,6 @@ def test_a_difference_of_zero_is_no_evidence() -> None:
     assert (test.differing, test.least_chance, test.chance_above()) == (3, 1 / 8, 1 / 8)
 
 
-values = st.lists(st.integers(-50, 50).map(lambda n: n / 8), min_size=2, max_size=9)
-
-
-@given(values)
-@settings(max_examples=40, deadline=None)
-def test_scipy_s_permutation_test_says_the_same(differences: list[float]) -> None:
-    given_ = np.array(differences)
-    test = SignFlips(given_)
-    for alternative, ours in (("greater", test.chance_above()), ("less", test.chance_below())):
-        theirs = stats.permutation_test(
-            (given_,), np.mean, permutation_type="samples", alternative=alternative,
-            n_resamples=np.inf,
-        ).pvalue  # fmt: skip
-        assert ours == pytest.approx(theirs)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=30))
-@settings(max_examples=40, deadline=None)
-def test_the_interval_holds_the_mean_turns_with_the_sides_and_agrees(given_: list[float]) -> None:
-    differences = np.array(given_)
-    forth, back = SignFlips(differences), SignFlips(-differences)
-    low, high = forth.ends(0.04, 0.04)
-    turned_low, turned_high = back.ends(0.04, 0.04)
-    assert low is not None
-    assert high is not None
-    slack = 1e-6 * max(1.0, *map(abs, given_))
-    assert low - slack <= differences.mean() <= high + slack
-    assert turned_low == pytest.approx(-high, abs=slack)
-    assert turned_high == pytest.approx(-low, abs=slack)
-    # Zero is outside of the interval just if the test refuses it.
-    assert (low > 0) == (forth.chance_above() <= 0.04)
-    assert (high < 0) == (forth.chance_below() <= 0.04)
-
-
 def test_so_few_recordings_give_no_end() -> None:
     test = SignFlips(np.array([1.0, 2.0, 3.0]))
     assert test.ends(0.04, 0.2) == (None, 3.0)
@@ -95,6 +61,40 @@ def test_amounts_that_cancel_out_but_for_their_rounding_are_as_much_as_nothing()
         assert (test.chance_above(), test.chance_below()) == (5 / 8, 5 / 8)
     # What differs by more than rounding does is another sum.
     assert SignFlips(np.array([0.1, 0.2, -0.3 + 1e-9])).chance_above() == 4 / 8
+
+
+values = st.lists(st.integers(-50, 50).map(lambda n: n / 8), min_size=2, max_size=9)
+
+
+@given(values)
+@settings(max_examples=40, deadline=None)
+def test_scipy_s_permutation_test_says_the_same(differences: list[float]) -> None:
+    given_ = np.array(differences)
+    test = SignFlips(given_)
+    for alternative, ours in (("greater", test.chance_above()), ("less", test.chance_below())):
+        theirs = stats.permutation_test(
+            (given_,), np.mean, permutation_type="samples", alternative=alternative,
+            n_resamples=np.inf,
+        ).pvalue  # fmt: skip
+        assert ours == pytest.approx(theirs)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=6, max_size=30))
+@settings(max_examples=40, deadline=None)
+def test_the_interval_holds_the_mean_turns_with_the_sides_and_agrees(given_: list[float]) -> None:
+    differences = np.array(given_)
+    forth, back = SignFlips(differences), SignFlips(-differences)
+    low, high = forth.ends(0.04, 0.04)
+    turned_low, turned_high = back.ends(0.04, 0.04)
+    assert low is not None
+    assert high is not None
+    slack = 1e-6 * max(1.0, *map(abs, given_))
+    assert low - slack <= differences.mean() <= high + slack
+    assert turned_low == pytest.approx(-high, abs=slack)
+    assert turned_high == pytest.approx(-low, abs=slack)
+    # Zero is outside of the interval just if the test refuses it.
+    assert (low > 0) == (forth.chance_above() <= 0.04)
+    assert (high < 0) == (forth.chance_below() <= 0.04)
 
 
 def test_many_recordings_are_resampled_the_same_way_each_time() -> None:
