@@ -44,6 +44,29 @@ def test_the_delay_is_that_of_the_percentile_that_is_asked() -> None:
         assert f"at percentile {percent} of 10 messages on /t" in finding.message
 
 
+def test_a_delay_from_second_zero_is_exact() -> None:
+    finding = found("latency", with_stamps((0.25, 0.0)), {"max": "1s"}, start=0.0, end=1.0)
+    assert finding.figure == 0.25
+
+
+@pytest.mark.parametrize(
+    ("least", "outcome", "figure"), [(4, "passed", 10.0), (5, "passed", 10.0), (6, "failed", 5.0)]
+)
+def test_where_too_few_are_their_own_these_are_counted(
+    least: int, outcome: str, figure: float
+) -> None:
+    entries = [("/t", 10.2 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(10)]
+    finding = found("presence", entries, {"min": least})
+    assert (finding.outcome, finding.figure) == (outcome, figure)
+    assert "on /t, 5 of 10 repeat another one" in finding.message
+
+
+def test_silence_that_is_allowed_is_seen_in_the_whole_window() -> None:
+    finding = found("presence", [], {"min": 0, "max": 3})
+    assert (finding.outcome, finding.figure, finding.coverage) == ("passed", 0.0, 1.0)
+    assert (finding.covered, finding.limit) == ("the whole window", "0 to 3 messages")
+
+
 def test_what_comes_after_the_end_without_a_stamp_is_late_and_not_too_much() -> None:
     entries = plain(*(10 + n for n in range(10)), 20, 21)
     most = found("presence", entries, {"max": 10})
@@ -85,7 +108,7 @@ def test_the_worst_rate_is_that_of_the_longest_gap_with_the_window_s_ends(
     times: list[float], hertz: float
 ) -> None:
     finding = found("rate", plain(*times), {"min": 0.3, "over": "worst"})
-    assert finding.figure == pytest.approx(hertz)
+    assert finding.figure == hertz
     assert finding.outcome == ("passed" if hertz > 0.3 else "failed")
     assert (finding.coverage, finding.covered) == (1.0, "the whole window")
     assert (finding.clock, finding.unit, finding.direction) == ("receipt", "Hz", "higher")
@@ -111,6 +134,7 @@ def test_repeated_messages_are_a_rate_where_it_may_not_be_too_high_only() -> Non
     entries = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
     enough = found("rate", entries, {"min": 1.0})
     assert (enough.outcome, enough.figure) == ("passed", 2.0)
+    assert found("rate", entries, {"min": 0.9}).figure == 2.0
     few = found("rate", entries, {"min": 1.01})
     assert (few.outcome, few.figure) == ("failed", 1.0)
     assert few.message.startswith("1 Hz on /t, 10 of 20 repeat another one, and may be")
@@ -118,18 +142,27 @@ def test_repeated_messages_are_a_rate_where_it_may_not_be_too_high_only() -> Non
     assert (many.outcome, many.figure) == ("failed", 2.0)
 
 
-def test_of_stamps_and_receipts_those_are_counted_that_are_more() -> None:
-    """Answers of the window are eight, of which six come in it, and two of the lead-in's do."""
-    answers = [(10.0 + n + 2.5, 10.0 + n) for n in range(9)]
-    led_in = [(10.5, 8.0), (11.5, 9.0)]
-    entries = with_stamps(*led_in, *answers)
+@pytest.mark.parametrize("late", [2.5, 5.0])
+def test_of_stamps_and_receipts_those_are_counted_that_are_more(late: float) -> None:
+    """Answers to ten inputs of the window and to two of the lead-in, after so long."""
+    entries = with_stamps(*((8.0 + n + late, 8.0 + n) for n in range(12)), (19.9, 19.8))
     wanted = {"min": 0.1, "minCoverage": 0}
-    assert found("rate", entries, wanted, lead_in_start=8 * SECOND).figure == 1.0
-    assert found("rate", entries, wanted).figure == 1.1
-    more = with_stamps(*led_in, *answers, (19.9, 19.5))
-    assert found("rate", more, wanted, lead_in_start=8 * SECOND).figure == 1.1
-    others = with_stamps(*answers, (21.0, 20.5))
-    assert "1 more after the window's end" in found("rate", others, wanted).message
+    # Eleven come in the window, or eight; eleven are stamped in it.
+    assert found("rate", entries, wanted, lead_in_start=8 * SECOND).figure == 1.1
+    # Without a lead-in an older stamp could belong to nothing else.
+    assert found("rate", entries[:-1], wanted, lead_in_start=8 * SECOND).figure == 1.0
+    assert found("rate", entries[:-1], wanted).figure == 1.2
+
+
+def test_what_came_after_the_end_and_is_nobody_s_is_told() -> None:
+    entries = with_stamps((12.0, 11.0), (21.0, 20.5), (22.0, 20.7))
+    finding = found("rate", entries, {"min": 0.1, "minCoverage": 0})
+    assert finding.message == "0.1 Hz on /t, 2 more after the window's end"
+
+
+def test_a_window_of_half_a_second_has_a_rate() -> None:
+    finding = found("rate", plain(10, 10.1, 10.2, 10.3, 10.4), {"min": 9.0}, end=10.5)
+    assert (finding.outcome, finding.figure) == ("passed", 10.0)
 
 
 def test_a_rate_is_covered_but_for_the_longest_silence_beyond_its_usual_step() -> None:
@@ -137,6 +170,7 @@ def test_a_rate_is_covered_but_for_the_longest_silence_beyond_its_usual_step() -
     # Of 4 s, 2.5 s are the rate's own step, and one millisecond is rounding.
     assert finding.coverage == 0.8501
     assert finding.covered == "4 messages without a longer silence in 85% of the window"
+    assert found("rate", plain(16), {"min": 0.1}).coverage == 1.0
     doubt = found("rate", plain(10, 12, 14, 16), {"min": 0.1, "minCoverage": 0.86})
     assert doubt.outcome == "invalid"
     assert "look at when they came, or lower minCoverage" in doubt.message
