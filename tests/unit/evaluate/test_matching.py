@@ -73,6 +73,7 @@ def test_the_tolerance_itself_is_near_enough_on_both_sides(tolerance: str, pairs
         (10.5, 23.0, [(0, 3.0)]),  # as near to both in time: the earlier
         (10.501, 23.0, [(1, 3.0)]),
         (10.5, -12.0, [(0, 2.0)]),
+        (10.5, 20.5, [(0, 0.5)]),
         (9.9, 99.0, []),  # before the truth, and behind it
         (12.1, 99.0, []),
     ],
@@ -114,6 +115,14 @@ def test_the_truth_may_have_fields_of_its_own_and_no_header() -> None:
     # A recorded one goes by its own times, too, from a bag of its own.
     source = evidence([answer(11, 12)], source=numbers)
     assert brought(source, recording=True, truthFields=["data"]).pairs == [pair(11, 1, 2)]
+
+
+def test_answers_without_stamps_go_by_their_receipt_whatever_the_truth_s_stamps_are() -> None:
+    for stamp in (10.0, 5_000.0):
+        source = [("/truth", 10.0, stamped(stamp, 1, 0))]
+        given = evidence([("/pose", 10.01, number(3.0))], source=source)
+        found = brought(given, fields=["data"], truthFields=X, recording=True)
+        assert found.clock == "receipt"
 
 
 def test_an_answer_that_is_no_number_leaves_no_pairs_and_a_failure() -> None:
