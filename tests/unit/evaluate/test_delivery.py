@@ -44,6 +44,14 @@ def test_the_delay_is_that_of_the_percentile_that_is_asked() -> None:
         assert f"at percentile {percent} of 10 messages on /t" in finding.message
 
 
+def test_delays_in_too_little_of_the_window_are_told_with_what_may_help() -> None:
+    still = found("latency", with_stamps((11, 10), (12, 10), (13, 10)), {"max": "9s"})
+    few = found("latency", with_stamps((11, 10), (12, 11), (13, 12)), {"max": "9s"})
+    assert (still.outcome, few.outcome) == ("invalid", "invalid")
+    assert "2 of 2 times its stamp stands still" in still.message
+    assert "look at when they came, or lower minCoverage" in few.message
+
+
 def test_a_delay_from_second_zero_is_exact() -> None:
     finding = found("latency", with_stamps((0.25, 0.0)), {"max": "1s"}, start=0.0, end=1.0)
     assert finding.figure == 0.25

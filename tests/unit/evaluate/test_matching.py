@@ -92,6 +92,29 @@ def test_in_a_gap_of_more_than_three_usual_steps_nothing_strays(end: float, stra
     assert len(brought(given).strays) == strays
 
 
+def test_what_lies_in_a_gap_keeps_no_later_answer_from_its_pair() -> None:
+    gap = truth((10, 0), (11, 0), (12, 0), (16, 0))
+    found = brought(evidence([*gap, answer(13.5, 7), answer(16, 3), answer(11.5, 7, late=6)]))
+    assert (found.pairs, found.strays) == ([pair(16, 3, 3)], [pair(11.5, 1, 7, late=6)])
+
+
+def test_of_two_samples_their_own_step_is_usual() -> None:
+    found = brought(evidence([*truth((10, 0), (11, 0)), answer(10.5, 7)]))
+    assert found.strays == [pair(10.5, 0, 7)]
+
+
+def test_stamps_that_can_t_be_are_believed_only_if_the_recording_has_such() -> None:
+    wall = [("/pose", 10.5 + n, stamped(5_000.0 + n, n, 0)) for n in range(3)]
+    right = [("/truth", 10.5 + n, stamped(10.0 + n, n, 0)) for n in range(3)]
+    with pytest.raises(NoEvidenceError, match="3 of 3 messages on /pose are stamped later"):
+        brought(evidence(wall, source=right), recording=True)
+    played_before = [("/truth", 10.4 + n, stamped(5_000.0 + n, n, 0)) for n in range(3)]
+    found = brought(evidence(wall, source=played_before), recording=True)
+    assert ([each.distance for each in found.pairs], found.clock) == ([0.0] * 3, "header")
+    with pytest.raises(NoEvidenceError, match="stamped later"):
+        brought(evidence([*wall, *played_before]))
+
+
 def test_a_truth_of_one_sample_has_nothing_between() -> None:
     found = brought(evidence([*truth((11, 0)), answer(11.01, 3), answer(10.5, 9), answer(12, 9)]))
     assert (found.pairs, found.strays) == ([pair(11.01, 0, 3)], [])
