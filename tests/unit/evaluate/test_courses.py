@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe.evaluate import courses
 from bagpipe.evaluate.courses import MOST_POINTS, thinned
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion
@@ -117,6 +118,7 @@ def test_thinning_keeps_ends_of_peaks() -> None:
 def test_of_every_stretch_its_least_and_its_greatest_stay_in_order() -> None:
     course = list(enumerate([5.0, 1.0, 3.0, 2.0, 9.0, 4.0]))
     assert thinned(course, 6) == course
+    assert thinned(course[:5], 5) == course[:5]
     assert thinned(course, 5) == thinned(course, 4) == [(0, 5.0), (1, 1.0), (3, 2.0), (4, 9.0)]
     assert thinned(course, 2) == [(1, 1.0), (4, 9.0)]
     # A stretch that stays the same is one point.
@@ -148,3 +150,14 @@ def test_the_distance_from_a_goal_is_that_on_the_ground() -> None:
     recorded = [("/p", 19.5, stamped(19.5, 4.0, 6.0))]
     fields = {"topic": "/p", "position": [1, 2, 50], "maxDistance": 1, "minCoverage": 0}
     assert course("finalPose", fields, recorded)["points"] == [[9.5, 5.0]]
+
+
+def test_a_course_that_can_t_be_had_leaves_the_finding_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("field")
+
+    monkeypatch.setitem(courses._COURSES, "rate", broken)
+    [found] = evaluate([criterion("rate", {"topic": "/v", "min": 9})], evidence(RECORDED))
+    assert (found.outcome, found.course) == ("failed", None)

@@ -135,6 +135,7 @@ def test_a_case_s_stack_reaches_the_agent(tmp_path: Path) -> None:
 def test_conditions_without_a_matrix_are_one() -> None:
     [(name, conditions)] = crossing(make_spec()).named
     assert (name, conditions) == ("", Conditions())
+    assert conditions == Conditions(variant="", scenario=None, values={}, seed=0, round=0)
 
 
 def names_of(**changed: object) -> list[str]:
