@@ -96,6 +96,13 @@ def test_a_bag_that_is_empty_or_without_the_topics_is_told(storage: Storage) -> 
     assert refused.value.reason == "NoMatchingTopics"
 
 
+def test_a_bag_that_is_not_there_is_told_as_one_that_can_t_be_read(storage: Storage) -> None:
+    with pytest.raises(PartError) as refused:
+        sequence(storage, {"bag": "pvc://recordings/nowhere.bag"})
+    assert refused.value.reason == "BagUnreadable"
+    assert str(refused.value).startswith("pvc://recordings/nowhere.bag: ")
+
+
 def beside(storage: Storage, *topics: str, begin: str = "2s", length: int = SECOND) -> list[Part]:
     piece = RecordedTopics.model_validate({"bag": BAG, "from": begin, "topics": list(topics)})
     return PartPlanner(storage).beside([piece, piece], 70 * SECOND, length)
