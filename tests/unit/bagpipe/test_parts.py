@@ -126,6 +126,17 @@ def test_a_topic_that_is_to_be_heard_must_be_in_the_bag(storage: Storage) -> Non
     )
 
 
+def test_of_many_topics_ten_are_named(storage: Storage, tmp_path: Path) -> None:
+    topics = [f"/t{n:02d}" for n in range(12)]
+    (tmp_path / "a.bag").unlink()
+    write_bag(tmp_path / "a.bag", [each for topic in topics for each in steady(topic, 1, 1)])
+    ten = f"has {', '.join(topics[:10])}$"
+    with pytest.raises(PartError, match=ten):
+        beside(storage, "/scan")
+    with pytest.raises(PartError, match=ten):
+        sequence(storage, {}, topics=["/scan"])
+
+
 def test_a_bag_is_opened_once_however_many_pieces_it_has(
     storage: Storage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
