@@ -182,3 +182,11 @@ def test_of_a_bag_s_other_topics_ten_are_named(tmp_path: Path) -> None:
     (told,) = plan(spec, Storage({"recordings": str(tmp_path)})).unplanned
     ten = ", ".join(f"/t{n:02d}" for n in range(10))
     assert told.message.endswith(f": none of the topics /x, /y is in the bag; it has {ten}")
+
+
+def test_a_volume_that_can_t_be_asked_hides_no_other_bag(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "a.bag")
+    bags = ["pvc://nowhere/*.bag", "pvc://recordings/a.bag"]
+    made = plan(make_spec(source=source("a.bag", length="60s") | {"bags": bags}), storage)
+    assert [case.id for case in made.cases] == ["a-0000"]
+    assert [(told.bag, told.reason) for told in made.unplanned] == [(bags[0], "BagMissing")]
