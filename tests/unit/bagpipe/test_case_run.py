@@ -247,8 +247,8 @@ def test_steps_travel_with_the_case_with_their_deadlines_in_seconds(
     ],
 )
 def test_only_what_may_pass_is_tried_again(reason: str, attempts: int) -> None:
-    tries = [next_attempt(reason, [reason] * before) for before in range(attempts)]
-    assert tries == [Again()] * (attempts - 1) + [None]
+    tries = [next_attempt(reason, [reason] * before) for before in range(attempts + 2)]
+    assert tries == [Again(0.0, about=False)] * (attempts - 1) + [None] * 3
 
 
 def test_storage_that_may_answer_later_is_bounded_as_the_others_are() -> None:

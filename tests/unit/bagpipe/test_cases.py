@@ -142,3 +142,51 @@ def test_a_topic_without_a_message_is_not_said_to_be_missing(tmp_path: Path) -> 
     (bag,) = made.unplanned
     assert bag.reason == "NoMatchingTopics"
     assert bag.message.endswith("/scan is in the bag without a message; it has /camera")
+
+
+def test_names_are_numbered_by_the_place_of_their_bag_where_two_share_one(tmp_path: Path) -> None:
+    names = ("b.bag", "x/a.bag", "y/a.bag", "q (1)+2.bag", "-.bag")
+    storage = storage_with(tmp_path, *names)
+    made = plan(make_spec(source=source(*names, length="60s")), storage)
+    assert sorted((case.bag.removeprefix("pvc://recordings/"), case.id) for case in made.cases) == [
+        ("-.bag", "bag-0000"),
+        ("b.bag", "b-0000"),
+        ("q (1)+2.bag", "q-1-2-0000"),
+        ("x/a.bag", "a-001-0000"),
+        ("y/a.bag", "a-002-0000"),
+    ]
+
+
+def test_a_case_has_the_window_and_the_lead_in_that_the_job_asks_for(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 100, SECOND // 20))
+    fragment = {"length": "2s", "warmUp": "500ms"}
+    spec = make_spec(source=source("a.bag") | {"fragment": fragment})
+    cases = plan(spec, Storage({"recordings": str(tmp_path)})).cases
+    windows = sorted(
+        (case.window.lead_in_start, case.window.start, case.window.end) for case in cases
+    )
+    assert windows == [
+        (SECOND, SECOND, 3 * SECOND),
+        (2_500_000_000, 3 * SECOND, 5 * SECOND),
+        (4_500_000_000, 5 * SECOND, 5_950_000_001),
+    ]
+    # Connections' records lie in the index, and are read beside the chunks.
+    assert all(case.bytes > sum(length for _, length in case.ranges) > 0 for case in cases)
+    assert {case.messages for case in cases} == {100}
+
+
+def test_of_a_bag_s_other_topics_ten_are_named(tmp_path: Path) -> None:
+    recorded = [each for n in range(12) for each in steady(f"/t{n:02d}", 1, 1)]
+    write_bag(tmp_path / "a.bag", recorded)
+    spec = make_spec(source=source("a.bag") | {"topics": ["/x", "/y"]})
+    (told,) = plan(spec, Storage({"recordings": str(tmp_path)})).unplanned
+    ten = ", ".join(f"/t{n:02d}" for n in range(10))
+    assert told.message.endswith(f": none of the topics /x, /y is in the bag; it has {ten}")
+
+
+def test_a_volume_that_can_t_be_asked_hides_no_other_bag(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "a.bag")
+    bags = ["pvc://nowhere/*.bag", "pvc://recordings/a.bag"]
+    made = plan(make_spec(source=source("a.bag", length="60s") | {"bags": bags}), storage)
+    assert [case.id for case in made.cases] == ["a-0000"]
+    assert [(told.bag, told.reason) for told in made.unplanned] == [(bags[0], "BagMissing")]

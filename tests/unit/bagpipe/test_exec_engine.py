@@ -21,6 +21,7 @@ from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.run.exec_input import program_file
 from bagpipe.run.exec_judge import judge_program
 from bagpipe.run.exec_outputs import Outputs, recorded_names
+from bagpipe.run.judge import Judgement
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.fake_agent import FakeAgent, Script, aborting, make_slot
 from tests.unit.bagpipe.jobs import make_job, make_spec
@@ -198,6 +199,20 @@ def test_the_programs_own_word_is_the_verdict(
     assert message in judgement.message
 
 
+def test_a_program_s_words_are_told_up_to_a_bound() -> None:
+    def judged(**program: Any) -> Judgement:
+        return judge_program(RESULT | {"program": program})
+
+    long = judged(outcome="failed", reason="R" * 64, message="x" * 2001)
+    assert (long.reason, long.message) == ("R" * 64, "x" * 2000)
+    assert judged(outcome="failed", reason="R" * 65).reason == "ProgramFailed"
+    assert judged(outcome="failed", reason=["R"]).reason == "ProgramFailed"
+    unknown = judged(outcome="x" * 101).message
+    assert unknown.startswith(f"the program's outcome is '{'x' * 100}': write passed")
+    misspelt = judged(**{"x" * 101: 1}).message
+    assert misspelt.startswith(f"the program's RESULT has {'x' * 100} and no outcome")
+
+
 def test_nothing_at_all_is_no_evidence() -> None:
     judgement = judge_program(RESULT | {"records_out": 0})
     assert (judgement.outcome, judgement.reason) == ("invalid", "NothingRecorded")
@@ -210,17 +225,19 @@ def test_nothing_at_all_is_no_evidence() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("changed", "reason", "words"),
     [
-        ({"program": {"gap": math.nan}}, "is not JSON"),
-        ({"program": {"image": b"png"}}, "is not JSON"),
-        ({"engine": "ros1"}, "use one release's images together"),
-        ({"stack": {"exit_status": 3}}, "exit status is 3"),
+        ({"program": {"gap": math.nan}}, "StackProtocolError", "is not JSON"),
+        ({"program": {"image": b"png"}}, "StackProtocolError", "is not JSON"),
+        ({"engine": "ros1"}, "ProtocolError", "use one release's images together"),
+        ({"stack": {"exit_status": 3}}, "StackCrashed", "exit status is 3"),
+        ({"stack": {"exit_status": -9}}, "StackCrashed", "exit status is -9"),
     ],
 )
-def test_an_answer_of_no_use_is_an_error(changed: dict[str, Any], words: str) -> None:
-    with pytest.raises(SessionError, match=words):
+def test_an_answer_of_no_use_is_an_error(changed: dict[str, Any], reason: str, words: str) -> None:
+    with pytest.raises(SessionError, match=words) as refused:
         judge_program(RESULT | changed)
+    assert refused.value.reason == reason
 
 
 def test_one_case_for_each_file_and_a_sentence_for_what_is_missing(tmp_path: Path) -> None:

@@ -288,6 +288,8 @@ def test_no_index_behind_a_chunk_is_read_where_the_tail_tells() -> None:
         # With other topics' messages: it begins and ends in the window, maybe just with it.
         ([(0.0, 3.0, {0: 1, 1: 1})], [0]),
         ([(0.0, 0.5, {0: 1}), (5.0, 7.0, {0: 1, 1: 1})], [0, 1]),
+        # The same, of a window that begins before it.
+        ([(0.0, 0.5, {0: 1}), (5.5, 7.0, {0: 1, 1: 1})], [0, 1]),
         # Of the topic alone: it begins in one window, and ends in the next.
         ([(0.0, 6.0, {0: 1})], [0, 1]),
     ],
@@ -353,3 +355,8 @@ def test_a_length_that_never_ends_is_refused(length: int, chunks: int) -> None:
     with pytest.raises(ValueError, match=f"a fragment lasts at least 1 ns, and not {length}"):
         cut(tail, [], length, 0)
     assert len(cut(tail, [], 10 * SECOND, 0)) == 1
+
+
+def test_a_length_of_a_nanosecond_is_the_least() -> None:
+    tail = BagTail(10**6, [SCAN], [Chunk(1000, 2000, 0, 2, {0: 3})])
+    assert [(f.window.start, f.window.end) for f in cut(tail, [], 1, 0)] == [(0, 1), (1, 2), (2, 3)]

@@ -126,3 +126,63 @@ def test_lines_are_published_all_or_not_at_all(world: World) -> None:
         world.results.publish(manifest, journal.rows, journal)
     assert not (world.folder / "results.jsonl").exists()
     assert len(world.names("journal")) == 1
+
+
+def test_a_manifest_says_whose_job_it_is_and_what_became_of_it(world: World) -> None:
+    keeper, journal = world.driver()
+    keeper.progress.begin(2)
+    crash = {"reason": "StackCrashed", "message": "x" * 400, "seconds": 1.5, "ledger": {}}
+    keeper.take([ran("b", discarded=[crash], attempts=2), ran("a", "failed", reason="Bad")])
+    finish(keeper)
+    manifest = world.results.commit(keeper.rows, keeper.progress, journal.driver)
+    told = {
+        key: manifest[key] for key in ("schema", "job", "attempt", "driver", "phase", "verdict")
+    }
+    assert told == {
+        "schema": "sim.bagpipe.io/manifest/v1alpha1",
+        "job": {"name": "drive", "namespace": "lab", "uid": "uid-1"},
+        "attempt": 1,
+        "driver": journal.driver,
+        "phase": "Complete",
+        "verdict": "Failed",
+    }
+    # In short: a manifest is read whole, and a row's ledgers are in results.jsonl.
+    short = crash | {"message": "x" * 300}
+    del short["ledger"]
+    assert manifest["cases"] == [
+        {"case": "a", "outcome": "failed", "reason": "Bad", "recorded": None, "attempts": 1,
+         "starts": None, "discarded": []},
+        {"case": "b", "outcome": "passed", "reason": "", "recorded": "cases/b.bag", "attempts": 2,
+         "starts": None, "discarded": [short]},
+    ]  # fmt: skip
+    assert (manifest["counts"]["passed"], manifest["counts"]["discarded"]) == (1, 1)
+
+
+def test_nothing_is_committed_until_a_manifest_lies_there_and_one_that_is_broken_is_told(
+    world: World,
+) -> None:
+    assert not world.results.is_committed()
+    assert world.results.committed() is None
+    with world.storage.create(f"{world.results.folder}/manifest.json") as file:
+        file.write(b'{"counts": ')
+    assert world.results.is_committed()
+    with pytest.raises(StorageError, match=r"manifest\.json is no JSON: "):
+        world.results.committed()
+
+
+def test_a_line_says_what_it_is_a_line_of(world: World) -> None:
+    manifest, keeper, journal = committed(world)
+    assert not world.results.is_published(journal)
+    world.results.publish(manifest, keeper.rows.rows, journal)
+    assert [row["schema"] for row in world.lines()] == ["sim.bagpipe.io/case/v1alpha1"] * 2
+    assert world.results.is_published(journal)
+    # A driver that comes late may leave rows, which somebody must take away.
+    journal.append([ran("a")])
+    assert not world.results.is_published(journal)
+
+
+def test_a_case_that_is_kept_twice_has_one_line(world: World) -> None:
+    manifest, keeper, journal = committed(world)
+    rows = list(keeper.rows.rows())
+    world.results.publish(manifest, lambda: [*rows, *rows], journal)
+    assert [row["case"] for row in world.lines()] == ["a", "b"]

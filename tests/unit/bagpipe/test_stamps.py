@@ -119,3 +119,66 @@ def test_a_message_that_is_not_its_type_is_refused() -> None:
             moved("geometry_msgs/PoseStamped", definition, raw, SECOND)
     with pytest.raises(StampError, match="the definition of x/Odd can't be read"):
         moved("x/Odd", "Missing field\n", b"", SECOND)
+
+
+BREAK = "=" * 80
+HEADER = f"{BREAK}\nMSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+
+
+def header_bytes(seconds: int, frame: bytes = b"map") -> bytes:
+    numbers = (7, seconds, 5, len(frame))
+    return b"".join(number.to_bytes(4, "little") for number in numbers) + frame
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [
+        ("bool", 1), ("byte", 1), ("char", 1), ("int8", 1), ("uint8", 1), ("int16", 2),
+        ("uint16", 2), ("int32", 4), ("uint32", 4), ("int64", 8), ("uint64", 8), ("float32", 4),
+        ("float64", 8), ("time", 8), ("duration", 8),
+    ],
+)  # fmt: skip
+def test_a_header_lies_behind_fields_of_every_kind(kind: str, size: int) -> None:
+    definition = f"{kind} one\n{kind}[3] three\n{kind}[] some\nstd_msgs/Header header\n{HEADER}"
+    before = b"\xff" * (4 * size) + (2).to_bytes(4, "little") + b"\xff" * (2 * size)
+    raw = before + header_bytes(9)
+    assert moved("x/Kind", definition, raw, SECOND) == before + header_bytes(10)
+
+
+def test_lists_of_a_fixed_number_are_walked_one_by_one_where_it_takes_that() -> None:
+    definition = (
+        f"string[2] names\nItem[2] items\nstd_msgs/Header header\n"
+        f"{BREAK}\nMSG: x/Item\nstring name\nstd_msgs/Header header\n{HEADER}"
+    )
+    text = (3).to_bytes(4, "little") + b"abc"
+
+    def message(*seconds: int) -> bytes:
+        one, two, last = map(header_bytes, seconds)
+        return text + text + text + one + text + two + last
+
+    assert moved("x/Two", definition, message(4, 5, 6), SECOND) == message(5, 6, 7)
+
+
+@pytest.mark.parametrize("kind", ["std_msgs/Header", "std_msgs/msg/Header", "roslib/Header"])
+def test_a_message_may_be_a_header_itself(kind: str) -> None:
+    definition = "uint32 seq\ntime stamp\nstring frame_id\n"
+    assert moved(kind, definition, header_bytes(4), -SECOND) == header_bytes(3)
+
+
+def test_nothing_is_looked_at_behind_the_last_header() -> None:
+    definition = f"std_msgs/Header header\nstring text\nfloat64 number\n{HEADER}"
+    odd = b"\xff\xff\xff\xff not so long"
+    assert moved("x/Odd", definition, header_bytes(4) + odd, SECOND) == header_bytes(5) + odd
+
+
+def test_a_type_that_holds_itself_is_refused() -> None:
+    definition = f"Item[] items\n{BREAK}\nMSG: x/Item\nItem[] items\n"
+    with pytest.raises(StampError, match=r"definition of x/Tree can't be read: .* holds itself"):
+        moved("x/Tree", definition, b"", SECOND)
+
+
+def test_a_stamp_of_less_than_a_second_or_of_whole_ones_is_a_time() -> None:
+    assert ns(shifted("geometry_msgs/PoseStamped", pose_stamped(7), SECOND)) == SECOND + 7
+    assert ns(shifted("geometry_msgs/PoseStamped", pose_stamped(SECOND), 7)) == SECOND + 7
+    last = ((1 << 32) - 1) * SECOND
+    assert ns(shifted("geometry_msgs/PoseStamped", pose_stamped(SECOND), last - SECOND)) == last

@@ -227,3 +227,63 @@ def test_a_regressed_case_is_worse_whatever_criterion_got_better() -> None:
     regressed = [row(9, "released", criteria=[]), row(9, "pr-812", "failed", criteria=[])]
     found = only(criteria_of(jerk=-1.0) + regressed)
     assert (found.verdict, [one.verdict for one in found.criteria]) == ("worse", ["better"])
+
+
+def rounds_named(fragment: int, variant: str, outcomes: str) -> list[dict[str, Any]]:
+    """Rounds as a job names them: each has a name of its own."""
+    made = rounds(fragment, variant, outcomes)
+    return [each | {"case": f"{each['case']}-r{n}"} for n, each in enumerate(made)]
+
+
+def test_a_case_of_several_rounds_goes_by_the_name_of_its_first_one() -> None:
+    before = {0: "PP", 1: "FF", 2: "PF", 3: "PP", 4: "FF"}
+    now = {0: "FF", 1: "PP", 2: "FP"}
+    rows = [each for n, o in before.items() for each in rounds_named(n, "released", o)]
+    found = only(rows + [each for n, o in now.items() for each in rounds_named(n, "pr-812", o)])
+    assert [(case["case"], case["to"]) for case in found.regressed] == [
+        ("a-0000-pr-812-r0", "failed"), ("a-0003-released-r0", "missing"),
+    ]  # fmt: skip
+    assert (found.fixed, found.flaky) == (["a-0001-pr-812-r0"], ["a-0002-pr-812-r0"])
+    assert found.missing == ["a-0003-released-r0", "a-0004-released-r0"]
+    assert found.message == (
+        "2 regressed (1 failed, 1 missing), 1 fixed, 1 flaky of 3 cases;"
+        " not to be told in rounds: passed; 2 missing"
+    )
+
+
+def test_the_message_names_the_criteria_that_moved() -> None:
+    found = only(criteria_of(jerk=-1.0, delay=1.0, gap=0.0))
+    assert found.message == "no case changed of 8 cases; worse in delay; better in jerk"
+    few = only([each for each in criteria_of(delay=1.0) if int(each["fragment"][2:]) < 3])
+    assert (few.verdict, few.message) == (
+        "same",
+        "no case changed of 3 cases; not to be told in delay",
+    )
+
+
+def with_loss(before: int, after: int) -> list[dict[str, Any]]:
+    """Eight recordings whose nodes lost so many of 100 messages, and braked not once."""
+    criteria = [{"name": "braking", "figure": 0.0, "direction": "lower"}]
+    return [
+        row(n, variant, criteria=criteria, result={
+            "ledger": {"topics": [{"sent": 100, "subscribers": [{"received": 100 - lost}]}]}
+        })
+        for n in range(8)
+        for variant, lost in (("released", before), ("pr-812", after))
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "told"),
+    [
+        (0, 0, [("braking", "same")]),
+        (0, 2, [("braking", "same"), ("delivery: loss", "worse")]),
+        (2, 0, [("braking", "same"), ("delivery: loss", "better")]),
+        (2, 2, [("braking", "same"), ("delivery: loss", "same")]),
+    ],
+)
+def test_losses_are_told_where_either_version_has_one(
+    before: int, after: int, told: list[tuple[str, str]]
+) -> None:
+    found = only(with_loss(before, after))
+    assert [(one.name, one.verdict) for one in found.criteria] == told

@@ -23,6 +23,46 @@ def test_a_difference_of_zero_is_no_evidence() -> None:
     assert (test.differing, test.least_chance, test.chance_above()) == (3, 1 / 8, 1 / 8)
 
 
+def test_so_few_recordings_give_no_end() -> None:
+    test = SignFlips(np.array([1.0, 2.0, 3.0]))
+    assert test.ends(0.04, 0.2) == (None, 3.0)
+    assert test.ends(0.2, 0.04) == (1.0, None)
+    # One of eight ways is just an eighth, and a little less is none.
+    assert test.ends(0.125, 0.125) == (1.0, 3.0)
+    assert test.ends(0.1249, 0.1249) == (None, None)
+
+
+def test_the_means_that_are_left_out_are_counted_from_both_ends() -> None:
+    # Of 1, 2 and 3 alone and together: 1, 1.5, 2, 2, 2, 2.5, 3.
+    test = SignFlips(np.array([1.0, 2.0, 3.0]))
+    found = [test.ends(ways / 8, ways / 8) for ways in (1, 2, 3, 6, 7)]
+    assert found == [(1.0, 3.0), (1.5, 2.5), (2.0, 2.0), (2.5, 1.5), (3.0, 1.0)]
+
+
+def test_up_to_fourteen_recordings_are_told_exactly_and_more_to_one_in_as_many_ways() -> None:
+    for recordings in (13, 14, 17):
+        ways = 2 ** min(recordings, 14)
+        test = SignFlips(np.arange(1.0, recordings + 1))
+        assert (test.least_chance, test.chance_above()) == (1 / ways, 1 / ways)
+        assert SignFlips(-np.ones(recordings)).chance_above() == 1.0
+
+
+def test_a_random_way_that_leaves_all_recordings_out_gives_no_mean_that_is_no_number() -> None:
+    """Of 15 recordings one of the 16,384 random ways does: it counts as a mean of zero."""
+    test = SignFlips(np.ones(15))
+    assert (test.least_chance, test.chance_above()) == (1 / 16_384, 2 / 16_384)
+    assert test.ends(1 / 16_384, 1 / 16_384) == (0.0, 1.0)
+
+
+def test_amounts_that_cancel_out_but_for_their_rounding_are_as_much_as_nothing() -> None:
+    """0.1 + 0.2 - 0.3 is 5.6e-17 to a computer. Of eight ways five give zero or more."""
+    for scale in (1.0, 1e-9, 1e9):
+        test = SignFlips(scale * np.array([0.1, 0.2, -0.3]))
+        assert (test.chance_above(), test.chance_below()) == (5 / 8, 5 / 8)
+    # What differs by more than rounding does is another sum.
+    assert SignFlips(np.array([0.1, 0.2, -0.3 + 1e-9])).chance_above() == 4 / 8
+
+
 values = st.lists(st.integers(-50, 50).map(lambda n: n / 8), min_size=2, max_size=9)
 
 
@@ -55,10 +95,6 @@ def test_the_interval_holds_the_mean_turns_with_the_sides_and_agrees(given_: lis
     # Zero is outside of the interval just if the test refuses it.
     assert (low > 0) == (forth.chance_above() <= 0.04)
     assert (high < 0) == (forth.chance_below() <= 0.04)
-
-
-def test_so_few_recordings_give_no_end() -> None:
-    assert SignFlips(np.array([1.0, 2.0, 3.0])).ends(0.04, 0.2) == (None, 3.0)
 
 
 def test_many_recordings_are_resampled_the_same_way_each_time() -> None:

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe.evaluate import courses
 from bagpipe.evaluate.courses import MOST_POINTS, thinned
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion
@@ -20,6 +21,14 @@ RECORDED = [
     ("/p", 12.0, stamped(11.5, 6.0, 8.0)),
     ("/o", 11.5, poses(11.2, (3.0, 5.0), (9.0, 9.0))),
 ]
+UNITS = {
+    "bounds": "",
+    "rate": "Hz",
+    "latency": "s",
+    "finalPose": "m",
+    "error": "",
+    "separation": "m",
+}
 SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0, 8.0))]
 
 
@@ -65,6 +74,7 @@ def test_a_failing_criterion_has_a_course(
     assert found.outcome == "failed"
     course = found.as_row()["course"]
     assert (course["label"], course["low"], course["high"]) == (label, low, high)
+    assert course["unit"] == UNITS[kind]
     assert course["points"] == points
 
 
@@ -103,3 +113,51 @@ def test_thinning_keeps_ends_of_peaks() -> None:
     assert len(thin) <= MOST_POINTS
     assert (7777, 99.0) in thin
     assert thin == sorted(thin)
+
+
+def test_of_every_stretch_its_least_and_its_greatest_stay_in_order() -> None:
+    course = list(enumerate([5.0, 1.0, 3.0, 2.0, 9.0, 4.0]))
+    assert thinned(course, 6) == course
+    assert thinned(course[:5], 5) == course[:5]
+    assert thinned(course, 5) == thinned(course, 4) == [(0, 5.0), (1, 1.0), (3, 2.0), (4, 9.0)]
+    assert thinned(course, 2) == [(1, 1.0), (4, 9.0)]
+    # A stretch that stays the same is one point.
+    assert thinned([(n, 7.0) for n in range(9)], 6) == [(0, 7.0), (3, 7.0), (6, 7.0)]
+    assert len(thinned([(n, n % 7) for n in range(MOST_POINTS + 1)])) <= MOST_POINTS
+
+
+def course(kind: str, fields: dict[str, Any], recorded: list[Any], **more: Any) -> dict[str, Any]:
+    [found] = evaluate([criterion(kind, fields)], evidence(recorded, **more))
+    assert found.outcome == "failed"
+    made: dict[str, Any] = found.as_row()["course"]
+    return made
+
+
+def test_points_are_to_a_tenth_of_a_millisecond_and_five_digits() -> None:
+    recorded = [("/v", 10.12345678, number(1.23456789)), ("/v", 19.0, number(-123456.0))]
+    made = course("bounds", {"topic": "/v", "field": "data", "min": 9, "max": 99}, recorded)
+    assert (made["low"], made["high"]) == (9.0, 99.0)
+    assert made["points"] == [[0.1235, 1.2346], [9.0, -123460.0]]
+
+
+def test_two_messages_of_one_time_have_no_rate_between_them() -> None:
+    recorded = [("/v", at, number(at)) for at in (10.5, 10.5, 10.75, 11.75)]
+    made = course("rate", {"topic": "/v", "max": 0.1}, recorded)
+    assert made["points"] == [[0.75, 4.0], [1.75, 1.0]]
+
+
+def test_the_distance_from_a_goal_is_that_on_the_ground() -> None:
+    recorded = [("/p", 19.5, stamped(19.5, 4.0, 6.0))]
+    fields = {"topic": "/p", "position": [1, 2, 50], "maxDistance": 1, "minCoverage": 0}
+    assert course("finalPose", fields, recorded)["points"] == [[9.5, 5.0]]
+
+
+def test_a_course_that_can_t_be_had_leaves_the_finding_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(*_: object) -> None:
+        raise KeyError("field")
+
+    monkeypatch.setitem(courses._COURSES, "rate", broken)
+    [found] = evaluate([criterion("rate", {"topic": "/v", "min": 9})], evidence(RECORDED))
+    assert (found.outcome, found.course) == ("failed", None)

@@ -69,6 +69,9 @@ def test_of_two_limits_the_memory_is_told_unless_the_cpu_is_too_much() -> None:
         (8.0, {"play": 4.0, "subscribe": 5.0, "lead_in": 4.5}, 0.0, "0.0 s of the 4.0 s"),
         (8.0, {"play": 4.0}, 1.0, "4.0 s of the 4.0 s"),
         (8.0, {"play": 0.0}, 1.0, "0.0 s of the 0.0 s"),
+        (0.25, {"play": 0.5}, 0.5, "0.2 s of the 0.5 s"),
+        (8.0, {"play": 10.0, "subscribe": 1.0}, 0.7, "7.0 s of the 10.0 s"),
+        (8.0, {"play": 10.0, "lead_in": 2.0}, 0.6, "6.0 s of the 10.0 s"),
     ],
 )
 def test_it_is_judged_on_the_part_of_the_play_that_the_stack_was_there_for(
@@ -106,3 +109,10 @@ def test_what_was_not_measured_is_said() -> None:
 def test_a_window_without_length_is_covered() -> None:
     finding = found(used(5.0), end=10.0, maxCpu=9)
     assert (finding.outcome, finding.coverage) == ("passed", 1.0)
+
+
+def test_a_peak_that_nobody_says_the_length_of_covers_nothing() -> None:
+    told: dict[str, Any] = {"stack": {"usage": {"peak_memory_bytes": 3 * MEBIBYTE}}}
+    finding = found(told, maxMemory="4Mi")
+    assert (finding.outcome, finding.coverage) == ("invalid", 0.0)
+    assert found(told, maxMemory="2Mi").outcome == "failed"

@@ -135,3 +135,77 @@ def test_a_case_s_stack_reaches_the_agent(tmp_path: Path) -> None:
 def test_conditions_without_a_matrix_are_one() -> None:
     [(name, conditions)] = crossing(make_spec()).named
     assert (name, conditions) == ("", Conditions())
+    assert conditions == Conditions(variant="", scenario=None, values={}, seed=0, round=0)
+
+
+def names_of(**changed: object) -> list[str]:
+    return [name for name, _ in crossing(make_spec(**changed)).named]
+
+
+@pytest.mark.parametrize(
+    ("values", "included", "first", "last"),
+    [
+        (1, 0, "-s0", "-s0"),
+        (10, 0, "-s0", "-s9"),
+        (11, 0, "-s00", "-s10"),
+        (9, 1, "-s0", "-s9"),
+        (10, 1, "-s00", "-s10"),
+    ],
+)
+def test_names_of_scenarios_are_as_wide_as_the_last_one_s(
+    values: int, included: int, first: str, last: str
+) -> None:
+    matrix = {
+        "variables": {"n": list(range(values))},
+        "include": [{"n": values + more} for more in range(included)],
+    }
+    names = names_of(matrix=matrix)
+    assert (len(names), names[0], names[-1]) == (values + included, first, last)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "first", "last"),
+    [(2, "-s0.0", "-s0.1"), (10, "-s0.0", "-s0.9"), (11, "-s0.00", "-s0.10")],
+)
+def test_names_of_seeds_are_as_wide_as_the_last_one_s(seeds: int, first: str, last: str) -> None:
+    names = names_of(matrix={"variables": {"n": [1]}, "seeds": seeds})
+    assert (len(names), names[0], names[-1]) == (seeds, first, last)
+    assert names == sorted(names)
+
+
+@pytest.mark.parametrize(
+    ("rounds", "names"),
+    [
+        (1, [""]),
+        (2, ["-r0", "-r1"]),
+        (10, [f"-r{n}" for n in range(10)]),
+        (11, [f"-r{n:02d}" for n in range(11)]),
+    ],
+)
+def test_rounds_are_numbered_from_0_where_there_are_several(rounds: int, names: list[str]) -> None:
+    assert names_of(playback={"rounds": rounds}) == names
+
+
+def test_of_each_scenario_every_variant_comes_before_the_next_one() -> None:
+    """A job that is stopped early has compared its variants on what it ran."""
+    found = crossing(
+        make_spec(
+            variants=VARIANTS[:2], matrix={"variables": {"n": [7, 8]}}, playback={"rounds": 2}
+        )
+    )
+    assert [(name, c.variant, c.values["n"], c.round) for name, c in found.named] == [
+        ("-s0-released-r0", "released", 7, 0),
+        ("-s0-released-r1", "released", 7, 1),
+        ("-s0-pr-812-r0", "pr-812", 7, 0),
+        ("-s0-pr-812-r1", "pr-812", 7, 1),
+        ("-s1-released-r0", "released", 8, 0),
+        ("-s1-released-r1", "released", 8, 1),
+        ("-s1-pr-812-r0", "pr-812", 8, 0),
+        ("-s1-pr-812-r1", "pr-812", 8, 1),
+    ]
+    assert found.expansion is not None
+    assert crossing(make_spec()).expansion is None
+
+
+def test_templates_may_name_values_the_seed_and_the_variant() -> None:
+    assert Conditions("a", 3, {"n": 7}, 2, 1).known == {"n": 7, "seed": 2, "variant": "a"}

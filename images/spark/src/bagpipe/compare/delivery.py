@@ -28,7 +28,7 @@ def delivery(row: Row) -> dict[str, float]:
             for node in topic.get("subscribers") or []:
                 sent += int(topic["sent"])
                 missing = int(topic["sent"]) - int(node["received"])
-                lost += max(missing, int(node.get("dropped") or 0), 0)
+                lost += max(missing, int(node.get("dropped") or 0))
     if sent:
         found[LOSS] = 100 * min(1.0, lost / sent)
     return found

@@ -50,12 +50,12 @@ def _with_limits(finding: Finding, wanted: Presence) -> Finding:
     return replace(finding, limit=most or finding.limit)
 
 
-def _own(messages: Sequence[Received]) -> list[Received]:
-    """The messages without those that repeat another one, to the byte."""
-    return list({each.identity: each for each in reversed(messages)}.values())[::-1]
+def _own(messages: Sequence[Received]) -> set[object]:
+    """What the messages are without those that repeat another one, to the byte."""
+    return {each.identity for each in messages}
 
 
-def _repeated(messages: Sequence[Received], own: Sequence[Received]) -> str:
+def _repeated(messages: Sequence[Received], own: set[object]) -> str:
     repeated = len(messages) - len(own)
     return f", {repeated} of {len(messages)} repeat another one" if repeated else ""
 
@@ -74,8 +74,7 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     if wanted.over == "worst":
         times = [each.time for each in found.inside]
         edges = [evidence.start, *times, evidence.end]
-        gap = max(after - before for before, after in itertools.pairwise(edges))
-        figure = 1e9 / gap if gap > 0 else math.inf
+        figure = 1e9 / max(after - before for before, after in itertools.pairwise(edges))
     finding = bounded(
         Finding(name, "rate", "passed", figure, "Hz", direction="higher"),
         wanted.min,
@@ -140,6 +139,6 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
 
 
 def percentile(values: Sequence[float], percent: float) -> float:
-    """The nearest-rank percentile: a value that was measured, never one between two."""
+    """The nearest-rank percentile, above 0: a value that was measured, never one between two."""
     ordered = sorted(values)
-    return ordered[max(0, math.ceil(percent / 100 * len(ordered)) - 1)]
+    return ordered[math.ceil(percent / 100 * len(ordered)) - 1]

@@ -97,9 +97,11 @@ def _distance(one: Sequence[float], other: Sequence[float], *, angle: bool) -> f
 def _beyond(
     answer: Sequence[float], before: Sequence[float], after: Sequence[float], *, angle: bool
 ) -> float:
-    """How much further an answer is from both of two truths than these are from each other."""
+    """How much further an answer is from both of two truths than these are from each other: below
+    zero for one that is nearer.
+    """
     nearest = min(_distance(answer, truth, angle=angle) for truth in (before, after))
-    return max(0.0, nearest - _distance(before, after, angle=angle))
+    return nearest - _distance(before, after, angle=angle)
 
 
 def _truth(wanted: Error, evidence: Evidence) -> list[Sample]:

@@ -101,12 +101,12 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
 
 def _finding(name: str, answer: dict[str, Any]) -> Finding:
     outcome = answer.get("outcome")
-    if outcome not in {"passed", "failed", "invalid"}:
+    if outcome not in ("passed", "failed", "invalid"):  # of any type: a list has no hash
         raise NoEvidenceError(
             f"the evaluator's outcome is {str(outcome)[:100]!r}: return passed, failed or invalid"
         )
     direction = answer.get("direction", "")
-    if direction not in {"lower", "higher", ""}:
+    if direction not in ("lower", "higher", ""):
         raise NoEvidenceError(
             f"the evaluator's direction is {str(direction)[:100]!r}: return lower or higher"
         )

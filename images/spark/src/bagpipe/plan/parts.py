@@ -134,8 +134,6 @@ class PartPlanner:
                 raise PartError(uri, error.reason, str(error)) from error
             except StorageError as error:
                 raise PartError(uri, "BagUnreadable", str(error)) from error
-            if not tail.chunks:
-                raise PartError(uri, "BagEmpty", "the bag has no message")
             self._read[uri] = (tail, file.version)
         return self._read[uri]
 

@@ -16,7 +16,7 @@ from rosbags.typesys import get_types_from_msg
 _HEADERS = frozenset({"std_msgs/msg/Header", "roslib/msg/Header"})
 _SIZES = {
     "bool": 1, "byte": 1, "char": 1, "int8": 1, "uint8": 1, "int16": 2, "uint16": 2, "int32": 4,
-    "uint32": 4, "int64": 8, "uint64": 8, "float32": 4, "float64": 8, "time": 8, "duration": 8,
+    "uint32": 4, "int64": 8, "uint64": 8, "float32": 4, "float64": 8,
 }  # fmt: skip
 _TIMES = frozenset({"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"})
 _COUNT = struct.Struct("<I")

@@ -1,0 +1,195 @@
+"""Counts, rates and delays of messages, each worked out by hand."""
+
+from typing import Any
+
+import pytest
+
+from bagpipe.evaluate.delivery import percentile
+from bagpipe.evaluate.finding import Finding
+from bagpipe.evaluate.judge import evaluate
+from bagpipe.evaluate.model import Criterion
+from tests.unit.evaluate.recordings import evidence, number, stamped
+
+SECOND = 1_000_000_000
+
+
+def plain(*times: float) -> list[Any]:
+    return [("/t", at, number(at)) for at in times]
+
+
+def with_stamps(*pairs: tuple[float, float]) -> list[Any]:
+    return [("/t", at, stamped(stamp, at, 0.0)) for at, stamp in pairs]
+
+
+def found(kind: str, entries: list[Any], wanted: dict[str, Any], **more: Any) -> Finding:
+    """In a window from 10 to 20 s."""
+    criterion = Criterion.model_validate({"name": "c", kind: {"topic": "/t"} | wanted})
+    [finding] = evaluate([criterion], evidence(entries, **more))
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("percent", "value"), [(0.1, 15), (20, 15), (20.1, 20), (30, 20), (40, 20), (50, 35), (100, 50)]
+)
+def test_a_percentile_is_the_value_of_the_nearest_rank(percent: float, value: float) -> None:
+    assert percentile([50, 20, 15, 40, 35], percent) == value
+
+
+def test_the_delay_is_that_of_the_percentile_that_is_asked() -> None:
+    entries = with_stamps(*((10.0 + n + 0.001 * (9 - n), 10.0 + n) for n in range(10)))
+    for percent, delay in ((90, 0.008), (91, 0.009), (10, 0.0), (50, 0.004)):
+        finding = found("latency", entries, {"percentile": percent, "max": "8ms"})
+        assert finding.figure == pytest.approx(delay, abs=1e-8)
+        assert finding.outcome == ("failed" if percent == 91 else "passed")
+        assert f"at percentile {percent} of 10 messages on /t" in finding.message
+
+
+def test_delays_in_too_little_of_the_window_are_told_with_what_may_help() -> None:
+    still = found("latency", with_stamps((11, 10), (12, 10), (13, 10)), {"max": "9s"})
+    few = found("latency", with_stamps((11, 10), (12, 11), (13, 12)), {"max": "9s"})
+    assert (still.outcome, few.outcome) == ("invalid", "invalid")
+    assert "2 of 2 times its stamp stands still" in still.message
+    assert "look at when they came, or lower minCoverage" in few.message
+
+
+def test_a_delay_from_second_zero_is_exact() -> None:
+    finding = found("latency", with_stamps((0.25, 0.0)), {"max": "1s"}, start=0.0, end=1.0)
+    assert finding.figure == 0.25
+
+
+@pytest.mark.parametrize(
+    ("least", "outcome", "figure"), [(4, "passed", 10.0), (5, "passed", 10.0), (6, "failed", 5.0)]
+)
+def test_where_too_few_are_their_own_these_are_counted(
+    least: int, outcome: str, figure: float
+) -> None:
+    entries = [("/t", 10.2 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(10)]
+    finding = found("presence", entries, {"min": least})
+    assert (finding.outcome, finding.figure) == (outcome, figure)
+    assert "on /t, 5 of 10 repeat another one" in finding.message
+
+
+def test_silence_that_is_allowed_is_seen_in_the_whole_window() -> None:
+    finding = found("presence", [], {"min": 0, "max": 3})
+    assert (finding.outcome, finding.figure, finding.coverage) == ("passed", 0.0, 1.0)
+    assert (finding.covered, finding.limit) == ("the whole window", "0 to 3 messages")
+
+
+def test_what_comes_after_the_end_without_a_stamp_is_late_and_not_too_much() -> None:
+    entries = plain(*(10 + n for n in range(10)), 20, 21)
+    most = found("presence", entries, {"max": 10})
+    assert (most.outcome, most.figure, most.limit) == ("passed", 12.0, "1 to 10 messages")
+    assert (most.coverage, most.covered) == (
+        0.8333, "the whole window, and 2 of 12 messages after its end",
+    )  # fmt: skip
+    assert found("presence", entries, {"max": 9}).outcome == "failed"
+    assert found("presence", entries, {"max": 11}).outcome == "passed"
+    assert found("presence", entries, {"min": 12}).outcome == "passed"
+    assert found("presence", entries, {"min": 12}).limit == "at least 12 messages"
+    assert found("presence", entries, {"min": 13}).outcome == "failed"
+
+
+def test_too_few_stay_too_few_however_late_they_were() -> None:
+    late = plain(19, 21, 22, 23)
+    assert found("presence", late, {"min": 5}).outcome == "failed"
+    doubt = found("presence", late, {"min": 4})
+    assert (doubt.outcome, doubt.coverage, doubt.clock) == ("invalid", 0.25, "receipt")
+
+
+def test_what_a_stamp_puts_elsewhere_is_no_late_answer() -> None:
+    entries = with_stamps((12, 11), (21, 19), (22, 20.5))
+    finding = found("presence", entries, {"min": 2})
+    assert (finding.outcome, finding.figure, finding.coverage) == ("passed", 2.0, 1.0)
+    assert found("presence", entries, {"min": 3}).outcome == "failed"
+
+
+@pytest.mark.parametrize(
+    ("times", "hertz"),
+    [
+        ([12, 14, 16, 18], 0.5),
+        ([13, 14, 16, 18], 1 / 3),  # until the first
+        ([12, 14, 16], 0.25),  # from the last
+        ([12, 14, 17.5, 18, 19], 1 / 3.5),
+        ([15], 0.2),
+    ],
+)
+def test_the_worst_rate_is_that_of_the_longest_gap_with_the_window_s_ends(
+    times: list[float], hertz: float
+) -> None:
+    finding = found("rate", plain(*times), {"min": 0.3, "over": "worst"})
+    assert finding.figure == hertz
+    assert finding.outcome == ("passed" if hertz > 0.3 else "failed")
+    assert (finding.coverage, finding.covered) == (1.0, "the whole window")
+    assert (finding.clock, finding.unit, finding.direction) == ("receipt", "Hz", "higher")
+
+
+def test_silence_is_too_low_a_rate_and_no_rate_that_is_low_enough() -> None:
+    assert found("rate", [], {"min": 0.1}).outcome == "failed"
+    for wanted in ({"max": 5.0}, {"min": 0.0, "max": 5.0}):
+        finding = found("rate", [], wanted)
+        assert finding.outcome == "invalid"
+        assert finding.message == "no message on /t: a stack that is silent shows no rate"
+
+
+def test_a_window_without_length_has_no_rate() -> None:
+    for end in (10.0, 9.0):
+        finding = found("rate", plain(10), {"min": 1.0}, end=end)
+        assert (finding.outcome, finding.message) == (
+            "invalid", "the case's window has no length",
+        )  # fmt: skip
+
+
+def test_repeated_messages_are_a_rate_where_it_may_not_be_too_high_only() -> None:
+    entries = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
+    enough = found("rate", entries, {"min": 1.0})
+    assert (enough.outcome, enough.figure) == ("passed", 2.0)
+    assert found("rate", entries, {"min": 0.9}).figure == 2.0
+    few = found("rate", entries, {"min": 1.01})
+    assert (few.outcome, few.figure) == ("failed", 1.0)
+    assert few.message.startswith("1 Hz on /t, 10 of 20 repeat another one, and may be")
+    many = found("rate", entries, {"max": 1.9})
+    assert (many.outcome, many.figure) == ("failed", 2.0)
+
+
+@pytest.mark.parametrize("late", [2.5, 5.0])
+def test_of_stamps_and_receipts_those_are_counted_that_are_more(late: float) -> None:
+    """Answers to ten inputs of the window and to two of the lead-in, after so long."""
+    entries = with_stamps(*((8.0 + n + late, 8.0 + n) for n in range(12)), (19.9, 19.8))
+    wanted = {"min": 0.1, "minCoverage": 0}
+    # Eleven come in the window, or eight; eleven are stamped in it.
+    assert found("rate", entries, wanted, lead_in_start=8 * SECOND).figure == 1.1
+    # Without a lead-in an older stamp could belong to nothing else.
+    assert found("rate", entries[:-1], wanted, lead_in_start=8 * SECOND).figure == 1.0
+    assert found("rate", entries[:-1], wanted).figure == 1.2
+
+
+def test_what_came_after_the_end_and_is_nobody_s_is_told() -> None:
+    entries = with_stamps((12.0, 11.0), (21.0, 20.5), (22.0, 20.7))
+    finding = found("rate", entries, {"min": 0.1, "minCoverage": 0})
+    assert finding.message == "0.1 Hz on /t, 2 more after the window's end"
+
+
+def test_a_window_of_half_a_second_has_a_rate() -> None:
+    finding = found("rate", plain(10, 10.1, 10.2, 10.3, 10.4), {"min": 9.0}, end=10.5)
+    assert (finding.outcome, finding.figure) == ("passed", 10.0)
+
+
+def test_a_rate_is_covered_but_for_the_longest_silence_beyond_its_usual_step() -> None:
+    finding = found("rate", plain(10, 12, 14, 16), {"min": 0.1, "minCoverage": 0})
+    # Of 4 s, 2.5 s are the rate's own step, and one millisecond is rounding.
+    assert finding.coverage == 0.8501
+    assert finding.covered == "4 messages without a longer silence in 85% of the window"
+    assert found("rate", plain(16), {"min": 0.1}).coverage == 1.0
+    doubt = found("rate", plain(10, 12, 14, 16), {"min": 0.1, "minCoverage": 0.86})
+    assert doubt.outcome == "invalid"
+    assert "look at when they came, or lower minCoverage" in doubt.message
+
+
+def test_a_latched_topic_and_receipts_of_mode_max_are_covered_as_they_speak() -> None:
+    wanted = {"min": 0.1, "minCoverage": 0}
+    latched = found("rate", plain(16), wanted, latching={"/t"})
+    assert (latched.figure, latched.coverage) == (0.1, 0.4)
+    unpaced = found("rate", plain(16), wanted, paced=False)
+    assert (unpaced.figure, unpaced.coverage) == (0.1, None)
+    by_stamp = found("rate", with_stamps((16, 15)), wanted, paced=False)
+    assert (by_stamp.clock, by_stamp.coverage) == ("header", 1.0)

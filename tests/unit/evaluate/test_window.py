@@ -1,0 +1,216 @@
+"""What belongs to a window and how much of it messages speak for, to the nanosecond."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+
+from bagpipe.evaluate.evidence import Evidence, Received, Recording
+from bagpipe.evaluate.window import (
+    ROUNDING,
+    Heard,
+    backward,
+    credible,
+    heard,
+    over_window,
+    spread,
+    stamp_fault,
+)
+from tests.unit.evaluate.recordings import evidence, number, stamped
+
+SECOND = 1_000_000_000
+
+
+def seconds(*times: float) -> list[int]:
+    return [round(time * SECOND) for time in times]
+
+
+def window(start: float = 0.0, end: float = 10.0, **more: Any) -> Evidence:
+    """A window of which nothing is read."""
+    empty = Recording(lambda: b"", 0, None)
+    first, last = seconds(start, end)
+    return Evidence(empty, empty, first, last, **more)
+
+
+def received(time: float, stamp: float | None = None, latching: bool = False) -> Received:
+    class Connection:
+        pass
+
+    connection = Connection()
+    connection.latching = latching  # type: ignore[attr-defined]
+    of = None if stamp is None else round(stamp * SECOND)
+    return Received(round(time * SECOND), memoryview(b""), connection, of)
+
+
+# A rounded stamp, of ten seconds.
+A_BIT = ROUNDING / (10 * SECOND)
+
+
+@pytest.mark.parametrize(
+    ("times", "usual", "share"),
+    [
+        (range(10), 0.0, 1.0),
+        ([], 0.0, 0.0),
+        ([-0.5, 10.0], 0.0, 0.0),  # the window's end is not in it
+        ([0.0], 0.0, A_BIT),  # and its start is
+        ([1, 2], 0.0, 0.2 + A_BIT),
+        ([1, 2], 2.0, 0.4 + A_BIT),
+        # Of three messages no step is usual, of four it is.
+        ([0, 1, 2], 0.0, 0.2 + A_BIT),
+        ([0, 1, 2, 3], 0.0, 0.4 + A_BIT),
+        ([0, 1, 2, 3], 0.5, 0.4 + A_BIT),
+        ([0, 1, 2, 3], 3.0, 0.6 + A_BIT),
+        ([0, 1, 2, 6], 0.0, 0.7 + A_BIT),  # the usual one is the median
+        ([6, 7, 8, 9], 0.0, 0.5 + A_BIT),
+        ([9, 8, 3, 2, 1, 0], 0.0, 0.6 + A_BIT),  # stamps may come in any order
+    ],
+)
+def test_messages_speak_for_all_but_the_longest_silence(
+    times: Sequence[float], usual: float, share: float
+) -> None:
+    assert spread(seconds(*times), window(), 0.0, usual * SECOND) == pytest.approx(share, rel=1e-9)
+
+
+def test_a_window_without_length_is_not_covered() -> None:
+    assert spread(seconds(5), window(5.0, 5.0), 0.0) == 0.0
+    assert spread(seconds(5), window(6.0, 5.0), 0.0) == 0.0
+
+
+@pytest.mark.parametrize(("least", "share"), [(0.5, 0.5 + A_BIT), (0.51, 1.0)])
+def test_where_too_little_is_covered_a_silence_counts_as_far_as_inputs_came(
+    least: float, share: float
+) -> None:
+    """Inputs and answers of the first four seconds: six of ten are silent, and nobody asked."""
+    inputs = seconds(*(n / 10 for n in range(41)))
+    given = window(inputs=lambda: inputs)
+    assert spread(seconds(0, 1, 2, 3, 4), given, least) == pytest.approx(share, rel=1e-9)
+
+
+def test_of_the_time_in_which_inputs_came_a_silence_takes_its_share() -> None:
+    inputs = seconds(*(n / 10 for n in range(51)))
+    # Five seconds of inputs, of which the last three were answered by nobody.
+    share = spread(seconds(0, 1, 2), window(inputs=lambda: inputs), 1.0)
+    assert share == pytest.approx(1 - (3 - 0.001) / 5, rel=1e-9)
+
+
+def told(clock: str, inside: list[Received], late: Sequence[Received] = ()) -> Heard:
+    return Heard("/t", inside, list(late), [], clock, "")  # type: ignore[arg-type]
+
+
+def test_a_latched_message_speaks_for_all_that_comes_after_it() -> None:
+    latched = told("receipt", [received(6, latching=True), received(8, latching=True)])
+    assert over_window(latched, window(), 0.0) == (
+        0.4, "2 latched messages, in force for 40% of the window",
+    )  # fmt: skip
+    before = told("header", [received(6, 0.0, latching=True)])
+    assert over_window(before, window(5.0), 0.0)[0] == 1.0
+    # One that is not latched among them lets the others lapse.
+    mixed = told("receipt", [received(6, latching=True), received(8)])
+    assert over_window(mixed, window(), 0.0)[0] == pytest.approx(0.4 + A_BIT)
+    nobody = over_window(told("receipt", []), window(), 0.0)
+    assert nobody == (0.0, "0 messages without a longer silence in 0% of the window")
+
+
+def test_receipts_of_mode_max_leave_open_what_they_cover_and_stamps_do_not() -> None:
+    given = window(paced=False)
+    receipts = told("receipt", [received(1), received(2)])
+    assert over_window(receipts, given, 0.0) == (
+        None, "2 messages, whose times mode max leaves open",
+    )  # fmt: skip
+    stamps = told("header", [received(1, 5)], [received(12, 9)])
+    assert over_window(stamps, given, 0.0)[0] == pytest.approx(0.5 + A_BIT)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        ([1, 1, 1], "2 of 2 times its stamp stands still: does /clock reach the node?"),
+        ([1, 1, 1, 1, 2], "3 of 4 times its stamp stands still"),
+        ([3, 2, 1], "2 of 2 times its stamp goes back"),
+        ([4, 3, 2, None, 5], "2 of 3 times its stamp goes back"),
+        # Half of the times is not yet a hint, and nor are two messages.
+        ([1, 1, 2], ""),
+        ([2, 1, 2], ""),
+        ([1, 1], ""),
+        ([2, 1, None], ""),
+        ([1, 2, 3], ""),
+    ],
+)
+def test_stamps_that_mostly_stand_still_or_go_back_are_a_hint(
+    stamps: list[float | None], words: str
+) -> None:
+    found = backward([received(9, stamp) for stamp in stamps])
+    assert found.startswith(words)
+    assert bool(found) == bool(words)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "can_be"),
+    [(39.999, False), (40.0, True), (105.0, True), (107.0, True), (107.001, False)],
+)
+def test_a_stamp_may_be_a_minute_older_than_the_play_and_so_much_later_than_its_receipt(
+    stamp: float, can_be: bool
+) -> None:
+    time, at, begin, ahead = seconds(105, stamp, 100, 2)
+    assert credible(time, at, begin, ahead) == can_be
+
+
+def split(*entries: tuple[float, float], **more: Any) -> tuple[list[float], ...]:
+    """Receipts of what was heard in a window from 100 to 110 s: inside, late, and nobody's."""
+    recorded = [("/t", at, stamped(stamp, 0, 0)) for at, stamp in entries]
+    found = heard("/t", evidence(recorded, start=100.0, end=110.0, **more))
+    assert (found.clock, found.fault) == ("header", "")
+    return tuple(
+        [e.time / SECOND for e in each] for each in (found.inside, found.late, found.others)
+    )
+
+
+def test_what_comes_after_the_end_belongs_to_the_window_that_its_stamp_lies_in() -> None:
+    assert split((109, 108.5), (110, 109.5), (111, 109.999), (112, 110)) == (
+        [109], [110, 111], [112],
+    )  # fmt: skip
+    # What was answered already is not answered again.
+    assert split((109, 108.5), (111, 108.5), (112, 109), (113, 109)) == ([109], [112], [111, 113])
+
+
+def test_what_answers_the_lead_in_is_nobody_s_unless_there_was_none() -> None:
+    entries = [(109.0, 108.5), (111.0, 99.0), (112.0, 100.0)]
+    assert split(*entries, lead_in_start=95 * SECOND) == ([109], [112], [111])
+    for none in (None, 100 * SECOND):
+        assert split(*entries, lead_in_start=none) == ([109], [111, 112], [])
+
+
+def test_one_message_without_a_stamp_takes_the_clock_from_all() -> None:
+    recorded = [("/t", 11.0, stamped(10.5, 0, 0)), ("/u", 11.0, number(1.0))]
+    given = evidence(recorded)
+    assert [heard(topic, given).clock for topic in ("/t", "/u", "/none")] == [
+        "header", "receipt", "receipt",
+    ]  # fmt: skip
+
+
+def fault(*pairs: tuple[float, float | None], start: float = 100.0, ahead: float = 0.0) -> str:
+    messages = [received(*pair) for pair in pairs]
+    return stamp_fault("/t", messages, window(start, start + 10), round(ahead * SECOND))
+
+
+def test_stamps_that_can_t_be_are_counted_with_the_first_of_them() -> None:
+    assert fault((101, 100), (102, None), (103, 103)) == ""
+    assert fault((101, 0), (102, 101), (103, 0)) == "2 messages on /t have an empty header.stamp"
+    late = fault((101, 100), (102, 105.5), (103, 104), ahead=1.0)
+    assert late.startswith(
+        "1 of 3 messages on /t are stamped later than they came, the first at 2.000 s by 3.500 s:"
+    )
+    early = fault((101, 30), (102, 39.5), (103, 101))
+    assert early.startswith(
+        "2 of 3 messages on /t have stamps from before the recording, the first at 1.000 s by"
+        " 70.000 s:"
+    )
+    days = fault((101, 101 + 2 * 86_400), (102, 102 + 3 * 86_400))
+    assert "2 of 2 messages on /t are stamped later" in days
+    assert "by 2 days:" in days
+    assert "by 172799.000 s:" in fault((101, 100 + 2 * 86_400))
+
+
+def test_second_zero_is_empty_where_the_play_begins_with_second_one() -> None:
+    assert fault((1.5, 0), start=1.0) == "1 messages on /t have an empty header.stamp"
+    assert fault((1.5, 0), start=0.999) == ""
