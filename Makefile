@@ -91,12 +91,14 @@ first-verdict: recording agent $(VENV) ## Run the demonstration's job on this ma
 	$(STEP) "Running the demonstration's job without Kubernetes" -- .venv/bin/python -m tests.e2e.first_verdict
 
 # So many processes share the tests; those of a file, and of a folder with servers, stay together.
-# More were never tried: each may have a Spark, an HDFS or an API server of its own.
-LANES ?= $(shell echo $$(($$(nproc) > 4 ? 4 : $$(nproc))))
+# More were never tried: each may have a Spark, an HDFS or an API server of its own. What runs with
+# real parts waits for them a third of its time, so that one more has something to do.
+PROCESSORS := $(shell echo $$(($$(nproc) > 4 ? 4 : $$(nproc))))
+BESIDE := --numprocesses $(or $(LANES),$(PROCESSORS)) --dist loadscope
+BESIDE_WAITING := --numprocesses $(or $(LANES),$(shell echo $$(($(PROCESSORS) + 1)))) --dist loadscope
 # SEED=7 gives the tests another order, each number its own; what is drawn by chance stays so.
 ORDER := $(if $(SEED),-p randomly --randomly-seed=$(SEED) --randomly-dont-reset-seed)
 PYTEST := .venv/bin/python -m pytest $(ORDER)
-BESIDE := --numprocesses $(LANES) --dist loadscope
 
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.
 .PHONY: test
@@ -164,7 +166,7 @@ test-rust: recording test-agent ## Run the agent's tests, against Debian's ROS (
 
 .PHONY: test-integration
 test-integration: preflight-all venv test-programs recording agent ## Run worker, agent and real nodes together (part of test)
-	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE) -m "not alone" tests/integration $(AND)
+	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone" tests/integration $(AND)
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
 .PHONY: test-liars

@@ -68,7 +68,7 @@ def test_a_lane_runs_in_one_process(tmp_path: Path) -> None:
         (tmp_path / f"tests/{name}.py").write_text(tests)
     words = re.search(r"^BESIDE := (.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert words
-    options = words[1].replace("$(LANES)", "3").split()
+    options = words[1].replace("$(or $(LANES),$(PROCESSORS))", "3").split()
     environment = {name: value for name, value in os.environ.items() if name != TIMES}
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-v", "--rootdir", ".", *options, "tests"],
