@@ -166,7 +166,7 @@ test-rust: recording test-agent ## Run the agent's tests, against Debian's ROS (
 
 .PHONY: test-integration
 test-integration: preflight-all venv test-programs recording agent ## Run worker, agent and real nodes together (part of test)
-	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone" tests/integration $(AND)
+	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone and not slow" tests/integration $(AND)
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
 .PHONY: test-liars
@@ -179,7 +179,7 @@ test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 
 .PHONY: test-slow
 test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes
-	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e -m slow
+	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e tests/integration/kubectl_plugin -m slow
 
 .PHONY: test-nodes
 ifeq ($(CLUSTER),embedded)

@@ -35,6 +35,8 @@ def kubectl(environment: dict[str, str], *words: str, seconds: float = SECONDS) 
     return done.returncode, done.stdout + done.stderr
 
 
+# pip fetches and installs for half a minute.
+@pytest.mark.slow
 @pytest.mark.timeout(INSTALL_SECONDS + 3 * SECONDS)
 def test_kubectl_finds_installs_and_completes_the_plugin(environment: dict[str, str]) -> None:
     # Before it is installed, Tab waits for nothing.
