@@ -12,6 +12,7 @@ import pytest
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.dying_operator import DIES, PROGRAM
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import is_admitted
@@ -202,41 +203,54 @@ def own_events(admin: Client, namespace: str) -> Counter[str]:
 
 
 @pytest.mark.usefixtures("bound_claims")
-@pytest.mark.parametrize("pause", [0.0, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize(
+    "dies",
+    [
+        'before PATCH \\S+/status .*"reason": "{}"',
+        'after PATCH \\S+/status .*"reason": "{}"',
+        'after POST \\S+/events .*"reason": "{}"',
+    ],
+    ids=["before its status", "before its Event", "after its Event"],
+)
 def test_every_transition_once_under_an_operator_that_is_killed(
     admin: Client,
     namespace: str,
     kubelet: FakeKubelet,
     operator_process: StartOperator,
-    pause: float,
+    dies: str,
 ) -> None:
-    """kill -9 some milliseconds after the status said it: before, amid or after its Event."""
-    process = operator_process()
+    operator = operator_process(start=False)
+    operator.server.command[-1:] = PROGRAM
 
-    def killed_after(reason: str, kind: str) -> None:
-        wait_until(
-            lambda: condition(admin, namespace, "x", kind).get("reason") == reason,
-            PATIENCE,
-            f"{reason} was not written",
-        )
-        time.sleep(pause)
-        process.kill()
-        process.start()
+    def begun_to_die_at(reason: str) -> None:
+        operator.server.environment[DIES] = dies.format(reason)
+        operator.start()
 
+    def killed() -> None:
+        wait_until(lambda: not operator.server.alive, PATIENCE, "there was no such write")
+        operator.kill()
+
+    begun_to_die_at("DriverCreated")
     admin.create(jobs(namespace), a_job("x"))
-    killed_after("DriverCreated", "Accepted")
+    killed()
+    begun_to_die_at("DriverImageUnavailable")
+    await_reason(admin, namespace, "x", "DriverCreated", "Accepted")
     await_pod(admin, namespace, "x-1-driver")
     kubelet.wait(namespace, "x-1-driver", "ErrImagePull")
-    killed_after("DriverImageUnavailable", "Running")
+    killed()
+    begun_to_die_at("AllCasesRan")
+    await_reason(admin, namespace, "x", "DriverImageUnavailable")
     done = json.loads(account("Complete", reason="AllCasesRan", message="4 of 4."))
     kubelet.end(namespace, "x-1-driver", message=json.dumps(done))
-    killed_after("AllCasesRan", "Complete")
+    killed()
+    del operator.server.environment[DIES]
+    operator.start()
     wanted = Counter(["DriverCreated", "DriverImageUnavailable", "CasesPlanned", "AllCasesRan"])
     wait_until(lambda: own_events(admin, namespace) >= wanted, PATIENCE, "an Event is missing")
-    process.kill()
-    process.start()
+    operator.kill()
+    operator.start()
     worked = 'bagpipe_reconciles_total{result="done"}'
     wait_until(
-        lambda: (process.metric(worked) or 0) > 0, PATIENCE, "the job was not looked at again"
+        lambda: (operator.metric(worked) or 0) > 0, PATIENCE, "the job was not looked at again"
     )
     assert own_events(admin, namespace) == wanted
