@@ -1,7 +1,7 @@
 """The demonstration's job without Kubernetes: `bagpipe run`, as on a laptop.
 
 `make demo` calls it as soon as it can, while the cluster is still being built: the same manifest
-and recording, and the same verdict. At its end the same node is played a part in real time.
+and recording, and the same verdict.
 """
 
 import os
@@ -9,8 +9,6 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
-
-import yaml
 
 from tests.e2e.kubectl import cache
 from tests.recording import RecordingError, fetch
@@ -34,13 +32,13 @@ def main() -> int:
     return 2
 
 
-def run(manifest: str | Path, results: Path) -> int:
+def run(manifest: str, results: Path, *words: str) -> int:
     """The exit status of `bagpipe run` of a manifest, which is shown as it is called.
 
     Raises RecordingError and subprocess.TimeoutExpired.
     """
     command = [
-        f"{ROOT}/.venv/bin/bagpipe", "run", f"{manifest}",
+        f"{ROOT}/.venv/bin/bagpipe", "run", manifest, *words,
         "--agent", f"{cache()}/cargo/release/bagpipe-agent",
         "--volume", f"recordings={_recordings(cache() / 'demo/laptop')}",
         "--results", f"{results}", "--replace",
@@ -50,20 +48,6 @@ def run(manifest: str | Path, results: Path) -> int:
     return subprocess.run(
         command, cwd=ROOT, env=environment, timeout=_SECONDS, check=False
     ).returncode
-
-
-def in_real_time(folder: Path) -> Path:
-    """A manifest in the folder: four seconds of the recording, one case, as the robot had them."""
-    job = yaml.safe_load((ROOT / f"docs/examples/{JOB}/realtime.yaml").read_text())
-    job["spec"]["source"] = {
-        "sequence": [{"bag": "pvc://recordings/pr2/joint_states.bag", "to": "4s"}],
-        "topics": job["spec"]["source"]["topics"],
-    }
-    job["spec"]["spark"]["executors"] = 1
-    folder.mkdir(parents=True, exist_ok=True)
-    manifest = folder / "realtime.yaml"
-    manifest.write_text(yaml.safe_dump(job))
-    return manifest
 
 
 def _recordings(folder: Path) -> Path:
