@@ -4,11 +4,11 @@ import json
 import os
 import shutil
 import subprocess
-import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
+
+from tests.waiting import wait_until
 
 Result = TypeVar("Result")
 Object = dict[str, Any]
@@ -74,15 +74,7 @@ def await_that(
     what: str, look: Callable[[], Result | None], seconds: float, every: float = 0.5
 ) -> Result:
     """Look until there is something true to see. Raises TimeoutError that says what was awaited."""
-    deadline = time.monotonic() + seconds
-    pause = threading.Event()
-    while True:
-        found = look()
-        if found:
-            return found
-        if time.monotonic() > deadline:
-            raise TimeoutError(f"waited {seconds:.0f} s for {what}")
-        pause.wait(every)
+    return wait_until(look, seconds, f"waited for {what}", every)
 
 
 def create_namespace(name: str) -> None:

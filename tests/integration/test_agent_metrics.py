@@ -17,9 +17,9 @@ from bagpipe.storage import Storage
 from charts.monitoring import generate
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording, in_one_piece
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.ports import free_port
 from tests.recording import MESSAGES
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

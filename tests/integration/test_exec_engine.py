@@ -23,7 +23,7 @@ from bagpipe.storage import Storage
 from tests import hanging
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.integration.stacks import folders_with_recording
-from tests.integration.storage.servers import PATIENCE
+from tests.waiting import PATIENCE
 
 pytestmark = pytest.mark.integration
 

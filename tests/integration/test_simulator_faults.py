@@ -13,7 +13,7 @@ import pytest
 from bagpipe.run.case_run import Row, run_case
 from tests.integration.conftest import RunningAgent
 from tests.integration.drives import PATH, PYTHON, cases_of, context_of, spec_with
-from tests.integration.storage.servers import PATIENCE
+from tests.waiting import PATIENCE
 
 pytestmark = pytest.mark.integration
 

@@ -25,7 +25,7 @@ from tests.integration.control_plane.client import JOBS as BASE
 from tests.integration.control_plane.client import Client, core
 from tests.integration.control_plane.fake_driver import FakeDriver
 from tests.integration.control_plane.server import CRDS
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 BATCH = 400
 # Of so many batches the last ones: each change of a CRD costs the API server seconds.

@@ -13,8 +13,8 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job
 from tests.integration.control_plane.stalls import Stalls
-from tests.integration.storage.servers import wait_until
 from tests.unit.operator.builders import account
+from tests.waiting import wait_until
 
 # A late canary is one that took so much longer than the usual one. Most of it is for a machine
 # that others use too: a canary of a busy operator takes a second.

@@ -2,8 +2,6 @@
 
 import os
 import threading
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,7 +12,7 @@ from pyspark.sql import SparkSession
 import bagpipe
 from bagpipe.storage import StorageError
 from tests.integration.binpipe.conftest import EXAMPLES, HEAP_BYTES, python
-from tests.integration.storage.servers import PATIENCE
+from tests.waiting import PATIENCE, wait_until
 
 REPEAT = python(EXAMPLES / "repeat.py")
 IDENTITY = "from bagpipe import binpipe\nfor r in binpipe.read():\n "
@@ -161,10 +159,10 @@ def test_a_task_that_is_cancelled_leaves_no_program_behind(
 
     asking = threading.Thread(target=run, daemon=True)
     asking.start()
-    await_(mark.exists)
+    wait_until(mark.exists, PATIENCE, "the program did not begin")
     pid = int(mark.read_text())
     context.cancelAllJobs()
-    await_(lambda: not alive(pid))
+    wait_until(lambda: not alive(pid), PATIENCE, "the program goes on")
     asking.join(PATIENCE)
     assert not asking.is_alive()
 
@@ -185,11 +183,3 @@ def alive(pid: int) -> bool:
         return False
     state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
     return state != "Z"
-
-
-def await_(condition: Callable[[], bool], seconds: float = PATIENCE) -> None:
-    deadline = time.monotonic() + seconds
-    pause = threading.Event()
-    while not condition():
-        assert time.monotonic() < deadline
-        pause.wait(0.05)

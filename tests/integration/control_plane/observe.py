@@ -7,17 +7,15 @@ from embedded.api import ApiError
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.operator_process import OperatorProcess
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
+from tests.waiting import PATIENCE, wait_until
 
 UID_LABEL = "sim.bagpipe.io/job-uid"
 
 
 def a_job(name: str) -> Object:
     """A small valid job, without what the API server sets."""
-    job = make_job(name).object
-    job["metadata"] = {"name": name}
-    return job
+    return make_job(name).as_written()
 
 
 def create_jobs(admin: Client, namespace: str, names: Iterable[str]) -> None:

@@ -11,8 +11,9 @@ from pathlib import Path
 import urllib3
 
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import PATIENCE, Server
+from tests.integration.storage.servers import Server
 from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 PROGRAM = Path(sys.executable).with_name("bagpipe-operator")
 # An answer is asked for once, so it may take its time.

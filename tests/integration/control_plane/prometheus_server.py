@@ -9,8 +9,9 @@ import urllib3
 import yaml
 
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import LOOPBACK, PATIENCE, Host, Server
+from tests.integration.storage.servers import LOOPBACK, Host, Server
 from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 
 @dataclass

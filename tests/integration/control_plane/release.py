@@ -14,7 +14,7 @@ from tests.integration.control_plane.client import JOBS, Client, core
 from tests.integration.control_plane.observe import await_right
 from tests.integration.control_plane.operator_process import rendered
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 ROOT = Path(__file__).parents[3]
 OPERATOR = "bagpipe-operator"

@@ -15,8 +15,9 @@ from pathlib import Path
 from embedded import builds
 
 from tests.integration.control_plane.client import Client, Object, core
-from tests.integration.storage.servers import PATIENCE, Server, wait_until
+from tests.integration.storage.servers import Server
 from tests.ports import free_port
+from tests.waiting import PATIENCE, wait_until
 
 CLUSTER = Path(__file__).parents[2] / "cluster"
 # Tests may be killed before they can clean up; the kernel then ends what they started.

@@ -19,7 +19,7 @@ from tests.integration.control_plane.observe import a_job, await_right, is_admit
 from tests.integration.control_plane.release import ADMISSION, OPERATOR, Installation
 from tests.integration.control_plane.server import ControlPlane
 from tests.integration.spark_builder import built, spark_classes
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

@@ -88,8 +88,7 @@ def test_from_the_release_before_to_this_one(
         for o in yaml.safe_load_all(PREVIOUS.read_text())
         if o["kind"] == "CustomResourceDefinition"
     )
-    job = make_job("x").object
-    job["metadata"] = {"name": "x"}
+    job = make_job("x").as_written()
     hand_over(admin)
     try:
         helm("install", "bagpipe", previous, "--create-namespace")

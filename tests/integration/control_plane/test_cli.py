@@ -24,11 +24,11 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.observe import a_job, await_right
 from tests.integration.control_plane.release import fresh_namespace
 from tests.integration.control_plane.server import CRDS, ControlPlane, install_crd
-from tests.integration.storage.servers import wait_until
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.cli import pipeline
 from tests.unit.cli.cluster_objects import condition
 from tests.unit.report.publishing import publish
+from tests.waiting import wait_until
 
 WAIT_SECONDS = 90.0
 PROGRAM = f'exec {sys.executable} -m bagpipe.cli "$@"'

@@ -9,8 +9,8 @@ from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job, is_admitted
 from tests.integration.control_plane.release import Installation
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
+from tests.waiting import PATIENCE, wait_until
 
 
 def a_pod(name: str) -> Object:

@@ -26,8 +26,9 @@ from tests.integration.control_plane.observe import await_phase, create_jobs
 from tests.integration.control_plane.prometheus_server import Prometheus
 from tests.integration.control_plane.questions import all_questions, without_data
 from tests.integration.control_plane.server import DIES_WITH_US
-from tests.integration.storage.servers import PATIENCE, Server, listens, wait_until
+from tests.integration.storage.servers import Server, listens
 from tests.unit.operator.builders import account
+from tests.waiting import PATIENCE, wait_until
 
 # Of this run alone: another one on this machine has these ports as well.
 _NETWORK = f"127.83.{random.randint(1, 250)}"  # noqa: S311

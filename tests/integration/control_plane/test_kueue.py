@@ -18,8 +18,8 @@ from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.control_plane.release import CLUSTER_WIDE, apply_chart, installed
 from tests.integration.control_plane.server import ControlPlane
 from tests.integration.control_plane.test_life import Jobs
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

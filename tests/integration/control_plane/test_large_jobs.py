@@ -11,7 +11,7 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.observe import UID_LABEL, a_job
 from tests.integration.control_plane.operator_process import OperatorProcess
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 VALUES = Path(__file__).parents[3] / "charts/bagpipe/values.yaml"
 # Each near the 1.5 MB that etcd takes. An operator that kept these parsed has had 377 MiB, one that

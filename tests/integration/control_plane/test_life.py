@@ -7,8 +7,8 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
+from tests.waiting import PATIENCE, wait_until
 
 SECONDS = PATIENCE
 

@@ -22,9 +22,9 @@ from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import await_phase, create_jobs, statuses
 from tests.integration.control_plane.release import Installation
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import Clock, account
 from tests.unit.operator.fakes import FakeDrivers
+from tests.waiting import PATIENCE, wait_until
 
 WATCHED = Path(__file__).with_name("watched_operator.py")
 

@@ -19,8 +19,7 @@ pytestmark = pytest.mark.integration
 
 def tried(admin: Client, namespace: str, path: str, value: Any) -> Object:
     """A job with one change, judged by the API server and not kept."""
-    job = make_job("x").with_spec(path, value).object
-    job["metadata"] = {"name": "x"}
+    job = make_job("x").with_spec(path, value).as_written()
     return admin.create(jobs(namespace) + "?dryRun=All&fieldValidation=Strict", job)
 
 
@@ -203,8 +202,7 @@ def test_a_token_is_no_source_of_a_projected_volume(admin: Client, namespace: st
     with pytest.raises(ApiError, match="serviceAccountToken"):
         tried(admin, namespace, POD_PATH, {"volumes": volumes})
     # A client that asks for no strict answer is refused too: the source is empty without it.
-    job = make_job("x").with_spec(POD_PATH, {"volumes": volumes}).object
-    job["metadata"] = {"name": "x"}
+    job = make_job("x").with_spec(POD_PATH, {"volumes": volumes}).as_written()
     with pytest.raises(ApiError, match="never the token of a ServiceAccount"):
         admin.create(jobs(namespace) + "?dryRun=All&fieldValidation=Ignore", job)
 

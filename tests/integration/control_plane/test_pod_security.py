@@ -13,9 +13,9 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.observe import is_admitted
 from tests.integration.control_plane.operator_process import rendered
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
 from tests.unit.operator.test_pod_templates import POD
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -132,8 +132,7 @@ def test_a_job_whose_stack_the_namespace_refuses_says_so_and_starts_nothing(
     admin: Client, restricted: str, operator_process: StartOperator
 ) -> None:
     operator_process()
-    job = make_job("lax").with_spec("stack.securityContext", {"runAsNonRoot": False}).object
-    job["metadata"] = {"name": "lax"}
+    job = make_job("lax").with_spec("stack.securityContext", {"runAsNonRoot": False}).as_written()
     admin.create(jobs(restricted), job)
 
     def accepted() -> Object | None:
@@ -141,9 +140,7 @@ def test_a_job_whose_stack_the_namespace_refuses_says_so_and_starts_nothing(
         found = [c for c in status.get("conditions", []) if c["type"] == "Accepted"]
         return found[0] if found else None
 
-    wait_until(lambda: accepted() is not None, PATIENCE, "the operator said nothing of the job")
-    told = accepted()
-    assert told is not None
+    told = wait_until(accepted, PATIENCE, "the operator said nothing of the job")
     assert (told["status"], told["reason"]) == ("False", "CreationRefused")
     assert 'violates PodSecurity "restricted' in told["message"]
     assert 'container "stack" must not set securityContext.runAsNonRoot=false' in told["message"]
@@ -154,8 +151,7 @@ def test_a_job_starts_in_a_restricted_namespace(
     admin: Client, restricted: str, operator_process: StartOperator
 ) -> None:
     operator_process()
-    job = make_job("plain").object
-    job["metadata"] = {"name": "plain"}
+    job = make_job("plain").as_written()
     admin.create(jobs(restricted), job)
     path = core(restricted, "pods", "plain-1-driver")
     wait_until(lambda: admin.exists(path), PATIENCE, "the operator created no driver")

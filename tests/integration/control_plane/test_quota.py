@@ -9,7 +9,7 @@ from embedded.api import ApiError
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.observe import a_job
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

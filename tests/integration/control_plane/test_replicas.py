@@ -20,8 +20,8 @@ from tests.integration.control_plane.observe import (
 )
 from tests.integration.control_plane.release import Installation
 from tests.integration.control_plane.stalls import Stalls
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
+from tests.waiting import PATIENCE, wait_until
 
 # The promise; the Lease has run out after 9 s, and a look at it comes every 1.8 s.
 TAKEOVER_SECONDS = 15.0

@@ -15,8 +15,8 @@ from tests.integration.control_plane.observe import (
     statuses,
 )
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account
+from tests.waiting import PATIENCE, wait_until
 
 QUICK = {"BAGPIPE_MISSING_DRIVER_SECONDS": "1"}
 

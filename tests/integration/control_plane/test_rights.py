@@ -17,8 +17,8 @@ from tests.integration.control_plane.release import (
     job_namespace,
 )
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import make_job
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -159,9 +159,7 @@ def user(control_plane: ControlPlane, namespace: str) -> Client:
 
 
 def a_job(**changed: str) -> Object:
-    job = make_job("mine").object
-    job["metadata"] = {"name": "mine", **changed}
-    return job
+    return make_job("mine").as_written(**changed)
 
 
 def test_a_user_s_jobs_stay_in_the_user_s_namespace(

@@ -40,7 +40,7 @@ from tests.integration.control_plane.due_schedules import (
 from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.integration.control_plane.release import Installation
 from tests.integration.control_plane.server import ControlPlane, binaries
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 SECONDS = PATIENCE
 DAY = timedelta(days=1)

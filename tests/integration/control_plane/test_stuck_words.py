@@ -16,14 +16,13 @@ from tests.integration.control_plane.dying_operator import DIES, PROGRAM
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import is_admitted
-from tests.integration.storage.servers import PATIENCE, wait_until
 from tests.unit.operator.builders import account, make_job
+from tests.waiting import PATIENCE, wait_until
 
 
 def a_job(name: str, memory: str = "1Gi") -> Object:
-    job = make_job(name).with_spec("spark.executor.resources", {"cpu": "1", "memory": memory})
-    job.object["metadata"] = {"name": name}
-    return job.object
+    resources = {"cpu": "1", "memory": memory}
+    return make_job(name).with_spec("spark.executor.resources", resources).as_written()
 
 
 def condition(admin: Client, namespace: str, name: str, kind: str) -> Object:

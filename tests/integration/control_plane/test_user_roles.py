@@ -7,7 +7,7 @@ import pytest
 from tests.integration.control_plane.client import Client
 from tests.integration.control_plane.release import apply_chart
 from tests.integration.control_plane.test_rights import RBAC, VERBS, rights
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

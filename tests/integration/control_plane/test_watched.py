@@ -19,7 +19,7 @@ from tests.integration.control_plane.release import (
 )
 from tests.integration.control_plane.server import ControlPlane
 from tests.integration.control_plane.test_rights import PODS, await_rights, of_account
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

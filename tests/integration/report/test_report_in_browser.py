@@ -16,7 +16,7 @@ from selenium.webdriver.support.ui import Select, WebDriverWait
 from tests.integration.chromium import logged, requests
 from tests.integration.report import drives
 from tests.integration.report.drives import drive_rows, report_of
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 

@@ -6,15 +6,9 @@ import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.integration.storage.servers import (
-    LOOPBACK,
-    PATIENCE,
-    Host,
-    Server,
-    listens,
-    wait_until,
-)
+from tests.integration.storage.servers import LOOPBACK, Host, Server, listens
 from tests.ports import free_port
+from tests.waiting import PATIENCE, wait_until
 
 _POM = Path(__file__).parent / "hadoop" / "pom.xml"
 _SHA256 = {

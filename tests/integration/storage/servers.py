@@ -14,22 +14,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tests.ports import free_port
+from tests.waiting import PATIENCE
 
 ACCESS_KEY = "bagpipe-tests"
 SECRET_KEY = "a-secret-that-nobody-may-ever-read"  # noqa: S105  of a server for tests
 BUCKET = "recordings"
-# After this a wait fails. Large, since it is only then reached: a machine that has other work, or
-# a slow one, needs some times the seconds that an idle one does.
-PATIENCE = 90.0
-
-
-def wait_until(done: Callable[[], bool], seconds: float, what: str) -> None:
-    """Wait for a condition; fails with `what` after `seconds`."""
-    deadline = time.monotonic() + seconds
-    pause = threading.Event()
-    while not done():
-        assert time.monotonic() < deadline, what
-        pause.wait(0.02)
 
 
 def listens(port: int, address: str = "127.0.0.1") -> bool:

@@ -10,7 +10,7 @@ import pytest
 
 from bagpipe.storage import StorageError
 from tests.integration.storage.conftest import Place
-from tests.integration.storage.servers import PATIENCE, wait_until
+from tests.waiting import PATIENCE, wait_until
 
 MIB = 1 << 20
 BIG = 20 * MIB + 12345

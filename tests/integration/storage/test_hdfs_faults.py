@@ -10,8 +10,8 @@ from bagpipe.storage import kinds as storage_kinds
 from bagpipe.storage.reading import REQUEST_BYTES
 from tests.integration.storage.conftest import QUICK
 from tests.integration.storage.hdfs_server import Hdfs
-from tests.integration.storage.servers import PATIENCE
 from tests.integration.storage.test_contract import MIB, pattern
+from tests.waiting import PATIENCE
 
 DATA = pattern(12 * REQUEST_BYTES)
 # Outlives the start of a Java process on a busy machine, some 100 s of pauses.

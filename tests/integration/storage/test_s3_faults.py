@@ -12,14 +12,9 @@ from bagpipe.storage.objects import _CHUNK_BYTES
 from bagpipe.storage.reading import REQUEST_BYTES
 from tests.integration.storage.conftest import QUICK
 from tests.integration.storage.faulty_proxy import STALL_SECONDS, Fault, FaultyProxy
-from tests.integration.storage.servers import (
-    ACCESS_KEY,
-    BUCKET,
-    PATIENCE,
-    SECRET_KEY,
-    S3Server,
-)
+from tests.integration.storage.servers import ACCESS_KEY, BUCKET, SECRET_KEY, S3Server
 from tests.integration.storage.test_contract import MIB, pattern
+from tests.waiting import PATIENCE
 
 DATA = pattern(3 * REQUEST_BYTES)
 

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,6 +23,7 @@ from bagpipe.storage import Storage, StorageError
 from tests.binpipe_conformance import DEADLINES, record
 from tests.unit.bagpipe.bags import Recorded, write_bag
 from tests.unit.bagpipe.fake_agent import make_slot
+from tests.waiting import PATIENCE, wait_until
 
 PATH = (("PYTHONPATH", os.pathsep.join(sys.path)),)
 EACH = "from bagpipe import binpipe\nfor r in binpipe.read():\n "
@@ -111,13 +112,13 @@ def test_a_program_that_works_too_long_on_a_record_is_killed_with_its_children(
 
     def inputs() -> Iterator[InputRecord]:
         yield record("a", bytes(300_000))  # more than waits for others to go with it
-        await_(lambda: mark.exists() and mark.read_text() != "")
+        wait_until(lambda: mark.exists() and mark.read_text() != "", PATIENCE, "no program began")
         yield record("b")
 
     told = failure(python(code), inputs(), Deadlines(200, record=5))
     assert told.reason == "RecordDeadlineExceeded"
     assert "5 s (record_timeout=)" in str(told)
-    await_(lambda: not alive(int(mark.read_text())))
+    wait_until(lambda: not alive(int(mark.read_text())), PATIENCE, "the program goes on")
 
 
 def test_a_partition_has_a_deadline_however_busy_the_program_is() -> None:
@@ -163,7 +164,7 @@ def test_an_iteration_that_ends_early_leaves_no_process_behind(tmp_path: Path) -
     next(stream)
     assert alive(int(mark.read_text()))
     stream.close()
-    await_(lambda: not alive(int(mark.read_text())))
+    wait_until(lambda: not alive(int(mark.read_text())), PATIENCE, "the program goes on")
 
 
 @pytest.mark.parametrize(("planned", "replaced"), [(10, 5), (10, 25), (0, 25)])
@@ -312,14 +313,6 @@ def alive(pid: int) -> bool:
     except OSError:
         return False
     return state != "Z"
-
-
-def await_(condition: Callable[[], bool], seconds: float = 90) -> None:
-    deadline = time.monotonic() + seconds
-    pause = threading.Event()
-    while not condition():
-        assert time.monotonic() < deadline
-        pause.wait(0.02)
 
 
 def test_a_worker_loads_nothing_of_jobs() -> None:

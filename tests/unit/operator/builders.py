@@ -71,6 +71,10 @@ class JobBuilder:
     def view(self) -> JobView:
         return JobView.from_object(copy.deepcopy(self.object))
 
+    def as_written(self, **metadata: Any) -> Json:
+        """Without what the API server sets."""
+        return self.object | {"metadata": {"name": self.object["metadata"]["name"], **metadata}}
+
 
 def make_job(name: str) -> JobBuilder:
     return JobBuilder(

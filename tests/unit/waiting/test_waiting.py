@@ -1,0 +1,18 @@
+"""What all tests wait with gives what it saw, and ends."""
+
+import pytest
+
+from tests.waiting import wait_until
+
+
+def test_it_looks_until_there_is_something_and_gives_that() -> None:
+    seen = iter([None, "", "x", "y"])
+    assert wait_until(lambda: next(seen), 60, "nothing came", every=0) == "x"
+    assert next(seen) == "y"
+
+
+def test_it_looks_at_least_once_and_says_what_was_not_there() -> None:
+    looks: list[None] = []
+    with pytest.raises(TimeoutError, match="^after -1 s: no pod came$"):
+        wait_until(lambda: looks.append(None), -1, "no pod came")
+    assert looks == [None]
