@@ -96,8 +96,9 @@ first-verdict: recording agent $(VENV) ## Run the demonstration's job on this ma
 PROCESSORS := $(shell echo $$(($$(nproc) > 4 ? 4 : $$(nproc))))
 BESIDE := --numprocesses $(or $(LANES),$(PROCESSORS)) --dist loadscope
 BESIDE_WAITING := --numprocesses $(or $(LANES),$(shell echo $$(($(PROCESSORS) + 1)))) --dist loadscope
-# SEED=7 gives the tests another order, each number its own; what is drawn by chance stays so.
-ORDER := $(if $(SEED),-p randomly --randomly-seed=$(SEED) --randomly-dont-reset-seed)
+# SEED=7 in the command gives the tests another order, each number its own; what a test draws by
+# chance stays so, but for what is drawn while tests are collected.
+ORDER := $(if $(filter command,$(firstword $(origin SEED))),-p randomly --randomly-seed=$(SEED) --randomly-dont-reset-seed)
 PYTEST := .venv/bin/python -m pytest $(ORDER)
 
 # Parts of names, as pytest's -k takes them: of the tests that need neither cluster nor cargo.

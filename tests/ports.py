@@ -14,7 +14,7 @@ _held: list[socket.socket] = []
 
 def free_port() -> int:
     """A port that nothing listens on now, each time another one, also in another process."""
-    for port in random.sample(_PORTS, len(_PORTS)):
+    for port in random.SystemRandom().sample(_PORTS, len(_PORTS)):
         if _hold(port) and _is_free(port):
             return port
     raise AssertionError("no free port of loopback is left for a test")

@@ -12,17 +12,21 @@ Seen = TypeVar("Seen")
 PATIENCE = 90.0
 
 
+class NotSeenError(AssertionError, TimeoutError):
+    """What a test waited for did not come: its failure, and a deadline that was missed."""
+
+
 def wait_until(
     look: Callable[[], Seen | None], seconds: float, what: str, every: float = 0.02
 ) -> Seen:
     """The first true thing that is seen, looked for every so many seconds.
 
-    Raises TimeoutError with `what` where there is none in `seconds`.
+    Raises NotSeenError with `what` where there is none in `seconds`.
     """
     deadline = time.monotonic() + seconds
     pause = threading.Event()
     while not (seen := look()):
         if time.monotonic() > deadline:
-            raise TimeoutError(f"after {seconds:.0f} s: {what}")
+            raise NotSeenError(f"after {seconds:.0f} s: {what}")
         pause.wait(every)
     return seen

@@ -48,7 +48,8 @@ def _changed(table: Manifest, kind: str) -> Iterator[Row]:
             manifest = _good(table, base)
             for path, value in row["with"].items():
                 _put(manifest, path, value)
-            yield Row(f"{base}: {row['case']}", manifest, row.get("says", ""))
+            says = row["says"] if kind == "refused" else ""
+            yield Row(f"{base}: {row['case']}", manifest, says)
 
 
 def _good(table: Manifest, base: str) -> Manifest:

@@ -59,6 +59,10 @@ class OperatorProcess:
         self.server.kill()
         self._killed = True
 
+    def ended(self) -> int | None:
+        """Its exit status, negative for a signal; None while it runs."""
+        return self._process.poll()
+
     def terminate(self) -> int:
         """SIGTERM, as a kubelet sends it; the exit status."""
         return self._signalled(signal.SIGTERM)

@@ -51,7 +51,7 @@ def test_pods_get_a_real_token_and_need_their_account(admin: Client, namespace: 
     assert [v["name"].startswith("kube-api-access") for v in made["spec"]["volumes"]] == [True]
     stranger = a_pod("stranger")
     stranger["spec"]["serviceAccountName"] = "nobody"
-    with pytest.raises(ApiError, match=r'serviceaccount \\"nobody\\" not found'):
+    with pytest.raises(ApiError, match='serviceaccount "nobody" not found'):
         admin.create(core(namespace, "pods"), stranger)
 
 

@@ -187,12 +187,12 @@ def test_what_gives_more_rights_is_refused_with_what_to_write(
         tried(admin, namespace, path, value)
     assert refused.value.status == 422
     said = str(refused.value)
-    assert sentence in said.replace('\\"', '"'), said
+    assert sentence in said, said
 
 
 @pytest.mark.parametrize("field", ["hostUsers", "shareProcessNamespace", "dnsPolicy"])
 def test_a_field_that_does_not_exist_is_named(admin: Client, namespace: str, field: str) -> None:
-    with pytest.raises(ApiError, match=rf'unknown field \\*"spec.spark.executor.pod.{field}'):
+    with pytest.raises(ApiError, match=rf'unknown field "spec.spark.executor.pod.{field}'):
         tried(admin, namespace, POD_PATH, {field: True})
 
 

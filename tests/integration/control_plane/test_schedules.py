@@ -320,7 +320,7 @@ def test_a_bad_schedule_is_refused_with_what_to_write(
     with pytest.raises(ApiError) as caught:
         admin.create(schedules(namespace), a_schedule(name, **spec))
     assert caught.value.status == 422
-    assert sentence in str(caught.value).replace('\\"', '"')
+    assert sentence in str(caught.value)
 
 
 def test_a_template_is_refused_as_a_job_would_be_and_may_be_changed(

@@ -5,6 +5,7 @@ claims and the Events' selectors are Kubernetes' own.
 """
 
 import json
+import signal
 import time
 from collections import Counter
 
@@ -227,6 +228,7 @@ def test_every_transition_once_under_an_operator_that_is_killed(
 
     def killed() -> None:
         wait_until(lambda: not operator.server.alive, PATIENCE, "there was no such write")
+        assert operator.ended() == -signal.SIGKILL, operator.said()[-2000:]
         operator.kill()
 
     begun_to_die_at("DriverCreated")

@@ -5,11 +5,22 @@ import yaml
 
 from tests.crds.table import Row, refused, taken
 from tests.unit.crds.offline import Schema, refusals
-from tests.unit.crds.test_crd import CRD, schema_of, walk
+from tests.unit.crds.test_crd import CRD, schema_of
 
 # What the API server adds to every schema.
 ANY: Schema = {"type": "object"}
 TEXT: Schema = {"type": "string"}
+# In refusals that the API server words by itself; all others are sentences of our rules.
+KUBERNETES = (
+    "Duplicate value",
+    "Required",
+    "Unsupported value",
+    "must be of type",
+    "should be greater than",
+    "should be less than",
+    "supported values",
+    "unknown field",
+)
 
 
 @pytest.fixture(scope="module")
@@ -19,26 +30,14 @@ def schema() -> Schema:
     return known | {"properties": known["properties"] | added}
 
 
-@pytest.fixture(scope="module")
-def sentences(schema: Schema) -> list[str]:
-    """Those of our rules; what else is refused, the API server words by itself."""
-    return [
-        rule["message"]
-        for _, part in walk(schema)
-        for rule in part.get("x-kubernetes-validations", [])
-    ]
-
-
 @pytest.mark.parametrize("row", taken(), ids=str)
 def test_a_good_job_is_taken(row: Row, schema: Schema) -> None:
     assert refusals(schema, row.manifest) == []
 
 
 @pytest.mark.parametrize("row", refused(), ids=str)
-def test_a_bad_job_is_refused_by_the_rule_that_says_so(
-    row: Row, schema: Schema, sentences: list[str]
-) -> None:
+def test_a_bad_job_is_refused_by_the_rule_that_says_so(row: Row, schema: Schema) -> None:
     said = refusals(schema, row.manifest)
     assert said
-    if any(row.says in sentence for sentence in sentences):
+    if not any(words in row.says for words in KUBERNETES):
         assert any(row.says in sentence for sentence in said), said

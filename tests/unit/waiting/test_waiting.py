@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.waiting import wait_until
+from tests.waiting import NotSeenError, wait_until
 
 
 def test_it_looks_until_there_is_something_and_gives_that() -> None:
@@ -13,6 +13,8 @@ def test_it_looks_until_there_is_something_and_gives_that() -> None:
 
 def test_it_looks_at_least_once_and_says_what_was_not_there() -> None:
     looks: list[None] = []
-    with pytest.raises(TimeoutError, match="^after -1 s: no pod came$"):
+    with pytest.raises(NotSeenError, match=r"^after -1 s: no pod came$") as missed:
         wait_until(lambda: looks.append(None), -1, "no pod came")
     assert looks == [None]
+    assert isinstance(missed.value, AssertionError)
+    assert isinstance(missed.value, TimeoutError)

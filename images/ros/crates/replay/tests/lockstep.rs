@@ -72,7 +72,9 @@ fn six_runs_of_a_rospy_and_a_roscpp_relay_record_the_same_bytes_on_a_loaded_mach
     let bag = pr2();
     let _load = Load::start(3);
     let mut first: Option<Vec<u8>> = None;
-    for round in 0..6 {
+    // Twenty of them each night.
+    let runs = std::env::var("BAGPIPE_RUNS").map_or(6, |runs| runs.parse().unwrap());
+    for round in 0..runs {
         // A publisher counts header.seq for as long as it lives, so each run has its own.
         let graph = Graph::start(TMP);
         let relay = compile(TMP, &node("relay.cpp"));

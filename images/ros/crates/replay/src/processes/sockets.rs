@@ -8,8 +8,8 @@ use super::{tasks, waits};
 
 /// What was seen of one process.
 pub(crate) struct Sockets {
-    /// By which number it knows a socket, by the socket's own.
-    descriptors: BTreeMap<u32, u64>,
+    /// By which numbers it knows a socket, by the socket's own.
+    descriptors: BTreeMap<u32, BTreeSet<u64>>,
     /// At which its threads wait for bytes; `None` where /proc does not say what they do.
     waited_at: Option<BTreeSet<u64>>,
 }
@@ -31,18 +31,22 @@ impl Sockets {
 
     /// Whether a thread waits for bytes of a socket; `None` if that could not be seen.
     pub(crate) fn wait(&self, inode: u32) -> Option<bool> {
-        let descriptor = self.descriptors.get(&inode)?;
-        Some(self.waited_at.as_ref()?.contains(descriptor))
+        let descriptors = self.descriptors.get(&inode)?;
+        Some(!self.waited_at.as_ref()?.is_disjoint(descriptors))
     }
 }
 
-fn descriptors(pid: i32) -> BTreeMap<u32, u64> {
+fn descriptors(pid: i32) -> BTreeMap<u32, BTreeSet<u64>> {
     let entries = std::fs::read_dir(format!("/proc/{pid}/fd")).into_iter().flatten().flatten();
     let sockets = entries.filter_map(|entry| {
         let target = std::fs::read_link(entry.path()).ok()?;
-        Some((inode(target.to_str()?)?, entry.file_name().to_str()?.parse().ok()?))
+        Some((inode(target.to_str()?)?, entry.file_name().to_str()?.parse::<u64>().ok()?))
     });
-    sockets.collect()
+    let mut descriptors: BTreeMap<u32, BTreeSet<u64>> = BTreeMap::new();
+    for (inode, descriptor) in sockets {
+        descriptors.entry(inode).or_default().insert(descriptor);
+    }
+    descriptors
 }
 
 /// A socket's own number, in what its link in /proc/PID/fd points to.
@@ -116,6 +120,8 @@ mod tests {
             eprintln!("skipped: this kernel does not show system calls");
             return;
         }
+        // Each by two numbers, of which threads know the first.
+        let _twins: Vec<TcpStream> = pairs.iter().map(|pair| pair.1.try_clone().unwrap()).collect();
         let read: Vec<u32> = pairs.iter().step_by(2).map(|(_, far)| inode_of(far)).collect();
         let left: Vec<u32> = pairs.iter().skip(1).step_by(2).map(|(_, f)| inode_of(f)).collect();
         std::thread::scope(|scope| {
