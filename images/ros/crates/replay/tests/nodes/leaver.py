@@ -1,4 +1,4 @@
-"""Subscribes to a std_msgs/String topic after a word on another one, or leaves after n.
+"""Subscribes to a std_msgs/String topic, and leaves after n messages.
 
 leaver.py <topic> <messages to hear before leaving>
 """
@@ -10,25 +10,20 @@ import threading
 import rospy
 from std_msgs.msg import String
 
-enough = threading.Event()
 arguments = rospy.myargv(sys.argv)
 heard = 0
 
 
-def say(line: str) -> None:
-    """One write for each line: callbacks of several topics run on several threads."""
-    sys.stdout.write(line + "\n")
-
-
 def word(message: String) -> None:
+    """Leaves at once: rospy calls a connection's callbacks one after the other."""
     global heard
     heard += 1
     if heard == int(arguments[2]):
-        enough.set()
+        sys.stdout.write(f"leaving {heard}\n")
+        sys.stdout.flush()
+        os._exit(0)
 
 
 rospy.init_node("leaver", disable_signals=True)
 rospy.Subscriber(arguments[1], String, word)
-enough.wait()
-say(f"leaving {heard}")
-os._exit(0)
+threading.Event().wait()
