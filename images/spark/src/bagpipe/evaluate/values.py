@@ -1,6 +1,6 @@
 """Criteria over what messages say: bounds of a field, an expression over each message."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.fields import as_map, no_number, number_at
@@ -9,11 +9,8 @@ from bagpipe.evaluate.limits import bounded, limits
 from bagpipe.evaluate.model import Expression, FieldBounds
 from bagpipe.evaluate.reads import number_below, paths_of
 from bagpipe.evaluate.window import Heard, heard, over_window, samples
-
-if TYPE_CHECKING:
-    import cel
-
-_FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
+from bagpipe.expressions import Expression as Compiled
+from bagpipe.expressions import ExpressionError, UnknownNamesError
 
 
 def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
@@ -76,14 +73,14 @@ def _odd(
 def _holds(
     name: str,
     wanted: Expression,
-    program: "cel.Program",
+    program: Compiled,
     answers: list[tuple[int, Any]],
     evidence: Evidence,
 ) -> Finding:
     held, first = 0, ""
     for at, message in answers:
         seconds = (at - evidence.start) / 1e9
-        answer = _answer(program, wanted, {"msg": message, "t": seconds, "case": evidence.values})
+        answer = _answer(program, {"msg": message, "t": seconds, "case": evidence.values})
         held += answer
         if not answer and not first:
             first = f", first not at {seconds:.3f} s"
@@ -100,32 +97,18 @@ def _holds(
     )
 
 
-def _answer(program: "cel.Program", wanted: Expression, known: dict[str, Any]) -> bool:
+def _answer(program: Compiled, known: dict[str, Any]) -> bool:
     try:
-        answer = program.execute(known)
-    except _FAULTS as error:
-        said = str(error).splitlines()[0]
-        raise NoEvidenceError(f"{wanted.holds} can't be computed: {said}") from error
-    if not isinstance(answer, bool):
-        raise NoEvidenceError(
-            f"{wanted.holds} gives {answer!r} and neither true nor false: write a comparison"
-        )
-    return answer
+        return program.holds(known)
+    except ExpressionError as error:
+        raise NoEvidenceError(f"{program.text} {error}") from error
 
 
-def compiled(text: str) -> "cel.Program":
+def compiled(text: str) -> Compiled:
     """Raises NoEvidenceError for a text that is no expression or names what is not known."""
-    import cel  # noqa: PLC0415  it loads a shell of its own: half a second
-
     try:
-        program = cel.compile(text)
-    except _FAULTS as error:
-        said = str(error).splitlines()[0]
-        raise NoEvidenceError(f"{text} is no expression: {said}") from error
-    macros = any(f".{macro}(" in text for macro in ("all", "exists", "exists_one", "filter", "map"))
-    unknown = sorted(set(program.variables()) - {"msg", "t", "case"})
-    if unknown and not macros:
-        raise NoEvidenceError(
-            f"{text} names {', '.join(unknown)}: write msg.<field>, t or case.<variable>"
-        )
-    return program
+        return Compiled.compiled(text, ("msg", "t", "case"))
+    except UnknownNamesError as error:
+        raise NoEvidenceError(f"{text} {error}: write msg.<field>, t or case.<variable>") from error
+    except ExpressionError as error:
+        raise NoEvidenceError(f"{text} {error}") from error

@@ -109,7 +109,7 @@ def _split(
         if rule is None:
             allowed.append(Scenario(number, combination))
         else:
-            excluded.append(Excluded(number, combination, rule.when, rule.because))
+            excluded.append(Excluded(number, combination, rule.when.text, rule.because))
     return allowed, excluded
 
 

@@ -2,25 +2,18 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from bagpipe.expressions import Expression, ExpressionError, UnknownNamesError
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.matrix.model import Exclusion, Scalar
-
-if TYPE_CHECKING:
-    import cel
-
-# What the expression library raises for text that does not parse and for what can't be computed.
-_FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
 
 
 @dataclass(frozen=True)
 class Rule:
     """One compiled exclusion."""
 
-    when: str
+    when: Expression
     because: str
-    program: "cel.Program"
 
 
 @dataclass(frozen=True)
@@ -36,9 +29,7 @@ class Rules:
         """Raises MatrixError for a rule that does not parse or names what is no variable."""
         return cls(
             tuple(
-                Rule(
-                    rule.when, rule.because, _program(f"matrix.exclude[{number}]", rule, variables)
-                )
+                Rule(_expression(number, rule.when, variables), rule.because)
                 for number, rule in enumerate(exclusions)
             )
         )
@@ -47,19 +38,12 @@ class Rules:
         """The rule that leaves this combination out, or None. Raises MatrixError."""
         for number, rule in enumerate(self.rules):
             try:
-                answer = rule.program.execute(dict(values))
-            except _FAULTS as error:
+                if rule.when.holds(values):
+                    return rule
+            except ExpressionError as error:
                 raise MatrixError(
-                    f"matrix.exclude[{number}] ({rule.when}) can't be computed for"
-                    f" {shown(values)}: {_first_line(error)}"
+                    f"{_place(number, rule.when.text)} {error} (for {shown(values)})"
                 ) from error
-            if not isinstance(answer, bool):
-                raise MatrixError(
-                    f"matrix.exclude[{number}] ({rule.when}) gives {answer!r} and neither true nor"
-                    " false: write a comparison"
-                )
-            if answer:
-                return rule
         return None
 
 
@@ -68,30 +52,17 @@ def shown(values: Mapping[str, Scalar]) -> str:
     return ", ".join(f"{name}={value}" for name, value in values.items())
 
 
-def _program(
-    where: str, rule: Exclusion, variables: Mapping[str, Sequence[Scalar]]
-) -> "cel.Program":
-    import cel  # noqa: PLC0415  it loads a shell of its own: half a second
+def _place(number: int, when: str) -> str:
+    return f"matrix.exclude[{number}] ({when})"
 
+
+def _expression(number: int, when: str, variables: Mapping[str, Sequence[Scalar]]) -> Expression:
     try:
-        program = cel.compile(rule.when)
-    except _FAULTS as error:
+        return Expression.compiled(when, variables)
+    except UnknownNamesError as error:
         raise MatrixError(
-            f"{where} ({rule.when}) is no expression: {_first_line(error)}"
+            f"{_place(number, when)} {error}, which is no variable of the matrix: it has"
+            f" {', '.join(sorted(variables))}"
         ) from error
-    # Macros such as list.exists(x, ...) bind names of their own, which are listed as well, so an
-    # unknown name is refused only where the whole expression has no macro.
-    unknown = sorted(set(program.variables()) - set(variables))
-    if unknown and not any(f".{macro}(" in rule.when for macro in _MACROS):
-        raise MatrixError(
-            f"{where} ({rule.when}) names {', '.join(unknown)}, which is no variable of the matrix:"
-            f" it has {', '.join(sorted(variables))}"
-        )
-    return program
-
-
-_MACROS = ("all", "exists", "exists_one", "filter", "map")
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+    except ExpressionError as error:
+        raise MatrixError(f"{_place(number, when)} {error}") from error

@@ -1,0 +1,60 @@
+"""Expressions of users in CEL (the Common Expression Language), checked before use."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import cel
+
+# What the library raises for text that does not parse and for what can't be computed.
+_FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
+_MACROS = ("all", "exists", "exists_one", "filter", "map")
+
+
+class ExpressionError(ValueError):
+    """What is wrong, to follow the expression's text in a sentence."""
+
+
+class UnknownNamesError(ExpressionError):
+    """It names what is not there; who knows what is there says so."""
+
+
+@dataclass(frozen=True)
+class Expression:
+    """One that compiled."""
+
+    text: str
+    _program: "cel.Program"
+
+    @classmethod
+    def compiled(cls, text: str, names: Collection[str]) -> "Expression":
+        """One that may use these names. Raises ExpressionError."""
+        import cel  # noqa: PLC0415  it loads a shell of its own: half a second
+
+        try:
+            program = cel.compile(text)
+        except _FAULTS as error:
+            raise ExpressionError(f"is no expression: {_first_line(error)}") from error
+        # Macros such as list.exists(x, ...) bind names of their own, which are listed as well, so
+        # an unknown name is refused only where the whole expression has no macro.
+        unknown = sorted(set(program.variables()) - set(names))
+        if unknown and not any(f".{macro}(" in text for macro in _MACROS):
+            raise UnknownNamesError(f"names {', '.join(unknown)}")
+        return cls(text, program)
+
+    def holds(self, values: Mapping[str, Any]) -> bool:
+        """Raises ExpressionError where it can't be computed, or gives neither true nor false."""
+        try:
+            answer = self._program.execute(dict(values))
+        except _FAULTS as error:
+            raise ExpressionError(f"can't be computed: {_first_line(error)}") from error
+        if not isinstance(answer, bool):
+            raise ExpressionError(
+                f"gives {answer!r} and neither true nor false: write a comparison"
+            )
+        return answer
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__
