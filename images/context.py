@@ -140,7 +140,8 @@ def stage_spark(folder: Path) -> None:
     builders(folder / "build-requirements.txt")
     package(ROOT / "images" / "spark", folder / "packages")
     memory_bag(folder / "packages")
-    shutil.copy(ROOT / "images" / "spark" / "entrypoint.sh", folder)
+    for name in ("entrypoint.sh", "class_archive.py"):
+        shutil.copy(ROOT / "images" / "spark" / name, folder)
 
 
 def stage_operator(folder: Path) -> None:

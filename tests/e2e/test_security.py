@@ -111,6 +111,14 @@ def test_spark_writes_only_where_it_should(namespace: str, executor: str) -> Non
     assert "Read-only file system" in inside(namespace, driver, "driver", "mkdir /etc/bagpipe/x")
 
 
+def test_both_jvms_map_the_image_s_archive_of_classes(namespace: str, executor: str) -> None:
+    driver = k.get(namespace, "simjob", "walls")["status"]["driver"]
+    # Silently, a JVM leaves out an archive that does not fit its class path.
+    look = "grep -l ' /opt/bagpipe/spark.jsa$' /proc/[0-9]*/maps | sed 's/maps/comm/' | xargs cat"
+    for pod, container in ((executor, "spark"), (driver, "driver")):
+        assert "java" in inside(namespace, pod, container, look).split()
+
+
 def test_accounts_of_jobs_reach_nothing_else(namespace: str) -> None:
     def can(account: str, verb: str, what: str, where: str = namespace) -> str:
         kind, _, below = what.partition("/")  # kubectl takes pods/exec for a pod named exec

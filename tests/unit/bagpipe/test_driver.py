@@ -159,7 +159,9 @@ def test_spark_settings_that_decide() -> None:
         "spark.authenticate": "true",
         "spark.network.crypto.enabled": "true",
         "spark.executor.maxNumFailures": "2147483647",
-        "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError",
+        "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError"
+        " -XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
+        "spark.executor.extraJavaOptions": "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
     }
     assert {key: settings[key] for key in chosen} == chosen
 

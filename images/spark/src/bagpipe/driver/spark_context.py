@@ -20,6 +20,10 @@ _LEAST_HEAP_MEBIBYTES = 512
 # Cases run in Python and in the stack: a JVM that hands on one machine's tasks has ended before the
 # second compiler earns what it costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
+# Made with the image (images/spark/class_archive.py). A JVM that finds none there, or one of other
+# jars, reads Spark's classes from the jars.
+CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
+_ARCHIVED = f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"
 # A case that is quicker than that is not worth a copy, however slow it is beside the others.
 LEAST_STRAGGLER_SECONDS = 60
 _QUANTITY = re.compile(r"^(\d+(?:\.\d+)?)(Ki|Mi|Gi|Ti|k|M|G|T|m)?$")
@@ -55,7 +59,9 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 
 def spark_settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
     """All Spark settings of a job."""
-    return _where(job, pod) | _size(job) | _endurance() | _speculation(job)
+    settings = _where(job, pod) | _size(job) | _endurance() | _speculation(job)
+    settings["spark.driver.extraJavaOptions"] += f" {_ARCHIVED}"
+    return settings | {"spark.executor.extraJavaOptions": _ARCHIVED}
 
 
 def local_settings(job: JobFile, slots: int) -> dict[str, str]:
