@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tests.e2e import jobs
 from tests.e2e import kubectl as k
 
 CASES = 200
@@ -20,7 +21,6 @@ for record in binpipe.read():
     time.sleep(1.0)
     binpipe.write(hashlib.sha256(data).hexdigest().encode(), name="digest")
 """
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 
 
 def content(number: int) -> bytes:
@@ -51,7 +51,7 @@ def make_job(name: str, output: str = "pvc://results/fleet", **changed: Any) -> 
             "command": ["python3", "-c", PROGRAM],
         },
         "playback": {"caseTimeout": "60s"},
-        "spark": {"executors": 3, "slots": 4, "driver": _SMALL, "executor": _SMALL},
+        "spark": jobs.spark(3, 4),
         "output": {"uri": output},
     }
     return {

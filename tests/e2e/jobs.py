@@ -11,7 +11,12 @@ import yaml
 from tests.e2e import kubectl as k
 
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/robot-state-publisher/job.yaml"
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
+
+
+def spark(executors: int, slots: int) -> k.Object:
+    """A new section, of a driver and executors for which any node has room."""
+    driver, executor = ({"resources": {"cpu": "100m", "memory": "1Gi"}} for _ in range(2))
+    return {"executors": executors, "slots": slots, "driver": driver, "executor": executor}
 
 
 def example() -> k.Object:
@@ -30,7 +35,7 @@ def make_job(name: str, **changed: dict[str, Any]) -> k.Object:
     job["metadata"]["name"] = name
     spec = job["spec"]
     spec["source"]["fragment"] = {"length": "60s"}
-    spec["spark"] = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
+    spec["spark"] = spark(1, 1)
     if "mode" in changed.get("playback", {}):
         spec["playback"] = {"subscribeTimeout": "60s"}
     for section, fields in changed.items():

@@ -21,7 +21,6 @@ pytestmark = [pytest.mark.e2e, pytest.mark.slow, pytest.mark.timeout(1500)]
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/operations/backup.md"
 SCHEDULE = "by-the-minute"
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 # The second file's case is an error, whenever it is run.
 PROGRAM = f"""
 import sys
@@ -70,7 +69,7 @@ def make_job(name: str, *files: int, **changed: object) -> k.Object:
     inputs = [f"pvc://recordings/{fleet.FOLDER}/{number:03d}.bin" for number in files]
     made["spec"]["source"] = {"files": inputs}
     made["spec"]["stack"] |= {"command": ["python3", "-c", PROGRAM]}
-    made["spec"]["spark"] = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
+    made["spec"]["spark"] = jobs.spark(1, 1)
     return made
 
 

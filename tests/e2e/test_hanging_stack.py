@@ -9,7 +9,6 @@ from tests.e2e import kubectl as k
 pytestmark = [pytest.mark.e2e, pytest.mark.slow]
 
 CASE_SECONDS = 20
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 
 
 def make_job() -> k.Object:
@@ -25,7 +24,7 @@ def make_job() -> k.Object:
                 "command": ["python3", "-c", hanging.program("/tmp")],
             },
             "playback": {"caseTimeout": f"{CASE_SECONDS}s"},
-            "spark": {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL},
+            "spark": jobs.spark(1, 1),
             "output": {"uri": "pvc://results/hanging"},
         },
     }

@@ -25,7 +25,6 @@ pytestmark = pytest.mark.e2e
 KINDS = ("pvc", "s3", "hdfs")
 REMOTE = KINDS[1:]
 FRAGMENTS = 4
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 _MOST_BYTES = 64 << 20
 # The program waits for it, so that no executor goes before its log was read.
 _HEARD = "/tmp/heard"
@@ -46,7 +45,7 @@ def make_job(kind: str, folder: str) -> k.Object:
             "stack": {
                 "engine": "exec", "image": "bagpipe.local/spark:0.1.0", "command": _CAT,
             },
-            "spark": {"executors": 1, "slots": 2, "driver": _SMALL, "executor": _SMALL},
+            "spark": jobs.spark(1, 2),
             "output": {"uri": f"{folder if kind in REMOTE else 'pvc://results'}/out"},
             **(remote if kind in REMOTE else {}),
         },

@@ -7,7 +7,7 @@ seconds, so a measured time may be up to one second off.
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from datetime import UTC, datetime
 from typing import Any
 
@@ -20,7 +20,6 @@ from tests.e2e.quotas import quota, refusals
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
 WITHIN_SECONDS = 10.0
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 # Each process is small, so the kernel takes the container's first one, which is marked for it.
 HOG = """
 import os, time
@@ -190,39 +189,33 @@ def test_a_volume_that_does_not_mount(namespace: str) -> None:
         k.kubectl("delete", "pv", f"{namespace}-unmountable")
 
 
-@contextmanager
-def cordoned() -> Iterator[None]:
-    """No node takes new pods."""
-    nodes = [node["metadata"]["name"] for node in k.items("default", "nodes")]
-    k.kubectl("cordon", *nodes)
-    try:
-        yield
-    finally:
-        k.kubectl("uncordon", *nodes)
-
-
 def test_no_node_and_then_no_config_map(namespace: str) -> None:
+    # A label that no node has yet: pods of other tests go on being placed.
+    room = f"{namespace}/room"
     job = jobs.make_job("unplaced")
+    job["spec"]["spark"]["driver"] |= {"pod": {"nodeSelector": {room: "yes"}}}
+    nodes = [node["metadata"]["name"] for node in k.items("default", "nodes")]
     try:
-        with cordoned():
-            jobs.apply(namespace, job)
-            told = seen(namespace, "unplaced", "Unschedulable", 240)
-            pod = only(pods(namespace, "unplaced", "driver"))
-            assert_in_time("no node", pod_condition(pod, "PodScheduled"), told)
-            volumes = pod["spec"]["volumes"]
-            (config,) = [v["configMap"]["name"] for v in volumes if v["name"] == "config"]
-            k.kubectl("-n", namespace, "delete", "configmap", config)
+        jobs.apply(namespace, job)
+        told = seen(namespace, "unplaced", "Unschedulable", 240)
+        pod = only(pods(namespace, "unplaced", "driver"))
+        assert_in_time("no node", pod_condition(pod, "PodScheduled"), told)
+        volumes = pod["spec"]["volumes"]
+        (config,) = [v["configMap"]["name"] for v in volumes if v["name"] == "config"]
+        k.kubectl("-n", namespace, "delete", "configmap", config)
+        k.kubectl("label", "nodes", *nodes, f"{room}=yes")
         told = seen(namespace, "unplaced", "ConfigMapMissing", 240)
         knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
         assert_in_time("ConfigMap", knew, told)
         assert_told_once(namespace, "unplaced", "ConfigMapMissing")
     finally:
+        k.kubectl("label", "nodes", *nodes, f"{room}-")
         jobs.delete(namespace, "unplaced")
 
 
 def test_executors_that_no_node_has_room_for(namespace: str) -> None:
     large = {"resources": {"cpu": "500", "memory": "1Gi"}}
-    spark = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": large}
+    spark = jobs.spark(1, 1) | {"executor": large}
     with jobs.applied(namespace, jobs.make_job("too-large", spark=spark)) as name:
         told = seen(namespace, name, "Unschedulable", 240)
         pod = only(pods(namespace, name, "executor"))
@@ -241,7 +234,7 @@ def test_no_quota_for_executors(namespace: str) -> None:
     """Refused more often than Spark would bear by its default, and as if nothing had been."""
     name = "no-executors"
     fleet.put_files(namespace)
-    spark = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
+    spark = jobs.spark(1, 1)
     # No replay, which a busy machine could make lossy after so long a wait.
     inputs = {"files": [f"pvc://recordings/{fleet.FOLDER}/000.bin"]}
     try:
@@ -272,7 +265,7 @@ def long_job(name: str) -> k.Object:
     return fleet.make_job(
         name,
         f"pvc://results/{name}",
-        spark={"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL},
+        spark=jobs.spark(1, 1),
         stack={
             "engine": "exec",
             "image": "bagpipe.local/spark:0.1.0",

@@ -22,7 +22,6 @@ TAKEOVER_SECONDS = 15.0
 WAITING = [f"waits-{number:02}" for number in range(40)]
 LATE = "waits-late"
 CASES = 30
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 _LARGE = {"resources": {"cpu": "500", "memory": "1Gi"}}
 
 
@@ -40,7 +39,7 @@ def _two_replicas(tmp_path: Path) -> Iterator[None]:
 def running_job() -> k.Object:
     """30 cases of a second each, one at a time: they go on while nobody leads."""
     inputs = [f"pvc://recordings/{fleet.FOLDER}/0{tens}*.bin" for tens in range(CASES // 10)]
-    spark = {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL}
+    spark = jobs.spark(1, 1)
     return fleet.make_job("runs", source={"files": inputs}, spark=spark)
 
 

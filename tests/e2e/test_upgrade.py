@@ -25,7 +25,6 @@ pytestmark = [pytest.mark.e2e, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 PREVIOUS = Path(__file__).parent / "previous/release.yaml"
 CRD = "simulationjobs.sim.bagpipe.io"
-_SMALL = {"resources": {"cpu": "100m", "memory": "1Gi"}}
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def long_job() -> k.Object:
     """100 cases of a second each, one at a time: longer than an upgrade takes."""
     changed: dict[str, Any] = {
         "source": {"files": [f"pvc://recordings/{fleet.FOLDER}/0*.bin"]},
-        "spark": {"executors": 1, "slots": 1, "driver": _SMALL, "executor": _SMALL},
+        "spark": jobs.spark(1, 1),
     }
     return fleet.make_job("upgraded", "pvc://results/upgraded", **changed)
 
