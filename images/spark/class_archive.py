@@ -12,6 +12,7 @@ import base64
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -75,9 +76,12 @@ def one_class_path(home: Path) -> None:
     there an archive would fit on the machine where it was made, and perhaps on no other.
     """
     others = home / "all-jars"
-    (home / "jars").rename(others)
+    # A layer's folder can't be renamed in another one.
+    shutil.move(home / "jars", others)
     # Spark's launcher puts slf4j's before all others.
-    jars = sorted(others.iterdir(), key=lambda jar: (not jar.name.startswith("slf4j-api-"), jar))
+    jars = sorted(
+        others.glob("*.jar"), key=lambda jar: (not jar.name.startswith("slf4j-api-"), jar)
+    )
     (home / "jars").mkdir()
     path = home / "jars" / "class-path.jar"
     with zipfile.ZipFile(path, "w") as jar:
@@ -97,6 +101,7 @@ class Kubernetes(ThreadingHTTPServer):
         self.pods: dict[str, Json] = {NAME: pod(NAME, {})}
         self.executors: list[subprocess.Popen[bytes]] = []
         self.done = threading.Event()
+        self.address = f"http://127.0.0.1:{self.server_port}"
 
     def run(self, name: str, container: Json) -> None:
         """Start an executor. What Kubernetes would fill in is an address, but for its name."""
@@ -184,12 +189,12 @@ def pod(name: str, metadata: Json) -> Json:
 
 
 @contextmanager
-def kubernetes() -> Iterator[str]:
-    """Its address; at the end all executors have ended. Raises subprocess.TimeoutExpired."""
+def kubernetes() -> Iterator[Kubernetes]:
+    """At its end all executors have ended. Raises subprocess.TimeoutExpired."""
     with Kubernetes() as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
-            yield f"http://127.0.0.1:{server.server_port}"
+            yield server
             for executor in server.executors:
                 executor.wait(SECONDS)
         finally:
@@ -204,15 +209,16 @@ def loaded(lists: Path) -> list[str]:
     from pyspark import SparkConf, SparkContext  # noqa: PLC0415  its jars may have to be moved yet
     from pyspark.java_gateway import launch_gateway  # noqa: PLC0415
 
+    # In a build's container the machine's own name may be nobody's.
+    os.environ |= {"SPARK_LOCAL_IP": "127.0.0.1", "SPARK_LOCAL_HOSTNAME": "localhost"}
     sides = ("driver", "executor")
     options = {
         f"spark.{side}.extraJavaOptions": f"-XX:DumpLoadedClassList={lists / side}"
         for side in sides
     }
-    with kubernetes() as address:
-        conf = SparkConf().setAll(
-            list((SETTINGS | options | {"spark.master": f"k8s://{address}"}).items())
-        )
+    with kubernetes() as server:
+        settings = SETTINGS | options | {"spark.master": f"k8s://{server.address}"}
+        conf = SparkConf().setAll(list(settings.items()))
         gateway: Any = launch_gateway(conf)  # type: ignore[no-untyped-call]
         spark = SparkContext(conf=conf, gateway=gateway)
         total = spark.parallelize(range(4), 4).map(lambda number: number + 1).sum()

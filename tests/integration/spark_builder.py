@@ -44,7 +44,7 @@ def built(jvm: Any, template: Path) -> tuple[Json, Json]:
     def module(name: str) -> Any:
         return jvm.java.lang.Class.forName(f"{name}$").getField("MODULE$").get(None)
 
-    settings = spark_settings(make_job_file({}), DriverPod("x-1-driver", "lab", "10.0.0.1"))
+    settings = spark_settings(make_job_file({}), DriverPod("x-1-driver", "lab", "10.0.0.1"), 1)
     conf = jvm.org.apache.spark.SparkConf(False)
     for name, value in settings.items():
         conf.set(name, value)

@@ -18,12 +18,9 @@ from bagpipe.spec import JobFile
 _job, _master, _shared, _seconds = sys.argv[1:]
 
 
-def settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
+def settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """The job's own settings, less Kubernetes."""
-    own = spark_context.spark_settings(job, pod)
-    options = own["spark.driver.extraJavaOptions"]
-    made = own | {
-        "spark.driver.extraJavaOptions": f"{options} {spark_context.QUICK_JVM}",
+    made = spark_context.spark_settings(job, pod, cases) | {
         "spark.master": _master,
         "spark.cores.max": str(job.spec.spark.executors * job.spec.spark.slots),
         # Only Spark's Kubernetes backend makes the secret by itself.

@@ -147,7 +147,7 @@ def test_executor_memory_is_heap_and_overhead_of_what_was_asked_for() -> None:
 
 def test_spark_settings_that_decide() -> None:
     spark = {"executors": 3, "slots": 4, "executor": {"resources": {"cpu": "1500m"}}}
-    settings = spark_settings(make_job({}, spark=spark), DriverPod("pod", "lab", "198.18.0.9"))
+    settings = spark_settings(make_job({}, spark=spark), DriverPod("pod", "lab", "198.18.0.9"), 1)
     chosen = {
         "spark.executor.instances": "3",
         "spark.executor.cores": "4",
@@ -159,11 +159,22 @@ def test_spark_settings_that_decide() -> None:
         "spark.authenticate": "true",
         "spark.network.crypto.enabled": "true",
         "spark.executor.maxNumFailures": "2147483647",
-        "spark.driver.extraJavaOptions": "-XX:+ExitOnOutOfMemoryError"
-        " -XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
-        "spark.executor.extraJavaOptions": "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
+        "spark.executor.extraJavaOptions": "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa"
+        " -XX:TieredStopAtLevel=1",
     }
     assert {key: settings[key] for key in chosen} == chosen
+
+
+@pytest.mark.parametrize(("cases", "quick"), [(1, True), (3000, True), (3001, False)])
+def test_a_driver_of_few_cases_ends_before_its_second_compiler_pays(
+    cases: int, quick: bool
+) -> None:
+    settings = spark_settings(make_job({}), DriverPod("pod", "lab", "198.18.0.9"), cases)
+    assert settings["spark.driver.extraJavaOptions"].split() == [
+        "-XX:+ExitOnOutOfMemoryError",
+        "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
+        *(["-XX:TieredStopAtLevel=1"] if quick else []),
+    ]
 
 
 def test_spark_on_one_machine_starts_quickly_and_ends_when_its_heap_is_full() -> None:
@@ -178,7 +189,7 @@ def test_executors_are_pulled_as_the_release_says(said: dict[str, str], policy: 
     job = make_job({})
     images = Images.model_validate(job.images.model_dump(by_alias=True) | said)
     pod = DriverPod("pod", "lab", "198.18.0.9")
-    settings = spark_settings(job.model_copy(update={"images": images}), pod)
+    settings = spark_settings(job.model_copy(update={"images": images}), pod, 1)
     assert settings["spark.kubernetes.container.image.pullPolicy"] == policy
 
 
@@ -187,6 +198,6 @@ def test_a_case_with_none_to_compare_with_is_slow_after_half_of_its_timeout(
     timeout: str, threshold: str
 ) -> None:
     job = make_job({}, playback={"caseTimeout": timeout})
-    settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"))
+    settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"), 1)
     assert settings["spark.speculation.task.duration.threshold"] == threshold
     assert settings["spark.speculation.minTaskRuntime"] == "60s"

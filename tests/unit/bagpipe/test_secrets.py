@@ -48,7 +48,7 @@ def test_neither_spark_s_settings_nor_the_job_file_hold_a_credential(
     for name in ("AWS_SECRET_ACCESS_KEY", "BAGPIPE_SECRET_0_AWS_SECRET_ACCESS_KEY"):
         monkeypatch.setenv(name, HIDDEN)
     job = make_job({}, storage={"secrets": ["s3-login"]}, output={"uri": "s3://results/x"})
-    settings = json.dumps(spark_settings(job, DriverPod("x-1-driver", "lab", "10.0.0.1")))
+    settings = json.dumps(spark_settings(job, DriverPod("x-1-driver", "lab", "10.0.0.1"), 1))
     for shown in (settings, job.model_dump_json(), repr(Storage({})), repr(make_spec())):
         assert HIDDEN not in shown
     assert "s3-login" in job.model_dump_json()

@@ -14,7 +14,7 @@ SLOTS = 2
 
 def settings(timeout: str = "10m") -> dict[str, str]:
     job = make_job({}, playback={"caseTimeout": timeout}, spark={"executors": 3, "slots": SLOTS})
-    return spark_settings(job, POD)
+    return spark_settings(job, POD, 1)
 
 
 def seconds(said: str) -> float:

@@ -247,7 +247,7 @@ def _simulate(job: JobFile, cases: list[Case], keeper: Keeper, seen: Seen) -> No
         namespace=os.environ["BAGPIPE_NAMESPACE"],
         address=os.environ["BAGPIPE_POD_IP"],
     )
-    settings = spark_settings(job, pod)
+    settings = spark_settings(job, pod, len(cases))
     log.info("Spark settings: %s", json.dumps(settings, sort_keys=True))
     context = RunContext(
         job=f"{job.namespace}/{job.name}",

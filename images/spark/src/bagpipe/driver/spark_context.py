@@ -17,9 +17,11 @@ _SERVICE_ACCOUNT = "/var/run/secrets/kubernetes.io/serviceaccount"
 _MEBIBYTE = 1 << 20
 # Spark refuses a heap below 450 MiB; the JVM's own and the Python workers' memory comes on top.
 _LEAST_HEAP_MEBIBYTES = 512
-# Cases run in Python and in the stack: a JVM that hands on one machine's tasks has ended before the
-# second compiler earns what it costs, 40 % of a start (docs/performance.md).
+# Cases run in Python and in the stack: a JVM that hands them on has ended before its second
+# compiler earns what that costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
+# So many cases were measured; a driver of more may earn it.
+_FEW_CASES = 3_000
 # Made with the image (images/spark/class_archive.py). A JVM that finds none there, or one of other
 # jars, reads Spark's classes from the jars.
 CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
@@ -57,11 +59,16 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
     return heap, max(384, total - heap)
 
 
-def spark_settings(job: JobFile, pod: DriverPod) -> dict[str, str]:
-    """All Spark settings of a job."""
+def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
+    """All Spark settings of a job that has so many cases to run."""
     settings = _where(job, pod) | _size(job) | _endurance() | _speculation(job)
-    settings["spark.driver.extraJavaOptions"] += f" {_ARCHIVED}"
-    return settings | {"spark.executor.extraJavaOptions": _ARCHIVED}
+    driver = [settings["spark.driver.extraJavaOptions"], _ARCHIVED]
+    if cases <= _FEW_CASES:
+        driver.append(QUICK_JVM)
+    return settings | {
+        "spark.driver.extraJavaOptions": " ".join(driver),
+        "spark.executor.extraJavaOptions": f"{_ARCHIVED} {QUICK_JVM}",
+    }
 
 
 def local_settings(job: JobFile, slots: int) -> dict[str, str]:
