@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 Seen = TypeVar("Seen")
@@ -16,17 +16,30 @@ class NotSeenError(AssertionError, TimeoutError):
     """What a test waited for did not come: its failure, and a deadline that was missed."""
 
 
+def pauses(every: float) -> Iterator[float]:
+    """Seconds between looks, each half as long again, up to 0.2 s or to those that were asked for.
+
+    A look may be a call to an API server, which is slower for all others while it answers.
+    """
+    most = max(every, 0.2)
+    while True:
+        yield every
+        every = min(every * 1.5, most)
+
+
 def wait_until(
     look: Callable[[], Seen | None], seconds: float, what: str, every: float = 0.02
 ) -> Seen:
-    """The first true thing that is seen, looked for every so many seconds.
+    """The first true thing that is seen, looked for every so many seconds, and more seldom later.
 
     Raises NotSeenError with `what` where there is none in `seconds`.
     """
     deadline = time.monotonic() + seconds
-    pause = threading.Event()
-    while not (seen := look()):
+    never = threading.Event()
+    for pause in pauses(every):
+        if seen := look():
+            return seen
         if time.monotonic() > deadline:
-            raise NotSeenError(f"after {seconds:.0f} s: {what}")
-        pause.wait(every)
-    return seen
+            break
+        never.wait(pause)
+    raise NotSeenError(f"after {seconds:.0f} s: {what}")

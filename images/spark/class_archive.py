@@ -10,9 +10,12 @@ executor of the image's entrypoint (class data sharing: `java -Xshare:dump`).
 
 import base64
 import hashlib
+import hmac
 import json
 import os
+import secrets
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -27,8 +30,8 @@ from typing import Any
 Json = dict[str, Any]
 
 ENTRYPOINT = "/opt/bagpipe/entrypoint.sh"
-# The job takes seconds; a build may share its machine.
-SECONDS = 300
+# The job takes 15 s of an idle machine, and so does the archive; a build may share its machine.
+SECONDS = 900
 # Since 1970, for the jars: a layer keeps whole seconds, and the JVM compares them.
 WRITTEN = 1_700_000_000
 NAME = "training"
@@ -99,17 +102,25 @@ class Kubernetes(ThreadingHTTPServer):
     def __init__(self) -> None:
         super().__init__(("127.0.0.1", 0), Request)
         self.pods: dict[str, Json] = {NAME: pod(NAME, {})}
-        self.executors: list[subprocess.Popen[bytes]] = []
+        self.executors: dict[str, subprocess.Popen[bytes]] = {}
         self.done = threading.Event()
         self.address = f"http://127.0.0.1:{self.server_port}"
+        # A build may have the machine's network, where anybody could ask for a process.
+        self.token = secrets.token_urlsafe()
 
     def run(self, name: str, container: Json) -> None:
         """Start an executor. What Kubernetes would fill in is an address, but for its name."""
         given = {each["name"]: each.get("value", "127.0.0.1") for each in container["env"]}
         own = {"SPARK_EXECUTOR_POD_NAME": name, "SPARK_LOCAL_DIRS": tempfile.gettempdir()}
-        self.executors.append(
-            subprocess.Popen([ENTRYPOINT, "executor"], env=os.environ | given | own)
+        self.executors[name] = subprocess.Popen(
+            [ENTRYPOINT, "executor"], env=os.environ | given | own
         )
+
+    def look(self) -> None:
+        """Say of executors that have ended that they failed: then Spark gives up after a few."""
+        for name, process in self.executors.items():
+            if process.poll() is not None:
+                self.pods[name]["status"] = {"phase": "Failed"}
 
 
 class Request(BaseHTTPRequestHandler):
@@ -117,6 +128,16 @@ class Request(BaseHTTPRequestHandler):
 
     server: Kubernetes
     protocol_version = "HTTP/1.1"
+
+    def parse_request(self) -> bool:
+        """Whether it is a request, and Spark's."""
+        if not super().parse_request():
+            return False
+        given = self.headers.get("Authorization", "")
+        if hmac.compare_digest(given.encode(), f"Bearer {self.server.token}".encode()):
+            return True
+        self.send_error(401)
+        return False
 
     def do_GET(self) -> None:
         path, _, query = self.path.partition("?")
@@ -126,6 +147,7 @@ class Request(BaseHTTPRequestHandler):
         elif name:
             self.answer(json.dumps(self.server.pods[name]).encode())
         else:
+            self.server.look()
             # The driver looks for itself by its name, and for its executors by their labels.
             own = "labelSelector" not in query
             items = [each for name, each in self.server.pods.items() if (name == NAME) == own]
@@ -195,41 +217,71 @@ def kubernetes() -> Iterator[Kubernetes]:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         try:
             yield server
-            for executor in server.executors:
+            for executor in server.executors.values():
                 executor.wait(SECONDS)
         finally:
-            for executor in server.executors:
+            for executor in server.executors.values():
                 executor.kill()
             server.done.set()
             server.shutdown()
 
 
-def loaded(lists: Path) -> list[str]:
+@contextmanager
+def deadline() -> Iterator[None]:
+    """Raises TrainingError in the main thread, wherever it waits."""
+
+    def over(*_: object) -> None:
+        raise TrainingError(f"the job was not done after {SECONDS} s: see what Spark says above")
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.alarm(SECONDS)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def on_this_machine() -> None:
+    """Leave out of the environment what would lead Spark elsewhere."""
+    for name in [name for name in os.environ if name.lower().endswith("_proxy")]:
+        del os.environ[name]
+    # In a build's container the machine's own name may be nobody's.
+    os.environ |= {"SPARK_LOCAL_IP": "127.0.0.1", "SPARK_LOCAL_HOSTNAME": "localhost"}
+
+
+def loaded(folder: Path) -> list[str]:
     """What the JVMs of a job load, in the words of a class list. Raises TrainingError."""
     from pyspark import SparkConf, SparkContext  # noqa: PLC0415  its jars may have to be moved yet
     from pyspark.java_gateway import launch_gateway  # noqa: PLC0415
 
-    # In a build's container the machine's own name may be nobody's.
-    os.environ |= {"SPARK_LOCAL_IP": "127.0.0.1", "SPARK_LOCAL_HOSTNAME": "localhost"}
-    sides = ("driver", "executor")
-    options = {
-        f"spark.{side}.extraJavaOptions": f"-XX:DumpLoadedClassList={lists / side}"
-        for side in sides
+    on_this_machine()
+    lists = {side: folder / side for side in ("driver", "executor")}
+    settings = SETTINGS | {
+        f"spark.{side}.extraJavaOptions": f"-XX:DumpLoadedClassList={path}"
+        for side, path in lists.items()
     }
-    with kubernetes() as server:
-        settings = SETTINGS | options | {"spark.master": f"k8s://{server.address}"}
+    token = folder / "token"
+    token.touch(0o600)
+    with deadline(), kubernetes() as server:
+        token.write_text(server.token)
+        settings["spark.kubernetes.authenticate.oauthTokenFile"] = str(token)
+        settings["spark.master"] = f"k8s://{server.address}"
         conf = SparkConf().setAll(list(settings.items()))
         gateway: Any = launch_gateway(conf)  # type: ignore[no-untyped-call]
-        spark = SparkContext(conf=conf, gateway=gateway)
-        total = spark.parallelize(range(4), 4).map(lambda number: number + 1).sum()
-        spark.stop()
-        # A JVM writes its list as it ends.
-        gateway.shutdown()
-        gateway.proc.stdin.close()
-        gateway.proc.wait(SECONDS)
+        try:
+            spark = SparkContext(conf=conf, gateway=gateway)
+            total = spark.parallelize(range(4), 4).map(lambda number: number + 1).sum()
+            spark.stop()
+            # A JVM writes its list as it ends.
+            gateway.shutdown()
+            gateway.proc.stdin.close()
+            gateway.proc.wait()
+        finally:
+            gateway.proc.kill()
     if total != 10:
         raise TrainingError(f"the tasks' sum is {total}")
-    return sorted({line for side in sides for line in (lists / side).read_text().splitlines()})
+    return sorted({line for path in lists.values() for line in path.read_text().splitlines()})
 
 
 def archive(home: Path, made: Path) -> None:

@@ -39,16 +39,19 @@ def executor(namespace: str) -> Iterator[str]:
         "pod": {"volumes": [LIMITS], "labels": {"team": "lanes"}},
         "volumeMounts": [{"name": "limits", "mountPath": "/mnt/limits"}],
     }
-    with jobs.applied(namespace, job) as name:
+    try:
+        with jobs.applied(namespace, job) as name:
 
-        def running() -> str | None:
-            status = k.get(namespace, "simjob", name).get("status", {})
-            if not status.get("cases", {}).get("running"):
-                return None
-            pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor,team=lanes")
-            return str(pods[0]["metadata"]["name"]) if pods else None
+            def running() -> str | None:
+                status = k.get(namespace, "simjob", name).get("status", {})
+                if not status.get("cases", {}).get("running"):
+                    return None
+                pods = k.items(namespace, "pods", "-l", "sim.bagpipe.io/role=executor,team=lanes")
+                return str(pods[0]["metadata"]["name"]) if pods else None
 
-        yield k.await_that("a case to run", running, 300)
+            yield k.await_that("a case to run", running, 300)
+    finally:
+        k.kubectl("-n", namespace, "delete", "configmap", "limits")
 
 
 def inside(namespace: str, pod: str, container: str, script: str) -> str:

@@ -17,7 +17,7 @@ from tests.e2e import fleet, jobs
 from tests.e2e import kubectl as k
 from tests.e2e.quotas import quota, refusals
 
-pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
+pytestmark = [pytest.mark.e2e, pytest.mark.alone, pytest.mark.usefixtures("recordings")]
 
 WITHIN_SECONDS = 10.0
 # Each process is small, so the kernel takes the container's first one, which is marked for it.

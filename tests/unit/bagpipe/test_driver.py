@@ -159,22 +159,39 @@ def test_spark_settings_that_decide() -> None:
         "spark.authenticate": "true",
         "spark.network.crypto.enabled": "true",
         "spark.executor.maxNumFailures": "2147483647",
-        "spark.executor.extraJavaOptions": "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa"
-        " -XX:TieredStopAtLevel=1",
     }
     assert {key: settings[key] for key in chosen} == chosen
 
 
-@pytest.mark.parametrize(("cases", "quick"), [(1, True), (3000, True), (3001, False)])
-def test_a_driver_of_few_cases_ends_before_its_second_compiler_pays(
-    cases: int, quick: bool
+OWN, ARCHIVED, QUICK = (
+    "-XX:+ExitOnOutOfMemoryError",
+    "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
+    "-XX:TieredStopAtLevel=1",
+)
+
+
+@pytest.mark.parametrize(
+    ("cases", "has_archive", "memory", "driver", "executor"),
+    [
+        (1, True, "4Gi", [OWN, ARCHIVED, QUICK], [ARCHIVED, QUICK]),
+        (3000, True, "4Gi", [OWN, ARCHIVED, QUICK], [ARCHIVED, QUICK]),
+        (3001, True, "4Gi", [OWN, ARCHIVED], [ARCHIVED]),
+        (3001, False, "4Gi", [OWN], None),
+        (1, False, "4Gi", [OWN, QUICK], [QUICK]),
+        # Half of it is the heap.
+        (1, True, "65534Mi", [OWN, ARCHIVED, QUICK], [ARCHIVED, QUICK]),
+        (1, True, "64Gi", [OWN, ARCHIVED, QUICK], [QUICK]),
+    ],
+)
+def test_jvms_start_in_the_way_that_their_image_and_work_allow(
+    cases: int, has_archive: bool, memory: str, driver: list[str], executor: list[str] | None
 ) -> None:
-    settings = spark_settings(make_job({}), DriverPod("pod", "lab", "198.18.0.9"), cases)
-    assert settings["spark.driver.extraJavaOptions"].split() == [
-        "-XX:+ExitOnOutOfMemoryError",
-        "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",
-        *(["-XX:TieredStopAtLevel=1"] if quick else []),
-    ]
+    job = make_job({}, spark={"executor": {"resources": {"memory": memory}}})
+    pod = DriverPod("pod", "lab", "198.18.0.9", has_archive)
+    settings = spark_settings(job, pod, cases)
+    assert settings["spark.driver.extraJavaOptions"].split() == driver
+    assert settings.get("spark.executor.extraJavaOptions", "").split() == (executor or [])
+    assert ("spark.executor.extraJavaOptions" in settings) == (executor is not None)
 
 
 def test_spark_on_one_machine_starts_quickly_and_ends_when_its_heap_is_full() -> None:

@@ -1,8 +1,10 @@
 """What all tests wait with gives what it saw, and ends."""
 
+from itertools import islice
+
 import pytest
 
-from tests.waiting import NotSeenError, wait_until
+from tests.waiting import NotSeenError, pauses, wait_until
 
 
 def test_it_looks_until_there_is_something_and_gives_that() -> None:
@@ -18,3 +20,10 @@ def test_it_looks_at_least_once_and_says_what_was_not_there() -> None:
     assert looks == [None]
     assert isinstance(missed.value, AssertionError)
     assert isinstance(missed.value, TimeoutError)
+
+
+def test_what_is_long_in_coming_is_looked_for_more_seldom() -> None:
+    found = list(islice(pauses(0.02), 8))
+    assert found == pytest.approx([0.02, 0.03, 0.045, 0.0675, 0.10125, 0.151875, 0.2, 0.2])
+    assert list(islice(pauses(0.5), 3)) == [0.5, 0.5, 0.5]
+    assert list(islice(pauses(0), 3)) == [0, 0, 0]

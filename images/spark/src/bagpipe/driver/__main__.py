@@ -29,7 +29,7 @@ from bagpipe.driver.progress_server import serve_progress
 from bagpipe.driver.results import Manifest, Results, results_uri
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.simulate import SparkGoneError, simulate
-from bagpipe.driver.spark_context import DriverPod, spark_settings
+from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
 from bagpipe.evaluate.judge import faults
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.cases import Case, Plan, plan
@@ -246,6 +246,7 @@ def _simulate(job: JobFile, cases: list[Case], keeper: Keeper, seen: Seen) -> No
         name=os.environ["BAGPIPE_POD_NAME"],
         namespace=os.environ["BAGPIPE_NAMESPACE"],
         address=os.environ["BAGPIPE_POD_IP"],
+        has_archive=Path(CLASS_ARCHIVE).exists(),
     )
     settings = spark_settings(job, pod, len(cases))
     log.info("Spark settings: %s", json.dumps(settings, sort_keys=True))

@@ -20,12 +20,13 @@ _LEAST_HEAP_MEBIBYTES = 512
 # Cases run in Python and in the stack: a JVM that hands them on has ended before its second
 # compiler earns what that costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
-# So many cases were measured; a driver of more may earn it.
+# So many cases were measured; a job of more may earn it.
 _FEW_CASES = 3_000
-# Made with the image (images/spark/class_archive.py). A JVM that finds none there, or one of other
-# jars, reads Spark's classes from the jars.
+# Made with the image (images/spark/class_archive.py). A JVM that can't take what it is told to take
+# has not even Java's own archive, so none is told in vain.
 CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
-_ARCHIVED = f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"
+# Above it a JVM's references are longer than those in an archive.
+_ARCHIVED_HEAP_MEBIBYTES = 32 << 10
 # A case that is quicker than that is not worth a copy, however slow it is beside the others.
 LEAST_STRAGGLER_SECONDS = 60
 _QUANTITY = re.compile(r"^(\d+(?:\.\d+)?)(Ki|Mi|Gi|Ti|k|M|G|T|m)?$")
@@ -42,6 +43,8 @@ class DriverPod:
     name: str
     namespace: str
     address: str
+    # Whether its image, which executors have too, has CLASS_ARCHIVE.
+    has_archive: bool = False
 
 
 def quantity(text: str) -> float:
@@ -62,12 +65,16 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """All Spark settings of a job that has so many cases to run."""
     settings = _where(job, pod) | _size(job) | _endurance() | _speculation(job)
-    driver = [settings["spark.driver.extraJavaOptions"], _ARCHIVED]
-    if cases <= _FEW_CASES:
-        driver.append(QUICK_JVM)
+    own = settings["spark.driver.extraJavaOptions"].split()
+    quick = [QUICK_JVM] if cases <= _FEW_CASES else []
+    archived = [f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"] if pod.has_archive else []
+    heap, _ = memory_split(job.spec.spark.executor.resources)
+    fits = archived if heap < _ARCHIVED_HEAP_MEBIBYTES else []
+    options = {"driver": [*own, *archived, *quick], "executor": [*fits, *quick]}
     return settings | {
-        "spark.driver.extraJavaOptions": " ".join(driver),
-        "spark.executor.extraJavaOptions": f"{_ARCHIVED} {QUICK_JVM}",
+        f"spark.{side}.extraJavaOptions": " ".join(words)
+        for side, words in options.items()
+        if words
     }
 
 
