@@ -113,7 +113,10 @@ mod tests {
                 (near, listener.accept().unwrap().0)
             })
             .collect();
-        assert!(waits_at(inode_of(&pairs[0].1)).is_some(), "does this kernel show /proc/PID/syscall?");
+        assert!(
+            waits_at(inode_of(&pairs[0].1)).is_some(),
+            "does this kernel show /proc/PID/syscall?"
+        );
         // Each by two numbers, of which threads know the first.
         let _twins: Vec<TcpStream> = pairs.iter().map(|pair| pair.1.try_clone().unwrap()).collect();
         let read: Vec<u32> = pairs.iter().step_by(2).map(|(_, far)| inode_of(far)).collect();
