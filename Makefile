@@ -107,8 +107,8 @@ ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
 	$(STEP) "Testing $(K)" -- $(PYTEST) tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; whole
-# jobs on the cluster run beside nothing but each other.
+# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; the
+# cluster has the machine to itself.
 test: set-up
 	@$(MAKE) test-python
 	@$(MAKE) test-real-parts AND=tests/liars
@@ -176,7 +176,7 @@ test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, befo
 
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
-	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) $(BESIDE_WAITING) tests/e2e -m "not (slow or nodes or alone)"
+	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) tests/e2e -m "not (slow or nodes or alone)"
 	$(STEP) "Testing how soon trouble is told" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow
