@@ -72,7 +72,7 @@ def run(name: str) -> Outcome:
     path = convention.write(name, rows, versions, note)
     print(f"\n{note}\n\n{convention.table(rows)}\n")
     _say_short(rows)
-    print(f"{len(rows)} rows in {path.relative_to(ROOT)}")
+    print(f"{len(rows)} rows in {_shown(path)}")
     return Outcome(any(row.missed for row in rows))
 
 
@@ -90,12 +90,17 @@ def run_loads(name: str, bench: Any, convention: Any) -> Outcome:
         print(f"\n{load.name}\n\n{convention.table(load.rows)}\n", flush=True)
         if bench.kept():
             path = convention.merge(name, load.rows, versions, note)
-            print(f"{len(load.rows)} rows put into {path.relative_to(ROOT)}", flush=True)
+            print(f"{len(load.rows)} rows put into {_shown(path)}", flush=True)
     print(f"\n{convention.table(rows)}\n")
     _say_short(rows)
     for failure in failures:
         print(failure)
     return Outcome(any(row.missed for row in rows), bool(failures))
+
+
+def _shown(path: Path) -> Path:
+    """From the checkout, but for results that go elsewhere (BENCH_RESULTS)."""
+    return path.relative_to(ROOT) if path.is_relative_to(ROOT) else path
 
 
 def _say_short(rows: Iterable[Any]) -> None:
