@@ -116,9 +116,19 @@ class Kubernetes(ThreadingHTTPServer):
             [ENTRYPOINT, "executor"], env=os.environ | given | own
         )
 
+    def settings(self, token: Path) -> dict[str, str]:
+        """What leads Spark here. The token is in a file: settings are words of a process."""
+        token.touch(0o600)
+        token.write_text(self.token)
+        return {
+            "spark.kubernetes.authenticate.oauthTokenFile": str(token),
+            "spark.master": f"k8s://{self.address}",
+        }
+
     def look(self) -> None:
         """Say of executors that have ended that they failed: then Spark gives up after a few."""
-        for name, process in self.executors.items():
+        # A request of another thread may add one meanwhile.
+        for name, process in list(self.executors.items()):
             if process.poll() is not None:
                 self.pods[name]["status"] = {"phase": "Failed"}
 
@@ -150,7 +160,7 @@ class Request(BaseHTTPRequestHandler):
             self.server.look()
             # The driver looks for itself by its name, and for its executors by their labels.
             own = "labelSelector" not in query
-            items = [each for name, each in self.server.pods.items() if (name == NAME) == own]
+            items = [each for name, each in list(self.server.pods.items()) if (name == NAME) == own]
             kind = {"apiVersion": "v1", "kind": "PodList", "metadata": {"resourceVersion": "1"}}
             self.answer(json.dumps(kind | {"items": items}).encode())
 
@@ -250,37 +260,45 @@ def on_this_machine() -> None:
     os.environ |= {"SPARK_LOCAL_IP": "127.0.0.1", "SPARK_LOCAL_HOSTNAME": "localhost"}
 
 
-def loaded(folder: Path) -> list[str]:
-    """What the JVMs of a job load, in the words of a class list. Raises TrainingError."""
+@contextmanager
+def job(settings: dict[str, str]) -> Iterator[subprocess.Popen[bytes]]:
+    """The JVM of a driver whose four tasks are done; after the block it has ended.
+
+    Raises TrainingError, and subprocess.TimeoutExpired.
+    """
     from pyspark import SparkConf, SparkContext  # noqa: PLC0415  its jars may have to be moved yet
     from pyspark.java_gateway import launch_gateway  # noqa: PLC0415
 
+    conf = SparkConf().setAll(list(settings.items()))
+    gateway: Any = launch_gateway(conf)  # type: ignore[no-untyped-call]
+    try:
+        spark = SparkContext(conf=conf, gateway=gateway)
+        total = spark.parallelize(range(4), 4).map(lambda number: number + 1).sum()
+        if total != 10:
+            raise TrainingError(f"the tasks' sum is {total}")
+        yield gateway.proc
+        spark.stop()
+        gateway.shutdown()
+        gateway.proc.stdin.close()
+        gateway.proc.wait(SECONDS)
+    finally:
+        gateway.proc.kill()
+
+
+def loaded(folder: Path) -> list[str]:
+    """What the JVMs of a job load, in the words of a class list. Raises TrainingError."""
     on_this_machine()
     lists = {side: folder / side for side in ("driver", "executor")}
-    settings = SETTINGS | {
+    options = {
         f"spark.{side}.extraJavaOptions": f"-XX:DumpLoadedClassList={path}"
         for side, path in lists.items()
     }
-    token = folder / "token"
-    token.touch(0o600)
-    with deadline(), kubernetes() as server:
-        token.write_text(server.token)
-        settings["spark.kubernetes.authenticate.oauthTokenFile"] = str(token)
-        settings["spark.master"] = f"k8s://{server.address}"
-        conf = SparkConf().setAll(list(settings.items()))
-        gateway: Any = launch_gateway(conf)  # type: ignore[no-untyped-call]
-        try:
-            spark = SparkContext(conf=conf, gateway=gateway)
-            total = spark.parallelize(range(4), 4).map(lambda number: number + 1).sum()
-            spark.stop()
-            # A JVM writes its list as it ends.
-            gateway.shutdown()
-            gateway.proc.stdin.close()
-            gateway.proc.wait()
-        finally:
-            gateway.proc.kill()
-    if total != 10:
-        raise TrainingError(f"the tasks' sum is {total}")
+    with (
+        deadline(),
+        kubernetes() as server,
+        job(SETTINGS | options | server.settings(folder / "token")),
+    ):
+        pass  # A JVM writes its list as it ends.
     return sorted({line for path in lists.values() for line in path.read_text().splitlines()})
 
 

@@ -21,8 +21,7 @@ STARTS = int(os.environ.get("BENCH_ROUNDS", "7"))
 SECONDS = 300
 ONCE = """
 import resource, sys, time
-from pyspark import SparkConf, SparkContext
-from pyspark.java_gateway import launch_gateway
+import class_archive
 from bagpipe.driver.spark_context import QUICK_JVM, local_settings
 from tests.unit.bagpipe.jobs import make_job
 
@@ -31,15 +30,8 @@ if sys.argv[1] == "default":
     options = settings["spark.driver.extraJavaOptions"]
     settings["spark.driver.extraJavaOptions"] = options.replace(QUICK_JVM, "")
 begun = time.monotonic()
-conf = SparkConf().setAll(list(settings.items()))
-gateway = launch_gateway(conf)
-context = SparkContext(conf=conf, gateway=gateway)
-assert context.parallelize(range(4), 4).map(lambda number: number + 1).sum() == 10
-seconds = time.monotonic() - begun
-context.stop()
-gateway.shutdown()
-gateway.proc.stdin.close()
-gateway.proc.wait(60)
+with class_archive.job(settings):
+    seconds = time.monotonic() - begun
 used = resource.getrusage(resource.RUSAGE_CHILDREN)
 print(seconds, used.ru_utime + used.ru_stime)
 """
@@ -55,8 +47,6 @@ if sys.argv[2] == "make":
     class_archive.archive(home, Path(sys.argv[3]))
     sys.exit()
 
-from pyspark import SparkConf, SparkContext
-from pyspark.java_gateway import launch_gateway
 from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
 from tests.unit.bagpipe.jobs import make_job
 
@@ -72,22 +62,12 @@ if sys.argv[2] == "quick":
         settings[f"spark.{side}.extraJavaOptions"] = options.replace(CLASS_ARCHIVE, sys.argv[3])
 class_archive.on_this_machine()
 with class_archive.kubernetes() as server:
-    token = Path(sys.argv[3]).with_suffix(".token")
-    token.write_text(server.token)
-    settings["spark.kubernetes.authenticate.oauthTokenFile"] = str(token)
-    settings["spark.master"] = f"k8s://{server.address}"
+    settings |= server.settings(Path(sys.argv[3]).with_suffix(".token"))
     begun = time.monotonic()
-    conf = SparkConf().setAll(list(settings.items()))
-    gateway = launch_gateway(conf)
-    context = SparkContext(conf=conf, gateway=gateway)
-    assert context.parallelize(range(4), 4).map(lambda number: number + 1).sum() == 10
-    seconds = time.monotonic() - begun
-    (executor,) = server.executors.values()
-    print(seconds, used(gateway.proc.pid), used(executor.pid))
-    context.stop()
-    gateway.shutdown()
-    gateway.proc.stdin.close()
-    gateway.proc.wait(60)
+    with class_archive.job(settings) as driver:
+        seconds = time.monotonic() - begun
+        (executor,) = server.executors.values()
+        print(seconds, used(driver.pid), used(executor.pid))
 """
 
 
