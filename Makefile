@@ -176,7 +176,7 @@ test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, befo
 
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
-	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) tests/e2e -m "not (slow or nodes or alone)"
+	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) $(BESIDE_WAITING) tests/e2e -m "not (slow or nodes or alone)"
 	$(STEP) "Testing how soon trouble is told" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow

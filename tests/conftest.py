@@ -13,11 +13,12 @@ from xdist.scheduler import LoadScopeScheduling
 from tests.times import Meter
 
 # Folders whose tests share servers that are dear to start; elsewhere those of a file stay together.
+# The first that a file is in counts: operators have an API server of their own, for its time.
 SHARING = (
     "tests/integration/binpipe",
+    "tests/integration/control_plane/operators",
     "tests/integration/control_plane",
     "tests/integration/storage",
-    "tests/e2e",
 )
 TIMES = "BAGPIPE_TEST_TIMES"
 

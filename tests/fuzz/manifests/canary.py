@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job
-from tests.integration.control_plane.stalls import Stalls
+from tests.integration.control_plane.operators.stalls import Stalls
 from tests.unit.operator.builders import account
 from tests.waiting import wait_until
 

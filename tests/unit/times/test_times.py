@@ -49,9 +49,13 @@ def test_a_meter_counts_the_processes_that_were_waited_for() -> None:
 @pytest.mark.parametrize(
     ("place", "expected"),
     [
-        ("tests/integration/control_plane/test_life.py", "tests/integration/control_plane"),
+        ("tests/integration/control_plane/test_crd.py", "tests/integration/control_plane"),
+        (
+            "tests/integration/control_plane/operators/test_life.py",
+            "tests/integration/control_plane/operators",
+        ),
         ("tests/integration/test_lockstep.py", "tests/integration/test_lockstep.py"),
-        ("tests/e2e/test_scenes.py", "tests/e2e"),
+        ("tests/e2e/test_scenes.py", "tests/e2e/test_scenes.py"),
         ("tests/unit/cli/test_run.py", "tests/unit/cli/test_run.py"),
     ],
 )

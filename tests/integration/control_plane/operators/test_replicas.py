@@ -18,8 +18,8 @@ from tests.integration.control_plane.observe import (
     moment,
     statuses,
 )
+from tests.integration.control_plane.operators.stalls import Stalls
 from tests.integration.control_plane.release import Installation
-from tests.integration.control_plane.stalls import Stalls
 from tests.unit.operator.builders import account
 from tests.waiting import PATIENCE, wait_until
 

@@ -13,7 +13,7 @@ from tests.integration.control_plane.observe import UID_LABEL, a_job
 from tests.integration.control_plane.operator_process import OperatorProcess
 from tests.waiting import PATIENCE, wait_until
 
-VALUES = Path(__file__).parents[3] / "charts/bagpipe/values.yaml"
+VALUES = Path(__file__).parents[4] / "charts/bagpipe/values.yaml"
 # Each near the 1.5 MB that etcd takes. An operator that kept these parsed has had 377 MiB, one that
 # trims them 163. The API server takes seconds for each (10,000 are a bench's).
 JOBS, EDITED = 5, 1

@@ -15,9 +15,9 @@ from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job
 from tests.integration.control_plane.operator_process import OperatorProcess
+from tests.integration.control_plane.operators.test_life import Jobs
 from tests.integration.control_plane.release import CLUSTER_WIDE, apply_chart, installed
 from tests.integration.control_plane.server import ControlPlane
-from tests.integration.control_plane.test_life import Jobs
 from tests.unit.operator.builders import account
 from tests.waiting import PATIENCE, wait_until
 

@@ -13,10 +13,10 @@ import pytest
 
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
-from tests.integration.control_plane.dying_operator import DIES, PROGRAM
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import is_admitted
+from tests.integration.control_plane.operators.dying_operator import DIES, PROGRAM
 from tests.unit.operator.builders import account, make_job
 from tests.waiting import PATIENCE, wait_until
 

@@ -44,7 +44,7 @@ from tests.waiting import PATIENCE, wait_until
 
 SECONDS = PATIENCE
 DAY = timedelta(days=1)
-PUBLISHED = Path(__file__).parents[3] / "docs/examples/schedule/schedule.yaml"
+PUBLISHED = Path(__file__).parents[4] / "docs/examples/schedule/schedule.yaml"
 
 
 @dataclass
