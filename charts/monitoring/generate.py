@@ -13,11 +13,11 @@ from prometheus_client.parser import text_string_to_metric_families
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.spec import JobFile
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.view import Schedules
-from bagpipe_operator.view import View
 from charts.monitoring.alert import RUNBOOKS, rules_file
 from charts.monitoring.alerts import ALERTS
 from charts.monitoring.board import as_json

@@ -13,7 +13,7 @@ import time
 from collections.abc import AsyncIterator
 from typing import Any
 
-from bagpipe_operator.names import PROGRESS_PORT
+from bagpipe_operator.api.names import PROGRESS_PORT
 
 # 127.64.0.0/14 holds the addresses of all fake pods; nothing else of a machine uses it.
 POD_RANGE = ipaddress.ip_network("127.64.0.0/14")

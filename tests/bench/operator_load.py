@@ -8,7 +8,7 @@ from pathlib import Path
 
 import yaml
 
-from bagpipe_operator import names
+from bagpipe_operator.api import names
 from tests.bench.operator_api import JOBS, Client, Object, all_of
 from tests.bench.operator_drivers import answering
 from tests.bench.operator_seen import Seen, until, watching

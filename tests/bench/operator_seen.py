@@ -6,7 +6,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass, field
 
-from bagpipe_operator import names
+from bagpipe_operator.api import names
 from tests.bench.operator_api import JOBS, Client, Object
 from tests.bench.operator_drivers import STEP, FakeDrivers
 from tests.bench.operator_times import staleness

@@ -10,8 +10,8 @@ import yaml
 from pyspark.java_gateway import launch_gateway
 
 from bagpipe.driver.spark_context import DriverPod, spark_settings
-from bagpipe_operator.driver_pod import driver_pod
-from bagpipe_operator.job_config import read_spec
+from bagpipe_operator.jobs.pods.driver_pod import driver_pod
+from bagpipe_operator.jobs.pods.job_config import read_spec
 from bagpipe_operator.settings import Settings
 from tests.unit.bagpipe.jobs import make_job as make_job_file
 from tests.unit.operator.builders import make_job

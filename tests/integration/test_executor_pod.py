@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import yaml
 
-from bagpipe_operator.executor_template import executor_template
-from bagpipe_operator.job_config import read_spec
+from bagpipe_operator.jobs.pods.executor_template import executor_template
+from bagpipe_operator.jobs.pods.job_config import read_spec
 from bagpipe_operator.settings import Settings
 from tests.integration.spark_builder import HADOOP_USER, built, spark_classes
 from tests.unit.operator.builders import make_job

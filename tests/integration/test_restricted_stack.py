@@ -15,8 +15,8 @@ from pathlib import Path
 import pytest
 
 from bagpipe.run.master_ports import master_ports
-from bagpipe_operator.names import BAGPIPE_UID
-from bagpipe_operator.pod_parts import STACK_UID
+from bagpipe_operator.api.names import BAGPIPE_UID
+from bagpipe_operator.jobs.pods.pod_parts import STACK_UID
 from tests.integration.conftest import RunningAgent, _await_ready
 from tests.integration.stacks import folders_with_recording, stepped
 from tests.integration.test_real_stack import run_all

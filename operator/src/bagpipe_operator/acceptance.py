@@ -14,9 +14,9 @@ from typing import Any
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
-from bagpipe_operator import names
-from bagpipe_operator.api import ApiError, KubernetesApi
-from bagpipe_operator.view import Json
+from bagpipe_operator.api import names
+from bagpipe_operator.cluster.client import ApiError, KubernetesApi
+from bagpipe_operator.jobs.view import Json
 
 REQUEST_SECONDS = 10.0
 _BAG = "pvc://recordings/drive.bag"

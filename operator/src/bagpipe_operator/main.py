@@ -15,27 +15,28 @@ import kopf
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
-from bagpipe_operator import log, serve, watch
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.census import Census
-from bagpipe_operator.election import Election, new_identity
-from bagpipe_operator.fence import Fence
-from bagpipe_operator.kueue.api import FencedKueueApi, KubernetesKueueApi
-from bagpipe_operator.kueue.queueing import Queueing
-from bagpipe_operator.kueue.watch import WorkloadWatch, register_workloads
-from bagpipe_operator.kueue.workload_view import Workloads
-from bagpipe_operator.large_jobs import LargeJobs
-from bagpipe_operator.lease import Terms
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.progress import ProgressReader
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.election import Election, new_identity
+from bagpipe_operator.cluster.fence import Fence
+from bagpipe_operator.cluster.lease import Terms
+from bagpipe_operator.jobs import watch
+from bagpipe_operator.jobs.driver.progress import ProgressReader
+from bagpipe_operator.jobs.kueue.api import FencedKueueApi, KubernetesKueueApi
+from bagpipe_operator.jobs.kueue.queueing import Queueing
+from bagpipe_operator.jobs.kueue.watch import WorkloadWatch, register_workloads
+from bagpipe_operator.jobs.kueue.workload_view import Workloads
+from bagpipe_operator.jobs.large_jobs import LargeJobs
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.reconcile import Reconciler
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime import log, serve
+from bagpipe_operator.runtime.census import Census
+from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.runtime.work import work
 from bagpipe_operator.schedules.fenced import FencedScheduleApi
 from bagpipe_operator.schedules.loop import ScheduleLoop
 from bagpipe_operator.settings import SettingError, Settings
-from bagpipe_operator.sweep import Sweeper
-from bagpipe_operator.view import View
-from bagpipe_operator.work import work
 
 logger = logging.getLogger("bagpipe_operator")
 

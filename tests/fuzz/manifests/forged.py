@@ -8,7 +8,7 @@ import json
 import random
 from typing import Any
 
-from bagpipe_operator import names
+from bagpipe_operator.api import names
 from tests.fuzz.manifests import schema as schemas
 from tests.fuzz.manifests import values
 from tests.fuzz.manifests.values import Json

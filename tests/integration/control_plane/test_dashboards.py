@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from bagpipe_operator import names
+from bagpipe_operator.api import names
 from charts.monitoring.alerts import ALERTS
 from charts.monitoring.boards import BOARDS, JOB
 from charts.monitoring.generate import ROOT

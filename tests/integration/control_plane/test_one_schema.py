@@ -14,7 +14,7 @@ from embedded.api import ApiError
 from pydantic import ValidationError
 
 from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator.job_config import plain_spec
+from bagpipe_operator.jobs.pods.job_config import plain_spec
 from tests.fuzz.manifests.generator import JOB, Generator
 from tests.integration.control_plane.client import Client, Object, jobs
 

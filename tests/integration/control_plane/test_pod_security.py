@@ -4,11 +4,11 @@ import pytest
 import yaml
 from embedded.api import ApiError
 
-from bagpipe_operator.driver_pod import driver_pod
-from bagpipe_operator.executor_template import executor_trial
-from bagpipe_operator.job_config import read_spec
+from bagpipe_operator.jobs.pods.driver_pod import driver_pod
+from bagpipe_operator.jobs.pods.executor_template import executor_trial
+from bagpipe_operator.jobs.pods.job_config import read_spec
+from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import JobView
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.observe import is_admitted

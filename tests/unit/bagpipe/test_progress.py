@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bagpipe.driver.progress import Progress, shortened
-from bagpipe_operator.conditions import LONGEST_MESSAGE
-from bagpipe_operator.progress import parse
+from bagpipe_operator.api.conditions import LONGEST_MESSAGE
+from bagpipe_operator.jobs.driver.progress import parse
 from tests.unit.bagpipe.jobs import make_row
 
 ADVICE = "run the case again on a quieter machine, or in lock-step"

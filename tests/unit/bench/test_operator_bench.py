@@ -10,9 +10,9 @@ import pytest
 from embedded import builds
 from prometheus_client import generate_latest
 
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.view import PodView, View
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import PodView, View
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.bench import operator_bench, operator_load, operator_peer, rows, run
 from tests.bench.operator_api import MOST_TRIES, Client, Object
 from tests.bench.operator_drivers import FakeDrivers, address

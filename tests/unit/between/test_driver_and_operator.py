@@ -12,9 +12,9 @@ from bagpipe.driver.progress import Progress
 from bagpipe.plan.cases import Unplanned
 from bagpipe.run.case_run import unplanned_row
 from bagpipe.spec import JobFile
-from bagpipe_operator.ending import ending_of
-from bagpipe_operator.job_config import job_file, read_spec
-from bagpipe_operator.progress import parse
+from bagpipe_operator.jobs.driver.ending import ending_of
+from bagpipe_operator.jobs.driver.progress import parse
+from bagpipe_operator.jobs.pods.job_config import job_file, read_spec
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import START, make_driver, make_job
 

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator import job_config
+from bagpipe_operator.jobs.pods import job_config
 
 Schema = dict[str, Any]
 

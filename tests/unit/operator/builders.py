@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from typing import Any, Self
 
-from bagpipe_operator import names
-from bagpipe_operator.view import JobView, Json, PodView
+from bagpipe_operator.api import names
+from bagpipe_operator.jobs.view import JobView, Json, PodView
 
 START = datetime(2026, 11, 20, 4, 0, 0, tzinfo=UTC)
 

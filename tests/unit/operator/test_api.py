@@ -11,8 +11,8 @@ from aiohttp import web
 from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator import main
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.kueue.api import KubernetesKueueApi
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.kueue.api import KubernetesKueueApi
 from bagpipe_operator.settings import Settings
 
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]

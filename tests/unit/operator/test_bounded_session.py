@@ -12,8 +12,8 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 from kopf._cogs.clients.api import iter_jsonlines
 
-from bagpipe_operator.bounded_session import bounded_connection
-from bagpipe_operator.nesting import is_deep
+from bagpipe_operator.api.nesting import is_deep
+from bagpipe_operator.cluster.bounded_session import bounded_connection
 from tests.unit.operator.test_nesting import nested
 
 DEEP = '{"spec": {"stack": {"parameters": {"/x": ' + nested(1_500) + "}}}}"

@@ -4,10 +4,10 @@ from datetime import timedelta
 
 import pytest
 
-from bagpipe_operator.casualties import casualties
-from bagpipe_operator.diagnose import troubles
-from bagpipe_operator.ending import ending_of, lost_driver
-from bagpipe_operator.view import View
+from bagpipe_operator.jobs.driver.ending import ending_of, lost_driver
+from bagpipe_operator.jobs.troubles.casualties import casualties
+from bagpipe_operator.jobs.troubles.diagnose import troubles
+from bagpipe_operator.jobs.view import View
 from tests.unit.operator.builders import START, PodBuilder, make_driver, make_executor, make_job
 
 EVICTION = ("EvictionByEvictionAPI", "Eviction API: evicting")

@@ -4,10 +4,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.census import Census
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.view import View
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.census import Census
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_driver, make_job
 from tests.unit.operator.schedules.world import UID, World
 

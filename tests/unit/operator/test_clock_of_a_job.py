@@ -4,8 +4,8 @@ from datetime import timedelta
 
 import pytest
 
-from bagpipe_operator import life
-from bagpipe_operator.conditions import timestamp
+from bagpipe_operator.api.conditions import timestamp
+from bagpipe_operator.jobs.policies import life
 from tests.unit.operator.builders import START, PodBuilder, make_driver, make_job
 
 

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 import pytest
 
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.reconcile import Reconciler
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.main import COLLECT_AFTER_ALLOCATIONS, spare_the_collector
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import View
-from bagpipe_operator.watch import Watch
 from tests.unit.operator.builders import Clock, make_driver, make_executor, make_job
 from tests.unit.operator.fakes import FakeApi, FakeDrivers
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bagpipe_operator.diagnose import troubles
-from bagpipe_operator.trouble import Trouble
+from bagpipe_operator.jobs.troubles.diagnose import troubles
+from bagpipe_operator.jobs.troubles.trouble import Trouble
 from tests.unit.operator.builders import START, PodBuilder, make_driver, make_executor
 
 IMAGE_WORDS = [

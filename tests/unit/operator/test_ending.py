@@ -4,9 +4,9 @@ from datetime import timedelta
 
 import pytest
 
-from bagpipe_operator.ending import Ending, lost_driver, overdue
-from bagpipe_operator.ending import ending_of as ending_at
-from bagpipe_operator.view import PodView
+from bagpipe_operator.jobs.driver.ending import Ending, lost_driver, overdue
+from bagpipe_operator.jobs.driver.ending import ending_of as ending_at
+from bagpipe_operator.jobs.view import PodView
 from tests.unit.operator.builders import START, PodBuilder, account, make_driver
 
 

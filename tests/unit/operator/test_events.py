@@ -1,9 +1,9 @@
 """Which transitions are told, and how an Event looks."""
 
-from bagpipe_operator import conditions
-from bagpipe_operator.conditions import Condition
-from bagpipe_operator.events import Note, manifest, transitions
-from bagpipe_operator.view import Json
+from bagpipe_operator.api import conditions
+from bagpipe_operator.api.conditions import Condition
+from bagpipe_operator.cluster.events import Note, manifest, transitions
+from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.builders import START, make_job
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from bagpipe_operator.api import ApiError
+from bagpipe_operator.cluster.client import ApiError
 from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_life import edit
 from tests.unit.operator.test_reconcile import MISSING_ACCOUNT

@@ -2,9 +2,9 @@
 
 import pytest
 
-from bagpipe_operator.fair_share import MOST_LOOKS_PER_SECOND, FairShare, seconds_between
-from bagpipe_operator.queue import Lane, WorkQueue
-from bagpipe_operator.view import View
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.fair_share import MOST_LOOKS_PER_SECOND, FairShare, seconds_between
+from bagpipe_operator.runtime.queue import Lane, WorkQueue
 from tests.unit.operator.builders import make_job
 
 

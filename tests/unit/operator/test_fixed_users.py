@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator.driver_pod import driver_pod
-from bagpipe_operator.executor_template import executor_template
-from bagpipe_operator.job_config import read_spec
+from bagpipe_operator.jobs.pods.driver_pod import driver_pod
+from bagpipe_operator.jobs.pods.executor_template import executor_template
+from bagpipe_operator.jobs.pods.job_config import read_spec
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.settings import SettingError, Settings
-from bagpipe_operator.view import Json
 from tests.unit.operator.builders import JobBuilder, make_job
 
 USERS = {"runAsUser", "runAsGroup", "fsGroup"}

@@ -2,9 +2,9 @@
 
 import pytest
 
-from bagpipe_operator.children import Refusal
-from bagpipe_operator.lookout import LOOK_EVERY_SECONDS
-from bagpipe_operator.refusals import Refusals
+from bagpipe_operator.jobs.pods.children import Refusal
+from bagpipe_operator.jobs.troubles.lookout import LOOK_EVERY_SECONDS
+from bagpipe_operator.jobs.troubles.refusals import Refusals
 from tests.unit.operator.builders import make_job
 
 QUOTA = Refusal("QuotaExceeded", "used up")

@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.kept_spec import LARGEST_KEPT_BYTES, packed, scalars, unpacked
-from bagpipe_operator.large_objects import SIZE, trimmed
+from bagpipe_operator.api.kept_spec import LARGEST_KEPT_BYTES, packed, scalars, unpacked
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.large_objects import SIZE, trimmed
+from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.schedules.view import Schedules, ScheduleView
-from bagpipe_operator.view import JobView, View
-from bagpipe_operator.whole_job import whole
 from tests.unit.operator.builders import make_job
 from tests.unit.operator.schedules.world import make_schedule
 from tests.unit.operator.world import UID, World

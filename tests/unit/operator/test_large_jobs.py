@@ -2,13 +2,13 @@
 
 import asyncio
 
-from bagpipe_operator.large_jobs import LargeJobs
-from bagpipe_operator.large_objects import LARGE, SIZE
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.sweep import Sweeper
-from bagpipe_operator.view import JobView, View
-from bagpipe_operator.work import work
+from bagpipe_operator.cluster.large_objects import LARGE, SIZE
+from bagpipe_operator.jobs.large_jobs import LargeJobs
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.runtime.work import work
 from tests.unit.operator.builders import make_job
 
 

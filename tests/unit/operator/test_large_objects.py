@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator import names
-from bagpipe_operator.large_objects import (
+from bagpipe_operator.api import names
+from bagpipe_operator.api.nesting import end_of
+from bagpipe_operator.cluster.large_objects import (
     PAGE,
     SIZE,
     TRIMMED,
@@ -21,9 +22,8 @@ from bagpipe_operator.large_objects import (
     read_written,
     trimmed,
 )
-from bagpipe_operator.nesting import end_of
+from bagpipe_operator.jobs.view import JobView, PodView
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
-from bagpipe_operator.view import JobView, PodView
 from tests.unit.operator.builders import make_driver, make_job
 from tests.unit.operator.schedules.world import make_schedule
 from tests.unit.operator.test_nesting import nested

@@ -2,8 +2,8 @@
 
 import pytest
 
-from bagpipe_operator import lease as leases
-from bagpipe_operator.lease import Decision, Lease, Sighting, Step, Terms, decide
+from bagpipe_operator.cluster import lease as leases
+from bagpipe_operator.cluster.lease import Decision, Lease, Sighting, Step, Terms, decide
 
 ME = Terms("me", 9)
 WAIT = Step.WAIT

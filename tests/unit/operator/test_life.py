@@ -2,11 +2,11 @@
 
 import pytest
 
-from bagpipe_operator import names
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.sweep import Sweeper
-from bagpipe_operator.view import JobView, Json, PodView, View
+from bagpipe_operator.api import names
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import JobView, Json, PodView, View
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import (
     JobBuilder,
     account,

@@ -9,13 +9,13 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator import log
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime import log
+from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.runtime.work import work
 from bagpipe_operator.settings import SettingError
-from bagpipe_operator.view import View
-from bagpipe_operator.work import work
 from tests.unit.operator.builders import make_job
 
 logger = logging.getLogger("bagpipe_operator.test")

@@ -30,7 +30,7 @@ def health(log: Path, alive: bool = True, faults: float | None = 0.0, probe: int
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     path = tmp_path / "operator.log"
-    path.write_text(f"{STAMP} WARNING bagpipe_operator.work: x: 409: ERROR is a word\n")
+    path.write_text(f"{STAMP} WARNING bagpipe_operator.runtime.work: x: 409: ERROR is a word\n")
     return path
 
 
@@ -49,7 +49,7 @@ def test_a_healthy_operator_passes(log: Path) -> None:
         "Traceback (most recent call last):",
         f"{STAMP} ERROR kopf.objects: Handler 'on_pod' failed",
         f"{STAMP} CRITICAL asyncio: no more",
-        f"{STAMP} ERROR bagpipe_operator.work: job x: unexpected fault; tried again in 0.5 s",
+        f"{STAMP} ERROR bagpipe_operator.runtime.work: job x: unexpected fault; again in 0.5 s",
     ],
 )
 def test_a_line_that_nobody_thought_of_fails(log: Path, line: str) -> None:

@@ -14,20 +14,20 @@ from datetime import UTC, datetime
 import pytest
 from prometheus_client import CollectorRegistry, generate_latest
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.job_config import UnusableSpecError, read_spec
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
+from bagpipe_operator.jobs.reconcile import Reconciler
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import JobView, Json, View
+from bagpipe_operator.jobs.watch import Watch
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.reconcile import ScheduleReconciler
 from bagpipe_operator.schedules.view import Schedules
 from bagpipe_operator.schedules.watch import ScheduleWatch
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.sweep import Sweeper
-from bagpipe_operator.view import JobView, Json, View
-from bagpipe_operator.watch import Watch
 from tests.fuzz.manifests import forged
 from tests.fuzz.manifests import schema as schemas
 from tests.fuzz.manifests.generator import JOB, SCHEDULE, Manifest, Mutation, seeded

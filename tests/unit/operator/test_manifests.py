@@ -4,13 +4,13 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator.driver_pod import driver_pod
-from bagpipe_operator.executor_template import executor_template
-from bagpipe_operator.job_config import UnusableSpecError, job_config, read_spec
-from bagpipe_operator.nesting import DEEPEST
-from bagpipe_operator.quantities import heap, memory_bytes
+from bagpipe_operator.api.nesting import DEEPEST
+from bagpipe_operator.api.quantities import heap, memory_bytes
+from bagpipe_operator.jobs.pods.driver_pod import driver_pod
+from bagpipe_operator.jobs.pods.executor_template import executor_template
+from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, job_config, read_spec
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import Json
 from tests.unit.operator.builders import JobBuilder, make_job
 
 SETTINGS = Settings(spark_image="r/spark:1", agent_image="r/agent:1")

@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 from prometheus_client import generate_latest
 
-from bagpipe_operator import milestones
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.view import JobView, View
+from bagpipe_operator.jobs import milestones
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_driver, make_executor, make_job
 
 DAY = "2026-11-20T04:"
@@ -132,7 +132,7 @@ def test_a_status_that_nobody_looks_at_gets_older(
     leads: bool, least: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     clock = [1000.0]
-    monkeypatch.setattr("bagpipe_operator.metrics.time.monotonic", lambda: clock[0])
+    monkeypatch.setattr("bagpipe_operator.jobs.metrics.time.monotonic", lambda: clock[0])
     view = View()
     view.put_job(make_job("a").view())
     metrics = Metrics(view, WorkQueue(), leads=lambda: leads)

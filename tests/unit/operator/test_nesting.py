@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bagpipe_operator.nesting import DEEPEST, bounded, cut, is_deep, loads
+from bagpipe_operator.api.nesting import DEEPEST, bounded, cut, is_deep, loads
 
 VALUES = st.recursive(
     st.none()

@@ -1,6 +1,6 @@
 """Since when something is seen without a break."""
 
-from bagpipe_operator.patience import Patience
+from bagpipe_operator.runtime.patience import Patience
 
 
 def test_what_is_seen_again_has_been_there_since_it_was_first_seen() -> None:

@@ -9,7 +9,7 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from bagpipe_operator.progress import LEAST_INTERVAL_SECONDS, ProgressReader, parse
+from bagpipe_operator.jobs.driver.progress import LEAST_INTERVAL_SECONDS, ProgressReader, parse
 from tests.unit.operator.builders import account
 
 WHOSE = ("uid", 1)
@@ -82,7 +82,7 @@ async def driver(handler: Handler, seconds: float = 30.0) -> AsyncIterator[Progr
 
 async def test_an_answer_is_read_and_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
     # A busy machine may take longer than that between two questions.
-    monkeypatch.setattr("bagpipe_operator.progress.LEAST_INTERVAL_SECONDS", 600.0)
+    monkeypatch.setattr("bagpipe_operator.jobs.driver.progress.LEAST_INTERVAL_SECONDS", 600.0)
     asked = 0
 
     async def handler(_: web.Request) -> web.Response:

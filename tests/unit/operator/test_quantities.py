@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.quantities import heap, memory_bytes
+from bagpipe_operator.api.quantities import heap, memory_bytes
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from bagpipe_operator.queue import RETRY_LIMIT, TURNS, Lane, WorkQueue, retry_delay
+from bagpipe_operator.runtime.queue import RETRY_LIMIT, TURNS, Lane, WorkQueue, retry_delay
 from tests.unit.operator.builders import Clock
 
 

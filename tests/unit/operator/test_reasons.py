@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bagpipe_operator import reasons
+from bagpipe_operator.api import reasons
 
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "conditions.md"
 

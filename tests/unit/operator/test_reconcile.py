@@ -5,9 +5,9 @@ import json
 import pytest
 import yaml
 
-from bagpipe_operator import names
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.view import JobView, PodView, View
+from bagpipe_operator.api import names
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.view import JobView, PodView, View
 from tests.unit.operator.builders import account, make_driver, make_executor, make_job
 from tests.unit.operator.world import UID, World
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.api import ApiError
+from bagpipe_operator.cluster.client import ApiError
 from tests.unit.operator.builders import make_driver, make_job
 from tests.unit.operator.fakes import not_found
 from tests.unit.operator.world import UID, World

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from bagpipe_operator.api import ApiError
+from bagpipe_operator.cluster.client import ApiError
 from tests.unit.operator.builders import make_job
 from tests.unit.operator.test_reconcile import MISSING_ACCOUNT
 from tests.unit.operator.world import UID, World

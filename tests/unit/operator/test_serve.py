@@ -6,11 +6,11 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from bagpipe_operator import serve
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.sweep import Sweeper
-from bagpipe_operator.view import View
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime import serve
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_job
 
 

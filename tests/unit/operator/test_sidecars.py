@@ -1,8 +1,8 @@
 """Containers that somebody else puts beside the driver, and that do not end with it."""
 
-from bagpipe_operator import names
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.sweep import Sweeper
+from bagpipe_operator.api import names
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import PodBuilder, account, make_driver
 from tests.unit.operator.test_life import INTERRUPTED, edit, gone, running
 from tests.unit.operator.world import World

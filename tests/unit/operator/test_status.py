@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
-from bagpipe_operator.children import Refusal
-from bagpipe_operator.diagnose import troubles
-from bagpipe_operator.ending import Ending, ending_of
-from bagpipe_operator.progress import parse
-from bagpipe_operator.status import Observation, decide
-from bagpipe_operator.view import JobView, Json, PodView
+from bagpipe_operator.jobs.driver.ending import Ending, ending_of
+from bagpipe_operator.jobs.driver.progress import parse
+from bagpipe_operator.jobs.pods.children import Refusal
+from bagpipe_operator.jobs.status import Observation, decide
+from bagpipe_operator.jobs.troubles.diagnose import troubles
+from bagpipe_operator.jobs.view import JobView, Json, PodView
 from tests.unit.operator.builders import START, Clock, account, make_driver, make_executor, make_job
 
 STUCK_SECONDS = 30.0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.trouble import Trouble, sentence
+from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
 
 
 def test_a_trouble_is_the_same_while_its_words_change() -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.unheard import Rounds, serves
+from bagpipe_operator.jobs.driver.rounds import Rounds, serves
 from tests.unit.operator.builders import Clock, PodBuilder, make_driver
 from tests.unit.operator.world import UID
 

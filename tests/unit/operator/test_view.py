@@ -1,8 +1,8 @@
 """What the operator remembers of the cluster, and when it refuses to step back."""
 
-from bagpipe_operator.kept_spec import unpacked
-from bagpipe_operator.patience import Patience
-from bagpipe_operator.view import View
+from bagpipe_operator.api.kept_spec import unpacked
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.patience import Patience
 from tests.unit.operator.builders import make_driver, make_executor, make_job
 
 

@@ -1,7 +1,7 @@
 """Who may write labels or ConfigMaps, and nothing more, does not steer another's job."""
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.view import PodView
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.view import PodView
 from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 from tests.unit.operator.world import UID, World
 

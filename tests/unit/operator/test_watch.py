@@ -5,11 +5,11 @@ from typing import Any
 import kopf
 import pytest
 
-from bagpipe_operator import watch
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.view import View
-from bagpipe_operator.watch import Watch
+from bagpipe_operator.jobs import watch
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.jobs.watch import Watch
+from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_driver, make_job
 
 

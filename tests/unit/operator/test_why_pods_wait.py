@@ -4,11 +4,11 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.large_objects import LARGE, SIZE, trimmed
-from bagpipe_operator.lookout import Lookout
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.large_objects import LARGE, SIZE, trimmed
+from bagpipe_operator.jobs.troubles.lookout import Lookout
+from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import JobView
 from tests.unit.operator.builders import Clock, PodBuilder, make_driver, make_executor, make_job
 from tests.unit.operator.fakes import FakeApi
 from tests.unit.operator.world import UID

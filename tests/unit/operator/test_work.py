@@ -6,13 +6,13 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.fence import Fence, FencedApi, NotLeadingError
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.sweep import Sweeper
-from bagpipe_operator.view import View
-from bagpipe_operator.work import RECONCILE_SECONDS, work
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.fence import Fence, FencedApi, NotLeadingError
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.runtime.work import RECONCILE_SECONDS, work
 from tests.unit.operator.builders import account, make_driver, make_executor, make_job
 from tests.unit.operator.fakes import FakeApi
 from tests.unit.operator.test_life import edit

@@ -1,8 +1,8 @@
 """A job, an operator and a watch that delivers when it is told to, over the fakes."""
 
-from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.jobs.reconcile import Reconciler
+from bagpipe_operator.jobs.view import JobView, Json, View
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import JobView, Json, View
 from tests.unit.operator.builders import Clock, JobBuilder, PodBuilder, make_job
 from tests.unit.operator.fakes import FakeApi, FakeDrivers
 

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.cron import MINUTE
 
 # A run starts at most this much after its time, plus the queue's and the API server's share.

@@ -14,7 +14,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from cronsim import CronSim, CronSimError
 
-from bagpipe_operator import reasons
+from bagpipe_operator.api import reasons
 
 MACROS = {
     "@yearly": "0 0 1 1 *",

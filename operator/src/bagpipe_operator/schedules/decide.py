@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from enum import Enum
 from zoneinfo import ZoneInfo
 
-from bagpipe_operator import readings, reasons
+from bagpipe_operator.api import readings, reasons
 from bagpipe_operator.schedules.cron import Cron, UnusableScheduleError
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 

@@ -10,12 +10,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
-from bagpipe_operator import names
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.events import Note, event
-from bagpipe_operator.queue import retry_delay
+from bagpipe_operator.api import names
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.events import Note, event
+from bagpipe_operator.cluster.untold import Creator, Untold
+from bagpipe_operator.runtime.queue import retry_delay
 from bagpipe_operator.schedules.view import ScheduleView
-from bagpipe_operator.untold import Creator, Untold
 
 logger = logging.getLogger(__name__)
 

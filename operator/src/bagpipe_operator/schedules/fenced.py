@@ -2,10 +2,10 @@
 
 from typing import Protocol
 
-from bagpipe_operator.api import Api
-from bagpipe_operator.fence import Fence, FencedApi
+from bagpipe_operator.cluster.client import Api
+from bagpipe_operator.cluster.fence import Fence, FencedApi
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.reconcile import ScheduleApi
-from bagpipe_operator.view import Json
 
 
 class WholeApi(Api, ScheduleApi, Protocol):

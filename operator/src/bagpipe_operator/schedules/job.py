@@ -2,12 +2,12 @@
 
 from datetime import datetime
 
-from bagpipe_operator import conditions, names, reasons
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.readings import mapping
+from bagpipe_operator.api import conditions, names, reasons
+from bagpipe_operator.api.readings import mapping
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.status import Refused
 from bagpipe_operator.schedules.view import ScheduleView, job_name
-from bagpipe_operator.view import Json
 
 
 def job_manifest(schedule: ScheduleView, run: datetime) -> Json:

@@ -6,16 +6,16 @@ from datetime import datetime
 
 import kopf
 
-from bagpipe_operator.census import Census
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
-from bagpipe_operator.reconcile import utc_now
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.reconcile import utc_now
+from bagpipe_operator.runtime.census import Census
+from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.runtime.work import work
 from bagpipe_operator.schedules import watch
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.reconcile import ScheduleApi, ScheduleReconciler
 from bagpipe_operator.schedules.view import Schedules
-from bagpipe_operator.work import work
 
 # Each run costs four calls to the API server; thousands of schedules may fall due at midnight.
 WORKERS = 4

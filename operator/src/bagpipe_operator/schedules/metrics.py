@@ -6,7 +6,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from bagpipe_operator import conditions
+from bagpipe_operator.api import conditions
 from bagpipe_operator.schedules.status import STALLED
 from bagpipe_operator.schedules.view import Schedules, ScheduleView
 

@@ -12,9 +12,11 @@ from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 from typing import Protocol
 
-from bagpipe_operator import names, reasons
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.events import Note
+from bagpipe_operator.api import names, reasons
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.events import Note
+from bagpipe_operator.cluster.untold import Creator
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -23,8 +25,6 @@ from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView, job_name
 from bagpipe_operator.schedules.zones import Zones
-from bagpipe_operator.untold import Creator
-from bagpipe_operator.view import Json
 
 logger = logging.getLogger(__name__)
 

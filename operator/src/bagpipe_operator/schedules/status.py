@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from datetime import datetime
 
-from bagpipe_operator import conditions, readings, reasons
-from bagpipe_operator.conditions import Condition
-from bagpipe_operator.events import NORMAL, WARNING, Note
+from bagpipe_operator.api import conditions, readings, reasons
+from bagpipe_operator.api.conditions import Condition
+from bagpipe_operator.cluster.events import NORMAL, WARNING, Note
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict, written_run
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, job_name
-from bagpipe_operator.view import Json
 
 READY = "Ready"
 STALLED = "Stalled"

@@ -5,11 +5,11 @@ from typing import Any
 
 import kopf
 
-from bagpipe_operator import names
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.api import names
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
-from bagpipe_operator.view import Json
 
 
 @dataclass

@@ -11,9 +11,9 @@ import signal
 import sys
 from pathlib import Path
 
-from bagpipe_operator.api import KubernetesApi
+from bagpipe_operator.cluster.client import KubernetesApi
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.main import main
-from bagpipe_operator.view import Json
 
 PROGRAM = [sys.executable, str(Path(__file__))]
 DIES = "BAGPIPE_TEST_DIES"

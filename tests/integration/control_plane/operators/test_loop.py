@@ -11,10 +11,10 @@ import pytest
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
-from bagpipe_operator.api import ApiError, KubernetesApi
-from bagpipe_operator.reconcile import Reconciler
+from bagpipe_operator.cluster.client import ApiError, KubernetesApi
+from bagpipe_operator.jobs.reconcile import Reconciler
+from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.settings import Settings
-from bagpipe_operator.view import JobView, PodView, View
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.due_schedules import a_schedule, schedules

@@ -22,12 +22,12 @@ from embedded.api import ApiError
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
-from bagpipe_operator import watch
-from bagpipe_operator.api import KubernetesApi
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.cluster.client import KubernetesApi
+from bagpipe_operator.jobs import watch
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.loop import ScheduleLoop
-from bagpipe_operator.view import View
 from tests.integration.control_plane.client import Client, Object, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.due_schedules import (

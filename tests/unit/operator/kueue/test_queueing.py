@@ -5,8 +5,8 @@ import copy
 import pytest
 import yaml
 
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.kueue.workload_view import WorkloadView
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
 from tests.unit.operator.builders import account, make_driver, make_executor, make_job
 from tests.unit.operator.kueue.fake_kueue import QueueWorld
 

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.cron import read_zone
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
-from bagpipe_operator.view import Json
 from tests.unit.operator.schedules.world import make_job, make_schedule, minute, name_of
 
 SECOND = timedelta(seconds=1)

@@ -8,11 +8,11 @@ import pytest
 import yaml
 
 from bagpipe.spec import SimulationJobSpec
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.cron import read_zone
 from bagpipe_operator.schedules.decide import decide, time_zone_of
 from bagpipe_operator.schedules.job import job_manifest
 from bagpipe_operator.schedules.view import ScheduleView
-from bagpipe_operator.view import Json
 from tests.unit.operator.schedules.world import make_schedule
 
 DOCS = Path(__file__).parents[4] / "docs"

@@ -4,7 +4,7 @@ from collections.abc import Awaitable, Callable
 
 import pytest
 
-from bagpipe_operator.fence import Fence, NotLeadingError
+from bagpipe_operator.cluster.fence import Fence, NotLeadingError
 from bagpipe_operator.schedules.fenced import FencedScheduleApi
 from tests.unit.operator.schedules.world import FakeApi, make_job, make_schedule, name_of
 

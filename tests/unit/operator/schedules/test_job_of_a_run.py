@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.api import ApiError
+from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.schedules.job import name_taken, refusal_of
 
 

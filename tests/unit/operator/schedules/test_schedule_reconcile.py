@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator import names
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.nesting import is_deep
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.api import names
+from bagpipe_operator.api.nesting import is_deep
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, run_of
 from tests.unit.operator.schedules.world import (

@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator.conditions import timestamp
+from bagpipe_operator.api.conditions import timestamp
+from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.cron import UnusableScheduleError
 from bagpipe_operator.schedules.decide import Decision, Verdict
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
-from bagpipe_operator.view import Json
 from tests.unit.operator.schedules.world import make_job, make_schedule, minute, name_of
 
 NOW = minute(5) + timedelta(seconds=10)

@@ -6,14 +6,14 @@ from datetime import datetime, timedelta
 import pytest
 from prometheus_client import CollectorRegistry, generate_latest
 
-from bagpipe_operator.metrics import Metrics
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.view import View
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.loop import WORKERS, ScheduleLoop
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
 from bagpipe_operator.schedules.watch import ScheduleWatch
-from bagpipe_operator.view import View
 from tests.unit.operator.schedules.world import (
     UID,
     World,

@@ -9,14 +9,14 @@ from typing import Any
 
 from prometheus_client import CollectorRegistry, generate_latest
 
-from bagpipe_operator import names
-from bagpipe_operator.api import ApiError
-from bagpipe_operator.queue import WorkQueue
+from bagpipe_operator.api import names
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.reconcile import ScheduleReconciler
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
-from bagpipe_operator.view import Json
 
 UID = "uid-of-nightly"
 CREATED = datetime(2026, 11, 20, 4, 0, 30, tzinfo=UTC)

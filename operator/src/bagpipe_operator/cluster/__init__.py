@@ -1,0 +1,1 @@
+"""The API server: calls with deadlines, the Lease, and the fence that every write passes."""

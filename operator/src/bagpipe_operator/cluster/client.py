@@ -1,0 +1,311 @@
+"""The few calls that the operator makes to the API server, each with a deadline.
+
+Objects go in and out as plain dictionaries: the generated models would drop fields that they do
+not know, and cost more time than the call. No call is repeated here; the queue does that.
+"""
+
+import time
+from collections.abc import AsyncIterator, Callable
+from typing import Any, Protocol
+
+import aiohttp
+from kubernetes.aio.client import ApiClient
+from kubernetes.aio.client.exceptions import ApiException
+
+from bagpipe_operator.api import names
+from bagpipe_operator.api.nesting import loads
+from bagpipe_operator.cluster.large_objects import PAGE, read_answer, trimmed
+from bagpipe_operator.jobs.view import Json
+
+# The kubelet joins what it repeats, so a pod that starts has about a dozen.
+MOST_EVENTS = 100
+_JSON = "application/json"
+_METADATA_ALONE = "application/json;as=PartialObjectMetadataList;g=meta.k8s.io;v=v1"
+
+
+class ApiError(Exception):
+    """The API server refused a call (its HTTP status), or did not answer in time (status 0)."""
+
+    def __init__(self, status: int, reason: str, message: str) -> None:
+        super().__init__(f"{status} {reason}: {message}")
+        self.status = status
+        self.reason = reason
+        self.message = message
+
+    @property
+    def name_is_taken(self) -> bool:
+        """Whether what was to be created is there; any other conflict may pass."""
+        return self.status == 409 and self.reason == "AlreadyExists"
+
+    @property
+    def quota_is_full(self) -> bool:
+        """Whether the namespace's quota has no room at present."""
+        return self.status == 403 and "exceeded quota" in self.message
+
+    @property
+    def namespace_ends(self) -> bool:
+        """Whether nothing is created any more because the namespace is being deleted."""
+        return self.status == 403 and "being terminated" in self.message
+
+    @property
+    def webhook_is_down(self) -> bool:
+        """Whether an admission webhook does not answer the API server; that may last."""
+        return self.status == 500 and "failed calling webhook" in self.message
+
+    @property
+    def webhook_is_not_tried(self) -> bool:
+        """Whether a dry run would call a webhook with side effects: it says nothing of the real."""
+        return self.status == 400 and "does not support dry run" in self.message
+
+
+class Api(Protocol):
+    """What the loop needs of an API server; every method raises ApiError."""
+
+    async def create(self, resource: str, manifest: Json) -> Json:
+        """Creates a core/v1 object in its namespace."""
+
+    async def try_create(self, resource: str, manifest: Json) -> None:
+        """Has a core/v1 object judged as if it were created; nothing is kept."""
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        """One core/v1 object."""
+
+    async def events_of(self, namespace: str, uid: str) -> list[Json]:
+        """At most MOST_EVENTS Events about the object with that UID."""
+
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        """Deletes a pod if it still is the one with that UID; says whether it was there."""
+
+    async def get_job(self, namespace: str, name: str) -> Json:
+        """One SimulationJob."""
+
+    async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
+        """Deletes a SimulationJob if it still is the one with that UID, and unchanged.
+
+        Raises ApiError with status 404 or 409 where it is not.
+        """
+
+    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+        """Merges into a SimulationJob's status; the job as it is afterwards."""
+
+
+class KubernetesApi:
+    """Api over the official asyncio client."""
+
+    def __init__(
+        self,
+        client: ApiClient,
+        deadline_seconds: float,
+        counted: Callable[[str, int, float], None] = lambda _method, _status, _seconds: None,
+    ) -> None:
+        self._client = client
+        self._deadline = deadline_seconds
+        self._counted = counted
+
+    async def create(self, resource: str, manifest: Json) -> Json:
+        namespace = manifest["metadata"]["namespace"]
+        return await self._call("POST", f"/api/v1/namespaces/{namespace}/{resource}", manifest)
+
+    async def try_create(self, resource: str, manifest: Json) -> None:
+        namespace = manifest["metadata"]["namespace"]
+        path = f"/api/v1/namespaces/{namespace}/{resource}?dryRun=All"
+        await self._call("POST", path, manifest)
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        return await self._call("GET", f"/api/v1/namespaces/{namespace}/{resource}/{name}")
+
+    async def events_of(self, namespace: str, uid: str) -> list[Json]:
+        query = f"fieldSelector=involvedObject.uid={uid}&limit={MOST_EVENTS}"
+        found = await self._call("GET", f"/api/v1/namespaces/{namespace}/events?{query}")
+        return list(found.get("items") or [])
+
+    async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
+        return await self._delete(f"/api/v1/namespaces/{namespace}/pods/{name}", uid)
+
+    async def get_job(self, namespace: str, name: str) -> Json:
+        return await self._call("GET", self._job_path(namespace, name))
+
+    async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
+        options = {
+            "apiVersion": "v1",
+            "kind": "DeleteOptions",
+            "preconditions": {"uid": uid, "resourceVersion": version},
+            # Its pods and ConfigMaps are the garbage collector's.
+            "propagationPolicy": "Background",
+        }
+        await self._call("DELETE", self._job_path(namespace, name), options)
+
+    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+        return await self._patch_status(self._job_path(namespace, name), patch)
+
+    async def create_job(self, manifest: Json) -> Json:
+        """Creates a SimulationJob in its namespace."""
+        namespace = manifest["metadata"]["namespace"]
+        return await self._call("POST", self._path(namespace, names.PLURAL), manifest)
+
+    async def try_job(self, manifest: Json) -> None:
+        """Has a SimulationJob judged as if it were created; nothing is kept."""
+        namespace = manifest["metadata"]["namespace"]
+        path = f"{self._path(namespace, names.PLURAL)}?dryRun=All"
+        await self._call("POST", path, manifest)
+
+    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+        """The SimulationJobs with a label, written `key=value`, without their specs."""
+        path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"
+        return [trimmed(item) async for item in self._listed(path)]
+
+    async def job_uids(self, namespace: str | None) -> set[str]:
+        """The UIDs of all SimulationJobs, without their specs; None: of all namespaces."""
+        return await self._uids(namespace, names.PLURAL)
+
+    async def schedule_uids(self, namespace: str | None) -> set[str]:
+        """The same of all SimulationSchedules."""
+        return await self._uids(namespace, names.SCHEDULE_PLURAL)
+
+    async def _uids(self, namespace: str | None, plural: str) -> set[str]:
+        scope = f"/namespaces/{namespace}" if namespace else ""
+        path = f"/apis/{names.API_VERSION}{scope}/{plural}?limit={PAGE}"
+        listed = self._listed(path, accept=_METADATA_ALONE)
+        return {item["metadata"]["uid"] async for item in listed}
+
+    async def _listed(self, path: str, accept: str = _JSON) -> AsyncIterator[Json]:
+        """The objects of a list, page by page."""
+        following = ""
+        while True:
+            page = await self._call("GET", path + following, accept=accept)
+            for item in page.get("items") or []:
+                yield item
+            token = (page.get("metadata") or {}).get("continue")
+            if not token:
+                return
+            following = f"&continue={token}"
+
+    async def delete_job(self, namespace: str, name: str, uid: str) -> None:
+        """Deletes a SimulationJob if it still is the one with that UID; gone is no error.
+
+        Its children are deleted after it.
+        """
+        await self._delete(
+            self._job_path(namespace, name), uid, {"propagationPolicy": "Background"}
+        )
+
+    async def get_schedule(self, namespace: str, name: str) -> Json:
+        """One SimulationSchedule."""
+        return await self._call("GET", self._path(namespace, names.SCHEDULE_PLURAL, name))
+
+    async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
+        """Merges into a SimulationSchedule's status; the schedule as it is afterwards."""
+        path = self._path(namespace, names.SCHEDULE_PLURAL, name)
+        return await self._patch_status(path, patch)
+
+    async def get_lease(self, namespace: str, name: str) -> Json:
+        return await self._call("GET", self._lease_path(namespace, name))
+
+    async def create_lease(self, manifest: Json) -> Json:
+        path = self._lease_path(manifest["metadata"]["namespace"])
+        return await self._call("POST", path, manifest)
+
+    async def replace_lease(self, manifest: Json) -> Json:
+        meta = manifest["metadata"]
+        return await self._call("PUT", self._lease_path(meta["namespace"], meta["name"]), manifest)
+
+    async def check_watchable(self, namespace: str | None) -> None:
+        """Raises ApiError when a CRD is not there, or jobs, schedules or pods can't be listed."""
+        scope = f"/namespaces/{namespace}" if namespace else ""
+        await self._call("GET", f"/apis/{names.API_VERSION}{scope}/{names.PLURAL}?limit=1")
+        schedules = f"{scope}/{names.SCHEDULE_PLURAL}?limit=1"
+        await self._call("GET", f"/apis/{names.API_VERSION}{schedules}")
+        await self._call("GET", f"/api/v1{scope}/pods?limit=1")
+
+    @staticmethod
+    def _lease_path(namespace: str, name: str = "") -> str:
+        path = f"/apis/coordination.k8s.io/v1/namespaces/{namespace}/leases"
+        return f"{path}/{name}" if name else path
+
+    @staticmethod
+    def _job_path(namespace: str, name: str) -> str:
+        return KubernetesApi._path(namespace, names.PLURAL, name)
+
+    @staticmethod
+    def _path(namespace: str, plural: str, name: str = "") -> str:
+        below = f"/apis/{names.API_VERSION}/namespaces/{namespace}/{plural}"
+        return f"{below}/{name}" if name else below
+
+    async def _patch_status(self, path: str, patch: Json) -> Json:
+        """Merges into the status of the object at a path; the object as it is afterwards."""
+        content_type = "application/merge-patch+json"
+        return await self._call("PATCH", f"{path}/status", patch, content_type=content_type)
+
+    async def _delete(self, path: str, uid: str, more: Json | None = None) -> bool:
+        """Deletes what is at a path if it has that UID; whether there was something to delete."""
+        options = {"apiVersion": "v1", "kind": "DeleteOptions", "preconditions": {"uid": uid}}
+        options |= more or {}
+        try:
+            await self._call("DELETE", path, options)
+        except ApiError as error:
+            # 409: another object has taken the name. Either way this one is gone.
+            if error.status not in {404, 409}:
+                raise
+            return False
+        return True
+
+    async def _call(
+        self,
+        method: str,
+        path: str,
+        body: Json | None = None,
+        content_type: str = _JSON,
+        accept: str = _JSON,
+    ) -> Json:
+        """One call, counted with its status; 0 says that there was no answer."""
+        begun, status = time.monotonic(), 0
+        headers = {"Accept": accept, "Content-Type": content_type}
+        try:
+            answer = await self._answer(method, path, body, headers)
+            status = 200
+        except ApiError as error:
+            status = error.status
+            raise
+        finally:
+            self._counted(method, status, time.monotonic() - begun)
+        return answer
+
+    async def _answer(
+        self, method: str, path: str, body: Json | None, headers: dict[str, str]
+    ) -> Json:
+        client: Any = self._client  # its methods carry no types
+        resource, _, query = path.partition("?")
+        request = await client.param_serialize(
+            method=method,
+            resource_path=resource,
+            query_params=[tuple(part.split("=", 1)) for part in query.split("&") if part],
+            header_params=headers,
+            body=body,
+            auth_settings=["BearerToken"],
+        )
+        try:
+            response = await client.call_api(*request, _request_timeout=self._deadline)
+            data = await response.read()
+        except ApiException as error:
+            raise _refusal(error.status or 0, str(error.body or error.reason)) from error
+        except (aiohttp.ClientError, TimeoutError, OSError) as error:
+            what = str(error) or type(error).__name__
+            raise ApiError(0, "Unreachable", f"{method} {path}: {what}") from error
+        if not 200 <= response.status < 300:
+            raise _refusal(response.status, data.decode("utf-8", "replace"))
+        try:
+            answer: Json = await read_answer(data, written=method == "PATCH")
+        except ValueError as error:
+            raise ApiError(0, "Unreadable", f"{method} {path}: {data[:200]!r}") from error
+        return answer
+
+
+def _refusal(status: int, text: str) -> ApiError:
+    """The API server explains itself in a Status object; proxies in front of it do not."""
+    try:
+        said = loads(text)
+    except ValueError:
+        return ApiError(status, "Unknown", text[:500])
+    if not isinstance(said, dict):
+        return ApiError(status, "Unknown", text[:500])
+    return ApiError(status, str(said.get("reason") or ""), str(said.get("message") or text[:500]))

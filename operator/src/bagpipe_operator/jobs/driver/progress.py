@@ -1,0 +1,216 @@
+"""What a driver says of its job: over HTTP while it runs, in its termination message at the end.
+
+The driver runs a user's job, so what it says is bounded and checked before it reaches a status.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+import aiohttp
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from bagpipe_operator.api.names import PROGRESS_PORT
+from bagpipe_operator.jobs.view import Json
+
+logger = logging.getLogger(__name__)
+
+LONGEST_ANSWER = 64 * 1024
+MOST_FAILURES = 5
+# A job has at most 16 variants.
+MOST_COMPARISONS = 16
+LONGEST_MESSAGE = 1000
+# Events may wake a job many times a second; its driver is asked this often at most.
+LEAST_INTERVAL_SECONDS = 1.5
+
+
+def _cut(longest: int) -> Callable[[object], object]:
+    return lambda text: text[:longest] if isinstance(text, str) else text
+
+
+Word = Annotated[str, BeforeValidator(_cut(253))]
+Sentence = Annotated[str, BeforeValidator(_cut(LONGEST_MESSAGE))]
+# More is no number to the API server, which would refuse the status for ever.
+Count = Annotated[int, Field(ge=0, le=2**63 - 1)]
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Cases(_Model):
+    """Cases by state."""
+
+    planned: Count = 0
+    running: Count = 0
+    passed: Count = 0
+    failed: Count = 0
+    invalid: Count = 0
+    errored: Count = 0
+    crashed: Count = 0
+    lost: Count = 0
+    regressed: Count = 0
+    # A driver of release 0.1 says `retried`.
+    discarded: Annotated[Count, Field(validation_alias=AliasChoices("discarded", "retried"))] = 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether any case runs or has run."""
+        return self.running + self.passed + self.failed + self.invalid + self.errored > 0
+
+
+class Ledger(_Model):
+    """Messages, over the cases that count."""
+
+    sent: Count = 0
+    received: Count = 0
+    dropped: Count = 0
+    lead_in: Annotated[Count, Field(alias="leadIn")] = 0
+
+
+class Failure(_Model):
+    """One case that did not pass."""
+
+    case: Word
+    reason: Word
+    message: Sentence
+
+
+def _last_failures(failures: object) -> object:
+    return failures[-MOST_FAILURES:] if isinstance(failures, list) else failures
+
+
+class VariantComparison(_Model):
+    """One variant, or the job, against its baseline."""
+
+    variant: Word
+    verdict: Literal["better", "worse", "same", "unknown"]
+    regressed: Count
+    fixed: Count
+    flaky: Count
+
+
+def _first_comparisons(comparisons: object) -> object:
+    return comparisons[:MOST_COMPARISONS] if isinstance(comparisons, list) else comparisons
+
+
+class Progress(_Model):
+    """The driver's account; without `uid` and `attempt` it is an earlier release's."""
+
+    uid: Word = ""
+    attempt: Count = 0
+    phase: Literal["Planning", "Running", "Complete", "Failed"]
+    reason: Word = ""
+    message: Sentence = ""
+    warning: Sentence = ""  # a trouble of the driver's that may pass
+    cases: Cases = Cases()
+    ledger: Ledger = Ledger()
+    verdict: Literal["Passed", "Failed", "Invalid", ""] = ""
+    # The one word for it, of what decided; empty of a driver of an earlier release.
+    verdict_reason: Annotated[Word, Field(alias="verdictReason")] = ""
+    results: Annotated[str, BeforeValidator(_cut(2048))] = ""
+    failures: Annotated[list[Failure], BeforeValidator(_last_failures)] = []
+    comparisons: Annotated[list[VariantComparison], BeforeValidator(_first_comparisons)] = []
+
+    def is_of(self, uid: str, attempt: int) -> bool:
+        """Whether it may be of that attempt of the job with that UID."""
+        return self.uid in {"", uid} and self.attempt in {0, attempt}
+
+    def as_status(self) -> Json:
+        """The part of a job's status that comes from the driver."""
+        verdict = {"verdict": self.verdict} if self.verdict else {}
+        return verdict | {
+            "cases": self.cases.model_dump(),
+            "ledger": self.ledger.model_dump(by_alias=True),
+            "results": self.results,
+            "failures": [failure.model_dump() for failure in self.failures],
+            "comparisons": [comparison.model_dump() for comparison in self.comparisons],
+        }
+
+
+def parse(text: str | bytes) -> Progress | None:
+    """What the driver wrote, or None when it can't be read."""
+    try:
+        return Progress.model_validate_json(text)
+    except ValidationError:
+        return None
+
+
+@dataclass
+class _Answer:
+    progress: Progress | None = None
+    asked_at: float = float("-inf")
+    silent_since: float | None = None
+
+
+@dataclass
+class ProgressReader:
+    """Asks drivers, each at most every LEAST_INTERVAL_SECONDS, and remembers their last answer.
+
+    A driver is known by its pod's UID: the next one of the same job starts without an account.
+    """
+
+    session: aiohttp.ClientSession
+    deadline_seconds: float
+    port: int = PROGRESS_PORT
+    counted: Callable[[bool], None] = lambda _answered: None
+    _answers: dict[str, _Answer] = field(default_factory=dict)
+
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
+        """The driver's last account; None as long as it has never answered.
+
+        `whose`: the job's UID and the attempt. What another job's driver answers there is silence.
+        """
+        answer = self._answers.setdefault(uid, _Answer())
+        now = asyncio.get_running_loop().time()
+        if now - answer.asked_at < LEAST_INTERVAL_SECONDS:
+            return answer.progress
+        answer.asked_at = now
+        progress = await self._ask(ip)
+        if progress is not None and not progress.is_of(*whose):
+            # The pod is gone, the watch does not know it yet, and another has its address.
+            logger.info("%s answers for job %s, not for %s", ip, progress.uid, whose[0])
+            progress = None
+        self.counted(progress is not None)
+        if progress is None:
+            answer.silent_since = answer.silent_since if answer.silent_since is not None else now
+        else:
+            answer.progress, answer.silent_since = progress, None
+        return answer.progress
+
+    def silent_seconds(self, uid: str) -> float:
+        """How long the driver has not answered; 0 when it did the last time."""
+        answer = self._answers.get(uid)
+        if answer is None or answer.silent_since is None:
+            return 0.0
+        return asyncio.get_running_loop().time() - answer.silent_since
+
+    def forget(self, uid: str) -> None:
+        """Drops what is remembered of a driver that is over."""
+        self._answers.pop(uid, None)
+
+    async def _ask(self, ip: str) -> Progress | None:
+        host = f"[{ip}]" if ":" in ip else ip
+        timeout = aiohttp.ClientTimeout(total=self.deadline_seconds)
+        try:
+            async with self.session.get(
+                f"http://{host}:{self.port}/progress", timeout=timeout, allow_redirects=False
+            ) as response:
+                body = await read_bounded(response.content, LONGEST_ANSWER)
+                return parse(body) if response.status == 200 else None
+        except (aiohttp.ClientError, TimeoutError, ValueError) as error:
+            # A driver that still starts answers nothing; the pod's own state tells what matters.
+            logger.debug("no progress from %s: %s", ip, error)
+            return None
+
+
+async def read_bounded(stream: aiohttp.StreamReader, limit: int) -> bytes:
+    """All of a body of at most `limit` bytes; raises ValueError for a longer one."""
+    body = bytearray()
+    async for chunk in stream.iter_chunked(16 * 1024):
+        body += chunk
+        if len(body) > limit:
+            raise ValueError(f"the answer is longer than {limit} bytes")
+    return bytes(body)

@@ -1,0 +1,1 @@
+"""The pods and the ConfigMap of a job's attempt."""

@@ -1,0 +1,132 @@
+"""The ConfigMap of an attempt: job.json for the driver, executor.yaml for Spark. Pure."""
+
+import json
+
+import yaml
+from pydantic import ValidationError
+
+from bagpipe.spec import SimulationJobSpec
+from bagpipe_operator.api import names
+from bagpipe_operator.api.nesting import DEEPEST, is_deep
+from bagpipe_operator.api.quantities import heap
+from bagpipe_operator.api.readings import mapping
+from bagpipe_operator.jobs.pods.executor_template import executor_template
+from bagpipe_operator.jobs.pods.volumes import claim_paths
+from bagpipe_operator.jobs.view import JobView, Json
+from bagpipe_operator.settings import Settings
+
+# The API server's limit for all of a ConfigMap's values.
+LARGEST_CONFIG_BYTES = 1024 * 1024
+# The fields of a job that the CRD lets anybody change once it exists.
+MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished"})
+
+
+class UnusableSpecError(ValueError):
+    """The API server let a spec pass that can't be run; the message is a sentence for its author.
+
+    Happens for what a CRD can't express, such as the names of untyped parameters.
+    """
+
+
+class JobTooLargeError(ValueError):
+    """The job's description does not fit in a ConfigMap; the message says by how much."""
+
+
+def read_spec(job: JobView) -> SimulationJobSpec:
+    """The job's spec, checked; raises UnusableSpecError."""
+    if is_deep(job.spec):
+        raise UnusableSpecError(
+            f"spec: its lists and objects lie {DEEPEST} deep in each other or deeper, and less is"
+            " read: look at stack.parameters and matrix, or keep such data in a file of the image"
+        )
+    try:
+        spec = SimulationJobSpec.model_validate(plain_spec(job.spec))
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(["spec", *map(str, first["loc"])])
+        what = first["msg"].removeprefix("Value error, ")
+        raise UnusableSpecError(f"{place}: {what}") from None
+    except ArithmeticError as error:
+        raise UnusableSpecError(f"spec: a number is too large to reckon with ({error})") from None
+    _check_memory(spec)
+    return spec
+
+
+def _check_memory(spec: SimulationJobSpec) -> None:
+    """Refuses what no heap can be reckoned from: a CRD of another release may let it pass."""
+    for role, part in (("driver", spec.spark.driver), ("executor", spec.spark.executor)):
+        try:
+            heap(part.resources.memory)
+        except ValueError as error:
+            raise UnusableSpecError(f"spec.spark.{role}.resources.memory: {error}") from None
+
+
+def _lasting(spec: Json) -> Json:
+    """The spec without what may be edited while the job runs, and is the operator's alone."""
+    return {key: value for key, value in spec.items() if key not in MUTABLE}
+
+
+def plain_spec(spec: Json) -> Json:
+    """The spec with Spark's quantities as strings: a manifest may also write `cpu: 1`."""
+    plain: Json = json.loads(json.dumps(spec))
+    for role in ("driver", "executor"):
+        part = mapping(mapping(plain.get("spark")).get(role))
+        resources = mapping(part.get("resources"))
+        resources.update({key: str(value) for key, value in resources.items()})
+    return plain
+
+
+def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
+    """The manifest of one attempt's ConfigMap; raises JobTooLargeError."""
+    data = {
+        "job.json": json.dumps(job_file(job, spec, attempt, settings), indent=1, sort_keys=True),
+        # libyaml's dumper: Python's own takes 2.5 ms for a template, more than a call's time.
+        "executor.yaml": yaml.dump(
+            executor_template(job, spec, attempt, settings),
+            Dumper=yaml.CSafeDumper,
+            sort_keys=False,
+        ),
+    }
+    size = sum(len(text.encode()) for text in data.values())
+    if size > LARGEST_CONFIG_BYTES:
+        raise JobTooLargeError(
+            f"The job's description takes {size} bytes and a ConfigMap holds "
+            f"{LARGEST_CONFIG_BYTES}: move the largest of stack.parameters into the stack's image."
+        )
+    return {
+        "apiVersion": "v1",
+        "kind": "ConfigMap",
+        "metadata": {
+            "name": names.config_name(job.name, attempt, data),
+            "namespace": job.namespace,
+            "labels": names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt),
+            "ownerReferences": [names.owner_reference(job.name, job.uid)],
+        },
+        # A running job must not change under the driver's feet, and kubelets need not watch it.
+        "immutable": True,
+        "data": data,
+    }
+
+
+def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
+    """job.json: all that the driver knows of its job."""
+    earlier = job.status.get("resumedFrom")
+    resumed = {"resume": earlier} if spec.resume_from and earlier else {}
+    return (
+        resumed
+        | job.marks
+        | {
+            "created": job.created,
+            "name": job.name,
+            "namespace": job.namespace,
+            "uid": job.uid,
+            "attempt": attempt,
+            "spec": _lasting(plain_spec(job.spec)),
+            "images": {
+                "spark": settings.spark_image,
+                "agent": settings.agent_image,
+                "pullPolicy": settings.image_pull_policy,
+            },
+            "volumes": claim_paths(spec),
+        }
+    )

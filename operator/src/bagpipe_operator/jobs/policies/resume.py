@@ -1,0 +1,71 @@
+"""The job that spec.resumeFrom names: whether its results may be taken over. The rule is pure."""
+
+from bagpipe.spec import SimulationJobSpec, claims
+from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.view import JobView, Json
+
+# What decides how a case comes out; resources and the pull policy of the stack do not.
+_DECISIVE = (
+    "source", "stack", "variants", "matrix", "playback", "record", "baseline", "evaluate",
+)  # fmt: skip
+_INDIFFERENT = frozenset({"resources", "imagePullPolicy"})
+
+
+class CannotResumeError(ValueError):
+    """The earlier job can't be gone on from; the message is a sentence for the user."""
+
+
+async def find_earlier(api: Api, job: JobView, spec: SimulationJobSpec) -> Json:
+    """`status.resumedFrom` of a job that names an earlier one.
+
+    Raises CannotResumeError, and ApiError for faults that may pass.
+    """
+    name = str(spec.resume_from)
+    try:
+        earlier = JobView.from_object(await api.get_job(job.namespace, name))
+    except ApiError as error:
+        if error.status != 404:
+            raise
+        raise CannotResumeError(
+            f"There is no SimulationJob {name} in namespace {job.namespace}, which"
+            " spec.resumeFrom names: correct the name, or leave it out to run all cases."
+        ) from None
+    return earlier_results(job, spec, earlier)
+
+
+def earlier_results(job: JobView, spec: SimulationJobSpec, earlier: JobView) -> Json:
+    """Where the earlier job's results are, and how many cases it had; raises CannotResumeError."""
+    name = earlier.name
+    if not earlier.finished:
+        raise CannotResumeError(
+            f"Job {name}, which spec.resumeFrom names, has not ended: wait until it is Complete or"
+            " Failed, or delete this job."
+        )
+    for section in _DECISIVE:
+        if _decisive(job, section) != _decisive(earlier, section):
+            raise CannotResumeError(
+                f"spec.{section} is not that of job {name}, which spec.resumeFrom names, so its"
+                " results say nothing of this job's cases: write the same, or leave out"
+                " spec.resumeFrom."
+            )
+    results = str(earlier.status.get("results") or "")
+    planned = int((earlier.status.get("cases") or {}).get("planned") or 0)
+    if not results or not planned:
+        raise CannotResumeError(
+            f"Job {name}, which spec.resumeFrom names, ended before its cases were planned: there"
+            " is nothing to take over. Leave out spec.resumeFrom."
+        )
+    claim = results.removeprefix("pvc://").split("/", 1)[0]
+    if results.startswith("pvc://") and claim not in claims(spec):
+        raise CannotResumeError(
+            f"The results of job {name} are on the claim {claim}, which this job does not mount:"
+            " write an output.uri on that claim."
+        )
+    return {"job": name, "results": results, "cases": planned}
+
+
+def _decisive(job: JobView, section: str) -> object:
+    part = job.spec.get(section)
+    if section != "stack" or not isinstance(part, dict):
+        return part
+    return {key: value for key, value in part.items() if key not in _INDIFFERENT}

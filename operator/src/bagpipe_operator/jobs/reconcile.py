@@ -1,0 +1,454 @@
+"""The loop's body: look at one job, decide, write its status once, tell what changed.
+
+Level-triggered: it is right whenever and however often it is called.
+"""
+
+import asyncio
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from typing import Protocol
+
+from bagpipe.spec import DEFAULT_BACKOFF_LIMIT, SimulationJobSpec
+from bagpipe_operator.api import names, readings, reasons
+from bagpipe_operator.cluster import events
+from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
+from bagpipe_operator.jobs.driver.progress import Progress
+from bagpipe_operator.jobs.driver.rounds import Rounds, serves
+from bagpipe_operator.jobs.kueue.queueing import Queueing
+from bagpipe_operator.jobs.pods.children import Refusal, create_children
+from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.jobs.policies.life import (
+    Halt,
+    expired,
+    halt_as_seen,
+    halt_of,
+    is_told,
+    living,
+    needs_stop,
+    pausing,
+)
+from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
+from bagpipe_operator.jobs.status import Observation, acknowledged, decide, fatal
+from bagpipe_operator.jobs.teller import Teller
+from bagpipe_operator.jobs.troubles.diagnose import troubles
+from bagpipe_operator.jobs.troubles.lookout import Lookout
+from bagpipe_operator.jobs.troubles.refusals import Refusals
+from bagpipe_operator.jobs.view import JobView, Json, PodView, View
+from bagpipe_operator.jobs.whole_job import whole
+from bagpipe_operator.runtime.patience import Patience
+from bagpipe_operator.settings import Settings
+
+logger = logging.getLogger(__name__)
+
+# A driver that has been silent for this long is looked for: the watch may have lost its end.
+SILENT_DRIVER_SECONDS = 30.0
+
+
+class Drivers(Protocol):
+    """Who asks drivers for their progress; each is known by its pod's UID."""
+
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
+        """The last account of the driver of a job's (UID's) attempt."""
+
+    def silent_seconds(self, uid: str) -> float:
+        """How long it has not answered."""
+
+    def forget(self, uid: str) -> None:
+        """Nobody will ask it again."""
+
+
+def utc_now() -> datetime:
+    """The wall clock."""
+    return datetime.now(UTC)
+
+
+@dataclass
+class Reconciler:
+    """One per operator; knows no job by itself, all is in the view and in the API server."""
+
+    api: Api
+    view: View
+    drivers: Drivers
+    settings: Settings
+    now: Callable[[], datetime] = utc_now
+    monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
+    counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
+    queueing: Queueing | None = None
+    _patience: Patience = field(init=False)
+    _missing: Patience = field(init=False)
+    _lookout: Lookout = field(init=False)
+    _refusals: Refusals = field(init=False)
+    _rounds: Rounds = field(init=False)
+    _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
+    # Jobs as they were before a write that was not answered: it may have happened.
+    _unanswered: dict[str, JobView] = field(default_factory=dict)
+    _teller: Teller = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._teller = Teller(self.api)
+        self.begin_to_lead()
+
+    def begin_to_lead(self) -> None:
+        """Forgets what was seen when this replica led before: another may have led since."""
+        self._patience, self._missing = Patience(), Patience()
+        self._lookout = Lookout(self.api, self.settings, self.monotonic)
+        self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
+        self._rounds = Rounds(self.monotonic)
+        for uid in list(self._asked):
+            self._forget_driver(uid)
+        self._unanswered.clear()
+        if self.queueing is not None:
+            self.queueing.begin_to_lead()
+        self._teller.begin_to_lead(job.uid for job in self.view.jobs())
+
+    async def reconcile(self, uid: str) -> None:
+        """Brings one job forward; raises ApiError when it should be tried again."""
+        job = self.view.job(uid)
+        if job is None or job.deleting:
+            self._forget(uid)  # its children go by their ownerReferences
+            self._unanswered.pop(uid, None)
+            self._teller.forget(uid)
+            if self.queueing is not None:
+                self.queueing.gone(uid)
+            return
+        before = self._unanswered.get(uid)
+        if before is not None and before.resource_version != job.resource_version:
+            self._written(before, job)
+        await self._teller.meet(job, self.now())
+        if not job.finished:
+            job = await self._advance(job)
+        else:
+            job = await self._write(job, acknowledged(job))
+        if job is not None and job.finished:
+            await self._stop_leftovers(job)
+            self._forget(uid)
+        if job is not None:
+            await self._teller.tell(job, self.now())
+        if job is not None and self.queueing is not None:
+            await self.queueing.settle(job)
+        if job is not None and job.finished and expired(job, self.now()):
+            await self._remove(job)
+
+    async def _advance(self, job: JobView) -> JobView | None:
+        """Looks, decides, writes and stops what has to stop; the job as it is now."""
+        seen = replace(await self._observe(job), kueue=self.queueing is not None)
+        if await self._was_behind(seen):
+            return job  # the next visit decides by what is known now
+        status = decide(seen, self.now(), self.settings.stuck_seconds)
+        await self._stop_earlier_attempts(job)
+        written = await self._write(job, status)
+        if written is not None and not written.finished and seen.halt is not None:
+            await self._stop_gracefully(written)
+        return written
+
+    async def _was_behind(self, seen: Observation) -> bool:
+        """Whether the pod whose trouble is about to end the job is another by now, or gone."""
+        trouble = fatal(seen, self.settings.stuck_seconds)
+        if trouble is None or seen.ending is not None or seen.halt is not None:
+            return False
+        pods = self.view.pods(seen.job.uid)
+        pod = next((pod for pod in pods if pod.name == trouble.pod), None)
+        if pod is None:
+            return False
+        live = await self._refreshed(pod)
+        return live is None or replace(live, resource_version=pod.resource_version) != pod
+
+    async def _observe(self, job: JobView) -> Observation:
+        """Everything that the decision needs; creates the children if they were never there."""
+        halt = halt_of(job, self.now())
+        if halt is None and self.queueing is not None:
+            halt = await self.queueing.halt(job)
+        attempt = int(job.status.get("attempt") or 1)
+        if halt is None and job.suspended:
+            return Observation(job, attempt)  # it is said first that there may be pods again
+        if halt is None and job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
+            return await self._resumed(job, attempt)
+        driver = self.view.driver(job.uid, attempt)
+        refusal: Refusal | None = None
+        ending: Ending | None = None
+        if driver is None and (job.status.get("driver") or (halt and not is_told(job))):
+            driver, ending = await self._look_for(job, attempt, at_once=halt is not None)
+        elif driver is None and halt is None and not pausing(job, self.now()):
+            driver, refusal, ending = await self._start(job, attempt)
+        if driver is not None:
+            seen, driver = driver, await self._refreshed_if_unheard(driver)
+            if driver is None:
+                ending = lost_driver(job.namespace, seen.name, seen)
+        progress = None
+        if driver is not None:
+            ending = ending_of(driver, self.now())
+            if ending is None and serves(driver):
+                progress = await self._account_of(driver)
+        running = driver is not None and ending is None and serves(driver)
+        account = ending.progress if ending else progress
+        halt = halt_as_seen(halt, job, running, account, self.now())
+        return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
+
+    async def _resumed(self, job: JobView, attempt: int) -> Observation:
+        """Where to go on from; it is written before there is a driver, since the old job may go."""
+        try:
+            entire = await self._whole(job)
+            earlier = await find_earlier(self.api, entire, read_spec(entire))
+        except UnusableSpecError as error:
+            return Observation(job, attempt, ending=_refused(reasons.SPEC_INVALID, error))
+        except CannotResumeError as error:
+            return Observation(job, attempt, ending=_refused(reasons.RESUME_REFUSED, error))
+        return Observation(job, attempt, resumed_from=earlier)
+
+    async def _observation(
+        self,
+        job: JobView,
+        attempt: int,
+        driver: PodView | None,
+        progress: Progress | None,
+        refusal: Refusal | None,
+        ending: Ending | None,
+        halt: Halt | None,
+    ) -> Observation:
+        all_pods = self.view.pods(job.uid)
+        pods = self.view.pods_of(job.uid, attempt)
+        gone = [pod for pod in self.view.gone_pods(job.uid) if pod.attempt == attempt]
+        wanting = progress is not None and progress.phase == "Running" and halt is None
+        looked_up = await self._lookout.look(job, attempt, pods, wanting)
+        found = tuple(troubles(pods, self.now(), gone, looked_up))
+        keys = [t.key for t in found] + ([refusal.key] if refusal else [])
+        seen_for = self._patience.observe(job.uid, keys, self.monotonic())
+        return Observation(
+            job=job,
+            attempt=attempt,
+            driver=driver,
+            executors=tuple(pod for pod in pods if pod.role == names.ROLE_EXECUTOR),
+            progress=progress,
+            refusal=refusal,
+            troubles=found,
+            seen_for=seen_for,
+            refused_for=seen_for.get(refusal.key, 0.0) if refusal else 0.0,
+            ending=ending,
+            backoff_limit=_backoff_limit(job),
+            halt=halt,
+            alive=living(all_pods, self.now()),
+        )
+
+    async def _start(
+        self, job: JobView, attempt: int
+    ) -> tuple[PodView | None, Refusal | None, Ending | None]:
+        """Creates ConfigMap and driver; what can't be run ends the job with a sentence."""
+        standing = self._refusals.standing(job, attempt)
+        if standing is not None:
+            return None, standing, None
+        again = self._refusals.asked(job.uid)
+        await self._stop_driver_before(job, attempt)
+        try:
+            entire = await self._whole(job)
+            spec = await self._place(entire)
+            made = (
+                spec
+                if isinstance(spec, Refusal)
+                else await create_children(self.api, entire, spec, attempt, self.settings, again)
+            )
+        except UnusableSpecError as error:
+            return None, None, _refused(reasons.SPEC_INVALID, error)
+        except JobTooLargeError as error:
+            return None, None, _refused(reasons.JOB_TOO_LARGE, error)
+        if isinstance(made, Refusal):
+            self._refusals.keep(job, attempt, made)
+            return None, made, None
+        self._refusals.forget(job.uid)
+        self.view.put_pod(made)
+        return made, None, None
+
+    async def _place(self, entire: JobView) -> SimulationJobSpec | Refusal:
+        """The job's spec, with its pods where its queue wants them if it has one."""
+        spec = read_spec(entire)
+        return spec if self.queueing is None else await self.queueing.placed(entire, spec)
+
+    async def _stop_driver_before(self, job: JobView, attempt: int) -> None:
+        """Deletes the driver that is replaced; a new operator's watch may not have brought it."""
+        if attempt == 1 or self.view.driver(job.uid, attempt - 1) is not None:
+            return
+        pod = await self._get_pod(job.namespace, names.driver_name(job.name, attempt - 1))
+        if pod is not None and pod.job_uid == job.uid and not (pod.ended or pod.deleting):
+            await self._delete(pod)
+
+    async def _whole(self, job: JobView) -> JobView:
+        try:
+            return await whole(self.api, job)
+        except ApiError as error:
+            if error.status == 404:
+                await self._reread(job)
+            raise
+
+    async def _look_for(
+        self, job: JobView, attempt: int, at_once: bool
+    ) -> tuple[PodView | None, Ending | None]:
+        """A driver that may be there and is not in sight: wait for the watch, then ask."""
+        name = names.driver_name(job.name, attempt)
+        missing_for = self._missing.observe(job.uid, [name], self.monotonic())[name]
+        went = next((p for p in self.view.gone_pods(job.uid) if p.name == name), None)
+        at_once = at_once or went is not None
+        if not at_once and missing_for < self.settings.missing_driver_seconds:
+            return None, None
+        driver = await self._get_pod(job.namespace, name)
+        if driver is None or driver.job_uid != job.uid:
+            return None, lost_driver(job.namespace, name, went)
+        self.view.put_pod(driver)
+        return driver, None
+
+    async def _account_of(self, driver: PodView) -> Progress | None:
+        """What this driver says; what the one before it said is not its account."""
+        if self._asked.get(driver.job_uid) != driver.uid:
+            self._forget_driver(driver.job_uid)
+        self._asked[driver.job_uid] = driver.uid
+        whose = (driver.job_uid, driver.attempt)
+        return await self.drivers.read(driver.uid, driver.ip, whose)
+
+    async def _refreshed_if_unheard(self, driver: PodView) -> PodView | None:
+        """The driver as it is now if nothing was heard of it for long; None when it is gone."""
+        self._missing.forget(driver.job_uid)
+        if driver.ended or not self._is_unheard(driver):
+            return driver
+        live = await self._refreshed(driver)
+        self._rounds.forget(driver.job_uid)
+        return live
+
+    def _is_unheard(self, driver: PodView) -> bool:
+        if not serves(driver):
+            return self._rounds.due(driver)
+        self._rounds.forget(driver.job_uid)
+        return self.drivers.silent_seconds(driver.uid) >= SILENT_DRIVER_SECONDS
+
+    async def _refreshed(self, pod: PodView) -> PodView | None:
+        """The pod as the API server has it, and the view from now on; None when it is gone."""
+        live = await self._get_pod(pod.namespace, pod.name)
+        if live is None or live.uid != pod.uid:
+            self.view.drop_pod(pod)
+            return None
+        self.view.put_pod(live)
+        return live
+
+    async def _get_pod(self, namespace: str, name: str) -> PodView | None:
+        try:
+            return PodView.from_object(await self.api.get("pods", namespace, name))
+        except ApiError as error:
+            if error.status == 404:
+                return None
+            raise
+
+    async def _write(self, job: JobView, status: Json) -> JobView | None:
+        """Writes what changed, then tells it; the job as it is now, None when it is gone."""
+        changed = {key: value for key, value in status.items() if job.status.get(key) != value}
+        changed |= {key: None for key in job.status if key not in status}
+        if not changed:
+            return job
+        # With the version that was decided on, a job that has changed since answers 409.
+        patch = {"metadata": {"resourceVersion": job.resource_version}, "status": changed}
+        self._unanswered[job.uid] = job
+        try:
+            written = await self.api.patch_status(job.namespace, job.name, patch)
+        except ApiError as error:
+            if error.status in {404, 409}:
+                await self._reread(job)
+            if error.status == 404:
+                return None
+            raise
+        now = JobView.from_object(written)
+        self.view.put_job(now)
+        self._written(job, now)
+        return now
+
+    def _written(self, before: JobView, now: JobView) -> None:
+        """Counts what a write has changed, and keeps it to be told."""
+        self._unanswered.pop(now.uid, None)
+        self.counted(before, now)
+        notes = events.transitions(
+            before.status.get("conditions") or [], now.status.get("conditions") or []
+        )
+        self._teller.add(now, notes)
+
+    async def _reread(self, job: JobView) -> None:
+        """The watch is behind: takes the job from the API server itself."""
+        try:
+            live = JobView.from_object(await self.api.get_job(job.namespace, job.name))
+        except ApiError as error:
+            if error.status != 404:
+                raise
+            self.view.drop_job(job.uid)
+            return
+        if live.uid == job.uid:
+            self.view.put_job(live)
+        else:
+            self.view.drop_job(job.uid)
+
+    async def _stop_earlier_attempts(self, job: JobView) -> None:
+        """Deletes the executors of drivers that were replaced: their places are needed."""
+        attempt = int(job.status.get("attempt") or 1)
+        for pod in self.view.pods(job.uid):
+            if pod.attempt < attempt and not pod.ended and not pod.deleting:
+                await self._delete(pod)
+
+    async def _stop_leftovers(self, job: JobView) -> None:
+        """Deletes the pods of an ended job that have not ended themselves.
+
+        The driver first: it owns the executors and would replace them. Pods that have ended stay
+        for their logs until the job is deleted.
+        """
+        pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
+        for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
+            if needs_stop(pod, self.now()):
+                await self._delete(pod)
+
+    async def _stop_gracefully(self, job: JobView) -> None:
+        """Deletes the driver, which journals what is done; then what it has left of executors."""
+        alive = living(self.view.pods(job.uid), self.now())
+        working = [pod for pod in alive if needs_stop(pod, self.now())]
+        drivers = [pod for pod in working if pod.role == names.ROLE_DRIVER]
+        for pod in drivers or working:
+            if not pod.deleting:
+                await self._delete(pod)
+        if not alive:
+            self._forget(job.uid)
+
+    async def _delete(self, pod: PodView) -> None:
+        """Deletes a pod; one that went while the watch began anew is told by nobody else."""
+        if not await self.api.delete_pod(pod.namespace, pod.name, pod.uid):
+            self.view.drop_pod(pod)
+
+    async def _remove(self, job: JobView) -> None:
+        """Deletes a job that was kept for long enough; one that has changed is looked at again."""
+        try:
+            await self.api.delete_unchanged_job(
+                job.namespace, job.name, job.uid, job.resource_version
+            )
+        except ApiError as error:
+            if error.status not in {404, 409}:
+                raise
+            await self._reread(job)
+            return
+        self.view.drop_job(job.uid)
+
+    def _forget(self, uid: str) -> None:
+        self._patience.forget(uid)
+        self._missing.forget(uid)
+        self._lookout.forget(uid)
+        self._refusals.forget(uid)
+        self._rounds.forget(uid)
+        self._forget_driver(uid)
+
+    def _forget_driver(self, uid: str) -> None:
+        asked = self._asked.pop(uid, None)
+        if asked is not None:
+            self.drivers.forget(asked)
+
+
+def _backoff_limit(job: JobView) -> int:
+    """The API server writes the default; a job of an older CRD has none."""
+    limit = readings.whole(job.spec.get("backoffLimit"))
+    return DEFAULT_BACKOFF_LIMIT if limit is None else limit
+
+
+def _refused(reason: str, error: Exception) -> Ending:
+    """The end of a job that can't be begun."""
+    return Ending(False, reason, str(error))

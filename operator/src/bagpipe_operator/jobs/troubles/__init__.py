@@ -1,0 +1,1 @@
+"""What keeps pods from their work: recognized in statuses and Events, or asked for."""

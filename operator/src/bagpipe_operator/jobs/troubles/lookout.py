@@ -1,0 +1,140 @@
+"""Asks the API server why a pod waits, where the watched objects do not say it.
+
+Bounded: a pod must have waited for LOOK_AFTER_SECONDS, a job is looked into once in
+LOOK_EVERY_SECONDS (more seldom when many jobs of its namespace wait: see fair_share.py), and of its
+pods the first MOST_PODS; many pods of one job wait for one cause.
+"""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from bagpipe_operator.api import names, readings
+from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.pods.executor_template import executor_trial
+from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
+from bagpipe_operator.jobs.troubles import pending
+from bagpipe_operator.jobs.troubles.trouble import Trouble
+from bagpipe_operator.jobs.view import JobView, PodView
+from bagpipe_operator.jobs.whole_job import whole
+from bagpipe_operator.runtime.fair_share import FairShare
+from bagpipe_operator.runtime.patience import Patience
+from bagpipe_operator.settings import Settings
+
+logger = logging.getLogger(__name__)
+
+LOOK_AFTER_SECONDS = 2.0
+LOOK_EVERY_SECONDS = 4.0
+MOST_PODS = 3
+# Of a pod that names thousands; an executor of Bagpipe's has a handful.
+MOST_CLAIMS = 20
+# Spark needs some seconds from the first case planned to the first executor asked for.
+EXECUTORS_AFTER_SECONDS = 4.0
+
+_EXECUTORS = "executors"
+
+
+@dataclass
+class _Found:
+    at: float
+    troubles: tuple[Trouble, ...]
+
+
+@dataclass
+class Lookout:
+    """What it found last is told until it looks again, or until no pod waits any more."""
+
+    api: Api
+    settings: Settings
+    monotonic: Callable[[], float]
+    _waiting: Patience = field(default_factory=Patience)
+    _found: dict[str, _Found] = field(default_factory=dict)
+    _share: FairShare = field(default_factory=lambda: FairShare(LOOK_EVERY_SECONDS))
+
+    async def look(
+        self, job: JobView, attempt: int, pods: Sequence[PodView], cases_wait: bool
+    ) -> tuple[Trouble, ...]:
+        """Troubles of one job's pods; `cases_wait` says that its driver wants executors.
+
+        A call that fails is logged and finds nothing: the job's status does not depend on it.
+        """
+        suspects = [p for p in pods if pending.awaits_a_claim(p) or pending.awaits_its_node(p)]
+        missing = cases_wait and self._executors_missing(job, pods)
+        keys = [p.uid for p in suspects] + ([_EXECUTORS] if missing else [])
+        now = self.monotonic()
+        waited = self._waiting.observe(job.uid, keys, now)
+        suspects = [p for p in suspects if waited[p.uid] >= LOOK_AFTER_SECONDS][:MOST_PODS]
+        missing = missing and waited[_EXECUTORS] >= EXECUTORS_AFTER_SECONDS
+        if not suspects and not missing:
+            self._drop(job.uid)
+            return ()
+        known = self._found.get(job.uid)
+        if known and now - known.at < self._share.seconds(job.namespace):
+            return known.troubles
+        found = [t for pod in suspects for t in await self._of_pod(pod)]
+        if missing:
+            found += await self._of_executors(job, attempt, pods)
+        self._found[job.uid] = _Found(now, tuple(found))
+        self._share.add(job.uid, job.namespace)
+        return tuple(found)
+
+    def forget(self, uid: str) -> None:
+        """The job is over."""
+        self._waiting.forget(uid)
+        self._drop(uid)
+
+    def _drop(self, uid: str) -> None:
+        self._found.pop(uid, None)
+        self._share.remove(uid)
+
+    @staticmethod
+    def _executors_missing(job: JobView, pods: Sequence[PodView]) -> bool:
+        spark = readings.mapping(job.spec.get("spark"))
+        wanted = readings.whole(spark.get("executors")) or 1
+        alive = [p for p in pods if p.role == names.ROLE_EXECUTOR and not (p.ended or p.deleting)]
+        return len(alive) < wanted
+
+    async def _of_pod(self, pod: PodView) -> list[Trouble]:
+        try:
+            if pending.awaits_its_node(pod):
+                told = pending.of_events(pod, await self.api.events_of(pod.namespace, pod.uid))
+                return [told] if told else []
+            return [
+                t for claim in pod.claims[:MOST_CLAIMS] if (t := await self._of_claim(pod, claim))
+            ]
+        except ApiError as error:
+            logger.warning("%s/%s: not looked into: %s", pod.namespace, pod.name, error)
+            return []
+
+    async def _of_claim(self, pod: PodView, claim: str) -> Trouble | None:
+        try:
+            found = await self.api.get("persistentvolumeclaims", pod.namespace, claim)
+        except ApiError as error:
+            if error.status != 404:
+                raise
+            return pending.of_claim(pod, claim, None, ())
+        if (found.get("status") or {}).get("phase") == "Bound":
+            return None
+        events = await self.api.events_of(pod.namespace, found["metadata"]["uid"])
+        return pending.of_claim(pod, claim, found, events)
+
+    async def _of_executors(
+        self, job: JobView, attempt: int, pods: Sequence[PodView]
+    ) -> list[Trouble]:
+        try:
+            job = await whole(self.api, job)
+        except ApiError as error:
+            logger.warning("%s/%s: not looked into: %s", job.namespace, job.name, error)
+            return []
+        try:
+            spec = read_spec(job)
+            await self.api.try_create("pods", executor_trial(job, spec, attempt, self.settings))
+        except UnusableSpecError:
+            return []  # it is told where the driver is created
+        except ApiError as error:
+            alone = not any(p.role == names.ROLE_EXECUTOR for p in pods)
+            told = pending.refused_executor(
+                job.name, job.namespace, error.status, error.message, alone
+            )
+            return [told] if told else []
+        return []

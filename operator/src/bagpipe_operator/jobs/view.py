@@ -1,0 +1,369 @@
+"""What the operator has seen of the cluster: jobs and their pods, trimmed to what it decides on.
+
+Fed by watches, so it may lag; whoever is about to end a job because something is *absent* here
+asks the API server first. Not a cache of whole objects: a thousand pods are a few megabytes.
+"""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from functools import cached_property
+from typing import Any
+
+from bagpipe.marks import marks_of
+from bagpipe_operator.api import names, readings
+from bagpipe_operator.api.kept_spec import packed, scalars, what_decides
+from bagpipe_operator.api.nesting import bounded
+from bagpipe_operator.cluster.large_objects import TRIMMED, is_large
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class ContainerView:
+    """One container's state; at most one of waiting_reason and exit_code is set."""
+
+    name: str
+    image: str = ""
+    running: bool = False
+    waiting_reason: str = ""
+    exit_code: int | None = None
+    reason: str = ""  # of the exit, now or the last one: OOMKilled, Error, Completed
+    message: str = ""  # the kubelet's when waiting, the container's own when ended
+    ended_at: datetime | None = None  # of the exit that `reason` is of
+
+
+@dataclass(frozen=True)
+class Disruption:
+    """Who takes a pod away, from its condition DisruptionTarget."""
+
+    reason: str  # EvictionByEvictionAPI, PreemptionByScheduler, DeletionByTaintManager, ...
+    message: str
+    at: datetime | None
+
+
+@dataclass(frozen=True)
+class PodView:
+    """A pod of a job."""
+
+    namespace: str
+    name: str
+    uid: str
+    job_uid: str
+    role: str
+    attempt: int
+    phase: str = "Pending"
+    ip: str = ""
+    gone_by: datetime | None = None  # when a pod that was deleted should be gone
+    reason: str = ""
+    message: str = ""
+    unschedulable: str = ""  # the scheduler's message, as long as there is no node
+    containers: tuple[ContainerView, ...] = ()
+    resource_version: str = ""
+    node: str = ""  # empty until the scheduler has found one
+    claims: tuple[str, ...] = ()  # PersistentVolumeClaims that it mounts
+    disruption: Disruption | None = None
+    node_silent: bool = False  # Kubernetes has not heard of the node, whatever the pod is doing
+
+    @property
+    def deleting(self) -> bool:
+        """Whether it was deleted and is not gone yet."""
+        return self.gone_by is not None
+
+    @property
+    def ended(self) -> bool:
+        """Whether all its containers are over for good."""
+        return self.phase in {"Succeeded", "Failed"}
+
+    def container(self, name: str) -> ContainerView | None:
+        """The container of that name, init containers included; None before the kubelet told."""
+        return next((c for c in self.containers if c.name == name), None)
+
+    @classmethod
+    def from_object(cls, pod: Json) -> "PodView":
+        """Trims a pod as the API server sends it."""
+        meta, status = pod["metadata"], pod.get("status") or {}
+        labels = meta.get("labels") or {}
+        attempt = labels.get(names.LABEL_ATTEMPT, "")
+        statuses = [
+            *(status.get("initContainerStatuses") or []),
+            *(status.get("containerStatuses") or []),
+        ]
+        return cls(
+            namespace=meta["namespace"],
+            name=meta["name"],
+            uid=meta["uid"],
+            job_uid=labels.get(names.LABEL_JOB_UID, ""),
+            role=labels.get(names.LABEL_ROLE, ""),
+            attempt=int(attempt) if attempt.isdecimal() else 0,
+            phase=status.get("phase") or "Pending",
+            ip=status.get("podIP") or "",
+            gone_by=readings.moment(meta.get("deletionTimestamp")),
+            reason=status.get("reason") or "",
+            message=status.get("message") or "",
+            unschedulable=_unschedulable(status),
+            containers=tuple(_container(s) for s in statuses),
+            resource_version=str(meta.get("resourceVersion") or ""),
+            node=(pod.get("spec") or {}).get("nodeName") or "",
+            claims=_claims(pod.get("spec") or {}),
+            disruption=_disruption(status),
+            node_silent=_node_silent(status),
+        )
+
+
+def _unschedulable(status: Json) -> str:
+    for condition in status.get("conditions") or []:
+        if condition.get("type") == "PodScheduled" and condition.get("status") == "False":
+            if condition.get("reason") == "SchedulingGated":
+                return ""  # a queue holds it back, and nobody has looked for a node
+            return condition.get("message") or condition.get("reason") or "no node fits"
+    return ""
+
+
+def _claims(spec: Json) -> tuple[str, ...]:
+    sources = [v.get("persistentVolumeClaim") for v in spec.get("volumes") or []]
+    return tuple(source["claimName"] for source in sources if source)
+
+
+def _disruption(status: Json) -> Disruption | None:
+    for condition in status.get("conditions") or []:
+        if condition.get("type") == "DisruptionTarget" and condition.get("status") == "True":
+            return Disruption(
+                condition.get("reason") or "",
+                condition.get("message") or "",
+                readings.moment(condition.get("lastTransitionTime")),
+            )
+    return None
+
+
+def _node_silent(status: Json) -> bool:
+    """Whether the node controller, and not the kubelet, has called the pod not ready.
+
+    A kubelet derives Ready from ContainersReady; the controller changes only Ready, and does so
+    for the pods of a node that it has not heard of. No right to read nodes is needed to see it.
+    """
+    states = {c.get("type"): c.get("status") for c in status.get("conditions") or []}
+    return states.get("Ready") == "False" and states.get("ContainersReady") == "True"
+
+
+def _container(status: Json) -> ContainerView:
+    state = status.get("state") or {}
+    waiting, ended = state.get("waiting"), state.get("terminated")
+    last = (status.get("lastState") or {}).get("terminated") or {}
+    return ContainerView(
+        name=status["name"],
+        image=status.get("image") or "",
+        running="running" in state,
+        waiting_reason=(waiting or {}).get("reason") or "",
+        exit_code=ended.get("exitCode") if ended else None,
+        reason=(ended or last).get("reason") or "",
+        message=(waiting or ended or {}).get("message") or "",
+        ended_at=readings.moment((ended or last).get("finishedAt")),
+    )
+
+
+@dataclass(frozen=True)
+class JobView:
+    """A SimulationJob."""
+
+    namespace: str
+    name: str
+    uid: str
+    generation: int
+    resource_version: str
+    deleting: bool = False
+    spec: Json = field(default_factory=dict)
+    status: Json = field(default_factory=dict)
+    created: str = ""  # as the API server writes it
+    # `labels` and `annotations`, as far as results keep them
+    marks: Json = field(default_factory=dict)
+    # `spec` and `marks` whole, where these are only what decides; empty if it is too large to keep
+    packed: bytes | None = None
+    # Each call about it is a megabyte's work for the API server and for us.
+    large: bool = False
+
+    @cached_property
+    def finished(self) -> bool:
+        """Whether the job has ended, well or not, and this has been written."""
+        return self._is({"Complete", "Failed"})
+
+    @property
+    def managed_elsewhere(self) -> bool:
+        """Whether somebody else runs it, as spec.managedBy says."""
+        return bool(self.spec.get("managedBy", names.MANAGER) != names.MANAGER)
+
+    @property
+    def suspended(self) -> bool:
+        """Whether it has been written that the job rests, without pods."""
+        return self._is({"Suspended"})
+
+    def _is(self, types: set[str]) -> bool:
+        return any(
+            c.get("type") in types and c.get("status") == "True"
+            for c in self.status.get("conditions") or []
+        )
+
+    def kept(self) -> "JobView":
+        """The job with as much of its spec as is kept until the next visit."""
+        if self.finished:
+            return replace(self, spec=scalars(self.spec, _OF_ENDED), marks={}, packed=b"")
+        decides = what_decides(self.spec, _OF_UNFINISHED)
+        entire = self.packed
+        if entire is None:
+            entire = packed({"spec": self.spec, "marks": self.marks})
+        return replace(self, spec=decides, marks={}, packed=entire)
+
+    @classmethod
+    def from_object(cls, job: Json) -> "JobView":
+        """A job as the API server sends it."""
+        meta = job["metadata"]
+        return cls(
+            namespace=meta["namespace"],
+            name=meta["name"],
+            uid=meta["uid"],
+            generation=int(meta.get("generation") or 1),
+            resource_version=str(meta.get("resourceVersion") or ""),
+            deleting=bool(meta.get("deletionTimestamp")),
+            spec=bounded(readings.mapping(job.get("spec"))),
+            status=bounded(readings.status(job.get("status"))),
+            created=str(meta.get("creationTimestamp") or ""),
+            marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
+            packed=b"" if TRIMMED in job else None,
+            large=is_large(job),
+        )
+
+
+# What an ended job's spec still decides: whether it is removed some time.
+_OF_ENDED = frozenset({"ttlAfterFinished"})
+# And of any other: whether it may run, how long, how often, and whose it is.
+_OF_UNFINISHED = _OF_ENDED | {
+    "suspend", "startDeadline", "activeDeadline", "backoffLimit", "managedBy", "resumeFrom",
+    "queueName",
+}  # fmt: skip
+# Spark deletes an executor as soon as it has ended; the last ones tell why.
+MOST_GONE_PODS = 10
+
+
+class View:
+    """All jobs by UID, the pods of each by name, and the last pods that each has lost."""
+
+    def __init__(self) -> None:
+        self._jobs: dict[str, JobView] = {}
+        self._pods: dict[str, dict[tuple[str, str], PodView]] = {}
+        self._gone: dict[str, deque[PodView]] = {}
+
+    def job(self, uid: str) -> JobView | None:
+        """The job, or None when it is gone or was never seen."""
+        return self._jobs.get(uid)
+
+    def namespace_of(self, uid: str) -> str:
+        """A job's namespace; empty for a job that is not known."""
+        job = self._jobs.get(uid)
+        return job.namespace if job else ""
+
+    def called(self, uid: str) -> tuple[str, str]:
+        """A job's namespace and name; empty for a job that is not known."""
+        job = self._jobs.get(uid)
+        return (job.namespace, job.name) if job else ("", "")
+
+    def jobs(self) -> Iterator[JobView]:
+        """All known jobs, those that have ended too."""
+        return iter(list(self._jobs.values()))
+
+    def pods(self, job_uid: str) -> tuple[PodView, ...]:
+        """A job's pods, by name.
+
+        Labels are anybody's to write: a pod of another namespace is nobody's, whatever it says.
+        """
+        job, pods = self._jobs.get(job_uid), self._pods.get(job_uid, {})
+        found = (pods[key] for key in sorted(pods))
+        return tuple(pod for pod in found if job is None or pod.namespace == job.namespace)
+
+    def all_pods(self) -> Iterator[PodView]:
+        """The pods of all jobs."""
+        return (pod for pods in list(self._pods.values()) for pod in pods.values())
+
+    def pods_of(self, job_uid: str, attempt: int) -> tuple[PodView, ...]:
+        """The pods of one attempt, without a copy that somebody has made of its driver.
+
+        A copy has another name, and its end and its troubles are not the job's.
+        """
+        job = self._jobs.get(job_uid)
+        own = names.driver_name(job.name, attempt) if job is not None else None
+        return tuple(
+            pod
+            for pod in self.pods(job_uid)
+            if pod.attempt == attempt
+            and (pod.role != names.ROLE_DRIVER or own is None or pod.name == own)
+        )
+
+    def driver(self, job_uid: str, attempt: int) -> PodView | None:
+        """The driver of one attempt."""
+        found = (p for p in self.pods_of(job_uid, attempt) if p.role == names.ROLE_DRIVER)
+        return next(found, None)
+
+    def put_job(self, job: JobView) -> bool:
+        """Keeps a job unless something newer is known; says whether it was kept.
+
+        The answer to our own PATCH usually arrives before the watch has caught up with it.
+        """
+        known = self._jobs.get(job.uid)
+        if known and is_older(job.resource_version, known.resource_version):
+            return False
+        if job.finished:
+            self._gone.pop(job.uid, None)
+        self._jobs[job.uid] = job.kept()
+        return True
+
+    def drop_job(self, uid: str) -> None:
+        """Forgets a job; its pods are forgotten when their own deletion arrives."""
+        self._jobs.pop(uid, None)
+        self._gone.pop(uid, None)
+
+    def uids(self) -> list[str]:
+        """Of all known jobs."""
+        return list(self._jobs)
+
+    def forget(self, job_uid: str) -> None:
+        """Forgets a job that is gone, and its pods; those that are there still are told again."""
+        self.drop_job(job_uid)
+        self._pods.pop(job_uid, None)
+
+    def gone_pods(self, job_uid: str) -> tuple[PodView, ...]:
+        """The last pods of an unfinished job that were seen to go, as they were at the end."""
+        return tuple(self._gone.get(job_uid, ()))
+
+    def put_pod(self, pod: PodView) -> bool:
+        """Keeps a pod unless something newer of that name is known; says whether it tells news.
+
+        The answer to our own POST or GET may be ahead of the watch, which then still delivers the
+        end of a namesake: taken for this pod's, it would end a healthy driver.
+        """
+        pods = self._pods.setdefault(pod.job_uid, {})
+        key = (pod.namespace, pod.name)
+        known = pods.get(key)
+        if known is not None and is_older(pod.resource_version, known.resource_version):
+            return False
+        pods[key] = pod
+        return known is None or replace(known, resource_version=pod.resource_version) != pod
+
+    def drop_pod(self, pod: PodView) -> None:
+        """Takes a pod away, unless another of the same name has taken its place."""
+        pods = self._pods.get(pod.job_uid, {})
+        known = pods.get((pod.namespace, pod.name))
+        if known and known.uid == pod.uid:
+            del pods[pod.namespace, pod.name]
+            job = self._jobs.get(pod.job_uid)
+            if job is not None and not job.finished and pod.namespace == job.namespace:
+                gone = self._gone.setdefault(pod.job_uid, deque(maxlen=MOST_GONE_PODS))
+                gone.append(pod)
+        if not pods:
+            self._pods.pop(pod.job_uid, None)
+
+
+def is_older(version: str, known: str) -> bool:
+    """Resource versions of one kind are comparable numbers in Kubernetes 1.34's storage."""
+    if version.isdecimal() and known.isdecimal():
+        return int(version) < int(known)
+    return False

@@ -1,0 +1,1 @@
+"""What runs reconcilers: queue, workers, pauses, probes, metrics. It knows no jobs."""

@@ -1,0 +1,67 @@
+"""Forgets jobs and schedules whose deletion no watch has told: they went between two watches.
+
+One that ended, rests or is stalled is visited by nothing else, and would stay in memory and in the
+gauges.
+"""
+
+import asyncio
+import logging
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.runtime.queue import WorkQueue
+
+logger = logging.getLogger(__name__)
+
+PERIOD_SECONDS = 600.0
+
+
+class Seen(Protocol):
+    """What was seen of one kind."""
+
+    def uids(self) -> list[str]:
+        """Of all that are known."""
+
+    def forget(self, uid: str) -> None:
+        """One is gone."""
+
+
+@dataclass
+class Census:
+    """Compares what is known with what there is, every `period_seconds`."""
+
+    view: Seen
+    queue: WorkQueue
+    # The UIDs of all that there are in a namespace, or in all; raises ApiError.
+    register: Callable[[str | None], Awaitable[set[str]]]
+    namespaces: Sequence[str | None]
+    period_seconds: float = PERIOD_SECONDS
+
+    async def count(self) -> int:
+        """One comparison; how many were forgotten. Raises ApiError."""
+        # Known before the list begins, so that what is created meanwhile is not missed in it.
+        known = self.view.uids()
+        there: set[str] = set()
+        for namespace in self.namespaces:
+            there |= await self.register(namespace)
+        gone = [uid for uid in known if uid not in there]
+        for uid in gone:
+            self.view.forget(uid)
+            self.queue.forget(uid)
+            # A visit of what is not there forgets all else that is known of it.
+            self.queue.add(uid)
+        return len(gone)
+
+    async def run(self) -> None:
+        """Compares until cancelled."""
+        while True:
+            await asyncio.sleep(self.period_seconds)
+            try:
+                gone = await self.count()
+            except ApiError as error:
+                logger.warning("what is gone is looked for later: %s", error)
+                continue
+            if gone:
+                logger.info("%d went without a word of the watch", gone)
