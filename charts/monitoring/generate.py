@@ -13,7 +13,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.spec import JobFile
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
@@ -43,7 +43,7 @@ def generated() -> dict[str, str]:
 
 def operator_registry() -> CollectorRegistry:
     """The metrics of an operator that has seen nothing yet."""
-    metrics = Metrics(View(), WorkQueue())
+    metrics = JobMetrics(View(), WorkQueue())
     ScheduleMetrics(Schedules(), metrics.registry)
     return metrics.registry
 

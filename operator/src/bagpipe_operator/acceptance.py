@@ -15,8 +15,8 @@ from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError, KubernetesApi
-from bagpipe_operator.jobs.view import Json
 
 REQUEST_SECONDS = 10.0
 _BAG = "pvc://recordings/drive.bag"

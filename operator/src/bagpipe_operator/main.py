@@ -26,7 +26,7 @@ from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.kueue.watch import WorkloadWatch, register_workloads
 from bagpipe_operator.jobs.kueue.workload_view import Workloads
 from bagpipe_operator.jobs.large_jobs import LargeJobs
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import View
@@ -74,7 +74,7 @@ async def run(settings: Settings) -> None:
     """Runs the operator until SIGTERM or SIGINT."""
     view, fence = View(), Fence()
     queue = WorkQueue(tenant_of=view.namespace_of)
-    metrics = Metrics(view, queue, fence.leads)
+    metrics = JobMetrics(view, queue, fence.leads)
     large = LargeJobs(view)
     sweeper = Sweeper(view, queue, settings.sweep_seconds, large=large)
     async with AsyncExitStack() as stack:

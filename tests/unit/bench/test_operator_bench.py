@@ -10,7 +10,7 @@ import pytest
 from embedded import builds
 from prometheus_client import generate_latest
 
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import PodView, View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.bench import operator_bench, operator_load, operator_peer, rows, run
@@ -139,7 +139,7 @@ def test_metrics_are_read_by_the_start_of_their_lines() -> None:
 
 def test_what_the_bench_waits_for_is_counted_by_the_operator_and_nothing_else_is() -> None:
     view, queue = View(), WorkQueue()
-    metrics = Metrics(view, queue)
+    metrics = JobMetrics(view, queue)
     for number in range(3):
         view.put_job(make_job(f"job-{number}").view())
         view.put_pod(PodView.from_object(make_driver(f"job-{number}").object()))

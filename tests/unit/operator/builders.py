@@ -9,7 +9,8 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, Self
 
 from bagpipe_operator.api import names
-from bagpipe_operator.jobs.view import JobView, Json, PodView
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.view import JobView, PodView
 
 START = datetime(2026, 11, 20, 4, 0, 0, tzinfo=UTC)
 

@@ -9,9 +9,9 @@ every write, merge patches of a status. tests/e2e runs the same loop against a r
 import copy
 from dataclasses import dataclass, field
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.driver.progress import Progress, parse
-from bagpipe_operator.jobs.view import Json
 
 
 def not_found(what: str) -> ApiError:

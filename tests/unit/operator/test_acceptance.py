@@ -6,8 +6,8 @@ import pytest
 
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator import acceptance
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.view import Json
 
 READY: Json = {
     "metadata": {"generation": 2},

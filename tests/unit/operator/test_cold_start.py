@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.watch import Watch
@@ -38,7 +38,7 @@ def collector() -> Iterator[None]:
 
 async def test_jobs_that_have_ended_cost_no_call() -> None:
     api, view, queue, clock = FakeApi(), View(), WorkQueue(), Clock()
-    watch = Watch(view, queue, Metrics(view, queue))
+    watch = Watch(view, queue, JobMetrics(view, queue))
     reconciler = Reconciler(
         api, view, FakeDrivers(), Settings(), clock.now, monotonic=clock.monotonic
     )
@@ -59,7 +59,7 @@ async def test_jobs_that_have_ended_cost_no_call() -> None:
 
 async def test_a_running_job_with_many_pods_is_asked_for_once() -> None:
     view, queue = View(), WorkQueue()
-    watch = Watch(view, queue, Metrics(view, queue))
+    watch = Watch(view, queue, JobMetrics(view, queue))
     job = make_job("x").with_status(driver="x-1-driver", phase="Running")
     pods = [make_driver("x").running(), *(make_executor("x", n).running() for n in range(9))]
     events = [{"type": None, "object": pod.object()} for pod in pods]

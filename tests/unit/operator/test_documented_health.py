@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from bagpipe_operator.api import conditions, names
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 from tests.unit.operator.builders import account, make_driver, make_executor, make_job
 from tests.unit.operator.world import World
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.election import RETRY_SECONDS, Election, new_identity
 from bagpipe_operator.cluster.fence import Fence, FencedApi, NotLeadingError
 from bagpipe_operator.cluster.lease import Terms
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.fakes import FakeApi
 
 DOWN = ApiError(0, "Unreachable", "connection refused")

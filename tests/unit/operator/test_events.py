@@ -2,8 +2,9 @@
 
 from bagpipe_operator.api import conditions
 from bagpipe_operator.api.conditions import Condition
-from bagpipe_operator.cluster.events import Note, manifest, transitions
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.events import Note
+from bagpipe_operator.jobs.transitions import manifest, transitions
 from tests.unit.operator.builders import START, make_job
 
 

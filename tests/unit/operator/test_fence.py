@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.fence import WRITES_AT_ONCE, Fence, FencedApi, NotLeadingError
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.fakes import FakeApi
 
 

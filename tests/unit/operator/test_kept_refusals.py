@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe_operator.jobs.pods.children import Refusal
+from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.troubles.lookout import LOOK_EVERY_SECONDS
 from bagpipe_operator.jobs.troubles.refusals import Refusals
 from tests.unit.operator.builders import make_job

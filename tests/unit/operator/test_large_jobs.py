@@ -4,7 +4,7 @@ import asyncio
 
 from bagpipe_operator.cluster.large_objects import LARGE, SIZE
 from bagpipe_operator.jobs.large_jobs import LargeJobs
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -40,7 +40,7 @@ def test_what_is_not_large_or_not_there_is_worked_on_at_once() -> None:
 async def test_small_jobs_pass_while_a_large_one_takes_its_time() -> None:
     view = View()
     queue, large = WorkQueue(), LargeJobs(view)
-    metrics = Metrics(view, queue)
+    metrics = JobMetrics(view, queue)
     begun, go_on, passed, over = (asyncio.Event() for _ in range(4))
     heavy = [put(view, f"x{n}", LARGE + 1) for n in range(9)]
     light = [put(view, f"y{n}", 10) for n in range(9)]

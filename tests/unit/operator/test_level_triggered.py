@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 import yaml
 
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.world import World

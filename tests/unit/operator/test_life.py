@@ -3,9 +3,10 @@
 import pytest
 
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, Json, PodView, View
+from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import (
     JobBuilder,

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime import log
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -58,7 +58,9 @@ async def test_a_fault_met_with_a_job_names_the_job(stream: io.StringIO) -> None
         logger.warning("in a task of its own")
 
     queue.add(job.uid)
-    worker = asyncio.create_task(work(queue, reconcile, Metrics(view, queue), called=view.called))
+    worker = asyncio.create_task(
+        work(queue, reconcile, JobMetrics(view, queue), called=view.called)
+    )
     await asyncio.sleep(0.05)
     worker.cancel()
     await asyncio.gather(worker, return_exceptions=True)

@@ -14,12 +14,13 @@ from datetime import UTC, datetime
 import pytest
 from prometheus_client import CollectorRegistry, generate_latest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
-from bagpipe_operator.jobs.view import JobView, Json, View
+from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
@@ -64,7 +65,7 @@ class JobWorld:
 
     def __post_init__(self) -> None:
         queue = WorkQueue(lambda: 0.0)
-        self.metrics = Metrics(self.view, queue)
+        self.metrics = JobMetrics(self.view, queue)
         self.watch = Watch(self.view, queue, self.metrics)
         self.sweeper = Sweeper(self.view, queue, 2.0, now=self.clock.now)
         says = forged.account(self.rng)
@@ -132,7 +133,7 @@ async def run_schedule(number: int, lax: bool) -> None:
     schedule = stored(generator.manifest(SCHEDULE), schedules.UID, status)
     api = schedules.FakeApi(schedule)
     view, queue, registry = Schedules(), WorkQueue(lambda: 0.0), CollectorRegistry()
-    watch = ScheduleWatch(view, queue, Metrics(View(), queue))
+    watch = ScheduleWatch(view, queue, JobMetrics(View(), queue))
 
     def now() -> datetime:
         return datetime(2026, 11, 20, 4, 30, tzinfo=UTC)

@@ -5,11 +5,11 @@ from typing import Any
 import pytest
 
 from bagpipe_operator.api.nesting import DEEPEST
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.quantities import heap, memory_bytes
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_template
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, job_config, read_spec
-from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import JobBuilder, make_job
 

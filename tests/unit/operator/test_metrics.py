@@ -7,7 +7,7 @@ import pytest
 from prometheus_client import generate_latest
 
 from bagpipe_operator.jobs import milestones
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.unit.operator.builders import make_driver, make_executor, make_job
@@ -88,12 +88,12 @@ def test_what_never_ran_took_no_time_to_run() -> None:
     assert milestones.ended(job(), failed) == milestones.Ended("Failed", "None")
 
 
-def value(metrics: Metrics, name: str, **labels: str) -> float | None:
+def value(metrics: JobMetrics, name: str, **labels: str) -> float | None:
     return metrics.registry.get_sample_value(name, labels)
 
 
 def test_a_scrape_tells_transitions_ends_calls_and_questions() -> None:
-    metrics = Metrics(View(), WorkQueue())
+    metrics = JobMetrics(View(), WorkQueue())
     done = job(ACCEPTED, COMPLETE, phase="Complete", verdict="Passed", attempt=1,
                firstCaseTime=at("00:30"), completionTime=at("00:50"))  # fmt: skip
     metrics.job_written(job(ACCEPTED, attempt=1), done)
@@ -118,7 +118,7 @@ def test_a_scrape_counts_the_pods_and_cases_of_the_fleet() -> None:
     view.put_job(make_job("b").with_status(conditions=over, cases={"passed": 50}).view())
     view.put_pod(make_driver("a").running().view())
     view.put_pod(make_executor("a").view())
-    metrics = Metrics(view, WorkQueue())
+    metrics = JobMetrics(view, WorkQueue())
     assert value(metrics, "bagpipe_unfinished_cases", state="passed") == 3
     assert value(metrics, "bagpipe_pods", role="driver", phase="Running") == 1
     assert value(metrics, "bagpipe_pods", role="executor", phase="Pending") == 1
@@ -135,7 +135,7 @@ def test_a_status_that_nobody_looks_at_gets_older(
     monkeypatch.setattr("bagpipe_operator.jobs.metrics.time.monotonic", lambda: clock[0])
     view = View()
     view.put_job(make_job("a").view())
-    metrics = Metrics(view, WorkQueue(), leads=lambda: leads)
+    metrics = JobMetrics(view, WorkQueue(), leads=lambda: leads)
     assert value(metrics, "bagpipe_status_age_seconds") == 0
     clock[0] += 600
     assert value(metrics, "bagpipe_status_age_seconds") == least
@@ -147,6 +147,6 @@ def test_no_metric_names_a_job() -> None:
     view = View()
     view.put_job(make_job("alpha").with_status(phase="Running").view())
     view.put_pod(make_driver("alpha").running().view())
-    metrics = Metrics(view, WorkQueue())
+    metrics = JobMetrics(view, WorkQueue())
     metrics.reconciled("uid-of-alpha")
     assert "alpha" not in generate_latest(metrics.registry).decode()

@@ -4,8 +4,8 @@ from datetime import timedelta
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.troubles import pending
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.builders import START, PodBuilder, make_driver, make_executor
 
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.builders import JobBuilder, make_job
 from tests.unit.operator.test_manifests import container, driver_of, template_of
 

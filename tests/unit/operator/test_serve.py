@@ -6,7 +6,7 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime import serve
@@ -27,9 +27,9 @@ async def ask(app: web.Application, path: str) -> tuple[int, str]:
 async def test_not_ready_before_the_watches_and_alive_all_the_same() -> None:
     view, queue = View(), WorkQueue()
     health = serve.Health(Sweeper(view, queue, 2.0))
-    app = serve.application(health, Metrics(view, queue))
+    app = serve.application(health, JobMetrics(view, queue))
     assert await ask(app, "/livez") == (200, "ok\n")
-    app = serve.application(health, Metrics(view, queue))
+    app = serve.application(health, JobMetrics(view, queue))
     status, text = await ask(app, "/readyz")
     assert (status, text) == (503, "the watches have not started: is the CRD installed?\n")
 
@@ -45,7 +45,7 @@ async def test_a_replica_that_can_not_stand_by_is_alive_and_not_ready() -> None:
 @pytest.mark.parametrize(("leads", "value"), [(True, "1.0"), (False, "0.0")])
 async def test_metrics_say_who_leads(leads: bool, value: str) -> None:
     view, queue = View(), WorkQueue()
-    metrics = Metrics(view, queue, leads=lambda: leads)
+    metrics = JobMetrics(view, queue, leads=lambda: leads)
     app = serve.application(serve.Health(Sweeper(view, queue, 2.0)), metrics)
     _, text = await ask(app, "/metrics")
     assert f"bagpipe_leader {value}" in text
@@ -69,7 +69,7 @@ async def test_metrics_count_jobs_by_phase_without_naming_them() -> None:
     view.put_job(make_job("beta").with_status(phase="Running").view())
     view.put_job(make_job("gamma").view())
     queue.add("uid-of-alpha")
-    app = serve.application(serve.Health(Sweeper(view, queue, 2.0)), Metrics(view, queue))
+    app = serve.application(serve.Health(Sweeper(view, queue, 2.0)), JobMetrics(view, queue))
     status, text = await ask(app, "/metrics")
     assert status == 200
     assert 'bagpipe_jobs{phase="Running"} 2.0' in text

@@ -4,10 +4,10 @@ import logging
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.events import NORMAL, Note
 from bagpipe_operator.cluster.untold import Untold
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.builders import make_job
 from tests.unit.operator.fakes import FakeApi
 from tests.unit.operator.world import UID

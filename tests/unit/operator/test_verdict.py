@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.policies import verdict
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.builders import JobBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_life import untold
 from tests.unit.operator.world import World

@@ -6,7 +6,7 @@ import kopf
 import pytest
 
 from bagpipe_operator.jobs import watch
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -16,7 +16,7 @@ from tests.unit.operator.builders import make_driver, make_job
 @pytest.fixture
 def watcher() -> Watch:
     view, queue = View(), WorkQueue()
-    return Watch(view, queue, Metrics(view, queue))
+    return Watch(view, queue, JobMetrics(view, queue))
 
 
 async def test_a_job_and_its_pods_ask_for_the_same_key(watcher: Watch) -> None:

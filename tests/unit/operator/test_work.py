@@ -8,7 +8,7 @@ import pytest
 
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.fence import Fence, FencedApi, NotLeadingError
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -22,7 +22,7 @@ from tests.unit.operator.world import UID, World
 class Bench:
     def __init__(self) -> None:
         self.queue = WorkQueue()
-        self.metrics = Metrics(View(), self.queue)
+        self.metrics = JobMetrics(View(), self.queue)
         self.seen: list[str] = []
         self.leads = True
 
@@ -108,7 +108,7 @@ async def at_work(world: World, queue: WorkQueue, seconds: float = 5.0) -> None:
     """The loop as main ties it together, for a while; nothing happens but time."""
     sweeper = Sweeper(world.view, queue, 2.0, now=world.clock.now)
     reconcile = world.reconciler.reconcile
-    parts = [sweeper.run(), work(queue, reconcile, Metrics(world.view, queue))]
+    parts = [sweeper.run(), work(queue, reconcile, JobMetrics(world.view, queue))]
     tasks = [asyncio.create_task(part) for part in parts]
     await asyncio.sleep(seconds)
     for task in tasks:

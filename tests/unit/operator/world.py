@@ -1,7 +1,8 @@
 """A job, an operator and a watch that delivers when it is told to, over the fakes."""
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.reconcile import Reconciler
-from bagpipe_operator.jobs.view import JobView, Json, View
+from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import Clock, JobBuilder, PodBuilder, make_job
 from tests.unit.operator.fakes import FakeApi, FakeDrivers

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 
 ACCEPTED = "Accepted"
 PLANNED = "Planned"

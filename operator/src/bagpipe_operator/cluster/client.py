@@ -14,8 +14,8 @@ from kubernetes.aio.client.exceptions import ApiException
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import loads
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.large_objects import PAGE, read_answer, trimmed
-from bagpipe_operator.jobs.view import Json
 
 # The kubelet joins what it repeats, so a pod that starts has about a dozen.
 MOST_EVENTS = 100

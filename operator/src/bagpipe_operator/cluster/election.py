@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 from typing import Protocol
 from uuid import uuid4
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster import lease as leases
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.fence import Fence, elapsed
 from bagpipe_operator.cluster.lease import Lease, Sighting, Step, Terms
-from bagpipe_operator.jobs.view import Json
 
 logger = logging.getLogger(__name__)
 

@@ -5,8 +5,8 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import TypeVar
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
-from bagpipe_operator.jobs.view import Json
 
 Answer = TypeVar("Answer")
 

@@ -9,7 +9,7 @@ so it has stopped before anybody can take over, as long as clocks run equally fa
 from dataclasses import dataclass
 from enum import Enum, auto
 
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 
 API_VERSION = "coordination.k8s.io/v1"
 

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.events import Note, Subject
-from bagpipe_operator.jobs.view import Json
 
 logger = logging.getLogger(__name__)
 

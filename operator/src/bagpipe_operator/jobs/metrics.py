@@ -4,16 +4,8 @@ import time
 from collections import Counter as Tally
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
-from importlib.metadata import version
 
-from prometheus_client import (
-    CollectorRegistry,
-    Counter,
-    Gauge,
-    Histogram,
-    ProcessCollector,
-    generate_latest,
-)
+from prometheus_client import Counter, Histogram
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
@@ -22,9 +14,9 @@ from bagpipe_operator.jobs import milestones
 from bagpipe_operator.jobs.milestones import VERDICTS
 from bagpipe_operator.jobs.policies.life import rests
 from bagpipe_operator.jobs.view import JobView, View
+from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
 
-RELEASE = version("bagpipe-operator")  # it reads files, so not when the loop runs already
 PHASES = ("Pending", "Planning", "Running", "Suspended", "Complete", "Failed")
 POD_PHASES = ("Pending", "Running", "Succeeded", "Failed", "Unknown")
 CASE_STATES = (
@@ -32,7 +24,6 @@ CASE_STATES = (
     "discarded",
 )  # fmt: skip
 LIFE_BUCKETS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 900, 1800, 3600, 7200, 21600, 86400)
-CALL_BUCKETS = (0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10)
 
 
 class _StateCollector(Collector):
@@ -116,79 +107,16 @@ def _oldest_pending(jobs: list[JobView], now: datetime) -> float:
     return max(((now - moment).total_seconds() for moment in created), default=0.0)
 
 
-def of_the_process() -> bytes:
-    """What the kernel says of this process, as text. It reads files: not for the loop's thread."""
-    registry = CollectorRegistry()
-    ProcessCollector(registry=registry)
-    return generate_latest(registry)
-
-
-class Metrics:
-    """Counters and gauges of one operator, in a registry of their own."""
+class JobMetrics(Metrics):
+    """Counters and gauges of one operator's jobs, beside those of its work."""
 
     def __init__(
         self, view: View, queue: WorkQueue, leads: Callable[[], bool] = lambda: True
     ) -> None:
-        self.registry = CollectorRegistry()
+        super().__init__()
         self._state = _StateCollector(view, queue, leads)
         self.registry.register(self._state)
-        info = Gauge(
-            "bagpipe_operator_info", "1; the label tells the operator's release.", ["version"],
-            registry=self.registry,
-        )  # fmt: skip
-        info.labels(version=RELEASE).set(1)
-        self._count_work()
-        self._count_calls()
         self._count_jobs()
-
-    def _count_work(self) -> None:
-        self.reconciles = Counter(
-            "bagpipe_reconciles",
-            "Reconciles by result: done, retried after a refusal or timeout, faulted by a bug, "
-            "fenced by the loss of leadership.",
-            ["result"],
-            registry=self.registry,
-        )
-        for result in ("done", "retried", "faulted", "fenced"):
-            self.reconciles.labels(result=result)
-        self.reconcile_seconds = Histogram(
-            "bagpipe_reconcile_seconds",
-            "Time of one reconcile, with its calls to the API server and the driver.",
-            buckets=(0.001, 0.005, 0.02, 0.1, 0.5, 2, 10, 60),
-            registry=self.registry,
-        )
-        self.watch_events = Counter(
-            "bagpipe_watch_events",
-            "Objects that the watches delivered.",
-            ["kind"],
-            registry=self.registry,
-        )
-
-    def _count_calls(self) -> None:
-        self._calls = Counter(
-            "bagpipe_api_requests",
-            "Calls to the API server by verb and HTTP status: 200 for every success, `none` where "
-            "there was no answer in time. The watches are kopf's and are not among them.",
-            ["verb", "code"],
-            registry=self.registry,
-        )
-        self._call_seconds = Histogram(
-            "bagpipe_api_request_seconds", "Time of one call to the API server.", ["verb"],
-            buckets=CALL_BUCKETS, registry=self.registry,
-        )  # fmt: skip
-        self._throttled = Counter(
-            "bagpipe_api_throttled",
-            "Calls that the API server refused because there were too many (429).",
-            registry=self.registry,
-        )
-        self._asked = Counter(
-            "bagpipe_driver_requests",
-            "Questions to drivers for their progress: answered, or silent.",
-            ["result"],
-            registry=self.registry,
-        )
-        for result in ("answered", "silent"):
-            self._asked.labels(result=result)
 
     def _count_jobs(self) -> None:
         told = {
@@ -214,22 +142,11 @@ class Metrics:
             self._ended.labels(phase="Complete", verdict=verdict)
         self._ended.labels(phase="Failed", verdict="None")
 
-    def reconciled(self, uid: str) -> None:
+    def reconciled(self, key: str) -> None:
         """A job was looked at and nothing was in the way."""
-        self.reconciles.labels(result="done").inc()
-        if uid in self._state.visited:
-            self._state.visited[uid] = time.monotonic()
-
-    def api_called(self, method: str, status: int, seconds: float) -> None:
-        """The API server answered with this status, 0 for not at all, after so many seconds."""
-        self._calls.labels(verb=method, code=str(status) if status else "none").inc()
-        self._call_seconds.labels(verb=method).observe(seconds)
-        if status == 429:
-            self._throttled.inc()
-
-    def driver_asked(self, answered: bool) -> None:
-        """A driver was asked for its progress."""
-        self._asked.labels(result="answered" if answered else "silent").inc()
+        super().reconciled(key)
+        if key in self._state.visited:
+            self._state.visited[key] = time.monotonic()
 
     def job_written(self, before: JobView, after: JobView) -> None:
         """A job's status was written."""

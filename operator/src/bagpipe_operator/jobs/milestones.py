@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from bagpipe_operator.api import conditions, reasons
-from bagpipe_operator.jobs.view import JobView, Json
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.view import JobView
 
 ACCEPTED = "created_to_accepted"
 PLANNED = "accepted_to_planned"

@@ -7,19 +7,22 @@ import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Protocol
 
 from bagpipe.spec import DEFAULT_BACKOFF_LIMIT, SimulationJobSpec
 from bagpipe_operator.api import names, readings, reasons
-from bagpipe_operator.cluster import events
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
 from bagpipe_operator.jobs.kueue.queueing import Queueing
-from bagpipe_operator.jobs.pods.children import Refusal, create_children
+from bagpipe_operator.jobs.observation import Observation
+from bagpipe_operator.jobs.pods.children import create_children
 from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.policies.life import (
     Halt,
     expired,
@@ -31,13 +34,14 @@ from bagpipe_operator.jobs.policies.life import (
     pausing,
 )
 from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
-from bagpipe_operator.jobs.status import Observation, acknowledged, decide, fatal
+from bagpipe_operator.jobs.status import acknowledged, decide, fatal
 from bagpipe_operator.jobs.teller import Teller
 from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.troubles.lookout import Lookout
 from bagpipe_operator.jobs.troubles.refusals import Refusals
-from bagpipe_operator.jobs.view import JobView, Json, PodView, View
+from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.jobs.whole_job import whole
+from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.runtime.patience import Patience
 from bagpipe_operator.settings import Settings
 
@@ -58,11 +62,6 @@ class Drivers(Protocol):
 
     def forget(self, uid: str) -> None:
         """Nobody will ask it again."""
-
-
-def utc_now() -> datetime:
-    """The wall clock."""
-    return datetime.now(UTC)
 
 
 @dataclass
@@ -363,7 +362,7 @@ class Reconciler:
         """Counts what a write has changed, and keeps it to be told."""
         self._unanswered.pop(now.uid, None)
         self.counted(before, now)
-        notes = events.transitions(
+        notes = transitions.transitions(
             before.status.get("conditions") or [], now.status.get("conditions") or []
         )
         self._teller.add(now, notes)

@@ -4,52 +4,24 @@ Levels, not edges: the same observation always gives the same status, so a lost 
 restart of the operator changes nothing.
 """
 
-from collections.abc import Hashable, Mapping
-from dataclasses import dataclass, field
 from datetime import datetime, timedelta
 
-from bagpipe_operator.api import conditions, names, reasons
+from bagpipe_operator.api import conditions, reasons
 from bagpipe_operator.api.conditions import Condition
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
-from bagpipe_operator.jobs.pods.children import Refusal
+from bagpipe_operator.jobs.observation import Observation
 from bagpipe_operator.jobs.policies import verdict
 from bagpipe_operator.jobs.policies.life import Halt, lost_drivers, pause_seconds, pausing
 from bagpipe_operator.jobs.troubles.trouble import Trouble
-from bagpipe_operator.jobs.view import JobView, Json, PodView
+from bagpipe_operator.jobs.view import JobView
 
 _UNENDED = (
     Condition(conditions.COMPLETE, False, reasons.IN_PROGRESS, "The job has not ended."),
     Condition(conditions.FAILED, False, reasons.IN_PROGRESS, "The job has not failed."),
     verdict.NOT_ENDED,
 )
-
-
-@dataclass(frozen=True)
-class Observation:
-    """All that the status of one job depends on."""
-
-    job: JobView
-    attempt: int
-    driver: PodView | None = None
-    executors: tuple[PodView, ...] = ()
-    progress: Progress | None = None
-    refusal: Refusal | None = None
-    troubles: tuple[Trouble, ...] = ()
-    seen_for: Mapping[Hashable, float] = field(default_factory=dict)  # seconds, by Trouble.key
-    refused_for: float = 0.0  # seconds
-    ending: Ending | None = None
-    backoff_limit: int = 0
-    halt: Halt | None = None
-    alive: tuple[PodView, ...] = ()  # of all attempts
-    resumed_from: Json | None = None
-    kueue: bool = False  # whether jobs wait for their queues
-
-    @property
-    def executor_runs(self) -> bool:
-        """Whether a case may be running at all."""
-        containers = (pod.container(names.CONTAINER_SPARK) for pod in self.executors)
-        return any(container is not None and container.running for container in containers)
 
 
 def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:

@@ -9,10 +9,10 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from bagpipe_operator.cluster import events
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.cluster.events import Note
 from bagpipe_operator.cluster.untold import Untold
+from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.view import JobView
 
 logger = logging.getLogger(__name__)
@@ -48,7 +48,7 @@ class Teller:
             return
         self._met.add(job.uid)
         if "lostDrivers" in job.status:
-            self.add(job, events.recent(job.status.get("conditions") or [], now))
+            self.add(job, transitions.recent(job.status.get("conditions") or [], now))
         try:
             await self.tell(job, now)
         except ApiError as error:
@@ -56,11 +56,11 @@ class Teller:
 
     def add(self, job: JobView, notes: Iterable[Note]) -> None:
         """Keeps what is to be told, marked now: by then the job may be at another attempt."""
-        self._untold.add(job.uid, [events.marked(job, note) for note in notes])
+        self._untold.add(job.uid, [transitions.marked(job, note) for note in notes])
 
     async def tell(self, job: JobView, now: datetime) -> None:
         """Writes what is kept; raises the ApiError after which to try again."""
-        await self._untold.write(job, lambda note: events.manifest(job, note, now))
+        await self._untold.write(job, lambda note: transitions.manifest(job, note, now))
 
     def forget(self, uid: str) -> None:
         """The job is gone."""

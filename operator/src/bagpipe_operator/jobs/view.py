@@ -9,15 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
-from typing import Any
 
 from bagpipe.marks import marks_of
 from bagpipe_operator.api import names, readings
 from bagpipe_operator.api.kept_spec import packed, scalars, what_decides
 from bagpipe_operator.api.nesting import bounded
+from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.cluster.large_objects import TRIMMED, is_large
-
-Json = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -360,10 +358,3 @@ class View:
                 gone.append(pod)
         if not pods:
             self._pods.pop(pod.job_uid, None)
-
-
-def is_older(version: str, known: str) -> bool:
-    """Resource versions of one kind are comparable numbers in Kubernetes 1.34's storage."""
-    if version.isdecimal() and known.isdecimal():
-        return int(version) < int(known)
-    return False

@@ -13,10 +13,11 @@ from typing import Any
 import kopf
 
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.bounded_session import bounded_connection
 from bagpipe_operator.cluster.large_objects import PAGE
-from bagpipe_operator.jobs.metrics import Metrics
-from bagpipe_operator.jobs.view import JobView, Json, PodView, View
+from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import Lane, WorkQueue
 
 SYSTEM_ERRORS_SECONDS = (1, 2, 5, 10, 30)

@@ -3,22 +3,29 @@
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from aiohttp import web
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
-from bagpipe_operator.jobs.metrics import Metrics, of_the_process
-from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.runtime.metrics import Metrics, of_the_process
 
 # This many missed sweeps mean that the event loop or the sweeper is stuck.
 MISSED_SWEEPS = 15
+
+
+class Pulse(Protocol):
+    """What is done again and again as long as the event loop lives."""
+
+    period_seconds: float
+    last_sweep: float  # by the event loop's clock
 
 
 @dataclass
 class Health:
     """What the probes are answered from."""
 
-    sweeper: Sweeper
+    sweeper: Pulse
     watching: bool = False  # kopf has started its watches
     lease_trouble: Callable[[], str] = lambda: ""  # why it can't even wait for its turn to lead
 

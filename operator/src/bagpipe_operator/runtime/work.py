@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable
 
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.fence import NotLeadingError
-from bagpipe_operator.jobs.metrics import Metrics
 from bagpipe_operator.runtime.log import about
+from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
 
 logger = logging.getLogger(__name__)

@@ -2,9 +2,9 @@
 
 from typing import Protocol
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api
 from bagpipe_operator.cluster.fence import Fence, FencedApi
-from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.reconcile import ScheduleApi
 
 

@@ -3,9 +3,9 @@
 from datetime import datetime
 
 from bagpipe_operator.api import conditions, names, reasons
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.readings import mapping
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.status import Refused
 from bagpipe_operator.schedules.view import ScheduleView, job_name
 

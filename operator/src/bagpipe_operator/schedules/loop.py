@@ -6,9 +6,9 @@ from datetime import datetime
 
 import kopf
 
-from bagpipe_operator.jobs.metrics import Metrics
-from bagpipe_operator.jobs.reconcile import utc_now
 from bagpipe_operator.runtime.census import Census
+from bagpipe_operator.runtime.clock import utc_now
+from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.runtime.work import work
 from bagpipe_operator.schedules import watch

@@ -5,8 +5,8 @@ from datetime import datetime
 
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.conditions import Condition
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.events import NORMAL, WARNING, Note
-from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict, written_run
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, job_name
 

@@ -10,8 +10,8 @@ from datetime import UTC, datetime
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.kept_spec import scalars
 from bagpipe_operator.api.nesting import DEEPEST, bounded
+from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.cluster.large_objects import is_large
-from bagpipe_operator.jobs.view import Json, is_older
 
 
 @dataclass(frozen=True)

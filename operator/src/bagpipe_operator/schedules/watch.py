@@ -6,8 +6,8 @@ from typing import Any
 import kopf
 
 from bagpipe_operator.api import names
-from bagpipe_operator.jobs.metrics import Metrics
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
 

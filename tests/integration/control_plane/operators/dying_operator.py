@@ -11,8 +11,8 @@ import signal
 import sys
 from pathlib import Path
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import KubernetesApi
-from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.main import main
 
 PROGRAM = [sys.executable, str(Path(__file__))]

@@ -24,7 +24,7 @@ from kubernetes.aio.client import ApiClient, Configuration
 
 from bagpipe_operator.cluster.client import KubernetesApi
 from bagpipe_operator.jobs import watch
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.loop import ScheduleLoop
@@ -131,7 +131,7 @@ def operator(
         )
         async with ApiClient(configuration=configuration) as client:
             view, queue = View(), WorkQueue()
-            metrics = Metrics(view, queue)
+            metrics = JobMetrics(view, queue)
             loop = ScheduleLoop(KubernetesApi(client, 10.0), metrics, now=bench.now)
             registry = loop.register(watch.registry(watch.Watch(view, queue, metrics)))
             stop = asyncio.Event()

@@ -8,10 +8,11 @@ It writes the conditions as a real one (kueue.x-k8s.io/v1beta2) was seen to writ
 import copy
 from dataclasses import dataclass
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
-from bagpipe_operator.jobs.view import Json, View
+from bagpipe_operator.jobs.view import View
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import JobBuilder, make_job
 from tests.unit.operator.fakes import FakeApi

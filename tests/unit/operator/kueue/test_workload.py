@@ -4,9 +4,9 @@ from typing import Any
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.kueue import workload
 from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.builders import START, make_job
 
 # A condition as type, status, reason and message.

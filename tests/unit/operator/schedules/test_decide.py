@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.schedules.cron import read_zone
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView

@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from bagpipe.spec import SimulationJobSpec
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.schedules.cron import read_zone
 from bagpipe_operator.schedules.decide import decide, time_zone_of
 from bagpipe_operator.schedules.job import job_manifest

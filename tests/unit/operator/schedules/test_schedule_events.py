@@ -4,8 +4,8 @@ from datetime import timedelta
 
 import pytest
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.view import Json
 from tests.unit.operator.schedules.world import World, minute, name_of
 
 

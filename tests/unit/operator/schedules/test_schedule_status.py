@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from bagpipe_operator.api.conditions import timestamp
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.schedules.cron import UnusableScheduleError
 from bagpipe_operator.schedules.decide import Decision, Verdict
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of

@@ -6,7 +6,7 @@ from datetime import datetime, timedelta
 import pytest
 from prometheus_client import CollectorRegistry, generate_latest
 
-from bagpipe_operator.jobs.metrics import Metrics
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import View
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
@@ -26,7 +26,7 @@ from tests.unit.operator.schedules.world import (
 
 @pytest.fixture
 def watcher() -> ScheduleWatch:
-    return ScheduleWatch(Schedules(), WorkQueue(), Metrics(View(), WorkQueue()))
+    return ScheduleWatch(Schedules(), WorkQueue(), JobMetrics(View(), WorkQueue()))
 
 
 async def test_a_schedule_and_its_jobs_ask_for_the_same_key(watcher: ScheduleWatch) -> None:
@@ -113,7 +113,7 @@ async def test_the_loop_starts_a_job_when_its_minute_comes() -> None:
     def now() -> datetime:
         return world.clock + timedelta(seconds=loop.time())
 
-    schedules = ScheduleLoop(world.api, Metrics(View(), WorkQueue()), now=now)
+    schedules = ScheduleLoop(world.api, JobMetrics(View(), WorkQueue()), now=now)
     schedules._view.put_schedule(ScheduleView.from_object(make_schedule()))
     schedules._queue.add(UID)
     tasks = schedules.start()

@@ -10,8 +10,8 @@ from typing import Any
 from prometheus_client import CollectorRegistry, generate_latest
 
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.view import Json
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.metrics import ScheduleMetrics

@@ -13,7 +13,7 @@ import aiohttp
 from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from bagpipe_operator.api.names import PROGRESS_PORT
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 
 logger = logging.getLogger(__name__)
 

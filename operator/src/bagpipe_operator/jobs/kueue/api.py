@@ -2,11 +2,11 @@
 
 import re
 
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError, KubernetesApi
 from bagpipe_operator.cluster.fence import Fence, FencedApi
 from bagpipe_operator.jobs.kueue.queueing import KueueApi
 from bagpipe_operator.jobs.kueue.workload import GROUP, PLURAL, VERSION
-from bagpipe_operator.jobs.view import Json
 
 _PRIORITY_CLASSES = {
     GROUP: f"/apis/{GROUP}/{VERSION}/workloadpriorityclasses",

@@ -5,9 +5,9 @@ from collections.abc import Iterable, Mapping
 from bagpipe.pod_spec import PodSettings, Toleration
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import readings
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.kueue.workload import DRIVER, EXECUTORS
 from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
-from bagpipe_operator.jobs.view import Json
 
 
 def flavors_of(workload: WorkloadView) -> list[str]:

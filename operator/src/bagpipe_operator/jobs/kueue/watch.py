@@ -6,10 +6,10 @@ from typing import Any
 import kopf
 
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.kueue.workload import GROUP, PLURAL, VERSION
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
-from bagpipe_operator.jobs.metrics import Metrics
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
 
 

@@ -6,7 +6,7 @@ Whoever may write Workloads in a namespace may write anything into one: it is re
 from dataclasses import dataclass
 
 from bagpipe_operator.api import conditions, names, readings
-from bagpipe_operator.jobs.view import Json, is_older
+from bagpipe_operator.api.objects import Json, is_older
 
 ADMITTED = "Admitted"
 EVICTED = "Evicted"

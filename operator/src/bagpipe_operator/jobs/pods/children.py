@@ -4,36 +4,23 @@ Nothing here deletes: children go with their job by their ownerReference.
 """
 
 import re
-from dataclasses import dataclass
 
 from bagpipe.spec import SimulationJobSpec, evaluator_config_maps, storage_uris
 from bagpipe.storage_hosts import refused_uris
 from bagpipe_operator.api import names, reasons
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, job_config
-from bagpipe_operator.jobs.view import JobView, Json, PodView
+from bagpipe_operator.jobs.pods.refusal import Refusal
+from bagpipe_operator.jobs.view import JobView, PodView
 from bagpipe_operator.settings import Settings
 
 # Of what a pod names and the API server can't look up, such as the priority class `a/b`: it answers
 # 500, and would do so for ever.
 _NO_NAME = "invalid resource name"
 _MISSING_ACCOUNT = re.compile(r'serviceaccount "([^"]+)" not found')
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """The API server does not let a child be created."""
-
-    reason: str
-    message: str
-    lasting: bool = True  # only a person can mend it
-
-    @property
-    def key(self) -> tuple[str, str, bool]:
-        """Another one is another thing to wait for: its own patience begins with it."""
-        return ("refused", self.reason, self.lasting)
 
 
 async def create_children(

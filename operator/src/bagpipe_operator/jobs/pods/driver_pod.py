@@ -2,6 +2,7 @@
 
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.quantities import heap
 from bagpipe_operator.jobs.pods import pod_parts
 from bagpipe_operator.jobs.pods.volumes import (
@@ -10,7 +11,7 @@ from bagpipe_operator.jobs.pods.volumes import (
     host_environment,
     secret_environment,
 )
-from bagpipe_operator.jobs.view import JobView, Json
+from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 # The image's name for the user that its containers run as.

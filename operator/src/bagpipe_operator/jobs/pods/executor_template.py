@@ -6,6 +6,7 @@ restart policy; the rest of the pod is said here.
 
 from bagpipe.spec import SimulationJobSpec, shared_folder, stack_images
 from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.pods import pod_parts
 from bagpipe_operator.jobs.pods.volumes import (
     claim_mounts,
@@ -15,7 +16,7 @@ from bagpipe_operator.jobs.pods.volumes import (
     host_environment,
     secret_environment,
 )
-from bagpipe_operator.jobs.view import JobView, Json
+from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 AGENT = f"{names.SHARED_PATH}/bin/bagpipe-agent"

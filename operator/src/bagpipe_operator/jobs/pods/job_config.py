@@ -8,11 +8,12 @@ from pydantic import ValidationError
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import DEEPEST, is_deep
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.quantities import heap
 from bagpipe_operator.api.readings import mapping
 from bagpipe_operator.jobs.pods.executor_template import executor_template
 from bagpipe_operator.jobs.pods.volumes import claim_paths
-from bagpipe_operator.jobs.view import JobView, Json
+from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
 
 # The API server's limit for all of a ConfigMap's values.

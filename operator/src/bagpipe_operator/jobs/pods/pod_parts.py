@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from bagpipe.pod_spec import PodSettings, SparkMount, StackMount, StackSecurity
 from bagpipe_operator.api import names
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 
 RESTRICTED_CONTAINER: Json = {
     "allowPrivilegeEscalation": False,

@@ -9,7 +9,7 @@ from bagpipe.spec import (
     evaluator_config_maps,
 )
 from bagpipe_operator.api import names
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.settings import Settings
 
 

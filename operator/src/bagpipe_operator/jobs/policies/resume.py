@@ -1,8 +1,9 @@
 """The job that spec.resumeFrom names: whether its results may be taken over. The rule is pure."""
 
 from bagpipe.spec import SimulationJobSpec, claims
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
-from bagpipe_operator.jobs.view import JobView, Json
+from bagpipe_operator.jobs.view import JobView
 
 # What decides how a case comes out; resources and the pull policy of the stack do not.
 _DECISIVE = (

@@ -6,7 +6,7 @@ status alone, so a job that ended under a release without it gets the same one.
 
 from bagpipe_operator.api import conditions, reasons
 from bagpipe_operator.api.conditions import Condition
-from bagpipe_operator.jobs.view import Json
+from bagpipe_operator.api.objects import Json
 
 NOT_ENDED = Condition(conditions.PASSED, None, reasons.NOT_ENDED, "The job has not ended.")
 

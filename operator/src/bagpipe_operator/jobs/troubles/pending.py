@@ -11,9 +11,10 @@ from collections.abc import Iterable
 from datetime import datetime
 
 from bagpipe_operator.api import reasons
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.troubles.diagnose import of_image, of_missing
 from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
-from bagpipe_operator.jobs.view import Json, PodView
+from bagpipe_operator.jobs.view import PodView
 
 _MOUNT = frozenset({"FailedMount", "FailedAttachVolume", "FailedMapVolume"})
 _SANDBOX = frozenset({"FailedCreatePodSandBox", "FailedCreatePodContainer"})

@@ -1,0 +1,91 @@
+"""Transitions of a job that are worth an Event. Pure."""
+
+import re
+from collections.abc import Iterable
+from dataclasses import replace
+from datetime import datetime
+
+from bagpipe_operator.api import conditions, names, reasons
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.events import NORMAL, WARNING, Note, event
+from bagpipe_operator.jobs.view import JobView
+
+# Reasons of Accepted that are no trouble; the last two are told by the condition Suspended.
+_QUIET = frozenset({reasons.IN_PROGRESS, reasons.JOB_SUSPENDED, reasons.QUEUED})
+# Well below the hour after which the API server forgets an Event, and with it that it was told.
+RETOLD_SECONDS = 600.0
+
+
+def transitions(old: Iterable[Json], new: Iterable[Json]) -> list[Note]:
+    """What is worth telling of the way from the old conditions to the new."""
+    before = list(old)
+    notes: list[Note] = []
+    changed = [c for c in new if not _same(conditions.find(before, c["type"]), c)]
+    # Of two that say the same the end is told: the other one may have been told before it.
+    ends = {c["reason"] for c in changed if c["type"] in conditions.ENDS and c["status"] == "True"}
+    for condition in changed:
+        type_, reason = _worth(condition), condition["reason"]
+        told = any(note.reason == reason for note in notes)
+        told = told or (reason in ends and condition["type"] not in conditions.ENDS)
+        if type_ is not None and not told:
+            mark = f"{condition['type']} {condition['status']} {condition['lastTransitionTime']}"
+            notes.append(Note(type_, reason, condition["message"], mark))
+    return notes
+
+
+def recent(written: Iterable[Json], now: datetime) -> list[Note]:
+    """What a status says of the last RETOLD_SECONDS: its writer may have died before telling it."""
+    # A moment to come is one of a clock that was ahead, by seconds or by far.
+    fresh = [
+        condition
+        for condition in written
+        if abs((now - datetime.fromisoformat(condition["lastTransitionTime"])).total_seconds())
+        < RETOLD_SECONDS
+    ]
+    return transitions([], fresh)
+
+
+def _same(known: Json | None, condition: Json) -> bool:
+    if known is None:
+        return False
+    # Two drivers in a row may end alike; the message counts them.
+    ended = condition["reason"] in reasons.DRIVER_ENDS
+    keys = ("status", "reason", "message") if ended else ("status", "reason")
+    return all(known.get(key) == condition[key] for key in keys)
+
+
+def _worth(condition: Json) -> str | None:
+    true = condition["status"] == "True"
+    match condition["type"]:
+        case conditions.FAILED:
+            return WARNING if true else None
+        case conditions.RUNNING if condition["reason"] in reasons.TROUBLES:
+            return WARNING
+        case conditions.RUNNING if not true:
+            return None
+        case conditions.ACCEPTED if not true:
+            return WARNING if condition["reason"] not in _QUIET else None
+        case conditions.SUSPENDED if not true:
+            return NORMAL if condition["reason"] in reasons.GOES_ON else None
+        case kind:
+            # Complete and Failed have told what Passed says.
+            return NORMAL if true and kind != conditions.PASSED else None
+
+
+def manifest(job: JobView, note: Note, now: datetime) -> Json:
+    """A job's Event as core/v1 wants it."""
+    return event(job, names.KIND, note, note.mark, now)
+
+
+def marked(job: JobView, note: Note) -> Note:
+    """The note of one transition with a mark that is always the same.
+
+    Of a trouble that comes and goes while cases run on (the condition stays True) the first is
+    told. A driver's end is announced, and then happens: one Event for each driver.
+    """
+    if not note.mark.startswith(conditions.RUNNING):
+        return note
+    driver = re.search(rf"\b{re.escape(job.name)}-\d+-driver\b", note.message)
+    if driver and note.reason in reasons.DRIVER_ENDS:
+        return replace(note, mark=driver[0])
+    return replace(note, mark=f"{job.status.get('attempt')} {note.mark}")
