@@ -1,14 +1,20 @@
-"""Bagpipe's operator: watches SimulationJobs, runs one Spark driver for each, tells the rest.
+"""Bagpipe's operator: watches SimulationJobs, runs one Spark driver for each, reports on the rest.
 
-Layers, each importing only those below it:
+Each folder imports only those below it (import-linter's contracts in pyproject.toml):
 
-    main                    wires the parts together
-    watch, serve, sweep     what wakes the loop, and what others ask of it
-    reconcile               the loop: observe, decide, write, tell
-    kueue                   a job's place in its queue, if Kueue is there
-    children, api           what is asked of the API server
-    status, events          what to write and to tell (pure)
-    diagnose, patience, ending, progress, driver_pod, executor_template, job_config (pure)
-    view, queue             what is known, and what is to be done
-    conditions, names, reasons, settings, quantities
+    main, acceptance    wires the parts together; `helm test`
+    schedules           SimulationSchedules: jobs by the clock
+    jobs                SimulationJobs: what was seen, what to do, what to write
+    runtime             what runs reconcilers: queue, workers, probes, metrics
+    cluster             the API server: calls with deadlines, the Lease, the fence before each write
+    api, settings       names, reasons, conditions; the operator's settings
+
+And of jobs:
+
+    reconcile, watch, sweep     the loop: observe, decide, write, report; and what wakes it
+    kueue, teller, metrics      a job's place in its queue; its Events; what is counted
+    status, policies            what to write, and by which rules (pure)
+    observation                 what a status is decided on
+    driver, troubles, pods      what the driver reports, what pods wait for, how pods look
+    view                        what the watches delivered
 """

@@ -31,10 +31,10 @@ def test_a_hundred_percent_is_all_of_them() -> None:
 
 
 def test_the_tests_of_a_module_s_name_come_first_and_all_that_import_it_come() -> None:
-    found = run.nearest(Path("operator/src/bagpipe_operator/jobs/policies/life.py"))
-    life = ["tests/unit/operator/test_life.py", "tests/unit/operator/test_life_properties.py"]
-    assert sorted(found[:2]) == life
-    assert "tests/unit/operator/test_status.py" in found[2:]
+    found = run.nearest(Path("operator/src/bagpipe_operator/jobs/status.py"))
+    named = ["tests/unit/operator/test_status.py", "tests/unit/operator/test_status_by_hand.py"]
+    assert sorted(found[:2]) == named
+    assert "tests/unit/operator/test_cold_start.py" in found[2:]
     assert not [test for test in found if "/unit/compare/" in test]
 
 

@@ -5,7 +5,7 @@ from datetime import timedelta
 import pytest
 
 from bagpipe_operator.api.conditions import timestamp
-from bagpipe_operator.jobs.policies import life
+from bagpipe_operator.jobs.policies import places, replacement, suspend
 from tests.unit.operator.builders import START, PodBuilder, make_driver, make_job
 
 
@@ -16,7 +16,7 @@ from tests.unit.operator.builders import START, PodBuilder, make_driver, make_jo
 def test_each_lost_driver_doubles_the_pause_before_the_next_up_to_five_minutes(
     lost: int, seconds: float
 ) -> None:
-    assert life.pause_seconds(lost) == seconds
+    assert replacement.pause_seconds(lost) == seconds
 
 
 @pytest.mark.parametrize(
@@ -39,11 +39,11 @@ def test_a_pause_lasts_until_its_moment_unless_no_pause_is_that_long(
     left: float, pauses: bool
 ) -> None:
     job = make_job("x").with_status(nextAttemptTime=timestamp(START)).view()
-    assert life.pausing(job, START - timedelta(seconds=left)) is pauses
+    assert replacement.pausing(job, START - timedelta(seconds=left)) is pauses
 
 
 def test_a_job_that_lost_no_driver_has_no_pause() -> None:
-    assert not life.pausing(make_job("x").view(), START)
+    assert not replacement.pausing(make_job("x").view(), START)
 
 
 def beside_a_proxy(finished: bool = True) -> PodBuilder:
@@ -60,7 +60,7 @@ def beside_a_proxy(finished: bool = True) -> PodBuilder:
 def test_a_pod_lingers_30_s_after_its_driver_ended(seconds: float, lingers: bool) -> None:
     now = START + timedelta(seconds=seconds)
     pod = beside_a_proxy().view()
-    assert life.lingers(pod, now) is life.needs_stop(pod, now) is lingers
+    assert places.lingers(pod, now) is places.needs_stop(pod, now) is lingers
 
 
 def test_a_pod_that_goes_or_has_a_driver_that_runs_does_not_linger() -> None:
@@ -68,11 +68,11 @@ def test_a_pod_that_goes_or_has_a_driver_that_runs_does_not_linger() -> None:
     ended = beside_a_proxy()
     ended.phase = "Succeeded"
     for pod in (ended, beside_a_proxy().deleting()):
-        assert not life.lingers(pod.view(), late)
-        assert not life.needs_stop(pod.view(), late)
+        assert not places.lingers(pod.view(), late)
+        assert not places.needs_stop(pod.view(), late)
     for pod in (beside_a_proxy(finished=False), make_driver("x")):
-        assert not life.lingers(pod.view(), late)
-        assert life.needs_stop(pod.view(), late)
+        assert not places.lingers(pod.view(), late)
+        assert places.needs_stop(pod.view(), late)
 
 
 @pytest.mark.parametrize(
@@ -86,5 +86,5 @@ def test_a_suspension_is_told_when_the_status_says_it_of_the_job_as_it_is(
     job = job.with_status(
         conditions=[{"type": "Suspended", "status": suspended}], observedGeneration=generation
     )
-    assert life.is_told(job.view()) is life.rests(job.view()) is told
-    assert not life.rests(job.with_spec("suspend", False).view())
+    assert suspend.is_told(job.view()) is suspend.rests(job.view()) is told
+    assert not suspend.rests(job.with_spec("suspend", False).view())

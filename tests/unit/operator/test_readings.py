@@ -8,7 +8,8 @@ from bagpipe_operator.api import readings
 from bagpipe_operator.api.quantities import memory_bytes
 from bagpipe_operator.jobs.driver.progress import parse
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
-from bagpipe_operator.jobs.policies.life import expired, halt_of
+from bagpipe_operator.jobs.policies.halt import halt_of
+from bagpipe_operator.jobs.policies.ttl import expired
 from bagpipe_operator.schedules.view import ScheduledJob
 from tests.unit.operator.builders import START, account, make_driver, make_job
 from tests.unit.operator.schedules import world as schedules

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 from aiohttp import web
 
-from bagpipe_operator.jobs.policies.life import pause_seconds
+from bagpipe_operator.jobs.policies.replacement import pause_seconds
 from tests.unit.operator.builders import PodBuilder, account, make_driver, make_executor, make_job
 from tests.unit.operator.test_progress import driver
 from tests.unit.operator.test_unseen import vanish

@@ -10,10 +10,10 @@ from bagpipe_operator.api.conditions import timestamp
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import parse
-from bagpipe_operator.jobs.observation import Observation
+from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.pods.refusal import Refusal
-from bagpipe_operator.jobs.policies.life import Halt
-from bagpipe_operator.jobs.status import acknowledged, decide, fatal
+from bagpipe_operator.jobs.policies.stuck import fatal
+from bagpipe_operator.jobs.status import acknowledged, decide
 from bagpipe_operator.jobs.troubles.trouble import Trouble
 from tests.unit.operator.builders import START, account, make_driver, make_executor, make_job
 

@@ -8,9 +8,22 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.pods.refusal import Refusal
-from bagpipe_operator.jobs.policies.life import Halt
 from bagpipe_operator.jobs.troubles.trouble import Trouble
 from bagpipe_operator.jobs.view import JobView, PodView
+
+
+@dataclass(frozen=True)
+class Halt:
+    """Why a job's pods are stopped. `final`: the job fails when they are gone; else it rests."""
+
+    reason: str
+    message: str
+    final: bool = False
+
+    def while_stopping(self, pods: int) -> str:
+        """The message as long as there are pods."""
+        left = "1 pod is" if pods == 1 else f"{pods} pods are"
+        return f"{self.message} {left} being stopped; what is done is kept."
 
 
 @dataclass(frozen=True)

@@ -19,22 +19,18 @@ from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
 from bagpipe_operator.jobs.kueue.queueing import Queueing
-from bagpipe_operator.jobs.observation import Observation
+from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.pods.children import create_children
 from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError, read_spec
 from bagpipe_operator.jobs.pods.refusal import Refusal
-from bagpipe_operator.jobs.policies.life import (
-    Halt,
-    expired,
-    halt_as_seen,
-    halt_of,
-    is_told,
-    living,
-    needs_stop,
-    pausing,
-)
+from bagpipe_operator.jobs.policies.halt import halt_as_seen, halt_of
+from bagpipe_operator.jobs.policies.places import living, needs_stop
+from bagpipe_operator.jobs.policies.replacement import pausing
 from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
-from bagpipe_operator.jobs.status import acknowledged, decide, fatal
+from bagpipe_operator.jobs.policies.stuck import fatal
+from bagpipe_operator.jobs.policies.suspend import is_told
+from bagpipe_operator.jobs.policies.ttl import expired
+from bagpipe_operator.jobs.status import acknowledged, decide
 from bagpipe_operator.jobs.teller import Teller
 from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.troubles.lookout import Lookout

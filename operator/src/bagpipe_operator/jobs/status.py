@@ -11,10 +11,15 @@ from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
-from bagpipe_operator.jobs.observation import Observation
+from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.policies import verdict
-from bagpipe_operator.jobs.policies.life import Halt, lost_drivers, pause_seconds, pausing
-from bagpipe_operator.jobs.troubles.trouble import Trouble
+from bagpipe_operator.jobs.policies.replacement import (
+    lost_drivers,
+    may_be_replaced,
+    pause_seconds,
+    pausing,
+)
+from bagpipe_operator.jobs.policies.stuck import stuck
 from bagpipe_operator.jobs.view import JobView
 
 _UNENDED = (
@@ -34,8 +39,8 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
             return _suspended(seen, seen.halt, now)
         account = ending.progress if ending else None
         ending = Ending(False, seen.halt.reason, seen.halt.message, account)
-    ending = ending or _stuck(seen, stuck_seconds)
-    if ending is not None and ending.lost and _may_be_replaced(seen, ending):
+    ending = ending or stuck(seen, stuck_seconds)
+    if ending is not None and ending.lost and may_be_replaced(seen.job, ending, seen.backoff_limit):
         return _replaced(seen, ending, now)
     status = _noted(seen, now)
     if ending is None and pausing(seen.job, now):
@@ -152,10 +157,6 @@ def _not_suspended(seen: Observation) -> Condition:
     )
 
 
-def _may_be_replaced(seen: Observation, ending: Ending) -> bool:
-    return ending.voluntary or lost_drivers(seen.job) < seen.backoff_limit
-
-
 def _replaced(seen: Observation, ending: Ending, now: datetime) -> Json:
     """The status between two drivers: when the pause is over, the next attempt's is created."""
     status = _noted(seen, now)
@@ -182,23 +183,6 @@ def _replaced(seen: Observation, ending: Ending, now: datetime) -> Json:
         _not_suspended(seen),
     ]
     return _with(seen, status, wanted, now)
-
-
-def _stuck(seen: Observation, stuck_seconds: float) -> Ending | None:
-    """The end of a job that only a person could help, after having waited for that person."""
-    after = f"The job was ended after {stuck_seconds:g} s of this."
-    if seen.refusal and seen.refusal.lasting and seen.refused_for >= stuck_seconds:
-        return Ending(False, seen.refusal.reason, f"{seen.refusal.message} {after}")
-    trouble = fatal(seen, stuck_seconds)
-    return Ending(False, trouble.reason, f"{trouble.message} {after}") if trouble else None
-
-
-def fatal(seen: Observation, stuck_seconds: float) -> Trouble | None:
-    """The trouble that has lasted for long enough to end the job."""
-    for trouble in seen.troubles:
-        if trouble.lasting and seen.seen_for.get(trouble.key, 0.0) >= stuck_seconds:
-            return trouble
-    return None
 
 
 def _phase(seen: Observation) -> str:

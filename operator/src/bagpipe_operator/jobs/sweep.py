@@ -10,7 +10,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from bagpipe_operator.jobs.large_jobs import LargeJobs
-from bagpipe_operator.jobs.policies.life import expired, lingers, rests
+from bagpipe_operator.jobs.policies.places import lingers
+from bagpipe_operator.jobs.policies.suspend import rests
+from bagpipe_operator.jobs.policies.ttl import expired
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.queue import WorkQueue
 

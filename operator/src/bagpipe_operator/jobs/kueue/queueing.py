@@ -14,9 +14,9 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.kueue import placement, workload, workload_view
 from bagpipe_operator.jobs.kueue.workload_view import Workloads, WorkloadView
+from bagpipe_operator.jobs.observation import Halt
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.pods.refusal import Refusal
-from bagpipe_operator.jobs.policies.life import Halt
 from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.fair_share import FairShare
