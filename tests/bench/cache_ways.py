@@ -20,8 +20,9 @@ from pathlib import Path
 from typing import Any
 from xmlrpc.client import ServerProxy
 
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.bench.play_graph import PATIENCE, Graph, Node, compiled, graph

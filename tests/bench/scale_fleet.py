@@ -26,9 +26,10 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.row_file import RowFile
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.run.case_run import Row, RunContext
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.agent_binary import built

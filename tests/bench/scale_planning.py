@@ -4,7 +4,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bagpipe.plan.cases import plan
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 

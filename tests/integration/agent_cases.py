@@ -9,8 +9,8 @@ import itertools
 import sys
 from pathlib import Path
 
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.integration.stacks import folders_with_recording, in_one_piece, spec_with
 

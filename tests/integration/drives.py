@@ -5,8 +5,9 @@ from typing import Any
 
 import yaml
 
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import RunContext
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent

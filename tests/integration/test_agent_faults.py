@@ -14,9 +14,9 @@ import pytest
 from bagpipe.pipe.frames import Encoder, FrameType
 from bagpipe.pipe.session import SessionError, run_session
 from bagpipe.pipe.slot import lease, open_ends
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
-from bagpipe.run.fragment_stream import fragment_file
+from bagpipe.source.bags.stream import fragment_file
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent

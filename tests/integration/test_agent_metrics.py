@@ -11,8 +11,8 @@ import pytest
 import urllib3
 from prometheus_client.parser import text_string_to_metric_families
 
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from charts.monitoring import generate
 from tests.integration.conftest import RunningAgent

@@ -14,10 +14,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from bagpipe.plan.cases import plan
+from bagpipe.row_facts import recorded_names
 from bagpipe.run.case_run import Row, RunContext, run_case
-from bagpipe.run.exec_outputs import recorded_names
-from bagpipe.run.fragment_stream import fragment_file
+from bagpipe.source.bags.stream import fragment_file
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests import hanging

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording, in_one_piece

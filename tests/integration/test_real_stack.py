@@ -11,8 +11,8 @@ import pytest
 import yaml
 from rosbags.rosbag1 import Reader
 
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent

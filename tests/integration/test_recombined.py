@@ -9,8 +9,9 @@ import pytest
 import yaml
 
 from bagpipe import MemoryBag
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from bagpipe import MemoryBag
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 
 from bagpipe import MemoryBag
-from bagpipe.plan.cases import plan
 from bagpipe.run.case_run import RunContext, run_case
-from bagpipe.run.pieces import sequence_bag
+from bagpipe.source.planning import plan
+from bagpipe.source.sequence.stream import sequence_bag
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.bags.readers import ReadAll, Said, by_bagpipe, by_rosbags, kept_readers

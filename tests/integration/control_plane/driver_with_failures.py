@@ -29,8 +29,9 @@ from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import QUICK_JVM
 from bagpipe.pipe.frames import FrameType
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import RunContext
+from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag

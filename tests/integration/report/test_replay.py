@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
-from bagpipe.plan.cases import plan
 from bagpipe.run.laptop import ReplayError, local_spec, planned_case
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.integration.stacks import folders_with_recording, spec_with
 from tests.unit.bagpipe.jobs import make_row

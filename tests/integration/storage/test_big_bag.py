@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bagpipe.plan.bag_tail import MAGIC
-from bagpipe.plan.cases import plan
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from bagpipe.storage.reading import REQUEST_BYTES
 from tests.integration.storage.conftest import QUICK

@@ -10,8 +10,9 @@ from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results, results_uri
 from bagpipe.driver.row_file import RowFile
-from bagpipe.plan.cases import Case, Unplanned
+from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import Unplanned
 from bagpipe.run.case_run import Row
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_job, make_row

@@ -10,15 +10,16 @@ from typing import Any
 
 import pytest
 
+from bagpipe.engine.ros1.judge import judge
 from bagpipe.pipe.frames import FrameType
 from bagpipe.pipe.session import Answer, SessionError
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run import attempts as attempts_module
 from bagpipe.run import case_run
 from bagpipe.run.attempts import Again, next_attempt
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
-from bagpipe.run.fragment_stream import fragment_file
-from bagpipe.run.judge import judge
+from bagpipe.source.bags.stream import fragment_file
+from bagpipe.source.planning import plan
 from bagpipe.storage import NewFile, Patience, Storage
 from bagpipe.storage.backend import TransientError
 from bagpipe.storage.faults import told

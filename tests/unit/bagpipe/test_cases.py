@@ -8,8 +8,8 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.driver.progress import Progress
-from bagpipe.plan.cases import plan
-from bagpipe.run.judge import judge
+from bagpipe.engine.ros1.judge import judge
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.jobs import make_row, make_spec

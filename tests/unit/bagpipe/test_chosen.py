@@ -3,8 +3,9 @@
 import pytest
 
 from bagpipe.driver.chosen import NoCaseError, chosen
-from bagpipe.plan.cases import Case, Plan, Unplanned
+from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import Plan, Unplanned
 
 
 def case(name: str) -> Case:

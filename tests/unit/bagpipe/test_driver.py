@@ -16,7 +16,7 @@ from bagpipe.driver.spark_context import (
     quantity,
     spark_settings,
 )
-from bagpipe.plan.cases import Unplanned
+from bagpipe.plan.made import Unplanned
 from bagpipe.run.case_run import Row, unplanned_row
 from bagpipe.spec import Images, PodResources
 from tests.unit.bagpipe.jobs import make_job

@@ -16,8 +16,9 @@ from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
 from bagpipe.driver.simulate import active_tasks, simulate
-from bagpipe.plan.cases import Case, Plan
+from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import Plan
 from bagpipe.run.case_run import Row, RunContext
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage

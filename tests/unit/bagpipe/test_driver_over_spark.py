@@ -23,8 +23,9 @@ from bagpipe.driver.results import Results
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import QUICK_JVM
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved

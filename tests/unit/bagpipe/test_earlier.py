@@ -14,8 +14,9 @@ from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
 from bagpipe.driver.row_file import RowFile
-from bagpipe.plan.cases import Case, Plan, Unplanned
+from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.run.case_run import Row, unplanned_row
 from bagpipe.spec import EarlierResults
 from bagpipe.storage import Storage

@@ -14,7 +14,7 @@ from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import results_uri
 from bagpipe.driver.row_file import RowFile
-from bagpipe.plan.cases import Plan
+from bagpipe.plan.made import Plan
 from bagpipe.run.case_run import Row
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.drivers import MISSING, World, case, finish, ran

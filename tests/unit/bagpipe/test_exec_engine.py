@@ -13,15 +13,18 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results, results_uri
 from bagpipe.driver.row_file import RowFile
+from bagpipe.engine.chosen import engine_of
+from bagpipe.engine.exec.judge import judge_program
+from bagpipe.engine.exec.outputs import Outputs
+from bagpipe.judgement import Judgement
 from bagpipe.pipe.frames import FrameType
-from bagpipe.pipe.session import SessionError
-from bagpipe.plan.cases import Case, plan
+from bagpipe.pipe.session import InputFile, SessionError
+from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.row_facts import recorded_names
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
-from bagpipe.run.exec_input import program_file
-from bagpipe.run.exec_judge import judge_program
-from bagpipe.run.exec_outputs import Outputs, recorded_names
-from bagpipe.run.judge import Judgement
+from bagpipe.source.chosen import source_of
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.fake_agent import FakeAgent, Script, aborting, make_slot
 from tests.unit.bagpipe.jobs import make_job, make_spec
@@ -266,7 +269,8 @@ def test_bags_go_to_a_program_as_fragments(context: RunContext) -> None:
     assert spec.source.files == []
     case = Case("a-0000", "pvc://recordings/a.bag", "1-1", Window(1, 2, 3), [], [(0, 1)], 1)
     described = case_map(case, dataclasses.replace(context, spec=spec))
-    file = program_file(case, spec.source, Storage(context.volumes))
+    file = engine_of("exec").input(source_of(spec), case, Storage(context.volumes))
+    assert isinstance(file, InputFile)
     assert (file.name, file.ranges[0][1:]) == ("a.bag", (0, 1))
     assert described["record"] == {"topics": [], "byte_budget": 1 << 30}
 

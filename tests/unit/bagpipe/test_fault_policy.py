@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from bagpipe.engine.ros1.judge import judge
 from bagpipe.faults import ALLOWABLE, CAUSES, FAILURES, FaultPolicy, FaultRule
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run import case_run
 from bagpipe.run.attempts import Again, next_attempt
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
-from bagpipe.run.judge import judge
+from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import (

@@ -11,7 +11,8 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.patience import PATIENCE_SECONDS
 from bagpipe.driver.progress import Progress
-from bagpipe.plan.cases import Case, Plan
+from bagpipe.plan.case import Case
+from bagpipe.plan.made import Plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.drivers import World, case, ran

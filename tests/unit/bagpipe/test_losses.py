@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
+from bagpipe.engine.ros1.judge import judge
 from bagpipe.faults import FaultPolicy, FaultRule
-from bagpipe.run.judge import Allowed, Judgement, judge
+from bagpipe.judgement import Allowed, Judgement
 
 SENT = 50
 PLAYED = 5.0

@@ -10,13 +10,16 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from bagpipe import MemoryBag
+from bagpipe.engine.chosen import engine_of
+from bagpipe.engine.ros1.by_hand import play_command
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.pipe.session import SessionError
-from bagpipe.plan.cases import Case, plan
+from bagpipe.pipe.session import InputFile, SessionError
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import is_of, lost_row
-from bagpipe.run.exec_input import program_file
-from bagpipe.run.laptop import planned_case, play_command, write_fragment
-from bagpipe.run.pieces import sequence_bag, sequence_file
+from bagpipe.run.laptop import planned_case, write_fragment
+from bagpipe.source.chosen import source_of
+from bagpipe.source.planning import plan
+from bagpipe.source.sequence.stream import sequence_bag, sequence_file
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
@@ -110,7 +113,8 @@ def test_a_program_gets_the_sequence_as_one_bag(folder: Path) -> None:
     spec = spec_of({"to": "1s"}, {"name": "b"}, stack=stack, record=None)
     storage = Storage({"recordings": str(folder)})
     (case,) = plan(spec, storage).cases
-    file = program_file(case, spec.source, storage)
+    file = engine_of("exec").input(source_of(spec), case, storage)
+    assert isinstance(file, InputFile)
     assert file.name == "sequence.bag"
     assert MemoryBag(b"".join(file.pieces())).message_count == 60
 
@@ -122,11 +126,12 @@ def test_a_laptop_makes_the_sequence_of_a_row_again(folder: Path) -> None:
     for case in plan(spec, storage).cases:
         again = planned_case(lost_row(case, 1), spec, storage)
         assert again == case
-    write_fragment(again, storage, folder / "fragment.bag")
-    assert MemoryBag.open(folder / "fragment.bag").message_count == 60
-    command = play_command(again, spec, storage, folder / "fragment.bag")
+    bag = folder / "fragment.bag"
+    write_fragment(again, source_of(spec), storage, bag)
+    assert MemoryBag.open(bag).message_count == 60
+    command = play_command(again, spec, source_of(spec).begin(again, storage, bag), bag)
     assert command[:5] == [
-        "bagpipe-agent", "play", str(folder / "fragment.bag"), "--start", "0.000000000",
+        "bagpipe-agent", "play", str(bag), "--start", "0.000000000",
     ]  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from bagpipe.run.stamps import StampError, moved
+from bagpipe.source.stamps import StampError, moved
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types

@@ -14,7 +14,8 @@ import pytest
 from bagpipe.driver import __main__ as driver
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
-from bagpipe.plan.cases import Case, Plan
+from bagpipe.plan.case import Case
+from bagpipe.plan.made import Plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe import interleaving

@@ -9,7 +9,7 @@ import yaml
 from bagpipe.driver.__main__ import progress_of
 from bagpipe.driver.comparing import Compared
 from bagpipe.driver.progress import Progress
-from bagpipe.plan.cases import Unplanned
+from bagpipe.plan.made import Unplanned
 from bagpipe.run.case_run import unplanned_row
 from bagpipe.spec import JobFile
 from bagpipe_operator.jobs.driver.ending import ending_of

@@ -6,8 +6,9 @@ from typing import Any
 import pytest
 
 from bagpipe.evaluate.model import Criterion
-from bagpipe.plan.cases import Case, plan
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag

@@ -7,10 +7,10 @@ import pytest
 from pydantic import JsonValue
 
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.plan.cases import plan
 from bagpipe.plan.conditions import Conditions, crossing
 from bagpipe.plan.variant import check_templates, image_of, stack_of
 from bagpipe.run.case_run import RunContext, case_map
+from bagpipe.source.planning import plan
 from bagpipe.spec import stack_images
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag

@@ -10,12 +10,12 @@ from click.testing import CliRunner
 from pydantic import ValidationError
 
 from bagpipe.cli.__main__ import main
+from bagpipe.judgement import Judgement
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.plan.cases import plan
-from bagpipe.plan.simulated import scenario_of
-from bagpipe.run.judge import Judgement
-from bagpipe.run.simulated import judge_steering
 from bagpipe.simulator.model import START
+from bagpipe.source.planning import plan
+from bagpipe.source.simulator.drive import judge_steering
+from bagpipe.source.simulator.planning import scenario_of
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
 

@@ -7,10 +7,11 @@ import pytest
 from pydantic import ValidationError
 
 from bagpipe.pipe.session import SessionError
-from bagpipe.plan.cases import Case, plan
-from bagpipe.run.beside import RecordedTopics
-from bagpipe.run.simulated import Drive
+from bagpipe.plan.case import Case
 from bagpipe.simulator.model import START
+from bagpipe.source.planning import plan
+from bagpipe.source.simulator.beside import RecordedTopics
+from bagpipe.source.simulator.drive import Drive
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag

@@ -76,3 +76,11 @@ def counts_of(manifest: Mapping[str, Any]) -> dict[str, int]:
     counts = dict(manifest["counts"])
     earlier = counts.pop("retried", 0)
     return dict.fromkeys((*TALLIES, "regressed"), 0) | {"discarded": earlier} | counts
+
+
+def recorded_names(row: Row) -> list[str]:
+    """What a row's case left behind: names below the job's results."""
+    recorded = row["recorded"]
+    if recorded is None:
+        return []
+    return [recorded] if isinstance(recorded, str) else list(recorded)

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from bagpipe.engine.chosen import engine_of
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
 from bagpipe.plan.variant import stack_of
@@ -137,7 +138,7 @@ def _of_the_programs(spec: SimulationJobSpec, machine: Machine) -> Iterator[str]
     wanted: dict[tuple[str, str | None], Stack] = {}
     for stack in _stacks(spec):
         path = next((v.value for v in stack.env if v.name == "PATH" and v.value), None)
-        programs = [stack.command[0]] + (["rosmaster"] if stack.engine == "ros1" else [])
+        programs = engine_of(stack.engine).programs(stack)
         wanted |= {(program, path): stack for program in programs}
     for (program, path), stack in wanted.items():
         if not machine.runs(program, path):

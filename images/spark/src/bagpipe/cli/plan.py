@@ -13,9 +13,10 @@ from bagpipe.cli.manifest import ManifestError, read_job
 from bagpipe.cli.places import RefusedError, folders, told, volume_option
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.plan.cases import Plan, plan
 from bagpipe.plan.conditions import crossing
+from bagpipe.plan.made import Plan
 from bagpipe.plan.variant import check_templates
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage, StorageError
 
@@ -105,7 +106,7 @@ def _cases(made: Plan) -> list[dict[str, Any]]:
             "messages": case.messages,
             "bytes": case.bytes,
         }
-        | ({"parts": [part.as_row() for part in case.parts]} if case.parts else {})
+        | case.pieces
         for case in sorted(made.cases, key=lambda case: case.id)
     ]
 

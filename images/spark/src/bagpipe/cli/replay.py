@@ -1,7 +1,6 @@
 """`bagpipe replay`: one case of a job once more, on this machine."""
 
 import json
-import shlex
 import shutil
 import tempfile
 from pathlib import Path
@@ -14,20 +13,20 @@ from rich.markup import escape
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, told, volume_option
+from bagpipe.engine.chosen import engine_of
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.pipe.session import SessionError
-from bagpipe.plan.cases import Case
-from bagpipe.plan.variant import stack_of
+from bagpipe.plan.case import Case
 from bagpipe.report.stored import StoredResults
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.run.laptop import (
     ReplayError,
     local_spec,
     planned_case,
-    play_command,
     serving_agent,
     write_fragment,
 )
+from bagpipe.source.chosen import source_of
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 
@@ -86,7 +85,7 @@ def replay_command(
         row, spec = _wanted(stored, case)
         planned = planned_case(row, spec, stored.storage)
         target.mkdir(parents=True, exist_ok=True)
-        write_fragment(planned, stored.storage, target / "fragment.bag")
+        write_fragment(planned, source_of(spec), stored.storage, target / "fragment.bag")
         if only_fragment:
             _explain(planned, spec, stored.storage, target)
             return
@@ -129,17 +128,11 @@ def _run(
 
 
 def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, target: Path) -> None:
-    stack = stack_of(spec, case.conditions)
     bag = target / "fragment.bag"
     click.echo(f"{bag} has the case's part of {case.bag}.")
-    if spec.stack.engine == "exec":
-        return
-    click.echo("Start a rosmaster, set these parameters and remaps, and start the stack:")
-    click.echo(f"  parameters {json.dumps(stack.parameters)}")
-    click.echo(f"  remaps     {json.dumps(stack.remap)}")
-    click.echo(f"  command    {shlex.join(stack.command)}")
-    click.echo("Then play into it (this lists what every node has received):")
-    click.echo(f"  {shlex.join(play_command(case, spec, storage, bag))}")
+    engine = engine_of(spec.stack.engine)
+    for line in engine.by_hand(case, spec, source_of(spec), storage, bag):
+        click.echo(line)
 
 
 def _show(before: Row, again: dict[str, Any], target: Path) -> None:

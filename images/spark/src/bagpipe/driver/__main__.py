@@ -32,8 +32,10 @@ from bagpipe.driver.simulate import SparkGoneError, simulate
 from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
 from bagpipe.evaluate.judge import faults
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.plan.cases import Case, Plan, plan
+from bagpipe.plan.case import Case
+from bagpipe.plan.made import Plan
 from bagpipe.run.case_run import Row, RunContext
+from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 

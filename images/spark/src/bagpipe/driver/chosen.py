@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from bagpipe.plan.cases import Plan
+from bagpipe.plan.made import Plan
 
 
 class NoCaseError(Exception):

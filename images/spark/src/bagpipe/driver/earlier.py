@@ -8,9 +8,9 @@ import posixpath
 from collections.abc import Iterator
 
 from bagpipe.driver.journal import Journal, read_row
-from bagpipe.plan.cases import Plan
+from bagpipe.plan.made import Plan
+from bagpipe.row_facts import recorded_names
 from bagpipe.run.case_run import Row, is_of
-from bagpipe.run.exec_outputs import recorded_names
 from bagpipe.spec import EarlierResults
 from bagpipe.storage import Storage, StorageError
 

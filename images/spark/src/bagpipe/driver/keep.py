@@ -15,7 +15,7 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.patience import PATIENCE_SECONDS
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.row_file import RowFile
-from bagpipe.plan.cases import Plan
+from bagpipe.plan.made import Plan
 from bagpipe.run.case_run import Row, is_of, unplanned_row
 from bagpipe.storage import StorageError
 

@@ -27,7 +27,8 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import results_uri
 from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import local_settings
-from bagpipe.plan.cases import Case, Plan
+from bagpipe.plan.case import Case
+from bagpipe.plan.made import Plan
 from bagpipe.run.case_run import RunContext
 from bagpipe.run.laptop import local_spec
 from bagpipe.spec import JobFile

@@ -18,9 +18,8 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.provenance import provenance_of
 from bagpipe.driver.row_file import RowFile
 from bagpipe.report.stored import StoredResults
-from bagpipe.row_facts import counts_of, discarded_of
+from bagpipe.row_facts import counts_of, discarded_of, recorded_names
 from bagpipe.run.case_run import Row
-from bagpipe.run.exec_outputs import recorded_names
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
 

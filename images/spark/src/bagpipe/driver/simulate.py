@@ -11,7 +11,7 @@ from pyspark.accumulators import AccumulatorParam
 
 from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
-from bagpipe.plan.cases import Case
+from bagpipe.plan.case import Case
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 from bagpipe.run.ran_on import ran_on

@@ -106,7 +106,7 @@ def run_session(
 
 
 def run_turns(
-    ends: Ends, case: dict[str, Any], partner: Partner, sink: Sink, deadline: float
+    ends: Ends, case: dict[str, Any], partner: Partner, sink: Sink | Sinks, deadline: float
 ) -> Answer:
     """Let a simulator and the stack take turns; otherwise as `run_session`."""
     session = uuid.uuid4().hex

@@ -1,8 +1,10 @@
 """A case: the unit of scheduling, retry and verdict."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
-from bagpipe.plan.conditions import Conditions
+from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.parts import Part
 
@@ -33,3 +35,17 @@ class Case:
         """Bytes that the case reads from storage."""
         own = sum(length for _, length in self.connections + self.ranges)
         return own + sum(part.bytes for part in self.parts)
+
+    @property
+    def pieces(self) -> dict[str, Any]:
+        """What a row says of a case that is put together; nothing of another."""
+        return {"parts": [part.as_row() for part in self.parts]} if self.parts else {}
+
+
+def crossed(fragments: Iterable[Case], conditions: Crossing) -> list[Case]:
+    """Each fragment under every condition, under a name of its own."""
+    return [
+        replace(case, id=case.id + suffix, fragment=case.id, conditions=condition)
+        for case in fragments
+        for suffix, condition in conditions.named
+    ]

@@ -15,22 +15,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bagpipe.engine.chosen import engine_of
+from bagpipe.engine.engine import Attempt
 from bagpipe.faults import FAILURES, FaultPolicy
-from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session, run_turns
+from bagpipe.judgement import Judgement
+from bagpipe.pipe.session import (
+    Answer,
+    InputFile,
+    SessionError,
+    Sink,
+    Sinks,
+    run_session,
+    run_turns,
+)
 from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
-from bagpipe.plan.cases import Case, Unplanned
+from bagpipe.plan.case import Case
+from bagpipe.plan.made import Unplanned
 from bagpipe.plan.variant import image_of, stack_of
 from bagpipe.run.attempts import Again, next_attempt
-from bagpipe.run.criteria import judged_by_criteria
-from bagpipe.run.exec_input import program_file
-from bagpipe.run.exec_judge import judge_program
-from bagpipe.run.exec_outputs import Outputs, collected
-from bagpipe.run.fragment_stream import fragment_file
-from bagpipe.run.judge import Judgement, judge
-from bagpipe.run.pieces import sequence_file
-from bagpipe.run.simulated import Drive, judge_steering
+from bagpipe.source.chosen import source_of
+from bagpipe.source.source import Turns
 from bagpipe.spec import SimulationJobSpec, shared_folder
-from bagpipe.storage import NewFile, Storage, StorageError
+from bagpipe.storage import Storage, StorageError
 from bagpipe.texts import duration_seconds
 
 # The agent ends a case at its deadline; the worker allows this much more for the answer.
@@ -119,7 +125,6 @@ def is_of(row: Row, case: Case) -> bool:
 def _identity(case: Case) -> Row:
     window = [case.window.lead_in_start, case.window.start, case.window.end]
     conditions = case.conditions
-    parts = {"parts": [part.as_row() for part in case.parts]} if case.parts else {}
     return {
         "case": case.id,
         "fragment": case.fragment,
@@ -131,7 +136,7 @@ def _identity(case: Case) -> Row:
         "bag": case.bag,
         "bag_version": case.bag_version,
         "window": window,
-    } | parts
+    } | case.pieces
 
 
 def _pause(again: Again) -> None:
@@ -212,27 +217,18 @@ def _errored(reason: str, message: str, stderr: list[str] | None = None) -> Row:
 
 
 def _played(case: Case, context: RunContext) -> Row:
+    engine, source = engine_of(context.spec.stack.engine), source_of(context.spec)
     storage = Storage(context.volumes)
-    attempt = f"cases/{case.id}.{uuid.uuid4().hex[:12]}"
-    if context.spec.stack.engine == "exec":
-        with collected(storage, context.results, attempt) as outputs:
-            answer = _answered(case, context, storage, outputs)
-            judgement = judge_program(answer.result, FaultPolicy(context.spec.fault_policy))
-        return _judged(judgement, outputs.names or None, answer)
-    name = f"{attempt}.bag"
-    recorded = posixpath.join(context.results, name)
-    with storage.create(recorded) as sink:
-        answer = _answered(case, context, storage, sink)
-    judgement = judge(
-        answer.result, FaultPolicy(context.spec.fault_policy), context.spec.playback.mode
-    )
-    if context.spec.source.simulator is not None:
-        control = context.spec.source.simulator.topics.control
-        judgement = judge_steering(answer.result, judgement, control)
-    judgement, criteria = judged_by_criteria(
-        judgement, case, context.spec, storage, recorded, answer.result
-    )
-    return _judged(judgement, name, answer) | {"criteria": criteria}
+    name = f"cases/{case.id}.{uuid.uuid4().hex[:12]}"
+    attempt = Attempt(case, context.spec, source, storage, context.results, name)
+
+    def exchange(sink: Sink | Sinks) -> Answer:
+        # Before the agent is met: pieces of recordings are fetched and put together here.
+        return _answered(case, context, engine.input(source, case, storage), sink)
+
+    played = engine.play(attempt, exchange)
+    found = {} if played.findings is None else {"criteria": played.findings}
+    return _judged(played.judgement, played.recorded, played.answer) | found
 
 
 def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answer) -> Row:
@@ -250,33 +246,23 @@ def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answ
     }
 
 
-def _answered(case: Case, context: RunContext, storage: Storage, sink: NewFile | Outputs) -> Answer:
-    # Before the agent is met: pieces of recordings are fetched and put together here.
-    said = _input(case, context.spec, storage)
+def _answered(
+    case: Case, context: RunContext, said: InputFile | Turns, sink: Sink | Sinks
+) -> Answer:
     meeting = time.monotonic() + _MEETING_SECONDS
     with lease(_shared(case, context), meeting) as slot, open_ends(slot, meeting) as ends:
         deadline = time.monotonic() + _case_seconds(context.spec) + _GRACE_SECONDS
         described = case_map(case, context)
-        if isinstance(said, Drive):
-            described["simulator"] = said.described
-            return run_turns(ends, described, said, sink, deadline)
-        return run_session(ends, described, [said], sink, deadline)
+        if isinstance(said, InputFile):
+            return run_session(ends, described, [said], sink, deadline)
+        described["simulator"] = said.described
+        return run_turns(ends, described, said, sink, deadline)
 
 
 def _shared(case: Case, context: RunContext) -> Path:
     """The volume of the agent in whose container this case's image runs."""
     number = image_of(context.spec, case.conditions.variant)
     return Path(shared_folder(context.shared, number))
-
-
-def _input(case: Case, spec: SimulationJobSpec, storage: Storage) -> InputFile | Drive:
-    if spec.source.simulator is not None:
-        return Drive(case, spec, spec.source.simulator, storage)
-    if spec.stack.engine == "exec":
-        return program_file(case, spec.source, storage)
-    if case.parts:
-        return sequence_file(case, storage, case.bag)
-    return fragment_file(case, storage)
 
 
 def _pipe_bytes(answer: Answer) -> int:

@@ -12,13 +12,13 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-import bagpipe
-from bagpipe.plan.bag_tail import read_tail
-from bagpipe.plan.cases import Case, plan
+from bagpipe.pipe.session import InputFile
+from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row
-from bagpipe.run.fragment_stream import fragment_file
 from bagpipe.run.master_ports import NoPortsError, master_ports
-from bagpipe.run.pieces import sequence_file
+from bagpipe.source.chosen import source_of
+from bagpipe.source.planning import plan
+from bagpipe.source.source import JobSource
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 
@@ -44,9 +44,10 @@ def planned_case(row: Row, spec: SimulationJobSpec, storage: Storage) -> Case:
     can't be read.
     """
     uri = row.get("bag")
-    if not spec.source.uris or spec.source.simulator or not uri or "window" not in row:
+    source = source_of(spec).alone(uri) if uri and "window" in row else None
+    if source is None:
         raise ReplayError(f"{row['case']} has no recording that could be played again")
-    planned = plan(_of_one(spec, uri), storage)
+    planned = plan(spec.model_copy(update={"source": source}), storage)
     for case in planned.cases:
         window = [case.window.lead_in_start, case.window.start, case.window.end]
         conditions = case.conditions
@@ -61,48 +62,14 @@ def planned_case(row: Row, spec: SimulationJobSpec, storage: Storage) -> Case:
     )
 
 
-def _of_one(spec: SimulationJobSpec, uri: str) -> SimulationJobSpec:
-    """The job with one recording alone; a sequence needs all of its."""
-    if spec.source.sequence:
-        return spec
-    name = "bags" if spec.source.bags else "files"
-    source = spec.source.model_copy(update={name: [uri]})
-    return spec.model_copy(update={"source": source})
-
-
-def write_fragment(case: Case, storage: Storage, target: Path) -> None:
+def write_fragment(case: Case, source: JobSource, storage: Storage, target: Path) -> None:
     """The case's part of its recording as a bag (without an index, which the agent reads)."""
-    made = sequence_file(case, storage, case.bag) if case.parts else fragment_file(case, storage)
+    made = source.input(case, storage)
+    if not isinstance(made, InputFile):
+        raise ReplayError(f"{case.id} has no recording that could be played again")
     with target.open("wb") as file:
         for piece in made.pieces():
             file.write(piece)
-
-
-def play_command(case: Case, spec: SimulationJobSpec, storage: Storage, bag: Path) -> list[str]:
-    """How the agent alone plays the fragment into nodes that run already."""
-    window = case.window
-    start = max(0, window.lead_in_start - _begin(case, storage, bag)) / 1e9
-    command = ["bagpipe-agent", "play", str(bag), "--start", f"{start:.9f}"]
-    command += ["--duration", f"{(window.end - window.lead_in_start) / 1e9:.9f}"]
-    if spec.source.topics:
-        command += ["--topics", *spec.source.topics]
-    if spec.playback.mode == "max":
-        command += ["--immediate"]
-    elif spec.playback.mode == "realtime":
-        command += ["--rate", f"{spec.playback.rate:g}"]
-    for step in spec.playback.steps:
-        command += ["--step", f"{step.trigger}={step.answer}"]
-    return command
-
-
-def _begin(case: Case, storage: Storage, bag: Path) -> int:
-    """The time of the written fragment's first message, in ns."""
-    if case.parts:
-        return bagpipe.MemoryBag.open(bag).start or 0
-    file = storage.open(case.bag)
-    starts = {offset for offset, _ in case.ranges}
-    chunks = read_tail(file.read, file.size).chunks
-    return min(chunk.start_time for chunk in chunks if chunk.offset in starts)
 
 
 @contextmanager

@@ -7,8 +7,8 @@ from typing import Any
 from bagpipe.pipe.session import SessionError
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.case import Case
-from bagpipe.run.pieces import Heard, PartReader
 from bagpipe.simulator.messages import Publication
+from bagpipe.source.part_reader import Heard, PartReader
 from bagpipe.storage import Storage
 
 

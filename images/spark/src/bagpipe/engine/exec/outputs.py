@@ -7,7 +7,6 @@ refused here, whatever the agent has let through.
 import contextlib
 import posixpath
 from collections.abc import Iterator
-from typing import Any
 
 from bagpipe.pipe.session import SessionError
 from bagpipe.storage import NewFile, Storage
@@ -80,14 +79,6 @@ def collected(storage: Storage, results: str, prefix: str) -> Iterator[Outputs]:
     except BaseException as error:
         outputs.discard(error)
         raise
-
-
-def recorded_names(row: dict[str, Any]) -> list[str]:
-    """What a row's case left behind: names below the job's results."""
-    recorded = row["recorded"]
-    if recorded is None:
-        return []
-    return [recorded] if isinstance(recorded, str) else list(recorded)
 
 
 def _plain(name: str) -> str:

@@ -1,23 +1,7 @@
 """When a case's inputs were recorded, as its recording's indexes tell without reading them."""
 
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times, read_tail
-from bagpipe.plan.cases import Case
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times
 from bagpipe.plan.fragments import holding
-from bagpipe.run.pieces import sequence_bag
-from bagpipe.storage import Storage
-
-
-def input_times(case: Case, topics: list[str], storage: Storage) -> list[int]:
-    """Ascending, in ns, in the case's window. Raises StorageError and BagError."""
-    if case.parts:
-        bag = sequence_bag(case, storage)
-        there = [topic for topic in bag.topics if not topics or topic in topics]
-        window = bag.messages(topics=there, start=case.window.start, end=case.window.end)
-        return [time for _, time, _ in window]
-    file = storage.open(case.bag)
-    return times_in(
-        read_tail(file.read, file.size), topics, case.window.start, case.window.end, file.read
-    )
 
 
 def times_in(tail: BagTail, topics: list[str], start: int, end: int, read: Read) -> list[int]:

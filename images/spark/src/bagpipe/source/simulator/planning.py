@@ -1,15 +1,20 @@
 """The drive of a job whose source is a simulator, and its scenario under each condition."""
 
+import dataclasses
+
 from pydantic import ValidationError
 
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.matrix.templates import filled
 from bagpipe.plan.case import Case
-from bagpipe.plan.conditions import Conditions, crossing
+from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import Plan
+from bagpipe.plan.parts import Part, PartPlanner, version_of
+from bagpipe.plan.put_together import put_together
 from bagpipe.simulator.model import START, Simulator
 from bagpipe.simulator.scenario import Scenario
-from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
 
 # The name of the one fragment, and what stands in a row in place of a bag's URI.
 DRIVE = "drive"
@@ -42,9 +47,26 @@ def scenario_of(simulator: Simulator, conditions: Conditions) -> Scenario:
         raise MatrixError(f"{place}: {first['msg']} (with {values})") from error
 
 
-def check_scenarios(spec: SimulationJobSpec) -> None:
+def check_scenarios(simulator: Simulator, conditions: Crossing) -> None:
     """Reads every case's scenario once. Raises MatrixError, before anything runs."""
-    if spec.source.simulator is None:
-        return
-    for _, conditions in crossing(spec).named:
-        scenario_of(spec.source.simulator, conditions)
+    for _, condition in conditions.named:
+        scenario_of(simulator, condition)
+
+
+def drives(simulator: Simulator, conditions: Crossing, storage: Storage) -> Plan:
+    """The simulated drive with its recorded topics, under every condition. Raises MatrixError."""
+    planner = PartPlanner(storage)
+    length = simulator.steps * simulator.step_nanoseconds
+    drive = simulated_case(simulator)
+
+    def beside(parts: list[Part]) -> Case:
+        return dataclasses.replace(drive, bag_version=version_of(parts), parts=parts)
+
+    return put_together(
+        conditions,
+        simulator.recorded,
+        DRIVE,
+        "source.simulator.recorded",
+        lambda pieces: planner.beside(pieces, START, length),
+        beside,
+    )

@@ -4,10 +4,10 @@ import json
 import re
 from typing import Any
 
+from bagpipe.engine.exec.outputs import REASON
 from bagpipe.faults import FaultPolicy
+from bagpipe.judgement import Judgement, ends, first_that_counts
 from bagpipe.pipe.session import SessionError
-from bagpipe.run.exec_outputs import REASON
-from bagpipe.run.judge import Judgement, ends, first_that_counts
 
 _MAX_MESSAGE = 2000
 _NO_POLICY = FaultPolicy([])

@@ -1,39 +1,13 @@
 """The verdict on one played case, from the agent's RESULT alone."""
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from collections.abc import Iterator
+from typing import Any
 
+from bagpipe.engine.ros1.losses import by_the_machine, losses, others, why
 from bagpipe.faults import FaultPolicy
-from bagpipe.run.losses import by_the_machine, losses, others, why
-
-Outcome = Literal["passed", "failed", "invalid", "errored"]
+from bagpipe.judgement import Judgement, ends, first_that_counts
 
 _NO_POLICY = FaultPolicy([])
-# A job that allows a loss allows it whoever caused it.
-_CAUSES = {"MachineBusy": "MessagesLost"}
-
-
-@dataclass(frozen=True)
-class Allowed:
-    """An end or a loss of the stack that the job's faultPolicy allows; it is told all the same."""
-
-    cause: str
-    message: str
-
-    def as_row(self) -> dict[str, str]:
-        """As the results have it."""
-        return {"cause": self.cause, "message": self.message}
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """A case's outcome and the sentence behind it."""
-
-    outcome: Outcome
-    reason: str = ""
-    message: str = ""
-    allowed: tuple[Allowed, ...] = ()
 
 
 def judge(
@@ -45,25 +19,6 @@ def judge(
     """
     faults = (*ends(result), *_losses(result, mode))
     return first_that_counts(faults, policy, _evidence(result))
-
-
-def first_that_counts(
-    faults: Iterable[Judgement], policy: FaultPolicy, otherwise: Judgement
-) -> Judgement:
-    """The first fault that the job does not allow, with those before it that it does."""
-    allowed: list[Allowed] = []
-    for found in faults:
-        cause = _CAUSES.get(found.reason, found.reason)
-        if not policy.allows(cause):
-            return replace(found, allowed=tuple(allowed))
-        allowed.append(Allowed(cause, found.message))
-    return replace(otherwise, allowed=tuple(allowed))
-
-
-def ends(result: dict[str, Any]) -> Iterator[Judgement]:
-    """The ends of the stack's processes and nodes that count, in order of time."""
-    for end in result["stack"].get("ended") or []:
-        yield Judgement("failed", str(end["cause"]), str(end["message"]))
 
 
 def _evidence(result: dict[str, Any]) -> Judgement:

@@ -3,14 +3,14 @@
 import dataclasses
 from typing import Any
 
+from bagpipe.judgement import Judgement
 from bagpipe.pipe.session import SessionError
-from bagpipe.plan.cases import Case
-from bagpipe.plan.simulated import scenario_of
-from bagpipe.run.beside import RecordedTopics
-from bagpipe.run.judge import Judgement
+from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import ControlError
 from bagpipe.simulator.model import Simulator
 from bagpipe.simulator.world import NeverAnsweredError, Steering, World
+from bagpipe.source.simulator.beside import RecordedTopics
+from bagpipe.source.simulator.planning import scenario_of
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from bagpipe.topic_patterns import records

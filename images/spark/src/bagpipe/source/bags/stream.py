@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.pipe.session import InputFile
 from bagpipe.plan.bag_head import unindexed_head
-from bagpipe.plan.cases import Case
+from bagpipe.plan.case import Case
 from bagpipe.storage import Storage
 
 

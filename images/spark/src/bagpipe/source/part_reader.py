@@ -1,4 +1,4 @@
-"""The messages of a case's parts, shifted into the case's time, and a sequence of them as a bag."""
+"""The messages of a part of a recording, shifted into the case's time."""
 
 import io
 from collections.abc import Iterator
@@ -7,16 +7,15 @@ from typing import Any
 
 import bagpipe
 from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
-from bagpipe.pipe.session import InputFile, SessionError
+from bagpipe.pipe.session import SessionError
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import resolve
-from bagpipe.plan.case import Case
 from bagpipe.plan.parts import Part
-from bagpipe.run.stamps import StampError, moved
+from bagpipe.source.stamps import StampError, moved
 from bagpipe.storage import Storage
 
 # Of a part's bytes as they are stored, of its uncompressed chunks, and of a whole sequence.
-_MOST_BYTES = 1 << 30
+MOST_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,7 @@ class PartReader:
 
     def __init__(self, part: Part, storage: Storage) -> None:
         self._part = part
-        if part.bytes > _MOST_BYTES:
+        if part.bytes > MOST_BYTES:
             raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
         data = io.BytesIO()
         data.write(unindexed_head())
@@ -44,7 +43,7 @@ class PartReader:
         for piece in storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version):
             data.write(piece)
         try:
-            self._bag = bagpipe.MemoryBag(data.getvalue(), decompressed_bytes=_MOST_BYTES)
+            self._bag = bagpipe.MemoryBag(data.getvalue(), decompressed_bytes=MOST_BYTES)
         except ValueError as error:
             raise _unreadable(part, str(error)) from error
 
@@ -99,56 +98,6 @@ class PartReader:
 def publisher(connection: Any) -> tuple[str, str]:
     """Whose latched message it is that another one replaces."""
     return resolve(connection.topic), connection.callerid or ""
-
-
-def sequence_bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
-    """The case's parts one after the other as one bag, in the case's time.
-
-    A part begins with the latched messages that were in force at its start, if the sequence has
-    not said the same before; those of the first part lie 1 ns before the lead-in, where they count
-    as latched and not as played. Raises SessionError and StorageError.
-    """
-    writer = bagpipe.MemoryBag.writer(byte_budget=_MOST_BYTES)
-    in_force: dict[tuple[str, str], bytes] = {}
-    for number, part in enumerate(case.parts):
-        reader = PartReader(part, storage)
-        for heard in reader.latched():
-            if in_force.get(publisher(heard.connection)) != heard.recorded:
-                _write(writer, heard, heard.time if number else max(0, heard.time - 1))
-                in_force[publisher(heard.connection)] = heard.recorded
-        for heard in reader.messages():
-            _write(writer, heard, heard.time)
-            if heard.connection.latching:
-                in_force[publisher(heard.connection)] = heard.recorded
-    return writer.finish()
-
-
-def sequence_file(case: Case, storage: Storage, name: str) -> InputFile:
-    """The case's input: the whole sequence, which is made before the first byte goes out."""
-    bag = sequence_bag(case, storage).view()
-    pieces = range(0, len(bag), MAX_PAYLOAD_BYTES)
-    return InputFile(
-        name, len(bag), [], lambda: (bytes(bag[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
-    )
-
-
-def _write(writer: Any, heard: Heard, time: int) -> None:
-    connection = heard.connection
-    try:
-        writer.write(
-            connection.topic,
-            time,
-            heard.data,
-            type=connection.type,
-            md5sum=connection.md5sum,
-            definition=connection.definition,
-            callerid=connection.callerid,
-            latching=connection.latching,
-        )
-    except ValueError as error:
-        raise SessionError(
-            "MemoryBudgetExceeded", f"the sequence does not fit: {error}. Make it shorter"
-        ) from error
 
 
 def _unreadable(part: Part, why: str) -> SessionError:

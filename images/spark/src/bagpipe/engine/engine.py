@@ -1,0 +1,63 @@
+"""What every engine can do."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from bagpipe.judgement import Judgement
+from bagpipe.pipe.session import Answer, InputFile, Sink, Sinks
+from bagpipe.plan.case import Case
+from bagpipe.source.source import JobSource, Turns
+from bagpipe.spec import SimulationJobSpec, Stack
+from bagpipe.storage import Storage
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One run of a case: what it is of, and where what it records goes.
+
+    `results` is the URI of the job's folder, `name` a prefix of this attempt's own in it.
+    """
+
+    case: Case
+    spec: SimulationJobSpec
+    source: JobSource
+    storage: Storage
+    results: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Played:
+    """What an attempt came to.
+
+    `recorded` are names below the job's results; `findings` are those of the criteria, None of an
+    engine that has none.
+    """
+
+    judgement: Judgement
+    recorded: str | list[str] | None
+    answer: Answer
+    findings: list[dict[str, Any]] | None = None
+
+
+class Engine(Protocol):
+    """Stateless: one object for all jobs."""
+
+    def input(self, source: JobSource, case: Case, storage: Storage, /) -> InputFile | Turns:
+        """What the agent is sent. Raises SessionError and StorageError."""
+
+    def play(self, attempt: Attempt, exchange: Callable[[Sink | Sinks], Answer], /) -> Played:
+        """Let the exchange with the agent write into a sink, keep what was written, and judge.
+
+        Whatever is raised leaves nothing behind. Raises SessionError and StorageError.
+        """
+
+    def programs(self, stack: Stack, /) -> list[str]:
+        """The programs that a machine needs for the stack, its own command first."""
+
+    def by_hand(
+        self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path, /
+    ) -> list[str]:
+        """How to play a case's bag without Bagpipe's worker, as lines; none where that can't be."""

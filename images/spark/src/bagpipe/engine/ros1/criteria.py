@@ -1,0 +1,51 @@
+"""A case's criteria: what they read is fetched from storage only when one of them asks for it."""
+
+from typing import Any
+
+from bagpipe.engine.engine import Attempt
+from bagpipe.evaluate.evidence import Evidence, Recording
+from bagpipe.evaluate.finding import verdict
+from bagpipe.evaluate.judge import evaluate
+from bagpipe.evaluate.model import topics_of
+from bagpipe.judgement import Judgement
+
+# A recording is at most 1 GiB of messages; its bag has some headers more.
+_MOST_RECORDED_BYTES = 5 << 28
+_NOTHING_SHOWN = {"NothingPlayed", "NothingRecorded", "NothingAnswered"}
+
+
+def judged_by_criteria(
+    judgement: Judgement, attempt: Attempt, recorded: str, result: dict[str, Any]
+) -> tuple[Judgement, list[dict[str, Any]]]:
+    """The verdict on a delivered case, and the findings behind it, as the results have them.
+
+    Without criteria the delivery alone is judged; a case in which nothing was played or recorded,
+    or whose stack has failed, is what it is whatever its criteria say.
+    """
+    case, spec, storage = attempt.case, attempt.spec, attempt.storage
+    if not spec.evaluate or judgement.outcome in {"failed", "errored"}:
+        return judgement, []
+    if judgement.reason in _NOTHING_SHOWN:
+        return judgement, []
+    truths = {topic for criterion in spec.evaluate for topic in topics_of(criterion)[1]}
+    evidence = Evidence(
+        # To the end of the drain: what of it belongs to the window is told by each criterion's
+        # clock (bagpipe.evaluate.window).
+        recorded=Recording(
+            lambda: storage.read_all(recorded, _MOST_RECORDED_BYTES), case.window.start, None
+        ),
+        source=Recording(
+            lambda: attempt.source.truth(case, truths, storage), case.window.start, case.window.end
+        ),
+        start=case.window.start,
+        end=case.window.end,
+        result=result,
+        values=case.conditions.values,
+        lead_in_start=case.window.lead_in_start,
+        paced=spec.playback.mode != "max",
+        inputs=attempt.source.input_times(case, storage),
+    )
+    findings = evaluate(spec.evaluate, evidence)
+    outcome, reason, message = verdict(findings)
+    judged = Judgement(outcome, reason, message, judgement.allowed)
+    return judged, [finding.as_row() for finding in findings]

@@ -1,0 +1,72 @@
+"""The cases of bags: every fragment of every bag, as often as it is to be played."""
+
+from collections import Counter
+
+from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.case import Case, crossed
+from bagpipe.plan.conditions import Crossing
+from bagpipe.plan.fragments import cut, holding
+from bagpipe.plan.made import Plan, Unplanned
+from bagpipe.source.naming import stem
+from bagpipe.spec import Source
+from bagpipe.storage import Storage, StorageError
+from bagpipe.texts import duration_seconds
+
+
+def fragments(bags: list[str], spec: Source, conditions: Crossing, storage: Storage) -> Plan:
+    """The fragments of bags under every condition; a bag that yields none has a sentence."""
+    cases: list[Case] = []
+    unplanned: list[Unplanned] = []
+    for uri, name in zip(bags, _names(bags), strict=True):
+        try:
+            cases += crossed(_fragments_of(uri, name, spec, storage), conditions)
+        except (BagError, StorageError) as error:
+            reason = error.reason if isinstance(error, BagError) else "BagUnreadable"
+            unplanned.append(Unplanned(name, uri, reason, f"{uri}: {error}"))
+    return Plan(cases, unplanned)
+
+
+def _fragments_of(uri: str, name: str, spec: Source, storage: Storage) -> list[Case]:
+    file = storage.open(uri)
+    tail = read_tail(file.read, file.size)
+    length = int(duration_seconds(spec.fragment.length) * 1e9)
+    warm_up = int(duration_seconds(spec.fragment.warm_up) * 1e9)
+    fragments = cut(tail, spec.topics, length, warm_up, file.read)
+    if not fragments:
+        raise BagError("NoMatchingTopics", _without_messages(tail, spec.topics))
+    connections = _connection_ranges(tail)
+    return [
+        Case(
+            id=f"{name}-{fragment.number:04d}",
+            bag=uri,
+            bag_version=file.version,
+            window=fragment.window,
+            connections=connections,
+            ranges=fragment.ranges,
+            messages=fragment.messages,
+        )
+        for fragment in fragments
+    ]
+
+
+def _without_messages(tail: BagTail, topics: list[str]) -> str:
+    """A publisher is in the bag's index even if it never said anything."""
+    named = {connection.id: connection.topic for connection in tail.connections}
+    said = {named.get(each, "") for chunk in tail.chunks for each in holding(chunk)} - {""}
+    what = f"none of the topics {', '.join(topics)} is in the bag"
+    if silent := [topic for topic in topics if topic in named.values()]:
+        what = f"{', '.join(silent)} is in the bag without a message"
+    return f"{what}; it has {', '.join(sorted(said)[:10])}"
+
+
+def _connection_ranges(tail: BagTail) -> list[tuple[int, int]]:
+    return [(connection.offset, connection.length) for connection in tail.connections]
+
+
+def _names(bags: list[str]) -> list[str]:
+    """A readable name per bag, numbered where two bags would share one."""
+    stems = [stem(uri) for uri in bags]
+    counts = Counter(stems)
+    return [
+        stem if counts[stem] == 1 else f"{stem}-{number:03d}" for number, stem in enumerate(stems)
+    ]

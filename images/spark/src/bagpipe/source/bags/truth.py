@@ -1,0 +1,30 @@
+"""What a case's own bag says of its window, for criteria that compare with it."""
+
+import io
+
+from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
+from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_tail import read_tail
+from bagpipe.plan.case import Case
+from bagpipe.plan.fragments import holding
+from bagpipe.storage import Storage
+
+
+def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:
+    """The chunks with one of the topics in the case's window, as a bag without an index."""
+    file = storage.open(case.bag)
+    tail = read_tail(file.read, file.size)
+    wanted = {c.id for c in tail.connections if c.topic in topics}
+    ranges = [(c.offset, c.length) for c in tail.connections]
+    ranges += [
+        (chunk.offset, chunk.end - chunk.offset)
+        for chunk in tail.chunks
+        if wanted & holding(chunk)
+        and chunk.start_time < case.window.end
+        and chunk.end_time >= case.window.start
+    ]
+    bag = io.BytesIO()
+    bag.write(unindexed_head())
+    for piece in storage.pieces(case.bag, ranges, MAX_PAYLOAD_BYTES, case.bag_version):
+        bag.write(piece)
+    return bag.getvalue()

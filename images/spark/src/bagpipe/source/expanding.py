@@ -1,0 +1,24 @@
+"""The files that a source's patterns stand for."""
+
+from bagpipe.plan.made import Unplanned
+from bagpipe.source.naming import stem
+from bagpipe.storage import Storage, StorageError
+
+
+def expanded(
+    patterns: list[str], storage: Storage, missing: str
+) -> tuple[list[str], list[Unplanned]]:
+    """The URIs, each once, and a word on each pattern without any; `missing` is its reason."""
+    uris: list[str] = []
+    unplanned: list[Unplanned] = []
+    for pattern in patterns:
+        try:
+            found = storage.expand(pattern)
+        except (StorageError, OSError) as error:
+            unplanned.append(Unplanned(stem(pattern), pattern, missing, str(error)))
+            continue
+        if not found:
+            message = f"no file at {pattern}: check the name and volume"
+            unplanned.append(Unplanned(stem(pattern), pattern, missing, message))
+        uris += [uri for uri in found if uri not in uris]
+    return uris, unplanned

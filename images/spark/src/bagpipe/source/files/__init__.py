@@ -1,0 +1,63 @@
+"""Files of any kind, each of them a case."""
+
+import posixpath
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bagpipe.judgement import Judgement
+from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
+from bagpipe.pipe.session import InputFile
+from bagpipe.plan.case import Case, crossed
+from bagpipe.plan.conditions import Crossing
+from bagpipe.plan.made import Plan
+from bagpipe.source.expanding import expanded
+from bagpipe.source.files.planning import file_cases
+from bagpipe.spec import Source
+from bagpipe.storage import Storage
+
+
+@dataclass(frozen=True)
+class Files:
+    """source.files: only a program that judges itself knows what their bytes mean."""
+
+    spec: Source
+
+    def plan(self, conditions: Crossing, storage: Storage) -> Plan:
+        """A case for each file, under every condition."""
+        files, missing = expanded(self.spec.uris, storage, "FileMissing")
+        return Plan.of(crossed(file_cases(files, storage), conditions), missing)
+
+    def input(self, case: Case, storage: Storage) -> InputFile:
+        """The file, streamed: its size does not matter to memory."""
+        return InputFile(
+            self.file_name(case),
+            case.bytes,
+            [(0, offset, length) for offset, length in case.ranges],
+            lambda: storage.pieces(case.bag, case.ranges, MAX_PAYLOAD_BYTES, case.bag_version),
+        )
+
+    def file_name(self, case: Case) -> str:
+        """The file's own."""
+        return posixpath.basename(case.bag)
+
+    def input_times(self, _case: Case, _storage: Storage) -> Callable[[], list[int]]:
+        """A file has no times."""
+        return list
+
+    def truth(self, _case: Case, _topics: set[str], _storage: Storage) -> bytes:
+        """A file has no topics."""
+        return b""
+
+    def judge(self, _result: dict[str, Any], judgement: Judgement) -> Judgement:
+        """Nothing to add."""
+        return judgement
+
+    def alone(self, uri: str) -> Source:
+        """One file."""
+        return self.spec.model_copy(update={"files": [uri]})
+
+    def begin(self, _case: Case, _storage: Storage, _written: Path) -> int:
+        """A file has no times."""
+        return 0

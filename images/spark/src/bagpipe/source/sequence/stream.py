@@ -1,0 +1,60 @@
+"""A sequence of parts as one bag."""
+
+from typing import Any
+
+import bagpipe
+from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
+from bagpipe.pipe.session import InputFile, SessionError
+from bagpipe.plan.case import Case
+from bagpipe.source.part_reader import MOST_BYTES, Heard, PartReader, publisher
+from bagpipe.storage import Storage
+
+
+def sequence_bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
+    """The case's parts one after the other as one bag, in the case's time.
+
+    A part begins with the latched messages that were in force at its start, if the sequence has
+    not said the same before; those of the first part lie 1 ns before the lead-in, where they count
+    as latched and not as played. Raises SessionError and StorageError.
+    """
+    writer = bagpipe.MemoryBag.writer(byte_budget=MOST_BYTES)
+    in_force: dict[tuple[str, str], bytes] = {}
+    for number, part in enumerate(case.parts):
+        reader = PartReader(part, storage)
+        for heard in reader.latched():
+            if in_force.get(publisher(heard.connection)) != heard.recorded:
+                _write(writer, heard, heard.time if number else max(0, heard.time - 1))
+                in_force[publisher(heard.connection)] = heard.recorded
+        for heard in reader.messages():
+            _write(writer, heard, heard.time)
+            if heard.connection.latching:
+                in_force[publisher(heard.connection)] = heard.recorded
+    return writer.finish()
+
+
+def sequence_file(case: Case, storage: Storage, name: str) -> InputFile:
+    """The case's input: the whole sequence, which is made before the first byte goes out."""
+    bag = sequence_bag(case, storage).view()
+    pieces = range(0, len(bag), MAX_PAYLOAD_BYTES)
+    return InputFile(
+        name, len(bag), [], lambda: (bytes(bag[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
+    )
+
+
+def _write(writer: Any, heard: Heard, time: int) -> None:
+    connection = heard.connection
+    try:
+        writer.write(
+            connection.topic,
+            time,
+            heard.data,
+            type=connection.type,
+            md5sum=connection.md5sum,
+            definition=connection.definition,
+            callerid=connection.callerid,
+            latching=connection.latching,
+        )
+    except ValueError as error:
+        raise SessionError(
+            "MemoryBudgetExceeded", f"the sequence does not fit: {error}. Make it shorter"
+        ) from error

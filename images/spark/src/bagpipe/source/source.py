@@ -1,0 +1,55 @@
+"""What every source can do. One object for each job, and as small as its spec."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+from bagpipe.judgement import Judgement
+from bagpipe.pipe.session import InputFile, Partner
+from bagpipe.plan.case import Case
+from bagpipe.plan.conditions import Crossing
+from bagpipe.plan.made import Plan
+from bagpipe.spec import Source
+from bagpipe.storage import Storage
+
+
+class Turns(Partner, Protocol):
+    """A partner that makes a case's input while the stack answers it."""
+
+    @property
+    def described(self) -> dict[str, Any]:
+        """What HELLO says of it, as `simulator`."""
+
+
+class JobSource(Protocol):
+    """The source of one job."""
+
+    def plan(self, conditions: Crossing, storage: Storage, /) -> Plan:
+        """All cases. Never raises for a recording's fault; raises MatrixError."""
+
+    def input(self, case: Case, storage: Storage, /) -> InputFile | Turns:
+        """What the agent is sent. Raises SessionError and StorageError."""
+
+    def file_name(self, case: Case, /) -> str:
+        """The plain name of the case's input as a file."""
+
+    def input_times(self, case: Case, storage: Storage, /) -> Callable[[], list[int]] | None:
+        """When the case's inputs were recorded: ascending, in ns, in its window.
+
+        None where no time is without an input. The call raises StorageError and BagError.
+        """
+
+    def truth(self, case: Case, topics: set[str], storage: Storage, /) -> bytes:
+        """The part of the case's own recording that holds these topics, as a bag without an index.
+
+        It may hold more. Raises StorageError, BagError and SessionError.
+        """
+
+    def judge(self, result: dict[str, Any], judgement: Judgement, /) -> Judgement:
+        """The judgement on a played case, where the source has something to say to it."""
+
+    def alone(self, uri: str, /) -> Source | None:
+        """The spec's source with one recording alone; None where none could be played again."""
+
+    def begin(self, case: Case, storage: Storage, written: Path, /) -> int:
+        """The time of the first message of the case's input, which was written as a bag, in ns."""
