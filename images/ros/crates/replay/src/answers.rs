@@ -7,9 +7,9 @@ use std::time::Duration;
 use bagpipe_ros::Incoming;
 
 use crate::pairing::Pairing;
-use crate::simulate::Said;
 use crate::stamp::{has_header, stamp};
 use crate::time::Time;
+use crate::world::Said;
 
 /// The answers, shared by the recorder, which hears them, and the player, which waits.
 #[derive(Debug, Default)]

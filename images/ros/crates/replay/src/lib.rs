@@ -10,6 +10,7 @@
 
 mod answers;
 mod clock;
+mod discovery;
 mod drain;
 mod error;
 mod laps;
@@ -17,6 +18,7 @@ mod ledger;
 mod lockstep;
 mod machine;
 mod meter;
+mod names;
 mod ordered;
 mod outcome;
 mod outlet;
@@ -38,11 +40,13 @@ mod run;
 mod settle;
 mod simulate;
 mod spacing;
+mod stage;
 mod stamp;
 mod step;
 mod subscribe;
 mod time;
 mod watch;
+mod world;
 
 pub use error::ReplayError;
 pub use machine::Machine;
@@ -54,9 +58,7 @@ pub use outcome::{
 pub use pause::{Pause, Resumed};
 pub use processes::descendants;
 pub use record::{Keep, RecordRequest, RecordedLive, record};
-pub use replay::{replay, replay_together};
-pub use request::{
-    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, Stage, StartWhen, Step,
-    Window,
-};
-pub use simulate::{Moment, Said, World, simulate};
+pub use replay::{replay, replay_together, simulate};
+pub use request::{AnswerBy, CLOCK_RATE, ReplayRequest, StartWhen, Step, Window};
+pub use stage::{Cancellation, Mode, Progress, Stage};
+pub use world::{Moment, Said, World};

@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
-use crate::recorder::Figures;
-use crate::{Mode, ReplayRequest, Stage};
+use crate::Stage;
+use crate::outcome::Figures;
 
 /// Upper bounds, in seconds, of the waits that are counted together. Longer ones have a count
 /// of their own.
@@ -121,14 +121,8 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    pub(crate) fn new(request: &ReplayRequest) -> Tally {
-        Tally {
-            meter: Arc::clone(&request.meter),
-            rate: (request.mode == Mode::Realtime).then_some(request.rate),
-            sent: 0,
-            recorded: Figures::default(),
-            window: None,
-        }
+    pub(crate) fn new(meter: Arc<Meter>, rate: Option<f64>) -> Tally {
+        Tally { meter, rate, sent: 0, recorded: Figures::default(), window: None }
     }
 
     /// A stage begins; the window's first time is `start`.
@@ -182,8 +176,7 @@ mod tests {
     const SECOND: u64 = 1_000_000_000;
 
     fn tally(meter: &Arc<Meter>, rate: Option<f64>) -> Tally {
-        let (meter, recorded) = (Arc::clone(meter), Figures::default());
-        Tally { meter, rate, sent: 0, recorded, window: None }
+        Tally::new(Arc::clone(meter), rate)
     }
 
     fn seen(sent: u64, reached: u64, bytes: u64) -> Seen {

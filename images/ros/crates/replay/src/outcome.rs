@@ -201,3 +201,13 @@ mod tests {
         }
     }
 }
+
+/// A recording's figures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Figures {
+    pub(crate) messages: u64,
+    /// Bytes of the messages.
+    pub(crate) bytes: u64,
+    /// The most bytes that the bag has had.
+    pub(crate) held: u64,
+}

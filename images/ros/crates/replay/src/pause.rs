@@ -2,14 +2,8 @@
 
 use std::fmt;
 use std::sync::Arc;
-use std::time::Duration;
 
-use crate::ReplayError;
-use crate::request::resolved;
-use crate::watch::Watch;
-
-/// The time between two questions.
-const LOOK: Duration = Duration::from_millis(10);
+use crate::names::resolved;
 
 /// Stops the play before each message of some topics.
 #[derive(Clone)]
@@ -33,14 +27,5 @@ impl Pause {
     /// Whether this topic is one of those.
     pub(crate) fn stops_at(&self, topic: &str) -> bool {
         self.topics.iter().any(|name| resolved(name) == topic)
-    }
-
-    /// Waits before a message of a topic. How long it waited.
-    pub(crate) fn wait(&self, topic: &str, watch: &mut Watch<'_>) -> Result<Duration, ReplayError> {
-        let begun = watch.now();
-        while !(self.resumed)(topic) {
-            watch.sleep(LOOK)?;
-        }
-        Ok(watch.now().duration_since(begun))
     }
 }

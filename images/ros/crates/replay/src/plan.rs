@@ -6,7 +6,7 @@ use std::ops::Range;
 use bagpipe_bag::{Bag, ChunkedFile, Connection, Message, Timeline};
 use bagpipe_ros::TopicInfo;
 
-use crate::request::resolved;
+use crate::names::resolved;
 use crate::{ReplayError, ReplayRequest};
 
 /// What to play.

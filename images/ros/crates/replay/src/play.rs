@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Publication, SendError, Share};
+use bagpipe_ros::{Node, Publication, Share};
 
 use crate::clock::{BagClock, Schedule};
 use crate::outcome::StepReport;
@@ -19,6 +19,8 @@ use crate::step::Stepper;
 use crate::watch::Watch;
 use crate::{Mode, ReplayError, ReplayRequest};
 
+/// The time between two questions whether a pause is over.
+const ASK: Duration = Duration::from_millis(10);
 /// The tick of a /clock that does not advance between two messages.
 const STEPPED: u64 = u64::MAX;
 
@@ -221,7 +223,7 @@ impl<'a, O: Outlet> Player<'a, O> {
                 self.wait_for(time, *schedule, watch)?;
             }
             self.clock.stand(self.clock.now());
-            schedule.epoch += pause.wait(topic.topic(), watch)?;
+            schedule.epoch += pause_at(&pause, topic.topic(), watch)?;
             if self.mode == Mode::Realtime {
                 self.clock.run(schedule.epoch, schedule.bag, self.rate);
             }
@@ -282,7 +284,7 @@ impl<'a, O: Outlet> Player<'a, O> {
                 topic.latch(&route.caller_id, share, frame);
             }
             run.go_out(&**topic, share, &mut || watch.must_stop())
-                .map_err(|error| failed(error, watch))?;
+                .map_err(|error| watch.failed(error))?;
             self.count(at, share, messages, watch);
         }
         watch.reached = run.time;
@@ -336,7 +338,7 @@ impl<'a, O: Outlet> Player<'a, O> {
         let frame = clock_frame(time);
         topic.latch("", Share::LeadIn, &frame);
         let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
-        sent.map_err(|error| failed(error, watch))?;
+        sent.map_err(|error| watch.failed(error))?;
         match &self.stepper {
             Some(stepper) => stepper.settle_clock(&**topic, &frame, watch),
             None => Ok(()),
@@ -373,7 +375,7 @@ impl<'a, O: Outlet> Player<'a, O> {
             self.stepper.as_mut().map(|stepper| stepper.release(at, &frame[4..], watch.now()));
         topic
             .send(share, &[frame], &mut || watch.must_stop())
-            .map_err(|error| failed(error, watch))?;
+            .map_err(|error| watch.failed(error))?;
         if let (Some(stepper), Some(due)) = (&mut self.stepper, due) {
             stepper.complete(due, &**topic, watch)?;
         }
@@ -398,11 +400,11 @@ impl<'a, O: Outlet> Player<'a, O> {
     }
 }
 
-pub(crate) fn failed(error: SendError, watch: &mut Watch<'_>) -> ReplayError {
-    match error {
-        SendError::Stalled { node, topic, waited } => {
-            ReplayError::StackStoppedReading { node, topic, waited }
-        }
-        SendError::Cancelled => watch.failure(),
+/// Waits before a message of a topic until somebody says to go on. How long it waited.
+fn pause_at(pause: &Pause, topic: &str, watch: &mut Watch<'_>) -> Result<Duration, ReplayError> {
+    let begun = watch.now();
+    while !(pause.resumed)(topic) {
+        watch.sleep(ASK)?;
     }
+    Ok(watch.now().duration_since(begun))
 }

@@ -10,9 +10,9 @@ use bagpipe_ros::{Incoming, MAX_MESSAGE, Node, NodeOptions, RosError, Sink, Syst
 use regex::Regex;
 
 use crate::ReplayError;
+use crate::discovery::whole;
+use crate::names::resolved;
 use crate::recorder::connection_of;
-use crate::request::resolved;
-use crate::subscribe::whole;
 
 /// The deadline of every call to the master and of every handshake.
 const CALL: Duration = Duration::from_secs(3);

@@ -13,7 +13,7 @@ use crate::ReplayError;
 use crate::answers::Answers;
 use crate::clock::BagClock;
 use crate::ordered::{Hold, settled_name};
-use crate::outcome::{Recorded, RecordedTopic};
+use crate::outcome::{Figures, Recorded, RecordedTopic};
 
 /// A recorder; its clones write into the same bag.
 #[derive(Clone)]
@@ -39,16 +39,6 @@ pub(crate) struct Room {
     pub(crate) bytes: u64,
     /// An empty file that it goes into chunk by chunk; else it stays in memory.
     pub(crate) file: Option<File>,
-}
-
-/// A recording's figures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Figures {
-    pub(crate) messages: u64,
-    /// Bytes of the messages.
-    pub(crate) bytes: u64,
-    /// The most bytes that the bag has had.
-    pub(crate) held: u64,
 }
 
 struct State {

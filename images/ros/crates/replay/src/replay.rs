@@ -8,11 +8,12 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use bagpipe_bag::{Bag, ChunkedFile};
-use bagpipe_ros::audit::Audit;
 use bagpipe_ros::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
+use bagpipe_ros::{TopicInfo, audit::Audit};
 
 use crate::answers::Answers;
 use crate::clock::BagClock;
+use crate::discovery::Discovery;
 use crate::drain::{Drain, PAUSE};
 use crate::laps::Laps;
 use crate::ledger::{ledger, present};
@@ -25,11 +26,12 @@ use crate::play::{Pace, Player};
 use crate::processes::{Processes, Waiting};
 use crate::prove::Proof;
 use crate::recorder::{Recorder, Room};
-use crate::simulate::{Turns, World};
+use crate::simulate::Turns;
 use crate::step::Stepper;
-use crate::subscribe::{Discovery, wait_for_stack};
+use crate::subscribe::wait_for_stack;
 use crate::time::Time;
 use crate::watch::Watch;
+use crate::world::World;
 use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
 
 /// The deadline of every call to the master and of every handshake.
@@ -74,8 +76,25 @@ pub fn replay_together<F: ChunkedFile>(
     carry_out(&plan, request, None, progress, cancelled)
 }
 
+/// Plays a world's topics as [`crate::replay`] plays a bag's: lock-stepped, recorded and proved.
+/// The world's own messages are recorded too, as said by `/bagpipe_simulator`, but for those of
+/// [`World::unrecorded`].
+///
+/// # Errors
+/// As [`crate::replay_together`], and what the world's turns end with.
+pub fn simulate(
+    topics: Vec<TopicInfo>,
+    request: &ReplayRequest,
+    world: &mut dyn World,
+    progress: &mut dyn FnMut(Progress),
+    cancelled: &dyn Fn() -> Option<Cancellation>,
+) -> Result<Replayed, ReplayError> {
+    request.validate()?;
+    carry_out(&Plan::of_topics(topics), request, Some(world), progress, cancelled)
+}
+
 /// Plays a plan, or a world's turns on the plan's topics.
-pub(crate) fn carry_out(
+fn carry_out(
     plan: &Plan<'_>,
     request: &ReplayRequest,
     world: Option<&mut dyn World>,

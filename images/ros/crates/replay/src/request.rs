@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::{Meter, Pause, ReplayError};
+use crate::{Meter, Mode, Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,18 +16,6 @@ pub struct Window {
     pub start: u64,
     /// The first time that is not counted any more.
     pub end: u64,
-}
-
-/// How fast to play.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Mode {
-    /// By bag time, `rate` times as fast.
-    Realtime,
-    /// As fast as the slowest subscriber's socket takes it.
-    Max,
-    /// The next message goes out when the subscribers have read the last one and the stack
-    /// has answered it, as [`Step`]s say.
-    Lockstep,
 }
 
 /// An input that the stack answers.
@@ -129,57 +117,6 @@ pub struct StartWhen {
 /// /clock's usual rate in Hz.
 pub const CLOCK_RATE: f64 = 100.0;
 
-/// Why a replay should stop.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Cancellation {
-    /// The stack's process has ended.
-    StackExited,
-    /// The worker at the other end of the pipe is gone.
-    PeerGone,
-    /// The agent has been told to end.
-    Terminated,
-}
-
-/// Where a replay is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Stage {
-    /// Waiting for the subscribers.
-    Subscribe,
-    /// Playing what warms up.
-    LeadIn,
-    /// Playing what counts.
-    Play,
-    /// Waiting for the last messages and outputs.
-    Drain,
-}
-
-impl Stage {
-    /// Its name in METRIC frames.
-    pub fn name(self) -> &'static str {
-        match self {
-            Stage::Subscribe => "subscribe",
-            Stage::LeadIn => "lead_in",
-            Stage::Play => "play",
-            Stage::Drain => "drain",
-        }
-    }
-}
-
-/// How far a replay is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Progress {
-    /// Where.
-    pub stage: Stage,
-    /// Messages played, the lead-in included.
-    pub sent: u64,
-    /// Messages recorded.
-    pub recorded: u64,
-    /// Bag time since the beginning of the lead-in, in seconds.
-    pub bag_seconds: f64,
-    /// When the window's last message went out, once that is known.
-    pub last_out: Option<Instant>,
-}
-
 impl ReplayRequest {
     /// Refuses what can't be done, before anything is started.
     pub(crate) fn validate(&self) -> Result<(), ReplayError> {
@@ -204,9 +141,4 @@ impl ReplayRequest {
         }
         Ok(())
     }
-}
-
-/// A topic's resolved name: recordings may lack the leading slash.
-pub(crate) fn resolved(name: &str) -> String {
-    if name.starts_with('/') { name.to_owned() } else { format!("/{name}") }
 }

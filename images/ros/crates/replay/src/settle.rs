@@ -8,9 +8,9 @@ use bagpipe_ros::SystemState;
 use bagpipe_ros::audit::Audit;
 
 use crate::ReplayError;
+use crate::discovery::{Discovery, LOOK, open_subscribers, others};
 use crate::play::Player;
 use crate::processes::Starting;
-use crate::subscribe::{Discovery, LOOK, open_subscribers, others};
 use crate::time::Time;
 use crate::watch::Watch;
 

@@ -11,74 +11,16 @@ use std::sync::Arc;
 use bagpipe_bag::Connection;
 use bagpipe_ros::{Share, TopicInfo};
 
+use crate::ReplayError;
 use crate::answers::Answers;
 use crate::outlet::Outlet;
-use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::recorder::Recorder;
-use crate::replay::carry_out;
 use crate::watch::Watch;
-use crate::{Cancellation, Progress, ReplayError, ReplayRequest, Replayed};
+use crate::world::{Moment, World};
 
 /// The publisher of the world's messages in the recording.
 const PUBLISHER: &str = "/bagpipe_simulator";
-
-/// What the stack said last on a topic.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Said {
-    /// The topic.
-    pub topic: String,
-    /// The message's type, as its publisher names it.
-    pub datatype: String,
-    /// The serialised message.
-    pub data: Vec<u8>,
-}
-
-/// A moment of simulated time.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Moment {
-    /// Nanoseconds; later than the moment before.
-    pub time: u64,
-    /// In the order in which they go out: a place among the world's topics, and a frame of
-    /// `u32` little-endian length and the serialised message.
-    pub messages: Vec<(usize, Vec<u8>)>,
-}
-
-/// What moves on in answer to the stack.
-pub trait World {
-    /// The moment after `said`, which is the latest message on each answer's topic since the
-    /// last turn; `None` when the world ends. May wait, and then asks `stop` now and then.
-    ///
-    /// # Errors
-    /// Whatever ends the case; [`ReplayError::Cancelled`] after `stop` said so.
-    fn next(
-        &mut self,
-        said: Vec<Said>,
-        stop: &dyn Fn() -> bool,
-    ) -> Result<Option<Moment>, ReplayError>;
-
-    /// The topics whose messages stay out of the recording.
-    fn unrecorded(&self) -> &[String] {
-        &[]
-    }
-}
-
-/// Plays a world's topics as [`crate::replay`] plays a bag's: lock-stepped, recorded and proved.
-/// The world's own messages are recorded too, as said by `/bagpipe_simulator`, but for those of
-/// [`World::unrecorded`].
-///
-/// # Errors
-/// As [`crate::replay_together`], and what the world's turns end with.
-pub fn simulate(
-    topics: Vec<TopicInfo>,
-    request: &ReplayRequest,
-    world: &mut dyn World,
-    progress: &mut dyn FnMut(Progress),
-    cancelled: &dyn Fn() -> Option<Cancellation>,
-) -> Result<Replayed, ReplayError> {
-    request.validate()?;
-    carry_out(&Plan::of_topics(topics), request, Some(world), progress, cancelled)
-}
 
 /// A topic of the world.
 struct Spoken {

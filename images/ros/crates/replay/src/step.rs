@@ -11,7 +11,6 @@ use crate::answers::Answers;
 use crate::lockstep::{Due, Lockstep};
 use crate::outcome::StepReport;
 use crate::outlet::Outlet;
-use crate::play::failed;
 use crate::recorder::Recorder;
 use crate::watch::Watch;
 
@@ -49,7 +48,7 @@ impl<'a> Stepper<'a> {
     ) -> Result<(), ReplayError> {
         await_read(topic, watch)?;
         let again = topic.send(Share::LeadIn, &[frame], &mut || watch.must_stop());
-        again.map_err(|error| failed(error, watch))?;
+        again.map_err(|error| watch.failed(error))?;
         await_read(topic, watch)
     }
 
@@ -106,5 +105,5 @@ impl<'a> Stepper<'a> {
 
 /// Waits until every subscriber has read everything from its socket.
 fn await_read(topic: &impl Outlet, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
-    topic.await_unread(0, &mut || watch.must_stop()).map_err(|error| failed(error, watch))
+    topic.await_unread(0, &mut || watch.must_stop()).map_err(|error| watch.failed(error))
 }

@@ -1,12 +1,15 @@
 //! Looking up from the work: cancellation, deadlines, the recorder's failure, progress.
 
+use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+use bagpipe_ros::SendError;
 
 use crate::clock::BagClock;
 use crate::meter::{Seen, Tally};
 use crate::recorder::Recorder;
 use crate::time::Time;
-use crate::{Cancellation, Progress, ReplayError, ReplayRequest, Stage};
+use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
 
 /// The least time between two looks.
 const LOOK: Duration = Duration::from_millis(10);
@@ -46,6 +49,7 @@ impl<'a> Watch<'a> {
         cancelled: &'a dyn Fn() -> Option<Cancellation>,
     ) -> Watch<'a> {
         let now = clock.time.now();
+        let rate = (request.mode == Mode::Realtime).then_some(request.rate);
         Watch {
             cancelled,
             progress,
@@ -60,9 +64,19 @@ impl<'a> Watch<'a> {
             stack_exited: false,
             last_out: None,
             window_start: request.window.start,
-            tally: Tally::new(request),
+            tally: Tally::new(Arc::clone(&request.meter), rate),
             sent: 0,
             reached: 0,
+        }
+    }
+
+    /// Why the play ends where a message could not be sent.
+    pub(crate) fn failed(&mut self, error: SendError) -> ReplayError {
+        match error {
+            SendError::Stalled { node, topic, waited } => {
+                ReplayError::StackStoppedReading { node, topic, waited }
+            }
+            SendError::Cancelled => self.failure(),
         }
     }
 

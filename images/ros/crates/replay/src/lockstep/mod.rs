@@ -22,9 +22,9 @@ use std::time::{Duration, Instant};
 use bagpipe_ros::TopicInfo;
 
 use crate::answers::{Answers, Heard};
+use crate::names::resolved;
 use crate::outcome::StepReport;
 use crate::pairing::{Pairing, Span};
-use crate::request::resolved;
 use crate::stamp::{has_header, stamp};
 use crate::time::Time;
 use crate::{AnswerBy, Meter, ReplayError, Step};

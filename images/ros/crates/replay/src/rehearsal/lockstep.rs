@@ -10,7 +10,8 @@ use crate::answers::Answers;
 use crate::lockstep::Lockstep;
 use crate::outcome::StepReport;
 use crate::play::{Pace, Player};
-use crate::simulate::{Moment, Said, Turns, World};
+use crate::simulate::Turns;
+use crate::world::{Moment, Said, World};
 use crate::{Meter, ReplayError, Stage};
 
 /// A play in lock-step of which each answer is awaited for 250 ms.

@@ -7,10 +7,11 @@ use bagpipe_ros::TopicInfo;
 
 use super::master::LonelyMaster;
 use super::{ByHand, Rehearsal, ReplayRequest, ms, request, window};
+use crate::discovery::Discovery;
 use crate::lockstep::Lockstep;
 use crate::plan::Plan;
 use crate::play::Player;
-use crate::subscribe::{Discovery, wait_for_stack};
+use crate::subscribe::wait_for_stack;
 use crate::{ReplayError, Stage};
 
 /// Waits for a stack to which these topics are to be played, as the request is altered; how that
