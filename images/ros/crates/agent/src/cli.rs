@@ -1,14 +1,17 @@
 //! The command line, and the help that teaches it.
 
-use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
-use crate::bagfile::Memory;
-use crate::play::PlayOptions;
-use crate::record::RecordOptions;
-use crate::{check, merge, reindex, slice};
+use crate::serve::options::ServeOptions;
+use crate::verbs::bagfile::Memory;
+use crate::verbs::check;
+use crate::verbs::merge;
+use crate::verbs::play::PlayOptions;
+use crate::verbs::record::RecordOptions;
+use crate::verbs::reindex;
+use crate::verbs::slice;
 
 /// Replays recorded ROS 1 data into the software under test, beside it in its own container.
 #[derive(Debug, Parser)]
@@ -91,58 +94,4 @@ pub enum Verb {
         #[command(flatten)]
         serve: ServeOptions,
     },
-}
-
-#[derive(Debug, Clone, Args)]
-pub struct ServeOptions {
-    /// The volume that the agent shares with Spark's container.
-    #[arg(long, value_name = "DIR")]
-    pub shared: PathBuf,
-    /// How many cases may run at once, each with its own rosmaster.
-    #[arg(long, value_name = "N", default_value_t = 1,
-          value_parser = clap::value_parser!(u32).range(1..=64))]
-    pub slots: u32,
-    /// The port of slot 0's rosmaster; slot n uses this port + n.
-    #[arg(long, value_name = "PORT", default_value_t = 11311)]
-    pub master_port: u16,
-    /// The most memory that one case's input may take, as received plus uncompressed: bytes,
-    /// or a number with KiB, MiB or GiB. The engine `exec` keeps no input.
-    #[arg(long, value_name = "SIZE", default_value = "4GiB", value_parser = bytes)]
-    pub memory_budget: u64,
-    /// Answer GET /metrics there, in Prometheus' text format: what the slots do and have done.
-    /// HOST is an address; 0.0.0.0 means every one. Cases run also if it can't be had.
-    #[arg(long, value_name = "HOST:PORT")]
-    pub metrics: Option<SocketAddr>,
-    /// The way without the cache, which `make bench BENCH=cache` measures it beside: a case's
-    /// bag and its recording are files in this folder.
-    #[arg(long, value_name = "DIR", hide = true)]
-    pub on_disk: Option<PathBuf>,
-    /// With --on-disk: the page cache forgets a file before it is read.
-    #[arg(long, hide = true, requires = "on_disk")]
-    pub cold: bool,
-}
-
-pub fn bytes(text: &str) -> Result<u64, String> {
-    let digits = text.trim_end_matches(|letter: char| letter.is_ascii_alphabetic());
-    let factor = match &text[digits.len()..] {
-        "" | "B" => 1,
-        "KiB" | "Ki" => 1 << 10,
-        "MiB" | "Mi" => 1 << 20,
-        "GiB" | "Gi" => 1 << 30,
-        unit => return Err(format!("unit {unit:?}: write KiB, MiB or GiB, or plain bytes")),
-    };
-    let number: u64 = digits.trim().parse().map_err(|error| format!("{digits:?}: {error}"))?;
-    number.checked_mul(factor).ok_or_else(|| format!("{text} is more than 64 bits can say"))
-}
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn sizes_have_units() {
-        assert_eq!(super::bytes("4GiB"), Ok(4 << 30));
-        assert_eq!(super::bytes("17"), Ok(17));
-        assert!(super::bytes("4 gigs").is_err_and(|text| text.contains("write KiB")));
-        assert!(super::bytes("GiB").is_err());
-        assert!(super::bytes("99999999999GiB").is_err());
-    }
 }

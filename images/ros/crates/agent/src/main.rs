@@ -3,47 +3,21 @@
 //! named pipes for each slot; docs/reference/binpipe.md is what they say.
 #![forbid(unsafe_code)]
 
-mod bagfile;
 mod case;
-mod case_folder;
-mod check;
 mod cli;
-mod command;
-mod delivery_table;
-mod evidence;
-mod exec;
-mod failure;
-mod feed;
-mod graph_options;
-mod info;
-mod install;
-mod layout;
-mod merge;
+mod engine;
 mod metrics;
-mod nodes;
-mod on_disk;
-mod outcome;
-mod parameters;
-mod play;
-mod processes;
-mod record;
-mod reindex;
-mod rosmaster;
-mod run;
 mod serve;
-mod session;
-mod simulator;
-mod slice;
-mod slot;
+mod size;
 mod stack;
-mod tail;
-mod usage;
-mod watchdog;
-mod witness;
+mod verbs;
 
 use std::process::ExitCode;
 
 use clap::Parser;
+
+use crate::serve::{layout, slot};
+use crate::verbs::{check, info, install, merge, play, record, reindex, slice};
 
 fn main() -> ExitCode {
     let outcome = match cli::Cli::parse().verb {

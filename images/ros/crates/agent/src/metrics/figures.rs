@@ -7,7 +7,7 @@ use std::time::Duration;
 use bagpipe_replay::{Ledger, Meter, Reading};
 use serde::{Deserialize, Serialize};
 
-use crate::failure::Failure;
+use crate::case::failure::Failure;
 
 /// A slot's figures at a moment, since its process began.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -1,0 +1,335 @@
+//! One session: HELLO, the bag, the case, and its answer.
+
+use std::cell::{Cell, RefCell};
+use std::fs::File;
+use std::io::Read;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use bagpipe_bag::{ChunkedFile, MemoryChunkedFile};
+use bagpipe_pipe::{
+    Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, Next, PROTOCOL, PipeError,
+    WorkerHello, fifo, from_map, to_map,
+};
+use rmpv::Value;
+
+use crate::case::failure::Failure;
+use crate::case::folder::CaseFolder;
+use crate::case::{Case, Engine, seconds};
+use crate::engine::exec::{ExecOutcome, ExecRunner};
+use crate::engine::ros1::feed::{receive_bag, receive_bag_on_disk};
+use crate::engine::ros1::on_disk::{OnDisk, failed};
+use crate::engine::ros1::outcome::{Outcome, Timings};
+use crate::engine::ros1::{Input, Runner};
+use crate::metrics::SlotFigures;
+use crate::serve::layout::SlotFolder;
+use crate::serve::watchdog::Watchdog;
+use crate::stack::processes::Children;
+use crate::stack::{Ros, Surroundings};
+
+/// A worker that opened the pipe writes HELLO at once.
+const HELLO: Duration = Duration::from_secs(10);
+/// A worker opens its reading end before it writes.
+const OPEN: Duration = Duration::from_secs(2);
+/// How long the worker may leave an answer's frame unread.
+const ANSWER: Duration = Duration::from_secs(30);
+/// How long a worker may go on writing after a session that broke off.
+const CLOSE: Duration = Duration::from_secs(30);
+/// What the watchdog allows beyond all other deadlines.
+const GRACE: Duration = Duration::from_secs(15);
+
+/// A finished recording.
+enum Recording {
+    InMemory(Vec<u8>),
+    /// With its length.
+    OnDisk(File, u64),
+}
+
+/// A slot's lasting state.
+pub struct Slot<'a> {
+    pub number: u32,
+    pub port: u16,
+    pub memory_budget: u64,
+    /// Where bags lie that are not to lie in memory.
+    pub on_disk: Option<OnDisk>,
+    pub folder: SlotFolder,
+    pub stop: &'a AtomicBool,
+    pub figures: Arc<SlotFigures>,
+    pub children: RefCell<Children>,
+}
+
+impl Slot<'_> {
+    /// Runs one session, and returns what comes next when the slot is free.
+    pub fn session(&self, mut link: Duplex, pipe_bytes: usize) -> Result<Next, String> {
+        link.count_data(Arc::clone(&self.figures.received_bytes));
+        let link = RefCell::new(link);
+        let mut session = String::new();
+        let ended = self.answer(&link, pipe_bytes, &mut session);
+        self.figures.end(&ended);
+        let mut link = link.into_inner();
+        match ended {
+            Ok(()) => {}
+            Err(Failure::Silent(why)) => eprintln!("[slot {}] {why}", self.number),
+            Err(Failure::Abort(mut abort)) => {
+                abort.session = session;
+                eprintln!("[slot {}] {}: {}", self.number, abort.reason, abort.message);
+                if let Err(error) = self.abort(&mut link, &abort) {
+                    eprintln!("[slot {}] and the worker cannot be told: {error}", self.number);
+                }
+            }
+        }
+        link.into_leftovers()
+            .skip(Instant::now() + CLOSE, &|| self.stopping())
+            .map_err(|error| format!("{}: {error}", self.folder.requests().display()))
+    }
+
+    fn answer(
+        &self,
+        link: &RefCell<Duplex>,
+        pipe_bytes: usize,
+        session: &mut String,
+    ) -> Result<(), Failure> {
+        let (hello, begun) = self.receive_hello(&mut link.borrow_mut(), session)?;
+        self.figures.begin(pipe_bytes as u64);
+        self.open_output(&mut link.borrow_mut())?;
+        let answer = AgentHello {
+            session: hello.session,
+            protocol: PROTOCOL,
+            software: concat!("bagpipe-agent ", env!("CARGO_PKG_VERSION")).to_owned(),
+            pipe_bytes: pipe_bytes as u64,
+        };
+        self.send(&mut link.borrow_mut(), FrameType::Hello, &map(&answer)?)?;
+        let case = Case::from_value(hello.case.clone()).map_err(Failure::protocol)?;
+        let deadline = begun + seconds(case.deadlines.case);
+        let beyond = GRACE + seconds(case.deadlines.stop);
+        if case.engine == Engine::Exec {
+            let outcome = {
+                let _watchdog = Watchdog::start(self.number, deadline, beyond);
+                self.run_program(link, &case, (session, hello.case), deadline)?
+            };
+            // Its files went out as they came; what is said of them comes last.
+            let mut link = link.borrow_mut();
+            self.send(&mut link, FrameType::Result, &map(&outcome)?)?;
+            let end = link.encoder().end();
+            return self.send(&mut link, FrameType::End, &map(&end)?);
+        }
+        let (outcome, recording) = {
+            let _watchdog = Watchdog::start(self.number, deadline, beyond);
+            self.run(link, &case, deadline)?
+        };
+        self.figures.proved(&outcome.ledger);
+        self.send_outcome(&mut link.borrow_mut(), &case, &outcome, recording)
+    }
+
+    fn receive_hello(
+        &self,
+        link: &mut Duplex,
+        known: &mut String,
+    ) -> Result<(WorkerHello, Instant), Failure> {
+        let begun = Instant::now();
+        let frame = match link.receive(begun + HELLO, &|| self.stopping()) {
+            Err(PipeError::Deadline(_)) => {
+                return Err(Failure::Silent(format!("no HELLO came within {HELLO:?}")));
+            }
+            other => other?,
+        };
+        if frame.kind != FrameType::Hello {
+            let message = format!("expected HELLO, and {} came", frame.kind.name());
+            return Err(Failure::protocol(message));
+        }
+        let hello: WorkerHello = from_map(&frame.payload)
+            .map_err(|error| Failure::protocol(format!("HELLO cannot be understood: {error}")))?;
+        known.clone_from(&hello.session);
+        if link.is_superseded()? {
+            return Err(Failure::Silent("the worker has begun again".to_owned()));
+        }
+        let WorkerHello { session, protocol, .. } = &hello;
+        if session.len() != 32 || !session.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+            let message = format!("a session is 32 hexadecimal digits, and {session:?} came");
+            return Err(Failure::protocol(message));
+        }
+        if *protocol != PROTOCOL {
+            let message = format!(
+                "this agent speaks protocol {PROTOCOL}, and the worker {protocol}: use images \
+                 of the same version"
+            );
+            return Err(Failure::protocol(message));
+        }
+        Ok((hello, begun))
+    }
+
+    fn run(
+        &self,
+        link: &RefCell<Duplex>,
+        case: &Case,
+        deadline: Instant,
+    ) -> Result<(Outcome, Recording), Failure> {
+        let begun = Instant::now();
+        let (budget, stopping) = (self.memory_budget, || self.stopping());
+        if let Some(simulator) = &case.simulator {
+            let input = Input::<MemoryChunkedFile>::Simulator(simulator);
+            let (outcome, bytes) = self.run_on(link, (case, deadline), &input, begun)?;
+            return Ok((outcome, Recording::InMemory(bytes)));
+        }
+        if let Some(disk) = &self.on_disk {
+            let until: (Instant, &dyn Fn() -> bool) = (deadline, &stopping);
+            let (header, bag) = receive_bag_on_disk(&mut link.borrow_mut(), budget, until, disk)?;
+            let path = disk.recording()?;
+            let input = Input::Bag(&header, &bag);
+            let (outcome, _) = self.run_on(link, (case, deadline), &input, begun)?;
+            disk.settle(&path)?;
+            let file = File::open(&path).map_err(|error| failed(&path, &error))?;
+            let length = file.metadata().map_err(|error| failed(&path, &error))?.len();
+            return Ok((outcome, Recording::OnDisk(file, length)));
+        }
+        let (header, bag) = receive_bag(&mut link.borrow_mut(), budget, deadline, &stopping)?;
+        let input = Input::Bag(&header, &bag);
+        let (outcome, bytes) = self.run_on(link, (case, deadline), &input, begun)?;
+        Ok((outcome, Recording::InMemory(bytes)))
+    }
+
+    /// Runs a case whose input is there; the recording, where it is kept in memory.
+    fn run_on<F: ChunkedFile>(
+        &self,
+        link: &RefCell<Duplex>,
+        (case, deadline): (&Case, Instant),
+        input: &Input<'_, F>,
+        begun: Instant,
+    ) -> Result<(Outcome, Vec<u8>), Failure> {
+        let timings = Timings { assemble: begun.elapsed().as_secs_f64(), ..Timings::default() };
+        let folder = CaseFolder::make(self.number, self.folder.path())
+            .map_err(|message| Failure::new("Internal", message))?;
+        let master_uri = format!("http://127.0.0.1:{}", self.port);
+        let runner = Runner {
+            port: self.port,
+            record_to: self.on_disk.as_ref().map(OnDisk::recording).transpose()?,
+            case,
+            master_uri: &master_uri,
+            surroundings: Surroundings {
+                environment: &case.stack.environment,
+                ros: Some(Ros { master_uri: &master_uri, folder: folder.path() }),
+                label: format!("slot {} case {}", self.number, case.id),
+            },
+            deadline,
+            stop: self.stop,
+            link,
+            meter: &self.figures.meter,
+            children: &self.children,
+            course: RefCell::default(),
+            roll: RefCell::default(),
+            glanced: Cell::new(None),
+        };
+        runner.run(input, timings)
+    }
+
+    fn run_program(
+        &self,
+        link: &RefCell<Duplex>,
+        case: &Case,
+        (session, described): (&str, Value),
+        deadline: Instant,
+    ) -> Result<ExecOutcome, Failure> {
+        let runner = ExecRunner {
+            case,
+            session,
+            described,
+            surroundings: Surroundings {
+                environment: &case.stack.environment,
+                ros: None,
+                label: format!("slot {} case {}", self.number, case.id),
+            },
+            deadline,
+            stop: self.stop,
+            link,
+            children: &self.children,
+        };
+        runner.run()
+    }
+
+    fn send_outcome(
+        &self,
+        link: &mut Duplex,
+        case: &Case,
+        outcome: &Outcome,
+        recording: Recording,
+    ) -> Result<(), Failure> {
+        self.send(link, FrameType::Result, &map(outcome)?)?;
+        let name = format!("{}.bag", case.id);
+        let size = match &recording {
+            Recording::InMemory(bytes) => bytes.len() as u64,
+            Recording::OnDisk(_, length) => *length,
+        };
+        let header = FileHeader { name, size, ranges: Vec::new() };
+        self.send(link, FrameType::File, &map(&header)?)?;
+        match recording {
+            Recording::InMemory(bytes) => {
+                for piece in bytes.chunks(MAX_PAYLOAD) {
+                    self.send(link, FrameType::Data, piece)?;
+                }
+            }
+            Recording::OnDisk(file, _) => self.send_file(link, &file)?,
+        }
+        let end = link.encoder().end();
+        self.send(link, FrameType::End, &map(&end)?)
+    }
+
+    fn send_file(&self, link: &mut Duplex, file: &File) -> Result<(), Failure> {
+        let mut piece = Vec::with_capacity(MAX_PAYLOAD);
+        loop {
+            piece.clear();
+            let read = file.take(MAX_PAYLOAD as u64).read_to_end(&mut piece);
+            read.map_err(|error| Failure::new("Internal", format!("the recording: {error}")))?;
+            if piece.is_empty() {
+                return Ok(());
+            }
+            self.send(link, FrameType::Data, &piece)?;
+        }
+    }
+
+    fn send(&self, link: &mut Duplex, kind: FrameType, payload: &[u8]) -> Result<(), Failure> {
+        let deadline = Instant::now() + ANSWER;
+        match link.send(kind, payload, deadline, &|| self.stopping()) {
+            Ok(()) => Ok(()),
+            Err(PipeError::Deadline(_)) => {
+                let kind = kind.name();
+                Err(Failure::Silent(format!("the worker left {kind} unread for {ANSWER:?}")))
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    fn open_output(&self, link: &mut Duplex) -> Result<(), Failure> {
+        let path = self.folder.answers();
+        let opened = fifo::open_writer(&path, Instant::now() + OPEN, &|| self.stopping());
+        match opened {
+            Ok(Some(pipe)) => {
+                fifo::grow(&pipe);
+                link.set_output(pipe);
+                Ok(())
+            }
+            Ok(None) => Err(Failure::Silent("the worker does not read the answer".to_owned())),
+            Err(error) => Err(Failure::Silent(format!("{}: {error}", path.display()))),
+        }
+    }
+
+    fn abort(&self, link: &mut Duplex, abort: &Abort) -> Result<(), String> {
+        let told = |failure| match failure {
+            Failure::Silent(why) => why,
+            Failure::Abort(abort) => abort.message,
+        };
+        if !link.has_output() {
+            self.open_output(link).map_err(told)?;
+        }
+        let payload = map(abort).map_err(told)?;
+        self.send(link, FrameType::Abort, &payload).map_err(told)
+    }
+
+    fn stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+fn map(value: &impl serde::Serialize) -> Result<Vec<u8>, Failure> {
+    to_map(value).map_err(|error| Failure::new("Internal", error.to_string()))
+}

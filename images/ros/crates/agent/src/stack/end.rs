@@ -1,0 +1,78 @@
+//! How a stack ended, as RESULT has it.
+
+use bagpipe_pipe::Abort;
+use serde::Serialize;
+
+use crate::stack::evidence::{Facts, Moment, StackEnded};
+use crate::stack::nodes::{Found, Known};
+use crate::stack::usage::Usage;
+use crate::stack::witness::ProcessEnd;
+
+/// How the user's command ended.
+#[derive(Debug, Clone, Serialize)]
+pub struct StackEnd {
+    pub exit_status: Option<i32>,
+    pub signal: Option<i32>,
+    pub stderr: Vec<String>,
+    pub stdout: Vec<String>,
+    /// `agent` or `itself`.
+    pub ended_by: &'static str,
+    /// None for a program that nobody measured.
+    pub usage: Option<Usage>,
+    /// Every end of a process or node that is evidence, in order of time.
+    pub ended: Vec<StackEnded>,
+    #[serde(skip)]
+    pub pid: i32,
+    /// What ended before anything was asked to, in order of time.
+    #[serde(skip)]
+    pub before: Vec<ProcessEnd>,
+    #[serde(skip)]
+    pub after: Vec<ProcessEnd>,
+    /// The last line of stderr before that.
+    #[serde(skip)]
+    pub last_words: Option<String>,
+}
+
+/// What goes wrong because something of the stack crashed before.
+const CONSEQUENCES: [&str; 4] =
+    ["StackExited", "NeverSubscribed", "StackStoppedReading", "CaseDeadlineExceeded"];
+
+impl StackEnd {
+    /// Finds what of all that ended is evidence.
+    pub fn judge(
+        &mut self,
+        command: &[String],
+        nodes: Vec<(Known, Found)>,
+        course: &[Moment],
+        last_words: bool,
+    ) {
+        let command = command.first().map(|program| (self.pid, program.as_str()));
+        let last_words = self.last_words.as_deref().filter(|_| last_words);
+        let facts =
+            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_words };
+        self.ended = facts.evidence();
+    }
+
+    /// Adds what the program said and how it ended.
+    pub fn explain(self, mut abort: Abort) -> Abort {
+        let itself = self.ended_by == "itself";
+        if matches!(&*abort.reason, "StackExited" | "StackCrashed")
+            && matches!(self.exit_status, Some(126 | 127))
+        {
+            // A shell or the image's entrypoint was found; what it should run was not.
+            let last = self.stderr.last().map_or("", String::as_str);
+            abort.message =
+                format!("{} (a shell's sign of a missing command: {last})", abort.message);
+        }
+        let crash = self.ended.iter().find(|end| end.cause == "StackCrashed");
+        if let Some(crash) = crash.filter(|_| CONSEQUENCES.contains(&&*abort.reason)) {
+            abort.message = format!("{}; then: {}", crash.message, abort.message);
+            abort.reason = crash.cause.to_owned();
+        }
+        abort.exit_status = self.exit_status.filter(|_| itself);
+        abort.signal = self.signal.filter(|_| itself);
+        abort.stderr = self.stderr;
+        abort.stdout = self.stdout;
+        abort
+    }
+}

@@ -1,0 +1,207 @@
+//! Which ends of a stack's processes and nodes are evidence, and of what.
+
+use std::time::Instant;
+
+use bagpipe_replay::Stage;
+use serde::Serialize;
+
+use crate::stack::nodes::{Found, Known};
+use crate::stack::processes::Ended;
+use crate::stack::witness::ProcessEnd;
+
+/// Signals by which scripts and pipelines end their own helpers: INT, TERM, HUP, PIPE.
+const ORDERLY: [i32; 4] = [1, 2, 13, 15];
+/// Signals by which the agent ends a stack: INT, KILL, TERM.
+const OURS: [i32; 3] = [2, 9, 15];
+/// Signals of a fault in the program: ILL, TRAP, ABRT, BUS, FPE, SEGV, SYS.
+const FAULTS: [i32; 7] = [4, 5, 6, 7, 8, 11, 31];
+
+/// An entry of `stack.ended` in RESULT.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StackEnded {
+    pub cause: &'static str,
+    pub what: &'static str,
+    pub name: String,
+    pub exit_status: Option<i32>,
+    pub signal: Option<i32>,
+    /// Since the window's start.
+    pub bag_seconds: Option<f64>,
+    pub message: String,
+}
+
+/// How far the replay was, as it told.
+#[derive(Debug, Clone, Copy)]
+pub struct Moment {
+    pub at: Instant,
+    pub stage: Stage,
+    /// Since the window's start.
+    pub bag_seconds: f64,
+}
+
+/// What is known of a stack before the agent ended it.
+#[derive(Debug, Default)]
+pub struct Facts<'a> {
+    /// The command's process and program; None while it runs.
+    pub command: Option<(i32, &'a str)>,
+    /// In order of time.
+    pub ends: &'a [ProcessEnd],
+    /// What was seen to end later; a node that was gone before did not end so late.
+    pub after: &'a [ProcessEnd],
+    pub nodes: Vec<(Known, Found)>,
+    pub course: &'a [Moment],
+    /// The last line of stderr.
+    pub last_words: Option<&'a str>,
+}
+
+impl Facts<'_> {
+    /// Every end that is evidence, in order of time; nodes that only the master misses come last.
+    pub fn evidence(&self) -> Vec<StackEnded> {
+        let mut found: Vec<(Option<Instant>, StackEnded)> = Vec::new();
+        let mut nodes_pids = Vec::new();
+        for (node, state) in &self.nodes {
+            let late = if *state == Found::Same { &self.after[..0] } else { self.after };
+            let mut ends = self.ends.iter().chain(late);
+            let end = ends.find(|end| Some(end.pid) == node.pid);
+            nodes_pids.extend(node.pid);
+            if let Some(cause) = self.of_node(*state, node.stayed, end) {
+                found.push((end.map(|end| end.at), self.entry(cause, "node", &node.name, end)));
+            }
+        }
+        for end in self.ends.iter().filter(|end| !nodes_pids.contains(&end.pid)) {
+            let command = self.command.filter(|(pid, _)| *pid == end.pid);
+            let cause = match command {
+                Some(_) => self.of_command(end),
+                None => end
+                    .ended
+                    .and_then(|ended| ended.signal)
+                    .filter(|s| !ORDERLY.contains(s))
+                    .map(|_| "StackCrashed"),
+            };
+            let Some(cause) = cause else { continue };
+            let (what, name) =
+                command.map_or(("process", &*end.name), |(_, name)| ("command", name));
+            found.push((Some(end.at), self.entry(cause, what, name, Some(end))));
+        }
+        found.sort_by_key(|(at, _)| (at.is_none(), *at));
+        found.into_iter().map(|(_, entry)| entry).collect()
+    }
+
+    /// Exit status 0 with the last input received is how a stack says that it is done.
+    fn of_node(
+        &self,
+        state: Found,
+        stayed: bool,
+        end: Option<&ProcessEnd>,
+    ) -> Option<&'static str> {
+        if state == Found::Another {
+            return Some("NodeRespawned");
+        }
+        let ended = end.and_then(|end| end.ended);
+        // What the agent sent to one that was on its way out already.
+        let ours = ended.and_then(|ended| ended.signal).is_some_and(|s| OURS.contains(&s))
+            && end.is_some_and(|end| self.after.contains(end));
+        match (state, end, ended) {
+            (Found::Same, None, _) => None,
+            (_, _, Some(ended)) if ended.exit_status != Some(0) && !ours => Some("StackCrashed"),
+            (Found::Unregistered, _, _) if stayed => None,
+            (_, Some(end), Some(_)) if !ours && self.had_everything(end.at) => None,
+            // Nobody knows how: one that took leave of the master did not crash.
+            (Found::Unregistered, Some(end), None) if self.had_everything(end.at) => None,
+            _ => Some("NodeGone"),
+        }
+    }
+
+    fn of_command(&self, end: &ProcessEnd) -> Option<&'static str> {
+        match end.ended {
+            Some(Ended { exit_status: Some(0), .. }) if self.had_everything(end.at) => None,
+            Some(Ended { exit_status: Some(0), .. }) | None => Some("StackExited"),
+            Some(_) => Some("StackCrashed"),
+        }
+    }
+
+    /// Whether all input was out at that time; a program without a course has its own rule.
+    fn had_everything(&self, at: Instant) -> bool {
+        let drain = self.course.iter().find(|moment| moment.stage == Stage::Drain);
+        drain.map_or(self.course.is_empty(), |drain| drain.at <= at)
+    }
+
+    fn bag_seconds(&self, at: Instant) -> Option<f64> {
+        let after = self.course.partition_point(|moment| moment.at <= at);
+        let before = self.course.get(after.checked_sub(1)?)?;
+        let Some(next) = self.course.get(after) else { return Some(before.bag_seconds) };
+        let whole = next.at.duration_since(before.at).as_secs_f64();
+        let part = at.duration_since(before.at).as_secs_f64() / whole.max(1e-9);
+        Some(before.bag_seconds + (next.bag_seconds - before.bag_seconds) * part)
+    }
+
+    fn entry(
+        &self,
+        cause: &'static str,
+        what: &'static str,
+        name: &str,
+        end: Option<&ProcessEnd>,
+    ) -> StackEnded {
+        let ended = end.and_then(|end| end.ended);
+        let bag_seconds = end.and_then(|end| self.bag_seconds(end.at));
+        let bag_seconds = bag_seconds.map(|seconds| (seconds * 1000.0).round() / 1000.0);
+        let mut message = match what {
+            "node" => format!("the node {name} "),
+            "command" => format!("the stack's command ({name}) "),
+            _ => format!("a process of the stack ({name}) "),
+        };
+        message += &match (ended, end) {
+            (Some(ended), _) => how(ended),
+            (None, Some(_)) => "ended, and nobody knows how".to_owned(),
+            (None, None) if cause == "NodeRespawned" => "was registered anew".to_owned(),
+            (None, None) => "left the ROS master".to_owned(),
+        };
+        if let Some(seconds) = bag_seconds {
+            message += &format!(" at {seconds:.1} s of the window");
+        }
+        if cause == "NodeRespawned" {
+            message += ", and another process has its name now";
+        }
+        if let Some(words) = self.last_words {
+            message += &format!("; the stack's last words: {words}");
+        }
+        let (exit_status, signal) =
+            (ended.and_then(|e| e.exit_status), ended.and_then(|e| e.signal));
+        StackEnded { cause, what, name: name.to_owned(), exit_status, signal, bag_seconds, message }
+    }
+}
+
+/// Sentences on processes that broke when they were asked to end, which is no evidence: many
+/// that work well do, in their last destructors.
+pub fn warnings(after: &[ProcessEnd]) -> Vec<String> {
+    let broken = after.iter().filter_map(|end| {
+        let signal = end.ended?.signal.filter(|signal| FAULTS.contains(signal))?;
+        let (name, signal) = (&end.name, named(signal));
+        Some(format!("{name} was ended by {signal} when it was asked to end, after the case"))
+    });
+    broken.collect()
+}
+
+/// How something ended, as the end of a sentence.
+pub fn how(ended: Ended) -> String {
+    match ended {
+        Ended { signal: Some(signal), .. } => format!("was ended by {}", named(signal)),
+        _ => format!("ended with {ended}"),
+    }
+}
+
+fn named(signal: i32) -> String {
+    let name = match signal {
+        4 => " (SIGILL)",
+        6 => " (SIGABRT)",
+        7 => " (SIGBUS)",
+        8 => " (SIGFPE)",
+        9 => " (SIGKILL, by itself or for lack of memory)",
+        11 => " (SIGSEGV)",
+        15 => " (SIGTERM)",
+        _ => "",
+    };
+    format!("signal {signal}{name}")
+}
+
+#[cfg(test)]
+mod tests;

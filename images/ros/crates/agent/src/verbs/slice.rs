@@ -1,0 +1,88 @@
+//! `slice`: a part of a bag as a bag.
+
+use std::path::PathBuf;
+
+use bagpipe_bag::Window;
+use clap::Args;
+
+use crate::verbs::bagfile::{Memory, Output, unreadable};
+
+#[derive(Debug, Args)]
+#[command(after_help = "Times are seconds after the bag's first message, such as 12.5; messages\n\
+    with start <= t < end are taken. A latched message from before (/tf_static, a map) goes\n\
+    with the slice, at its start, because a subscriber that joined then would have got it.\n\
+    Chunks that lie in the window as a whole are copied as they are.\n\n\
+    Example: bagpipe-agent slice drive.bag --start 60 --end 80 --topic /imu --output part.bag")]
+pub struct Options {
+    /// A bag of format 2.0 or 1.2.
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Where the slice starts; without it, at the first message.
+    #[arg(long, value_name = "SECONDS", value_parser = nanoseconds)]
+    start: Option<u64>,
+    /// Where it ends; without it, behind the last message.
+    #[arg(long, value_name = "SECONDS", value_parser = nanoseconds)]
+    end: Option<u64>,
+    /// Only this topic; may be given several times.
+    #[arg(long = "topic", value_name = "NAME")]
+    topics: Vec<String>,
+    #[command(flatten)]
+    output: Output,
+    #[command(flatten)]
+    memory: Memory,
+}
+
+/// Writes the slice and says what is in it.
+pub fn slice(options: &Options) -> Result<(), String> {
+    let bag = options.memory.open_whole(&options.file)?;
+    let first = bag.time_range().map_or(0, |(first, _)| first);
+    let at = |offset: Option<u64>| offset.map(|offset| first.saturating_add(offset));
+    let start = at(options.start).unwrap_or(0);
+    let window = Window { start, end: at(options.end).unwrap_or(u64::MAX) };
+    if window.start >= window.end {
+        return Err("--start must lie before --end".to_owned());
+    }
+    for topic in &options.topics {
+        if !bag.connections().iter().any(|each| each.topic == *topic) {
+            return Err(format!("{} has no topic {topic}", options.file.display()));
+        }
+    }
+    let wanted = |topic: &String| options.topics.is_empty() || options.topics.contains(topic);
+    let settings = options.output.options();
+    let made = bagpipe_bag::slice(&bag, window, |each| wanted(&each.topic), settings)
+        .map_err(|error| unreadable(&options.file, &error))?;
+    options.output.write(&made.bytes)?;
+    println!(
+        "{}: {} messages, {} latched before them, {} chunks as they were",
+        options.output.output.display(),
+        made.messages,
+        made.latched,
+        made.whole_chunks
+    );
+    Ok(())
+}
+
+/// Seconds with at most nine decimals, exactly.
+fn nanoseconds(text: &str) -> Result<u64, String> {
+    let wrong = || format!("{text:?} is no number of seconds such as 12 or 12.5");
+    let (seconds, decimals) = text.split_once('.').unwrap_or((text, ""));
+    let digits = |part: &str| part.bytes().all(|byte| byte.is_ascii_digit());
+    if decimals.len() > 9 || seconds.is_empty() || !digits(seconds) || !digits(decimals) {
+        return Err(wrong());
+    }
+    let seconds: u64 = seconds.parse().map_err(|_| wrong())?;
+    let nanos: u64 = format!("{decimals:0<9}").parse().map_err(|_| wrong())?;
+    seconds.checked_mul(1_000_000_000).and_then(|whole| whole.checked_add(nanos)).ok_or_else(wrong)
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn seconds_are_exact() {
+        assert_eq!(super::nanoseconds("12.5"), Ok(12_500_000_000));
+        assert_eq!(super::nanoseconds("0.000000001"), Ok(1));
+        for wrong in ["", ".", "-1", "1e3", "1.0000000001", "18446744074"] {
+            assert!(super::nanoseconds(wrong).is_err(), "{wrong}");
+        }
+    }
+}
