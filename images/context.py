@@ -10,7 +10,7 @@ import hashlib
 import os
 import shutil
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,10 +46,9 @@ def tool(name: str) -> str:
     return found
 
 
-def requirements(package: str, target: Path, *extras: str, left_out: Sequence[str] = ()) -> None:
+def requirements(package: str, target: Path, *extras: str) -> None:
     """Write the pinned dependencies of a package, as uv.lock has them, with their hashes."""
-    chosen = ["--no-dev", "--package", package, *(f"--extra={extra}" for extra in extras)]
-    _export(target, *chosen, *(f"--no-emit-package={name}" for name in left_out))
+    _export(target, "--no-dev", "--package", package, *(f"--extra={extra}" for extra in extras))
 
 
 def builders(target: Path) -> None:

@@ -23,8 +23,6 @@ from context import EPOCH, ROOT, VERSION, BuildError, package, requirements
 
 NAME = "bagpipe"
 LAUNCHER = ROOT / "images/kubectl/kubectl-bagpipe"
-# Spark runs jobs, and Arrow its tables: the program starts no Spark.
-LEFT_OUT = ("pyspark", "py4j", "pyarrow")
 # Whoever publishes the archive says where; names below .example belong to nobody.
 URI = "https://downloads.example/{file}"
 SHORT = "Submit simulation jobs, follow them, and read their results"
@@ -82,7 +80,7 @@ def pack(folder: Path, uri: str = URI) -> tuple[Path, Path]:
         package(ROOT / "images" / "spark", Path(scratch))
         (wheel,) = Path(scratch).glob(f"{NAME}-*.whl")
         needs = Path(scratch, "requirements.txt")
-        requirements(NAME, needs, "cli", "spark", "storage", left_out=LEFT_OUT)
+        requirements(NAME, needs, "cli", "jobs", "storage")
         packed = archive(
             [
                 (LAUNCHER.name, launcher, 0o755),

@@ -1,9 +1,12 @@
 """The first lines of docs/start.md: what they install is there, and what they show is shown."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
@@ -20,8 +23,9 @@ def test_the_extras_are_the_package_s() -> None:
     project = tomllib.loads((ROOT / "images/spark/pyproject.toml").read_text())["project"]
     named = re.findall(r"pip install '\./images/spark\[(.*)\]'", PAGE)
     assert named
-    for extras in named:
-        assert set(extras.split(",")) == set(project["optional-dependencies"])
+    known = set(project["optional-dependencies"])
+    # Spark brings what `jobs` does, and runs them; without it nothing else is missing.
+    assert [set(extras.split(",")) for extras in named] == [known - {"spark"}, known - {"jobs"}]
 
 
 def test_the_plan_is_the_one_on_the_page() -> None:
@@ -34,3 +38,27 @@ def test_the_plan_is_the_one_on_the_page() -> None:
     lines = [line[4:] for line in shown[1].splitlines()]
     assert lines
     assert [line for line in lines if line != "..." and line not in said] == []
+
+
+WITHOUT_SPARK = """
+import sys
+sys.modules |= dict.fromkeys(("pyspark", "py4j", "pyarrow"))
+from bagpipe.cli.__main__ import main
+"""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["plan", "docs/examples/barrier-car/job.yaml"],
+        *([verb, "--help"] for verb in ("bag", "results", "report", "compare", "logs", "submit")),
+    ],
+    ids=lambda words: words[0],
+)
+def test_what_runs_no_job_needs_no_spark(words: list[str]) -> None:
+    program = f"{WITHOUT_SPARK}main({words!r})"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, timeout=60,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

@@ -1,5 +1,6 @@
 """`bagpipe run` before anything runs: refusals, and the folder of the results."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,12 @@ def test_without_java_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("JAVA_HOME", "/nowhere")
     status, text = run(tmp_path)
     assert (status, "Spark needs Java 17 or newer" in text) == (2, True)
+
+
+def test_without_pyspark_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyspark", None)
+    status, text = run(tmp_path)
+    assert (status, "PySpark is not installed: install bagpipe with" in text) == (2, True), text
 
 
 def test_an_agent_that_does_not_start_is_told_with_its_words(tmp_path: Path) -> None:

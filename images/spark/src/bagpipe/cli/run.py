@@ -1,5 +1,6 @@
 """`bagpipe run`: the same job on this machine, without Kubernetes."""
 
+import importlib.util
 import os
 import shutil
 import uuid
@@ -160,6 +161,11 @@ def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -
     java = os.environ.get("JAVA_HOME")
     if shutil.which("java", path=f"{java}/bin" if java else None) is None:
         lacking.append("Spark needs Java 17 or newer: install a JRE, or set JAVA_HOME")
+    if importlib.util.find_spec("pyspark") is None:
+        lacking.append(
+            "PySpark is not installed: install bagpipe with its extra spark, as in"
+            " pip install './images/spark[cli,spark,storage]'"
+        )
     if lacking or program is None:
         raise RunError("\n".join(lacking))
     return program
