@@ -47,7 +47,7 @@ Complete and Failed becomes True. One change of a spec is not noticed by the API
 a parameter that gets another name. It has no effect, since a job's description is fixed when it
 starts."""
 MORE_OF_SCHEDULES = """\
-[Run jobs by the clock](../tasks/schedules.md) shows one. `kubectl wait
+[Schedule jobs](../tasks/schedules.md) shows one. `kubectl wait
 --for=condition=Ready simschedule/<name>` waits until the operator has understood it. The spec of
 `jobTemplate` is that of a [SimulationJob](simulationjob.md), with all its fields and rules; only
 what forbids changes does not hold here, since a change is for the jobs to come."""

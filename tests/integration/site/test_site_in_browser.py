@@ -52,9 +52,9 @@ def test_the_start_page_has_the_navigation_and_leads_on(
         "Start", "Tasks", "Concepts", "Operations", "Reference", "Examples",
     ]  # fmt: skip
     assert all(caption.is_displayed() for caption in captions)
-    browser.find_element(By.LINK_TEXT, "Five minutes").click()
+    browser.find_element(By.LINK_TEXT, "Getting started").click()
     WebDriverWait(browser, SECONDS).until(lambda b: b.current_url.endswith("/start.html"))
-    assert browser.find_element(By.TAG_NAME, "h1").text.startswith("Five minutes")
+    assert browser.find_element(By.TAG_NAME, "h1").text.startswith("Getting started")
     check_quiet(browser)
 
 
