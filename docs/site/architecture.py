@@ -15,17 +15,17 @@ from pathlib import Path
 
 import grimp
 
-from docs.site.rust_modules import CRATES, Graph, graph
+from docs.site.rust_modules import CRATES, ROOT, Graph, graph
 
-ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs/architecture.md"
+PROJECT = Path(__file__).parents[2]
+PAGE = PROJECT / "docs/architecture.md"
 SOURCES = {"bagpipe": "images/spark/src", "bagpipe_operator": "operator/src"}
 HEAD = """\
 # The architecture, as a map
 
-Every folder of the code, what it is for, and which others of the same part it imports. A folder
-stands above those that it imports. Written by `python -m docs.site.architecture` from the imports
-themselves; `make docs` fails where it is not up to date. Why it is so: [design](design.md).
+Every folder of the two packages and of the crates, what it is for, and which others it imports. A
+folder stands above those that it imports. Written by `python -m docs.site.architecture` from the
+imports themselves; `make docs` fails where it is not up to date. Why it is so: [design](design.md).
 """
 PARTS = [
     ("bagpipe", "The data plane: `images/spark/src/bagpipe`"),
@@ -85,14 +85,16 @@ def folders(crate: str) -> Graph:
     """The crate's modules by their first folder."""
     found: Graph = {}
     for name, others in graph(crate).items():
+        if name == ROOT:
+            continue
         mine = name.split("::")[0]
-        found.setdefault(mine, set()).update({o.split("::")[0] for o in others} - {mine})
+        found.setdefault(mine, set()).update({o.split("::")[0] for o in others} - {mine, ROOT})
     return found
 
 
 def purpose(module: str) -> str:
     """The first sentence of a module's docstring."""
-    place = ROOT / SOURCES[module.partition(".")[0]] / module.replace(".", "/")
+    place = PROJECT / SOURCES[module.partition(".")[0]] / module.replace(".", "/")
     file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
     return _sentence(ast.get_docstring(ast.parse(file.read_text())) or "")
 

@@ -7,45 +7,134 @@ from pathlib import Path
 CRATES = Path(__file__).parents[2] / "images/ros/crates"
 
 Graph = dict[str, set[str]]
+# The crate's own file, as a node.
+ROOT = "crate"
+# Modules of tests alone.
+_TESTS = re.compile(
+    r"#\[cfg\(test\)\]\s*(?:#\[[^\]]*\]\s*)*(?:pub(?:\([^)]*\))? )?mod (\w+)\s*[;{]"
+)
+# Letters first, of which one may be a quote.
+_NO_CODE = re.compile(
+    r"""'(?:\\.|[^'\\])'|\br(#*)".*?"\1|"(?:\\.|[^"\\])*"|//[^\n]*|/\*.*?\*/""", re.DOTALL
+)
+_PATH = re.compile(r"(?<![\w:])(crate|self|super)((?:::\w+)+)")
+_USE = re.compile(r"\b(pub(?:\([^)]*\))? )?use ([^;]+);")
+
+
+def crates() -> list[str]:
+    """All crates of the workspace."""
+    return sorted(path.parent.name for path in CRATES.glob("*/Cargo.toml"))
 
 
 def modules(crate: str) -> dict[str, str]:
-    """Each module's text by its path below `crate::`, without comments and tests."""
-    found = {}
-    for path in sorted((CRATES / crate / "src").rglob("*.rs")):
-        name = "::".join(path.relative_to(CRATES / crate / "src").with_suffix("").parts)
-        text = re.split(r"#\[cfg\(test\)\]\s*mod \w+ \{", path.read_text())[0]
-        found[name.removesuffix("::mod")] = re.sub(r"//.*", "", text)
-    return {name: text for name, text in found.items() if not name.startswith("rehearsal")}
+    """Each module's text by its path, without comments, strings and tests."""
+    source = CRATES / crate / "src"
+    found, of_tests = {}, set()
+    for path in sorted(source.rglob("*.rs")):
+        parts = path.relative_to(source).with_suffix("").parts
+        name = "::".join(parts).removesuffix("::mod")
+        name = ROOT if name in {"lib", "main"} else name
+        text, tests = without_tests(_NO_CODE.sub("", path.read_text()))
+        found[name] = text
+        prefix = "" if name == ROOT else f"{name}::"
+        of_tests |= {prefix + test for test in tests}
+    return {
+        name: text
+        for name, text in found.items()
+        if not any(name == test or name.startswith(f"{test}::") for test in of_tests)
+    }
 
 
-def exported(root: str) -> dict[str, str]:
-    """What the crate's root re-exports, with its module."""
-    names: dict[str, str] = {}
-    for module, group in re.findall(r"pub use (\w+)::\{?([^;]*?)\}?;", root):
-        names |= dict.fromkeys(re.findall(r"\w+", group), module)
+def without_tests(text: str) -> tuple[str, set[str]]:
+    """The text without its blocks of tests, and the names of modules that are for tests."""
+    names = set()
+    while match := _TESTS.search(text):
+        names.add(match[1])
+        end = match.end()
+        depth = 1 if match[0].endswith("{") else 0
+        while depth and end < len(text):
+            depth += {"{": 1, "}": -1}.get(text[end], 0)
+            end += 1
+        text = text[: match.start()] + text[end:]
+    return text, names
+
+
+def trees(tree: str) -> Iterator[list[str]]:
+    """The paths of a `use`, groups taken apart and other names left out."""
+    tree = tree.strip()
+    head, brace, rest = tree.partition("{")
+    if not brace:
+        yield [part.strip() for part in re.sub(r"\s+as\s+\w+", "", tree).split("::")]
+        return
+    before = [part.strip() for part in head.split("::") if part.strip()]
+    for part in _parts(rest[: rest.rindex("}")]):
+        for path in trees(part):
+            yield before + path
+
+
+def _parts(group: str) -> Iterator[str]:
+    depth, begin = 0, 0
+    for at, letter in enumerate(group + ","):
+        depth += {"{": 1, "}": -1}.get(letter, 0)
+        if letter == "," and not depth:
+            if part := group[begin:at].strip():
+                yield part
+            begin = at + 1
+
+
+def paths(text: str) -> Iterator[list[str]]:
+    """Every path that a module names, also those outside of `use`."""
+    for _, tree in _USE.findall(text):
+        yield from trees(tree)
+    for root, rest in _PATH.findall(_USE.sub("", text)):
+        yield [root, *rest.removeprefix("::").split("::")]
+
+
+def absolute(path: list[str], module: str, known: dict[str, str]) -> list[str] | None:
+    """The path from the crate's root; None of another crate's."""
+    at = [] if module == ROOT else module.split("::")
+    match path[0]:
+        case "crate":
+            return path[1:]
+        case "self":
+            return at + path[1:]
+        case "super":
+            ups = next((n for n, part in enumerate(path) if part != "super"), len(path))
+            return at[: len(at) - ups] + path[ups:]
+        case child:
+            return at + path if "::".join([*at, child]) in known else None
+
+
+def exported(module: str, known: dict[str, str]) -> dict[str, str]:
+    """What a module re-exports, with where it comes from."""
+    names = {}
+    for public, tree in _USE.findall(known[module]):
+        for path in trees(tree) if public else ():
+            target = absolute(path, module, known)
+            if target:
+                names[target[-1]] = _longest(target, known)
     return names
 
 
-def paths(text: str) -> Iterator[str]:
-    """What stands after `crate::`, groups taken apart."""
-    for group in re.findall(r"crate::\{(.*?)\};", text, re.DOTALL):
-        yield from (part.strip() for part in re.sub(r"::\{[^}]*\}", "", group).split(","))
-    yield from re.findall(r"crate::(\w[\w:]*)", text)
+def _longest(path: list[str], known: dict[str, str]) -> str:
+    for end in range(len(path), 0, -1):
+        if (name := "::".join(path[:end])) in known:
+            return name
+    return ROOT
 
 
 def graph(crate: str) -> Graph:
-    """Which module names which, by the longest path that is one."""
+    """Which module names which. What the root re-exports counts for where it comes from."""
     known = modules(crate)
-    roots = [known.pop(name) for name in ("lib", "main") if name in known]
-    names = exported("".join(roots))
+    again = exported(ROOT, known)
     edges: Graph = {name: set() for name in known}
     for name, text in known.items():
         for path in paths(text):
-            words = path.split("::")
-            prefixes = ["::".join(words[:end]) for end in range(len(words), 0, -1)]
-            target = next((p for p in prefixes if p in known), names.get(words[0], ""))
-            edges[name] |= {target} - {name, ""}
-        # A module and its own file are one where the parent declares it.
-        edges[name] -= {other for other in edges[name] if other.startswith(f"{name}::")}
+            target = absolute(path, name, known)
+            if target:
+                found = _longest(target, known)
+                found = again.get(target[0], ROOT) if found == ROOT else found
+                edges[name] |= {found} - {name}
+    # The root declares all modules and re-exports from them.
+    edges[ROOT] = set()
     return edges

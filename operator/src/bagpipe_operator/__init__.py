@@ -13,7 +13,7 @@ And of jobs:
 
     reconcile, watch, sweep     the loop: observe, decide, write, report; and what wakes it
     kueue, teller, metrics      a job's place in its queue; its Events; what is counted
-    status, policies            what to write, and by which rules (pure)
+    status, policies            what to write, and by which rules (pure, but for resume)
     observation                 what a status is decided on
     driver, troubles, pods      what the driver reports, what pods wait for, how pods look
     view                        what the watches delivered

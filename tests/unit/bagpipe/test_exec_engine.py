@@ -23,6 +23,7 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.row_facts import recorded_names
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
+from bagpipe.run.laptop import write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
@@ -273,6 +274,16 @@ def test_bags_go_to_a_program_as_fragments(context: RunContext) -> None:
     assert isinstance(file, InputFile)
     assert (file.name, file.ranges[0][1:]) == ("a.bag", (0, 1))
     assert described["record"] == {"topics": [], "byte_budget": 1 << 30}
+
+
+def test_a_file_that_is_replayed_is_the_file(context: RunContext, tmp_path: Path) -> None:
+    spec = make_spec(**EXEC)
+    storage = Storage(context.volumes)
+    case = plan(spec, storage).cases[0]
+    write_fragment(case, source_of(spec), storage, tmp_path / "again")
+    uri = case.bag.removeprefix("pvc://recordings/")
+    original = Path(context.volumes["recordings"], uri)
+    assert (tmp_path / "again").read_bytes() == original.read_bytes()
 
 
 def test_all_outputs_that_count_are_kept_and_no_ledger_is_needed(tmp_path: Path) -> None:

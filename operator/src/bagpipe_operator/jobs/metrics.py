@@ -1,4 +1,4 @@
-"""The operator's metrics. None has a label per job: those would grow without end."""
+"""Metrics of jobs. None has a label per job: those would grow without end."""
 
 import time
 from collections import Counter as Tally

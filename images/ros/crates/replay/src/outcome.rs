@@ -187,6 +187,16 @@ pub struct Timings {
     pub drain: f64,
 }
 
+/// A recording's figures.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Figures {
+    pub(crate) messages: u64,
+    /// Bytes of the messages.
+    pub(crate) bytes: u64,
+    /// The most bytes that the bag has had.
+    pub(crate) held: u64,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -200,14 +210,4 @@ mod tests {
             assert_eq!(name, format!("\"{}\"", strength.name()));
         }
     }
-}
-
-/// A recording's figures.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Figures {
-    pub(crate) messages: u64,
-    /// Bytes of the messages.
-    pub(crate) bytes: u64,
-    /// The most bytes that the bag has had.
-    pub(crate) held: u64,
 }

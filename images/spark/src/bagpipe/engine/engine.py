@@ -1,6 +1,6 @@
 """What every engine can do."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -51,7 +51,8 @@ class Engine(Protocol):
     def play(self, attempt: Attempt, exchange: Callable[[Sink | Sinks], Answer], /) -> Played:
         """Let the exchange with the agent write into a sink, keep what was written, and judge.
 
-        Whatever is raised leaves nothing behind. Raises SessionError and StorageError.
+        What the exchange raises leaves nothing behind; what a fault of the judging leaves is not in
+        the job's manifest, and goes at its end. Raises SessionError and StorageError.
         """
 
     def programs(self, stack: Stack, /) -> list[str]:
@@ -59,5 +60,5 @@ class Engine(Protocol):
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path, /
-    ) -> list[str]:
+    ) -> Iterator[str]:
         """How to play a case's bag without Bagpipe's worker, as lines; none where that can't be."""

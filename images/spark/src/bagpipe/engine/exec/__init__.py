@@ -1,7 +1,7 @@
 """A program that reads a file, judges itself, and gives files back (docs/reference/binpipe.md)."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from bagpipe.engine.engine import Attempt, Played
@@ -43,6 +43,6 @@ class Exec:
         _source: JobSource,
         _storage: Storage,
         _bag: Path,
-    ) -> list[str]:
+    ) -> Iterator[str]:
         """A program speaks with its agent alone."""
-        return []
+        return iter(())

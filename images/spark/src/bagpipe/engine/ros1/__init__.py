@@ -3,7 +3,7 @@
 import json
 import posixpath
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from bagpipe.engine.engine import Attempt, Played
@@ -44,14 +44,12 @@ class Ros1:
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path
-    ) -> list[str]:
+    ) -> Iterator[str]:
         """Parameters, remaps, and the agent's own player."""
         stack = stack_of(spec, case.conditions)
-        return [
-            "Start a rosmaster, set these parameters and remaps, and start the stack:",
-            f"  parameters {json.dumps(stack.parameters)}",
-            f"  remaps     {json.dumps(stack.remap)}",
-            f"  command    {shlex.join(stack.command)}",
-            "Then play into it (this lists what every node has received):",
-            f"  {shlex.join(play_command(case, spec, source.begin(case, storage, bag), bag))}",
-        ]
+        yield "Start a rosmaster, set these parameters and remaps, and start the stack:"
+        yield f"  parameters {json.dumps(stack.parameters)}"
+        yield f"  remaps     {json.dumps(stack.remap)}"
+        yield f"  command    {shlex.join(stack.command)}"
+        yield "Then play into it (this lists what every node has received):"
+        yield f"  {shlex.join(play_command(case, spec, source.begin(case, storage, bag), bag))}"
