@@ -1,10 +1,12 @@
 """The moments at which something becomes true of a job or a pod, to the second."""
 
+from dataclasses import replace
 from datetime import timedelta
 
 import pytest
 
 from bagpipe_operator.api.conditions import timestamp
+from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.policies import places, replacement, suspend
 from tests.unit.operator.builders import START, PodBuilder, make_driver, make_job
 
@@ -40,6 +42,18 @@ def test_a_pause_lasts_until_its_moment_unless_no_pause_is_that_long(
 ) -> None:
     job = make_job("x").with_status(nextAttemptTime=timestamp(START)).view()
     assert replacement.pausing(job, START - timedelta(seconds=left)) is pauses
+
+
+@pytest.mark.parametrize(
+    ("lost", "replaced"), [(0, True), (1, True), (2, True), (3, False), (4, False)]
+)
+def test_as_many_lost_drivers_are_replaced_as_the_limit_says_and_who_is_evicted_always(
+    lost: int, replaced: bool
+) -> None:
+    job = make_job("x").with_status(lostDrivers=lost).view()
+    crashed = Ending(False, "DriverFailed", "It crashed.", lost=True)
+    assert replacement.may_be_replaced(job, crashed, 3) is replaced
+    assert replacement.may_be_replaced(job, replace(crashed, voluntary=True), 3)
 
 
 def test_a_job_that_lost_no_driver_has_no_pause() -> None:
