@@ -1,5 +1,6 @@
 //! Bytes in, frames out.
 
+use crate::End;
 use crate::frame::{Frame, FrameError, FrameType, HEADER_BYTES, MAGIC, MAX_PAYLOAD, VERSION};
 
 /// Decodes one direction of a session from pieces of any size. Holds one frame at most.
@@ -84,14 +85,21 @@ impl Decoder {
         self.digest
     }
 
-    /// FILE frames so far.
-    pub fn files(&self) -> u64 {
-        self.files
-    }
-
     /// Bytes of DATA so far.
     pub fn data_bytes(&self) -> u64 {
         self.data_bytes
+    }
+
+    /// Whether the END of the other side counts what arrived here.
+    ///
+    /// # Errors
+    /// A sentence with both.
+    pub fn check_end(&self, claimed: End) -> Result<(), String> {
+        let found = End { files: self.files, bytes: self.data_bytes, digest: self.digest };
+        if claimed == found {
+            return Ok(());
+        }
+        Err(format!("END says {claimed:?}, and what came is {found:?}"))
     }
 
     fn take(&mut self, input: &mut &[u8], whole: usize) {

@@ -234,12 +234,7 @@ impl Emitted {
 
     fn end(&mut self, said: &ProgramEnd, decoder: &Decoder, given: End) -> Result<(), Failure> {
         self.flow.check_complete().map_err(refused)?;
-        let (files, bytes, digest) = (decoder.files(), decoder.data_bytes(), decoder.digest());
-        let found = End { files, bytes, digest };
-        if said.totals != found {
-            let said = said.totals;
-            return Err(refused(format!("END says {said:?}, and what came is {found:?}")));
-        }
+        decoder.check_end(said.totals).map_err(refused)?;
         if said.input.is_some_and(|input| input != given.digest) {
             return Err(refused("END's `input` is not the digest of the input's END".to_owned()));
         }

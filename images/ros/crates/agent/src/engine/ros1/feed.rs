@@ -117,13 +117,7 @@ fn receive_data(
 }
 
 fn check_end(link: &Duplex, header: &FileHeader, length: u64, said: End) -> Result<(), Failure> {
-    let decoder = link.decoder();
-    let (files, bytes, digest) = (decoder.files(), decoder.data_bytes(), decoder.digest());
-    let found = End { files, bytes, digest };
-    if said != found {
-        let message = format!("END says {said:?}, and what came is {found:?}");
-        return Err(Failure::protocol(message));
-    }
+    link.decoder().check_end(said).map_err(Failure::protocol)?;
     if length != header.size {
         let FileHeader { name, size, .. } = header;
         return Err(Failure::protocol(format!("{name} has {size} bytes, and {length} came")));
