@@ -62,3 +62,11 @@ def test_what_runs_no_job_needs_no_spark(words: list[str]) -> None:
         check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
+
+
+def test_a_plan_waits_for_nothing_that_only_playing_needs() -> None:
+    program = "import sys, bagpipe.cli.plan; print({'numpy', 'rosbags'} & sys.modules.keys())"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout == "set()\n"

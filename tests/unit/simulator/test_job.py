@@ -14,8 +14,8 @@ from bagpipe.judgement import Judgement
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.simulator.model import START
 from bagpipe.source.planning import plan
-from bagpipe.source.simulator.drive import judge_steering
 from bagpipe.source.simulator.planning import scenario_of
+from bagpipe.source.simulator.steering import judge_steering
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
 

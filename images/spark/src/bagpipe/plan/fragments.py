@@ -82,6 +82,15 @@ def holding(chunk: Chunk) -> set[int]:
     return {connection for connection, count in chunk.counts.items() if count}
 
 
+def near(tail: BagTail, wanted: set[int], start: int, end: int) -> list[Chunk]:
+    """The chunks that may have a message of these connections at a time t, start <= t < end."""
+    return [
+        chunk
+        for chunk in tail.chunks
+        if wanted & holding(chunk) and chunk.start_time < end and chunk.end_time >= start
+    ]
+
+
 class _Recorded:
     """When messages of some connections were recorded, as far as a bag's indexes tell."""
 

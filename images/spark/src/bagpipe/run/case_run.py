@@ -16,9 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from bagpipe.engine.chosen import engine_of
-from bagpipe.engine.engine import Attempt
+from bagpipe.engine.engine import Attempt, Played
 from bagpipe.faults import FAILURES, FaultPolicy
-from bagpipe.judgement import Judgement
 from bagpipe.pipe.session import (
     Answer,
     InputFile,
@@ -228,10 +227,11 @@ def _played(case: Case, context: RunContext) -> Row:
 
     played = engine.play(attempt, exchange)
     found = {} if played.findings is None else {"criteria": played.findings}
-    return _judged(played.judgement, played.recorded, played.answer) | found
+    return _judged(played) | found
 
 
-def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answer) -> Row:
+def _judged(played: Played) -> Row:
+    judgement, answer = played.judgement, played.answer
     stack = answer.result["stack"]
     allowed = {"allowed": [each.as_row() for each in judgement.allowed]}
     return (allowed if judgement.allowed else {}) | {
@@ -239,7 +239,7 @@ def _judged(judgement: Judgement, recorded: str | list[str] | None, answer: Answ
         "reason": judgement.reason,
         "message": judgement.message,
         "stderr": stack.get("stderr", []) if judgement.reason in FAILURES else [],
-        "recorded": recorded,
+        "recorded": played.recorded,
         "result": answer.result
         | {"pipe_bytes": _pipe_bytes(answer), "input_bytes": answer.input_bytes}
         | {"software": str(answer.hello.get("software") or "")},

@@ -5,6 +5,10 @@ import re
 
 
 def stem(uri: str) -> str:
-    """A bag's name without its ending, of letters that a file's name may have."""
-    base = posixpath.basename(uri).removesuffix(".bag")
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", base).strip("-.") or "bag"
+    """A bag's name without its ending, of letters that a case's name may have."""
+    return plain(posixpath.basename(uri).removesuffix(".bag"), "bag")
+
+
+def plain(name: str, otherwise: str) -> str:
+    """A name of letters that a case's name may have; `otherwise` where nothing is left of it."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-.") or otherwise

@@ -1,9 +1,14 @@
-"""What every source can do. One object for each job, and as small as its spec."""
+"""What every source can do. One object for each job, and as small as its spec.
 
+What planning does not need is imported where it is used: `bagpipe plan` waits for no numpy.
+"""
+
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
+import bagpipe
 from bagpipe.judgement import Judgement
 from bagpipe.pipe.session import InputFile, Partner
 from bagpipe.plan.case import Case
@@ -21,35 +26,43 @@ class Turns(Partner, Protocol):
         """What HELLO says of it, as `simulator`."""
 
 
-class JobSource(Protocol):
+class JobSource(ABC):
     """The source of one job."""
 
+    @abstractmethod
     def plan(self, conditions: Crossing, storage: Storage, /) -> Plan:
         """All cases. Never raises for a recording's fault; raises MatrixError."""
 
+    @abstractmethod
     def input(self, case: Case, storage: Storage, /) -> InputFile | Turns:
         """What the agent is sent. Raises SessionError and StorageError."""
 
+    @abstractmethod
     def file_name(self, case: Case, /) -> str:
         """The plain name of the case's input as a file."""
 
+    @abstractmethod
     def input_times(self, case: Case, storage: Storage, /) -> Callable[[], list[int]] | None:
         """When the case's inputs were recorded: ascending, in ns, in its window.
 
         None where no time is without an input. The call raises StorageError and BagError.
         """
 
+    @abstractmethod
     def truth(self, case: Case, topics: set[str], storage: Storage, /) -> bytes:
         """The part of the case's own recording that holds these topics, as a bag without an index.
 
         It may hold more. Raises StorageError, BagError and SessionError.
         """
 
-    def judge(self, result: dict[str, Any], judgement: Judgement, /) -> Judgement:
-        """The judgement on a played case, where the source has something to say to it."""
+    def judge(self, _result: dict[str, Any], judgement: Judgement, /) -> Judgement:
+        """The judgement on a played case, if the source has nothing to say to it the same."""
+        return judgement
 
-    def alone(self, uri: str, /) -> Source | None:
+    def alone(self, _uri: str, /) -> Source | None:
         """The spec's source with one recording alone; None where none could be played again."""
+        return None
 
-    def begin(self, case: Case, storage: Storage, written: Path, /) -> int:
+    def begin(self, _case: Case, _storage: Storage, written: Path, /) -> int:
         """The time of the first message of the case's input, which was written as a bag, in ns."""
+        return bagpipe.MemoryBag.open(written).start or 0

@@ -4,9 +4,7 @@ import posixpath
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from bagpipe.judgement import Judgement
 from bagpipe.pipe.session import InputFile
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
@@ -17,12 +15,13 @@ from bagpipe.source.bags.stream import fragment_file
 from bagpipe.source.bags.times import times_in
 from bagpipe.source.bags.truth import chunks_with
 from bagpipe.source.expanding import expanded
+from bagpipe.source.source import JobSource
 from bagpipe.spec import Source
 from bagpipe.storage import Storage
 
 
 @dataclass(frozen=True)
-class Bags:
+class Bags(JobSource):
     """source.bags: each case is a window of one bag."""
 
     spec: Source
@@ -56,15 +55,11 @@ class Bags:
         """The chunks that hold one of the topics in the window."""
         return chunks_with(topics, case, storage)
 
-    def judge(self, _result: dict[str, Any], judgement: Judgement) -> Judgement:
-        """Nothing to add."""
-        return judgement
-
     def alone(self, uri: str) -> Source:
         """One bag."""
         return self.spec.model_copy(update={"bags": [uri]})
 
-    def begin(self, case: Case, storage: Storage, written: Path) -> int:  # noqa: ARG002
+    def begin(self, case: Case, storage: Storage, _written: Path) -> int:
         """Told by the bag's index."""
         file = storage.open(case.bag)
         starts = {offset for offset, _ in case.ranges}

@@ -1,18 +1,15 @@
 """When a case's inputs were recorded, as its recording's indexes tell without reading them."""
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times
-from bagpipe.plan.fragments import holding
+from bagpipe.plan.fragments import near
 
 
 def times_in(tail: BagTail, topics: list[str], start: int, end: int, read: Read) -> list[int]:
     """The times t with start <= t < end of messages on the topics (none: on any)."""
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
-    near = [
-        chunk
-        for chunk in tail.chunks
-        if wanted & holding(chunk) and chunk.start_time < end and chunk.end_time >= start
+    found = [
+        time for chunk in near(tail, wanted, start, end) for time in _of_chunk(chunk, wanted, read)
     ]
-    found = [time for chunk in near for time in _of_chunk(chunk, wanted, read)]
     return sorted(time for time in found if start <= time < end)
 
 

@@ -6,7 +6,7 @@ from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
-from bagpipe.plan.fragments import holding
+from bagpipe.plan.fragments import near
 from bagpipe.storage import Storage
 
 
@@ -18,10 +18,7 @@ def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:
     ranges = [(c.offset, c.length) for c in tail.connections]
     ranges += [
         (chunk.offset, chunk.end - chunk.offset)
-        for chunk in tail.chunks
-        if wanted & holding(chunk)
-        and chunk.start_time < case.window.end
-        and chunk.end_time >= case.window.start
+        for chunk in near(tail, wanted, case.window.start, case.window.end)
     ]
     bag = io.BytesIO()
     bag.write(unindexed_head())

@@ -3,10 +3,7 @@
 import posixpath
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
-from bagpipe.judgement import Judgement
 from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.pipe.session import InputFile
 from bagpipe.plan.case import Case, crossed
@@ -14,12 +11,13 @@ from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
 from bagpipe.source.expanding import expanded
 from bagpipe.source.files.planning import file_cases
+from bagpipe.source.source import JobSource
 from bagpipe.spec import Source
 from bagpipe.storage import Storage
 
 
 @dataclass(frozen=True)
-class Files:
+class Files(JobSource):
     """source.files: only a program that judges itself knows what their bytes mean."""
 
     spec: Source
@@ -50,14 +48,6 @@ class Files:
         """A file has no topics."""
         return b""
 
-    def judge(self, _result: dict[str, Any], judgement: Judgement) -> Judgement:
-        """Nothing to add."""
-        return judgement
-
     def alone(self, uri: str) -> Source:
         """One file."""
         return self.spec.model_copy(update={"files": [uri]})
-
-    def begin(self, _case: Case, _storage: Storage, _written: Path) -> int:
-        """A file has no times."""
-        return 0

@@ -1,11 +1,11 @@
 """The cases of a job whose source is files of any kind: one case for each file, as it is."""
 
 import posixpath
-import re
 from collections import Counter
 
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.source.naming import plain
 from bagpipe.storage import Stat, Storage
 
 # A file has no bag time: the program that reads it knows what its bytes mean.
@@ -44,7 +44,7 @@ def _names(uris: list[str]) -> list[str]:
 
 
 def _base(uri: str) -> str:
-    return re.sub(r"[^A-Za-z0-9_.-]+", "-", posixpath.basename(uri)).strip("-.") or "file"
+    return plain(posixpath.basename(uri), "file")
 
 
 def _stem(uri: str) -> str:

@@ -1,24 +1,22 @@
 """A simulated drive in place of a recording, with recorded topics beside it."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-import bagpipe
 from bagpipe.judgement import Judgement
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
 from bagpipe.simulator.model import Simulator
-from bagpipe.source.sequence.stream import sequence_bag
-from bagpipe.source.simulator.drive import Drive, judge_steering
 from bagpipe.source.simulator.planning import check_scenarios, drives
-from bagpipe.spec import SimulationJobSpec, Source
+from bagpipe.source.simulator.steering import judge_steering
+from bagpipe.source.source import JobSource, Turns
+from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 
 
 @dataclass(frozen=True)
-class Simulated:
+class Simulated(JobSource):
     """source.simulator: a world that answers the stack."""
 
     spec: SimulationJobSpec
@@ -29,8 +27,10 @@ class Simulated:
         check_scenarios(self.simulator, conditions)
         return drives(self.simulator, conditions, storage)
 
-    def input(self, case: Case, storage: Storage) -> Drive:
+    def input(self, case: Case, storage: Storage) -> Turns:
         """The case's world."""
+        from bagpipe.source.simulator.drive import Drive  # noqa: PLC0415
+
         return Drive(case, self.spec, self.simulator, storage)
 
     def file_name(self, case: Case) -> str:
@@ -43,16 +43,10 @@ class Simulated:
 
     def truth(self, case: Case, _topics: set[str], storage: Storage) -> bytes:
         """The recorded topics beside the drive."""
+        from bagpipe.source.sequence.stream import sequence_bag  # noqa: PLC0415
+
         return sequence_bag(case, storage).to_bytes()
 
     def judge(self, result: dict[str, Any], judgement: Judgement) -> Judgement:
         """A drive that nobody steered proves nothing."""
         return judge_steering(result, judgement, self.simulator.topics.control)
-
-    def alone(self, _uri: str) -> Source | None:
-        """A drive is no recording."""
-        return None
-
-    def begin(self, _case: Case, _storage: Storage, written: Path) -> int:
-        """Told by what was written."""
-        return bagpipe.MemoryBag.open(written).start or 0

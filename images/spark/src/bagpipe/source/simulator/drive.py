@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Any
 
-from bagpipe.judgement import Judgement
 from bagpipe.pipe.session import SessionError
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import ControlError
@@ -52,18 +51,3 @@ class Drive:
             raise SessionError("BadControl", str(error)) from error
         except NeverAnsweredError as error:
             raise SessionError("StackNeverAnswered", str(error)) from error
-
-
-def judge_steering(result: dict[str, Any], judgement: Judgement, control: str) -> Judgement:
-    """A drive that nobody ever steered proves nothing of the stack, whatever was recorded."""
-    if judgement.outcome in {"failed", "errored"}:
-        return judgement
-    steps = result["playback"].get("steps", [])
-    if any(step["answered"] for step in steps if step["answer"] == control):
-        return judgement
-    return Judgement(
-        "invalid",
-        "NothingAnswered",
-        f"the stack never steered: nothing came on {control} in time",
-        judgement.allowed,
-    )
