@@ -107,8 +107,8 @@ ifdef K
 test: preflight-all venv tools ## Set everything up, run all tests (K=resume: only those of that name)
 	$(STEP) "Testing $(K)" -- $(PYTEST) tests/unit tests/cluster tests/integration tests/liars -k "$(K)"
 else
-# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; the
-# cluster has the machine to itself.
+# What computes comes first. Of what waits for sockets and nodes two halves run beside each other; whole
+# jobs on the cluster run beside nothing but each other.
 test: set-up
 	@$(MAKE) test-python
 	@$(MAKE) test-real-parts AND=tests/liars

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import grimp
 
+from docs.site.generated import keep
 from docs.site.rust_modules import CRATES, ROOT, Graph, graph
 
 PROJECT = Path(__file__).parents[2]
@@ -38,14 +39,7 @@ PARTS = [
 
 def main(words: list[str]) -> int:
     """0 where all is well."""
-    text = page()
-    if words == ["--check"]:
-        current = PAGE.exists() and PAGE.read_text() == text
-        if not current:
-            print(f"{PAGE} is not up to date: python -m docs.site.architecture", file=sys.stderr)
-        return int(not current)
-    PAGE.write_text(text)
-    return 0
+    return keep(PAGE, page(), "docs.site.architecture", words)
 
 
 def page() -> str:
@@ -61,8 +55,9 @@ def page() -> str:
     about = {name: _first_doc(path.parent / "src") for name, path in crates.items()}
     parts.append(section("The crates: `images/ros/crates`", used, about))
     agent = CRATES / "agent/src"
-    about = {room: _first_doc(agent, room) for room in folders("agent")}
-    parts.append(section("The agent: `images/ros/crates/agent/src`", folders("agent"), about))
+    rooms_of_agent = folders("agent")
+    about = {room: _first_doc(agent, room) for room in rooms_of_agent}
+    parts.append(section("The agent: `images/ros/crates/agent/src`", rooms_of_agent, about))
     return "\n\n".join(parts) + "\n"
 
 

@@ -105,12 +105,12 @@ def absolute(path: list[str], module: str, known: dict[str, str]) -> list[str] |
             return at + path if "::".join([*at, child]) in known else None
 
 
-def exported(module: str, known: dict[str, str]) -> dict[str, str]:
-    """What a module re-exports, with where it comes from."""
+def exported(known: dict[str, str]) -> dict[str, str]:
+    """What the root re-exports, with where it comes from."""
     names = {}
-    for public, tree in _USE.findall(known[module]):
+    for public, tree in _USE.findall(known[ROOT]):
         for path in trees(tree) if public else ():
-            target = absolute(path, module, known)
+            target = absolute(path, ROOT, known)
             if target:
                 names[target[-1]] = _longest(target, known)
     return names
@@ -126,7 +126,7 @@ def _longest(path: list[str], known: dict[str, str]) -> str:
 def graph(crate: str) -> Graph:
     """Which module names which. What the root re-exports counts for where it comes from."""
     known = modules(crate)
-    again = exported(ROOT, known)
+    again = exported(known)
     edges: Graph = {name: set() for name in known}
     for name, text in known.items():
         for path in paths(text):

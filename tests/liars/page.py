@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from docs.site.generated import keep
 from tests.liars.jobs import CRITERIA, Question
 from tests.liars.row import Row
 from tests.liars.table import HONEST, LIARS
@@ -83,12 +84,7 @@ SHOWN = {
 
 
 def main(arguments: list[str]) -> int:
-    if "--check" in arguments:
-        current = PAGE.read_text() == page()
-        print("up to date" if current else "run python -m tests.liars.page")
-        return 0 if current else 1
-    PAGE.write_text(page())
-    return 0
+    return keep(PAGE, page(), "tests.liars.page", arguments)
 
 
 if __name__ == "__main__":

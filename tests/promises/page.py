@@ -15,6 +15,8 @@ from pathlib import Path
 
 import yaml
 
+from docs.site.generated import keep
+
 ROOT = Path(__file__).parents[2]
 PROMISES = Path(__file__).with_name("promises.yaml")
 PAGE = ROOT / "docs/reference/promises.md"
@@ -109,14 +111,7 @@ def main(words: list[str]) -> int:
     if wrong := faults(made, held, pages):
         print("\n".join(wrong), file=sys.stderr)
         return 1
-    text = page(made, held)
-    if words == ["--check"]:
-        current = PAGE.exists() and PAGE.read_text() == text
-        if not current:
-            print(f"{PAGE} is not up to date: python -m tests.promises.page", file=sys.stderr)
-        return int(not current)
-    PAGE.write_text(text)
-    return 0
+    return keep(PAGE, page(made, held), "tests.promises.page", words)
 
 
 if __name__ == "__main__":

@@ -74,6 +74,15 @@ def await_lead(process: OperatorProcess, seconds: float = PATIENCE) -> None:
     wait_until(lambda: leads(process), seconds, f"it did not lead within {seconds:g} s")
 
 
+def limit_pods(admin: Client, namespace: str, name: str, count: int) -> str:
+    """A quota of so many pods that is in force; gives its path."""
+    quotas = core(namespace, "resourcequotas")
+    admin.create(quotas, {"metadata": {"name": name}, "spec": {"hard": {"pods": str(count)}}})
+    path = f"{quotas}/{name}"
+    wait_until(lambda: "used" in admin.get(path).get("status", {}), PATIENCE, "it is not counted")
+    return path
+
+
 def is_admitted(
     admin: Client, namespace: str, pod: Object, refusal: str = "violates PodSecurity"
 ) -> bool:

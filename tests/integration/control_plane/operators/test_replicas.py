@@ -15,6 +15,7 @@ from tests.integration.control_plane.observe import (
     create_jobs,
     expected_children,
     leads,
+    limit_pods,
     moment,
     statuses,
 )
@@ -38,15 +39,6 @@ def drivers_and_attempts(admin: Client, namespace: str) -> set[tuple[str, int]]:
     }
 
 
-def limit_pods(admin: Client, namespace: str, count: int) -> str:
-    """A quota that is in force; gives its path."""
-    quotas = core(namespace, "resourcequotas")
-    admin.create(quotas, {"metadata": {"name": "few"}, "spec": {"hard": {"pods": str(count)}}})
-    path = f"{quotas}/few"
-    wait_until(lambda: "used" in admin.get(path).get("status", {}), PATIENCE, "it is not counted")
-    return path
-
-
 def test_the_leader_is_killed_in_the_middle_of_its_work(
     admin: Client,
     namespace: str,
@@ -56,7 +48,7 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
 ) -> None:
     # One worker makes the work last long enough to be interrupted; where the test is slower even
     # so, the quota keeps the leader from its end.
-    quota = limit_pods(admin, namespace, MOST_BEFORE)
+    quota = limit_pods(admin, namespace, "few", MOST_BEFORE)
     leader = operator_process(BAGPIPE_WORKERS="1")
     await_lead(leader)
     standby = operator_process()

@@ -15,7 +15,7 @@ from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.fake_driver import fake_driver
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
-from tests.integration.control_plane.observe import is_admitted
+from tests.integration.control_plane.observe import is_admitted, limit_pods
 from tests.integration.control_plane.operators.dying_operator import DIES, PROGRAM
 from tests.unit.operator.builders import account, make_job
 from tests.waiting import PATIENCE, wait_until
@@ -66,12 +66,7 @@ def warnings(admin: Client, namespace: str, reason: str) -> int:
 def test_no_quota_for_executors(
     admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator
 ) -> None:
-    hard = {"metadata": {"name": "small"}, "spec": {"hard": {"pods": "1"}}}
-    admin.create(core(namespace, "resourcequotas"), hard)
-    quota = core(namespace, "resourcequotas", "small")
-    wait_until(
-        lambda: "used" in admin.get(quota).get("status", {}), PATIENCE, "no quota is counted"
-    )
+    quota = limit_pods(admin, namespace, "small", 1)
     operator_process()
     admin.create(jobs(namespace), a_job("x"))
     await_pod(admin, namespace, "x-1-driver")
@@ -88,12 +83,7 @@ def test_no_quota_for_executors(
 def test_no_quota_for_the_driver(
     admin: Client, namespace: str, operator_process: StartOperator
 ) -> None:
-    hard = {"metadata": {"name": "none"}, "spec": {"hard": {"pods": "0"}}}
-    admin.create(core(namespace, "resourcequotas"), hard)
-    quota = core(namespace, "resourcequotas", "none")
-    wait_until(
-        lambda: "used" in admin.get(quota).get("status", {}), PATIENCE, "no quota is counted"
-    )
+    quota = limit_pods(admin, namespace, "none", 0)
     operator_process()
     admin.create(jobs(namespace), a_job("x"))
     await_reason(admin, namespace, "x", "QuotaExceeded", "Accepted")
