@@ -58,7 +58,7 @@ endif
 ifneq ($(and $(NODES),$(filter-out embedded,$(CLUSTER))),)
 $(error NODES=$(NODES) is for CLUSTER=embedded, and CLUSTER is $(CLUSTER))
 endif
-# A rebuilt operator keeps its tag: what it holds, said in its pod, makes Kubernetes start it anew.
+# A rebuilt operator keeps its tag: a digest of its contents, in the pod template, makes Kubernetes replace it.
 ifeq ($(CLUSTER),embedded)
 export KUBECONFIG := $(EMBEDDED_KUBECONFIG)
 PREFLIGHT := cluster images tools $(LAPTOP)
@@ -177,7 +177,7 @@ test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, befo
 .PHONY: test-e2e
 test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 	$(STEP) "Testing whole jobs on Kubernetes" -- $(PYTEST) $(BESIDE_WAITING) tests/e2e -m "not (slow or nodes or alone)"
-	$(STEP) "Testing how soon trouble is told" -- $(PYTEST) tests/e2e -m "alone and not slow"
+	$(STEP) "Testing how soon trouble is reported" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow
 test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes

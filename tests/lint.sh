@@ -19,6 +19,7 @@ step "mypy, the cluster" env -C tests/cluster mypy --config-file ../../pyproject
 step "mypy, the images" env -C images mypy --config-file ../pyproject.toml agent.py build.py module.py plugin.py spark/class_archive.py
 step "mypy, the documentation's site" mypy docs/site charts/reference.py
 step "import-linter" lint-imports
+step "words" tests/words.sh
 step "rustfmt" env -C images/ros cargo fmt --all --check
 step "clippy" env -C images/ros CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/cargo-debug" \
   cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
