@@ -16,7 +16,7 @@ from pathlib import Path
 
 from lock import locked
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 REGISTRY = "bagpipe.local"
 VERSION = "0.1.0"
 BASE = "docker.io/library/debian:bookworm-20251103-slim"
