@@ -20,8 +20,8 @@ step "mypy, the images" env -C images/build mypy --config-file ../../pyproject.t
 step "mypy, the documentation's site" mypy docs/site charts/reference.py
 step "import-linter" lint-imports
 step "words" tests/words.sh
-step "rustfmt" env -C images/ros cargo fmt --all --check
-step "clippy" env -C images/ros CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/cargo-debug" \
+step "rustfmt" env -C images/agent cargo fmt --all --check
+step "clippy" env -C images/agent CARGO_TARGET_DIR="${BAGPIPE_CACHE:-$HOME/.cache/bagpipe}/cargo-debug" \
   cargo clippy --locked --workspace --all-targets --quiet -- -D warnings
 mapfile -t scripts < <(git ls-files '*.sh' '.ci/*')
 step "shellcheck" shellcheck "${scripts[@]}"
