@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{ChunkedFile, MemoryChunkedFile};
-use bagpipe_pipe::{
+use bagpipe_rosbag::{ChunkedFile, MemoryChunkedFile};
+use bagpipe_wire::{
     Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, Next, PROTOCOL, PipeError,
     WorkerHello, fifo, from_map, to_map,
 };
