@@ -119,7 +119,7 @@ def test_a_store_is_linked_but_for_its_databases(tmp_path: Path) -> None:
         assert len(list((target / part).iterdir())) == 2
 
 
-def test_a_store_that_is_missing_is_said(tmp_path: Path) -> None:
+def test_a_store_that_is_missing_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ClusterError, match=r"can't be linked to .*No such file"):
         stores.link_store(tmp_path / "none", tmp_path / "target")
 

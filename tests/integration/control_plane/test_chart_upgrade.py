@@ -106,7 +106,7 @@ def test_from_the_release_before_to_this_one(
         take_away(admin)
 
 
-def test_a_crd_of_somebody_else_is_left_alone_and_told(admin: Client, helm: Helm) -> None:
+def test_a_crd_of_somebody_else_is_left_alone_and_reported(admin: Client, helm: Helm) -> None:
     take_away(admin)
     before = admin.get(CRD)["metadata"]["generation"]
     said = helm("install", "bagpipe", str(CHART), "--create-namespace")

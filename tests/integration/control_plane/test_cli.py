@@ -146,7 +146,7 @@ def test_a_dry_run_is_judged_and_not_kept(program: Program, admin: Client, names
         ({"stack": {"image": "i"}}, ["  spec.stack.command: Required value"]),
     ],
 )
-def test_a_refused_job_is_told_in_sentences(
+def test_a_refused_job_is_reported_in_sentences(
     program: Program, admin: Client, namespace: str, changed: Object, sentences: list[str]
 ) -> None:
     done = program("submit", "-", "--wait", given=json.dumps(manifest("lane", **changed)))
@@ -197,7 +197,7 @@ def test_watch_follows_a_job_through_trouble_to_its_end(
     assert len(lines) == 6
 
 
-def test_watch_outlives_an_api_server_that_is_started_anew(
+def test_watch_outlives_an_api_server_that_is_restarted(
     control_plane: ControlPlane, admin: Client, namespace: str
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
@@ -266,7 +266,7 @@ def test_a_cluster_without_bagpipe(control_plane: ControlPlane, admin: Client) -
             install_crd(admin, {**each, "metadata": kept, "status": {}})
 
 
-def test_who_may_not_is_told_how_to_find_out(
+def test_who_may_not_learns_how_to_find_out(
     control_plane: ControlPlane, namespace: str, tmp_path: Path
 ) -> None:
     config = tmp_path / "config"

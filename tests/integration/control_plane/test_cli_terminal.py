@@ -17,7 +17,7 @@ def seconds(written: str) -> set[str]:
     return set(re.findall(r"watched for (\d+ s)", written))
 
 
-def test_a_terminal_shows_one_block_that_is_drawn_anew(
+def test_a_terminal_shows_one_block_that_is_drawn_again(
     control_plane: ControlPlane, admin: Client, namespace: str
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))

@@ -52,7 +52,7 @@ def test_a_rate_counts_from_the_first_begin_to_the_last_end() -> None:
         (2, 15.0, 2.0),  # it became 3 at 13.0
     ],
 )
-def test_a_status_is_stale_from_the_first_change_it_does_not_tell(
+def test_a_status_is_stale_from_the_first_change_it_does_not_show(
     told: int | None, now: float, expected: float
 ) -> None:
     assert staleness(now, 10.0, told, 1.0) == pytest.approx(expected)
@@ -103,7 +103,7 @@ async def test_a_peer_that_does_not_run_leaves_its_side_empty(
     assert "left out: kubeflow/spark-operator v2.3.0: no Java" in capsys.readouterr().err
 
 
-async def test_a_watch_goes_on_where_it_was_and_tells_why_it_broke(
+async def test_a_watch_goes_on_where_it_was_and_reports_why_it_broke(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def at_once(_seconds: float) -> None:
@@ -178,7 +178,7 @@ def test_the_bench_is_called_by_its_name_and_not_by_its_parts() -> None:
     assert [name for name in found if name.startswith("operator_")] == []
 
 
-def test_the_versions_told_are_those_that_are_built() -> None:
+def test_the_documented_versions_are_those_that_are_built() -> None:
     modules = Path(__file__).parents[2] / "cluster"
     kwok = (modules / "kwok/go.mod").read_text()
     assert f"sigs.k8s.io/kwok {operator_bench.KWOK_VERSION} " in kwok

@@ -110,7 +110,7 @@ def test_a_driver_says_whose_it_is() -> None:
         assert understood.is_of(*whose) is believed
 
 
-def test_a_driver_is_told_what_the_user_wrote_on_the_job() -> None:
+def test_a_driver_receives_what_the_user_wrote_on_the_job() -> None:
     made = make_job("x")
     made.object["metadata"] |= {
         "creationTimestamp": "2026-11-20T04:00:00Z",

@@ -50,7 +50,7 @@ def test_the_results_are_copied_and_named(cache: Path, capsys: pytest.CaptureFix
     ],
     ids=["refused", "half", "empty"],
 )
-def test_a_copy_that_fails_is_said_and_is_no_verdict(
+def test_a_copy_that_fails_is_reported_and_is_no_verdict(
     cache: Path, capsys: pytest.CaptureFixture[str], script: str, why: str
 ) -> None:
     pretend(cache, script)

@@ -103,7 +103,7 @@ class Queue:
         said = [f"{c['status']}/{c['reason']}" for c in conditions if c["type"] == type_]
         return said[0] if said else ""
 
-    def await_told(self, job: str, type_: str, expected: str) -> None:
+    def await_reported(self, job: str, type_: str, expected: str) -> None:
         wait_until(
             lambda: self.told(job, type_) == expected, PATIENCE, f"{type_} is not {expected}"
         )
@@ -162,13 +162,13 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
 ) -> None:
     world, queue = Jobs(admin, namespace), Queue(admin, namespace)
     world.create("lane", queueName="nightly", spark={"executors": 3})
-    world.await_told("lane", "Suspended", "True/Queued")
+    world.await_reported("lane", "Suspended", "True/Queued")
     sets = queue.workload("lane")["spec"]["podSets"]
     assert [(each["name"], each["count"]) for each in sets] == [("driver", 1), ("executors", 3)]
     assert world.pods() == []
 
     queue.admit("lane")
-    world.await_told("lane", "Suspended", "False/Admitted")
+    world.await_reported("lane", "Suspended", "False/Admitted")
     world.await_pods("lane-1-driver")
     pod = admin.get(core(namespace, "pods", "lane-1-driver"))
     assert pod["spec"]["nodeSelector"] == {"pool": "spot"}
@@ -177,13 +177,13 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
     # On a node it takes its time to go.
     kubelet.bind(namespace, "lane-1-driver")
     queue.evict("lane")
-    world.await_told("lane", "Suspended", "False/Suspending")
+    world.await_reported("lane", "Suspended", "False/Suspending")
     assert queue.told("lane", "QuotaReserved") == "True/QuotaReserved"
     kubelet.remove(namespace, "lane-1-driver")
-    queue.await_told("lane", "QuotaReserved", "False/Pending")
+    queue.await_reported("lane", "QuotaReserved", "False/Pending")
     assert queue.told("lane", "Requeued") == "True/Preempted"
     assert queue.told("lane", "Admitted") == "False/NoReservation"
-    world.await_told("lane", "Suspended", "True/Queued")
+    world.await_reported("lane", "Suspended", "True/Queued")
 
     # Killed between admission and the next driver, it is as if nothing had been.
     operator.kill()
@@ -191,7 +191,7 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
     operator.start()
     world.await_pods("lane-2-driver")
     kubelet.end(namespace, "lane-2-driver", 0, account("Complete", verdict="Passed"))
-    queue.await_told("lane", "Finished", "True/Succeeded")
+    queue.await_reported("lane", "Finished", "True/Succeeded")
     assert world.get("lane")["status"]["lostDrivers"] == 0
 
 
@@ -205,12 +205,12 @@ def test_who_suspends_a_queued_job_takes_it_out_of_the_queue(admin: Client, name
     assert queue.workload("lane")["spec"]["priority"] == 700
     first = queue.workload("lane")["metadata"]["uid"]
     world.edit("lane", suspend=True)
-    world.await_told("lane", "Suspended", "True/JobSuspended")
+    world.await_reported("lane", "Suspended", "True/JobSuspended")
     path = f"{KUEUE}/namespaces/{namespace}/workloads"
     wait_until(lambda: admin.items(path) == [], PATIENCE, "its Workload stays")
     world.edit("lane", suspend=False)
     assert queue.workload("lane")["metadata"]["uid"] != first
-    world.await_told("lane", "Suspended", "True/Queued")
+    world.await_reported("lane", "Suspended", "True/Queued")
 
 
 def test_an_operator_that_wants_kueue_waits_for_it_and_says_so(

@@ -64,7 +64,7 @@ def test_nothing_blocks_the_loop(
     assert [line for line in operator.said().splitlines() if line.startswith("BLOCKS")] == []
 
 
-def test_what_blocks_a_loop_would_be_told() -> None:
+def test_what_blocks_a_loop_would_be_reported() -> None:
     program = (
         "import asyncio, sys, time, runpy, socket, bagpipe_operator.main as m\n"
         "async def blocking():\n"
@@ -143,7 +143,7 @@ async def test_a_late_end_of_a_namesake_does_not_end_a_healthy_driver(
     assert (status["phase"], status["attempt"], status["driver"]) == ("Pending", 1, "x-1-driver")
 
 
-async def test_a_driver_that_the_watch_has_not_told_is_looked_for_before_it_is_lost(
+async def test_a_driver_that_the_watch_has_not_reported_is_looked_for_before_it_is_lost(
     admin: Client, namespace: str, kubelet: FakeKubelet, installation: Installation
 ) -> None:
     create_jobs(admin, namespace, ["x"])

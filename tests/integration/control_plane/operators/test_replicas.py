@@ -113,7 +113,7 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
 
 
 @pytest.mark.usefixtures("bound_claims")
-def test_a_replica_that_leads_a_second_time_begins_anew(
+def test_a_replica_that_leads_a_second_time_starts_from_nothing(
     admin: Client,
     namespace: str,
     installation: Installation,

@@ -82,7 +82,7 @@ def test_a_namespace_is_made_ready_without_touching_the_release(
     assert of_account(admin, elsewhere, "bagpipe-executor", elsewhere) == set()
 
 
-def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
+def test_cluster_wide_a_job_without_accounts_names_what_is_missing(
     admin: Client, elsewhere: str, operator_process: StartOperator
 ) -> None:
     process = operator_process(BAGPIPE_LOG_FORMAT="json")

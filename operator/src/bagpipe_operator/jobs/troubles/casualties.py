@@ -1,6 +1,6 @@
 """Executors that were ended from outside: for lack of memory, by an eviction, with their node.
 
-Pure. Spark replaces such an executor within seconds, so its end is told for a minute after it,
+Pure. Spark replaces such an executor within seconds, so its end is reported for a minute after it,
 also when its pod is gone already.
 """
 
