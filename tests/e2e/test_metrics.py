@@ -93,7 +93,7 @@ def awaited(prometheus: Prometheus, expression: str, seconds: float) -> list[flo
     return k.await_that(expression, look, seconds)
 
 
-def test_all_pods_are_found_and_executors_show_what_happens_now(
+def test_all_pods_are_found_and_executors_tell_what_happens_now(
     namespace: str, access: str, start_prometheus: START
 ) -> None:
     ways = [scrapes.by_annotations(access, namespace), *scrapes.by_the_monitors(access, namespace)]

@@ -86,7 +86,7 @@ def assert_in_time(what: str, knew: datetime, told: datetime) -> None:
     assert seconds <= WITHIN_SECONDS
 
 
-def assert_reported_once(namespace: str, name: str, reason: str) -> None:
+def assert_told_once(namespace: str, name: str, reason: str) -> None:
     uid = k.get(namespace, "simjob", name)["metadata"]["uid"]
     found = events(namespace, f"involvedObject.uid={uid},reason={reason},type=Warning")
     assert [event["count"] for event in found] == [1]
@@ -103,7 +103,7 @@ def test_an_unknown_image(namespace: str) -> None:
         told = seen(namespace, name, "StackImageUnavailable", 240)
         pod = only(pods(namespace, name, "executor"))
         assert_in_time("image", first_event(namespace, pod["metadata"]["uid"], "Failed"), told)
-        assert_reported_once(namespace, name, "StackImageUnavailable")
+        assert_told_once(namespace, name, "StackImageUnavailable")
 
 
 def test_a_missing_claim(namespace: str) -> None:
@@ -112,7 +112,7 @@ def test_a_missing_claim(namespace: str) -> None:
         told = seen(namespace, name, "VolumeMissing", 240)
         pod = only(pods(namespace, name, "driver"))
         assert_in_time("claim", pod_condition(pod, "PodScheduled"), told)
-        assert_reported_once(namespace, name, "VolumeMissing")
+        assert_told_once(namespace, name, "VolumeMissing")
 
 
 def test_a_missing_secret(namespace: str) -> None:
@@ -123,7 +123,7 @@ def test_a_missing_secret(namespace: str) -> None:
         pod = only(pods(namespace, name, "driver"))
         assert_in_time("secret", first_event(namespace, pod["metadata"]["uid"], "Failed"), told)
         assert "absent" in condition(namespace, name, "Running")["message"]
-        assert_reported_once(namespace, name, "SecretMissing")
+        assert_told_once(namespace, name, "SecretMissing")
 
 
 def test_a_claim_that_is_not_bound(namespace: str) -> None:
@@ -144,7 +144,7 @@ def test_a_claim_that_is_not_bound(namespace: str) -> None:
         told = seen(namespace, name, "VolumePending", 240)
         pod = only(pods(namespace, name, "driver"))
         assert_in_time("unbound claim", pod_condition(pod, "PodScheduled"), told)
-        assert_reported_once(namespace, name, "VolumePending")
+        assert_told_once(namespace, name, "VolumePending")
 
 
 def test_a_volume_that_does_not_mount(namespace: str) -> None:
@@ -183,7 +183,7 @@ def test_a_volume_that_does_not_mount(namespace: str) -> None:
             pod = only(pods(namespace, name, "driver"))
             knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
             assert_in_time("mount", knew, told)
-            assert_reported_once(namespace, name, "VolumeNotMounted")
+            assert_told_once(namespace, name, "VolumeNotMounted")
     finally:
         k.kubectl("-n", namespace, "delete", "pvc", "unmountable")
         k.kubectl("delete", "pv", f"{namespace}-unmountable")
@@ -207,7 +207,7 @@ def test_no_node_and_then_no_config_map(namespace: str) -> None:
         told = seen(namespace, "unplaced", "ConfigMapMissing", 240)
         knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
         assert_in_time("ConfigMap", knew, told)
-        assert_reported_once(namespace, "unplaced", "ConfigMapMissing")
+        assert_told_once(namespace, "unplaced", "ConfigMapMissing")
     finally:
         k.kubectl("label", "nodes", *nodes, f"{room}-")
         jobs.delete(namespace, "unplaced")
@@ -249,7 +249,7 @@ def test_no_quota_for_executors(namespace: str) -> None:
             first = k.await_that("Spark to be refused an executor", refused, 120)[-1]
             knew = moment(first.split()[0][:26] + "+00:00")
             assert_in_time("executors' quota", knew, told)
-            assert_reported_once(namespace, name, "QuotaExceeded")
+            assert_told_once(namespace, name, "QuotaExceeded")
             # Spark asks once a second, and with its default of failures it gives up soon.
             k.await_that("more refusals", lambda: len(refused()) > 25, 120, every=2.0)
         job = jobs.ended(namespace, name, 240)
@@ -344,7 +344,7 @@ def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> Non
     knew = ended_at(k.get(namespace, "pod", pod), "stack")
     assert_in_time("stack's memory", knew, told)
     assert "container stack" in condition(namespace, running, "Running")["message"].lower()
-    assert_reported_once(namespace, running, "ExecutorOutOfMemory")
+    assert_told_once(namespace, running, "ExecutorOutOfMemory")
 
 
 @pytest.mark.slow
@@ -354,7 +354,7 @@ def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
     told = seen(namespace, running, "DriverEvicted", 240)
     # The pod's grace period is Kubernetes' own; the driver's Java ends at once.
     assert_in_time("driver evicted", knew, told)
-    assert_reported_once(namespace, running, "DriverEvicted")
+    assert_told_once(namespace, running, "DriverEvicted")
 
 
 @pytest.mark.slow
@@ -373,7 +373,7 @@ def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> No
     fill_memory(namespace, pod, "driver")
     told = seen(namespace, running, "DriverOutOfMemory", 240)
     assert_in_time("driver's memory", ended_at(k.get(namespace, "pod", pod), "driver"), told)
-    assert_reported_once(namespace, running, "DriverOutOfMemory")
+    assert_told_once(namespace, running, "DriverOutOfMemory")
 
 
 @pytest.mark.slow

@@ -162,7 +162,7 @@ def unplaced() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("release")
-def test_helm_test_reports_when_the_operator_is_not_ready() -> None:
+def test_helm_test_tells_when_the_operator_is_not_ready() -> None:
     with unplaced():
         with pytest.raises(AssertionError, match=r"[Ff]ailed"):
             helm("test", "bagpipe", "--timeout", "3m")

@@ -16,7 +16,7 @@ DOCS = ROOT / "docs"
 _PARSER = MarkdownIt("commonmark").enable("table")
 # What makes a browser ask for something, by element.
 _ASSETS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
-# Links of the head that are told and not loaded.
+# Links of the head that are only named and not loaded.
 _TOLD = {"canonical", "next", "prev", "index", "search"}
 
 

@@ -32,23 +32,25 @@ class Jobs:
         return self.admin.get(jobs(self.namespace, name))
 
     @staticmethod
-    def told_in(status: Object, type_: str) -> str:
+    def stated_in(status: Object, type_: str) -> str:
         """`status/reason` of a condition; empty before it is written."""
         for condition in status.get("conditions", []):
             if condition["type"] == type_:
                 return f"{condition['status']}/{condition['reason']}"
         return ""
 
-    def await_reported(self, name: str, type_: str, expected: str, seconds: float = SECONDS) -> Object:
+    def await_reported(
+        self, name: str, type_: str, expected: str, seconds: float = SECONDS
+    ) -> Object:
         """The status that says so."""
         found: Object = {}
 
-        def told() -> bool:
+        def is_reported() -> bool:
             found.clear()
             found.update(self.get(name).get("status", {}))
-            return self.told_in(found, type_) == expected
+            return self.stated_in(found, type_) == expected
 
-        wait_until(told, seconds, f"{type_} of {name} did not become {expected}")
+        wait_until(is_reported, seconds, f"{type_} of {name} did not become {expected}")
         return found
 
     def pods(self) -> list[str]:
@@ -132,7 +134,7 @@ def test_suspend_before_any_pod_and_while_running(
     twice = ["DriverCreated", "JobResumed", "JobSuspended"]
     wait_until(
         lambda: world.events("rests") == sorted(twice * 2), SECONDS,
-        f"not every transition was told: {world.events('rests')}",
+        f"not every transition was reported: {world.events('rests')}",
     )  # fmt: skip
 
 
@@ -179,9 +181,9 @@ def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
         "the job was not removed",
     )  # fmt: skip
     world.await_pods()
-    told = "DeadlineExceeded"
-    wait_until(lambda: told in world.events("late"), SECONDS, "the deadline's Event is missing")
-    assert world.events("late").count(told) == 1
+    reason = "DeadlineExceeded"
+    wait_until(lambda: reason in world.events("late"), SECONDS, "the deadline's Event is missing")
+    assert world.events("late").count(reason) == 1
     edited = world.edit("late", ttlAfterFinished="3600s")["metadata"]["generation"]
     wait_until(
         lambda: world.get("late")["status"]["observedGeneration"] == edited, SECONDS,
@@ -200,8 +202,10 @@ def test_a_job_goes_on_from_another(
     operator_process()
     world.create("first")
     world.await_pods("first-1-driver")
-    told = account("Failed", reason="CasesErrored", cases={"planned": 4, "passed": 3, "errored": 1})
-    kubelet.end(world.namespace, "first-1-driver", 1, told)
+    failed = account(
+        "Failed", reason="CasesErrored", cases={"planned": 4, "passed": 3, "errored": 1}
+    )
+    kubelet.end(world.namespace, "first-1-driver", 1, failed)
     world.await_reported("first", "Failed", "True/CasesErrored")
     world.create("second", resumeFrom="first")
     status = world.await_reported("second", "Accepted", "True/DriverCreated")
