@@ -23,7 +23,7 @@ _OPERATOR = [
         "Replicas run, and none holds the Lease.",
         "Nothing is reconciled: no job starts, and no job's end is reported.",
         ("`kubectl get lease -n bagpipe-system`: who holds it, since when?",
-         f"{_LOGS} They name a right that is missing on the Lease.",
+         f"{_LOGS} It names a right that is missing on the Lease.",
          "A Lease whose holder is gone is taken over within `operator.leaseSeconds` and a fifth."),
     ),
     Alert(

@@ -78,8 +78,8 @@ async def test_flux_sees_what_a_job_is(reached: object) -> None:
     # The order that Flux asks in; whatever is neither is in progress.
     states = [("failed", "Failed"), ("current", "Current")]
     job = {"status": world.status()}
-    text = next((state for key, state in states if cel.evaluate(check[key], job)), "InProgress")
-    assert text == EXPECTED[reached][0]
+    found = next((state for key, state in states if cel.evaluate(check[key], job)), "InProgress")
+    assert found == EXPECTED[reached][0]
 
 
 def test_argo_cd_sees_the_conditions_that_end_or_rest_a_job() -> None:

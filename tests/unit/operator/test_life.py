@@ -304,12 +304,12 @@ async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> No
     await world.reconcile(after=29)
     assert world.reason("Running") == "False/Unschedulable"
     await world.reconcile(after=1)
-    reported, writes = world.message("Running"), world.api.calls.count("patch status")
-    assert reported.endswith("1 pod is being stopped; what is done is kept.")
+    message, writes = world.message("Running"), world.api.calls.count("patch status")
+    assert message.endswith("1 pod is being stopped; what is done is kept.")
     world.deliver(waiting.deleting(gone_by="2026-11-20T04:10:40Z"))
     for _ in range(20):
         await world.reconcile(after=1)
-    assert world.message("Running") == reported
+    assert world.message("Running") == message
     assert world.api.calls.count("patch status") == writes
     gone(world, "x-1-driver")
     await world.reconcile(after=1)

@@ -63,16 +63,16 @@ def test_a_line_that_nobody_thought_of_fails(log: Path, line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "reports"),
+    ("what", "message"),
     [
         ({"alive": False}, "has ended"),
         ({"faults": 1.0}, "met a fault"),
         ({"faults": None}, "does not answer"),
     ],
 )
-def test_an_operator_that_died_or_met_a_fault_fails(log: Path, what: Json, reports: str) -> None:
+def test_an_operator_that_died_or_met_a_fault_fails(log: Path, what: Json, message: str) -> None:
     looked = health(log, **what)
-    with pytest.raises(UnhealthyError, match=reports):
+    with pytest.raises(UnhealthyError, match=message):
         looked.check()
     looked.stop()
 
@@ -91,9 +91,9 @@ def test_a_probe_that_failed_once_fails(log: Path) -> None:
 )
 def test_a_canary_has_to_pass(complete: str, passed: str, right: bool) -> None:
     failed = "False" if complete == "True" else "True"
-    holds = {"Complete": complete, "Failed": failed, "Passed": passed}
-    reports = [{"type": type_, "status": status} for type_, status in holds.items()]
-    status = {"phase": "x", "conditions": reports}
+    states = {"Complete": complete, "Failed": failed, "Passed": passed}
+    conditions = [{"type": type_, "status": status} for type_, status in states.items()]
+    status = {"phase": "x", "conditions": conditions}
     if right:
         Canaries._judge(status)
         return
@@ -126,6 +126,6 @@ def test_the_figures_are_reported() -> None:
     for what in ("written", "written", "accepted", "crd written", "refused"):
         tally.add(what)
     tally.end("Failed/SpecInvalid")
-    reports = tally.lines()
-    assert reports[0] == "manifests: 2 written, 1 accepted (50%), 1 refused by admission"
-    assert "jobs that ended: 1: Failed/SpecInvalid 1" in reports
+    lines = tally.lines()
+    assert lines[0] == "manifests: 2 written, 1 accepted (50%), 1 refused by admission"
+    assert "jobs that ended: 1: Failed/SpecInvalid 1" in lines
