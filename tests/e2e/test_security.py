@@ -141,7 +141,7 @@ def test_accounts_of_jobs_reach_nothing_else(namespace: str) -> None:
         assert can("bagpipe-executor", verb, what) == "no"
 
 
-def test_a_stack_that_wants_to_be_root_is_told_who_refuses_it(namespace: str) -> None:
+def test_a_stack_that_wants_to_be_root_learns_who_refuses_it(namespace: str) -> None:
     job = jobs.make_job("root", stack={"securityContext": {"runAsNonRoot": False, "runAsUser": 0}})
     with jobs.applied(namespace, job) as name:
 

@@ -52,7 +52,7 @@ class Health:
     def check(self) -> None:
         """Raises UnhealthyError for all that has happened since the last time."""
         if not self.operator.server.alive:
-            raise UnhealthyError(f"the operator has ended:\n{self.operator.said()[-_AFTER:]}")
+            raise UnhealthyError(f"the operator has ended:\n{self.operator.logged()[-_AFTER:]}")
         if self.worst:
             raise UnhealthyError(f"the probe of life failed: {self.worst}")
         self._read_log(self.operator.log)

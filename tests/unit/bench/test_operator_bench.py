@@ -43,19 +43,19 @@ def test_a_rate_counts_from_the_first_begin_to_the_last_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "now", "expected"),
+    ("reported", "now", "expected"),
     [
-        (None, 13.0, 3.0),  # the driver has run for 3 s, and nothing is told
+        (None, 13.0, 3.0),  # the driver has run for 3 s, and nothing is reported
         (0, 10.9, 0.0),  # the count is still 0
         (0, 12.5, 1.5),  # it became 1 at 11.0
         (2, 12.5, 0.0),
         (2, 15.0, 2.0),  # it became 3 at 13.0
     ],
 )
-def test_a_status_is_stale_from_the_first_change_it_does_not_tell(
-    told: int | None, now: float, expected: float
+def test_a_status_is_stale_from_the_first_change_it_does_not_show(
+    reported: int | None, now: float, expected: float
 ) -> None:
-    assert staleness(now, 10.0, told, 1.0) == pytest.approx(expected)
+    assert staleness(now, 10.0, reported, 1.0) == pytest.approx(expected)
 
 
 def test_fake_drivers_answer_by_address(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -221,9 +221,9 @@ def test_a_load_that_fails_costs_the_others_nothing(
     monkeypatch.setenv("BENCH_LOADS", "one,two,three")
     monkeypatch.delenv("BENCH_SCALE", raising=False)
     assert run.main(["operator"]) == 1
-    said = capsys.readouterr().out
-    assert said.count("two gave no rows: TimeoutError: not within 120 s") == 2
-    assert said.endswith("not within 120 s\n")
+    output = capsys.readouterr().out
+    assert output.count("two gave no rows: TimeoutError: not within 120 s") == 2
+    assert output.endswith("not within 120 s\n")
     kept = json.loads((tmp_path / "operator.json").read_text())
     assert [row["ours"] for row in kept["rows"]] == [[4.0]]
 
