@@ -9,7 +9,7 @@ from rich.console import Console
 from bagpipe.cli.cluster.faults import ClusterError
 from bagpipe.cli.cluster.following import PATIENCE_SECONDS, TimedOutError, states
 from bagpipe.cli.cluster.state import JobState
-from bagpipe.cli.cluster.watching import followed, tell_end
+from bagpipe.cli.cluster.watching import followed, show_end
 from tests.unit.cli.cluster_objects import Answer, FakeClock, FaultySource, a_job, ended, running
 
 AWAY = ClusterError("the cluster does not answer", passing=True)
@@ -146,8 +146,8 @@ def test_the_hint_of_ctrl_c_can_be_copied(
 def test_the_hints_at_a_job_s_end_can_be_copied(capsys: pytest.CaptureFixture[str]) -> None:
     with click.Context(click.Command("watch"), info_name="kubectl bagpipe") as context:
         context.params["context"] = "lab"
-        tell_end(JobState.of(ended("Failed")), Console(width=40))
-        tell_end(JobState.of(ended("")), Console(width=40))
+        show_end(JobState.of(ended("Failed")), Console(width=40))
+        show_end(JobState.of(ended("")), Console(width=40))
     said = capsys.readouterr().out
     place = "-n robots --context lab"
     assert f"why: kubectl bagpipe results job/nightly {place} --failed\n" in said

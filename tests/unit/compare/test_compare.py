@@ -247,7 +247,7 @@ def test_a_case_of_several_rounds_goes_by_the_name_of_its_first_one() -> None:
     assert found.missing == ["a-0003-released-r0", "a-0004-released-r0"]
     assert found.message == (
         "2 regressed (1 failed, 1 missing), 1 fixed, 1 flaky of 3 cases;"
-        " not to be told in rounds: passed; 2 missing"
+        " undecided in rounds: passed; 2 missing"
     )
 
 
@@ -257,7 +257,7 @@ def test_the_message_names_the_criteria_that_moved() -> None:
     few = only([each for each in criteria_of(delay=1.0) if int(each["fragment"][2:]) < 3])
     assert (few.verdict, few.message) == (
         "same",
-        "no case changed of 3 cases; not to be told in delay",
+        "no case changed of 3 cases; undecided in delay",
     )
 
 

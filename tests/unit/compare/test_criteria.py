@@ -58,7 +58,7 @@ def test_few_recordings_are_no_evidence_and_say_how_many_would_be() -> None:
     [criterion] = with_latency(0.5, cases=4).criteria
     assert criterion.verdict == "unknown"
     assert criterion.message == (
-        "+0.495 s in 4 pairs of 4 recordings: 5 recordings are needed to tell that from chance"
+        "+0.495 s in 4 pairs of 4 recordings: 5 recordings are needed to rule out chance"
     )
     [criterion] = with_latency(0.5, cases=5).criteria
     # All five have gone up: by chance in one of 32 comparisons, which counts 5/4 of itself since

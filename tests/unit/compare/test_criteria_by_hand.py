@@ -64,7 +64,7 @@ def test_one_recording_is_told_in_the_singular_and_has_no_effect() -> None:
     found = alone(1)
     assert found == CriterionComparison(
         "delay", "unknown", 1, 1, 10.0, 11.0, 1.0, None, None, None, None, "s",
-        "+1 s in 1 pair of 1 recording: 5 recordings are needed to tell that from chance",
+        "+1 s in 1 pair of 1 recording: 5 recordings are needed to rule out chance",
     )  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_more_criteria_take_more_recordings() -> None:
     five = judged([of(1, 2, 3, 4, 5), of(2, 2, 2, 2, 2)])
     assert [one.verdict for one in five] == ["unknown"] * 2
     assert five[0].message == (
-        "+3 s in 5 pairs of 5 recordings: 6 recordings are needed to tell that from chance"
+        "+3 s in 5 pairs of 5 recordings: 6 recordings are needed to rule out chance"
     )
     six = judged([of(1, 2, 3, 4, 5, 6), of(2, 2, 2, 2, 2, 2)])
     assert [one.verdict for one in six] == ["worse"] * 2

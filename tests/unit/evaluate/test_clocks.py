@@ -144,9 +144,9 @@ def in_frame(entry: Any, frame: str) -> Any:
 @pytest.mark.parametrize(
     ("frames", "named_so"),
     [
-        (["base_link"] * 50, "/pose is said in the frame base_link and /truth in the frame map"),
-        ([""] * 50, "/pose is said in no frame and /truth in the frame map"),
-        (["map"] * 25 + ["odom"] * 25, "/pose is said in the frame map, then odom and /truth in"),
+        (["base_link"] * 50, "/pose is in the frame base_link and /truth in the frame map"),
+        ([""] * 50, "/pose is in no frame and /truth in the frame map"),
+        (["map"] * 25 + ["odom"] * 25, "/pose is in the frame map, then odom and /truth in"),
         (["/map"] * 50, ""),
     ],
 )
