@@ -295,12 +295,12 @@ def test_a_full_volume_is_tried_again_and_then_passes(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = NewFile.write
-    said = [OSError(errno.ENOSPC, "No space left on device")]
+    errors = [OSError(errno.ENOSPC, "No space left on device")]
 
     def write(file: NewFile, data: bytes) -> None:
-        if said:
+        if errors:
             with storage_errors(file.uri, "written"):
-                raise said.pop()
+                raise errors.pop()
         real(file, data)
 
     monkeypatch.setattr(attempts_module, "FULL_VOLUME_PAUSES", (0.0,) * 6)

@@ -82,7 +82,7 @@ def test_what_was_seen_first_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (seen.pod_created, seen.pod_running) == ({"one": 1.0}, {"one": 2.0})
     assert seen.drivers.running_since == {"127.64.0.1": 2.0}
     seen.take_job("MODIFIED", job("one") | {"status": ended_status("one")})
-    assert (seen.accepted, seen.running_told, seen.passed) == (
+    assert (seen.accepted, seen.running_reported, seen.passed) == (
         {"one": 4.0}, {"one": 4.0}, {"one": 96},
     )  # fmt: skip
 
