@@ -33,7 +33,7 @@ class Tally:
         of = self.counts
         written = of["written"]
         shares = [
-            f"{label}:  {of[f'{phase} written']} written, "
+            f"{label}: {of[f'{phase} written']} written, "
             + self._share(f"{phase} accepted", of[f"{phase} written"])
             for phase, label in PHASES.items()
         ]

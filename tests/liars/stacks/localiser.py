@@ -2,7 +2,7 @@
 
 It receives poses on /pose and publishes on /answer where that is on the map: twice as far in x, one
 metre to the left, with the stamp of the pose. The first pose that it receives leaves a mark in the
-folder LIAR_MARKS,  by which the test knows that this stack has really run.
+folder LIAR_MARKS, by which the test knows that this stack has really run.
 """
 
 import os

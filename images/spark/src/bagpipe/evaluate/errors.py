@@ -12,7 +12,7 @@ from bagpipe.evaluate.matching import Matched, Pair, matched
 from bagpipe.evaluate.model import Error, FinalPose
 from bagpipe.evaluate.window import TopicMessages, messages_of, samples
 
-# Fewer pairs say nothing of a course; one pair is enough for its end.
+# Fewer pairs are no evidence of the errors over time; one pair is enough for the last error.
 _LEAST_PAIRS = 2
 # How far the length of a heading's quaternion may be from 1.
 _QUATERNION = 0.1

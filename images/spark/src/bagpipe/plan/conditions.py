@@ -35,7 +35,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Every condition of a job with the part of a case's name that is its own."""
+    """Every condition of a job with the part of a case's name that distinguishes it."""
 
     named: list[tuple[str, Conditions]]
     expansion: Expansion | None = None
