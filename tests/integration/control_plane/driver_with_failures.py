@@ -71,10 +71,10 @@ def playing(number: int) -> Script:
         agent.greet(outgoing)
         threading.Event().wait(0.1)
         sent = result(number, case["playback"]["mode"] == "lockstep")
-        agent.tell(outgoing, FrameType.RESULT, sent)
-        agent.tell(outgoing, FrameType.FILE, {"name": "case.bag", "size": 0})
+        agent.send(outgoing, FrameType.RESULT, sent)
+        agent.send(outgoing, FrameType.FILE, {"name": "case.bag", "size": 0})
         digest = agent._encoder.digest
-        agent.tell(outgoing, FrameType.END, {"files": 1, "bytes": 0, "digest": digest})
+        agent.send(outgoing, FrameType.END, {"files": 1, "bytes": 0, "digest": digest})
 
     return script
 

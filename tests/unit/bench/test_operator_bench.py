@@ -82,7 +82,7 @@ def test_what_was_seen_first_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (seen.pod_created, seen.pod_running) == ({"one": 1.0}, {"one": 2.0})
     assert seen.drivers.running_since == {"127.64.0.1": 2.0}
     seen.take_job("MODIFIED", job("one") | {"status": ended_status("one")})
-    assert (seen.accepted, seen.running_told, seen.passed) == (
+    assert (seen.accepted, seen.running_reported, seen.passed) == (
         {"one": 4.0}, {"one": 4.0}, {"one": 96},
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ async def test_a_peer_that_does_not_run_leaves_its_side_empty(
     assert "left out: kubeflow/spark-operator v2.3.0: no Java" in capsys.readouterr().err
 
 
-async def test_a_watch_goes_on_where_it_was_and_tells_why_it_broke(
+async def test_a_watch_goes_on_where_it_was_and_reports_why_it_broke(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def at_once(_seconds: float) -> None:
@@ -178,7 +178,7 @@ def test_the_bench_is_called_by_its_name_and_not_by_its_parts() -> None:
     assert [name for name in found if name.startswith("operator_")] == []
 
 
-def test_the_versions_told_are_those_that_are_built() -> None:
+def test_the_versions_reported_are_those_that_are_built() -> None:
     modules = Path(__file__).parents[2] / "cluster"
     kwok = (modules / "kwok/go.mod").read_text()
     assert f"sigs.k8s.io/kwok {operator_bench.KWOK_VERSION} " in kwok
