@@ -164,7 +164,7 @@ class MemoryBagWriter:
         callerid: str | None = None,
         latching: bool = False,
     ) -> None:
-        """Appends a serialised message; what is said beside it decides its connection.
+        """Appends a serialised message; its connection follows from the other arguments.
         Raises BagError when the bag would exceed its budget; it can still be finished then."""
     @property
     def message_count(self) -> int:

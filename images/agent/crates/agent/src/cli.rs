@@ -66,15 +66,15 @@ pub enum Verb {
           --record '/lane/.*' --output answers.bag\n\n\
         The master must run already. Nothing is sent before every named topic has a\n\
         subscriber; what each of them received is asked of the nodes themselves. The exit\n\
-        status is 1 if any of them lost a message in any round. A master that is started\n\
-        anew on the way is registered with again.")]
+        status is 1 if any of them lost a message in any round. If the master is restarted\n\
+        meanwhile, the player registers with it again.")]
     Play(Box<PlayOptions>),
     /// Record topics of a running ROS 1 graph until Ctrl-C, without dropping any message.
     #[command(after_help = "Examples:\n  \
         bagpipe-agent record --output drive.bag '/camera/.*' /tf /tf_static\n  \
         bagpipe-agent record --output all.bag --exclude '.*/compressed' --split-duration 60\n\n\
         Bags are made in memory and written whole, the last one after Ctrl-C or SIGTERM.\n\
-        A master that is started anew on the way is registered with again.")]
+        If the master is restarted meanwhile, the recorder registers with it again.")]
     Record(RecordOptions),
     /// Write a part of a bag, by time and topic, as a bag of its own.
     Slice(slice::Options),

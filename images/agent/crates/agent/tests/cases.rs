@@ -1,4 +1,4 @@
-//! Whole cases against a real rosmaster: what a stack does wrong is told, and nothing that
+//! Whole cases against a real rosmaster: what a stack does wrong is reported, and nothing that
 //! it started is left.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -129,7 +129,7 @@ fn two_slots_run_at_once() {
 }
 
 #[test]
-fn a_stack_that_crashes_is_told_with_its_last_words() {
+fn a_stack_that_crashes_is_reported_with_its_last_words() {
     if without_ros() {
         return;
     }
@@ -169,7 +169,7 @@ fn a_command_that_is_not_there_is_named() {
 }
 
 #[test]
-fn an_image_without_rosmaster_is_told_what_to_install() {
+fn an_image_without_rosmaster_is_refused_with_what_to_install() {
     let agent = Agent::start_with(1, &[], |command| {
         command.env("PATH", "/nowhere");
     });
@@ -182,7 +182,7 @@ fn an_image_without_rosmaster_is_told_what_to_install() {
 }
 
 #[test]
-fn a_rosmaster_that_fails_is_told_with_its_last_words() {
+fn a_rosmaster_that_fails_is_reported_with_its_last_words() {
     let folder = tempfile::tempdir().unwrap();
     let fake = folder.path().join("rosmaster");
     std::fs::write(&fake, "#!/bin/sh\necho 'No module named rosgraph' >&2\nexit 1\n").unwrap();

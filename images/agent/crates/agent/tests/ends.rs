@@ -16,20 +16,20 @@ from std_msgs.msg import String
 name, ends_at, way = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 rospy.init_node(name)
 out = rospy.Publisher("/echo", String, queue_size=1000)
-heard = [0]
+received = [0]
 def end():
-    if way == "fails" and "TELL" in os.environ:
-        with open(os.environ["TELL"] + ".part", "w") as file:
+    if way == "fails" and "ADDRESS" in os.environ:
+        with open(os.environ["ADDRESS"] + ".part", "w") as file:
             file.write(rospy.get_node_uri())
-        os.rename(os.environ["TELL"] + ".part", os.environ["TELL"])
+        os.rename(os.environ["ADDRESS"] + ".part", os.environ["ADDRESS"])
     print(name + " has had enough", file=sys.stderr, flush=True)
     if way == "segfault":
         os.kill(os.getpid(), signal.SIGSEGV)
     os._exit(3) if way == "fails" else rospy.signal_shutdown("done")
 def answer(message):
     out.publish(message.data)
-    heard[0] += 1
-    if heard[0] == ends_at:
+    received[0] += 1
+    if received[0] == ends_at:
         threading.Timer(0.05, end).start()
 rospy.Subscriber("/chatter", String, answer, queue_size=1000)
 open(os.path.dirname(__file__) + "/" + name, "w").close()
@@ -53,12 +53,12 @@ while True:
 END
 exec /usr/bin/python3 "$ROS_HOME/launch.py" "$ROS_HOME" "#;
 
-/// Answers `getPid` where a node was, once that one has told its address and is gone.
+/// Answers `getPid` where a node was, once that one has written its address and is gone.
 const STRANGER: &str = r#"
 import os, sys, time, urllib.parse, xmlrpc.server
 deadline = time.monotonic() + 60
 while True:
-    assert time.monotonic() < deadline, "no node told its address"
+    assert time.monotonic() < deadline, "no node wrote its address"
     try:
         where = urllib.parse.urlsplit(open(sys.argv[1]).read())
         server = xmlrpc.server.SimpleXMLRPCServer(("", where.port), logRequests=False)
@@ -85,10 +85,10 @@ fn ends_of(messages: u64, script: &str) -> Vec<(String, String, Option<i64>, Str
     println!("{}", at(&result, "stack.ended"));
     let ended = at(&result, "stack.ended").as_array().unwrap();
     let text = |end: &Value, key: &str| at(end, key).as_str().unwrap().to_owned();
-    let told = ended.iter().map(|end| {
+    let found = ended.iter().map(|end| {
         (text(end, "cause"), text(end, "name"), at(end, "signal").as_i64(), text(end, "message"))
     });
-    told.collect()
+    found.collect()
 }
 
 fn realtime(agent: &Agent, messages: u64, script: &str, allow: &[&str]) -> Value {
@@ -135,10 +135,11 @@ fn a_stranger_at_the_address_of_a_node_that_ended_is_not_taken_for_it() {
     }
     // A node of another slot, say: the kernel gives the same port again as soon as it is free.
     let folder = tempfile::tempdir().unwrap();
-    let told = folder.path().join("uri");
-    let stranger = Command::new("/usr/bin/python3").args(["-c", STRANGER]).arg(&told).spawn();
+    let address = folder.path().join("uri");
+    let stranger = Command::new("/usr/bin/python3").args(["-c", STRANGER]).arg(&address).spawn();
     let mut stranger = stranger.unwrap();
-    let ended = ends_of(800, &format!("export TELL={}\n{LAUNCH}100 fails keep", told.display()));
+    let ended =
+        ends_of(800, &format!("export ADDRESS={}\n{LAUNCH}100 fails keep", address.display()));
     let answered = std::fs::read_to_string(folder.path().join("uri.answered"));
     stranger.kill().unwrap();
     stranger.wait().unwrap();

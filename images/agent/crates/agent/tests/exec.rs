@@ -59,7 +59,7 @@ fn many_files_and_the_programs_own_result_come_back() {
     let agent = Agent::start(1);
     let folder = tempfile::tempdir().unwrap();
     let mut frames =
-        vec![said(&[("outcome", "failed".into()), ("figures", map(&[("a", 1.5.into())]))])];
+        vec![result(&[("outcome", "failed".into()), ("figures", map(&[("a", 1.5.into())]))])];
     for number in 0..500u64 {
         frames.push(file(&format!("track-{number}.csv"), number));
         if number > 0 {

@@ -1,4 +1,4 @@
-//! What programs of the exec engine do wrong is told, and nothing that they started is left.
+//! What programs of the exec engine do wrong is reported, and nothing that they started is left.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod worker;
@@ -10,7 +10,7 @@ use worker::exec::*;
 use worker::*;
 
 #[test]
-fn a_program_that_ends_early_or_badly_is_told_with_its_last_words() {
+fn a_program_that_ends_early_or_badly_is_reported_with_its_last_words() {
     let agent = Agent::start(1);
     let abort = refusal(&agent, "echo 'no such road' >&2; exit 3");
     assert_eq!((&*abort.reason, abort.exit_status), ("StackCrashed", Some(3)));
@@ -65,8 +65,8 @@ fn frames_that_break_the_rules_are_refused() {
         (vec![file("a", 2), data(b"x")], "StackProtocolError", "is to have 2 bytes, and 1 came"),
         (vec![file("a", 1), data(b"xy")], "StackProtocolError", "more than its 1 bytes"),
         (vec![file("a", 1 << 31)], "RecorderBudgetExceeded", "1073741824 bytes in all"),
-        (vec![said(&[("x", f64::NAN.into())])], "StackProtocolError", "RESULT.x is NaN"),
-        (vec![said(&[]), said(&[])], "StackProtocolError", "a second RESULT came"),
+        (vec![result(&[("x", f64::NAN.into())])], "StackProtocolError", "RESULT.x is NaN"),
+        (vec![result(&[]), result(&[])], "StackProtocolError", "a second RESULT came"),
         (
             vec![(FrameType::Abort, to_map(&map(&[("message", "no licence".into())])).unwrap())],
             "StackAborted",
@@ -129,7 +129,7 @@ fn a_daemon_that_a_good_program_leaves_behind_is_gone_after_the_case() {
 }
 
 #[test]
-fn a_program_that_never_exits_after_end_is_told_so() {
+fn a_program_that_never_exits_after_end_is_reported() {
     let agent = Agent::start(1);
     let abort = run(&agent, "cat; exec sleep 1000", &[("drain", 0.5)], b"x").abort.unwrap();
     assert_eq!(abort.reason, "StackNeverExited");

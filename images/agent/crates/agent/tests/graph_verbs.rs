@@ -85,8 +85,9 @@ fn play_reads_bags_without_an_index_damaged_and_of_format_1_2() {
         let output = command.output().unwrap();
         let text = String::from_utf8(output.stdout).unwrap();
         assert!(text.contains(&format!("{count} received, 0 dropped")), "{name}: {text}");
-        let said = String::from_utf8(output.stderr).unwrap();
-        assert_eq!(said.contains("are lost; the rest is played"), name == "damaged", "{said}");
+        let errors = String::from_utf8(output.stderr).unwrap();
+        let warned = errors.contains("are lost; the rest is played");
+        assert_eq!(warned, name == "damaged", "{errors}");
     }
 }
 
@@ -203,7 +204,7 @@ fn record_chooses_by_expression_and_splits_by_time_as_debian_s_rosbag_reads() {
     let mut recorder = graph.spawn(AGENT, &arguments);
     let noise = ["play", bag, "--remap", "/chatter:=/robot/noise", "--subscribe-timeout", "2"];
     let output = graph.command(AGENT, &noise).output().unwrap();
-    assert!(!output.status.success(), "somebody heard what is excluded");
+    assert!(!output.status.success(), "somebody received what is excluded");
     graph.run(AGENT, &["play", bag, "--prefix", "robot"]);
     interrupt(&mut recorder);
     recorder.wait_for("100 messages, ");
@@ -227,7 +228,8 @@ fn debian_s_rosbag_records_what_we_play_and_we_record_what_it_plays() {
     // The program behind `rosbag record`: it ends with its own Ctrl-C, not with its parent's.
     let arguments = ["--output-name", theirs.to_str().unwrap(), "/chatter"];
     let mut recorder = graph.spawn("/usr/lib/rosbag/record", &arguments);
-    // It subscribes with queues of 100: at full speed it would lose some, and be told of.
+    // It subscribes with queues of 100: at full speed it would lose some, and the play would
+    // report that.
     let played = graph.run(AGENT, &["play", bag.to_str().unwrap(), "--rate", "1"]);
     assert!(played.contains("200 received, 0 dropped"), "{played}");
     interrupt(&mut recorder);

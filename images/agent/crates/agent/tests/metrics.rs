@@ -1,4 +1,4 @@
-//! GET /metrics of `serve`: what it tells during cases and after them, to Prometheus' own reader,
+//! GET /metrics of `serve`: its figures during cases and after them, for Prometheus' own reader,
 //! and what hostile peers of it can do, which is nothing.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -109,9 +109,9 @@ fn judged(page: &str) -> Option<String> {
         .spawn()
         .expect("promtool is needed: `make preflight-all` installs it");
     program.stdin.take().unwrap().write_all(page.as_bytes()).unwrap();
-    let said = program.wait_with_output().unwrap();
-    let words = [said.stdout, said.stderr].concat();
-    let fine = said.status.success() && words.is_empty();
+    let output = program.wait_with_output().unwrap();
+    let words = [output.stdout, output.stderr].concat();
+    let fine = output.status.success() && words.is_empty();
     (!fine).then(|| String::from_utf8_lossy(&words).into_owned())
 }
 
@@ -157,7 +157,7 @@ fn a_replay_is_seen_while_it_runs_and_counted_when_it_has_ended() {
     let playing = watched.once("playing", |now| {
         now.of("played_messages_total") > 0.0 && now.of("recorded_bytes_total") > 0.0
     });
-    // Of twelve seconds that it plays somebody tells twice a second how far it is.
+    // It plays for twelve seconds, and its progress is reported twice a second.
     assert!(playing.of("played_messages_total") < 300.0);
     assert_eq!(playing.of("fragment_received_bytes_total"), bag.len() as f64);
     assert!(playing.of("recordings_size_bytes") > 0.0);
@@ -208,8 +208,8 @@ fn each_wait_of_lockstep_is_counted() {
     let waits = "lockstep_wait_seconds";
     assert_eq!(after.of(&format!("{waits}_count")), 120.0);
     assert_eq!(after.of(&format!("{waits}_bucket{{le=\"+Inf\"}}")), 120.0);
-    let said = at(&result, "playback.steps.0.waited_seconds").as_f64().unwrap();
-    assert!((after.of(&format!("{waits}_sum")) - said).abs() < 1e-6);
+    let waited = at(&result, "playback.steps.0.waited_seconds").as_f64().unwrap();
+    assert!((after.of(&format!("{waits}_sum")) - waited).abs() < 1e-6);
     assert_eq!(after.of("lockstep_unanswered_total"), 0.0);
     assert!((after.of("replay_unpaced_bag_seconds_total") - 1.19).abs() < 1e-6);
     assert_eq!(after.of("replay_due_seconds_total"), 0.0);

@@ -48,11 +48,11 @@ fn two_bags_are_one_and_each_round_has_its_own_ledger_and_recording() {
     let mut arguments = vec!["play", &long, &short, "--immediate", "--wait-for", "words"];
     arguments.extend(["--repeat", "3", "--json"]);
     arguments.extend(["--record", "/answer", "--output", "answers.bag"]);
-    let said = graph.run(AGENT, &arguments);
-    let rounds: Vec<&str> = said.lines().collect();
-    assert_eq!(rounds.len(), 3, "{said}");
+    let output = graph.run(AGENT, &arguments);
+    let rounds: Vec<&str> = output.lines().collect();
+    assert_eq!(rounds.len(), 3, "{output}");
     let ledger = r#""ledger":{"sent":70,"lead_in":0,"received":70,"dropped":0"#;
-    assert!(rounds.iter().all(|round| round.contains(ledger)), "{said}");
+    assert!(rounds.iter().all(|round| round.contains(ledger)), "{output}");
     // Both bags have a message at each of the first 20 times.
     let twice = (0..20).flat_map(|number| [number, number]);
     let expected: Vec<String> =
@@ -78,13 +78,13 @@ fn a_round_that_lost_something_is_named_and_makes_the_status_1() {
     });
     let output = graph.command(AGENT, &["play", &bag, "--repeat", "2"]).output().unwrap();
     leaver.wait_for("leaving 10");
-    let (told, complaint) = (String::from_utf8(output.stdout), String::from_utf8(output.stderr));
-    let (told, complaint) = (told.unwrap(), complaint.unwrap());
-    assert_eq!(output.status.code(), Some(1), "{told}{complaint}");
-    let (first, second) = told.split_once("round 2 of 2\n").unwrap();
+    let (report, complaint) = (String::from_utf8(output.stdout), String::from_utf8(output.stderr));
+    let (report, complaint) = (report.unwrap(), complaint.unwrap());
+    assert_eq!(output.status.code(), Some(1), "{report}{complaint}");
+    let (first, second) = report.split_once("round 2 of 2\n").unwrap();
     assert!(first.starts_with("round 1 of 2\n60 messages in ") && first.contains("/leaver"));
     assert!(second.starts_with("60 messages in ") && second.contains("60 received, 0 dropped"));
-    assert!(!second.contains("/leaver"), "{told}");
+    assert!(!second.contains("/leaver"), "{report}");
     let losses = complaint.trim_end().rsplit(": lost were ").next().unwrap();
     assert!(losses.ends_with(" in round 1 of 2") && !losses.contains(','), "{complaint}");
 }
@@ -100,9 +100,9 @@ fn a_pause_ends_with_each_line_on_stdin() {
     let mut command = graph.command(AGENT, &["play", &bag, "--pause", "/chatter"]);
     let mut player = command.args(["--wait-for", "words"]).stdin(Stdio::piped()).spawn().unwrap();
     let mut stdin = player.stdin.take().unwrap();
-    let mut said = BufReader::new(player.stderr.take().unwrap()).lines();
+    let mut errors = BufReader::new(player.stderr.take().unwrap()).lines();
     for number in 0..2 {
-        let line = said.next().unwrap().unwrap();
+        let line = errors.next().unwrap().unwrap();
         assert_eq!(line, "paused before a message of /chatter; Enter goes on");
         assert!(!words.lines().contains(&format!("word message {number}")));
         stdin.write_all(b"\n").unwrap();

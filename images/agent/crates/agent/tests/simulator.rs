@@ -72,8 +72,8 @@ fn next(link: &mut Duplex) -> OwnedFrame {
     }
 }
 
-/// The agent's turn: what the stack said.
-fn said(link: &mut Duplex) -> Vec<Value> {
+/// The agent's turn: the stack's messages in ANSWER.
+fn answered(link: &mut Duplex) -> Vec<Value> {
     let frame = next(link);
     assert_eq!(frame.kind, FrameType::Answer, "{}", String::from_utf8_lossy(&frame.payload));
     let fields = rmpv::decode::read_value(&mut &frame.payload[..]).unwrap();
@@ -83,7 +83,7 @@ fn said(link: &mut Duplex) -> Vec<Value> {
 fn refused(wrong: impl Fn(&mut Duplex)) -> String {
     let agent = Agent::start(1);
     let mut link = agent.greet(0, drive(&agent, ECHO));
-    assert!(said(&mut link).is_empty());
+    assert!(answered(&mut link).is_empty());
     wrong(&mut link);
     let abort = answer(&mut link).abort();
     assert_eq!(abort.reason, "ProtocolError");
@@ -98,7 +98,7 @@ fn turns_go_on_until_the_world_ends_and_both_sides_are_recorded() {
     }
     let agent = Agent::start(1);
     let mut link = agent.greet(0, drive(&agent, ECHO));
-    assert!(said(&mut link).is_empty());
+    assert!(answered(&mut link).is_empty());
     for number in 0..3 {
         step(&mut link, (1 + number) * SECOND, 0, text(&format!("turn {number}")));
         let expected = Value::Array(vec![
@@ -106,7 +106,7 @@ fn turns_go_on_until_the_world_ends_and_both_sides_are_recorded() {
             "std_msgs/String".into(),
             Value::Binary(text(&format!("echo of turn {number}"))),
         ]);
-        assert_eq!(said(&mut link), [expected]);
+        assert_eq!(answered(&mut link), [expected]);
     }
     let end = link.encoder().end();
     assert_eq!((end.files, end.bytes), (0, 0));
@@ -117,16 +117,16 @@ fn turns_go_on_until_the_world_ends_and_both_sides_are_recorded() {
     assert_eq!(at(&result, "playback.steps.0.answered").as_u64(), Some(3));
     let bag = Bag::open(MemoryChunkedFile::new(bag)).unwrap();
     let timeline = bag.timeline(|_| true).unwrap();
-    let mut heard = Vec::new();
+    let mut recorded = Vec::new();
     for place in 0..timeline.len() {
         let message = timeline.get(place).unwrap();
         let connection = bag.connections().iter().find(|c| c.id == message.connection).unwrap();
-        heard.push((message.time / SECOND, connection.topic.clone()));
+        recorded.push((message.time / SECOND, connection.topic.clone()));
     }
     let expected: Vec<_> = (1..=3)
         .flat_map(|time| [(time, "/chatter".to_owned()), (time, "/echo".to_owned())])
         .collect();
-    assert_eq!(heard, expected);
+    assert_eq!(recorded, expected);
     let callers: Vec<_> = bag.connections().iter().map(|c| c.caller_id.clone().unwrap()).collect();
     assert_eq!(callers, ["/bagpipe_simulator", "/echo"]);
 }
@@ -138,18 +138,18 @@ fn a_worker_that_leaves_between_turns_frees_the_slot() {
     }
     let agent = Agent::start(1);
     let mut link = agent.greet(0, drive(&agent, ECHO));
-    said(&mut link);
+    answered(&mut link);
     step(&mut link, SECOND, 0, text("the last word"));
-    said(&mut link);
+    answered(&mut link);
     assert!(!agent.left().is_empty());
     drop(link);
     until("nothing is left", Duration::from_secs(60), || agent.left().is_empty());
     let mut link = agent.greet(0, drive(&agent, ECHO));
-    assert!(said(&mut link).is_empty());
+    assert!(answered(&mut link).is_empty());
 }
 
 #[test]
-fn a_stack_that_ends_while_the_worker_thinks_is_told() {
+fn a_stack_that_ends_while_the_worker_thinks_is_reported() {
     if without_ros() {
         return;
     }
@@ -161,7 +161,7 @@ fn a_stack_that_ends_while_the_worker_thinks_is_told() {
         end.display()
     );
     let mut link = agent.greet(0, drive(&agent, &ECHO.replace("rospy.spin()", &dies)));
-    said(&mut link);
+    answered(&mut link);
     std::fs::write(&end, "").unwrap();
     let abort = answer(&mut link).abort();
     assert_eq!((abort.reason.as_str(), abort.exit_status), ("StackCrashed", Some(4)));
@@ -175,7 +175,7 @@ fn time_must_advance() {
     }
     let message = refused(|link| {
         step(link, 2 * SECOND, 0, text("a"));
-        said(link);
+        answered(link);
         step(link, 2 * SECOND, 0, text("b"));
     });
     assert_eq!(

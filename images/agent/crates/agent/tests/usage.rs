@@ -65,13 +65,13 @@ fn the_rosmaster_is_not_the_stack() {
     for _ in 0..2 {
         let (result, _) = agent.run(0, agent.case(NODE, &[]), &chatter(20)).result();
         let stderr = at(&result, "stack.stderr").as_array().unwrap();
-        let said = stderr.iter().filter_map(|line| line.as_str()).find(|l| l.starts_with("used "));
-        let said: Vec<f64> =
-            said.unwrap().split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
-        println!("node: {said:?}, agent: {}", at(&result, "stack.usage"));
+        let line = stderr.iter().filter_map(|line| line.as_str()).find(|l| l.starts_with("used "));
+        let used: Vec<f64> =
+            line.unwrap().split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
+        println!("node: {used:?}, agent: {}", at(&result, "stack.usage"));
         let cpu = at(&result, "stack.usage.cpu_seconds").as_f64().unwrap();
-        assert!((-0.03..0.25).contains(&(cpu - said[0])), "{cpu} and {}", said[0]);
+        assert!((-0.03..0.25).contains(&(cpu - used[0])), "{cpu} and {}", used[0]);
         let memory = at(&result, "stack.usage.peak_memory_bytes").as_u64().unwrap() as f64;
-        assert!((0.98..1.02).contains(&(memory / 1024.0 / said[1])), "{memory} and {}", said[1]);
+        assert!((0.98..1.02).contains(&(memory / 1024.0 / used[1])), "{memory} and {}", used[1]);
     }
 }

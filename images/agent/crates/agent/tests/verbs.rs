@@ -80,7 +80,7 @@ fn folder_with(count: u64) -> (tempfile::TempDir, impl Fn(&str) -> String) {
     (folder, path)
 }
 
-fn said(arguments: &[&str]) -> String {
+fn output_of(arguments: &[&str]) -> String {
     let output = agent(arguments);
     assert!(output.status.success(), "{arguments:?}: {output:?}");
     String::from_utf8(output.stdout).unwrap()
@@ -97,16 +97,16 @@ fn slices_merge_into_a_bag_that_checks() {
     let (_folder, path) = folder_with(50);
     let (from, early, late, both) =
         (path("chatter.bag"), path("early.bag"), path("late.bag"), path("both.bag"));
-    let text = said(&["slice", &from, "--end", "0.25", "-o", &early]);
+    let text = output_of(&["slice", &from, "--end", "0.25", "-o", &early]);
     assert_eq!(
         text,
         format!("{early}: 25 messages, 0 latched before them, 0 chunks as they were\n")
     );
-    said(&["slice", &from, "--start", "0.25", "--topic", "/chatter", "-o", &late]);
-    let text = said(&["merge", &late, &early, "--compression", "lz4", "-o", &both]);
+    output_of(&["slice", &from, "--start", "0.25", "--topic", "/chatter", "-o", &late]);
+    let text = output_of(&["merge", &late, &early, "--compression", "lz4", "-o", &both]);
     assert_eq!(text, format!("{both}: 50 messages of 2 bags\n"));
-    assert_eq!(said(&["check", &both]), format!("{both}: 50 whole messages\n"));
-    assert!(said(&["info", &both]).contains("time       100.000000000 to 100.490000000\n"));
+    assert_eq!(output_of(&["check", &both]), format!("{both}: 50 whole messages\n"));
+    assert!(output_of(&["info", &both]).contains("time       100.000000000 to 100.490000000\n"));
     let again = complaint(&["merge", &late, "-o", &both]);
     assert!(again.contains("both.bag is there already; choose another name"), "{again}");
     let none = complaint(&["slice", &from, "--topic", "/none", "-o", &path("none.bag")]);
@@ -124,9 +124,9 @@ fn reindex_saves_what_check_complains_about() {
     assert!(text.contains("nobody can say how many messages are lost"), "{text}");
     let text = complaint(&["slice", &from, "-o", &saved]);
     assert!(text.contains("`bagpipe-agent reindex` saves what is whole"), "{text}");
-    let text = said(&["reindex", &from, "-o", &saved]);
+    let text = output_of(&["reindex", &from, "-o", &saved]);
     assert!(text.contains("damaged at byte 6000"), "{text}");
-    assert!(said(&["check", &saved]).contains("whole messages"));
+    assert!(output_of(&["check", &saved]).contains("whole messages"));
 }
 
 #[test]
@@ -139,7 +139,7 @@ fn bags_without_an_index_and_of_format_1_2_are_read_by_every_verb() {
         let file = |suffix: &str| path(&format!("{name}{suffix}"));
         let (from, part, both) = (file(".bag"), file("-part.bag"), file("-both.bag"));
         std::fs::write(&from, &bytes).unwrap();
-        let text = said(&["info", &from]);
+        let text = output_of(&["info", &from]);
         for line in [
             format!("format     {format}\n"),
             "time       100.000000000 to 100.490000000\n".to_owned(),
@@ -148,12 +148,12 @@ fn bags_without_an_index_and_of_format_1_2_are_read_by_every_verb() {
         ] {
             assert!(text.contains(&line), "{name}: {text}");
         }
-        assert_eq!(said(&["check", &from]), format!("{from}: 50 whole messages\n"));
-        let text = said(&["slice", &from, "--end", "0.25", "-o", &part]);
+        assert_eq!(output_of(&["check", &from]), format!("{from}: 50 whole messages\n"));
+        let text = output_of(&["slice", &from, "--end", "0.25", "-o", &part]);
         assert!(text.contains(": 25 messages, "), "{name}: {text}");
-        let text = said(&["merge", &from, &part, "-o", &both]);
+        let text = output_of(&["merge", &from, &part, "-o", &both]);
         assert_eq!(text, format!("{both}: 75 messages of 2 bags\n"));
-        assert_eq!(said(&["check", &both]), format!("{both}: 75 whole messages\n"));
+        assert_eq!(output_of(&["check", &both]), format!("{both}: 75 whole messages\n"));
         // Cut, both say how much is lost.
         std::fs::write(&from, &bytes[..bytes.len() - behind - 5]).unwrap();
         let text = complaint(&["check", &from]);
@@ -162,8 +162,8 @@ fn bags_without_an_index_and_of_format_1_2_are_read_by_every_verb() {
         let text = complaint(&["slice", &from, "-o", &file("-never.bag")]);
         assert!(text.contains("are lost; `bagpipe-agent reindex` saves"), "{name}: {text}");
         let saved = file("-saved.bag");
-        assert!(said(&["reindex", &from, "-o", &saved]).contains(": 49 messages, "));
-        assert_eq!(said(&["check", &saved]), format!("{saved}: 49 whole messages\n"));
+        assert!(output_of(&["reindex", &from, "-o", &saved]).contains(": 49 messages, "));
+        assert_eq!(output_of(&["check", &saved]), format!("{saved}: 49 whole messages\n"));
     }
 }
 
@@ -171,7 +171,7 @@ fn bags_without_an_index_and_of_format_1_2_are_read_by_every_verb() {
 fn a_memory_budget_holds_for_every_verb_that_reads() {
     let (_folder, path) = folder_with(2_000);
     let (plain, packed, out) = (path("chatter.bag"), path("packed.bag"), path("out.bag"));
-    said(&["slice", &plain, "--end", "19", "--compression", "bz2", "-o", &packed]);
+    output_of(&["slice", &plain, "--end", "19", "--compression", "bz2", "-o", &packed]);
     let small = ["--memory-budget", "1KiB"];
     for arguments in [
         &["check", &packed][..],
@@ -183,7 +183,7 @@ fn a_memory_budget_holds_for_every_verb_that_reads() {
         let expected = "bytes of memory, and the limit leaves 1024; --memory-budget allows more";
         assert!(text.contains(expected), "{arguments:?}: {text}");
         let enough = [arguments, &["--memory-budget", "1MiB"]].concat();
-        said(&enough);
+        output_of(&enough);
         if arguments.contains(&"-o") {
             std::fs::remove_file(&out).unwrap();
         }

@@ -66,7 +66,7 @@ struct ProgramEnd {
 pub struct Record {
     /// Its name, usually a URI.
     pub name: String,
-    /// Bytes; `None` when only the record's end tells.
+    /// Bytes; `None` when the size is not known before the record's end.
     #[serde(default)]
     pub size: Option<u64>,
     /// Its typed fields.

@@ -41,7 +41,7 @@ impl MemoryBag {
         let window = Window { start: start.unwrap_or(0), end: end.unwrap_or(u64::MAX) };
         if window.start > window.end {
             let (start, end) = (window.start, window.end);
-            return Err(self.opened.said(&format!("start {start} lies behind end {end}")));
+            return Err(self.opened.error(&format!("start {start} lies behind end {end}")));
         }
         Ok(window)
     }
@@ -54,7 +54,7 @@ impl MemoryBag {
             None => Ok(()),
             Some(topic) => {
                 let has = self.topics().join(", ");
-                Err(self.opened.said(&format!("the bag has no topic {topic}; it has: {has}")))
+                Err(self.opened.error(&format!("the bag has no topic {topic}; it has: {has}")))
             }
         }
     }
@@ -63,7 +63,7 @@ impl MemoryBag {
     fn whole(&self) -> PyResult<()> {
         match self.opened.bag.loss() {
             None => Ok(()),
-            Some(loss) => Err(self.opened.said(&format!(
+            Some(loss) => Err(self.opened.error(&format!(
                 "byte {}: expected {}; the bag is damaged: `bagpipe-agent reindex` saves what is \
                  whole",
                 loss.offset, loss.description

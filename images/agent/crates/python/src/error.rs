@@ -12,11 +12,11 @@ pyo3::create_exception!(
 
 /// The crate's error as Python's, with the bag's name before it where it has one.
 pub fn raised(name: Option<&str>, error: &bagpipe_rosbag::BagError) -> PyErr {
-    said(name, &error.to_string())
+    bag_error(name, &error.to_string())
 }
 
 /// A sentence as an exception.
-pub fn said(name: Option<&str>, sentence: &str) -> PyErr {
+pub fn bag_error(name: Option<&str>, sentence: &str) -> PyErr {
     match name {
         Some(name) => BagError::new_err(format!("{name}: {sentence}")),
         None => BagError::new_err(sentence.to_owned()),

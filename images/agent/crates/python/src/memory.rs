@@ -71,7 +71,7 @@ impl Opened {
     }
 
     /// A sentence about this bag as an exception.
-    pub fn said(&self, sentence: &str) -> PyErr {
-        error::said(self.name.as_deref(), sentence)
+    pub fn error(&self, sentence: &str) -> PyErr {
+        error::bag_error(self.name.as_deref(), sentence)
     }
 }

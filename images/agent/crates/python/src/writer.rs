@@ -15,7 +15,7 @@ use crate::memory::{Memory, Opened};
 /// How a bag is written, from what Python gives.
 pub fn options(compression: &str, byte_budget: Option<u64>) -> PyResult<WriterOptions> {
     let compression = Compression::from_name(compression.as_bytes()).ok_or_else(|| {
-        error::said(
+        error::bag_error(
             None,
             &format!("the compression is {compression:?}; it can be none, lz4 or bz2"),
         )
@@ -29,8 +29,8 @@ struct Writing {
     connections: HashMap<String, Vec<(Connection, u32)>>,
 }
 
-/// What a message says of its connection, borrowed from Python.
-struct Said<'a> {
+/// The fields of a message's connection, borrowed from Python.
+struct ConnectionFields<'a> {
     topic: &'a str,
     r#type: &'a str,
     md5sum: &'a str,
@@ -39,7 +39,7 @@ struct Said<'a> {
     latching: bool,
 }
 
-impl Said<'_> {
+impl ConnectionFields<'_> {
     fn is(&self, known: &Connection) -> bool {
         self.r#type == known.datatype
             && self.md5sum == known.md5sum
@@ -63,14 +63,15 @@ impl Said<'_> {
 
 impl Writing {
     /// The id of the connection, which is new with its first message.
-    fn id(&mut self, said: &Said<'_>) -> u32 {
-        let of_topic = self.connections.get(said.topic);
-        if let Some((_, id)) = of_topic.and_then(|all| all.iter().find(|(each, _)| said.is(each))) {
+    fn id(&mut self, fields: &ConnectionFields<'_>) -> u32 {
+        let of_topic = self.connections.get(fields.topic);
+        if let Some((_, id)) = of_topic.and_then(|all| all.iter().find(|(each, _)| fields.is(each)))
+        {
             return *id;
         }
-        let connection = said.connection();
+        let connection = fields.connection();
         let id = self.writer.add_connection(&connection);
-        self.connections.entry(said.topic.to_owned()).or_default().push((connection, id));
+        self.connections.entry(fields.topic.to_owned()).or_default().push((connection, id));
         id
     }
 }
@@ -93,11 +94,17 @@ impl MemoryBagWriter {
         self.writing.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn put(&self, py: Python<'_>, said: &Said<'_>, time: u64, data: &[u8]) -> PyResult<()> {
+    fn put(
+        &self,
+        py: Python<'_>,
+        fields: &ConnectionFields<'_>,
+        time: u64,
+        data: &[u8],
+    ) -> PyResult<()> {
         let outcome = py.detach(|| {
             let mut held = self.lock();
             let writing = held.as_mut()?;
-            let id = writing.id(said);
+            let id = writing.id(fields);
             Some(writing.writer.write(id, time, data))
         });
         outcome.ok_or_else(finished)?.map_err(|error| error::raised(None, &error))
@@ -105,7 +112,7 @@ impl MemoryBagWriter {
 }
 
 fn finished() -> PyErr {
-    error::said(None, "the bag is finished; take a new writer to write another")
+    error::bag_error(None, "the bag is finished; take a new writer to write another")
 }
 
 #[pymethods]
@@ -127,11 +134,11 @@ impl MemoryBagWriter {
         callerid: Option<&str>,
         latching: bool,
     ) -> PyResult<()> {
-        let said = Said { topic, r#type, md5sum, definition, callerid, latching };
+        let fields = ConnectionFields { topic, r#type, md5sum, definition, callerid, latching };
         match raw.cast::<PyBytes>() {
-            Ok(bytes) => self.put(py, &said, time_ns, bytes.as_bytes()),
+            Ok(bytes) => self.put(py, &fields, time_ns, bytes.as_bytes()),
             // Another thread may change any other buffer while it is read.
-            Err(_) => self.put(py, &said, time_ns, &PyBuffer::<u8>::get(raw)?.to_vec(py)?),
+            Err(_) => self.put(py, &fields, time_ns, &PyBuffer::<u8>::get(raw)?.to_vec(py)?),
         }
     }
 

@@ -9,25 +9,25 @@ use bagpipe_ros1::Incoming;
 use crate::pairing::Pairing;
 use crate::stamp::{has_header, stamp};
 use crate::time::Time;
-use crate::world::Said;
+use crate::world::LatestMessage;
 
-/// The answers, shared by the recorder, which hears them, and the player, which waits.
+/// The answers, shared by the recorder, which receives them, and the player, which waits.
 #[derive(Debug, Default)]
 pub(crate) struct Answers {
     /// Fixed from the beginning; empty unless the play is in lock-step.
     places: BTreeMap<String, usize>,
-    heard: Mutex<Vec<Heard>>,
+    received: Mutex<Vec<ReceivedAnswers>>,
     more: Condvar,
     /// The latest message on each topic since somebody asked, if anybody ever does.
-    latest: Option<Mutex<BTreeMap<String, Said>>>,
+    latest: Option<Mutex<BTreeMap<String, LatestMessage>>>,
 }
 
-/// What was heard on one topic.
+/// What was received on one topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Heard {
+pub(crate) struct ReceivedAnswers {
     /// Messages, the warm-up's included.
     pub(crate) count: u64,
-    /// The nodes that said them.
+    /// The nodes that published them.
     pub(crate) publishers: BTreeSet<String>,
     /// Whether there was one without a header stamp.
     pub(crate) unstamped: bool,
@@ -36,15 +36,18 @@ pub(crate) struct Heard {
 }
 
 impl Answers {
-    /// Listens for these topics, each of which is once there: name and whether anybody goes by
-    /// its messages' stamps.
+    /// Waits for answers on these topics, each of which is given once: its name, and whether
+    /// answers are matched by their stamps.
     pub(crate) fn new<'a>(topics: impl Iterator<Item = (&'a str, bool)>) -> Answers {
-        let (mut places, mut heard) = (BTreeMap::new(), Vec::new());
+        let (mut places, mut received) = (BTreeMap::new(), Vec::new());
         for (place, (topic, stamped)) in topics.enumerate() {
             places.insert(topic.to_owned(), place);
-            heard.push(Heard { pairing: stamped.then(Pairing::default), ..Heard::default() });
+            received.push(ReceivedAnswers {
+                pairing: stamped.then(Pairing::default),
+                ..ReceivedAnswers::default()
+            });
         }
-        Answers { places, heard: Mutex::new(heard), more: Condvar::new(), latest: None }
+        Answers { places, received: Mutex::new(received), more: Condvar::new(), latest: None }
     }
 
     /// Keeps the latest message on each topic as well, for a simulator.
@@ -52,62 +55,66 @@ impl Answers {
         Answers { latest: Some(Mutex::default()), ..self }
     }
 
-    /// What was said last on each topic since this was asked before, by topic.
-    pub(crate) fn take_latest(&self) -> Vec<Said> {
+    /// The latest message on each topic since the previous call, by topic.
+    pub(crate) fn take_latest(&self) -> Vec<LatestMessage> {
         let Some(latest) = &self.latest else { return Vec::new() };
         let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
         std::mem::take(&mut *latest).into_values().collect()
     }
 
-    /// Takes a message in; others than answers are none of its business.
-    pub(crate) fn hear(&self, incoming: &Incoming<'_>) {
+    /// Takes a message in, and ignores it if it is not on an answer's topic.
+    pub(crate) fn receive(&self, incoming: &Incoming<'_>) {
         let Some(&place) = self.places.get(incoming.topic) else { return };
         if let Some(latest) = &self.latest {
-            let said = Said {
+            let message = LatestMessage {
                 topic: incoming.topic.to_owned(),
                 datatype: incoming.header.text("type").to_owned(),
                 data: incoming.data.to_vec(),
             };
             let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
-            latest.insert(said.topic.clone(), said);
+            latest.insert(message.topic.clone(), message);
         }
-        let mut all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
-        let heard = &mut all[place];
-        heard.count += 1;
+        let mut all = self.received.lock().unwrap_or_else(PoisonError::into_inner);
+        let received = &mut all[place];
+        received.count += 1;
         let publisher = incoming.header.text("callerid");
-        if !heard.publishers.contains(publisher) {
-            heard.publishers.insert(publisher.to_owned());
+        if !received.publishers.contains(publisher) {
+            received.publishers.insert(publisher.to_owned());
         }
-        if let Some(pairing) = &mut heard.pairing {
+        if let Some(pairing) = &mut received.pairing {
             let headed = has_header(incoming.header.text("message_definition"));
             match stamp(incoming.data).filter(|_| headed) {
-                Some(stamp) => pairing.hear(stamp),
-                None => heard.unstamped = true,
+                Some(stamp) => pairing.receive(stamp),
+                None => received.unstamped = true,
             }
         }
         drop(all);
         self.more.notify_all();
     }
 
-    /// Looks at what was heard on a topic until now; `None` if nobody listens for it.
-    pub(crate) fn of<T>(&self, topic: &str, look: impl FnOnce(&mut Heard) -> T) -> Option<T> {
-        let mut all = self.heard.lock().unwrap_or_else(PoisonError::into_inner);
+    /// Looks at what was received on a topic until now; `None` if nobody waits for its messages.
+    pub(crate) fn of<T>(
+        &self,
+        topic: &str,
+        look: impl FnOnce(&mut ReceivedAnswers) -> T,
+    ) -> Option<T> {
+        let mut all = self.received.lock().unwrap_or_else(PoisonError::into_inner);
         self.places.get(topic).map(|place| look(&mut all[*place]))
     }
 
-    /// Waits until what was heard on a topic satisfies, at most for `limit`; whether it did.
+    /// Waits until what was received on a topic satisfies, at most for `limit`; whether it did.
     pub(crate) fn wait(
         &self,
         topic: &str,
         time: &Time,
         limit: Duration,
-        mut satisfied: impl FnMut(&mut Heard) -> bool,
+        mut satisfied: impl FnMut(&mut ReceivedAnswers) -> bool,
     ) -> bool {
         let Some(&place) = self.places.get(topic) else { return false };
         let mut over = false;
         // The last look is after the last message; what satisfies is looked for once, since that
         // may use it up.
-        time.wait_while(&self.heard, &self.more, limit, |all| {
+        time.wait_while(&self.received, &self.more, limit, |all| {
             over = satisfied(&mut all[place]);
             !over
         });

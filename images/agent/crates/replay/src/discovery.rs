@@ -1,4 +1,4 @@
-//! Which topics are to be recorded, and who is in the graph, as the master tells it.
+//! Which topics are to be recorded, and which nodes are in the graph, as the master reports it.
 
 use std::collections::BTreeSet;
 use std::sync::Mutex;
@@ -15,7 +15,7 @@ use crate::time::Time;
 
 /// The time between two looks at our own connections.
 pub(crate) const LOOK: Duration = Duration::from_millis(10);
-/// How long the master may not answer: one that is started anew needs a second or two.
+/// How long the master may not answer: one that is restarted needs a second or two.
 const GONE: Duration = Duration::from_secs(5);
 
 /// Which topics to record, and the search for them.
@@ -115,12 +115,12 @@ impl<'a> Discovery<'a> {
         Ok(others.cloned().collect())
     }
 
-    /// What the user should know of a master that was started anew.
+    /// A warning for the user if the master was restarted.
     pub(crate) fn restarted(&self) -> Option<String> {
         let again = self.master.lock().unwrap_or_else(|e| e.into_inner()).again;
         (again > 0).then(|| {
             format!(
-                "the ROS master was started anew: {again} registrations were made again, and \
+                "the ROS master was restarted: {again} registrations were made again, and \
                  nodes that came before that were found late"
             )
         })
@@ -137,7 +137,7 @@ impl<'a> Discovery<'a> {
     }
 
     /// Whether every publisher of a recorded topic that the master knows is connected.
-    pub(crate) fn hears_everyone(&self, state: &SystemState) -> bool {
+    pub(crate) fn has_every_publisher(&self, state: &SystemState) -> bool {
         self.node.subscribed_topics().iter().all(|topic| {
             let others = others(state.publishers.get(topic), self.node.name()).count();
             self.node.publishers_of(topic) >= others

@@ -76,11 +76,11 @@ impl Drain<'_> {
         // Quiet counts from here: what was received last is not answered yet.
         let begun = watch.now();
         processes.begin();
-        self.await_quiet(begun, |heard| work(proof, processes, &topics, heard), player, watch)
+        self.await_quiet(begun, |received| work(proof, processes, &topics, received), player, watch)
     }
 
     /// Until nothing has come for long enough since `begun`, and nobody works by what `look`
-    /// says; it is told whether something was heard since it was asked before.
+    /// returns; its argument is whether a message was received since the previous call.
     pub(crate) fn await_quiet<O: Outlet>(
         &self,
         begun: Instant,
@@ -100,15 +100,15 @@ impl Drain<'_> {
             let now = watch.now();
             quiet += stood_still(now - before);
             if now >= next {
-                let heard = self.recorder.quiet_for(begun) < now + LOOK - next;
+                let received = self.recorder.quiet_for(begun) < now + LOOK - next;
                 next = now + LOOK;
-                rest = look(heard);
+                rest = look(received);
                 if rest == Rest::Working {
                     quiet = now;
                 }
             }
         }
-        // In the sockets may be what has been said in time and was not taken yet.
+        // The sockets may hold messages that were published in time and not read yet.
         self.node.sweep(SWEEP);
         Ok(())
     }
@@ -134,10 +134,10 @@ fn work(
     proof: &mut Proof,
     processes: &mut Processes,
     topics: &[Arc<Publication>],
-    heard: bool,
+    received: bool,
 ) -> Rest {
     proof.see(topics);
-    let rest = processes.rest(heard);
+    let rest = processes.rest(received);
     if proof.busy(topics) { Rest::Working } else { rest }
 }
 

@@ -27,12 +27,12 @@ pub(crate) fn ledger(
             }
         }
         let subscribers: Vec<_> = nodes.into_values().map(|node| settle(node, sent)).collect();
-        let heard = !subscribers.is_empty();
+        let subscribed = !subscribers.is_empty();
         let topic = LedgerTopic {
             topic: publication.info().topic.clone(),
             datatype: publication.info().datatype.clone(),
-            sent: if heard { sent } else { 0 },
-            lead_in: if heard { played[at].lead_in } else { 0 },
+            sent: if subscribed { sent } else { 0 },
+            lead_in: if subscribed { played[at].lead_in } else { 0 },
             subscribers,
         };
         ledger.sent += topic.sent;

@@ -61,4 +61,4 @@ pub use record::{Keep, RecordRequest, RecordedLive, record};
 pub use replay::{replay, replay_together, simulate};
 pub use request::{AnswerBy, CLOCK_RATE, ReplayRequest, StartWhen, Step, Window};
 pub use stage::{Cancellation, Mode, Progress, Stage};
-pub use world::{Moment, Said, World};
+pub use world::{LatestMessage, Moment, World};

@@ -1,6 +1,6 @@
 //! What the replays of a process do and have done, for whoever looks on from another thread.
 //!
-//! Nothing here is on the way of a message: a replay tells its figures twice a second, at the
+//! Nothing here is on the way of a message: a replay reports its figures twice a second, at the
 //! end of each of its stages, and, in lock-step, when it goes on after an answer.
 
 use std::sync::Arc;
@@ -108,7 +108,7 @@ pub(crate) struct Seen {
     pub(crate) recorded: Figures,
 }
 
-/// One replay's part of a meter: what it has told already, so that only what is new is added.
+/// One replay's part of a meter: what it has reported already, so that only what is new is added.
 #[derive(Debug)]
 pub(crate) struct Tally {
     meter: Arc<Meter>,
@@ -116,7 +116,7 @@ pub(crate) struct Tally {
     rate: Option<f64>,
     sent: u64,
     recorded: Figures,
-    /// While the window is played: bag time and clock time up to which it has told.
+    /// While the window is played: bag time and clock time up to which it has reported.
     window: Option<(u64, Instant)>,
 }
 

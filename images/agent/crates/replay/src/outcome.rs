@@ -27,7 +27,7 @@ pub struct Replayed {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Strength {
-    /// It was written to the subscriber's socket; the subscriber has not said a word.
+    /// It was written to the subscriber's socket; the subscriber has not reported anything.
     #[default]
     Sent,
     /// Its process has read it, and may keep it in a queue.

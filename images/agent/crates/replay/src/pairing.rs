@@ -25,13 +25,13 @@ pub(crate) struct Span {
 /// Answers on one topic, and what they were taken for.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Pairing {
-    /// Stamps that were heard and belong to no input yet.
+    /// Stamps that were received and belong to no input yet.
     pending: VecDeque<u64>,
-    /// The stamp that answered last; the same again is that answer said twice.
+    /// The stamp that answered last; the same again is that answer published twice.
     paired: Option<u64>,
     /// Inputs that were not answered in time.
     missed: VecDeque<u64>,
-    /// Whether an answer was due yet: what is said before that answers nothing.
+    /// Whether an answer was due yet: a message before that answers nothing.
     begun: bool,
     /// Answers that belong to no input.
     unmatched: u64,
@@ -47,7 +47,7 @@ impl Span {
 
 impl Pairing {
     /// Takes an answer's stamp in.
-    pub(crate) fn hear(&mut self, stamp: u64) {
+    pub(crate) fn receive(&mut self, stamp: u64) {
         if self.pending.len() >= KEPT {
             self.pending.pop_front();
             self.unmatched += u64::from(self.begun);
@@ -55,7 +55,7 @@ impl Pairing {
         self.pending.push_back(stamp);
     }
 
-    /// An answer is due from now on. What was heard before belongs to it only if another of
+    /// An answer is due from now on. What was received before belongs to it only if another of
     /// the inputs that are fused was out already.
     pub(crate) fn begin(&mut self, due: Span, fused: bool) {
         if !fused || !self.begun {
@@ -113,8 +113,8 @@ impl Pairing {
 
     fn discard(&mut self, due: Span) {
         for stamp in std::mem::take(&mut self.pending) {
-            let said_twice = self.paired.is_some_and(|paired| near(stamp, paired).is_some());
-            if self.begun && !said_twice {
+            let repeated = self.paired.is_some_and(|paired| near(stamp, paired).is_some());
+            if self.begun && !repeated {
                 self.unmatched += 1;
                 self.strange.get_or_insert((stamp, due));
             }
@@ -138,13 +138,13 @@ mod tests {
         Span { from, to }
     }
 
-    /// Plays (input, answers said to it) by one trigger; how many inputs were answered.
+    /// Plays (input, answers to it) by one trigger; how many inputs were answered.
     fn play(turns: &[(u64, Vec<u64>)]) -> (u64, Pairing) {
         let (mut pairing, mut answered) = (Pairing::default(), 0);
         for (input, answers) in turns {
             let due = at(*input, *input);
             pairing.begin(due, false);
-            answers.iter().for_each(|stamp| pairing.hear(*stamp));
+            answers.iter().for_each(|stamp| pairing.receive(*stamp));
             match pairing.take(due) {
                 true => answered += 1,
                 false => pairing.miss(due),
@@ -186,9 +186,9 @@ mod tests {
         pairing.begin(at(5 * SECOND, 5 * SECOND), false);
         pairing.miss(at(5 * SECOND, 5 * SECOND));
         pairing.begin(at(3 * SECOND, 9 * SECOND), false);
-        pairing.hear(5 * SECOND);
+        pairing.receive(5 * SECOND);
         assert!(!pairing.take(at(3 * SECOND, 9 * SECOND)));
-        pairing.hear(4 * SECOND);
+        pairing.receive(4 * SECOND);
         assert!(pairing.take(at(3 * SECOND, 9 * SECOND)));
     }
 
@@ -204,16 +204,16 @@ mod tests {
             (5 * SECOND - 2_000, false),
         ] {
             pairing.begin(due, false);
-            pairing.hear(stamp);
+            pairing.receive(stamp);
             assert_eq!(pairing.take(due), answers, "{stamp}");
             pairing.miss(due);
         }
     }
 
     #[test]
-    fn what_is_said_before_the_first_input_or_twice_is_no_reason_to_warn() {
+    fn an_answer_before_the_first_input_or_published_twice_is_no_reason_to_warn() {
         let mut pairing = Pairing::default();
-        pairing.hear(77);
+        pairing.receive(77);
         assert_eq!(pairing.end(), 0);
         let (answered, pairing) = play(&[(5, vec![5, 5]), (6_000, vec![6_000, 6_000, 6_000])]);
         assert_eq!((answered, pairing.unmatched, pairing.warning("/a")), (2, 0, None));
@@ -226,7 +226,7 @@ mod tests {
             let mut pairing = Pairing::default();
             pairing.begin(at(1, 1), fused);
             pairing.miss(at(1, 1));
-            pairing.hear(5 * SECOND);
+            pairing.receive(5 * SECOND);
             pairing.begin(due, fused);
             assert_eq!(pairing.take(due), fused);
         }
@@ -236,7 +236,7 @@ mod tests {
     fn stamps_that_nobody_asks_for_take_no_endless_memory() {
         let mut pairing = Pairing::default();
         pairing.begin(at(1, 1), true);
-        (0..10_000u64).for_each(|number| pairing.hear(SECOND + number * 5_000));
+        (0..10_000u64).for_each(|number| pairing.receive(SECOND + number * 5_000));
         assert_eq!(pairing.pending.len(), KEPT);
         assert_eq!(pairing.end(), 10_000);
     }
@@ -263,9 +263,9 @@ mod tests {
         ) {
             let (answered, pairing) = play(&turns);
             let right = turns.iter().filter(|(input, answers)| answers.contains(input)).count();
-            let said: usize = turns.iter().map(|(_, answers)| answers.len()).sum();
+            let given: usize = turns.iter().map(|(_, answers)| answers.len()).sum();
             prop_assert_eq!(answered, right as u64);
-            prop_assert!(answered + pairing.unmatched <= said as u64);
+            prop_assert!(answered + pairing.unmatched <= given as u64);
             prop_assert_eq!(pairing.unmatched > 0, pairing.strange.is_some());
         }
     }

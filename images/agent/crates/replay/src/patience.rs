@@ -28,7 +28,7 @@ pub(crate) enum Settled {
 /// What a round of questions has found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Round<F> {
-    /// What the nodes said.
+    /// What the nodes reported.
     pub(crate) figures: F,
     /// Whether none of it can change any more.
     pub(crate) complete: bool,

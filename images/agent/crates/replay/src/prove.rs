@@ -22,7 +22,7 @@ pub(crate) struct Proof {
     pids: BTreeMap<String, i32>,
 }
 
-/// What a node said of one connection.
+/// What a node reported about one connection.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Known {
     /// Its last answer.
@@ -38,7 +38,7 @@ pub(crate) struct Known {
 /// Where a subscriber is with what was sent to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum Place {
-    /// Nobody can tell.
+    /// It can't be determined.
     #[default]
     Unknown,
     /// It has not read everything yet.
@@ -259,16 +259,20 @@ mod tests {
         LinkState { id: 1, node: "/n".into(), lead_in, counted, counted_bytes: 0, open: true }
     }
 
-    fn said(messages: u64, drops: Option<u64>) -> Option<Received> {
+    fn reported(messages: u64, drops: Option<u64>) -> Option<Received> {
         Some(Received { messages, drops })
     }
 
     #[test]
-    fn losses_of_the_lead_in_do_not_count_where_they_can_be_told_apart() {
-        let roscpp =
-            Known { now: said(110, Some(7)), lead_in: said(10, Some(4)), ..Known::default() };
+    fn losses_of_the_lead_in_do_not_count_where_they_can_be_separated() {
+        let roscpp = Known {
+            now: reported(110, Some(7)),
+            lead_in: reported(10, Some(4)),
+            ..Known::default()
+        };
         assert_eq!(roscpp.reached(&link(10, 100)), 97);
-        let rospy = Known { now: said(106, None), lead_in: said(6, None), ..Known::default() };
+        let rospy =
+            Known { now: reported(106, None), lead_in: reported(6, None), ..Known::default() };
         assert_eq!(rospy.reached(&link(10, 100)), 100);
     }
 
@@ -278,9 +282,9 @@ mod tests {
         assert_eq!(Known::default().reached(&link(0, 100)), 0);
         let answered = Known { answered: true, ..Known::default() };
         assert_eq!(answered.reached(&link(3, 100)), 100);
-        let unsettled = Known { now: said(106, None), ..Known::default() };
+        let unsettled = Known { now: reported(106, None), ..Known::default() };
         assert_eq!(unsettled.reached(&link(10, 100)), 96);
-        let unsettled = Known { now: said(110, Some(7)), ..Known::default() };
+        let unsettled = Known { now: reported(110, Some(7)), ..Known::default() };
         assert_eq!(unsettled.reached(&link(10, 100)), 93);
     }
 
@@ -289,9 +293,9 @@ mod tests {
         let at = |now, place| Known { now, place, ..Known::default() };
         let sure = |known: Known| known.is_final(&known.now.unwrap(), &link(10, 0));
         for place in [Place::Unknown, Place::Unread, Place::Away, Place::Back] {
-            assert!(sure(at(said(10, None), place)) && sure(at(said(10, Some(4)), place)));
-            assert_eq!(sure(at(said(7, None), place)), place == Place::Back);
-            assert!(!sure(at(said(7, Some(0)), place)));
+            assert!(sure(at(reported(10, None), place)) && sure(at(reported(10, Some(4)), place)));
+            assert_eq!(sure(at(reported(7, None), place)), place == Place::Back);
+            assert!(!sure(at(reported(7, Some(0)), place)));
         }
     }
 
@@ -300,11 +304,11 @@ mod tests {
     fn a_proof_is_as_strong_as_what_the_library_counts_and_what_was_seen() {
         let at = |now, place| Known { now, place, ..Known::default() };
         assert_eq!(at(None, Place::Back).strength(), Strength::Sent);
-        assert_eq!(at(said(1, Some(0)), Place::Back).strength(), Strength::Received);
-        assert_eq!(at(said(1, None), Place::Away).strength(), Strength::Taken);
-        assert_eq!(at(said(1, None), Place::Unknown).strength(), Strength::Taken);
-        assert_eq!(at(said(1, None), Place::Back).strength(), Strength::Called);
-        let answered = Known { answered: true, ..at(said(1, Some(0)), Place::Unknown) };
+        assert_eq!(at(reported(1, Some(0)), Place::Back).strength(), Strength::Received);
+        assert_eq!(at(reported(1, None), Place::Away).strength(), Strength::Taken);
+        assert_eq!(at(reported(1, None), Place::Unknown).strength(), Strength::Taken);
+        assert_eq!(at(reported(1, None), Place::Back).strength(), Strength::Called);
+        let answered = Known { answered: true, ..at(reported(1, Some(0)), Place::Unknown) };
         assert_eq!(answered.strength(), Strength::Called);
         assert_eq!(Known { answered: true, ..Known::default() }.strength(), Strength::Sent);
     }
@@ -312,9 +316,9 @@ mod tests {
     #[test]
     fn who_has_not_read_everything_is_busy_and_so_is_rospy_away_from_its_socket() {
         let at = |now, place| Known { now, place, ..Known::default() }.busy();
-        assert!(at(None, Place::Unread) && at(said(1, Some(0)), Place::Unread));
-        assert!(at(said(1, None), Place::Away));
-        assert!(!at(said(1, Some(0)), Place::Away) && !at(None, Place::Away));
-        assert!(!at(said(1, None), Place::Back) && !at(said(1, None), Place::Unknown));
+        assert!(at(None, Place::Unread) && at(reported(1, Some(0)), Place::Unread));
+        assert!(at(reported(1, None), Place::Away));
+        assert!(!at(reported(1, Some(0)), Place::Away) && !at(None, Place::Away));
+        assert!(!at(reported(1, None), Place::Back) && !at(reported(1, None), Place::Unknown));
     }
 }

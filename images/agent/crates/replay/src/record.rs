@@ -55,11 +55,10 @@ pub struct RecordedLive {
     pub bytes: u64,
     /// Bags that were handed over.
     pub bags: u64,
-    /// Whether the master did not answer any more at the end: known publishers were still
-    /// heard, new ones could not be found.
+    /// Whether the master did not answer any more at the end: messages of known publishers
+    /// were still received, new ones could not be found.
     pub master_lost: bool,
-    /// Subscriptions that were made again, since a master that was started anew knew nothing
-    /// of them.
+    /// Subscriptions that were made again, since a restarted master knew nothing of them.
     pub again: u64,
 }
 
@@ -94,7 +93,7 @@ pub fn record(
     while !(stop() || tape.is_over() || request.duration.is_some_and(|d| begun.elapsed() >= d)) {
         if looked.elapsed() >= LOOK {
             looked = Instant::now();
-            // While a master is away, whoever publishes already is heard.
+            // While a master is away, messages of known publishers are received.
             match choice.subscribe(&node) {
                 Ok(made) => (failures, again) = (0, again + made),
                 Err(_) => failures += 1,
@@ -136,7 +135,8 @@ impl Choice {
         named && of_node && !self.exclude.as_ref().is_some_and(matches)
     }
 
-    /// Subscribes to what is new; how many subscriptions a new master had to be told again.
+    /// Subscribes to what is new; how many subscriptions had to be registered again with a
+    /// restarted master.
     fn subscribe(&self, node: &Node) -> Result<u64, RosError> {
         let state = node.master().get_system_state()?;
         let again = node.register_missing(&state)?;

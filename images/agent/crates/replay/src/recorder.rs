@@ -48,7 +48,7 @@ struct State {
     hold: Option<Hold>,
     /// By TCPROS connection, what [`Hold`] needs to know of it.
     publishers: HashMap<u64, Arc<Connection>>,
-    /// Topics that are heard for the sake of a step and not recorded.
+    /// Topics that are received for the sake of a step and not recorded.
     unrecorded: BTreeSet<String>,
     /// Whether the counted part has begun; before it only latched messages are kept.
     counting: bool,
@@ -118,7 +118,7 @@ impl Recorder {
         }
     }
 
-    /// Begins to count: what latching publishers said last is written at `start`.
+    /// Begins to count: the last messages of latching publishers are written at `start`.
     pub(crate) fn count_from(&self, start: u64) {
         let mut state = self.state();
         for ((topic, _), (connection, data)) in std::mem::take(&mut state.latched) {
@@ -312,7 +312,7 @@ impl Sink for Recorder {
         self.part();
         self.take(&incoming);
         // After it is kept: what is awaited is recorded in the step that it ends.
-        self.shared.answers.hear(&incoming);
+        self.shared.answers.receive(&incoming);
     }
 
     fn part(&mut self) {

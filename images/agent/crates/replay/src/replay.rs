@@ -77,8 +77,8 @@ pub fn replay_together<F: ChunkedFile>(
 }
 
 /// Plays a world's topics as [`crate::replay`] plays a bag's: lock-stepped, recorded and proved.
-/// The world's own messages are recorded too, as said by `/bagpipe_simulator`, but for those of
-/// [`World::unrecorded`].
+/// The world's own messages are recorded too, as published by `/bagpipe_simulator`, except those
+/// of [`World::unrecorded`].
 ///
 /// # Errors
 /// As [`crate::replay_together`], and what the world's turns end with.
@@ -179,7 +179,7 @@ fn perform(
     wait_for_stack(&discovery, &mut player, request, watch)?;
     let (proof, pids) = meet(node, &discovery)?;
     let rounds = Rounds::new(proof, player.publications().to_vec());
-    // Once now: where the nodes are, a master that is started anew could not say.
+    // Once now: a restarted master would not know where the nodes are.
     rounds.ask();
     let foreign = Foreign::new(Mutex::new(pids.values().copied().collect()));
     let mut processes = Processes::meet(pids.values().copied().collect());
@@ -196,7 +196,7 @@ fn perform(
         clock.stand(window.start);
         let (gauge, waiting) = (Gauge::start(&foreign), Waiting::begin(&pids));
         if request.mode == Mode::Lockstep {
-            // What was said before the window is before it in every run.
+            // What was published before the window is before it in every run.
             node.sweep(PAUSE);
         }
         recorder.count_from(window.start);
@@ -256,8 +256,8 @@ fn warm_up(
     Ok(())
 }
 
-/// Waits until what was sent of the lead-in has been received, so that it can be told
-/// apart from the window. Bag time stands meanwhile.
+/// Waits until what was sent of the lead-in has been received, so that it can be
+/// separated from the window. Bag time stands meanwhile.
 fn await_lead_in(
     rounds: &Rounds,
     player: &Player<'_>,
@@ -288,14 +288,14 @@ fn conclude(
 }
 
 /// What the answers of a lock-step play prove. They are those of a topic's only subscriber,
-/// or of the one that said them all.
+/// or of the one that published them all.
 fn take_answers(player: &Player<'_>, proof: &mut Proof) {
     for (at, publishers) in player.answered() {
         let links = player.publications()[at].subscribers();
         let nodes: BTreeSet<&String> = links.iter().map(|link| &link.node).collect();
         for link in &links {
-            let said_all = publishers.len() == 1 && publishers.contains(&link.node);
-            if nodes.len() == 1 || said_all {
+            let published_all = publishers.len() == 1 && publishers.contains(&link.node);
+            if nodes.len() == 1 || published_all {
                 proof.answered(at, link.id);
             }
         }

@@ -28,14 +28,14 @@ pub struct Step {
     pub answer: String,
     /// How long to wait for the answer; when it has passed there is "no output".
     pub deadline: Duration,
-    /// How an answer is told to be the one.
+    /// How an answer is matched to the input.
     pub by: AnswerBy,
     /// Whether the stack may skip the input: nothing waits for it, and its answer's absence
     /// is counted apart.
     pub optional: bool,
 }
 
-/// How an answer is told to be the one that is waited for.
+/// How the answer that is waited for is recognised.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AnswerBy {
     /// One more message than there was.

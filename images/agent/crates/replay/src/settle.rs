@@ -22,10 +22,10 @@ const ASK: Duration = Duration::from_secs(1);
 const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 
 /// Waits until nobody seems to start any more, and the connections stand that the master knows
-/// of: several nodes may subscribe to one topic, the recorder must hear every publisher, and a
-/// node that passes an input on before the next one is connected loses it without a trace. At
-/// most 2 s, and not an error: a registration may be a dead node's, a node may work without
-/// end, and one that answers may be moved by something else than topics.
+/// of: several nodes may subscribe to one topic, the recorder must be connected to every
+/// publisher, and a node that passes an input on before the next one is connected loses it
+/// without a trace. At most 2 s, and not an error: a registration may be a dead node's, a node
+/// may work without end, and one that answers may be moved by something else than topics.
 pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
@@ -41,16 +41,16 @@ pub(crate) fn settle(
     while watch.now() < deadline {
         if let Some(state) = discovery.look()? {
             let name = node.name();
-            let heard = player.advertised().all(|publication| {
+            let subscribed = player.advertised().all(|publication| {
                 let registered = state.subscribers.get(&publication.info().topic);
                 let connected = open_subscribers(publication);
                 others(registered, name).all(|node| connected.contains(node))
             });
             let starts = !starting.is_over(state != last);
             if !starts
-                && heard
+                && subscribed
                 && begun(&state, &discovery.expected)
-                && discovery.hears_everyone(&state)
+                && discovery.has_every_publisher(&state)
                 && inner.stand(&promised(&state, name), &mut audit, deadline, watch.time())
             {
                 return Ok(());
@@ -97,7 +97,7 @@ fn promised(state: &SystemState, ourselves: &str) -> BTreeMap<String, BTreeSet<L
     promised
 }
 
-/// What the stack's nodes have told of the connections between them.
+/// What the stack's nodes have reported about the connections between them.
 #[derive(Default)]
 struct Inner {
     standing: BTreeMap<String, BTreeSet<Link>>,
@@ -106,7 +106,7 @@ struct Inner {
 }
 
 impl Inner {
-    /// Whether all that is promised stands, as far as the publishers tell.
+    /// Whether all that is promised stands, as far as the publishers report.
     fn stand(
         &mut self,
         promised: &BTreeMap<String, BTreeSet<Link>>,

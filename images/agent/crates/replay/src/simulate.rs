@@ -1,9 +1,10 @@
-//! A simulated world in place of a bag: it says what is heard next, and hears what is answered.
+//! A simulated world in place of a bag: it gives the next messages, and receives the answers.
 //!
-//! Turn by turn: the world is told what the stack said, and gives the next moment of simulated
-//! time with the messages that belong to it. They go out as a lock-step play's do: everybody has
-//! read the time before the first message, each message before the next, and the answers that
-//! the steps ask for have come, or their deadline has passed, before the world has its turn again.
+//! Turn by turn: the world receives the stack's latest messages, and gives the next moment of
+//! simulated time with the messages that belong to it. They go out as a lock-step play's do:
+//! everybody has read the time before the first message, each message before the next, and the
+//! answers that the steps ask for have come, or their deadline has passed, before the world has
+//! its turn again.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -68,9 +69,9 @@ impl<'a> Turns<'a> {
 
     fn next(&mut self, watch: &mut Watch<'_>) -> Result<Option<Moment>, ReplayError> {
         watch.check()?;
-        let said = self.answers.take_latest();
+        let latest = self.answers.take_latest();
         let watch = RefCell::new(watch);
-        let next = self.world.next(said, &|| watch.borrow_mut().must_stop());
+        let next = self.world.next(latest, &|| watch.borrow_mut().must_stop());
         match next {
             // The watch knows why.
             Err(ReplayError::Cancelled(_)) if watch.borrow_mut().must_stop() => {

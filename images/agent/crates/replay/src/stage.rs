@@ -21,7 +21,7 @@ pub enum Cancellation {
     StackExited,
     /// The worker at the other end of the pipe is gone.
     PeerGone,
-    /// The agent has been told to end.
+    /// The agent was asked to end.
     Terminated,
 }
 

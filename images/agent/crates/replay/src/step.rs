@@ -37,7 +37,7 @@ impl<'a> Stepper<'a> {
         Stepper { node, lockstep, answers, recorder, now: None }
     }
 
-    /// After a /clock was sent: waits until the nodes have read it, and tells them once more.
+    /// After a /clock was sent: waits until the nodes have read it, and sends it once more.
     /// rospy reads and sets its time on one thread: when it has read the second, the first
     /// has been set. roscpp sets it on another thread, which nobody can see from outside.
     pub(crate) fn settle_clock(

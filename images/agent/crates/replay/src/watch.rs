@@ -16,7 +16,7 @@ const LOOK: Duration = Duration::from_millis(10);
 /// The longest sleep without a look.
 const NAP: Duration = Duration::from_millis(20);
 /// The time between two reports of progress.
-const TELL: Duration = Duration::from_millis(500);
+const REPORT_INTERVAL: Duration = Duration::from_millis(500);
 
 /// Watches over a replay.
 pub(crate) struct Watch<'a> {
@@ -28,7 +28,7 @@ pub(crate) struct Watch<'a> {
     lead_in_start: u64,
     stage: Stage,
     looked: Instant,
-    told: Instant,
+    reported: Instant,
     failure: Option<ReplayError>,
     stack_exited: bool,
     last_out: Option<Instant>,
@@ -59,7 +59,7 @@ impl<'a> Watch<'a> {
             lead_in_start: request.window.lead_in_start,
             stage: Stage::Subscribe,
             looked: now.checked_sub(LOOK).unwrap_or(now),
-            told: now,
+            reported: now,
             failure: None,
             stack_exited: false,
             last_out: None,
@@ -90,12 +90,12 @@ impl<'a> Watch<'a> {
         self.clock.time.now()
     }
 
-    /// Enters a stage and tells so.
+    /// Enters a stage and reports it.
     pub(crate) fn enter(&mut self, stage: Stage) {
         self.note();
         self.tally.enter(stage, self.window_start, self.now());
         self.stage = stage;
-        self.tell();
+        self.report();
     }
 
     /// Whether to stop now; looks at most every 10 ms, so it costs nothing in a loop.
@@ -104,8 +104,8 @@ impl<'a> Watch<'a> {
         if self.failure.is_none() && now.duration_since(self.looked) >= LOOK {
             self.looked = now;
             self.failure = self.look(now);
-            if now.duration_since(self.told) >= TELL {
-                self.tell();
+            if now.duration_since(self.reported) >= REPORT_INTERVAL {
+                self.report();
             }
         }
         self.failure.is_some()
@@ -179,9 +179,9 @@ impl<'a> Watch<'a> {
         }
     }
 
-    fn tell(&mut self) {
+    fn report(&mut self) {
         self.note();
-        self.told = self.now();
+        self.reported = self.now();
         let bag = self.clock.now().saturating_sub(self.lead_in_start);
         (self.progress)(Progress {
             stage: self.stage,

@@ -2,9 +2,9 @@
 
 use crate::ReplayError;
 
-/// What the stack said last on a topic.
+/// The stack's latest message on a topic.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Said {
+pub struct LatestMessage {
     /// The topic.
     pub topic: String,
     /// The message's type, as its publisher names it.
@@ -25,14 +25,14 @@ pub struct Moment {
 
 /// What moves on in answer to the stack.
 pub trait World {
-    /// The moment after `said`, which is the latest message on each answer's topic since the
-    /// last turn; `None` when the world ends. May wait, and then asks `stop` now and then.
+    /// The moment after `latest`, the latest message on each answer's topic since the last
+    /// turn; `None` when the world ends. May wait, and then asks `stop` now and then.
     ///
     /// # Errors
-    /// Whatever ends the case; [`ReplayError::Cancelled`] after `stop` said so.
+    /// Whatever ends the case; [`ReplayError::Cancelled`] after `stop` returned true.
     fn next(
         &mut self,
-        said: Vec<Said>,
+        latest: Vec<LatestMessage>,
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Moment>, ReplayError>;
 

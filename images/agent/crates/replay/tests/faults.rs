@@ -246,7 +246,7 @@ fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     eprintln!("{lines:?}");
     assert_eq!((lines[0].node.as_str(), lines[1].node.as_str()), ("/leaver", "/words"));
     assert_eq!((lines[1].received, lines[1].dropped), (100, 0));
-    // It was asked twice a second: what it said last, at most what it really heard.
+    // It was asked twice a second: what it reported last, at most what it really received.
     let leaver = &lines[0];
     assert!((1..=50).contains(&leaver.received), "{leaver:?}");
     assert_eq!(leaver.received + leaver.dropped, 100);

@@ -82,7 +82,7 @@ fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_
     std::thread::scope(|scope| {
         let playing = scope.spawn(|| {
             let mut progress =
-                |told: bagpipe_replay::Progress| sent.store(told.sent, Ordering::Relaxed);
+                |now: bagpipe_replay::Progress| sent.store(now.sent, Ordering::Relaxed);
             replay(&bag, &request, &mut progress, &|| None)
         });
         wait_until("half of it is played", || sent.load(Ordering::Relaxed) > 100);
@@ -98,7 +98,7 @@ fn subscribers_come_and_go_and_each_has_its_own_line() {
     let mut late: Option<Process> = None;
     let counter = compile(TMP, &node("clock_of.cpp"));
     let replayed = disturbed(&mut graph, &mut |graph| {
-        // Comes in the middle, hears ten words and leaves.
+        // Comes in the middle, receives ten words and leaves.
         let leaver = graph.python(&node("leaver.py"), &["/words", "10"]);
         late = Some(graph.spawn(counter.to_str().unwrap(), &["/words", "/late_answer"]));
         leaver.wait_for("leaving 10");

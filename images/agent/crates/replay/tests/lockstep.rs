@@ -95,8 +95,8 @@ fn six_runs_of_a_rospy_and_a_roscpp_relay_record_the_same_bytes_on_a_loaded_mach
         let replayed = run(&bag, &request).unwrap();
         let sent = replayed.ledger.sent;
         assert!(sent > 300, "{sent}");
-        let (ledger, told) = (&replayed.ledger, &replayed.playback);
-        assert_eq!((ledger.received, ledger.dropped), (sent, 0), "{ledger:?} {told:?}");
+        let (ledger, playback) = (&replayed.ledger, &replayed.playback);
+        assert_eq!((ledger.received, ledger.dropped), (sent, 0), "{ledger:?} {playback:?}");
         assert_eq!(replayed.recorded.messages, 2 * sent);
         for step in &replayed.playback.steps {
             assert_eq!((step.released, step.answered, step.no_output), (sent, sent, 0), "{step:?}");
@@ -161,12 +161,12 @@ fn two_inputs_that_are_fused_are_answered_once_both_have_come() {
     let mut request = lockstep(&bag, &graph, &[step("/left", "/both"), step("/right", "/both")]);
     request.topics.push("/x".to_owned());
     let replayed = run(&bag, &request).unwrap();
-    let said: Vec<(u64, String)> = texts(&replayed)
+    let answers: Vec<(u64, String)> = texts(&replayed)
         .into_iter()
         .map(|(time, text)| (time, text.split(' ').next().unwrap().to_owned()))
         .collect();
     let expected = [(1_010, "l1+r1"), (1_210, "l2+r2"), (1_300, "l3+r3")];
-    assert_eq!(said, expected.map(|(time, text)| (time, text.to_owned())));
+    assert_eq!(answers, expected.map(|(time, text)| (time, text.to_owned())));
     let step = &replayed.playback.steps[0];
     assert_eq!(step.triggers, ["/left", "/right"]);
     assert_eq!((step.released, step.answered, step.no_output), (3, 3, 0));

@@ -1,4 +1,4 @@
-//! What is said of the machine beside real processes that take its processors.
+//! What is reported about the machine beside real processes that take its processors.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
 #[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;

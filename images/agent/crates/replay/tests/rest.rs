@@ -13,7 +13,7 @@ use scene::{TMP, bag_of_words, node, pr2, request, run, words};
 
 const MS: u64 = 1_000_000;
 
-fn heard(process: &Process, first: char) -> u64 {
+fn received(process: &Process, first: char) -> u64 {
     let lines = process.lines();
     let words = lines.iter().filter_map(|line| line.strip_prefix("word "));
     words.filter(|word| word.starts_with(first)).count() as u64
@@ -42,11 +42,11 @@ fn a_first_callback_that_blocks_for_long_hides_no_loss_of_the_window() {
     request.mode = Mode::Realtime;
     request.window = Window { lead_in_start: 0, start: 100 * MS, end: 400 * MS };
     let replayed = run(&bag, &request).unwrap();
-    wait_until("the last word was heard", || node.lines().iter().any(|line| line == "word w00039"));
+    wait_until("the last word has come", || node.lines().iter().any(|line| line == "word w00039"));
     let ledger = &replayed.ledger;
     eprintln!("{ledger:?} {:?}", replayed.timings);
-    assert_eq!((heard(&node, 'l'), ledger.lead_in, ledger.sent), (20, 20, 40));
-    let called = heard(&node, 'w');
+    assert_eq!((received(&node, 'l'), ledger.lead_in, ledger.sent), (20, 20, 40));
+    let called = received(&node, 'w');
     assert!(called < 30, "nothing was lost: the test shows nothing");
     assert_eq!((ledger.received, ledger.dropped), (called, 40 - called));
     assert_eq!(ledger.strength, Some(Strength::Called));

@@ -1,4 +1,4 @@
-//! A master that is started anew in the middle of a play and a recording.
+//! A master that is restarted in the middle of a play and a recording.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
 #[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
@@ -162,23 +162,23 @@ fn a_restarted_master_is_registered_with_again_and_nothing_that_flows_is_lost() 
     assert_eq!(of("/clock_of"), (101, 99));
     late.echo.wait_for("data: \"w199\"");
     let lines = late.echo.lines();
-    let heard: Vec<&str> = lines.iter().filter_map(|line| line.strip_prefix("data: ")).collect();
+    let received: Vec<&str> = lines.iter().filter_map(|line| line.strip_prefix("data: ")).collect();
     let expected: Vec<String> = (99..200).map(|number| format!("\"w{number}\"")).collect();
-    assert_eq!(heard, expected);
+    assert_eq!(received, expected);
     let by_publisher = answers(&both.bag);
     assert_eq!(
         (by_publisher("/words", "/bagpipe_player_"), by_publisher("/answer", "/words")),
         (200, 201)
     );
-    // Its answer to the latched word may have come before anybody was connected to hear it.
+    // Its answer to the latched word may have come before anybody was connected to receive it.
     assert!((100..=101).contains(&by_publisher("/answer", "/clock_of")));
     let by_publisher = answers(&both.replayed.recorded_bag);
     assert_eq!(by_publisher("/answer", "/words"), 201);
     assert!((100..=101).contains(&by_publisher("/answer", "/clock_of")));
     // /words, /gate and /answer of the player; /words and /answer of the recorder.
-    let told = "the ROS master was started anew: 3 registrations were made again";
+    let expected = "the ROS master was restarted: 3 registrations were made again";
     let warnings = &both.replayed.playback.warnings;
-    assert!(warnings.iter().any(|warning| warning.starts_with(told)), "{warnings:?}");
+    assert!(warnings.iter().any(|warning| warning.starts_with(expected)), "{warnings:?}");
     assert_eq!((both.recorded.again, both.recorded.master_lost), (2, false));
 }
 

@@ -12,7 +12,7 @@ use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
 
 const MS: u64 = 1_000_000;
 
-fn heard(process: &Process) -> Vec<String> {
+fn received(process: &Process) -> Vec<String> {
     let lines = process.lines();
     lines.iter().filter_map(|line| line.strip_prefix("word ").map(str::to_owned)).collect()
 }
@@ -58,7 +58,7 @@ fn latched_messages_in_force_are_carried_per_publisher_and_come_first() {
         &connections,
         &[
             (0, 10, "old map"),
-            (2, 15, "unheard"),
+            (2, 15, "not received"),
             (0, 20, "map"),
             (1, 30, "patch"),
             (2, 100, "warm"),
@@ -73,8 +73,8 @@ fn latched_messages_in_force_are_carried_per_publisher_and_come_first() {
     request.window = Window { lead_in_start: 90 * MS, start: 200 * MS, end: 400 * MS };
     request.record_topics = vec!["/answer".to_owned(), "/state".to_owned()];
     let replayed = run(&bag, &request).unwrap();
-    wait_until("four messages are heard", || heard(&node).len() >= 5);
-    let mut latched = heard(&node);
+    wait_until("four messages are received", || received(&node).len() >= 5);
+    let mut latched = received(&node);
     let played = latched.split_off(2);
     latched.sort();
     assert_eq!(latched, ["map", "patch"]);
@@ -99,7 +99,7 @@ fn a_remapped_topic_goes_out_under_the_stacks_name_and_nothing_of_ours_is_record
     request.remap = BTreeMap::from([("/talk".to_owned(), "/front/talk".to_owned())]);
     request.record_topics = vec![".*".to_owned()];
     let replayed = run(&bag, &request).unwrap();
-    assert_eq!(heard(&node), ["a", "b"]);
+    assert_eq!(received(&node), ["a", "b"]);
     let lines: Vec<(&str, u64, usize)> = replayed
         .ledger
         .topics
@@ -157,8 +157,8 @@ fn several_bags_are_one_timeline_after_the_delay() {
     request.start.delay = std::time::Duration::from_millis(700);
     let bags = [front, rear];
     let replayed = replay_together(&bags, &request, &mut |_| (), &|| None).unwrap();
-    wait_until("all are heard", || heard(&listener).len() == 8);
-    let mut latched = heard(&listener);
+    wait_until("all are received", || received(&listener).len() == 8);
+    let mut latched = received(&listener);
     let played = latched.split_off(2);
     latched.sort();
     assert_eq!(latched, ["front map", "rear map"]);

@@ -55,8 +55,8 @@ impl Audit {
         Audit { master, publisher: publisher.to_owned(), deadline, nodes: BTreeMap::new() }
     }
 
-    /// What `node` has received from the publisher, by topic. A topic that it can't tell
-    /// about is absent.
+    /// What `node` has received from the publisher, by topic. A topic of which it knows
+    /// nothing is absent.
     ///
     /// # Errors
     /// The node is not registered, does not answer, or answers in another form.
@@ -151,8 +151,8 @@ fn outgoing(info: &Value) -> BTreeSet<(String, String)> {
     links.collect()
 }
 
-/// The statistics of our link among those of a topic. Without knowledge of the numbers
-/// only a single link can be told to be ours.
+/// The statistics of our link among those of a topic. If the numbers are not known,
+/// only a single link is certainly ours.
 fn pick(links: &[Value], ours: Option<&BTreeSet<i64>>) -> Option<Received> {
     let links: Vec<_> = links.iter().filter_map(Value::as_list).collect();
     let link = match ours {

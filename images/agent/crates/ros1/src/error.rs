@@ -18,7 +18,7 @@ pub enum RosError {
         method: String,
         /// The server.
         uri: String,
-        /// What the HTTP client said.
+        /// The HTTP client's error.
         why: String,
     },
     /// A call came back with a refusal (ROS status code below 1, or an XML-RPC fault).

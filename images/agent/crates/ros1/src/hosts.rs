@@ -48,7 +48,7 @@ pub(crate) fn resolve(host: &str, port: u16) -> Result<SocketAddr, RosError> {
 }
 
 /// The address of a name in the text of a hosts file; IPv4 before IPv6, because roscpp
-/// and rospy listen on IPv4 unless told otherwise.
+/// and rospy listen on IPv4 by default.
 fn in_hosts(text: &str, host: &str) -> Option<IpAddr> {
     let addresses = text.lines().filter_map(|line| {
         let mut words = line.split('#').next()?.split_whitespace();
@@ -72,8 +72,8 @@ pub(crate) fn connect(host: &str, port: u16, deadline: Duration) -> Result<TcpSt
         .map_err(RosError::io(format!("no connection to {host}:{port}")))
 }
 
-/// The address of this machine as the given host sees it: what we listen on and tell
-/// others. The kernel's route decides; no packet is sent.
+/// The address of this machine as the given host sees it: what we listen on and
+/// advertise. The kernel's route decides; no packet is sent.
 pub(crate) fn local_address_towards(host: &str, port: u16) -> Result<IpAddr, RosError> {
     let target = resolve(host, port)?;
     let any: SocketAddr = match target {

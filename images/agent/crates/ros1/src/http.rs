@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn two_requests_in_one_stream_are_told_apart() {
+    fn two_requests_in_one_stream_are_separated() {
         let mut stream = &b"POST / HTTP/1.1\r\nContent-length: 3\r\n\r\nabcPOST /RPC2 HTTP/1.0\r\n\
             content-LENGTH:1\r\n\r\nx"[..];
         let mut buffer = Vec::new();

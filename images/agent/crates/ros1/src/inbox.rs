@@ -69,8 +69,8 @@ pub(crate) struct Inbox {
 }
 
 impl Inbox {
-    /// Starts the thread. `closed` is told the topic and the publisher's slave URI of each
-    /// connection that ends; it must not block.
+    /// Starts the thread. `closed` is called with the topic and the publisher's slave URI of
+    /// each connection that ends; it must not block.
     pub(crate) fn start(
         sink: Box<dyn Sink>,
         max_message: usize,

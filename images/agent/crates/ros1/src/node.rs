@@ -176,8 +176,8 @@ impl Node {
         Ok(())
     }
 
-    /// Registers again what the master's state lacks of ours, as a master does that was started
-    /// anew. Connections that stand are left as they are. How many registrations it took.
+    /// Registers again what the master's state lacks of ours, as that of a restarted master does.
+    /// Open connections are left as they are. Returns the number of registrations made.
     ///
     /// # Errors
     /// The master does not answer or refuses; the rest is left for the next time.

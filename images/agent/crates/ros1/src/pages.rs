@@ -119,7 +119,7 @@ mod tests {
         .unwrap()
     }
 
-    fn said(pages: &Pages, request: &[u8]) -> String {
+    fn response(pages: &Pages, request: &[u8]) -> String {
         let mut stream = TcpStream::connect(pages.address()).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
         stream.write_all(request).unwrap();
@@ -131,9 +131,9 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_read_with_get_and_nothing_else_is_told() {
+    fn only_a_get_request_for_the_page_is_answered_with_it() {
         let pages = pages();
-        let found = said(&pages, b"GET /here?x=1 HTTP/1.1\r\nHost: a\r\n\r\n");
+        let found = response(&pages, b"GET /here?x=1 HTTP/1.1\r\nHost: a\r\n\r\n");
         assert!(found.starts_with("HTTP/1.1 200 OK\r\n"), "{found}");
         assert!(found.contains("Content-length: 7\r\nConnection: close\r\n"), "{found}");
         assert!(found.ends_with("\r\n\r\na page\n"), "{found}");
@@ -142,10 +142,10 @@ mod tests {
             (&b"POST /here HTTP/1.1\r\nContent-Length: 9\r\n\r\n"[..], "405 "),
             (&b"\x16\x03\x01\x02\x00\x01\x00\r\n\r\n"[..], "400 "),
         ] {
-            let answer = said(&pages, request);
+            let answer = response(&pages, request);
             assert!(answer.starts_with(&format!("HTTP/1.1 {status}")), "{answer}");
         }
-        assert_eq!(said(&pages, b""), "");
+        assert_eq!(response(&pages, b""), "");
     }
 
     #[test]
@@ -168,7 +168,7 @@ mod tests {
             })
             .collect();
         let begun = Instant::now();
-        let found = said(&pages, b"GET /here HTTP/1.1\r\n\r\n");
+        let found = response(&pages, b"GET /here HTTP/1.1\r\n\r\n");
         assert!(found.ends_with("a page\n"), "{found}");
         assert!(begun.elapsed() < 2 * PATIENCE, "{:?}", begun.elapsed());
         drop(slow);

@@ -36,7 +36,7 @@ pub(crate) struct FarSocket {
     pub(crate) inode: u32,
 }
 
-/// The socket at the other end of `stream`; `None` if nothing can be told of it.
+/// The socket at the other end of `stream`; `None` if nothing is known of it.
 pub(crate) fn far_socket(stream: &TcpStream) -> Option<FarSocket> {
     static KERNEL: OnceLock<Option<Mutex<OwnedFd>>> = OnceLock::new();
     let (SocketAddr::V4(ours), SocketAddr::V4(theirs)) =

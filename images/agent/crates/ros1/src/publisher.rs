@@ -61,7 +61,7 @@ pub enum SendError {
         /// How long it took nothing.
         waited: Duration,
     },
-    /// `cancelled` said so.
+    /// `cancelled` returned true.
     Cancelled,
 }
 
@@ -276,17 +276,17 @@ impl Publication {
 
     fn agrees(&self, header: &ConnectionHeader) -> Result<(), String> {
         let TopicInfo { topic, datatype, md5sum, .. } = &self.info;
-        let said = |name| header.get(name).unwrap_or("*");
+        let claimed = |name| header.get(name).unwrap_or("*");
         let differ = |ours: &str, theirs: &str| theirs != "*" && ours != "*" && theirs != ours;
-        if !differ(md5sum, said("md5sum")) && !differ(datatype, said("type")) {
+        if !differ(md5sum, claimed("md5sum")) && !differ(datatype, claimed("type")) {
             return Ok(());
         }
         Err(format!(
             "{} subscribes to {topic} as {} (md5sum {}), but it was recorded as {datatype} \
              (md5sum {md5sum}): build the node with the recording's message definition",
-            said("callerid"),
-            said("type"),
-            said("md5sum")
+            claimed("callerid"),
+            claimed("type"),
+            claimed("md5sum")
         ))
     }
 

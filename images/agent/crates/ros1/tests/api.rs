@@ -104,7 +104,7 @@ fn a_master_that_does_not_answer_is_an_error_within_the_deadline() {
 }
 
 #[test]
-fn rostopic_hears_us_and_we_hear_rostopic() {
+fn rostopic_receives_our_messages_and_we_receive_its_messages() {
     let graph = Graph::start(TMP);
     let (node, kept) = start_node(&graph, "/bagpipe_test", 1 << 20);
     node.subscribe("/answer").unwrap();
@@ -165,7 +165,7 @@ fn rostopic_describes_our_topics_and_measures_their_rate() {
 }
 
 #[test]
-fn rosnode_sees_a_node_that_tells_the_truth_and_leaves_no_trace() {
+fn rosnode_sees_a_node_as_it_is_and_leaves_no_trace() {
     let graph = Graph::start(TMP);
     let (node, _) = start_node(&graph, "/bagpipe_test", 1 << 20);
     node.subscribe("/answer").unwrap();

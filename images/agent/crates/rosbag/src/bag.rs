@@ -170,13 +170,13 @@ impl<F: ChunkedFile> Bag<F> {
 
     /// All messages of the connections that `filter` keeps, in one total and stable order:
     /// by time, then chunk, then offset. Chunks without such a connection are not touched.
-    /// Damage that [`Bag::loss`] does not already tell is an error.
+    /// Damage that [`Bag::loss`] does not already report is an error.
     pub fn timeline(&self, filter: impl Fn(&Connection) -> bool) -> Result<Timeline<'_>, BagError> {
         Timeline::build(self, Window::default(), filter)
     }
 
     /// The same without touching chunks that lie outside the window as a whole, by the times
-    /// that the index tells. Messages of the others are all there: [`Timeline::between`] cuts
+    /// that the index states. Messages of the others are all there: [`Timeline::between`] cuts
     /// exactly.
     pub fn timeline_near(
         &self,

@@ -52,29 +52,29 @@ pub fn check_limited<F: ChunkedFile>(file: &F, limits: Limits) -> Result<Checked
 }
 
 fn compare<F: ChunkedFile>(indexed: &Bag<F>, scanned: &Bag<F>, problems: &mut Vec<String>) {
-    let (told, found) = (indexed.chunks(), scanned.chunks());
-    if told.is_empty() && found.is_empty() {
+    let (listed, found) = (indexed.chunks(), scanned.chunks());
+    if listed.is_empty() && found.is_empty() {
         return;
     }
-    let by_position: BTreeMap<u64, _> = told.iter().map(|each| (each.position, each)).collect();
-    if told.len() != found.len() {
-        let (told, found) = (told.len(), found.len());
-        problems.push(format!("the index knows {told} chunks, and the bag holds {found}"));
+    let by_position: BTreeMap<u64, _> = listed.iter().map(|each| (each.position, each)).collect();
+    if listed.len() != found.len() {
+        let (listed, found) = (listed.len(), found.len());
+        problems.push(format!("the index knows {listed} chunks, and the bag holds {found}"));
     }
     for chunk in found {
-        let Some(told) = by_position.get(&chunk.position) else {
+        let Some(listed) = by_position.get(&chunk.position) else {
             problems.push(format!("the index has no chunk at byte {}", chunk.position));
             continue;
         };
-        let mut counts = told.counts.clone();
+        let mut counts = listed.counts.clone();
         counts.sort_unstable();
         if counts != chunk.counts {
-            let (told, found) = (told.messages(), chunk.messages());
+            let (listed, found) = (listed.messages(), chunk.messages());
             let at = chunk.position;
             problems.push(format!(
-                "the index counts {told} messages in the chunk at byte {at}, which holds {found}"
+                "the index counts {listed} messages in the chunk at byte {at}, which holds {found}"
             ));
-        } else if (told.start, told.end) != (chunk.start, chunk.end) {
+        } else if (listed.start, listed.end) != (chunk.start, chunk.end) {
             let at = chunk.position;
             problems.push(format!("the index has wrong times for the chunk at byte {at}"));
         }

@@ -25,7 +25,7 @@ pub(crate) struct Carrier<'b, F: ChunkedFile> {
 
 impl<'b, F: ChunkedFile> Carrier<'b, F> {
     /// Adds all connections under their own ids, so that chunks can stay as they are. Ids
-    /// that no recorder gives get new ones, and their chunks are written anew.
+    /// that no recorder gives get new ones, and their chunks are rewritten.
     pub fn new(bag: &'b Bag<F>, mut writer: BagWriter) -> Self {
         let mut connections: Vec<_> = bag.connections.iter().collect();
         connections.sort_by_key(|each| each.id);
@@ -141,7 +141,7 @@ impl<'b, F: ChunkedFile> Carrier<'b, F> {
     }
 }
 
-/// The INDEX records behind a chunk, written anew: a source's own may have its fields, or its
+/// The INDEX records behind a chunk, rewritten: a source's own may have its fields, or its
 /// entries, in another order than the rest of the bag. `None` when they are not as many as the
 /// bag's tail says, or point out of the chunk.
 fn kept_index(file: &impl ChunkedFile, chunk: &ChunkInfo) -> Option<Vec<u8>> {

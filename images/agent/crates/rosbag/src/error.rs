@@ -1,4 +1,4 @@
-//! What can be wrong with a bag, said with the offset and what was expected.
+//! What can be wrong with a bag: each error states the offset and what was expected.
 
 /// Why a bag could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -10,7 +10,7 @@ pub enum BagError {
         offset: u64,
         /// How many bytes were asked for.
         length: usize,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The file that a bag is spilled to could not be written.
@@ -18,7 +18,7 @@ pub enum BagError {
     Unwritten {
         /// Byte offset in the file.
         offset: u64,
-        /// What the system said.
+        /// The system's error.
         source: std::io::Error,
     },
     /// The first line is not that of a bag that this crate reads.

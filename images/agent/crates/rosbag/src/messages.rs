@@ -64,7 +64,7 @@ impl<'a, F: ChunkedFile> Messages<'a, F> {
             self.run.add_next(self.bag, *at, &self.wanted)?;
         }
         self.run.order();
-        // The runs were cut where the index said that one ends before the next begins.
+        // The runs were cut where, by the index, one ends before the next begins.
         match (self.run.time(0), run.first()) {
             (Some(time), Some(first)) if time < self.last => {
                 let position = self.bag.chunks[*first].position;

@@ -21,7 +21,7 @@ pub struct Reindexed {
 }
 
 /// Reads every record from the front and writes the whole messages with an index. Whole
-/// chunks keep their bytes; messages of damaged ones are written anew, compressed as
+/// chunks keep their bytes; messages of damaged ones are rewritten, compressed as
 /// `options` say. A bag of format 1.2 becomes one of format 2.0.
 pub fn reindex<F: ChunkedFile>(file: F, options: WriterOptions) -> Result<Reindexed, BagError> {
     reindex_limited(file, options, Limits::default())

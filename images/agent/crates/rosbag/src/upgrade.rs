@@ -49,7 +49,7 @@ struct Reader<'f, F> {
 }
 
 /// Fills the bag with every whole message of a file 1.2, in the file's order; all of them are
-/// made anew in memory, which the bag's limit bounds.
+/// rebuilt in memory, which the bag's limit bounds.
 pub(crate) fn read_old<F: ChunkedFile>(mut bag: Bag<F>) -> Result<Bag<F>, BagError> {
     let header = FileRecord::read(&bag.file, OLD_MAGIC.len() as u64)?;
     let index_position = Fields::require_u64(&header.header, "index_pos").unwrap_or(0);

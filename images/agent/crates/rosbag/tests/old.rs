@@ -126,7 +126,7 @@ fn a_bag_of_format_1_2_is_read_as_it_is() {
 }
 
 #[test]
-fn damage_in_a_bag_of_format_1_2_is_told_in_bytes_and_messages() {
+fn damage_in_a_bag_of_format_1_2_is_reported_in_bytes_and_messages() {
     let mut bytes = old(30);
     // The header length of the record behind the twelfth message.
     let at = end(12);

@@ -71,7 +71,7 @@ fn a_bag_that_goes_into_a_file_chunk_by_chunk_is_the_one_that_is_made_in_memory(
 }
 
 #[test]
-fn a_file_that_takes_no_more_is_told_with_the_place() {
+fn a_file_that_takes_no_more_is_reported_with_the_offset() {
     let mut writer = BagWriter::new(options(Compression::None, 1_000));
     writer.add_connection(&connection("/a"));
     writer.write(0, 1, &[7; 2_000]).unwrap();

@@ -29,7 +29,7 @@ pub enum FrameType {
     Abort = 7,
     /// A simulator's next moment.
     Step = 8,
-    /// What the stack said to it.
+    /// The stack's messages in answer to it.
     Answer = 9,
 }
 

@@ -106,7 +106,7 @@ pub struct Abort {
     /// Its last lines on stdout.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub stdout: Vec<String>,
-    /// The session that is aborted, so that leftovers can be told from one's own.
+    /// The session that is aborted, which distinguishes leftovers from one's own.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub session: String,
 }

@@ -5,9 +5,9 @@ use bagpipe_wire::{Abort, PipeError};
 /// An end without a result.
 #[derive(Debug)]
 pub enum Failure {
-    /// The worker is told.
+    /// It is reported to the worker.
     Abort(Box<Abort>),
-    /// There is nobody to tell, or no need: the reason is for the log.
+    /// There is nobody to report it to, or no need: the reason is for the log.
     Silent(String),
 }
 

@@ -58,7 +58,7 @@ pub struct Advertised {
     pub definition: String,
     #[serde(default)]
     pub latching: bool,
-    /// Whether what is said on it is recorded.
+    /// Whether its messages are recorded.
     #[serde(default = "yes")]
     pub recorded: bool,
 }

@@ -73,7 +73,7 @@ fn add_each(sums: &mut [u64], more: &[u64]) {
 pub struct SlotFigures {
     /// The pipe counts into it.
     pub received_bytes: Arc<AtomicU64>,
-    /// Replays tell it how far they are.
+    /// Replays report their progress to it.
     pub meter: Arc<Meter>,
     busy: AtomicBool,
     pipe_bytes: AtomicU64,

@@ -15,12 +15,12 @@ const MESSAGES: usize = 64;
 
 /// The figures of all slots.
 pub struct Gathered {
-    slots: Mutex<Vec<Told>>,
+    slots: Mutex<Vec<SlotReports>>,
 }
 
-/// What one slot's processes have told.
+/// What one slot's processes have reported.
 #[derive(Default)]
-struct Told {
+struct SlotReports {
     /// From the one that runs.
     socket: Option<UnixDatagram>,
     latest: Figures,
@@ -41,32 +41,32 @@ pub struct Total {
 
 impl Gathered {
     pub fn new(slots: u32) -> Self {
-        Self { slots: Mutex::new((0..slots).map(|_| Told::default()).collect()) }
+        Self { slots: Mutex::new((0..slots).map(|_| SlotReports::default()).collect()) }
     }
 
-    /// The end on which a slot's new process tells its figures.
+    /// The end on which a slot's new process reports its figures.
     pub fn listen_to(&self, slot: u32) -> std::io::Result<OwnedFd> {
         let (near, far) = UnixDatagram::pair()?;
         near.set_nonblocking(true)?;
-        if let Some(told) = self.lock().get_mut(slot as usize) {
-            told.socket = Some(near);
+        if let Some(known) = self.lock().get_mut(slot as usize) {
+            known.socket = Some(near);
         }
         Ok(far.into())
     }
 
-    /// Takes in what was told since.
+    /// Takes in what was reported since.
     pub fn take_in(&self) {
-        self.lock().iter_mut().for_each(Told::take_in);
+        self.lock().iter_mut().for_each(SlotReports::take_in);
     }
 
-    /// A slot's process has ended; what it told stays counted.
+    /// A slot's process has ended; what it reported stays counted.
     pub fn ended(&self, slot: u32) {
-        if let Some(told) = self.lock().get_mut(slot as usize) {
-            told.take_in();
-            told.socket = None;
-            told.deaths += 1;
-            let last = std::mem::take(&mut told.latest).concluded();
-            told.before.add(&last);
+        if let Some(known) = self.lock().get_mut(slot as usize) {
+            known.take_in();
+            known.socket = None;
+            known.deaths += 1;
+            let last = std::mem::take(&mut known.latest).concluded();
+            known.before.add(&last);
         }
     }
 
@@ -74,22 +74,22 @@ impl Gathered {
     pub fn total(&self) -> Total {
         let slots = self.lock();
         let mut total = Total { slots: slots.len() as u64, ..Total::default() };
-        for told in slots.iter() {
-            total.busy += u64::from(told.latest.busy);
-            total.deaths += told.deaths;
-            total.figures.add(&told.before);
-            total.figures.add(&told.latest);
+        for slot in slots.iter() {
+            total.busy += u64::from(slot.latest.busy);
+            total.deaths += slot.deaths;
+            total.figures.add(&slot.before);
+            total.figures.add(&slot.latest);
         }
         total
     }
 
     /// Figures are whole between any two statements, whoever died holding them.
-    fn lock(&self) -> MutexGuard<'_, Vec<Told>> {
+    fn lock(&self) -> MutexGuard<'_, Vec<SlotReports>> {
         self.slots.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Told {
+impl SlotReports {
     fn take_in(&mut self) {
         let Some(socket) = &self.socket else { return };
         let mut message = [0; MESSAGE];
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_process_told_outlives_it() {
+    fn what_a_process_reported_outlives_it() {
         let gathered = Gathered::new(2);
         let mut socket = UnixDatagram::from(gathered.listen_to(0).unwrap());
         let other = UnixDatagram::from(gathered.listen_to(1).unwrap());

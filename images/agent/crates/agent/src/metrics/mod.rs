@@ -1,13 +1,13 @@
 //! GET /metrics: what the slots of this container do and have done, for Prometheus.
 //!
-//! Each slot is a process of its own. It counts in plain atomics ([`SlotFigures`]) and tells
-//! them `serve` over a socket, which is its stdin, four times a second while a case runs and
-//! after each case ([`Teller`]). `serve` adds them up ([`Gathered`]), also those of processes
+//! Each slot is a process of its own. It counts in plain atomics ([`SlotFigures`]) and reports
+//! them to `serve` over a socket, which is its stdin, four times a second while a case runs and
+//! after each case ([`Reporter`]). `serve` adds them up ([`Gathered`]), also those of processes
 //! that have ended, and writes the page when somebody asks. Nothing waits for anything of this.
 
 mod figures;
 mod gathered;
-mod teller;
+mod reporter;
 mod text;
 
 use std::net::SocketAddr;
@@ -18,7 +18,7 @@ use bagpipe_ros1::{Page, Pages};
 
 pub use figures::SlotFigures;
 use gathered::Gathered;
-pub use teller::Teller;
+pub use reporter::Reporter;
 
 /// Prometheus' text format, which `promtool` reads too.
 const CONTENT_TYPE: &str = "text/plain; version=0.0.4; charset=utf-8";
@@ -57,7 +57,7 @@ impl Metrics {
         self.gathered.listen_to(slot).map(Stdio::from)
     }
 
-    /// Takes in what the slots have told.
+    /// Takes in what the slots have reported.
     pub fn take_in(&self) {
         self.gathered.take_in();
     }

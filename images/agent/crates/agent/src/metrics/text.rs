@@ -24,14 +24,14 @@ pub fn page(total: &Total) -> String {
 
 fn slots(text: &mut Text, total: &Total) {
     let version = ("version", env!("CARGO_PKG_VERSION"));
-    text.family("info", Kind::Gauge, "1; the label tells the agent's release.");
+    text.family("info", Kind::Gauge, "1; the label is the agent's release.");
     text.sample("info", Some(version), 1);
     text.one("slots", Kind::Gauge, "Places for cases in this container.", total.slots);
     text.one("slots_busy", Kind::Gauge, "Places in which a case runs.", total.busy);
     text.one(
         "slot_deaths_total",
         Kind::Counter,
-        "Processes of slots that ended although nobody had asked them to; each is started anew.",
+        "Processes of slots that ended although nobody had asked them to; each is started again.",
         total.deaths,
     );
 }

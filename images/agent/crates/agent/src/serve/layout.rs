@@ -33,7 +33,7 @@ impl Shared {
             self.slot(number).make()?;
         }
         let serving = self.serving();
-        fs::write(&serving, format!("{slots}\n")).map_err(|error| said(&serving, &error))
+        fs::write(&serving, format!("{slots}\n")).map_err(|error| unwritable(&serving, &error))
     }
 
     /// Fails unless every slot listens.
@@ -72,23 +72,24 @@ impl SlotFolder {
     /// Says that this process listens.
     pub fn note_listening(&self) -> Result<(), String> {
         let path = self.listening();
-        fs::write(&path, std::process::id().to_string()).map_err(|error| said(&path, &error))
+        fs::write(&path, std::process::id().to_string()).map_err(|error| unwritable(&path, &error))
     }
 
     fn make(&self) -> Result<(), String> {
-        fs::create_dir_all(&self.folder).map_err(|error| said(&self.folder, &error))?;
+        fs::create_dir_all(&self.folder).map_err(|error| unwritable(&self.folder, &error))?;
         // Spark's workers run as another user and must reach the pipes.
         for folder in self.folder.ancestors().take(2) {
             fs::set_permissions(folder, Permissions::from_mode(0o755))
-                .map_err(|error| said(folder, &error))?;
+                .map_err(|error| unwritable(folder, &error))?;
         }
         // A container that was restarted finds its predecessor's note.
         if self.listening().exists() {
-            fs::remove_file(self.listening()).map_err(|error| said(&self.listening(), &error))?;
+            fs::remove_file(self.listening())
+                .map_err(|error| unwritable(&self.listening(), &error))?;
         }
         for pipe in [self.requests(), self.answers()] {
             fifo::make(&pipe).map_err(|error| {
-                format!("{} (is this a file system with FIFOs?)", said(&pipe, &error))
+                format!("{} (is this a file system with FIFOs?)", unwritable(&pipe, &error))
             })?;
         }
         let lease = self.folder.join("lease");
@@ -97,7 +98,7 @@ impl SlotFolder {
             .append(true)
             .open(&lease)
             .and_then(|_| fifo::open_to_all(&lease))
-            .map_err(|error| said(&lease, &error))
+            .map_err(|error| unwritable(&lease, &error))
     }
 
     /// True when the process that noted itself here is still a slot's: its number may have
@@ -113,6 +114,6 @@ impl SlotFolder {
     }
 }
 
-fn said(path: &Path, error: &std::io::Error) -> String {
+fn unwritable(path: &Path, error: &std::io::Error) -> String {
     format!("cannot write {}: {error}", path.display())
 }

@@ -124,7 +124,7 @@ fn start(slot: u32, options: &ServeOptions, metrics: Option<&Metrics>) -> Result
         command.arg("--on-disk").arg(folder).args(options.cold.then_some("--cold"));
     }
     if let (Some(metrics), Some(address)) = (metrics, options.metrics) {
-        // It tells its figures on its stdin.
+        // It reports its figures on its stdin.
         command.args(["--metrics", &address.to_string()]);
         command.stdin(metrics.listen_to(slot).map_err(refused)?);
     } else {

@@ -1,4 +1,4 @@
-//! What `serve` is told, and each slot after it.
+//! The options of `serve`, which each slot takes over.
 
 use std::net::SocketAddr;
 use std::path::PathBuf;

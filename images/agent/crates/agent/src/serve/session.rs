@@ -75,7 +75,10 @@ impl Slot<'_> {
                 abort.session = session;
                 eprintln!("[slot {}] {}: {}", self.number, abort.reason, abort.message);
                 if let Err(error) = self.abort(&mut link, &abort) {
-                    eprintln!("[slot {}] and the worker cannot be told: {error}", self.number);
+                    eprintln!(
+                        "[slot {}] and it cannot be reported to the worker: {error}",
+                        self.number
+                    );
                 }
             }
         }
@@ -108,7 +111,7 @@ impl Slot<'_> {
                 let _watchdog = Watchdog::start(self.number, deadline, beyond);
                 self.run_program(link, &case, (session, hello.case), deadline)?
             };
-            // Its files went out as they came; what is said of them comes last.
+            // Its files went out as they came; their description comes last.
             let mut link = link.borrow_mut();
             self.send(&mut link, FrameType::Result, &map(&outcome)?)?;
             let end = link.encoder().end();
@@ -314,15 +317,15 @@ impl Slot<'_> {
     }
 
     fn abort(&self, link: &mut Duplex, abort: &Abort) -> Result<(), String> {
-        let told = |failure| match failure {
+        let reason_of = |failure| match failure {
             Failure::Silent(why) => why,
             Failure::Abort(abort) => abort.message,
         };
         if !link.has_output() {
-            self.open_output(link).map_err(told)?;
+            self.open_output(link).map_err(reason_of)?;
         }
-        let payload = map(abort).map_err(told)?;
-        self.send(link, FrameType::Abort, &payload).map_err(told)
+        let payload = map(abort).map_err(reason_of)?;
+        self.send(link, FrameType::Abort, &payload).map_err(reason_of)
     }
 
     fn stopping(&self) -> bool {

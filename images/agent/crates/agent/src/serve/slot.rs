@@ -11,7 +11,7 @@ use bagpipe_wire::{Duplex, Next};
 use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_signal};
 
 use crate::engine::ros1::on_disk::OnDisk;
-use crate::metrics::{SlotFigures, Teller};
+use crate::metrics::{Reporter, SlotFigures};
 use crate::serve::layout::Shared;
 use crate::serve::options::ServeOptions;
 use crate::serve::session::Slot;
@@ -28,8 +28,9 @@ pub fn run(options: &ServeOptions, number: u32, port: u16) -> Result<(), String>
     set_parent_process_death_signal(Some(Signal::TERM)).map_err(|error| error.to_string())?;
     let folder = Shared::new(&options.shared).slot(number);
     let figures = Arc::new(SlotFigures::default());
-    let telling = options.metrics.map(|_| Teller::start(&figures)).transpose();
-    let _teller = telling.map_err(|error| format!("serve cannot be told figures: {error}"))?;
+    let reporter = options.metrics.map(|_| Reporter::start(&figures)).transpose();
+    let _reporter =
+        reporter.map_err(|error| format!("figures cannot be reported to serve: {error}"))?;
     let slot = Slot {
         number,
         port,

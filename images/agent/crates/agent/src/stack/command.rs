@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn not_found_and_not_executable_are_told_apart() {
+    fn not_found_and_not_executable_are_distinguished() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().to_str().unwrap();
         let missing = find("no-such-node", path).unwrap_err().0;

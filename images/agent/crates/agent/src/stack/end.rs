@@ -53,7 +53,7 @@ impl StackEnd {
         self.ended = facts.evidence();
     }
 
-    /// Adds what the program said and how it ended.
+    /// Adds what the program wrote and how it ended.
     pub fn explain(self, mut abort: Abort) -> Abort {
         let itself = self.ended_by == "itself";
         if matches!(&*abort.reason, "StackExited" | "StackCrashed")

@@ -29,7 +29,7 @@ pub struct StackEnded {
     pub message: String,
 }
 
-/// How far the replay was, as it told.
+/// How far the replay was, as it reported.
 #[derive(Debug, Clone, Copy)]
 pub struct Moment {
     pub at: Instant,
@@ -152,7 +152,7 @@ impl Facts<'_> {
         message += &match (ended, end) {
             (Some(ended), _) => how(ended),
             (None, Some(_)) => "ended, and nobody knows how".to_owned(),
-            (None, None) if cause == "NodeRespawned" => "was registered anew".to_owned(),
+            (None, None) if cause == "NodeRespawned" => "was registered again".to_owned(),
             (None, None) => "left the ROS master".to_owned(),
         };
         if let Some(seconds) = bag_seconds {

@@ -110,7 +110,7 @@ impl Surroundings<'_> {
         children: &mut Children,
     ) -> Result<(Program, OwnedFd, OwnedFd), NotRunnable> {
         let mut command = self.prepare(command)?;
-        // It tells a program that its stdin holds frames, as a BinPipedRDD's.
+        // The variable shows a program that its stdin holds frames, as a BinPipedRDD's.
         command.stdin(Stdio::piped()).env("BAGPIPE_BINPIPE", "1");
         let (pid, mut child) = self.spawn(&mut command, children)?;
         let stderr = child.stderr.take();

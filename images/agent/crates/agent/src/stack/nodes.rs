@@ -38,7 +38,8 @@ pub enum Found {
     Another,
 }
 
-/// All nodes but our own. A master that does not answer fails the replay, so nothing is said here.
+/// All nodes but our own. A master that does not answer fails the replay, so no error is
+/// reported here.
 pub fn roll(master_uri: &str) -> Vec<Known> {
     let Ok(master) = Master::new(master_uri, CALLER, ASK) else { return Vec::new() };
     let names = registered(&master);

@@ -1,8 +1,8 @@
 //! How the processes of a stack end, those too that are other processes' children.
 //!
-//! roslaunch and shells collect their own children and need not tell. A pidfd says at once when
-//! its process has ended, and until the parent has collected it /proc/PID/stat says how. Where
-//! the parent is faster the end is known, and not its status.
+//! roslaunch and shells collect their own children and need not report how they ended. A pidfd
+//! says at once when its process has ended, and until the parent has collected it
+//! /proc/PID/stat says how. Where the parent is faster the end is known, and not its status.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::os::fd::OwnedFd;
@@ -71,7 +71,7 @@ impl Witness {
 struct Watch {
     spared: Vec<Pid>,
     alive: BTreeMap<i32, (OwnedFd, String)>,
-    /// Told already, and maybe not yet collected by their parents.
+    /// Reported already, and maybe not yet collected by their parents.
     over: BTreeSet<i32>,
     seen: Arc<Mutex<Vec<ProcessEnd>>>,
     enough: Arc<OwnedFd>,

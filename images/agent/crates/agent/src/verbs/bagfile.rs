@@ -16,7 +16,7 @@ pub struct Output {
     /// The new bag; a file that is there is never overwritten.
     #[arg(long, short, value_name = "FILE")]
     pub output: PathBuf,
-    /// How chunks that are written anew are compressed; whole chunks stay as they are.
+    /// How rewritten chunks are compressed; whole chunks stay as they are.
     #[arg(long, value_enum, default_value = "none")]
     pub compression: Packing,
 }

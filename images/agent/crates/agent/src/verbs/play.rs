@@ -89,7 +89,7 @@ pub struct PlayOptions {
     /// Where the recorded answers go.
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// Play all of it so many times, one after the other. Each round registers anew and has a
+    /// Play all of it so many times, one after the other. Each round registers again and has a
     /// ledger of its own; its answers go to FILE_0.bag, FILE_1.bag and so on.
     #[arg(long, value_name = "N", default_value_t = 1,
           value_parser = clap::value_parser!(u32).range(1..))]
@@ -101,7 +101,7 @@ pub struct PlayOptions {
     memory: Memory,
 }
 
-/// Plays, round after round, and tells what was delivered in each.
+/// Plays, round after round, and reports what was delivered in each.
 ///
 /// # Errors
 /// A sentence: something can't be read, played or written, or messages were lost.
@@ -118,7 +118,7 @@ pub fn play(options: &PlayOptions) -> Result<(), String> {
         if let Some(output) = &output {
             write(output, &replayed.recorded_bag)?;
         }
-        options.tell(round, output.as_deref(), &replayed)?;
+        options.report(round, output.as_deref(), &replayed)?;
         if replayed.ledger.dropped > 0 {
             let lost = replayed.ledger.dropped.to_string();
             let several = options.repeat > 1;
@@ -148,13 +148,13 @@ fn enter() -> Resumed {
         let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
         let line = waiting.get_or_insert_with(|| {
             eprintln!("paused before a message of {topic}; Enter goes on");
-            let (said, line) = channel();
+            let (entered, line) = channel();
             std::thread::spawn(move || {
                 let mut text = String::new();
                 // An end of input or an error is nobody who could ever press Enter.
                 let _ended = std::io::stdin().read_line(&mut text);
                 // Without a receiver the play is over.
-                let _over = said.send(());
+                let _over = entered.send(());
             });
             line
         });
@@ -197,7 +197,7 @@ impl PlayOptions {
         Some(if self.repeat > 1 { of_part(output, round) } else { output.clone() })
     }
 
-    fn tell(&self, round: u32, output: Option<&Path>, replayed: &Replayed) -> Result<(), String> {
+    fn report(&self, round: u32, output: Option<&Path>, replayed: &Replayed) -> Result<(), String> {
         if self.json {
             let json = serde_json::to_string(replayed).map_err(|error| error.to_string())?;
             println!("{json}");

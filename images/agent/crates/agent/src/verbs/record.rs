@@ -51,7 +51,7 @@ pub struct RecordOptions {
 /// What a bag in memory may hold if nobody says.
 const SPLIT: u64 = 1 << 30;
 
-/// Records, and tells how much.
+/// Records, and reports how much.
 pub fn record(options: &RecordOptions) -> Result<(), String> {
     let request = RecordRequest {
         master_uri: master_uri(options.master.as_deref())?,
@@ -82,7 +82,7 @@ pub fn record(options: &RecordOptions) -> Result<(), String> {
     println!("{messages} messages, {bytes} bytes, {bags} bags");
     if recorded.again > 0 {
         let again = recorded.again;
-        eprintln!("the master was started anew: {again} subscriptions were made again");
+        eprintln!("the master was restarted: {again} subscriptions were made again");
     }
     if recorded.master_lost {
         eprintln!("the master did not answer at the end: topics new since then are missing");

@@ -121,7 +121,7 @@ pub fn data(bytes: &[u8]) -> (FrameType, Vec<u8>) {
     (FrameType::Data, bytes.to_vec())
 }
 
-pub fn said(entries: &[(&str, Value)]) -> (FrameType, Vec<u8>) {
+pub fn result(entries: &[(&str, Value)]) -> (FrameType, Vec<u8>) {
     (FrameType::Result, to_map(&map(entries)).unwrap())
 }
 

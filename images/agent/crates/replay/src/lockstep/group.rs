@@ -46,7 +46,7 @@ impl Group {
         input.messages += 1;
         match (self.by, stamp(data)) {
             (AnswerBy::Count, _) => input.reached = Some(input.reached.unwrap_or(0) + 1),
-            // Too short for its own definition: nobody could tell its answer.
+            // Too short for its own definition: its answer can't be identified.
             (AnswerBy::Stamp, None) => return Some((deadline, None)),
             (AnswerBy::Stamp, stamp) if self.skippable => return Some((deadline, stamp)),
             (AnswerBy::Stamp, stamp) => {

@@ -21,7 +21,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros1::TopicInfo;
 
-use crate::answers::{Answers, Heard};
+use crate::answers::{Answers, ReceivedAnswers};
 use crate::names::resolved;
 use crate::outcome::StepReport;
 use crate::pairing::{Pairing, Span};
@@ -87,7 +87,7 @@ impl Lockstep {
         Ok(Lockstep { groups, stamps: vec![None; stamped.len()], stamped, meter: Arc::default() })
     }
 
-    /// Tells its waits to `meter` too.
+    /// Reports its waits to `meter` too.
     pub(crate) fn metered(self, meter: &Arc<Meter>) -> Lockstep {
         Lockstep { meter: Arc::clone(meter), ..self }
     }
@@ -127,8 +127,8 @@ impl Lockstep {
             let Some(from) = reached else { continue };
             let target = match group.by {
                 AnswerBy::Count => {
-                    let heard = answers.of(&group.answer, |heard| heard.count);
-                    Target::Count(heard.unwrap_or_default() + 1)
+                    let received = answers.of(&group.answer, |received| received.count);
+                    Target::Count(received.unwrap_or_default() + 1)
                 }
                 AnswerBy::Stamp => {
                     let span = Span { from, to: known.unwrap_or(from).max(from) };
@@ -155,9 +155,11 @@ impl Lockstep {
     ) -> Result<(), ReplayError> {
         const LOOK: Duration = Duration::from_millis(10);
         let Some(group) = self.groups.get_mut(due.group) else { return Ok(()) };
-        let come = |heard: &mut Heard| match due.target {
-            Target::Count(count) => heard.count >= count,
-            Target::Stamp(span) => heard.pairing.as_mut().is_some_and(|pairing| pairing.take(span)),
+        let come = |received: &mut ReceivedAnswers| match due.target {
+            Target::Count(count) => received.count >= count,
+            Target::Stamp(span) => {
+                received.pairing.as_mut().is_some_and(|pairing| pairing.take(span))
+            }
         };
         loop {
             let left = due.deadline.saturating_sub(time.now().duration_since(released));
@@ -170,7 +172,7 @@ impl Lockstep {
                 group.report.slowest_seconds = group.report.slowest_seconds.max(waited);
                 return Ok(());
             }
-            if answers.of(&group.answer, |heard| heard.unstamped) == Some(true) {
+            if answers.of(&group.answer, |received| received.unstamped) == Some(true) {
                 return Err(no_stamp("answer", &group.answer));
             }
             if left.is_zero() {
@@ -189,15 +191,16 @@ impl Lockstep {
     }
 
     /// Published topics of which every message was answered, with the nodes that answered: they,
-    /// and whoever they heard it from, have called back. By count, an answer that was not
+    /// and whoever they received it from, have called back. By count, an answer that was not
     /// awaited could have stood in for one that was. Of several inputs that may be skipped nobody
     /// knows which one an answer was for.
     pub(crate) fn answered(&self, answers: &Answers) -> Vec<(usize, BTreeSet<String>)> {
         let mut found = Vec::new();
         for group in self.groups.iter().filter(|group| !group.skippable || group.inputs.len() == 1)
         {
-            let heard = answers.of(&group.answer, |heard| (heard.count, heard.publishers.clone()));
-            let Some((count, publishers)) = heard else { continue };
+            let received =
+                answers.of(&group.answer, |received| (received.count, received.publishers.clone()));
+            let Some((count, publishers)) = received else { continue };
             let answered = group.report.answered;
             if group.by == AnswerBy::Count && count != answered {
                 continue;
@@ -246,7 +249,7 @@ fn input(step: &Step, topics: &[TopicInfo]) -> Result<Input, ReplayError> {
 
 /// Does something to what is known of an answer's stamps.
 fn pair(answers: &Answers, topic: &str, then: impl FnOnce(&mut Pairing)) {
-    answers.of(topic, |heard| heard.pairing.as_mut().map(then));
+    answers.of(topic, |received| received.pairing.as_mut().map(then));
 }
 
 fn no_stamp(role: &str, topic: &str) -> ReplayError {
@@ -347,10 +350,10 @@ mod tests {
         let steps = [step("/left", AnswerBy::Stamp, false)];
         let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
         let answers = Answers::new(lockstep.awaited());
-        for (input, said) in [(5, Some(4_000_000_000)), (6, None), (7, Some(7))] {
+        for (input, stamp) in [(5, Some(4_000_000_000)), (6, None), (7, Some(7))] {
             let due = lockstep.release(0, &at(input), None, &answers)[0];
-            if let Some(said) = said {
-                pair(&answers, "/out", |pairing| pairing.hear(said * SECOND));
+            if let Some(stamp) = stamp {
+                pair(&answers, "/out", |pairing| pairing.receive(stamp * SECOND));
             }
             lockstep.wait(due, Instant::now(), &answers, &Time::Machine, || Ok(())).unwrap();
         }
@@ -360,16 +363,16 @@ mod tests {
         assert!(warnings[0].starts_with("1 messages of /out have stamps"), "{warnings:?}");
     }
 
-    /// Releases (input, simulated time), then hears these stamps: was it answered?
+    /// Releases (input, simulated time), then receives these stamps: was it answered?
     fn answered(
         lockstep: &mut Lockstep,
         answers: &Answers,
         (input, now): (u32, u64),
-        said: &[u64],
+        stamps: &[u64],
     ) -> bool {
         let due = lockstep.release(0, &at(input), Some(now * SECOND), answers)[0];
-        for stamp in said {
-            pair(answers, "/out", |pairing| pairing.hear(stamp * SECOND));
+        for stamp in stamps {
+            pair(answers, "/out", |pairing| pairing.receive(stamp * SECOND));
         }
         let before = lockstep.groups[0].report.answered;
         lockstep.wait(due, Instant::now(), answers, &Time::Machine, || Ok(())).unwrap();
@@ -382,7 +385,7 @@ mod tests {
         let steps = [step("/left", AnswerBy::Stamp, false)];
         let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
         let answers = Answers::new(lockstep.awaited());
-        let mut turn = |input, said: &[u64]| answered(&mut lockstep, &answers, input, said);
+        let mut turn = |input, stamps: &[u64]| answered(&mut lockstep, &answers, input, stamps);
         assert!(!turn((5, 5), &[]));
         // In time's order the stamp is too old; its own answer counts all the same.
         assert!(!turn((6, 6), &[5]));
@@ -399,15 +402,15 @@ mod tests {
 
     #[test]
     fn only_a_topic_of_which_every_message_was_answered_was_called_back() {
-        let answered = |messages: &[u32], said: &[u32], by: AnswerBy| {
+        let answered = |messages: &[u32], counts: &[u32], by: AnswerBy| {
             let steps = [step("/left", by, false)];
             let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
             let answers = Answers::new(lockstep.awaited());
-            for (input, said) in messages.iter().zip(said) {
+            for (input, count) in messages.iter().zip(counts) {
                 let due = lockstep.release(0, &at(*input), None, &answers)[0];
-                for _ in 0..*said {
-                    answers.of("/out", |heard| heard.count += 1);
-                    pair(&answers, "/out", |pairing| pairing.hear(u64::from(*input) * SECOND));
+                for _ in 0..*count {
+                    answers.of("/out", |received| received.count += 1);
+                    pair(&answers, "/out", |pairing| pairing.receive(u64::from(*input) * SECOND));
                 }
                 lockstep.wait(due, Instant::now(), &answers, &Time::Machine, || Ok(())).unwrap();
             }

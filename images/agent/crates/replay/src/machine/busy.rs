@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn a_starved_stack_is_excused_and_told_by_what() {
+    fn a_starved_stack_is_excused_with_the_cause() {
         let starved = Slice {
             pressure: Some(0.98),
             stack: 0.6,
@@ -243,9 +243,9 @@ mod tests {
             "the machine could have caused a loss: in 2.0 of 3.0 s processes that are not the \
              stack's had up to 70 % of the processors while tasks here waited for one"
         );
-        let unsaid = Slice { pressure: None, ..starved };
-        assert!(busy(&[unsaid]).0, "a kernel without pressure figures");
-        assert!(!busy(&[Slice { used: Some(1.8), ..unsaid }]).0);
+        let unmeasured = Slice { pressure: None, ..starved };
+        assert!(busy(&[unmeasured]).0, "a kernel without pressure figures");
+        assert!(!busy(&[Slice { used: Some(1.8), ..unmeasured }]).0);
     }
 
     #[test]

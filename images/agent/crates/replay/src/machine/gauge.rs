@@ -157,13 +157,13 @@ impl Places {
         };
         let mut pressures = within("cpu.pressure");
         pressures.push(PathBuf::from("/proc/pressure/cpu"));
-        let tells = |path: &PathBuf| kernel::pressure(&text(path)).is_some();
+        let has_pressure = |path: &PathBuf| kernel::pressure(&text(path)).is_some();
         let limits = |path: &PathBuf| kernel::throttled(&text(path)).is_some();
         let usage = |path: &PathBuf| cgroup_use(path).is_some();
         let mut usages = within("cpuacct.usage");
         usages.extend(within("cpu.stat"));
         Places {
-            pressure: pressures.into_iter().find(tells),
+            pressure: pressures.into_iter().find(has_pressure),
             limits: within("cpu.stat").into_iter().find(limits),
             usage: usages.into_iter().find(usage),
             allowed: kernel::allowed(&text(Path::new("/proc/self/status"))),

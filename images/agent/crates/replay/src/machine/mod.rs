@@ -8,7 +8,7 @@ pub(crate) use gauge::{Foreign, Gauge};
 
 use serde::Serialize;
 
-/// How the machine was during play and drain. What it does not tell is `None`.
+/// How the machine was during play and drain. What it does not report is `None`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Machine {
     /// How much later than due the latest message left; 0 where none has a time to leave.

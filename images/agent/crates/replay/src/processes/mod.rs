@@ -35,8 +35,8 @@ pub(crate) struct Processes {
 }
 
 impl Processes {
-    /// Looks at what the nodes do before they are told anything, and while they are not asked:
-    /// an answer is work.
+    /// Looks at what the nodes do before anything is published, and while no statistics are asked
+    /// of them: an answer to that is work.
     pub(crate) fn meet(pids: BTreeSet<i32>) -> Processes {
         let born = Instant::now();
         let first = look(&pids, born);
@@ -60,10 +60,11 @@ impl Processes {
         self.watch.begin(now);
     }
 
-    /// What has gone on since the last look, and whether something was `heard` since.
-    pub(crate) fn rest(&mut self, heard: bool) -> Rest {
+    /// Whether the nodes rest, by their work since the last look and whether something was
+    /// `received` since.
+    pub(crate) fn rest(&mut self, received: bool) -> Rest {
         let now = look(&self.pids, self.born);
-        self.watch.look(now, heard)
+        self.watch.look(now, received)
     }
 }
 

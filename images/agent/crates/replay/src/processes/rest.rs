@@ -1,8 +1,8 @@
-//! Whether nodes rest: whether anything of theirs could still answer what they were told.
+//! Whether nodes rest: whether anything of theirs could still answer what they received.
 //!
 //! A thread works that wants a good part of a processor, more than its process wanted
 //! before the first input. A thread that sleeps until some time may be in the middle of its
-//! work, and is waited for until it has woken once. Both are told by differences of two
+//! work, and is waited for until it has woken once. Both follow from the differences of two
 //! looks, whatever machine they ran on: wanting a processor without getting it counts.
 
 use std::collections::BTreeMap;
@@ -81,14 +81,14 @@ impl Watch {
         self.still = now;
     }
 
-    /// What has gone on since the last look. Work begins the stillness anew, and so does what
-    /// was heard: who sleeps after that has to wake once more.
-    pub(crate) fn look(&mut self, now: Look, heard: bool) -> Rest {
+    /// Whether the nodes rest. Work since the last look restarts the time of stillness, and so does
+    /// a received message: a thread that sleeps after that has to wake once more.
+    pub(crate) fn look(&mut self, now: Look, received: bool) -> Rest {
         let wanted = now.wanted_since(&self.last);
         let usual = |process: &i32| self.usual.get(process).copied().unwrap_or_default();
         let works = wanted.iter().any(|(process, part)| *part >= usual(process) + WORKING);
         self.last = now;
-        if works || heard {
+        if works || received {
             self.still = self.last.clone();
         }
         if works {
@@ -156,7 +156,7 @@ mod tests {
         watch.begin(at(100, 5));
         assert_eq!(watch.look(at(150, 5), false), Rest::Asleep);
         assert_eq!(watch.look(at(200, 6), false), Rest::Still);
-        // It said something, and sleeps again.
+        // It published something, and sleeps again.
         assert_eq!(watch.look(at(220, 7), true), Rest::Asleep);
         assert_eq!(watch.look(at(240, 7), false), Rest::Asleep);
         assert_eq!(watch.look(at(260, 8), false), Rest::Still);

@@ -1,4 +1,4 @@
-//! Whether a stack still starts: whether any process of it works before it was told anything.
+//! Whether a stack still starts: whether any process of it works before anything is published.
 //!
 //! A node that loads its libraries is not in the graph yet, so nothing there says that somebody
 //! is still to come.
@@ -26,8 +26,8 @@ impl Starting {
         Starting { root, born: Instant::now(), last: None, over: false }
     }
 
-    /// Whether nobody has worked for a while; `changed`: whether the graph has, since the last
-    /// time, which begins the while anew.
+    /// Whether nobody has worked for a while. `changed`, whether the graph has changed since the
+    /// last call, restarts that while.
     pub(crate) fn is_over(&mut self, changed: bool) -> bool {
         let Some(root) = self.root else { return true };
         if self.over && !changed {
@@ -72,13 +72,13 @@ mod tests {
         assert!(rested(&before, &look(100, &[(7, 60), (8, 20)])));
         assert!(!rested(&before, &look(100, &[(7, 50), (8, 46)])));
         assert!(!rested(&before, &look(100, &[(7, 50), (8, 20), (9, 0)])));
-        // Numbers of processes begin anew some time.
+        // Process ids start from the beginning some time.
         assert!(!rested(&before, &look(100, &[(7, 50), (8, 20), (3, 0)])));
         assert!(rested(&before, &look(100, &[(7, 50)])));
     }
 
     #[test]
-    fn what_works_is_waited_for_until_it_rests_and_a_changed_graph_begins_anew() {
+    fn what_works_is_waited_for_until_it_rests_and_a_changed_graph_restarts_the_wait() {
         let enough = std::env::temp_dir().join(format!("bagpipe-busy-{}", std::process::id()));
         let script = format!("sh -c 'while [ ! -e {} ]; do :; done' & wait", enough.display());
         let mut busy = std::process::Command::new("sh").args(["-c", &script]).spawn().unwrap();

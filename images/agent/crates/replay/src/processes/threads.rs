@@ -1,7 +1,7 @@
 //! What the kernel says of threads: how much they wanted a processor, and what they wait for.
 //! Pure: the texts come from elsewhere.
 
-/// The numbers of the system calls that are told apart.
+/// The numbers of the system calls that are distinguished.
 #[cfg(target_arch = "x86_64")]
 mod calls {
     pub(super) const RECEIVE: [u64; 2] = [45, 0]; // recvfrom, read

@@ -1,4 +1,4 @@
-//! What a replay is watched for: deadlines, those who want an end, and what is told.
+//! Deadlines, cancellations and the reports of progress of a replay.
 
 use std::cell::Cell;
 
@@ -60,7 +60,7 @@ fn the_case_s_deadline_holds_between_two_messages_that_are_far_apart() {
 }
 
 #[test]
-fn who_wants_an_end_is_heard_within_a_nap() {
+fn a_cancellation_is_noticed_within_a_nap() {
     for (stage, words) in STAGES {
         for why in [Cancellation::StackExited, Cancellation::PeerGone, Cancellation::Terminated] {
             let rehearsal = rehearsal();
@@ -76,7 +76,7 @@ fn who_wants_an_end_is_heard_within_a_nap() {
                 (Cancellation::StackExited, Err(ReplayError::StackExited { during })) => {
                     assert_eq!((may, during), (false, words));
                 }
-                (_, Err(ReplayError::Cancelled(told))) => assert_eq!(told, why),
+                (_, Err(ReplayError::Cancelled(reason))) => assert_eq!(reason, why),
                 (_, slept) => assert!(may && slept.is_ok(), "{slept:?}"),
             }
         }
@@ -97,8 +97,8 @@ fn a_stack_may_end_once_the_last_message_goes_out() {
         assert!(watch.stack_has_exited());
         watch.enter(Stage::Drain);
     });
-    let told = rehearsal.told.lock().unwrap();
-    let last_out = told.iter().map(|(_, progress)| progress.last_out).collect::<Vec<_>>();
+    let reported = rehearsal.reported.lock().unwrap();
+    let last_out = reported.iter().map(|(_, progress)| progress.last_out).collect::<Vec<_>>();
     assert_eq!(last_out, [None, Some(rehearsal.by_hand.moment(ms(20)))]);
 }
 
@@ -126,7 +126,7 @@ fn it_looks_up_every_10_ms_however_often_it_is_asked() {
 }
 
 #[test]
-fn progress_is_told_when_a_stage_begins_and_every_half_second() {
+fn progress_is_reported_when_a_stage_begins_and_every_half_second() {
     let by_hand = ByHand::new();
     let rehearsal = Rehearsal::new(&by_hand, request(&by_hand, window(0, 9_000)));
     rehearsal.play(&bag_of_times(&[0, 250, 700, 1_300, 1_400]), |player, plan, watch| {
@@ -136,9 +136,11 @@ fn progress_is_told_when_a_stage_begins_and_every_half_second() {
         watch.enter(Stage::Drain);
         watch.sleep(ms(600)).unwrap();
     });
-    let told = rehearsal.told.lock().unwrap();
-    let told: Vec<_> =
-        told.iter().map(|(at, told)| (*at, told.stage, told.sent, told.bag_seconds)).collect();
+    let reported = rehearsal.reported.lock().unwrap();
+    let reported: Vec<_> = reported
+        .iter()
+        .map(|(at, progress)| (*at, progress.stage, progress.sent, progress.bag_seconds))
+        .collect();
     let expected = [
         (ms(0), Stage::Play, 0, 0.0),
         // It looks up between two naps of 20 ms, which begin with a message.
@@ -147,5 +149,5 @@ fn progress_is_told_when_a_stage_begins_and_every_half_second() {
         (ms(1_400), Stage::Drain, 5, 1.4),
         (ms(1_900), Stage::Drain, 5, 1.9),
     ];
-    assert_eq!(told, expected);
+    assert_eq!(reported, expected);
 }

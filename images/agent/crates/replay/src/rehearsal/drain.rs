@@ -57,12 +57,12 @@ fn who_works_in_silence_is_waited_for_and_300_ms_more() {
     // Looked at every 50 ms: last seen at work at 950.
     assert_eq!(rehearsal().listen(works_until(1_000)).unwrap(), ms(1_250));
     let sleeps = |now| if now < ms(1_000) { Rest::Asleep } else { Rest::Still };
-    // Who sleeps has said nothing all the while.
+    // Who sleeps has published nothing all the while.
     assert_eq!(rehearsal().listen(sleeps).unwrap(), ms(1_000));
 }
 
 #[test]
-fn outputs_or_work_without_end_are_heard_until_the_deadline() {
+fn outputs_or_work_without_end_are_awaited_until_the_deadline() {
     let rehearsal_of_outputs = rehearsal();
     (0..50).for_each(|at| rehearsal_of_outputs.says(ms(100 * at), "/answer"));
     assert_eq!(rehearsal_of_outputs.listen(|_| Rest::Still).unwrap(), ms(2_000));
@@ -104,15 +104,15 @@ fn a_stack_that_ends_meanwhile_ends_it_and_a_passed_deadline_fails_it() {
 }
 
 #[test]
-fn what_was_heard_since_the_last_look_is_told_to_the_next() {
+fn each_look_is_given_whether_something_was_received_since_the_last() {
     let rehearsal = rehearsal();
     rehearsal.says(ms(120), "/answer");
     let node = rehearsal.node();
     let drain = rehearsal.drain(&node);
     let mut looks = Vec::new();
     rehearsal.play(&bag_of_times(&[1_000]), |player, _, watch| {
-        let look = |heard| {
-            looks.push((rehearsal.by_hand.passed(), heard));
+        let look = |received| {
+            looks.push((rehearsal.by_hand.passed(), received));
             Rest::Still
         };
         drain.await_quiet(watch.now(), look, player, watch).unwrap();

@@ -53,13 +53,13 @@ impl Log {
         words.map(|sent| (sent.at, word(&sent.frame))).collect()
     }
 
-    /// Bag time, in nanoseconds, as the player's clock said when each word went out.
+    /// Bag time, in nanoseconds, by the player's clock, when each word went out.
     pub(super) fn bag_times(&self) -> Vec<u64> {
         let sent = self.sent.lock().unwrap();
         sent.iter().filter(|sent| sent.topic != "/clock").map(|sent| sent.bag).collect()
     }
 
-    /// What /clock said, in nanoseconds, and when.
+    /// The times on /clock, in nanoseconds, and when they were sent.
     pub(super) fn ticks(&self) -> Vec<(Duration, u64)> {
         let sent = self.sent.lock().unwrap();
         let ticks = sent.iter().filter(|sent| sent.topic == "/clock");

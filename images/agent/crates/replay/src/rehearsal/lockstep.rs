@@ -11,7 +11,7 @@ use crate::lockstep::Lockstep;
 use crate::outcome::StepReport;
 use crate::play::{Pace, Player};
 use crate::simulate::Turns;
-use crate::world::{Moment, Said, World};
+use crate::world::{LatestMessage, Moment, World};
 use crate::{Meter, ReplayError, Stage};
 
 /// A play in lock-step of which each answer is awaited for 250 ms.
@@ -112,7 +112,7 @@ fn a_wait_is_metered_to_the_nanosecond() {
             let answers = Arc::clone(&answers);
             let after = std::time::Duration::from_nanos(12_345_678);
             by_hand.at(after, move || {
-                answers.of("/answer", |heard| heard.count += 1);
+                answers.of("/answer", |received| received.count += 1);
             });
         }
         lockstep.wait(due, by_hand.now(), &answers, &by_hand.time(), || Ok(())).unwrap();
@@ -126,7 +126,11 @@ fn a_wait_is_metered_to_the_nanosecond() {
 struct Thinker(Arc<ByHand>, u64);
 
 impl World for Thinker {
-    fn next(&mut self, _: Vec<Said>, _: &dyn Fn() -> bool) -> Result<Option<Moment>, ReplayError> {
+    fn next(
+        &mut self,
+        _: Vec<LatestMessage>,
+        _: &dyn Fn() -> bool,
+    ) -> Result<Option<Moment>, ReplayError> {
         if self.1 == 3 {
             return Ok(None);
         }

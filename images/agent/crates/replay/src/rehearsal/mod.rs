@@ -86,8 +86,8 @@ struct Rehearsal {
     answers: Arc<Answers>,
     /// What went out.
     log: Log,
-    /// What was told, and when.
-    told: Mutex<Vec<(Duration, Progress)>>,
+    /// The reports of progress, and when they came.
+    reported: Mutex<Vec<(Duration, Progress)>>,
     cancelled: Arc<Mutex<Option<Cancellation>>>,
 }
 
@@ -109,7 +109,7 @@ impl Rehearsal {
             clock,
             recorder,
             answers,
-            told: Mutex::default(),
+            reported: Mutex::default(),
             cancelled: Arc::default(),
         }
     }
@@ -117,7 +117,7 @@ impl Rehearsal {
     /// Acts under the watch.
     fn watched<R>(&self, act: impl FnOnce(&mut Watch<'_>) -> R) -> R {
         let mut progress = |progress| {
-            self.told.lock().unwrap().push((self.by_hand.passed(), progress));
+            self.reported.lock().unwrap().push((self.by_hand.passed(), progress));
         };
         let cancelled = || *self.cancelled.lock().unwrap();
         let (recorder, clock) = (&self.recorder, &self.clock);

@@ -57,7 +57,7 @@ fn messages_go_out_when_they_are_due_at_any_rate() {
         let moments = [moments[0], moments[1], moments[2] + half, moments[3]];
         assert_eq!(rehearsal.moments(), moments);
         assert_eq!((pace.late, pace.took, pace.last), (ms(0), moments[3], Some(2_000 * MS)));
-        // Whatever is said in answer is stamped with the message's own time.
+        // Every answer is stamped with the message's own time.
         assert_eq!(rehearsal.log.bag_times(), [1_000, 1_100, 1_250, 2_000].map(|at| at * MS));
     }
 }
@@ -120,7 +120,7 @@ fn a_burst_at_twice_the_rate_is_half_as_far_apart_and_each_topic_keeps_its_own_d
     assert_eq!(pace.late, ms(10));
 }
 
-/// When /clock ticked, and what it said, in a play at four times the speed.
+/// When /clock ticked, and the times on it, in a play at four times the speed.
 fn ticks(clock_rate: f64, mode: Mode, messages: &[u64]) -> Vec<(Duration, u64)> {
     let by_hand = ByHand::new();
     let mut request = request(&by_hand, window(1_000, 3_001));

@@ -135,12 +135,12 @@ mod tests {
     #[test]
     fn a_wait_ends_with_what_it_waits_for_or_with_its_limit() {
         let clock = ByHand::new();
-        let heard = Arc::new(Mutex::new(0));
-        let said = Arc::clone(&heard);
-        clock.at(ms(7), move || *said.lock().unwrap() += 1);
+        let received = Arc::new(Mutex::new(0));
+        let sender = Arc::clone(&received);
+        clock.at(ms(7), move || *sender.lock().unwrap() += 1);
         let wait = |enough| {
             let notified = Condvar::new();
-            clock.time().wait_while(&heard, &notified, ms(10), |heard| *heard < enough);
+            clock.time().wait_while(&received, &notified, ms(10), |received| *received < enough);
             clock.passed()
         };
         assert_eq!((wait(0), wait(1), wait(2)), (ms(0), ms(7), ms(17)));

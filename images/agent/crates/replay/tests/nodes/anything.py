@@ -22,7 +22,7 @@ def relay(message: rospy.AnyMsg) -> None:
 
     if out not in publishers:
         publishers[out] = rospy.Publisher(out, Same, queue_size=None)
-        # The recorder finds the new topic within a moment; nothing may be said before.
+        # The recorder finds the new topic within a moment; nothing may be published before.
         while publishers[out].get_num_connections() == 0 and not rospy.is_shutdown():
             threading.Event().wait(0.01)
     same = Same()

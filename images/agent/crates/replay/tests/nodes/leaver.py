@@ -1,6 +1,6 @@
 """Subscribes to a std_msgs/String topic, and leaves after n messages.
 
-leaver.py <topic> <messages to hear before leaving>
+leaver.py <topic> <messages to receive before leaving>
 """
 
 import os
@@ -11,15 +11,15 @@ import rospy
 from std_msgs.msg import String
 
 arguments = rospy.myargv(sys.argv)
-heard = 0
+received = 0
 
 
 def word(message: String) -> None:
     """Leaves at once: rospy calls a connection's callbacks one after the other."""
-    global heard
-    heard += 1
-    if heard == int(arguments[2]):
-        sys.stdout.write(f"leaving {heard}\n")
+    global received
+    received += 1
+    if received == int(arguments[2]):
+        sys.stdout.write(f"leaving {received}\n")
         sys.stdout.flush()
         os._exit(0)
 

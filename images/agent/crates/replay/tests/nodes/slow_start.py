@@ -1,4 +1,4 @@
-"""Computes for a while before it is a node, and then says each word that it is told.
+"""Computes for a while before it is a node, and then prints each word that it receives.
 
 slow_start.py <topic> <seconds>
 """

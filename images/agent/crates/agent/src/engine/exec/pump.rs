@@ -95,9 +95,9 @@ impl Pump<'_> {
         }
     }
 
-    fn check_end(&self, said: End) -> Result<(), Failure> {
+    fn check_end(&self, claimed: End) -> Result<(), Failure> {
         self.incoming.check_complete().map_err(Failure::protocol)?;
-        self.runner.link.borrow().decoder().check_end(said).map_err(Failure::protocol)
+        self.runner.link.borrow().decoder().check_end(claimed).map_err(Failure::protocol)
     }
 
     /// One frame of the program's.

@@ -35,7 +35,7 @@ pub struct Announced {
     pub size: Option<u64>,
 }
 
-/// Exactly the bytes that FILE said must follow it.
+/// Exactly as many bytes as FILE announced must follow it.
 #[derive(Debug, Default)]
 pub struct FileFlow {
     name: Option<String>,
@@ -96,7 +96,7 @@ pub struct Emitted {
     flow: FileFlow,
     budget: u64,
     first: bool,
-    told: Option<Instant>,
+    reported: Option<Instant>,
 }
 
 /// HELLO of the program: only its protocol matters.
@@ -136,7 +136,7 @@ impl Emitted {
             flow: FileFlow::default(),
             budget,
             first: true,
-            told: None,
+            reported: None,
         }
     }
 
@@ -160,8 +160,8 @@ impl Emitted {
             FrameType::Metric => Ok(self.metric()),
             FrameType::Result => self.keep_result(payload).map(|()| Way::Kept),
             FrameType::End => {
-                let said = understood(payload, "END")?;
-                self.end(&said, decoder, given).map(|()| Way::Kept)
+                let claimed = understood(payload, "END")?;
+                self.end(&claimed, decoder, given).map(|()| Way::Kept)
             }
             FrameType::Abort => Err(aborted(understood(payload, "ABORT")?)),
             FrameType::Step | FrameType::Answer => Err(unexpected(frame.kind, "from a program")),
@@ -207,10 +207,10 @@ impl Emitted {
 
     fn metric(&mut self) -> Way {
         let now = Instant::now();
-        if self.told.is_some_and(|told| now.duration_since(told) < METRIC_PAUSE) {
+        if self.reported.is_some_and(|reported| now.duration_since(reported) < METRIC_PAUSE) {
             return Way::Kept;
         }
-        self.told = Some(now);
+        self.reported = Some(now);
         Way::IfThereIsRoom
     }
 
@@ -232,10 +232,10 @@ impl Emitted {
         Ok(())
     }
 
-    fn end(&mut self, said: &ProgramEnd, decoder: &Decoder, given: End) -> Result<(), Failure> {
+    fn end(&mut self, claimed: &ProgramEnd, decoder: &Decoder, given: End) -> Result<(), Failure> {
         self.flow.check_complete().map_err(refused)?;
-        decoder.check_end(said.totals).map_err(refused)?;
-        if said.input.is_some_and(|input| input != given.digest) {
+        decoder.check_end(claimed.totals).map_err(refused)?;
+        if claimed.input.is_some_and(|input| input != given.digest) {
             return Err(refused("END's `input` is not the digest of the input's END".to_owned()));
         }
         self.complete = true;

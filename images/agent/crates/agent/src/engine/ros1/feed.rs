@@ -104,8 +104,8 @@ fn receive_data(
                 })?;
             }
             FrameType::End => {
-                let said: End = understood(&frame.payload, "END")?;
-                return check_end(link, header, length, said);
+                let claimed: End = understood(&frame.payload, "END")?;
+                return check_end(link, header, length, claimed);
             }
             FrameType::Abort => return Err(aborted()),
             FrameType::File => {
@@ -116,8 +116,8 @@ fn receive_data(
     }
 }
 
-fn check_end(link: &Duplex, header: &FileHeader, length: u64, said: End) -> Result<(), Failure> {
-    link.decoder().check_end(said).map_err(Failure::protocol)?;
+fn check_end(link: &Duplex, header: &FileHeader, length: u64, claimed: End) -> Result<(), Failure> {
+    link.decoder().check_end(claimed).map_err(Failure::protocol)?;
     if length != header.size {
         let FileHeader { name, size, .. } = header;
         return Err(Failure::protocol(format!("{name} has {size} bytes, and {length} came")));

@@ -55,9 +55,9 @@ pub struct Runner<'a> {
     pub glanced: Cell<Option<Instant>>,
 }
 
-/// What the stack hears.
+/// What the stack receives.
 pub enum Input<'a, F: ChunkedFile> {
-    /// A bag, with what its sender said of it.
+    /// A bag, with its sender's description of it.
     Bag(&'a FileHeader, &'a Bag<F>),
     /// The worker's simulator.
     Simulator(&'a Simulator),
@@ -136,7 +136,7 @@ impl Runner<'_> {
         let cancelled = || self.cancellation(stack);
         let mut progress = |progress: Progress| {
             self.follow(&progress);
-            self.tell(progress);
+            self.report(progress);
         };
         let request = self.request();
         let played = match *input {
@@ -254,13 +254,13 @@ impl Runner<'_> {
     }
 
     /// Progress to the worker, if the pipe takes it: a slow reader must not slow the player.
-    fn tell(&self, progress: Progress) {
+    fn report(&self, progress: Progress) {
         let Progress { stage, sent, recorded, bag_seconds, .. } = progress;
         let metric = Metric { stage: stage.name().to_owned(), sent, recorded, bag_seconds };
         let Ok(payload) = to_map(&metric) else { return };
         let Ok(mut link) = self.link.try_borrow_mut() else { return };
         if let Err(error) = link.offer(FrameType::Metric, &payload) {
-            eprintln!("[{}] progress cannot be told: {error}", self.surroundings.label);
+            eprintln!("[{}] progress cannot be reported: {error}", self.surroundings.label);
         }
     }
 
@@ -309,7 +309,7 @@ struct Ending {
     stderr: Vec<String>,
 }
 
-/// Adds what the programs said and how they ended.
+/// Adds what the programs wrote and how they ended.
 fn explain(mut abort: Abort, stack: Option<StackEnd>, master: Ending) -> Abort {
     if let Some(ended) = master.ended
         && abort.reason != "RosMasterNotFound"

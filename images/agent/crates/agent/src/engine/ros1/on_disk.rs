@@ -42,10 +42,10 @@ impl OnDisk {
         fill: impl FnOnce(&mut dyn Write) -> Result<T, Failure>,
     ) -> Result<T, Failure> {
         let path = self.input();
-        let told = |error: io::Error| failed(&path, &error);
-        let mut file = BufWriter::with_capacity(1 << 20, File::create(&path).map_err(told)?);
+        let with_path = |error: io::Error| failed(&path, &error);
+        let mut file = BufWriter::with_capacity(1 << 20, File::create(&path).map_err(with_path)?);
         let filled = fill(&mut file)?;
-        file.flush().map_err(told)?;
+        file.flush().map_err(with_path)?;
         Ok(filled)
     }
 

@@ -4,7 +4,7 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
-use bagpipe_replay::{Cancellation, Moment, ReplayError, Said, World};
+use bagpipe_replay::{Cancellation, LatestMessage, Moment, ReplayError, World};
 use bagpipe_ros1::TopicInfo;
 use bagpipe_wire::{Duplex, End, FrameType, MAX_PAYLOAD, PipeError, from_map};
 use rmpv::Value;
@@ -43,10 +43,10 @@ pub fn topics(simulator: &Simulator) -> Vec<TopicInfo> {
 impl World for PipeWorld<'_> {
     fn next(
         &mut self,
-        said: Vec<Said>,
+        latest: Vec<LatestMessage>,
         stop: &dyn Fn() -> bool,
     ) -> Result<Option<Moment>, ReplayError> {
-        let answer = encoded(said)?;
+        let answer = encoded(latest)?;
         let mut link = self.link.borrow_mut();
         link.send(FrameType::Answer, &answer, self.deadline, stop).map_err(failed)?;
         let mut data = Vec::new();
@@ -75,10 +75,12 @@ impl World for PipeWorld<'_> {
 }
 
 /// The payload of ANSWER.
-fn encoded(said: Vec<Said>) -> Result<Vec<u8>, ReplayError> {
-    let largest = said.iter().map(|said| (said.data.len(), said.topic.clone())).max();
-    let messages = said.into_iter().map(|said| {
-        Value::Array(vec![said.topic.into(), said.datatype.into(), Value::Binary(said.data)])
+fn encoded(latest: Vec<LatestMessage>) -> Result<Vec<u8>, ReplayError> {
+    let sizes = latest.iter().map(|message| (message.data.len(), message.topic.clone()));
+    let largest = sizes.max();
+    let messages = latest.into_iter().map(|message| {
+        let LatestMessage { topic, datatype, data } = message;
+        Value::Array(vec![topic.into(), datatype.into(), Value::Binary(data)])
     });
     let map = Value::Map(vec![("messages".into(), Value::Array(messages.collect()))]);
     let mut payload = Vec::new();
@@ -112,18 +114,18 @@ fn decoded(payload: &[u8], data: &[u8]) -> Result<Moment, ReplayError> {
     let mut rest = data;
     for message in listed {
         let pair = message.as_array().map(Vec::as_slice);
-        let Some([place, said]) = pair else {
+        let Some([place, bytes]) = pair else {
             return Err(wrong("a message in STEP is a place and bytes".to_owned()));
         };
         let Some(place) = place.as_u64() else {
             return Err(wrong(format!("{place} in STEP is no place of a topic")));
         };
-        let said = match said {
+        let bytes = match bytes {
             Value::Binary(bytes) => bytes.as_slice(),
             other => taken(&mut rest, other)?,
         };
         // What may come before one STEP is below 4 GiB, so the lengths fit.
-        let frame = [&(said.len() as u32).to_le_bytes(), said].concat();
+        let frame = [&(bytes.len() as u32).to_le_bytes(), bytes].concat();
         messages.push((place as usize, frame));
     }
     if !rest.is_empty() {
@@ -138,20 +140,20 @@ fn taken<'a>(rest: &mut &'a [u8], length: &Value) -> Result<&'a [u8], ReplayErro
         return Err(wrong("a message in STEP is a place and bytes".to_owned()));
     };
     let split = usize::try_from(length).ok().and_then(|length| rest.split_at_checked(length));
-    let Some((said, after)) = split else {
+    let Some((bytes, after)) = split else {
         let left = rest.len();
         return Err(wrong(format!(
             "a message of STEP has {length} bytes, and {left} of DATA came"
         )));
     };
     *rest = after;
-    Ok(said)
+    Ok(bytes)
 }
 
 fn check_end(link: &Duplex, payload: &[u8]) -> Result<(), ReplayError> {
-    let said: End =
+    let claimed: End =
         from_map(payload).map_err(|error| wrong(format!("END cannot be understood: {error}")))?;
-    link.decoder().check_end(said).map_err(wrong)
+    link.decoder().check_end(claimed).map_err(wrong)
 }
 
 fn wrong(message: String) -> ReplayError {
@@ -207,8 +209,8 @@ mod tests {
             (&[3], b"abcd", "1 bytes of DATA belong to no message"),
             (&[u64::MAX], b"", "and 0 of DATA came"),
         ] {
-            let said = decoded(&with_lengths(lengths), data).unwrap_err().to_string();
-            assert!(said.contains(words), "{said}");
+            let error = decoded(&with_lengths(lengths), data).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
         }
     }
 
@@ -221,21 +223,21 @@ mod tests {
                 "a place and bytes",
             ),
         ] {
-            let said = decoded(&step(entries), b"").unwrap_err().to_string();
-            assert!(said.contains(words), "{said}");
+            let error = decoded(&step(entries), b"").unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
         }
         assert!(decoded(b"\xa5ab", b"").unwrap_err().to_string().contains("not MessagePack"));
     }
 
     #[test]
     fn an_answer_that_fits_no_frame_names_its_topic() {
-        let said = |bytes: usize| Said {
+        let message = |bytes: usize| LatestMessage {
             topic: "/cloud".to_owned(),
             datatype: "sensor_msgs/PointCloud2".to_owned(),
             data: vec![0; bytes],
         };
-        assert!(encoded(vec![said(1000)]).unwrap().len() < 1100);
-        let error = encoded(vec![said(MAX_PAYLOAD)]).unwrap_err().to_string();
+        assert!(encoded(vec![message(1000)]).unwrap().len() < 1100);
+        let error = encoded(vec![message(MAX_PAYLOAD)]).unwrap_err().to_string();
         assert!(error.contains("1048576 of them on /cloud"), "{error}");
     }
 }

@@ -47,7 +47,7 @@ fn one(cause: &str, what: &str) -> Vec<(String, String)> {
 }
 
 #[test]
-fn a_node_that_is_gone_is_told_by_how_it_ended() {
+fn a_node_that_is_gone_is_reported_with_how_it_ended() {
     let begun = Instant::now();
     let (play, drain) = (begun + Duration::from_secs(5), begun + Duration::from_secs(14));
     let gone = |end: ProcessEnd| judged(&[end], Some(Found::Unregistered), begun);
@@ -67,7 +67,7 @@ fn a_node_that_is_gone_is_told_by_how_it_ended() {
 }
 
 #[test]
-fn a_node_that_came_back_is_told_once() {
+fn a_node_that_came_back_is_reported_once() {
     let begun = Instant::now();
     let crash = end(7, begun + Duration::from_secs(5), None, Some(6));
     assert_eq!(judged(&[crash], Some(Found::Another), begun), one("NodeRespawned", "node"));
@@ -91,8 +91,8 @@ fn a_helper_counts_only_when_a_signal_that_nobody_sends_ended_it() {
     let at = begun + Duration::from_secs(5);
     for (signal, counts) in [(11, true), (9, true), (6, true), (13, false), (15, false), (2, false)]
     {
-        let told = judged(&[end(4, at, None, Some(signal))], None, begun);
-        assert_eq!(!told.is_empty(), counts, "signal {signal}");
+        let reported = judged(&[end(4, at, None, Some(signal))], None, begun);
+        assert_eq!(!reported.is_empty(), counts, "signal {signal}");
     }
     assert_eq!(judged(&[end(4, at, Some(1), None)], None, begun), []);
     assert_eq!(judged(&[end(4, at, None, None)], None, begun), []);
@@ -143,10 +143,13 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
         last_words: Some("boom"),
         ..Facts::default()
     };
-    let told = &facts.evidence()[0];
-    assert_eq!((told.bag_seconds, told.signal, told.exit_status), (Some(4.5), Some(11), None));
+    let reported = &facts.evidence()[0];
     assert_eq!(
-        told.message,
+        (reported.bag_seconds, reported.signal, reported.exit_status),
+        (Some(4.5), Some(11), None)
+    );
+    assert_eq!(
+        reported.message,
         "the node /tracker was ended by signal 11 (SIGSEGV) at 4.5 s of the window; the stack's \
          last words: boom"
     );
