@@ -17,6 +17,7 @@ from typing import Any
 
 from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine_fields import fields_of
 from bagpipe.faults import FAILURES, FaultPolicy
 from bagpipe.pipe.session import (
     Answer,
@@ -280,7 +281,7 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
     return {
         "id": case.id,
         "job": context.job,
-        "engine": spec.stack.engine,
+        "engine": fields_of(spec.stack.engine).agent,
         "source": case.bag,
         "window": {
             "lead_in_start": case.window.lead_in_start,
