@@ -25,8 +25,8 @@ KIND_VERSION := v0.30.0
 UV_VERSION := 0.13.8
 NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes
-MEMORY_BAG_SOURCES := $(wildcard images/ros/Cargo.* images/ros/crates/bag/Cargo.toml \
-  images/ros/crates/bag/src/*.rs images/ros/crates/python/*.* images/ros/crates/python/src/*.rs images/module.py)
+MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/bag/Cargo.toml \
+  images/agent/crates/bag/src/*.rs images/agent/crates/python/*.* images/agent/crates/python/src/*.rs images/build/module.py)
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
 
 # The demonstration by itself needs no others; whatever else is asked for gets all.
@@ -130,7 +130,7 @@ quick: venv ## Check what differs from SINCE=HEAD in under a minute: style, and 
 .PHONY: fmt
 fmt: venv ## Format all Python and Rust, and mend what ruff can mend
 	$(STEP) "Formatting" -- bash -euc '.venv/bin/ruff check --quiet --fix --exit-zero .; .venv/bin/ruff format --quiet .; \
-	  cd images/ros; cargo fmt --all'
+	  cd images/agent; cargo fmt --all'
 
 # Else whichever test is first would build them, and take minutes.
 .PHONY: test-programs
@@ -153,7 +153,7 @@ recording: preflight ## Fetch the real recording that the tests play
 	$(STEP) "Getting the PR2 recording" --if-it-fails "Is the Debian mirror reachable? Then run it again." -- \
 	  python3 -m tests.recording
 
-TEST_AGENT := env -u MAKEFLAGS -C images/ros CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
+TEST_AGENT := env -u MAKEFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" cargo test --locked --workspace
 
 .PHONY: test-agent
 test-agent: preflight-all
@@ -208,7 +208,7 @@ fuzz: venv tools
 else
 fuzz: ## Fuzz the agent's parsers, each for SECONDS=60 (TARGET=scan: only that; TARGET=manifests: the operator)
 	$(STEP) "Fuzzing" --if-it-fails "It says above what is missing, or which input failed." -- \
-	  env CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-fuzz" images/ros/fuzz/run.sh $(or $(SECONDS),60) $(TARGET)
+	  env CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-fuzz" images/agent/fuzz/run.sh $(or $(SECONDS),60) $(TARGET)
 endif
 
 .PHONY: mutants
@@ -260,26 +260,26 @@ LOCKED := uv.lock pyproject.toml operator/pyproject.toml images/spark/pyproject.
 # Not in uv.lock: cargo builds it from these sources. A sync removes it, so it comes after one.
 .venv/.memory-bag: $(VENV) $(MEMORY_BAG_SOURCES)
 	$(STEP) "Building bagpipe.MemoryBag into .venv" --if-it-fails "Is the crates' registry reachable? Then run 'make venv' again." -- \
-	  .venv/bin/python images/module.py
+	  .venv/bin/python images/build/module.py
 	@touch $@
 
 .PHONY: agent
 agent: preflight
 	$(STEP) "Building the agent" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
-	  python3 images/agent.py
+	  python3 images/build/agent.py
 
 # At a lower priority than the agent, which the first verdict waits for.
 .PHONY: images
 images: preflight $(VENV) ## Build all images (`make cluster` loads them)
 ifeq ($(CLUSTER),kind)
-	$(STEP) "Building images" -- nice -n 5 python3 images/build.py --engine docker --no-archives $(WANTED_IMAGES)
+	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
 else
-	$(STEP) "Building images" -- nice -n 5 python3 images/build.py $(WANTED_IMAGES)
+	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py $(WANTED_IMAGES)
 endif
 
 .PHONY: plugin
 plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by default; URI= says where it will be)
-	$(STEP) "Packing the kubectl plugin" -- .venv/bin/python images/plugin.py \
+	$(STEP) "Packing the kubectl plugin" -- .venv/bin/python images/build/plugin.py \
 	  "$(or $(FOLDER),$(BAGPIPE_CACHE)/plugin)" $(if $(URI),--uri "$(URI)")
 
 .PHONY: up
@@ -323,10 +323,10 @@ else ifeq ($(CLUSTER),existing)
 	@echo "The cluster is yours: 'make uninstall' removes Bagpipe from it."
 else
 	$(STEP) "Removing the cluster" -- $(CLUSTER_PY) down
-	$(STEP) "Releasing the image builder" -- python3 images/build.py --release
+	$(STEP) "Releasing the image builder" -- python3 images/build/build.py --release
 endif
 
 .PHONY: clean
 clean: down ## Remove the caches as well (binaries, images, .venv)
 	$(STEP) "Removing $(BAGPIPE_CACHE) and .venv" -- \
-	  bash -euc 'python3 images/build.py --clean; rm -rf --one-file-system .venv'
+	  bash -euc 'python3 images/build/build.py --clean; rm -rf --one-file-system .venv'

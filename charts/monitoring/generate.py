@@ -25,7 +25,7 @@ from charts.monitoring.boards import BOARDS
 
 ROOT = Path(__file__).parents[2]
 FILES = "charts/bagpipe/files"
-AGENT_PAGE = "images/ros/crates/agent/metrics.txt"
+AGENT_PAGE = "images/agent/crates/agent/metrics.txt"
 _UNITS = {
     "per_second": "bytes per second", "seconds": "seconds", "bytes": "bytes", "ratio": "share",
 }  # fmt: skip

@@ -53,11 +53,11 @@ def page() -> str:
     crates = {path.parent.name: path for path in CRATES.glob("*/Cargo.toml")}
     used = {name: _crates(path) & crates.keys() for name, path in crates.items()}
     about = {name: _first_doc(path.parent / "src") for name, path in crates.items()}
-    parts.append(section("The crates: `images/ros/crates`", used, about))
+    parts.append(section("The crates: `images/agent/crates`", used, about))
     agent = CRATES / "agent/src"
     rooms_of_agent = folders("agent")
     about = {room: _first_doc(agent, room) for room in rooms_of_agent}
-    parts.append(section("The agent: `images/ros/crates/agent/src`", rooms_of_agent, about))
+    parts.append(section("The agent: `images/agent/crates/agent/src`", rooms_of_agent, about))
     return "\n\n".join(parts) + "\n"
 
 

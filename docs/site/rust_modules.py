@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-CRATES = Path(__file__).parents[2] / "images/ros/crates"
+CRATES = Path(__file__).parents[2] / "images/agent/crates"
 
 Graph = dict[str, set[str]]
 # The crate's own file, as a node.

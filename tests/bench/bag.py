@@ -217,7 +217,7 @@ def build_ours() -> Path:
     command = ["cargo", "build", "--release", "--locked", "--package", "bagpipe-bag"]
     built = subprocess.run(
         [*command, "--example", "bench", "--message-format", "json-render-diagnostics"],
-        cwd=ROOT / "images/ros",
+        cwd=ROOT / "images/agent",
         stdout=subprocess.PIPE,
         text=True,
         check=True,

@@ -178,7 +178,7 @@ def build_alone() -> Path:
     command = ["cargo", "build", "--release", "--locked", "--package", "bagpipe-bag"]
     built = subprocess.run(
         [*command, "--example", "cache", "--message-format", "json-render-diagnostics"],
-        cwd=ROOT / "images/ros",
+        cwd=ROOT / "images/agent",
         stdout=subprocess.PIPE,
         text=True,
         check=True,

@@ -6,5 +6,5 @@ import sys
 from pathlib import Path
 
 CLUSTER = Path(__file__).resolve().parent
-for folder in (CLUSTER, CLUSTER.parent.parent / "images"):
+for folder in (CLUSTER, CLUSTER.parent.parent / "images/build"):
     sys.path.insert(0, str(folder))

@@ -225,7 +225,7 @@ def test_only_the_spark_image_gets_the_native_module(
 
 def test_a_module_that_does_not_compile_is_said_with_cargos_last_lines(tmp_path: Path) -> None:
     command = ["sh", "-c", "echo 'error: no such crate' >&2; exit 101"]
-    with pytest.raises(BuildError, match=r"could not build it in images/ros.*\nerror: no such"):
+    with pytest.raises(BuildError, match=r"could not build it in images/agent.*\nerror: no such"):
         context.compile_rust("it", command)
     with pytest.raises(BuildError, match="maturin left 0 wheels"):
         context.one_wheel(tmp_path)

@@ -58,7 +58,7 @@ def test_the_locks_know_the_hash_of_all_that_a_registry_gives() -> None:
         files = [*each.get("wheels", []), *([each["sdist"]] if "sdist" in each else [])]
         assert files
         assert all(file["hash"].startswith("sha256:") for file in files), each["name"]
-    crates = tomllib.loads((ROOT / "images/ros/Cargo.lock").read_text())["package"]
+    crates = tomllib.loads((ROOT / "images/agent/Cargo.lock").read_text())["package"]
     sources = {each["source"] for each in crates if "source" in each}
     assert sources == {"registry+https://github.com/rust-lang/crates.io-index"}
     assert all(len(each["checksum"]) == 64 for each in crates if "source" in each)

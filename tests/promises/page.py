@@ -20,7 +20,7 @@ from docs.site.generated import keep
 ROOT = Path(__file__).parents[2]
 PROMISES = Path(__file__).with_name("promises.yaml")
 PAGE = ROOT / "docs/reference/promises.md"
-TESTS = ("tests/**/test_*.py", "images/ros/crates/**/*.rs")
+TESTS = ("tests/**/test_*.py", "images/agent/crates/**/*.rs")
 _MARK = re.compile(r"^\s*(?:#|//) Promise: (.+)$")
 _TEST = re.compile(r"^\s*(?:async )?(?:def|fn) (\w+)")
 HEAD = """\

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 # Where modules are found, as the tests find them.
-ROOTS = ("images/spark/src", "operator/src", "images", "tests/cluster", ".")
-SOURCES = ("images/*.py", "images/spark/src", "operator/src", "tests", "crds", "charts", "docs")
+ROOTS = ("images/spark/src", "operator/src", "images/build", "tests/cluster", ".")
+SOURCES = ("images/build", "images/spark/src", "operator/src", "tests", "crds", "charts", "docs")
 UNIT_TESTS = ("tests/unit", "tests/cluster")
 # A change of these can break anything.
 OF_ALL = frozenset({"pyproject.toml", "uv.lock"})
@@ -30,8 +30,8 @@ def read(root: Path) -> Sources:
     """All sources below the project's folder; paths are relative to it."""
     files = [
         path.relative_to(root)
-        for pattern in SOURCES
-        for path in sorted(root.glob(pattern if "*" in pattern else f"{pattern}/**/*.py"))
+        for folder in SOURCES
+        for path in sorted(root.glob(f"{folder}/**/*.py"))
     ]
     texts = {path: (root / path).read_text() for path in files}
     by_module = _by_module(files)

@@ -62,7 +62,7 @@ def style(changed: set[Path]) -> int:
         status |= run("mypy", "--package", "bagpipe", "--package", "bagpipe_operator")
         status |= run("lint-imports")
     if any(path.suffix == ".rs" for path in changed):
-        status |= run("cargo", "fmt", "--all", "--check", folder=ROOT / "images/ros")
+        status |= run("cargo", "fmt", "--all", "--check", folder=ROOT / "images/agent")
     return status
 
 

@@ -12,7 +12,7 @@ from .places import Node, cache, nodes
 
 
 def folder() -> Path:
-    """Where images/build.py leaves its archives, one an image: <name>.oci.tar."""
+    """Where images/build/build.py leaves its archives, one an image: <name>.oci.tar."""
     return cache() / "images"
 
 

@@ -65,7 +65,7 @@ def cargo_example(name: str) -> Path:
     target = Path(os.environ.get("CARGO_TARGET_DIR", cache / "cargo-debug"))
     subprocess.run(
         ["cargo", "build", "--locked", "--quiet", "-p", "bagpipe-binpipe", "--example", name],
-        cwd=ROOT / "images/ros",
+        cwd=ROOT / "images/agent",
         env={**os.environ, "CARGO_TARGET_DIR": str(target)},
         check=True,
         timeout=1200,

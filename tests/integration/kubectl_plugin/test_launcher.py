@@ -18,7 +18,7 @@ SECONDS = 60
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """PATH with kubectl and the unpacked plugin, as after krew and a link for completion."""
     folder = tmp_path_factory.mktemp("plugin")
-    packing = [sys.executable, str(ROOT / "images/plugin.py"), str(folder)]
+    packing = [sys.executable, str(ROOT / "images/build/plugin.py"), str(folder)]
     subprocess.run(packing, check=True, timeout=INSTALL_SECONDS)
     unpacked = folder / "unpacked"
     with tarfile.open(folder / "kubectl-bagpipe-v0.1.0.tar.gz") as tar:

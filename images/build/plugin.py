@@ -1,6 +1,6 @@
 """Pack `kubectl bagpipe` as a plugin in krew's layout: an archive, and a manifest with its hash.
 
-    .venv/bin/python images/plugin.py FOLDER [--uri URI]
+    .venv/bin/python images/build/plugin.py FOLDER [--uri URI]
 
 The archive has a launcher for kubectl and one for its completion, bagpipe's wheel, and the pinned
 list of what the wheel needs. The same sources give the same bytes.

@@ -1,6 +1,6 @@
 """Build bagpipe.MemoryBag and install it into the virtual environment that runs this.
 
-    .venv/bin/python images/module.py
+    .venv/bin/python images/build/module.py
 
 It is the wheel that the Spark image gets. `uv sync` removes it, as it is not in uv.lock.
 """

@@ -1,6 +1,6 @@
 """Build all images of Bagpipe, or the named ones, and keep each as an archive for loading.
 
-    python3 images/build.py [--engine docker|buildah] [--no-archives] [NAME...]
+    python3 images/build/build.py [--engine docker|buildah] [--no-archives] [NAME...]
 
 An image whose content did not change is not built again: a second run takes seconds.
 """

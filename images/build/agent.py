@@ -1,6 +1,6 @@
 """Build the static agent and print where it is.
 
-    python3 images/agent.py
+    python3 images/build/agent.py
 
 It is the program of the agent's image, and the one that `bagpipe run` needs on a laptop.
 """

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from lock import locked
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 REGISTRY = "bagpipe.local"
 VERSION = "0.1.0"
 BASE = "docker.io/library/debian:bookworm-20251103-slim"
@@ -90,7 +90,7 @@ def compile_rust(what: str, command: list[str], **environment: str) -> None:
     inherited = {name: value for name, value in os.environ.items() if name != "CARGO_BUILD_TARGET"}
     done = subprocess.run(
         command,
-        cwd=ROOT / "images" / "ros",
+        cwd=ROOT / "images" / "agent",
         env={**inherited, "CARGO_TARGET_DIR": str(cache() / "cargo"), **environment},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
@@ -100,7 +100,7 @@ def compile_rust(what: str, command: list[str], **environment: str) -> None:
     )
     if done.returncode:
         last = "\n".join(done.stderr.splitlines()[-30:])
-        raise BuildError(f"cargo could not build {what} in images/ros; it said last:\n{last}")
+        raise BuildError(f"cargo could not build {what} in images/agent. Its last lines:\n{last}")
 
 
 def agent_binary() -> Path:
@@ -189,7 +189,6 @@ class Image:
     name: str
     dockerfile: Path
     stage: Callable[[Path], None]
-    target: str = ""
     base: str = BASE
 
     @property
@@ -198,10 +197,10 @@ class Image:
 
 
 IMAGES = [
-    Image("agent", ROOT / "images/ros/Dockerfile", stage_agent, "agent", "scratch"),
+    Image("agent", ROOT / "images/agent/Dockerfile", stage_agent, base="scratch"),
     Image("operator", ROOT / "images/operator/Dockerfile", stage_operator),
     Image("spark", ROOT / "images/spark/Dockerfile", stage_spark),
-    Image("ros", ROOT / "images/ros/Dockerfile", stage_nothing, "ros"),
+    Image("ros", ROOT / "images/ros/Dockerfile", stage_nothing),
     Image(
         "robot-state-publisher",
         ROOT / "docs/examples/robot-state-publisher/Dockerfile",
@@ -228,7 +227,7 @@ def stage(image: Image) -> Path:
 
 def content(image: Image, folder: Path, base: str) -> str:
     """A hash over all that decides what the image holds; `base` is the base's identity."""
-    digest = hashlib.sha256(f"{image.reference} {image.target} {base}\n".encode())
+    digest = hashlib.sha256(f"{image.reference} {base}\n".encode())
     for path in sorted(p for p in folder.rglob("*") if p.is_file()):
         data = path.read_bytes()
         name = path.relative_to(folder)

@@ -177,7 +177,6 @@ class Docker:
     def build(self, image: Image, folder: Path, content: str) -> None:
         command = ["docker", "build", "--network=host", f"--label={LABEL}={content}"]
         command += [*secrets(), f"--tag={image.reference}"]
-        command += [f"--target={image.target}"] if image.target else []
         run([*command, folder], log=logs(image.name))
 
     def save(self, image: Image, archive: Path) -> None:
@@ -243,7 +242,6 @@ class Buildah:
     def build(self, image: Image, folder: Path, content: str) -> None:
         arguments = ["bud", "--isolation=chroot", "--network=host", "--pull-never", "--layers"]
         arguments += [f"--label={LABEL}={content}", *secrets(), f"--tag={image.reference}"]
-        arguments += [f"--target={image.target}"] if image.target else []
         run(self._command(*arguments, folder), log=logs(image.name))
 
     def save(self, image: Image, archive: Path) -> None:
