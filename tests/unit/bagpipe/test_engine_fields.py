@@ -1,6 +1,7 @@
 """Engines declare themselves: who asks for one by its name, and what a spec loads to know them."""
 
 import ast
+import re
 import subprocess
 import sys
 import tomllib
@@ -23,6 +24,7 @@ NAMED = {
     # The kind of a probe, as Kubernetes calls it.
     ("operator/src/bagpipe_operator/jobs/pods/executor_template.py", "exec"),
 }
+AGENT = ROOT / "images/agent/crates/agent/src"
 
 
 def literals(path: Path) -> Iterator[str]:
@@ -40,6 +42,19 @@ def test_nobody_else_asks_for_an_engine_by_its_name() -> None:
         for name in literals(path)
     }
     assert found == NAMED
+
+
+def test_nobody_else_in_the_agent_asks_for_an_engine_by_its_name() -> None:
+    folders = {path.parent.name for path in AGENT.glob("engine/*/entry.rs")}
+    assert {fields_of(name).agent for name in engine_names()} == folders
+    named = re.compile(rf'"(?:{"|".join(folders)})"|engine::(?:{"|".join(folders)})\b')
+    found = {
+        (str(path.relative_to(AGENT)), word)
+        for path in AGENT.rglob("*.rs")
+        if path.relative_to(AGENT).parts[0] != "engine"
+        for word in named.findall(path.read_text().partition("#[cfg(test)]")[0])
+    }
+    assert found == set()
 
 
 def test_the_folders_are_the_engines_and_in_the_contract() -> None:

@@ -2,7 +2,8 @@
 
 Engines are found, not listed: each folder below `bagpipe.engine`, and below `bagpipe_engines` in
 any place on Python's path. Its name is the one in `stack.engine`, and its module `fields` has
-`FIELDS`. The spec asks here, also in the operator's image, so `fields` imports nothing that runs a case.
+`FIELDS`. The spec asks here, also in the operator's image, so `fields` imports nothing that runs a
+case.
 """
 
 import functools

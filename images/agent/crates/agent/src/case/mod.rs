@@ -13,8 +13,9 @@ use serde::Deserialize;
 #[derive(Debug, Clone, Deserialize)]
 pub struct Case {
     pub id: String,
+    /// What runs it, by name.
     #[serde(default)]
-    pub engine: Engine,
+    pub engine: Option<String>,
     pub window: Window,
     /// Topics to play; empty: all of the bag's.
     #[serde(default)]
@@ -65,29 +66,6 @@ pub struct Advertised {
 
 fn yes() -> bool {
     true
-}
-
-/// What runs the case.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
-pub enum Engine {
-    /// A rosmaster, a player and a recorder around the stack's nodes.
-    #[default]
-    Ros1,
-    /// The user's program alone, fed on stdin.
-    Exec,
-}
-
-impl TryFrom<String> for Engine {
-    type Error = String;
-
-    fn try_from(name: String) -> Result<Self, String> {
-        match name.as_str() {
-            "ros1" => Ok(Self::Ros1),
-            "exec" => Ok(Self::Exec),
-            _ => Err(format!("engine is {name:?}, not ros1 or exec")),
-        }
-    }
 }
 
 /// Nanoseconds of bag time.
@@ -306,7 +284,7 @@ mod tests {
         assert_eq!(case.record.byte_budget, 1 << 30);
         assert_eq!(case.window.end, u64::MAX);
         assert!(!case.use_sim_time());
-        assert_eq!(case.engine, Engine::Ros1);
+        assert_eq!(case.engine, None);
     }
 
     #[test]
@@ -339,10 +317,6 @@ mod tests {
         let never = map(&[("start", f64::INFINITY.into())]);
         let endless = Case::from_value(minimal(vec!["x".into()], never)).unwrap_err();
         assert_eq!(endless, "case a: deadlines.start is inf, not 0 to 2678400 seconds");
-        let Value::Map(mut other) = minimal(vec!["x".into()], map(&[])) else { panic!() };
-        other.push(("engine".into(), "ros2".into()));
-        let other = Case::from_value(Value::Map(other)).unwrap_err();
-        assert!(other.contains("engine is \"ros2\", not ros1 or exec"), "{other}");
         assert!(Case::from_value(7.into()).unwrap_err().starts_with("the case in HELLO"));
         assert!(Case::from_value(Value::Nil).unwrap_err().starts_with("HELLO has no case"));
     }

@@ -10,7 +10,7 @@ use bagpipe_pipe::fifo::{self, Readiness};
 use bagpipe_pipe::{Duplex, Next};
 use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_signal};
 
-use crate::engine::ros1::on_disk::OnDisk;
+use crate::engine::on_disk::OnDisk;
 use crate::metrics::{SlotFigures, Teller};
 use crate::serve::layout::Shared;
 use crate::serve::options::ServeOptions;
