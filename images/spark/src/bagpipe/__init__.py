@@ -9,7 +9,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bagpipe_rosbag import BagError, MemoryBag, MemoryBagWriter
+    from bagpipe_bag import BagError, MemoryBag, MemoryBagWriter
 
 __all__ = ["BagError", "MemoryBag", "MemoryBagWriter", "__version__"]
 __version__ = "0.1.0"
@@ -32,11 +32,11 @@ def __getattr__(name: str) -> Any:
     if name not in _NATIVE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        native = importlib.import_module("bagpipe_rosbag")
+        native = importlib.import_module("bagpipe_bag")
     except ModuleNotFoundError as missing:
         raise ImportError(
-            f"bagpipe.{name} needs the native module bagpipe_rosbag, which is not installed here: "
+            f"bagpipe.{name} needs the native module bagpipe_bag, which is not installed here: "
             "the Spark image has it, and `make venv` builds it into .venv",
-            name="bagpipe_rosbag",
+            name="bagpipe_bag",
         ) from missing
     return getattr(native, name)
