@@ -214,7 +214,7 @@ def rows(runs: Runs, units: dict[tuple[str, str], str]) -> list[Row]:
 
 def build_ours() -> Path:
     """The bench program, built for release; the path is the one that cargo names."""
-    command = ["cargo", "build", "--release", "--locked", "--package", "bagpipe-bag"]
+    command = ["cargo", "build", "--release", "--locked", "--package", "bagpipe-rosbag"]
     built = subprocess.run(
         [*command, "--example", "bench", "--message-format", "json-render-diagnostics"],
         cwd=ROOT / "images/agent",

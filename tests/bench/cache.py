@@ -175,7 +175,7 @@ def rates(runs: list[Passage], shape: Shape) -> list[float]:
 
 def build_alone() -> Path:
     """The program for the two layers alone, built for release."""
-    command = ["cargo", "build", "--release", "--locked", "--package", "bagpipe-bag"]
+    command = ["cargo", "build", "--release", "--locked", "--package", "bagpipe-rosbag"]
     built = subprocess.run(
         [*command, "--example", "cache", "--message-format", "json-render-diagnostics"],
         cwd=ROOT / "images/agent",

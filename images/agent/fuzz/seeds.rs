@@ -6,11 +6,11 @@ use std::error::Error;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bagpipe_bag::fuzzing::pack;
-use bagpipe_bag::{BagWriter, Compression, Connection, WriterOptions};
-use bagpipe_pipe::{Abort, AgentHello, End, FileHeader, Metric, WorkerHello, to_map};
-use bagpipe_ros::Value;
-use bagpipe_ros::fuzzing::{write_answer, write_call, write_header};
+use bagpipe_rosbag::fuzzing::pack;
+use bagpipe_rosbag::{BagWriter, Compression, Connection, WriterOptions};
+use bagpipe_wire::{Abort, AgentHello, End, FileHeader, Metric, WorkerHello, to_map};
+use bagpipe_ros1::Value;
+use bagpipe_ros1::fuzzing::{write_answer, write_call, write_header};
 
 type Outcome = Result<(), Box<dyn Error>>;
 

@@ -1,5 +1,5 @@
 // Writes and reads bags with Debian's rosbag_storage, as JSON lines like those of
-// images/agent/crates/bag/examples/bench.
+// images/agent/crates/rosbag/examples/bench.
 // Arguments: PAYLOAD FOLDER_ON_DISK FOLDER_IN_TMPFS SCALE LIST; LIST has lines of a case's name, a
 // tab and the path of a bag that is read and written again.
 #include <fcntl.h>

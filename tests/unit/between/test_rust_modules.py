@@ -11,16 +11,16 @@ AGENT = ("cli", "verbs", "serve", "metrics", "engine", "stack", "case", "size", 
 # A type with its methods in several files, and modules with children that know them.
 TOGETHER = {
     "agent": [{"engine::exec", "engine::exec::pump"}, {"engine::ros1", "engine::ros1::simulator"}],
-    "bag": [{"bag", "compressor", "copy", "messages", "scan", "slice", "timeline", "unpack",
+    "rosbag": [{"bag", "compressor", "copy", "messages", "scan", "slice", "timeline", "unpack",
              "upgrade", "writer"}, {"compression", "lz4", "model", "record"}],
-    "pipe": [{"duplex", "leftovers"}],
+    "wire": [{"duplex", "leftovers"}],
     "python": [{"bag", "writer"}],
     "replay": [{"machine", "machine::gauge"}, {"time", "time::by_hand"},
                {"processes", "processes::sockets", "processes::starting", "processes::waiting"}],
-    "ros": [{"node", "slave"}],
+    "ros1": [{"node", "slave"}],
 }  # fmt: skip
 # At the least so many edges were found, so that a source that is read wrongly is noticed.
-LEAST_EDGES = {"agent": 80, "bag": 60, "pipe": 10, "replay": 150, "ros": 25}
+LEAST_EDGES = {"agent": 80, "replay": 150, "ros1": 25, "rosbag": 60, "wire": 10}
 
 
 def joined(edges: Graph, groups: list[set[str]]) -> Graph:

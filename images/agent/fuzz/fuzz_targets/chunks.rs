@@ -3,8 +3,8 @@
 
 use std::io::Read;
 
-use bagpipe_bag::Compression;
-use bagpipe_bag::fuzzing::{pack, unpack};
+use bagpipe_rosbag::Compression;
+use bagpipe_rosbag::fuzzing::{pack, unpack};
 use bagpipe_fuzz::bounded;
 use libfuzzer_sys::fuzz_target;
 

@@ -2,7 +2,7 @@
 #![no_main]
 
 use bagpipe_fuzz::bounded;
-use bagpipe_pipe::{Decoder, Encoder};
+use bagpipe_wire::{Decoder, Encoder};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

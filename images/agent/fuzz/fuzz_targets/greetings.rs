@@ -7,7 +7,7 @@
 mod case;
 
 use bagpipe_fuzz::bounded;
-use bagpipe_pipe::{Abort, AgentHello, End, FileHeader, Metric, WorkerHello, from_map, to_map};
+use bagpipe_wire::{Abort, AgentHello, End, FileHeader, Metric, WorkerHello, from_map, to_map};
 use libfuzzer_sys::fuzz_target;
 use serde::Serialize;
 use serde::de::DeserializeOwned;

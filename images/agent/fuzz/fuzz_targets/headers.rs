@@ -2,7 +2,7 @@
 #![no_main]
 
 use bagpipe_fuzz::bounded;
-use bagpipe_ros::fuzzing::{read_header, write_same_header};
+use bagpipe_ros1::fuzzing::{read_header, write_same_header};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

@@ -3,7 +3,7 @@
 #![no_main]
 
 use bagpipe_fuzz::{Pieces, bounded};
-use bagpipe_ros::fuzzing::{read_page_request, read_requests};
+use bagpipe_ros1::fuzzing::{read_page_request, read_requests};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

@@ -2,7 +2,7 @@
 #![no_main]
 
 use bagpipe_fuzz::{Pieces, bounded};
-use bagpipe_ros::fuzzing::read_messages;
+use bagpipe_ros1::fuzzing::read_messages;
 use libfuzzer_sys::fuzz_target;
 
 const MOST: usize = 100_000;

@@ -1,7 +1,7 @@
 //! A bag of format 1.2: what is read of it is what its rewriting as 2.0 holds.
 #![no_main]
 
-use bagpipe_bag::{Bag, Limits, MemoryChunkedFile, WriterOptions, check, reindex_limited};
+use bagpipe_rosbag::{Bag, Limits, MemoryChunkedFile, WriterOptions, check, reindex_limited};
 use bagpipe_fuzz::{LIMIT, bag_bound, bounded};
 use libfuzzer_sys::fuzz_target;
 

@@ -1,7 +1,7 @@
 //! A bag by its index: any bytes give an answer, within the limit.
 #![no_main]
 
-use bagpipe_bag::{Bag, Limits, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, Limits, MemoryChunkedFile};
 use bagpipe_fuzz::{LIMIT, bag_bound, bounded};
 use libfuzzer_sys::fuzz_target;
 

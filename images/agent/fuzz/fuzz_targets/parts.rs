@@ -1,7 +1,7 @@
 //! A bag made of another one's whole messages is sound and holds as many.
 #![no_main]
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, Limits, MemoryChunkedFile, Window, WriterOptions, check, check_limited, merge,
     reindex_limited, slice,
 };

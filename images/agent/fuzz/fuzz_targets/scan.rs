@@ -1,7 +1,7 @@
 //! A bag from the front: what the scan counts is what comes out, in order.
 #![no_main]
 
-use bagpipe_bag::{Bag, Limits, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, Limits, MemoryChunkedFile};
 use bagpipe_fuzz::{LIMIT, bag_bound, bounded};
 use libfuzzer_sys::fuzz_target;
 

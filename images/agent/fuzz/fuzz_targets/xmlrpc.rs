@@ -2,7 +2,7 @@
 #![no_main]
 
 use bagpipe_fuzz::bounded;
-use bagpipe_ros::fuzzing::{read_answer, read_call, write_answer, write_call};
+use bagpipe_ros1::fuzzing::{read_answer, read_call, write_answer, write_call};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {

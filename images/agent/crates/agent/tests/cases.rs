@@ -7,7 +7,7 @@ mod worker;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use rmpv::Value;
 use worker::*;
 
@@ -226,7 +226,7 @@ fn the_case_deadline_ends_a_case() {
 }
 
 /// Feeds a case whose stack never ends, and waits until that runs.
-fn started(agent: &Agent, script: &str) -> bagpipe_pipe::Duplex {
+fn started(agent: &Agent, script: &str) -> bagpipe_wire::Duplex {
     let deadlines = [("subscribe", 100.0), ("stop", 1.0)];
     let mut link = agent.greet(0, agent.case(script, &deadlines));
     feed(&mut link, &chatter(5));

@@ -5,7 +5,7 @@ mod worker;
 
 use std::time::Instant;
 
-use bagpipe_pipe::{FrameType, HEADER_BYTES, MAX_PAYLOAD, PROTOCOL, to_map};
+use bagpipe_wire::{FrameType, HEADER_BYTES, MAX_PAYLOAD, PROTOCOL, to_map};
 use rmpv::Value;
 use worker::exec::*;
 use worker::*;

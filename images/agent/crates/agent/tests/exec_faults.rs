@@ -5,7 +5,7 @@ mod worker;
 
 use std::time::{Duration, Instant};
 
-use bagpipe_pipe::{Encoder, End, FileHeader, FrameType, MAX_PAYLOAD, to_map};
+use bagpipe_wire::{Encoder, End, FileHeader, FrameType, MAX_PAYLOAD, to_map};
 use worker::exec::*;
 use worker::*;
 

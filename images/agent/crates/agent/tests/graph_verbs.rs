@@ -1,13 +1,13 @@
 //! `play` and `record` against Debian's rosmaster, rospy, rosbag and each other.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod worker;
 
 use std::path::{Path, PathBuf};
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use graph::{Graph, Process, wait_until};
 use worker::without_ros;
 

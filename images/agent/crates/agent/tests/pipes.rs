@@ -7,7 +7,7 @@ mod worker;
 use std::os::unix::fs::PermissionsExt;
 use std::time::{Duration, Instant};
 
-use bagpipe_pipe::{End, FrameType, from_map, to_map};
+use bagpipe_wire::{End, FrameType, from_map, to_map};
 use worker::*;
 
 /// The slot is free: a session that is refused at once shows it.
@@ -53,7 +53,7 @@ fn a_writer_that_dies_inside_a_frame_leaves_a_slot_for_the_next() {
     let agent = Agent::start(1);
     let link = agent.greet(0, agent.case("true", &[]));
     let path = agent.slot(0).join("to-agent");
-    let raw = bagpipe_pipe::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
+    let raw = bagpipe_wire::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
     rustix::io::write(&raw, b"BPIP\x01\x02\0\0\x10\0\0\0\x01\0\0\0").unwrap();
     drop((raw, link));
     assert_free(&agent);
@@ -65,7 +65,7 @@ fn a_successor_that_comes_before_the_end_is_seen_is_answered() {
     for round in 1..=20 {
         let dead = agent.greet(0, agent.case("true", &[]));
         let path = agent.slot(0).join("to-agent");
-        let raw = bagpipe_pipe::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
+        let raw = bagpipe_wire::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
         // Inside a frame of 1 MiB; the successor's HELLO falls into what should be its payload.
         rustix::io::write(&raw, b"BPIP\x01\x03\0\0\0\0\x10\0\x01\0\0\0cccc begun").unwrap();
         let next = agent.open(0);
@@ -103,11 +103,11 @@ fn damage_in_a_frame_is_named_by_its_offset() {
         let case = agent.case("true", &[]);
         let software = "test".to_owned();
         let session = format!("{:032x}", 1);
-        let hello = bagpipe_pipe::WorkerHello { session, protocol: 1, software, case };
+        let hello = bagpipe_wire::WorkerHello { session, protocol: 1, software, case };
         20 + to_map(&hello).unwrap().len()
     };
     let path = agent.slot(0).join("to-agent");
-    let raw = bagpipe_pipe::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
+    let raw = bagpipe_wire::fifo::open_writer(&path, soon(), &never).unwrap().unwrap();
     rustix::io::write(&raw, b"BPIP\x01\x0a\0\0\x10\0\0\0\x01\0\0\0abcd").unwrap();
     let abort = answer(link).abort();
     assert_eq!(abort.reason, "ProtocolError");
@@ -173,7 +173,7 @@ fn a_hello_that_cannot_be_is_refused_with_a_sentence() {
     let agent = Agent::start(1);
     let mut link = agent.open(0);
     hello(&mut link, "short", agent.case("true", &[]));
-    let abort: bagpipe_pipe::Abort = from_map(&first_frame(&mut link).unwrap().payload).unwrap();
+    let abort: bagpipe_wire::Abort = from_map(&first_frame(&mut link).unwrap().payload).unwrap();
     assert_eq!(abort.message, "a session is 32 hexadecimal digits, and \"short\" came");
     assert_eq!(abort.session, "short");
     drop(link);
@@ -195,6 +195,6 @@ fn a_hello_that_cannot_be_is_refused_with_a_sentence() {
     let mut link = agent.open(0);
     send(&mut link, FrameType::Data, b"x");
     let frame = first_frame(&mut link).unwrap();
-    let abort: bagpipe_pipe::Abort = from_map(&frame.payload).unwrap();
+    let abort: bagpipe_wire::Abort = from_map(&frame.payload).unwrap();
     assert_eq!(abort.message, "expected HELLO, and DATA came");
 }

@@ -1,7 +1,7 @@
 //! `play` of several bags, several times, and with pauses.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod worker;
 
@@ -9,7 +9,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::path::PathBuf;
 use std::process::Stdio;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use graph::{Graph, Process, wait_until};
 use worker::without_ros;
 

@@ -3,7 +3,7 @@
 
 mod worker;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use rmpv::Value;
 use worker::*;
 

@@ -5,8 +5,8 @@ mod worker;
 
 use std::time::Duration;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
-use bagpipe_pipe::{Duplex, End, FileHeader, FrameType, OwnedFrame, to_map};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
+use bagpipe_wire::{Duplex, End, FileHeader, FrameType, OwnedFrame, to_map};
 use rmpv::Value;
 use worker::*;
 

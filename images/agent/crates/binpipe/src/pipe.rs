@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{self, Read, Write};
 
-use bagpipe_pipe::{
+use bagpipe_wire::{
     Abort, Decoder, Encoder, End, FrameError, FrameType, MAX_PAYLOAD, PROTOCOL, from_map, to_map,
 };
 use serde::{Deserialize, Serialize};

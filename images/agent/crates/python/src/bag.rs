@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use bagpipe_bag::{Bag, ChunkInfo, Limits, Window};
+use bagpipe_rosbag::{Bag, ChunkInfo, Limits, Window};
 use pyo3::buffer::PyBuffer;
 use pyo3::exceptions::PyOSError;
 use pyo3::prelude::*;
@@ -121,8 +121,8 @@ impl MemoryBag {
         bags.iter().try_for_each(|each| each.get().whole())?;
         let opened = py.detach(|| {
             let all: Vec<&Bag<Memory>> = bags.iter().map(|each| &each.get().opened.bag).collect();
-            let bytes =
-                bagpipe_bag::merge(&all, options).map_err(|error| error::raised(None, &error))?;
+            let bytes = bagpipe_rosbag::merge(&all, options)
+                .map_err(|error| error::raised(None, &error))?;
             Opened::open(Memory::Rust(bytes), None, Limits::default())
         })?;
         Ok(Self { opened })
@@ -145,7 +145,7 @@ impl MemoryBag {
         let wanted = |topic: &String| topics.as_ref().is_none_or(|topics| topics.contains(topic));
         let opened = py.detach(|| {
             let Opened { bag, limits, .. } = &*self.opened;
-            let made = bagpipe_bag::slice(bag, window, |each| wanted(&each.topic), options)
+            let made = bagpipe_rosbag::slice(bag, window, |each| wanted(&each.topic), options)
                 .map_err(|error| self.opened.raised(&error))?;
             Opened::open(Memory::Rust(made.bytes), None, *limits)
         })?;
@@ -167,7 +167,7 @@ impl MemoryBag {
 
     /// Reads every record and compares what it finds with the index.
     fn check(&self, py: Python<'_>) -> PyResult<Checked> {
-        let found = py.detach(|| bagpipe_bag::check(self.opened.bag.file()));
+        let found = py.detach(|| bagpipe_rosbag::check(self.opened.bag.file()));
         found.map(Checked::from).map_err(|error| self.opened.raised(&error))
     }
 

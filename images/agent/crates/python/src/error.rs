@@ -11,7 +11,7 @@ pyo3::create_exception!(
 );
 
 /// The crate's error as Python's, with the bag's name before it where it has one.
-pub fn raised(name: Option<&str>, error: &bagpipe_bag::BagError) -> PyErr {
+pub fn raised(name: Option<&str>, error: &bagpipe_rosbag::BagError) -> PyErr {
     said(name, &error.to_string())
 }
 

@@ -1,6 +1,6 @@
 //! The agent's bag for Python: `bagpipe.MemoryBag`.
 //!
-//! Thin: each file gives one thing of the crate `bagpipe-bag` to Python. What takes long runs
+//! Thin: each file gives one thing of the crate `bagpipe-rosbag` to Python. What takes long runs
 //! without Python's lock; what Python gets of messages are views of the bag's own memory, and
 //! [`view`] is the only file with `unsafe`, which the buffer protocol demands.
 

@@ -3,7 +3,7 @@
 use std::io;
 use std::sync::Arc;
 
-use bagpipe_bag::{Bag, ChunkedFile, Limits};
+use bagpipe_rosbag::{Bag, ChunkedFile, Limits};
 use pyo3::PyErr;
 use pyo3::pybacked::PyBackedBytes;
 
@@ -66,7 +66,7 @@ impl Opened {
     }
 
     /// An error of the crate about this bag.
-    pub fn raised(&self, error: &bagpipe_bag::BagError) -> PyErr {
+    pub fn raised(&self, error: &bagpipe_rosbag::BagError) -> PyErr {
         error::raised(self.name.as_deref(), error)
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bagpipe_bag::{Place, Window};
+use bagpipe_rosbag::{Place, Window};
 use pyo3::prelude::*;
 use pyo3::types::PySequence;
 
@@ -66,7 +66,7 @@ impl Messages {
     fn connection(&self, py: Python<'_>, id: u32) -> PyResult<Py<Connection>> {
         match self.connections.binary_search_by_key(&id, |(id, _)| *id) {
             Ok(at) => Ok(self.connections[at].1.clone_ref(py)),
-            Err(_) => Err(self.opened.raised(&bagpipe_bag::BagError::UnknownConnection(id))),
+            Err(_) => Err(self.opened.raised(&bagpipe_rosbag::BagError::UnknownConnection(id))),
         }
     }
 }

@@ -30,8 +30,8 @@ impl Connection {
     }
 }
 
-impl From<&bagpipe_bag::Connection> for Connection {
-    fn from(each: &bagpipe_bag::Connection) -> Self {
+impl From<&bagpipe_rosbag::Connection> for Connection {
+    fn from(each: &bagpipe_rosbag::Connection) -> Self {
         Self {
             id: each.id,
             topic: each.topic.clone(),
@@ -70,8 +70,8 @@ impl Damage {
     }
 }
 
-impl From<&bagpipe_bag::Loss> for Damage {
-    fn from(loss: &bagpipe_bag::Loss) -> Self {
+impl From<&bagpipe_rosbag::Loss> for Damage {
+    fn from(loss: &bagpipe_rosbag::Loss) -> Self {
         Self {
             offset: loss.offset,
             bytes: loss.bytes,
@@ -103,8 +103,8 @@ impl Checked {
     }
 }
 
-impl From<bagpipe_bag::Checked> for Checked {
-    fn from(found: bagpipe_bag::Checked) -> Self {
+impl From<bagpipe_rosbag::Checked> for Checked {
+    fn from(found: bagpipe_rosbag::Checked) -> Self {
         Self {
             sound: found.sound(),
             messages: found.messages,

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use bagpipe_bag::{BagWriter, Compression, Connection, Limits, WriterOptions};
+use bagpipe_rosbag::{BagWriter, Compression, Connection, Limits, WriterOptions};
 use pyo3::buffer::PyBuffer;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use bagpipe_ros::Incoming;
+use bagpipe_ros1::Incoming;
 
 use crate::pairing::Pairing;
 use crate::stamp::{has_header, stamp};

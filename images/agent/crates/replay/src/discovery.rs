@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Publication, RosError, SystemState};
+use bagpipe_ros1::{Node, Publication, RosError, SystemState};
 use regex::Regex;
 
 use crate::ReplayError;

@@ -8,7 +8,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Publication};
+use bagpipe_ros1::{Node, Publication};
 
 use crate::outlet::Outlet;
 use crate::patience::Patience;

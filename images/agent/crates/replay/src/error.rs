@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use bagpipe_bag::BagError;
-use bagpipe_ros::RosError;
+use bagpipe_ros1::RosError;
+use bagpipe_rosbag::BagError;
 
 use crate::Cancellation;
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use bagpipe_ros::{LinkState, Publication};
+use bagpipe_ros1::{LinkState, Publication};
 
 use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic, Strength};
 use crate::play::Played;

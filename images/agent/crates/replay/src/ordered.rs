@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use bagpipe_bag::Connection;
+use bagpipe_rosbag::Connection;
 
 /// An output that is held.
 #[derive(Debug)]

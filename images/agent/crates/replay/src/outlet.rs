@@ -1,6 +1,6 @@
 //! Where messages go out.
 
-use bagpipe_ros::{Publication, SendError, Share};
+use bagpipe_ros1::{Publication, SendError, Share};
 
 /// A published topic and its subscribers.
 pub(crate) trait Outlet {

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
-use bagpipe_bag::{Bag, ChunkedFile, Connection, Message, Timeline};
-use bagpipe_ros::TopicInfo;
+use bagpipe_ros1::TopicInfo;
+use bagpipe_rosbag::{Bag, ChunkedFile, Connection, Message, Timeline};
 
 use crate::names::resolved;
 use crate::{ReplayError, ReplayRequest};

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Publication, Share};
+use bagpipe_ros1::{Node, Publication, Share};
 
 use crate::clock::{BagClock, Schedule};
 use crate::outcome::StepReport;

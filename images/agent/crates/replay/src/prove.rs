@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use bagpipe_ros::audit::{Audit, Received};
-use bagpipe_ros::{FarEnd, LinkState, Publication};
+use bagpipe_ros1::audit::{Audit, Received};
+use bagpipe_ros1::{FarEnd, LinkState, Publication};
 
 use crate::outcome::Strength;
 use crate::patience::{Patience, Round, Settled};

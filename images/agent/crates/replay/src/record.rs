@@ -5,8 +5,8 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use bagpipe_bag::{BagWriter, Compression, WriterOptions};
-use bagpipe_ros::{Incoming, MAX_MESSAGE, Node, NodeOptions, RosError, Sink, SystemState};
+use bagpipe_ros1::{Incoming, MAX_MESSAGE, Node, NodeOptions, RosError, Sink, SystemState};
+use bagpipe_rosbag::{BagWriter, Compression, WriterOptions};
 use regex::Regex;
 
 use crate::ReplayError;

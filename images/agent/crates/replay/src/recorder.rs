@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{BagError, BagWriter, Compression, Connection, WriterOptions};
-use bagpipe_ros::{Incoming, Sink};
+use bagpipe_ros1::{Incoming, Sink};
+use bagpipe_rosbag::{BagError, BagWriter, Compression, Connection, WriterOptions};
 
 use crate::ReplayError;
 use crate::answers::Answers;

@@ -7,9 +7,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use bagpipe_bag::{Bag, ChunkedFile};
-use bagpipe_ros::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
-use bagpipe_ros::{TopicInfo, audit::Audit};
+use bagpipe_ros1::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
+use bagpipe_ros1::{TopicInfo, audit::Audit};
+use bagpipe_rosbag::{Bag, ChunkedFile};
 
 use crate::answers::Answers;
 use crate::clock::BagClock;

@@ -1,6 +1,6 @@
 //! ROS times on the wire, and the topic /clock.
 
-use bagpipe_ros::TopicInfo;
+use bagpipe_ros1::TopicInfo;
 
 /// The type of /clock as ROS 1 ships it (rosgraph_msgs 1.11).
 pub(crate) fn clock_topic() -> TopicInfo {

@@ -1,6 +1,6 @@
 //! Consecutive messages that go out together, at full speed.
 
-use bagpipe_ros::{SendError, Share};
+use bagpipe_ros1::{SendError, Share};
 
 use crate::outlet::{Cancelled, Outlet};
 

@@ -4,8 +4,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::SystemState;
-use bagpipe_ros::audit::Audit;
+use bagpipe_ros1::SystemState;
+use bagpipe_ros1::audit::Audit;
 
 use crate::ReplayError;
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};

@@ -8,8 +8,8 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use bagpipe_bag::Connection;
-use bagpipe_ros::{Share, TopicInfo};
+use bagpipe_ros1::{Share, TopicInfo};
+use bagpipe_rosbag::Connection;
 
 use crate::ReplayError;
 use crate::answers::Answers;

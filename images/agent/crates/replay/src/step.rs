@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::{Node, Share};
+use bagpipe_ros1::{Node, Share};
 
 use crate::ReplayError;
 use crate::answers::Answers;

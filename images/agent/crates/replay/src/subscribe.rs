@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::Publication;
+use bagpipe_ros1::Publication;
 
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};
 use crate::names::resolved;

@@ -1,11 +1,11 @@
 //! What the ledger says is what the callbacks of real nodes saw.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
-use bagpipe_bag::{Bag, Compression, Connection, MemoryChunkedFile, WriterOptions};
 use bagpipe_replay::LedgerSubscriber;
+use bagpipe_rosbag::{Bag, Compression, Connection, MemoryChunkedFile, WriterOptions};
 use graph::{Graph, Process, compile, wait_until};
 use scene::{TMP, node, packed, pr2, read_back, request, run, words};
 

@@ -1,9 +1,9 @@
 //! A stack that misbehaves ends the replay within its deadline, with a reason.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
-#[path = "../../bag/tests/witness/mod.rs"]
+#[path = "../../rosbag/tests/witness/mod.rs"]
 mod witness;
 
 use std::io::{Read, Write};
@@ -79,7 +79,7 @@ struct Deaf {
 fn deaf_subscriber(graph: &Graph, topic: &str) -> Deaf {
     let slave = TcpListener::bind("127.0.0.1:0").unwrap();
     let uri = format!("http://{}/", slave.local_addr().unwrap());
-    let master = bagpipe_ros::Master::new(&graph.uri, "/deaf", Duration::from_secs(5)).unwrap();
+    let master = bagpipe_ros1::Master::new(&graph.uri, "/deaf", Duration::from_secs(5)).unwrap();
     let mut publishers = Vec::new();
     graph::wait_until("the player publishes", || {
         publishers = master.register_subscriber(topic, "*", &uri).unwrap();

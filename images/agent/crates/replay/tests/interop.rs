@@ -1,13 +1,13 @@
 //! What real recordings and graphs have that a demonstration has not.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use bagpipe_bag::{Bag, Connection, MemoryChunkedFile};
 use bagpipe_replay::{Mode, replay};
+use bagpipe_rosbag::{Bag, Connection, MemoryChunkedFile};
 use graph::{Graph, Process, compile, wait_until};
 use scene::{TMP, bag_of, bag_of_words, node, read_back, request, run, words};
 

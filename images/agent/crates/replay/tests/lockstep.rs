@@ -1,6 +1,6 @@
 //! Lock-step: real, unmodified nodes, whose answers come out the same on every run.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
@@ -8,8 +8,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_replay::{AnswerBy, Mode, ReplayRequest, Replayed, Step};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use graph::{Graph, compile};
 use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
 

@@ -1,13 +1,13 @@
 //! A lead-in ends, and a recording ends, by what real nodes do.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
 use std::time::Instant;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_replay::{Mode, ReplayRequest, Replayed, Strength, Window};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 use graph::{Graph, PATIENCE, Process, compile, wait_until};
 use scene::{TMP, bag_of_words, node, pr2, request, run, words};
 

@@ -1,14 +1,14 @@
 //! A master that is started anew in the middle of a play and a recording.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
-use bagpipe_bag::{Bag, Compression, MemoryChunkedFile};
 use bagpipe_replay::{Pause, RecordRequest, RecordedLive, Replayed, record};
+use bagpipe_rosbag::{Bag, Compression, MemoryChunkedFile};
 use graph::{Graph, Process, compile, wait_until};
 use scene::{TMP, bag_of_words, node, request, run, words};
 

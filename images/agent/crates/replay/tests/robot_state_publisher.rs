@@ -1,11 +1,11 @@
 //! The real robot_state_publisher of Debian on the real recording of a PR2.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
 use bagpipe_replay::Mode;
-use bagpipe_ros::Value;
+use bagpipe_ros1::Value;
 use graph::Graph;
 use scene::{TMP, pr2, request, run};
 

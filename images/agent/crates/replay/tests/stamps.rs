@@ -1,13 +1,13 @@
 //! Lock-step by stamp with real nodes: which answers are taken for which inputs.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 
 use std::time::Duration;
 
-use bagpipe_bag::{Bag, Connection, MemoryChunkedFile};
 use bagpipe_replay::{AnswerBy, Mode, Replayed, Step, Strength};
+use bagpipe_rosbag::{Bag, Connection, MemoryChunkedFile};
 use graph::{Graph, compile};
 use scene::{TMP, bag_of, node, read_back, request, run};
 

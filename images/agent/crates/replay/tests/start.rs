@@ -1,7 +1,7 @@
 //! The play waits for who is seen to start. A file of its own: it looks at all processes
 //! below this one.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[path = "../../ros/tests/graph/mod.rs"]
+#[path = "../../ros1/tests/graph/mod.rs"]
 mod graph;
 mod scene;
 

@@ -1,6 +1,6 @@
 //! Why a case has no result.
 
-use bagpipe_pipe::{Abort, PipeError};
+use bagpipe_wire::{Abort, PipeError};
 
 /// An end without a result.
 #[derive(Debug)]

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-use bagpipe_pipe::{Duplex, to_map};
 use bagpipe_replay::{Ledger, Meter};
+use bagpipe_wire::{Duplex, to_map};
 use rmpv::Value;
 
 use crate::case::Case;

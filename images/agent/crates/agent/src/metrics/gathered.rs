@@ -4,7 +4,7 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixDatagram;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use bagpipe_pipe::from_map;
+use bagpipe_wire::from_map;
 
 use super::figures::Figures;
 
@@ -106,7 +106,7 @@ impl Told {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bagpipe_pipe::to_map;
+    use bagpipe_wire::to_map;
 
     fn say(socket: &UnixDatagram, answered: u64, busy: bool) {
         let figures = Figures { answered, busy, ..Figures::default() };

@@ -14,7 +14,7 @@ use std::net::SocketAddr;
 use std::process::Stdio;
 use std::sync::Arc;
 
-use bagpipe_ros::{Page, Pages};
+use bagpipe_ros1::{Page, Pages};
 
 pub use figures::SlotFigures;
 use gathered::Gathered;

@@ -5,7 +5,7 @@ use std::os::unix::net::UnixDatagram;
 use std::sync::Arc;
 use std::time::Duration;
 
-use bagpipe_pipe::to_map;
+use bagpipe_wire::to_map;
 
 use super::figures::{Figures, SlotFigures};
 
@@ -85,7 +85,7 @@ mod tests {
         let mut read = || {
             let length = far.recv(&mut buffer).unwrap();
             assert!(length < 2048, "{length}");
-            bagpipe_pipe::from_map::<Figures>(&buffer[..length]).unwrap()
+            bagpipe_wire::from_map::<Figures>(&buffer[..length]).unwrap()
         };
         while read().answered < 5000 {}
         figures.begin(4096);

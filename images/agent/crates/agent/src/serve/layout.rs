@@ -4,7 +4,7 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
-use bagpipe_pipe::fifo;
+use bagpipe_wire::fifo;
 
 /// The shared volume.
 #[derive(Debug, Clone)]

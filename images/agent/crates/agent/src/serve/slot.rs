@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use bagpipe_pipe::fifo::{self, Readiness};
-use bagpipe_pipe::{Duplex, Next};
+use bagpipe_wire::fifo::{self, Readiness};
+use bagpipe_wire::{Duplex, Next};
 use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_signal};
 
 use crate::engine::on_disk::OnDisk;

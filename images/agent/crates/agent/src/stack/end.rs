@@ -1,6 +1,6 @@
 //! How a stack ended, as RESULT has it.
 
-use bagpipe_pipe::Abort;
+use bagpipe_wire::Abort;
 use serde::Serialize;
 
 use crate::stack::evidence::{Facts, Moment, StackEnded};

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use bagpipe_ros::{Master, RosError};
+use bagpipe_ros1::{Master, RosError};
 
 use crate::stack::processes::descendants;
 

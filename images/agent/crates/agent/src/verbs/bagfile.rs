@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagError, ChunkedFile, Compression, DiskChunkedFile, Limits, WriterOptions,
 };
 use clap::{Args, ValueEnum};
@@ -115,7 +115,7 @@ pub fn file(path: &Path) -> Result<DiskChunkedFile, String> {
 }
 
 /// What was lost, as a sentence.
-pub fn loss(loss: &bagpipe_bag::Loss) -> String {
+pub fn loss(loss: &bagpipe_rosbag::Loss) -> String {
     let messages = match loss.messages {
         Some(count) => format!("{count} messages"),
         None => "nobody can say how many messages".to_owned(),

@@ -23,7 +23,7 @@ pub struct Options {
 /// Prints what was found; anything wrong is the error.
 pub fn check(options: &Options) -> Result<(), String> {
     let path = options.file.display();
-    let found = bagpipe_bag::check_limited(&file(&options.file)?, options.memory.limits())
+    let found = bagpipe_rosbag::check_limited(&file(&options.file)?, options.memory.limits())
         .map_err(|error| unreadable(&options.file, &error))?;
     println!("{path}: {} whole messages", found.messages);
     if found.sound() {

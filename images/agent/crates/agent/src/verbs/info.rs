@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use bagpipe_bag::{Bag, ChunkedFile};
+use bagpipe_rosbag::{Bag, ChunkedFile};
 
 use crate::verbs::bagfile::{Memory, file};
 

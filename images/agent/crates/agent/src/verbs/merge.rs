@@ -28,8 +28,8 @@ pub fn merge(options: &Options) -> Result<(), String> {
         .iter()
         .map(|path| options.memory.open_whole(path))
         .collect::<Result<_, _>>()?;
-    let messages: u64 = bags.iter().map(bagpipe_bag::Bag::message_count).sum();
-    let bytes = bagpipe_bag::merge(&bags, options.output.options())
+    let messages: u64 = bags.iter().map(bagpipe_rosbag::Bag::message_count).sum();
+    let bytes = bagpipe_rosbag::merge(&bags, options.output.options())
         .map_err(|error| unreadable(&options.output.output, &error))?;
     options.output.write(&bytes)?;
     let (path, files) = (options.output.output.display(), bags.len());

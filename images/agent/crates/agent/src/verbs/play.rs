@@ -7,11 +7,11 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{Bag, ChunkedFile, MemoryChunkedFile};
 use bagpipe_replay::{
     AnswerBy, Cancellation, Mode, Pause, Progress, ReplayError, ReplayRequest, Replayed, Resumed,
     StartWhen, Step, Window, replay_together,
 };
+use bagpipe_rosbag::{Bag, ChunkedFile, MemoryChunkedFile};
 use clap::Args;
 
 use crate::verbs::bagfile::{Memory, loss, write};

@@ -4,8 +4,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
-use bagpipe_bag::Compression;
 use bagpipe_replay::RecordRequest;
+use bagpipe_rosbag::Compression;
 use clap::Args;
 
 use crate::size::bytes;

@@ -26,7 +26,7 @@ pub struct Options {
 /// Writes the bag with its new index and says what was lost.
 pub fn reindex(options: &Options) -> Result<(), String> {
     let (old, settings) = (file(&options.file)?, options.output.options());
-    let made = bagpipe_bag::reindex_limited(old, settings, options.memory.limits())
+    let made = bagpipe_rosbag::reindex_limited(old, settings, options.memory.limits())
         .map_err(|error| unreadable(&options.file, &error))?;
     options.output.write(&made.bytes)?;
     println!(

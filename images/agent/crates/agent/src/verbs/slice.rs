@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bagpipe_bag::Window;
+use bagpipe_rosbag::Window;
 use clap::Args;
 
 use crate::verbs::bagfile::{Memory, Output, unreadable};
@@ -49,7 +49,7 @@ pub fn slice(options: &Options) -> Result<(), String> {
     }
     let wanted = |topic: &String| options.topics.is_empty() || options.topics.contains(topic);
     let settings = options.output.options();
-    let made = bagpipe_bag::slice(&bag, window, |each| wanted(&each.topic), settings)
+    let made = bagpipe_rosbag::slice(&bag, window, |each| wanted(&each.topic), settings)
         .map_err(|error| unreadable(&options.file, &error))?;
     options.output.write(&made.bytes)?;
     println!(

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bagpipe_pipe::{
+use bagpipe_wire::{
     Abort, Duplex, Encoder, End, FileHeader, FrameType, MAX_PAYLOAD, OwnedFrame, from_map, to_map,
 };
 use rmpv::Value;

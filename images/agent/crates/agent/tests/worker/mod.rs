@@ -3,9 +3,9 @@
 
 pub mod bags;
 pub mod exec;
-#[path = "../../../bag/tests/needed/mod.rs"]
+#[path = "../../../rosbag/tests/needed/mod.rs"]
 pub mod needed;
-#[path = "../../../bag/tests/witness/mod.rs"]
+#[path = "../../../rosbag/tests/witness/mod.rs"]
 pub mod witness;
 
 use std::cell::Cell;
@@ -15,8 +15,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{BagWriter, Connection, WriterOptions};
-use bagpipe_pipe::{
+use bagpipe_rosbag::{BagWriter, Connection, WriterOptions};
+use bagpipe_wire::{
     Abort, AgentHello, Duplex, End, FileHeader, FrameType, Leftovers, Next, OwnedFrame, PipeError,
     WorkerHello, fifo, from_map, to_map,
 };

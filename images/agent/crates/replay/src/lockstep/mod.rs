@@ -19,7 +19,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::TopicInfo;
+use bagpipe_ros1::TopicInfo;
 
 use crate::answers::{Answers, Heard};
 use crate::names::resolved;

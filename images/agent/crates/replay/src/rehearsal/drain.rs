@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use bagpipe_ros::Node;
-use bagpipe_ros::audit::Audit;
+use bagpipe_ros1::Node;
+use bagpipe_ros1::audit::Audit;
 
 use super::realtime::bag_of_times;
 use super::{ByHand, MS, Mode, Rehearsal, ms, request, window};

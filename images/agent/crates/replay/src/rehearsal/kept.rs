@@ -3,7 +3,7 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bagpipe_ros::{SendError, Share};
+use bagpipe_ros1::{SendError, Share};
 
 use crate::clock::BagClock;
 use crate::outlet::{Cancelled, Outlet};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use bagpipe_ros::Share;
+use bagpipe_ros1::Share;
 
 use super::realtime::bag_of_times;
 use super::{AnswerBy, ByHand, MS, Mode, Rehearsal, ms, request, say, step, window};
@@ -102,7 +102,7 @@ fn the_case_s_deadline_holds_while_an_answer_is_awaited() {
 fn a_wait_is_metered_to_the_nanosecond() {
     let by_hand = ByHand::new();
     let meter = Arc::new(Meter::default());
-    let topic = bagpipe_ros::TopicInfo { topic: "/a".to_owned(), ..Default::default() };
+    let topic = bagpipe_ros1::TopicInfo { topic: "/a".to_owned(), ..Default::default() };
     let lockstep = Lockstep::new(&[step(AnswerBy::Count, ms(40))], &[topic]).unwrap();
     let mut lockstep = lockstep.metered(&meter);
     let answers = Arc::new(Answers::new(lockstep.awaited()));
@@ -144,7 +144,7 @@ fn a_simulated_play_takes_what_the_world_and_the_answers_take() {
     rehearsal.answers_after([Some(20), None, Some(30)]);
     let (answers, recorder) = (&rehearsal.answers, &rehearsal.recorder);
     let mut world = Thinker(Arc::clone(&by_hand), 0);
-    let topics = [bagpipe_ros::TopicInfo { topic: "/a".to_owned(), ..Default::default() }];
+    let topics = [bagpipe_ros1::TopicInfo { topic: "/a".to_owned(), ..Default::default() }];
     let pace = rehearsal.play(&bag_of_times(&[0]), |player: &mut Player<'_, _>, _, watch| {
         Turns::new(&mut world, answers, recorder, &topics).play(player, watch).unwrap()
     });

@@ -16,8 +16,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
-use bagpipe_ros::{ConnectionHeader, Incoming, Node, Sink};
+use bagpipe_ros1::{ConnectionHeader, Incoming, Node, Sink};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 use crate::answers::Answers;
 use crate::clock::BagClock;

@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
-use bagpipe_ros::Share;
+use bagpipe_ros1::Share;
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 use super::bags::{bag_of_words, words};
 use super::{ByHand, MS, Mode, Rehearsal, Window, ms, request, window};

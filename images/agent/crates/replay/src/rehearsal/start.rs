@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use bagpipe_ros::TopicInfo;
+use bagpipe_ros1::TopicInfo;
 
 use super::master::LonelyMaster;
 use super::{ByHand, Rehearsal, ReplayRequest, ms, request, window};

@@ -1,7 +1,7 @@
 //! Small bags.
 #![allow(dead_code)] // each test file uses its own part
 
-use bagpipe_bag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_rosbag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
 
 /// A std_msgs/String connection.
 pub fn words(topic: &str, caller_id: &str, latching: bool) -> Connection {

@@ -2,7 +2,7 @@
 #![allow(dead_code)] // each test file uses its own part
 
 mod bags;
-#[path = "../../../bag/tests/needed/mod.rs"]
+#[path = "../../../rosbag/tests/needed/mod.rs"]
 mod needed;
 
 use std::collections::BTreeMap;
@@ -10,10 +10,10 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{Bag, MemoryChunkedFile};
 use bagpipe_replay::{
     CLOCK_RATE, Mode, Progress, ReplayError, ReplayRequest, Replayed, StartWhen, Window, replay,
 };
+use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 #[allow(unused_imports)] // each test file uses its own part
 pub use bags::{bag_of, bag_of_words, packed, words};
@@ -67,7 +67,7 @@ pub fn run(bag: &Bag<MemoryChunkedFile>, request: &ReplayRequest) -> Result<Repl
 pub fn read_back(recorded: &Replayed) -> Vec<(String, u64, Vec<u8>)> {
     let bag = Bag::open(MemoryChunkedFile::new(recorded.recorded_bag.clone())).unwrap();
     let timeline = bag.timeline(|_| true).unwrap();
-    let message = |m: bagpipe_bag::Message<'_>| {
+    let message = |m: bagpipe_rosbag::Message<'_>| {
         let topic = bag.connection(m.connection).unwrap().topic.clone();
         (topic, m.time, m.data.to_vec())
     };

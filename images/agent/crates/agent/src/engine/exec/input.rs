@@ -3,7 +3,7 @@
 use std::io::IoSlice;
 use std::os::fd::OwnedFd;
 
-use bagpipe_pipe::{Encoder, End, FrameType, HEADER_BYTES};
+use bagpipe_wire::{Encoder, End, FrameType, HEADER_BYTES};
 use rustix::io::Errno;
 
 use crate::case::failure::Failure;

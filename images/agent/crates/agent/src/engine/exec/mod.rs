@@ -14,7 +14,7 @@ use std::cell::RefCell;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use bagpipe_pipe::{Duplex, End, FrameType, PROTOCOL, to_map};
+use bagpipe_wire::{Duplex, End, FrameType, PROTOCOL, to_map};
 use rmpv::Value;
 use serde::Serialize;
 

@@ -2,7 +2,7 @@
 
 use std::os::fd::OwnedFd;
 
-use bagpipe_pipe::{Decoder, Frame, FrameError, FrameType, OwnedFrame};
+use bagpipe_wire::{Decoder, Frame, FrameError, FrameType, OwnedFrame};
 use rustix::io::Errno;
 
 use crate::case::failure::Failure;

@@ -3,7 +3,7 @@
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-use bagpipe_pipe::{End, FrameType, OwnedFrame, PipeError, from_map, to_map};
+use bagpipe_wire::{End, FrameType, OwnedFrame, PipeError, from_map, to_map};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Pid;
 

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use bagpipe_pipe::{Decoder, End, FrameType, OwnedFrame, PROTOCOL, from_map};
+use bagpipe_wire::{Decoder, End, FrameType, OwnedFrame, PROTOCOL, from_map};
 use rmpv::Value;
 use serde::{Deserialize, Serialize};
 

@@ -5,7 +5,7 @@ use std::cell::{Cell, RefCell};
 use std::fs::File;
 use std::time::Instant;
 
-use bagpipe_bag::{ChunkedFile, MemoryChunkedFile};
+use bagpipe_rosbag::{ChunkedFile, MemoryChunkedFile};
 
 use crate::case::failure::Failure;
 use crate::case::folder::CaseFolder;

@@ -3,8 +3,8 @@
 use std::io::Write;
 use std::time::Instant;
 
-use bagpipe_bag::{Bag, BagError, ChunkedFile, DiskChunkedFile, Limits, MemoryChunkedFile};
-use bagpipe_pipe::{Duplex, End, FileHeader, FrameType, from_map};
+use bagpipe_rosbag::{Bag, BagError, ChunkedFile, DiskChunkedFile, Limits, MemoryChunkedFile};
+use bagpipe_wire::{Duplex, End, FileHeader, FrameType, from_map};
 
 use crate::case::failure::Failure;
 use crate::engine::on_disk::{OnDisk, failed};

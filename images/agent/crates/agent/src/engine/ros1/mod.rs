@@ -14,12 +14,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{Bag, ChunkedFile};
-use bagpipe_pipe::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 use bagpipe_replay::{
     AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, Stage,
     StartWhen, Step, Window, replay, simulate,
 };
+use bagpipe_rosbag::{Bag, ChunkedFile};
+use bagpipe_wire::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 
 use crate::case::failure::Failure;
 use crate::case::{self, Case, Simulator, seconds};

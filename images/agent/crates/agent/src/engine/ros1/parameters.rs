@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bagpipe_ros::{Master, Value as Ros};
+use bagpipe_ros1::{Master, Value as Ros};
 use rmpv::Value;
 
 /// Sets every parameter on the rosmaster; the error is a sentence that names the first that

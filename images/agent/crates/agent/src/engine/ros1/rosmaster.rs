@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::Master;
+use bagpipe_ros1::Master;
 
 use crate::case::failure::Failure;
 use crate::stack::command::{ENTRYPOINT, find};

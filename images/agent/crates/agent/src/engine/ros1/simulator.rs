@@ -4,9 +4,9 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
-use bagpipe_pipe::{Duplex, End, FrameType, MAX_PAYLOAD, PipeError, from_map};
 use bagpipe_replay::{Cancellation, Moment, ReplayError, Said, World};
-use bagpipe_ros::TopicInfo;
+use bagpipe_ros1::TopicInfo;
+use bagpipe_wire::{Duplex, End, FrameType, MAX_PAYLOAD, PipeError, from_map};
 use rmpv::Value;
 
 use crate::case::Simulator;

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use bagpipe_bag::{Bag, ChunkedFile, Compression, DiskChunkedFile, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, ChunkedFile, Compression, DiskChunkedFile, MemoryChunkedFile};
 use needed::{pr2_recording, without_ros};
 
 /// By turns on two topics and, in every hundredth turn, large ones on a third.

@@ -1,7 +1,7 @@
 //! The vectors of docs/reference/binpipe-vectors.json, which the Python side reads as well.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use bagpipe_pipe::{Decoder, Encoder, FrameError, FrameType, from_map};
+use bagpipe_wire::{Decoder, Encoder, FrameError, FrameType, from_map};
 use serde::Deserialize;
 
 #[derive(Deserialize)]

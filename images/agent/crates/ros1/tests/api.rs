@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bagpipe_ros::audit::Audit;
-use bagpipe_ros::{Incoming, Master, Node, NodeOptions, RosError, Share, Sink, TopicInfo, Value};
+use bagpipe_ros1::audit::Audit;
+use bagpipe_ros1::{Incoming, Master, Node, NodeOptions, RosError, Share, Sink, TopicInfo, Value};
 use graph::{Graph, wait_until};
 
 const TMP: &str = env!("CARGO_TARGET_TMPDIR");

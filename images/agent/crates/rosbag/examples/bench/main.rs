@@ -1,6 +1,6 @@
 //! Times the bag's hot paths beside plain copies, one run of each, as JSON lines:
 //! `{"case", "metric", "unit", "by", "value"}`. `tests/bench/run.py bag` runs it in turn
-//! with the peers; alone: `cargo run --release -p bagpipe-bag --example bench -- [case...]`.
+//! with the peers; alone: `cargo run --release -p bagpipe-rosbag --example bench -- [case...]`.
 //! `payload FILE` and `shapes FOLDER` make what all programs read, `again LIST` reads bags.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)]
 
@@ -9,7 +9,7 @@ mod shapes;
 use std::hint::black_box;
 use std::time::Instant;
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagWriter, Compression, Connection, DiskChunkedFile, MemoryChunkedFile, WriterOptions,
 };
 
@@ -320,7 +320,7 @@ fn plan(chunks: usize) {
 }
 
 /// How many fragments of 20 s the chunks make.
-fn cut(chunks: &[bagpipe_bag::ChunkInfo]) -> usize {
+fn cut(chunks: &[bagpipe_rosbag::ChunkInfo]) -> usize {
     let mut fragments = 0;
     let mut end = 0;
     for chunk in chunks {

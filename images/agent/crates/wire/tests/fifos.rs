@@ -5,8 +5,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use bagpipe_pipe::fifo::{self, Readiness};
-use bagpipe_pipe::{Duplex, FrameType, PipeError};
+use bagpipe_wire::fifo::{self, Readiness};
+use bagpipe_wire::{Duplex, FrameType, PipeError};
 
 fn soon() -> Instant {
     Instant::now() + Duration::from_secs(20)

@@ -1,6 +1,6 @@
 //! The two layers of the bag with and without the cache, one run each, as a figure on stdout:
 //! seconds. `make bench BENCH=cache` runs it; alone:
-//! `cargo run --release -p bagpipe-bag --example cache -- VERB FILE BYTES MESSAGES`.
+//! `cargo run --release -p bagpipe-rosbag --example cache -- VERB FILE BYTES MESSAGES`.
 //! `keep` writes messages into a bag in memory, `reuse` into the memory of an earlier one, and
 //! `spill` into FILE, which `force` also waits
 //! for to be on the disk; `recall` reads and copies out the messages of FILE, which it read into
@@ -12,7 +12,7 @@ use std::hint::black_box;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagWriter, ChunkedFile, Connection, DiskChunkedFile, MemoryChunkedFile, WriterOptions,
 };
 

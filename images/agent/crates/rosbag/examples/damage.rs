@@ -1,5 +1,5 @@
 //! Damages bags of both formats at random and reads them in every way: nothing may panic, hang, or take more
-//! memory than the stated bound. `cargo run --release -p bagpipe-bag --example damage -- 1000000`
+//! memory than the stated bound. `cargo run --release -p bagpipe-rosbag --example damage -- 1000000`
 //! prints the figures; a second argument is the seed.
 //!
 //! The bound, per damaged bag and for each way of reading: the caller's limit of uncompressed
@@ -12,7 +12,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagWriter, Compression, Connection, Limits, MemoryChunkedFile, Window, WriterOptions,
     check_limited, reindex_limited, slice,
 };

@@ -1,7 +1,7 @@
 //! The decoder and the encoder against each other, over random streams and damage.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use bagpipe_pipe::{Decoder, Encoder, FrameType, MAX_PAYLOAD, OwnedFrame};
+use bagpipe_wire::{Decoder, Encoder, FrameType, MAX_PAYLOAD, OwnedFrame};
 use proptest::prelude::*;
 
 fn stream(frames: &[(FrameType, Vec<u8>)]) -> Vec<u8> {
@@ -14,13 +14,13 @@ fn stream(frames: &[(FrameType, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-fn decode(pieces: &[&[u8]]) -> Result<Vec<OwnedFrame>, bagpipe_pipe::FrameError> {
+fn decode(pieces: &[&[u8]]) -> Result<Vec<OwnedFrame>, bagpipe_wire::FrameError> {
     let mut decoder = Decoder::new();
     let mut frames = Vec::new();
     for piece in pieces {
         let mut piece = *piece;
         while !piece.is_empty() {
-            frames.extend(decoder.next_frame(&mut piece)?.map(bagpipe_pipe::Frame::to_owned));
+            frames.extend(decoder.next_frame(&mut piece)?.map(bagpipe_wire::Frame::to_owned));
         }
     }
     decoder.finish().map(|()| frames)

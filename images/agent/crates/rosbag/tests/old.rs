@@ -5,7 +5,9 @@ mod needed;
 
 use std::process::Command;
 
-use bagpipe_bag::{Bag, Limits, MemoryChunkedFile, Window, WriterOptions, check, reindex, slice};
+use bagpipe_rosbag::{
+    Bag, Limits, MemoryChunkedFile, Window, WriterOptions, check, reindex, slice,
+};
 use needed::without_ros;
 
 type Fields<'a> = &'a [(&'a str, &'a [u8])];

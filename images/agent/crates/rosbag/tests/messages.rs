@@ -1,7 +1,7 @@
 //! One pass through a bag gives what its timeline gives, or says why it cannot.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagError, BagWriter, Compression, Connection, DiskChunkedFile, MemoryChunkedFile, Message,
     WriterOptions,
 };

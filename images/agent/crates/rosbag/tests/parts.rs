@@ -5,7 +5,7 @@ mod needed;
 
 use std::process::Command;
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagWriter, Compression, Connection, DiskChunkedFile, MemoryChunkedFile, Window,
     WriterOptions, check, merge, reindex, slice,
 };

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros::Master;
+use bagpipe_ros1::Master;
 
 /// How long anything in a graph may take to appear on a loaded machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);

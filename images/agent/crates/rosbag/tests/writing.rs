@@ -6,7 +6,7 @@ mod needed;
 use std::path::Path;
 use std::process::Command;
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagError, BagWriter, Compression, Connection, MemoryChunkedFile, WriterOptions,
 };
 use needed::without_ros;
@@ -37,7 +37,7 @@ fn read(bytes: Vec<u8>, indexed: bool) -> Vec<Plain> {
     let bag = if indexed { Bag::open(file) } else { Bag::open_unindexed(file) }.unwrap();
     assert!(bag.loss().is_none(), "{:?}", bag.loss());
     let timeline = bag.timeline(|_| true).unwrap();
-    let plain = |message: bagpipe_bag::Message<'_>| {
+    let plain = |message: bagpipe_rosbag::Message<'_>| {
         let topic = bag.connection(message.connection).unwrap().topic.clone();
         (topic, message.time, message.data.to_vec())
     };

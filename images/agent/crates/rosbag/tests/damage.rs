@@ -1,7 +1,7 @@
 //! Damaged input: never a panic, never a loss of what lies before the damage.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use bagpipe_bag::{
+use bagpipe_rosbag::{
     Bag, BagError, BagWriter, Compression, Connection, Limits, MemoryChunkedFile, WriterOptions,
     check_limited, reindex_limited,
 };
@@ -44,7 +44,7 @@ fn whole_before(bag: &Bag<MemoryChunkedFile>, offset: u64) -> usize {
     let timeline = bag.timeline(|_| true).unwrap();
     let mut frames = timeline.iter();
     let base = match bag.chunks().first() {
-        Some(_) => bagpipe_bag::ChunkedFile::slice(bag.file(), 0, 1).unwrap().as_ptr() as u64,
+        Some(_) => bagpipe_rosbag::ChunkedFile::slice(bag.file(), 0, 1).unwrap().as_ptr() as u64,
         None => return 0,
     };
     for chunk in bag.chunks() {
@@ -170,7 +170,7 @@ fn other_formats_are_named() {
 /// The least offset that an error about damage at `first` may name: compressed chunks name
 /// where they or their data begin.
 fn nearest(intact: &Bag<MemoryChunkedFile>, first: u64) -> u64 {
-    let inside = |chunk: &&bagpipe_bag::ChunkInfo| {
+    let inside = |chunk: &&bagpipe_rosbag::ChunkInfo| {
         let end = chunk.data_position + u64::from(chunk.data_length);
         chunk.position <= first && first < end
     };
@@ -234,7 +234,7 @@ proptest! {
 
     #[test]
     fn noise_is_an_error(noise in prop::collection::vec(any::<u8>(), 0..2000)) {
-        let mut bytes = bagpipe_bag::MAGIC.to_vec();
+        let mut bytes = bagpipe_rosbag::MAGIC.to_vec();
         bytes.extend_from_slice(&noise);
         if let Ok(bag) = scan(bytes) {
             let _ = bag.timeline(|_| true).map(|timeline| timeline.iter().count());

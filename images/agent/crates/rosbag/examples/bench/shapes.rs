@@ -6,7 +6,7 @@
 
 use std::path::Path;
 
-use bagpipe_bag::{Bag, BagWriter, Compression, MemoryChunkedFile, WriterOptions};
+use bagpipe_rosbag::{Bag, BagWriter, Compression, MemoryChunkedFile, WriterOptions};
 use std::hint::black_box;
 
 use crate::{PAYLOAD, START, connection, say, timed};
