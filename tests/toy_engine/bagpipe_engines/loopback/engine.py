@@ -1,5 +1,6 @@
 """How a case of a loopback is run and judged."""
 
+import dataclasses
 import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -30,8 +31,11 @@ class Loopback:
     """stack.engine: loopback."""
 
     def input(self, source: JobSource, case: Case, storage: Storage) -> InputFile | Turns:
-        """The fragment."""
-        return source.input(case, storage)
+        """The fragment under a plain name, which a program may give back."""
+        found = source.input(case, storage)
+        if isinstance(found, InputFile):
+            return dataclasses.replace(found, name=source.file_name(case))
+        return found
 
     def play(self, attempt: Attempt, exchange: Callable[[Sink | Sinks], Answer]) -> Played:
         """Keeps nothing; passes where as many bytes came back as were sent."""
