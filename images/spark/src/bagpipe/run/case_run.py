@@ -19,6 +19,7 @@ from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.engine import Attempt, Played
 from bagpipe.engine_fields import fields_of
 from bagpipe.faults import FAILURES, FaultPolicy
+from bagpipe.pipe.hello_case import HelloCase
 from bagpipe.pipe.session import (
     Answer,
     InputFile,
@@ -274,7 +275,7 @@ def _case_seconds(spec: SimulationJobSpec) -> float:
     return duration_seconds(spec.playback.case_timeout)
 
 
-def case_map(case: Case, context: RunContext) -> dict[str, Any]:
+def case_map(case: Case, context: RunContext) -> HelloCase:
     """The case as HELLO carries it."""
     spec = context.spec
     stack = stack_of(spec, case.conditions)
@@ -300,7 +301,13 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
             "mode": spec.playback.mode,
             "rate": spec.playback.rate,
             "steps": [
-                step.model_dump() | {"deadline": duration_seconds(step.deadline)}
+                {
+                    "trigger": step.trigger,
+                    "answer": step.answer,
+                    "deadline": duration_seconds(step.deadline),
+                    "by": step.by,
+                    "optional": step.optional,
+                }
                 for step in spec.playback.steps
             ],
             "wait_for": spec.playback.wait_for,
