@@ -127,6 +127,14 @@ set-up: preflight-all venv tools test-programs test-agent recording images ## Bu
 quick: venv ## Check what differs from SINCE=HEAD in under a minute: style, and the nearest unit tests
 	$(STEP) "Checking what has changed" -- .venv/bin/python -m tests.quick.run --since "$(or $(SINCE),HEAD)"
 
+.PHONY: watch
+watch: venv ## Check what differs from SINCE=HEAD whenever a file is saved, until Ctrl-C
+	@.venv/bin/python -m tests.quick.watch --since "$(or $(SINCE),HEAD)"
+
+.PHONY: test-one
+test-one: venv $(if $(filter tests/e2e/%,$(T)),cluster install) ## Run one test: T=FILE or T=FILE::NAME, in Python or Rust
+	@env -u MAKEFLAGS CARGO_TARGET_DIR="$(BAGPIPE_CACHE)/cargo-debug" .venv/bin/python -m tests.quick.one $(T)
+
 .PHONY: fmt
 fmt: venv ## Format all Python and Rust, and mend what ruff can mend
 	$(STEP) "Formatting" -- bash -euc '.venv/bin/ruff check --quiet --fix --exit-zero .; .venv/bin/ruff format --quiet .; \

@@ -205,7 +205,7 @@ _Dumper.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile("^[yYnN]$"), 
 
 
 def reference(crd: Schema, more: str, shortened: str = "") -> str:
-    """The whole page; fields below the path `shortened` are told on another one."""
+    """The whole page; fields below the path `shortened` are described on another one."""
     names, version = crd["spec"]["names"], crd["spec"]["versions"][0]
     schema = schema_of(crd)
     properties = schema["properties"]
@@ -224,8 +224,8 @@ def reference(crd: Schema, more: str, shortened: str = "") -> str:
         parts += [f"\n## {part}\n", prose(top["description"]) + "\n"]
         parts += [f"- {prose(message)}" for message in rules(top)]
         parts += [""] if rules(top) else []
-        told = fields(top, part)
-        parts += [entry(*f) for f in told if not shortened or not f[0].startswith(shortened)]
+        described = fields(top, part)
+        parts += [entry(*f) for f in described if not shortened or not f[0].startswith(shortened)]
     return "\n".join(parts).rstrip() + "\n"
 
 

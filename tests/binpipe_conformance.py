@@ -83,7 +83,7 @@ def many_small_records(command: Command) -> None:
     assert [int.from_bytes(r.data, "little") for r in got] == list(range(5_000))
 
 
-def an_early_exit_is_told_with_its_status_and_last_words(command: Command) -> None:
+def an_early_exit_is_reported_with_its_status_and_last_lines(command: Command) -> None:
     with pytest.raises(BinPipedError, match=r"(?s)exit status 7.*leaving early") as failed:
         run(command, [record("a"), record("b", exit=7), record("c")])
     assert (failed.value.exit_status, failed.value.signal) == (7, None)
@@ -96,7 +96,7 @@ def an_exit_of_zero_before_the_end_is_a_failure_too(command: Command) -> None:
     assert (failed.value.reason, failed.value.exit_status) == ("ProgramEnded", 0)
 
 
-def a_signal_is_told_by_its_name(command: Command) -> None:
+def a_signal_is_reported_by_its_name(command: Command) -> None:
     with pytest.raises(BinPipedError, match="SIGABRT") as failed:
         run(command, [record("a", signal=int(signal.SIGABRT))])
     assert failed.value.signal == signal.SIGABRT
@@ -110,7 +110,7 @@ CHECKS: list[Check] = [
     no_records_are_no_fault,
     names_and_fields_keep_their_types,
     many_small_records,
-    an_early_exit_is_told_with_its_status_and_last_words,
+    an_early_exit_is_reported_with_its_status_and_last_lines,
     an_exit_of_zero_before_the_end_is_a_failure_too,
-    a_signal_is_told_by_its_name,
+    a_signal_is_reported_by_its_name,
 ]

@@ -2,7 +2,7 @@
 
 Three families, each a session of its own whose members ignore what asks them to end, and of each a
 daemon in a further session. The program itself does not end by itself either. Its other case,
-`b-goes-well`, says that it began and waits until it is told to go on, so that a test can look.
+`b-goes-well`, says that it began and waits for the signal to go on, so that a test can look.
 """
 
 # A number that no other process has among its arguments, and the program only as a sum.

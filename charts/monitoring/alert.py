@@ -66,5 +66,5 @@ def rules_file(alerts: list[Alert]) -> str:
         }
         for part in parts
     ]
-    said = "# Made by `python -m charts.monitoring.generate` from charts/monitoring/alerts.py.\n"
-    return said + str(yaml.safe_dump({"groups": groups}, sort_keys=False, width=100))
+    header = "# Made by `python -m charts.monitoring.generate` from charts/monitoring/alerts.py.\n"
+    return header + str(yaml.safe_dump({"groups": groups}, sort_keys=False, width=100))

@@ -10,7 +10,7 @@ _OPERATOR = [
         "absent(bagpipe_leader)", "", "2m",
         "Prometheus reaches no operator of Bagpipe.",
         "No replica of the operator has been scraped for two minutes.",
-        "If it is down: jobs that run go on, no job starts or is told to have ended.",
+        "If it is down: jobs that run go on, no job starts, and no job's end is reported.",
         ("`kubectl get pods -n bagpipe-system`: is a pod there, and ready?",
          "`kubectl describe` it: an image that can't be pulled, no memory, no node?",
          ("If it runs, look at Prometheus' targets: is there a PodMonitor (or annotation), and"
@@ -21,9 +21,9 @@ _OPERATOR = [
         "sum(bagpipe_leader)", "== 0", "1m",
         "No replica of the operator leads.",
         "Replicas run, and none holds the Lease.",
-        "Nothing is reconciled: no job starts or is told to have ended.",
+        "Nothing is reconciled: no job starts, and no job's end is reported.",
         ("`kubectl get lease -n bagpipe-system`: who holds it, since when?",
-         f"{_LOGS} A right that is missing on the Lease is said there.",
+         f"{_LOGS} It names a right that is missing on the Lease.",
          "A Lease whose holder is gone is taken over within `operator.leaseSeconds` and a fifth."),
     ),
     Alert(
@@ -105,7 +105,7 @@ _OPERATOR = [
         " sum(rate(bagpipe_driver_requests_total[10m]))", "> 0.5", "10m",
         "{{ $value | humanizePercentage }} of the questions to drivers get no answer.",
         "The operator does not reach the drivers' port 8080, or they hang.",
-        "Jobs run and end all the same; their statuses tell no progress meanwhile.",
+        "Jobs run and end all the same; their statuses show no progress meanwhile.",
         (("Does a NetworkPolicy of the job's namespace close port 8080 to the operator? The chart's"
          " own (`networkPolicy.enabled`) leaves it open."),
          "`kubectl logs` of a driver: does it still plan, is it out of memory?",

@@ -88,7 +88,7 @@ def _panel(panel: Panel) -> Any:
 
 
 def fleet(metric: str, by: str = "") -> str:
-    """The sum of a gauge that each replica of an operator tells, a standing-by one too."""
+    """The sum of a gauge that each replica of an operator exports, also one that stands by."""
     labels = f"namespace, {by}" if by else "namespace"
     return f"sum{f' by ({by})' if by else ''} (max by ({labels}) ({metric}))"
 

@@ -83,7 +83,7 @@ def _reference() -> str:
     return (
         "# Metrics\n\nMade from the code by `python -m charts.monitoring.generate`; a test compares"
         " them. How to collect them is in [monitoring](../operations/monitoring.md). Those of"
-        " `process_` are of the process itself, as prometheus_client tells them.\n\n"
+        " `process_` are of the process itself, as prometheus_client exports them.\n\n"
         "No metric has a label for a job but `bagpipe_job_info`, of which each driver has one.\n"
         f"\n## Operator\n\nPort 8080, `/metrics`.\n\n{_table(_rows(operator_registry()))}"
         "\n## Driver\n\nPort 8080 of the driver's pod, `/metrics`, as long as the job runs. What"

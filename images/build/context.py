@@ -105,7 +105,7 @@ def compile_rust(what: str, command: list[str], **environment: str) -> None:
 
 def agent_binary() -> Path:
     """Build the static agent with the machine's cargo."""
-    # Only the last crate is told to be static: so the others are those of bagpipe.MemoryBag too.
+    # Only the last crate is built as static, so bagpipe.MemoryBag can share the others.
     command = ["cargo", "rustc", "--locked", "--release", "--package", "bagpipe-agent"]
     compile_rust("the agent", [*command, "--", "-C", "target-feature=+crt-static"], RUSTFLAGS="")
     return cache() / "cargo" / "release" / "bagpipe-agent"
@@ -213,7 +213,7 @@ IMAGES = [
 
 
 def stage(image: Image) -> Path:
-    """Make an image's context anew and return its folder."""
+    """Make an image's context again and return its folder."""
     folder = cache() / "images" / "contexts" / image.name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

@@ -18,7 +18,7 @@ PULL_SECONDS = 90.0
 LABEL = "io.bagpipe.content"
 # Set by an interrupt, which only the main thread meets: then nothing more is begun.
 interrupted = threading.Event()
-# Before 23.0, as in Debian 12, Docker takes BuildKit only when told, and knows no secrets without.
+# Before 23.0, as in Debian 12, Docker uses BuildKit only on request, and knows no secrets without.
 BUILDKIT = {"DOCKER_BUILDKIT": "1", "BUILDKIT_PROGRESS": "plain"}
 
 
@@ -43,8 +43,8 @@ def run(command: Sequence[str | Path], *, log: Path, seconds: float = BUILD_SECO
             failed = f"no end after {seconds:.0f} s"
     if failed:
         last = "\n".join("  " + line for line in log.read_text(errors="replace").splitlines()[-20:])
-        said = " ".join(map(str, command))[:300]
-        raise BuildError(f"`{said}`: {failed}.\n{last}\nIts log: {log}")
+        text = " ".join(map(str, command))[:300]
+        raise BuildError(f"`{text}`: {failed}.\n{last}\nIts log: {log}")
 
 
 def temporary() -> Path:

@@ -84,14 +84,14 @@ class Executor:
         spec = _spec(bag)
         (case,) = plan(spec, Storage(self.claims)).cases
         (forget if cold else remember)(bag)
-        said = self.log.stat().st_size
+        offset = self.log.stat().st_size
         row = self._run(case, spec)
         assert row["outcome"] == "passed", row
         assert case.messages == shape.messages
         steps: dict[str, float] = row["result"]["timings"]
         # What the agent took to make its files cold is the bench's work.
-        told = re.findall(r"forgotten after ([\d.]+) s", self._said_since(said))
-        set_up = [float(seconds) for seconds in told] or [0.0]
+        cold_seconds = re.findall(r"forgotten after ([\d.]+) s", self._logged_since(offset))
+        set_up = [float(seconds) for seconds in cold_seconds] or [0.0]
         whole = row["seconds"] - sum(set_up)
         work = whole - sum(steps[step] for step in _GRAPH_STEPS)
         play = steps["play"] + steps["drain"]
@@ -105,7 +105,7 @@ class Executor:
         )
         return run_case(case, context)
 
-    def _said_since(self, offset: int) -> str:
+    def _logged_since(self, offset: int) -> str:
         with self.log.open() as file:
             file.seek(offset)
             return file.read()
@@ -201,7 +201,7 @@ def _await_subscriber(scene: Graph, topic: str) -> None:
     master: Any = ServerProxy(f"http://127.0.0.1:{scene.port}/")
     deadline = time.monotonic() + PATIENCE
     while time.monotonic() < deadline:
-        _code, _said, (_publishers, subscribers, _services) = master.getSystemState("/bench")
+        _code, _message, (_publishers, subscribers, _services) = master.getSystemState("/bench")
         if any(name == topic and nodes for name, nodes in subscribers):
             return
         threading.Event().wait(0.05)

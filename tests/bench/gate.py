@@ -33,9 +33,9 @@ while time.monotonic() < end:
     pass
 """
 NOTE = (
-    "Each stack of tests/liars is run anew in every round, beside one busy loop for each processor."
+    "Each stack of tests/liars is run in every round, beside one busy loop for each processor."
     " A liar that passes, and an honest stack that is failed or invalid, is an error of the gate."
-    " What errored has no answer: nobody was told that it is good or bad. It is counted apart,"
+    " What errored has no answer: it is neither good nor bad. It is counted apart,"
     " since a machine too busy for an answer has to say so. Intervals are exact ones of 95 %"
     " (Clopper and Pearson); runs of one stack are not independent, so they are too narrow where a"
     " row flips."

@@ -110,8 +110,8 @@ def _luck(shape: tuple[int, int, int], random: np.random.Generator) -> Figures:
 
 def _bagpipe(before: Figures, after: Figures) -> bool:
     """The whole comparison, from rows as results.jsonl has them."""
-    told = [*_lines(before, "before"), *_lines(after, "after")]
-    [found] = compare(told, ["before", "after"])
+    rows = [*_lines(before, "before"), *_lines(after, "after")]
+    [found] = compare(rows, ["before", "after"])
     return found.verdict in {"worse", "better"}
 
 

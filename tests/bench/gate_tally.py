@@ -19,9 +19,9 @@ NOT_RUN: Answer = ("errored", "NotRun")
 
 def answer_of(army: "Army", stack: Stack) -> Answer:
     """What the gate says of a stack; a run without the stack's marks says nothing of it."""
-    told = army.told(stack)
-    ran = all(told.marks.get(mark) for mark in stack.marks)
-    return (told.outcome, told.reason) if ran or told.outcome == "passed" else NOT_RUN
+    result = army.result_of(stack)
+    ran = all(result.marks.get(mark) for mark in stack.marks)
+    return (result.outcome, result.reason) if ran or result.outcome == "passed" else NOT_RUN
 
 
 class Tally:
@@ -77,7 +77,7 @@ class Tally:
         ]
         for title, found in (("errors", self.errors()), ("answers that flipped", self.flips())):
             lines += ["", f"{title}: {len(found) or 'none'}"]
-            lines += [f"- {name}: {_said(answers)}" for name, answers in found.items()]
+            lines += [f"- {name}: {_in_words(answers)}" for name, answers in found.items()]
         return "\n".join(lines)
 
     def rows(self) -> list[Row]:
@@ -110,5 +110,5 @@ class Tally:
         )
 
 
-def _said(answers: Counter[Answer]) -> str:
+def _in_words(answers: Counter[Answer]) -> str:
     return ", ".join(f"{n} x {' '.join(a).strip()}" for a, n in answers.most_common())

@@ -27,8 +27,8 @@ AT_ONCE = 32
 class RefusedError(RuntimeError):
     """The API server refused; `status` is the HTTP status."""
 
-    def __init__(self, status: int, said: str) -> None:
-        super().__init__(f"the API server answered {status}: {said[:500]}")
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(f"the API server answered {status}: {text[:500]}")
         self.status = status
 
 
@@ -84,15 +84,15 @@ class Client:
         """Calls `take(type, object)` for all that is there and all that comes, until cancelled.
 
         The API server ends a watch that can't keep up, and those of a new CRD, whose storage it
-        makes anew in the first seconds; the watch goes on where it was.
+        creates again in the first seconds; the watch goes on where it was.
         """
         version, refused = "0", ""
         for _ in range(MOST_TRIES):
             while not refused:
                 version, refused = await self._watch_once(path, take, version)
             await asyncio.sleep(1)
-            version, said, refused = "0", refused, ""
-        raise RuntimeError(f"{path} can't be watched: {said[:500]}")
+            version, text, refused = "0", refused, ""
+        raise RuntimeError(f"{path} can't be watched: {text[:500]}")
 
     @contextlib.asynccontextmanager
     async def watched(self, path: str, take: Callable[[str, Object], None]) -> AsyncIterator[None]:

@@ -92,7 +92,7 @@ def scaled(count: int, scale: float) -> int:
     return max(1, round(count * scale))
 
 
-async def _said(what: str, load_of: Awaitable[Result]) -> Result:
+async def _announced(what: str, load_of: Awaitable[Result]) -> Result:
     print(f"    {what}", file=sys.stderr, flush=True)
     return await load_of
 
@@ -100,12 +100,13 @@ async def _said(what: str, load_of: Awaitable[Result]) -> Result:
 async def _beside_the_peer(scale: float, rounds: int) -> list[Row]:
     count = scaled(load.ALONE, scale)
     ours = [
-        (await _said(f"{count} jobs at once", load.creation_rate(count)))[1] for _ in range(rounds)
+        (await _announced(f"{count} jobs at once", load.creation_rate(count)))[1]
+        for _ in range(rounds)
     ]
     theirs = []
     for _ in range(min(rounds, PEER_ROUNDS)):
         try:
-            took = await _said(f"{count} applications at once", peer.seconds_to_pods(count))
+            took = await _announced(f"{count} applications at once", peer.seconds_to_pods(count))
         except (TimeoutError, ClusterError) as error:
             print(f"    left out: {PEER}: {error}", file=sys.stderr, flush=True)
             break
@@ -116,14 +117,15 @@ async def _beside_the_peer(scale: float, rounds: int) -> list[Row]:
 async def _rate(scale: float, rounds: int) -> list[Row]:
     count = scaled(load.RATED, scale)
     rates = [
-        (await _said(f"{count} jobs at once", load.creation_rate(count)))[0] for _ in range(rounds)
+        (await _announced(f"{count} jobs at once", load.creation_rate(count)))[0]
+        for _ in range(rounds)
     ]
     return [Row(f"{count} at once", "driver pods", "jobs/s", rates, "the promise", [10.0], 1.0)]
 
 
 async def _steady(scale: float, _rounds: int) -> list[Row]:
     seconds = load.STEADY_SECONDS * scale
-    found = await _said(
+    found = await _announced(
         f"{load.PER_SECOND:g} jobs/s for {seconds:g} s", load.steady(load.PER_SECOND, seconds)
     )
     case = f"{load.PER_SECOND:g} jobs/s"
@@ -136,7 +138,7 @@ async def _steady(scale: float, _rounds: int) -> list[Row]:
 
 async def _burst(scale: float, _rounds: int) -> list[Row]:
     count = scaled(load.BURST, scale)
-    found = await _said(f"{count} jobs at once, which then run", load.burst(count))
+    found = await _announced(f"{count} jobs at once, which then run", load.burst(count))
     case = f"burst of {count:,}"
     return [
         promised(case, "status age, p99", "s", p99(found.stale), 5.0),
@@ -149,7 +151,7 @@ async def _full(scale: float, _rounds: int) -> list[Row]:
     finished, running = scaled(load.FINISHED, scale), scaled(load.RUNNING, scale)
     pods = running * load.PODS_PER_JOB
     case = f"{finished:,} finished, {running:,} running, {pods:,} pods"
-    found = await _said(case, load.full(finished, running, load.PODS_PER_JOB))
+    found = await _announced(case, load.full(finished, running, load.PODS_PER_JOB))
     return [
         promised(case, "cold start", "s", found.start, 15.0),
         Row(case, "operator's processor in the start", "s", [found.processor], "", []),
@@ -162,7 +164,7 @@ async def _full(scale: float, _rounds: int) -> list[Row]:
 
 async def _cycles(scale: float, _rounds: int) -> list[Row]:
     count = scaled(load.CYCLES, scale)
-    found = await _said(f"{count} jobs created and deleted, under kills", load.cycles(count))
+    found = await _announced(f"{count} jobs created and deleted, under kills", load.cycles(count))
     case = f"{count:,} created and deleted"
     return [
         promised(case, "left", "objects", found.left, 0.0),
@@ -172,7 +174,7 @@ async def _cycles(scale: float, _rounds: int) -> list[Row]:
 
 async def _largest(scale: float, _rounds: int) -> list[Row]:
     count = scaled(LARGEST, scale)
-    found = await _said(f"{count:,} jobs of the largest size", largest(count))
+    found = await _announced(f"{count:,} jobs of the largest size", largest(count))
     case = f"{count:,} suspended jobs of {found.job_bytes:,} bytes"
     return [
         promised(case, "memory at most", "MiB", found.peak_mib, 512.0),

@@ -2,7 +2,7 @@
 
 KWOK gives pods addresses one after the other from a range of the loopback device, where one
 server listens at each. A driver's count of passed cases grows by one every STEP seconds from the
-moment its pod was seen running, so that a reader of the job's status can tell how old it is.
+moment its pod was seen running, so that a reader of the job's status knows how old it is.
 """
 
 import asyncio
@@ -27,7 +27,7 @@ def address(number: int) -> str:
 
 
 class FakeDrivers:
-    """What the drivers answer; the address tells whose driver it is."""
+    """What the drivers answer; the address identifies the driver."""
 
     def __init__(self) -> None:
         self.running_since: dict[str, float] = {}  # by address, of time.monotonic
@@ -37,12 +37,12 @@ class FakeDrivers:
         """The driver's account as its HTTP server would send it."""
         since = self.running_since.get(at)
         passed = 0 if since is None else int((time.monotonic() - since) / STEP)
-        said = {
+        progress = {
             "phase": "Running",
             "cases": {"planned": PLANNED, "running": 4, "passed": passed},
             "ledger": {"sent": passed * 1000, "received": passed * 1000, "dropped": 0},
         }
-        body = json.dumps(said).encode()
+        body = json.dumps(progress).encode()
         head = f"HTTP/1.1 200 OK\r\nContent-Type: application/json\r\nContent-Length: {len(body)}"
         return f"{head}\r\n\r\n".encode() + body
 

@@ -68,7 +68,7 @@ async def largest(count: int) -> Largest:
 
 
 async def _settled_job(admin: Client, kubeconfig: Path, folder: Path) -> Object:
-    """One suspended job of the largest size, of which an operator has said all that it will."""
+    """One suspended job of the largest size, whose status the operator has finished writing."""
     admin.create("/api/v1/namespaces", {"metadata": {"name": NAMESPACE}})
     job = a_job("largest")
     job["spec"] |= {"suspend": True}
@@ -85,7 +85,7 @@ async def _settled_job(admin: Client, kubeconfig: Path, folder: Path) -> Object:
 
 async def _until_seen(operator: Operator, count: int, look_seconds: float = 0.5) -> None:
     """Waits until every job was listed and looked at, and says how far it is."""
-    deadline, told = time.monotonic() + LISTED_SECONDS, 0.0
+    deadline, printed = time.monotonic() + LISTED_SECONDS, 0.0
     while True:
         _, text = await operator.ask("/metrics")
         known = sum(metric(text, 'bagpipe_jobs{phase="Suspended"}'))
@@ -93,10 +93,10 @@ async def _until_seen(operator: Operator, count: int, look_seconds: float = 0.5)
         if known >= count and done >= count:
             return
         if not operator.server.alive or time.monotonic() > deadline:
-            said = operator.log.read_text(errors="replace")[-2000:]
-            raise TimeoutError(f"the operator knows {known:.0f} of {count} jobs: {said}")
-        if known >= told + count / 10:
-            told = known
+            log = operator.log.read_text(errors="replace")[-2000:]
+            raise TimeoutError(f"the operator knows {known:.0f} of {count} jobs: {log}")
+        if known >= printed + count / 10:
+            printed = known
             print(f"    {known:,.0f} jobs, {operator.peak_mib():.0f} MiB at most", flush=True)
         await asyncio.sleep(look_seconds)
 

@@ -115,7 +115,7 @@ async def _come(client: Client, count: int, per_second: float) -> dict[str, floa
 
 @dataclass(frozen=True)
 class Burst:
-    """Of many jobs at once: samples of how stale a status was, and how late a phase was told."""
+    """Of many jobs at once: how stale a status was, in samples, and how late a phase was."""
 
     stale: list[float]
     late: list[float]
@@ -136,10 +136,10 @@ async def burst(count: int) -> Burst:
         await until(f"{count} drivers running", lambda: len(seen.pod_running) == count, 240)
         await asyncio.sleep(PLATEAU_SECONDS)
         sampling.cancel()
-        await until(f"{count} told", lambda: len(seen.running_told) == count, 60)
+        await until(f"{count} reported", lambda: len(seen.running_reported) == count, 60)
         return Burst(
             seen.stale,
-            delays(seen.pod_running, seen.running_told),
+            delays(seen.pod_running, seen.running_reported),
             rate(list(begun.values()), list(seen.pod_created.values())),
         )
 

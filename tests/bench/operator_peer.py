@@ -79,7 +79,7 @@ async def _measure(client: Client, server: Server, count: int) -> tuple[float, f
         try:
             await until(f"{count} driver pods", lambda: len(created) == count, LONGEST_SECONDS)
         except TimeoutError as error:
-            raise TimeoutError(f"{error}; it said last: {log.read_text()[-3000:]}") from error
+            raise TimeoutError(f"{error}; its last lines: {log.read_text()[-3000:]}") from error
     return min(created.values()) - begun, max(created.values()) - begun
 
 

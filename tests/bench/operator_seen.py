@@ -23,7 +23,7 @@ class Seen:
     pod_created: Moments = field(default_factory=dict)
     pod_running: Moments = field(default_factory=dict)
     accepted: Moments = field(default_factory=dict)
-    running_told: Moments = field(default_factory=dict)  # the phase follows the pod
+    running_reported: Moments = field(default_factory=dict)  # the phase follows the pod
     passed: dict[str, int] = field(default_factory=dict)  # as the status says now
     stale: list[float] = field(default_factory=list)  # samples, seconds
 
@@ -48,7 +48,7 @@ class Seen:
             if condition["type"] == "Accepted" and condition["status"] == "True":
                 self.accepted.setdefault(name, now)
         if status.get("phase", "Pending") != "Pending":
-            self.running_told.setdefault(name, now)
+            self.running_reported.setdefault(name, now)
         if (passed := (status.get("cases") or {}).get("passed")) is not None:
             self.passed[name] = passed
 
@@ -73,7 +73,7 @@ async def watching(client: Client, drivers: FakeDrivers) -> AsyncIterator[Seen]:
 
 
 async def until(what: str, holds: Callable[[], bool], seconds: float) -> None:
-    """Waits for something that the watches will tell; TimeoutError says what did not come."""
+    """Waits for something that the watches will report; TimeoutError says what did not come."""
     deadline = time.monotonic() + seconds
     while not holds():
         if time.monotonic() > deadline:

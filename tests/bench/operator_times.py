@@ -15,7 +15,7 @@ def percentile(values: Iterable[float], share: float) -> float:
 def delays(begun: Mapping[str, float], ended: Mapping[str, float]) -> list[float]:
     """Of each key its time from `begun` to `ended`; ValueError names keys that never ended.
 
-    A watch may tell of an end before the answer to the request that began it is read: that is 0.
+    A watch may report an end before the answer to the request that began it is read: that is 0.
     """
     missing = sorted(begun.keys() - ended.keys())
     if missing:
@@ -28,11 +28,11 @@ def rate(begun: Sequence[float], ended: Sequence[float]) -> float:
     return len(ended) / (max(ended) - min(begun))
 
 
-def staleness(now: float, running_since: float, told: int | None, step: float) -> float:
+def staleness(now: float, running_since: float, reported: int | None, step: float) -> float:
     """How long a job's status has been out of date.
 
-    Its driver's count becomes n at `running_since + n * step`, and the status says `told`
-    (None: nothing yet). It is out of date from the first change that it does not tell.
+    Its driver's count becomes n at `running_since + n * step`, and the status says `reported`
+    (None: nothing yet). It is out of date from the first change that it does not show.
     """
-    next_change = running_since if told is None else running_since + (told + 1) * step
+    next_change = running_since if reported is None else running_since + (reported + 1) * step
     return max(0.0, now - next_change)

@@ -81,8 +81,8 @@ class Operator:
         deadline = time.monotonic() + seconds
         while not await self._leads():
             if time.monotonic() > deadline or not self.server.alive:
-                said = self.log.read_text(errors="replace")[-3000:]
-                raise TimeoutError(f"the operator does not lead after {seconds} s: {said}")
+                log = self.log.read_text(errors="replace")[-3000:]
+                raise TimeoutError(f"the operator does not lead after {seconds} s: {log}")
             await asyncio.sleep(0.05)
 
     async def _leads(self) -> bool:
@@ -114,7 +114,7 @@ class Operator:
         status = Path(f"/proc/{self.pid}/status").read_text()
         found = re.search(r"VmHWM:\s+(\d+) kB", status)
         if found is None:
-            raise RuntimeError(f"the kernel does not tell the memory of process {self.pid}")
+            raise RuntimeError(f"the kernel does not report the memory of process {self.pid}")
         return int(found[1]) / 1024
 
     def processor_seconds(self) -> float:

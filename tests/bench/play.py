@@ -24,13 +24,13 @@ Measure = Callable[[], float]
 
 
 class Table:
-    """Rows, told as they come."""
+    """Rows, printed as they come."""
 
     def __init__(self) -> None:
         self.rows: list[Row] = []
 
     def add(self, row: Row) -> None:
-        """Keeps and tells a row."""
+        """Keeps and prints a row."""
         self.rows.append(row)
         print(f"  {row.case}, {row.metric}: {spread(row.ours)} beside {spread(row.theirs)}")
 

@@ -172,7 +172,7 @@ def memory_beyond_bag(bench: Bench, size: int, messages: int) -> float:
         _counter(scene, "roscpp", messages)
         player = scene.start(bench.agent, "play", source, "--immediate", "--topics", "/data")
         _pid, status, usage = os.wait4(player.process.pid, 0)
-        assert status == 0, player.said
+        assert status == 0, player.output
     return (usage.ru_maxrss * 1024 - source.stat().st_size) / (1 << 20)
 
 

@@ -46,7 +46,7 @@ class Node:
             start_new_session=True,
         )
         self.lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self.said: list[str] = []
+        self.output: list[str] = []
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
@@ -64,9 +64,9 @@ class Node:
             except queue.Empty:
                 line = None
             if line is None:
-                said = "\n".join(self.said[-20:])
-                raise RuntimeError(f"{self.name} never said {word!r}; it said:\n{said}")
-            self.said.append(line)
+                output = "\n".join(self.output[-20:])
+                raise RuntimeError(f"{self.name} never wrote {word!r}; its output:\n{output}")
+            self.output.append(line)
             if line.startswith(word):
                 return line
 

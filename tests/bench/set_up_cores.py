@@ -78,7 +78,7 @@ def main() -> None:
 def database(goal: str) -> str:
     """What make knows before it makes the goal, with nothing made."""
     environment = {name: text for name, text in os.environ.items() if name != "MAKEFLAGS"}
-    environment["BAGPIPE_STEPS"] = os.devnull  # else make begins the file that is read here anew
+    environment["BAGPIPE_STEPS"] = os.devnull  # else make overwrites the file that is read here
     done = subprocess.run(
         ["make", "-npq", "--always-make", goal],
         cwd=ROOT, env=environment, capture_output=True, text=True, timeout=60, check=False,

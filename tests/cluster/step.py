@@ -152,8 +152,8 @@ def main() -> int:
     record(what, seconds, processor_seconds())
     if status:
         # Shown by a signal's number, a child's end is a negative status.
-        said = f"<== FAILED after {took}: {what} (status {status})."
-        print(colour("31;1", said), file=sys.stderr)
+        message = f"<== FAILED after {took}: {what} (status {status})."
+        print(colour("31;1", message), file=sys.stderr)
         print(f"    {advice or 'Its last lines are above.'}", file=sys.stderr)
         return status if 0 < status < 256 else 1
     remember(what, seconds, kept)

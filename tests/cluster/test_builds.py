@@ -63,16 +63,16 @@ def test_a_build_has_the_tags_that_it_names(
     folder = tmp_path / "sources" / "tagged"
     folder.mkdir(parents=True)
     (folder / "go.mod").write_text("module tagged\n\ngo 1.24.0\n")
-    (folder / "main.go").write_text("package main\n\nfunc main() { println(said) }\n")
-    for tag, said in (("!loud", "quiet"), ("loud", "loud")):
-        text = f'//go:build {tag}\n\npackage main\n\nconst said = "{said}"\n'
-        (folder / f"{said}.go").write_text(text)
+    (folder / "main.go").write_text("package main\n\nfunc main() { println(word) }\n")
+    for tag, word in (("!loud", "quiet"), ("loud", "loud")):
+        text = f'//go:build {tag}\n\npackage main\n\nconst word = "{word}"\n'
+        (folder / f"{word}.go").write_text(text)
     monkeypatch.setattr(builds, "sources", lambda: tmp_path / "sources")
     monkeypatch.setattr(builds, "cache", lambda: tmp_path / "cache")
-    for tags, said in (((), "quiet"), (("loud", "other"), "loud")):
+    for tags, word in (((), "quiet"), (("loud", "other"), "loud")):
         made = builds.ensure(builds.Program("tagged", tags=tags))
         done = subprocess.run([made / "tagged"], capture_output=True, text=True, check=True)
-        assert done.stderr.strip() == said
+        assert done.stderr.strip() == word
 
 
 def test_programs_of_one_module_are_built_together(
@@ -81,8 +81,8 @@ def test_programs_of_one_module_are_built_together(
     folder = tmp_path / "sources" / "first"
     (folder / "second").mkdir(parents=True)
     (folder / "go.mod").write_text("module first\n\ngo 1.24.0\n")
-    for place, said in ((folder, "one"), (folder / "second", "two")):
-        text = f'package main\n\nfunc main() {{ println("{said}") }}\n'
+    for place, word in ((folder, "one"), (folder / "second", "two")):
+        text = f'package main\n\nfunc main() {{ println("{word}") }}\n'
         (place / "main.go").write_text(text)
     monkeypatch.setattr(builds, "sources", lambda: tmp_path / "sources")
     monkeypatch.setattr(builds, "cache", lambda: tmp_path / "cache")
@@ -149,8 +149,8 @@ def test_reads_the_versions_of_languages(text: str, version: tuple[int, ...]) ->
 
 def test_says_what_an_old_language_is_needed_for() -> None:
     command = [sys.executable, "-c", "print('go version go1.19.8 linux/amd64')"]
-    said = preflight.tool("Go", command, (1, 24), "build Kubernetes 1.34")
-    assert said == "Go is 1.19.8, and build Kubernetes 1.34 needs 1.24 or newer."
+    message = preflight.tool("Go", command, (1, 24), "build Kubernetes 1.34")
+    assert message == "Go is 1.19.8, and build Kubernetes 1.34 needs 1.24 or newer."
     gone = preflight.tool("Go", ["no-such-program"], (1, 24), "build Kubernetes 1.34")
     assert gone == "Go is missing: 1.24 or newer is needed to build Kubernetes 1.34."
 
@@ -262,15 +262,15 @@ def test_a_cache_that_cannot_be_written_fails_no_step(tmp_path: Path) -> None:
 
 def test_a_step_may_keep_its_output_until_its_end(tmp_path: Path) -> None:
     script = "import sys; print('out', flush=True); print('err', file=sys.stderr, flush=True)"
-    words = [sys.executable, str(SCRIPT), "Telling", "--output-at-its-end", "--"]
+    words = [sys.executable, str(SCRIPT), "Showing", "--output-at-its-end", "--"]
     done = subprocess.run(
         [*words, sys.executable, "-c", script + "; sys.exit(3)"],
         env=environ(tmp_path), capture_output=True, text=True, check=False, timeout=30,
     )  # fmt: skip
     assert done.returncode == 3
-    file = tmp_path / "steps/Telling.log"
-    told = f"    its output comes at its end, and stands in {file} until then"
-    assert done.stdout == f"==> Telling\n{told}\nout\nerr\n"
+    file = tmp_path / "steps/Showing.log"
+    notice = f"    its output comes at its end, and stands in {file} until then"
+    assert done.stdout == f"==> Showing\n{notice}\nout\nerr\n"
     assert file.read_text() == "out\nerr\n"
     assert "FAILED after" in done.stderr
 

@@ -132,7 +132,7 @@ def test_it_runs_what_spark_asks_for_and_says_how_it_ended(
 ) -> None:
     program = tmp_path / "entrypoint"
     variables = "$SPARK_EXECUTOR_ID $IP $SPARK_EXECUTOR_POD_NAME"
-    program.write_text(f'#!/bin/sh\necho "$1" {variables} > {tmp_path}/said\n')
+    program.write_text(f'#!/bin/sh\necho "$1" {variables} > {tmp_path}/written\n')
     program.chmod(0o755)
     monkeypatch.setattr(class_archive, "ENTRYPOINT", str(program))
     with class_archive.kubernetes() as server:
@@ -144,7 +144,7 @@ def test_it_runs_what_spark_asks_for_and_says_how_it_ended(
         assert server.executors["training-exec-1"].wait(60) == 0
         (seen,) = asked(server, "?labelSelector=spark-role", server.token)["items"]
         assert (seen["metadata"]["uid"], seen["status"]) == ("training-exec-1", {"phase": "Failed"})
-    assert (tmp_path / "said").read_text() == "executor 1 127.0.0.1 training-exec-1\n"
+    assert (tmp_path / "written").read_text() == "executor 1 127.0.0.1 training-exec-1\n"
 
 
 def test_it_runs_nothing_for_anybody_else(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""What the cluster's components are told."""
+"""The configuration of the cluster's components."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ def test_docker_is_given_a_base_where_no_registry_answers(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("lacks", ["mmdebstrap", "root"])
-def test_what_docker_said_is_said_where_no_base_can_be_made(
+def test_what_docker_wrote_is_reported_where_no_base_can_be_made(
     folder: Path, monkeypatch: pytest.MonkeyPatch, lacks: str
 ) -> None:
     if lacks == "root":

@@ -223,7 +223,7 @@ def test_only_the_spark_image_gets_the_native_module(
     }
 
 
-def test_a_module_that_does_not_compile_is_said_with_cargos_last_lines(tmp_path: Path) -> None:
+def test_a_module_that_does_not_compile_is_reported_with_cargos_last_lines(tmp_path: Path) -> None:
     command = ["sh", "-c", "echo 'error: no such crate' >&2; exit 101"]
     with pytest.raises(BuildError, match=r"could not build it in images/agent.*\nerror: no such"):
         context.compile_rust("it", command)
@@ -231,7 +231,7 @@ def test_a_module_that_does_not_compile_is_said_with_cargos_last_lines(tmp_path:
         context.one_wheel(tmp_path)
 
 
-def test_a_lock_that_is_held_is_waited_for_and_then_said(tmp_path: Path) -> None:
+def test_a_lock_that_is_held_is_waited_for_and_then_reported(tmp_path: Path) -> None:
     path = tmp_path / "folder" / "lock"
     refusal = pytest.raises(LockError, match=r"has held .*lock for too long")
     with locked(path), refusal, locked(path, seconds=0.0):

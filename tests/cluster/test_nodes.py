@@ -1,4 +1,4 @@
-"""What a cluster of several nodes is told beyond what one node is."""
+"""What a cluster of several nodes has beyond what one node has."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ def test_every_node_has_a_way_to_every_other_and_its_pods() -> None:
 
 
 def test_memory_is_shared_out_and_processors_are_not() -> None:
-    told = node.kubelet_config(Node(1), count=3, memory=MEMORY)
-    assert told["systemReserved"] == {"memory": "16000000Ki"}
-    assert told["nodeLeaseDurationSeconds"] == 20
-    assert told["cgroupRoot"] == "/bagpipe/bagpipe-1"
+    config = node.kubelet_config(Node(1), count=3, memory=MEMORY)
+    assert config["systemReserved"] == {"memory": "16000000Ki"}
+    assert config["nodeLeaseDurationSeconds"] == 20
+    assert config["cgroupRoot"] == "/bagpipe/bagpipe-1"
     alone = node.kubelet_config(FIRST, count=1, memory=MEMORY)
-    assert set(told) - set(alone) == {"systemReserved", "nodeLeaseDurationSeconds"}
+    assert set(config) - set(alone) == {"systemReserved", "nodeLeaseDurationSeconds"}
 
 
 def test_reads_the_machines_memory() -> None:
@@ -119,7 +119,7 @@ def test_a_store_is_linked_but_for_its_databases(tmp_path: Path) -> None:
         assert len(list((target / part).iterdir())) == 2
 
 
-def test_a_store_that_is_missing_is_said(tmp_path: Path) -> None:
+def test_a_store_that_is_missing_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ClusterError, match=r"can't be linked to .*No such file"):
         stores.link_store(tmp_path / "none", tmp_path / "target")
 

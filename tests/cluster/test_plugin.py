@@ -39,11 +39,11 @@ def test_the_same_sources_give_the_same_bytes(packed: tuple[Path, Path], tmp_pat
 
 def test_the_manifest_is_krew_s(packed: tuple[Path, Path]) -> None:
     archive, manifest = packed
-    told = yaml.safe_load(manifest.read_text())
-    assert (told["kind"], told["metadata"]["name"]) == ("Plugin", "bagpipe")
-    assert manifest.stem == told["metadata"]["name"]  # krew asks for that
-    assert re.fullmatch(r"v\d+\.\d+\.\d+", told["spec"]["version"])
-    (platform,) = told["spec"]["platforms"]
+    plugin = yaml.safe_load(manifest.read_text())
+    assert (plugin["kind"], plugin["metadata"]["name"]) == ("Plugin", "bagpipe")
+    assert manifest.stem == plugin["metadata"]["name"]  # krew asks for that
+    assert re.fullmatch(r"v\d+\.\d+\.\d+", plugin["spec"]["version"])
+    (platform,) = plugin["spec"]["platforms"]
     assert platform["sha256"] == hashlib.sha256(archive.read_bytes()).hexdigest()
     assert platform["bin"] == "kubectl-bagpipe"
     assert platform["uri"] == f"https://downloads.example/{archive.name}"

@@ -88,7 +88,7 @@ def test_a_wait_that_fails_ends_with_the_log(tmp_path: Path) -> None:
     assert len([line for line in lines if line.startswith("  line")]) == 15
 
 
-def test_a_log_that_is_missing_is_said(tmp_path: Path) -> None:
+def test_a_log_that_is_missing_is_reported(tmp_path: Path) -> None:
     assert tail(tmp_path / "none.log") == f"  (no log at {tmp_path / 'none.log'})"
 
 

@@ -78,7 +78,7 @@ def test_a_wheel_of_ours_has_our_sources_and_nothing_else(tmp_path: Path) -> Non
     assert held == {name for name in inside if "__pycache__" not in name}
 
 
-def test_a_package_that_can_t_be_built_is_told(tmp_path: Path) -> None:
+def test_a_package_that_can_t_be_built_is_reported(tmp_path: Path) -> None:
     (tmp_path / "pyproject.toml").write_text("[project]\n")
     with pytest.raises(context.BuildError, match=f"hatchling could not build {tmp_path.name}: "):
         context.package(tmp_path, tmp_path / "wheels")

@@ -30,7 +30,7 @@ def volume(uid: str, phase: str, provisioner: str = volumes.PROVISIONER) -> Obje
 
 
 class FakeApi:
-    """An API server with claims and volumes that notes what it is told."""
+    """An API server with claims and volumes that records its requests."""
 
     def __init__(self, claims: list[Object], found: list[Object]) -> None:
         self.claims, self.found = claims, found

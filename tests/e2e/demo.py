@@ -134,7 +134,7 @@ def take_out(uri: str) -> None:
     try:
         k.take_results(NAMESPACE, uri, folder)
     except (k.KubectlError, subprocess.TimeoutExpired, OSError) as error:
-        # The job's verdict stands: what is missing is a copy, and it is said.
+        # The job's verdict stands: only a copy is missing, which is reported.
         _say(f"The results could not be copied to {folder}: {error}")
         _say(f"They are in the cluster. Try: kubectl cp {k.on_claim(NAMESPACE, uri)} {folder}")
         return

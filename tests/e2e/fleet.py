@@ -111,8 +111,8 @@ def journaled(namespace: str, uri: str) -> dict[str, str]:
         "  for line in path.read_text().splitlines():\n"
         "    row = json.loads(line); print(row['case'], row['recorded'][0])\n"
     )
-    said = k.in_toolbox(namespace, "python3", "-c", program)
-    return dict(line.split() for line in said.splitlines())
+    output = k.in_toolbox(namespace, "python3", "-c", program)
+    return dict(line.split() for line in output.splitlines())
 
 
 def pods(namespace: str, job: str, role: str) -> list[k.Object]:

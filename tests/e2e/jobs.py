@@ -1,4 +1,4 @@
-"""SimulationJobs for the end-to-end tests: the example's job, small, changed as told."""
+"""SimulationJobs for the end-to-end tests: the example's job, small, with the given changes."""
 
 import json
 from collections.abc import Iterator
@@ -81,11 +81,11 @@ def ended(namespace: str, name: str, seconds: float) -> k.Object:
 def account(namespace: str, job: k.Object) -> str:
     """What a job and its cases say of how they ended, for the message of a test that fails."""
     status = job["status"]
-    told = [json.dumps({key: status.get(key) for key in ("conditions", "cases", "ledger")})]
+    lines = [json.dumps({key: status.get(key) for key in ("conditions", "cases", "ledger")})]
     if "results" in status:
         rows = k.results(namespace, status["results"])[1]
-        told += [json.dumps(row) for row in rows if row["outcome"] != "passed"]
-    return "\n".join(told)
+        lines += [json.dumps(row) for row in rows if row["outcome"] != "passed"]
+    return "\n".join(lines)
 
 
 def condition(job: k.Object, kind: str) -> k.Object:

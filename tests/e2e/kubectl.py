@@ -27,7 +27,7 @@ RESTRICTED: Object = {
 
 
 class KubectlError(Exception):
-    """kubectl ended with an error; the text is what it said."""
+    """kubectl ended with an error; the text is its output."""
 
 
 def cache() -> Path:

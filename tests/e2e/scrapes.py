@@ -42,7 +42,7 @@ def _by_monitor(monitor: dict[str, Any], access: str, namespace: str) -> dict[st
         {"action": "keep", "source_labels": [f"{_META}_container_port_name"], "regex": name}
         for name in (endpoint.get("port"),) if name
     ]  # fmt: skip
-    told = [
+    named = [
         {"source_labels": ["__meta_kubernetes_namespace"], "target_label": "namespace"},
         {"source_labels": [f"{_META}_container_name"], "target_label": "container"},
         {"source_labels": [f"{_META}_name"], "target_label": "pod"},
@@ -58,7 +58,7 @@ def _by_monitor(monitor: dict[str, Any], access: str, namespace: str) -> dict[st
         "job_name": monitor["metadata"]["name"],
         "kubernetes_sd_configs": [_pods(access, where)],
         "metrics_path": endpoint["path"],
-        "relabel_configs": [over, *selected, *port, *told, *own],
+        "relabel_configs": [over, *selected, *port, *named, *own],
     }
 
 

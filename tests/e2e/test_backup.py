@@ -146,7 +146,7 @@ def test_what_the_page_says_brings_everything_back(namespace: str, saved: Saved)
         assert_the_schedule_goes_on(namespace, saved.jobs())
         assert_answers_are_read(namespace, before, run, saved.folder)
         assert_resumes(namespace, half, before["half"])
-        assert_runs_anew(namespace, before["under-way"])
+        assert_runs_again(namespace, before["under-way"])
 
 
 def passed(namespace: str, name: str) -> int:
@@ -220,7 +220,7 @@ def assert_resumes(namespace: str, half: k.Object, before: k.Object) -> None:
     assert jobs.condition(ended, "Failed")["reason"] == "ResumeRefused"
 
 
-def assert_runs_anew(namespace: str, before: k.Object) -> None:
+def assert_runs_again(namespace: str, before: k.Object) -> None:
     """From its first case, into a folder of its own."""
     set_suspend(namespace, "simjob", "under-way", suspend=False)
     status = jobs.ended(namespace, "under-way", 300)["status"]

@@ -85,11 +85,11 @@ def test_the_job_fails_with_a_reason_and_a_sentence(
     assert (failed["status"], failed["reason"]) == ("True", bad.reason)
     assert bad.words in failed["message"]
 
-    def is_told() -> bool:
+    def is_described() -> bool:
         described = k.kubectl("-n", namespace, "describe", "simjob", bad.name)
         return bad.reason in described.split("Events:")[1]
 
-    k.await_that(f"an Event of {bad.reason}", is_told, 60)  # it comes after the status
+    k.await_that(f"an Event of {bad.reason}", is_described, 60)  # it comes after the status
 
 
 def test_a_crash_is_a_finding_with_the_stacks_last_words(

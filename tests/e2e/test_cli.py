@@ -18,11 +18,11 @@ Ended = subprocess.CompletedProcess[str]
 
 SECONDS = 120
 WAIT_SECONDS = 400
-SAID = "the stack begins"
-# What the example runs, once it is told to; before it a line by which its log is known.
+FIRST_LINE = "the stack begins"
+# What the example runs, once GO_ON exists; before it a line by which its log is known.
 GO_ON = "/tmp/go-on"
 WAIT = f"until [ -e {GO_ON} ]; do sleep 0.1; done"
-COMMAND = ["sh", "-c", f"echo {SAID}; {WAIT}; exec robot_state_publisher"]
+COMMAND = ["sh", "-c", f"echo {FIRST_LINE}; {WAIT}; exec robot_state_publisher"]
 
 
 def environment() -> dict[str, str]:
@@ -63,8 +63,8 @@ def test_a_job_from_submit_to_its_results(
     live = bagpipe(namespace, "logs", "cli", case, "--of", "stack")
     assert live.returncode == 0, live.stderr
     assert "container stack)" in live.stdout
-    assert f"\n{SAID}\n" in live.stdout
-    k.await_that("the case to be told as running", lambda: running(namespace) == 1, 60)
+    assert f"\n{FIRST_LINE}\n" in live.stdout
+    k.await_that("the case to be reported as running", lambda: running(namespace) == 1, 60)
     go_on(namespace)
 
     stdout, stderr = submitted.communicate(timeout=WAIT_SECONDS)
@@ -85,7 +85,7 @@ def test_a_job_from_submit_to_its_results(
     kept = bagpipe(namespace, "logs", "cli", case, *volume)
     assert kept.returncode == 0, kept.stderr
     assert "== stack stdout (pvc://results/" in kept.stdout
-    assert f"\n{SAID}\n" in kept.stdout
+    assert f"\n{FIRST_LINE}\n" in kept.stdout
     assert bagpipe(namespace, "watch", "cli", program=("kubectl", "bagpipe")).returncode == 0
     driver = bagpipe(namespace, "logs", "cli")
     assert "1 cases planned, 0 bags refused" in driver.stdout
@@ -100,7 +100,7 @@ def running_case(namespace: str) -> str:
     def look() -> str | None:
         seen = bagpipe(namespace, "logs", "cli", "--of", "stack", "--output", "json")
         pieces = json.loads(seen.stdout) if seen.stdout else []
-        lines = [line for piece in pieces for line in piece["lines"] if line.endswith(SAID)]
+        lines = [line for piece in pieces for line in piece["lines"] if line.endswith(FIRST_LINE)]
         return lines[0].removeprefix("[").partition("]")[0] if lines else None
 
     return k.await_that("the stack to speak", look, 240)

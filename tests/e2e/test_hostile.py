@@ -31,7 +31,7 @@ def slow_pattern_job() -> str:
     return json.dumps(job)
 
 
-def told(namespace: str, name: str) -> str:
+def why_failed(namespace: str, name: str) -> str:
     """Reason and message of the condition Failed, by the API server's own words."""
     path = '{.status.conditions[?(@.type=="Failed")].reason}: '
     path += '{.status.conditions[?(@.type=="Failed")].message}'
@@ -40,7 +40,7 @@ def told(namespace: str, name: str) -> str:
 
 def await_words(namespace: str, name: str, words: str) -> None:
     """Wait until the job has failed with these words."""
-    k.await_that(f"{name} to be refused", lambda: words in told(namespace, name), 60)
+    k.await_that(f"{name} to be refused", lambda: words in why_failed(namespace, name), 60)
 
 
 def test_hostile_manifests_are_refused_and_a_job_beside_them_completes(namespace: str) -> None:
@@ -52,8 +52,8 @@ def test_hostile_manifests_are_refused_and_a_job_beside_them_completes(namespace
     try:
         for manifest in hostile.values():
             k.kubectl("-n", namespace, "apply", "-f", "-", given=manifest)
-        for name, said in words.items():
-            await_words(namespace, name, said)
+        for name, expected in words.items():
+            await_words(namespace, name, expected)
         restarts = "jsonpath={.items[*].status.containerStatuses[*].restartCount}"
         operator = ("-n", SYSTEM, "get", "pods")
         before = k.kubectl(*operator, "-o", restarts)

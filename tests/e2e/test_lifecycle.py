@@ -46,12 +46,12 @@ def await_passed(namespace: str, name: str, least: int) -> None:
 
 def await_condition(namespace: str, name: str, type_: str, seconds: int) -> k.Object:
     """The job as it is when the condition holds."""
-    said = k.kubectl(
+    output = k.kubectl(
         "-n", namespace, "wait", f"--for=condition={type_}", f"simjob/{name}",
         f"--timeout={seconds}s", "-o", "json", seconds=seconds + 10,
     )  # fmt: skip
     # As it was just then: an ended job may be gone in a moment.
-    job: k.Object = json.loads(said)
+    job: k.Object = json.loads(output)
     return job
 
 
@@ -130,16 +130,16 @@ def test_a_job_that_can_t_begin_in_time_says_why(namespace: str) -> None:
     job = make_job("wide", startDeadline="3600s")
     job["spec"]["spark"] = WIDTH | {"driver": huge}
     with jobs.applied(namespace, job) as name:
-        k.await_that("its lack of a node to be told", lambda: is_unplaced(namespace, name), 240)
+        k.await_that("its lack of a node to be reported", lambda: is_unplaced(namespace, name), 240)
         edit(namespace, name, startDeadline=f"{seconds_active(namespace, name) + 3}s")
         failed = await_condition(namespace, name, "Failed", 300)
-        told = jobs.condition(failed, "Failed")
-        assert told["reason"] == "StartDeadlineExceeded"
-        assert "has no node yet" in told["message"]
+        condition = jobs.condition(failed, "Failed")
+        assert condition["reason"] == "StartDeadlineExceeded"
+        assert "has no node yet" in condition["message"]
         assert pods_of(namespace, name) == []
 
 
 def is_unplaced(namespace: str, name: str) -> bool:
     """Whether the status says why the driver does not start."""
-    told = k.get(namespace, "simjob", name).get("status", {}).get("conditions", [])
-    return any(c["type"] == "Running" and c["reason"] == "Unschedulable" for c in told)
+    conditions = k.get(namespace, "simjob", name).get("status", {}).get("conditions", [])
+    return any(c["type"] == "Running" and c["reason"] == "Unschedulable" for c in conditions)

@@ -93,7 +93,7 @@ def awaited(prometheus: Prometheus, expression: str, seconds: float) -> list[flo
     return k.await_that(expression, look, seconds)
 
 
-def test_all_pods_are_found_and_executors_tell_what_happens_now(
+def test_all_pods_are_found_and_executors_report_what_happens_now(
     namespace: str, access: str, start_prometheus: START
 ) -> None:
     ways = [scrapes.by_annotations(access, namespace), *scrapes.by_the_monitors(access, namespace)]
@@ -109,7 +109,7 @@ def test_all_pods_are_found_and_executors_tell_what_happens_now(
         (played,) = awaited(prometheus, half, 60)
         assert played < MESSAGES
         assert prometheus.values(f"bagpipe_agent_slots_busy{{{agent}}}") == [1]
-        # Spark's own figures of the executor, told by the driver: 1 is its first executor.
+        # Spark's own figures of the executor, reported by the driver: 1 is its first executor.
         for figure in ("active_tasks", "tasks_max", "jvm_heap_peak_bytes"):
             awaited(prometheus, f'spark_executor_{figure}{{executor="1"}}', 30)
         ended = jobs.ended(namespace, name, 400)

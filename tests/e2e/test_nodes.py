@@ -114,8 +114,8 @@ def test_names_and_services_work_from_each_node(room: str, node: str) -> None:
 
 @pytest.mark.parametrize("node", NODES)
 def test_logs_and_exec_reach_each_node(room: str, node: str) -> None:
-    said = k.kubectl("-n", room, "logs", node).splitlines()
-    assert said[0] == f"serving as {node}"
+    lines = k.kubectl("-n", room, "logs", node).splitlines()
+    assert lines[0] == f"serving as {node}"
     assert nodes.run(room, node, "hostname") == f"{node}\n"
 
 

@@ -43,14 +43,14 @@ def test_a_minute_s_job_runs_to_its_end(namespace: str, schedule: str) -> None:
         return found
 
     # The status is written after the job.
-    assert k.await_that("the schedule to tell its job", active, 30) == [name]
+    assert k.await_that("the schedule to name its job", active, 30) == [name]
     assert jobs.ended(namespace, name, 240)["status"]["phase"] == "Complete"
 
-    def told() -> k.Object | None:
+    def ended() -> k.Object | None:
         found: k.Object = k.get(namespace, "simschedule", NAME)["status"]
         return found if found["active"] == [] else None
 
-    status = k.await_that("the schedule to tell the end", told, 60)
+    status = k.await_that("the schedule to report the end", ended, 60)
     assert status["lastSuccessfulTime"] > status["lastScheduleTime"]
     assert "nextScheduleTime" not in status
 
@@ -58,7 +58,7 @@ def test_a_minute_s_job_runs_to_its_end(namespace: str, schedule: str) -> None:
         which = f"--field-selector=involvedObject.name={NAME}"
         return sorted(event["reason"] for event in k.items(namespace, "events", which))
 
-    # Events come after the status that they tell of.
+    # Events come after the status that they report.
     k.await_that("both Events", lambda: len(reasons()) >= 2, 60)
     assert reasons() == ["JobStarted", "SuspendedBySpec"]
     assert minutes > 29_000_000

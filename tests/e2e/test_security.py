@@ -141,7 +141,7 @@ def test_accounts_of_jobs_reach_nothing_else(namespace: str) -> None:
         assert can("bagpipe-executor", verb, what) == "no"
 
 
-def test_a_stack_that_wants_to_be_root_is_told_who_refuses_it(namespace: str) -> None:
+def test_a_stack_that_wants_to_be_root_learns_who_refuses_it(namespace: str) -> None:
     job = jobs.make_job("root", stack={"securityContext": {"runAsNonRoot": False, "runAsUser": 0}})
     with jobs.applied(namespace, job) as name:
 
@@ -149,9 +149,9 @@ def test_a_stack_that_wants_to_be_root_is_told_who_refuses_it(namespace: str) ->
             found = k.get(namespace, "simjob", name).get("status", {}).get("conditions", [])
             return next((c for c in found if c["type"] == "Accepted"), None)
 
-        told = k.await_that("a word about the job", accepted, 120)
-        assert (told["status"], told["reason"]) == ("False", "CreationRefused")
-        assert 'violates PodSecurity "restricted' in told["message"]
+        found = k.await_that("a word about the job", accepted, 120)
+        assert (found["status"], found["reason"]) == ("False", "CreationRefused")
+        assert 'violates PodSecurity "restricted' in found["message"]
         pods = k.items(namespace, "pods", "-l", f"sim.bagpipe.io/job={name}")
         assert pods == []
 

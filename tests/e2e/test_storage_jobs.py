@@ -27,8 +27,8 @@ REMOTE = KINDS[1:]
 FRAGMENTS = 4
 _MOST_BYTES = 64 << 20
 # The program waits for it, so that no executor goes before its log was read.
-_HEARD = "/tmp/heard"
-_CAT = ["sh", "-c", f"until [ -e {_HEARD} ]; do sleep 0.1; done; exec cat"]
+_COLLECTED = "/tmp/collected"
+_CAT = ["sh", "-c", f"until [ -e {_COLLECTED} ]; do sleep 0.1; done; exec cat"]
 # What a Secret holds and is no secret: where a server is, and which region it plays.
 _PUBLIC = {"AWS_ENDPOINT_URL", "AWS_REGION"}
 
@@ -60,8 +60,8 @@ def apply_login(namespace: str, name: str, values: dict[str, str]) -> None:
 
 
 @dataclass
-class Heard:
-    """Everything but the Secrets that the cluster said while the jobs ran."""
+class Collected:
+    """Everything but the Secrets that the cluster showed while the jobs ran."""
 
     namespace: str
     objects: set[str] = field(default_factory=set)
@@ -73,27 +73,27 @@ class Heard:
         for each in found:
             self.objects.add(json.dumps(each))
             if each["kind"] == "Pod" and each["metadata"]["name"] != k.TOOLBOX:
-                self._hear(each["metadata"]["name"])
+                self._collect(each["metadata"]["name"])
         return [each for each in found if each["kind"] == "SimulationJob"]
 
-    def _hear(self, pod: str) -> None:
+    def _collect(self, pod: str) -> None:
         try:
-            said = k.kubectl("-n", self.namespace, "logs", pod, "--all-containers", "--prefix")
+            log = k.kubectl("-n", self.namespace, "logs", pod, "--all-containers", "--prefix")
         except k.KubectlError:
             return  # its containers have not started, or it is gone
-        self.logs[pod] = max(said, self.logs.get(pod, ""), key=len)
+        self.logs[pod] = max(log, self.logs.get(pod, ""), key=len)
         if "-exec-" in pod:
-            go_on = ("exec", pod, "-c", "stack", "--", "touch", _HEARD)
+            go_on = ("exec", pod, "-c", "stack", "--", "touch", _COLLECTED)
             with suppress(k.KubectlError):  # it has done its work, and is going
                 k.kubectl("-n", self.namespace, *go_on)
 
 
 @dataclass
 class Ran:
-    """Three jobs that ended: their status, what was heard, and how to read their results."""
+    """Three jobs that ended: their status, what was collected, and how to read their results."""
 
     status: dict[str, k.Object]
-    heard: Heard
+    collected: Collected
     hidden: list[str]
     namespace: str
 
@@ -141,15 +141,15 @@ def ran(
         for kind in KINDS:
             job = make_job(kind, folders.get(kind, "pvc://recordings"))
             stack.enter_context(jobs.applied(namespace, job))
-        heard = Heard(namespace)
-        yield Ran(await_all(heard), heard, hidden, namespace)
+        collected = Collected(namespace)
+        yield Ran(await_all(collected), collected, hidden, namespace)
 
 
-def await_all(heard: Heard) -> dict[str, k.Object]:
+def await_all(collected: Collected) -> dict[str, k.Object]:
     """Kind -> the status of its job, once all three have ended."""
 
     def look() -> dict[str, k.Object] | None:
-        status = {each["metadata"]["name"]: each.get("status", {}) for each in heard.look()}
+        status = {each["metadata"]["name"]: each.get("status", {}) for each in collected.look()}
         own = {kind: status[f"on-{kind}"] for kind in KINDS}
         phases = {each.get("phase") for each in own.values()}
         return own if phases <= {"Complete", "Failed"} else None
@@ -196,25 +196,25 @@ def test_the_manifest_can_be_put_only_once(ran: Ran, kind: str) -> None:
 
 
 def test_no_credential_is_in_a_job_a_pod_a_log_a_status_or_a_result(ran: Ran) -> None:
-    heard = ran.heard
-    kinds = {json.loads(text)["kind"] for text in heard.objects}
+    collected = ran.collected
+    kinds = {json.loads(text)["kind"] for text in collected.objects}
     assert kinds == {"SimulationJob", "Pod", "ConfigMap", "Event"}
     for kind in KINDS:
-        assert any(name.startswith(f"on-{kind}-1-driver") for name in heard.logs)
-        assert any(name.startswith(f"on-{kind}-1-exec") for name in heard.logs)
-        assert "cases planned" in heard.logs[f"on-{kind}-1-driver"]
-    said = {f"log of {name}": text for name, text in heard.logs.items()}
-    said |= {f"result {kind}/{name}": ran.read(kind, name).decode()
+        assert any(name.startswith(f"on-{kind}-1-driver") for name in collected.logs)
+        assert any(name.startswith(f"on-{kind}-1-exec") for name in collected.logs)
+        assert "cases planned" in collected.logs[f"on-{kind}-1-driver"]
+    texts = {f"log of {name}": text for name, text in collected.logs.items()}
+    texts |= {f"result {kind}/{name}": ran.read(kind, name).decode()
              for kind in KINDS for name in ("manifest.json", "results.jsonl")}  # fmt: skip
-    said["operator"] = k.kubectl("-n", "bagpipe-system", "logs", "deploy/bagpipe-operator")
+    texts["operator"] = k.kubectl("-n", "bagpipe-system", "logs", "deploy/bagpipe-operator")
     assert len(ran.hidden) == 3
-    shown = [where for where, text in said.items() if ran.shown(text)]
-    assert shown + [json.loads(text)["metadata"]["name"] for text in heard.objects
+    shown = [where for where, text in texts.items() if ran.shown(text)]
+    assert shown + [json.loads(text)["metadata"]["name"] for text in collected.objects
                     if ran.shown(text)] == []  # fmt: skip
 
 
 def test_the_stack_gets_no_credential(ran: Ran) -> None:
-    pods = [json.loads(text) for text in ran.heard.objects if '"kind": "Pod"' in text]
+    pods = [json.loads(text) for text in ran.collected.objects if '"kind": "Pod"' in text]
     executors = [
         pod for pod in pods
         if pod["metadata"].get("labels", {}).get("sim.bagpipe.io/role") == "executor"

@@ -64,13 +64,13 @@ def pods(namespace: str, name: str, role: str) -> list[k.Object]:
 
 
 def events(namespace: str, which: str) -> list[k.Object]:
-    """The Events that a selector finds, once there is one: they come after what they tell."""
+    """The Events that a selector finds, once there is one: they come after what they report."""
     listed = (namespace, "events", "--field-selector", which)
     return k.await_that(f"an Event with {which}", lambda: k.items(*listed), 60)
 
 
 def first_event(namespace: str, uid: str, reason: str) -> datetime:
-    """When the first Event of a reason was told about an object."""
+    """When the first Event of a reason was reported about an object."""
     found = events(namespace, f"involvedObject.uid={uid},reason={reason}")
     return min(moment(e["firstTimestamp"] or e["eventTime"]) for e in found)
 
@@ -80,13 +80,13 @@ def pod_condition(pod: k.Object, kind: str) -> datetime:
     return moment(found["lastTransitionTime"])
 
 
-def assert_in_time(what: str, knew: datetime, told: datetime) -> None:
-    seconds = (told - knew).total_seconds()
-    print(f"{what}: told {seconds:.1f} s after Kubernetes knew")
+def assert_in_time(what: str, knew: datetime, reported: datetime) -> None:
+    seconds = (reported - knew).total_seconds()
+    print(f"{what}: reported {seconds:.1f} s after Kubernetes knew")
     assert seconds <= WITHIN_SECONDS
 
 
-def assert_told_once(namespace: str, name: str, reason: str) -> None:
+def assert_reported_once(namespace: str, name: str, reason: str) -> None:
     uid = k.get(namespace, "simjob", name)["metadata"]["uid"]
     found = events(namespace, f"involvedObject.uid={uid},reason={reason},type=Warning")
     assert [event["count"] for event in found] == [1]
@@ -100,30 +100,30 @@ def only(found: list[k.Object]) -> k.Object:
 def test_an_unknown_image(namespace: str) -> None:
     job = jobs.make_job("no-image-time", stack={"image": "bagpipe.local/none:9"})
     with jobs.applied(namespace, job) as name:
-        told = seen(namespace, name, "StackImageUnavailable", 240)
+        reported = seen(namespace, name, "StackImageUnavailable", 240)
         pod = only(pods(namespace, name, "executor"))
-        assert_in_time("image", first_event(namespace, pod["metadata"]["uid"], "Failed"), told)
-        assert_told_once(namespace, name, "StackImageUnavailable")
+        assert_in_time("image", first_event(namespace, pod["metadata"]["uid"], "Failed"), reported)
+        assert_reported_once(namespace, name, "StackImageUnavailable")
 
 
 def test_a_missing_claim(namespace: str) -> None:
     job = jobs.make_job("no-claim", output={"uri": "pvc://absent/results"})
     with jobs.applied(namespace, job) as name:
-        told = seen(namespace, name, "VolumeMissing", 240)
+        reported = seen(namespace, name, "VolumeMissing", 240)
         pod = only(pods(namespace, name, "driver"))
-        assert_in_time("claim", pod_condition(pod, "PodScheduled"), told)
-        assert_told_once(namespace, name, "VolumeMissing")
+        assert_in_time("claim", pod_condition(pod, "PodScheduled"), reported)
+        assert_reported_once(namespace, name, "VolumeMissing")
 
 
 def test_a_missing_secret(namespace: str) -> None:
     job = jobs.make_job("no-secret")
     job["spec"]["storage"] = {"secrets": ["absent"]}
     with jobs.applied(namespace, job) as name:
-        told = seen(namespace, name, "SecretMissing", 240)
+        reported = seen(namespace, name, "SecretMissing", 240)
         pod = only(pods(namespace, name, "driver"))
-        assert_in_time("secret", first_event(namespace, pod["metadata"]["uid"], "Failed"), told)
+        assert_in_time("secret", first_event(namespace, pod["metadata"]["uid"], "Failed"), reported)
         assert "absent" in condition(namespace, name, "Running")["message"]
-        assert_told_once(namespace, name, "SecretMissing")
+        assert_reported_once(namespace, name, "SecretMissing")
 
 
 def test_a_claim_that_is_not_bound(namespace: str) -> None:
@@ -141,10 +141,10 @@ def test_a_claim_that_is_not_bound(namespace: str) -> None:
     with jobs.applied(
         namespace, jobs.make_job("unbound", output={"uri": "pvc://unbound/results"})
     ) as name:
-        told = seen(namespace, name, "VolumePending", 240)
+        reported = seen(namespace, name, "VolumePending", 240)
         pod = only(pods(namespace, name, "driver"))
-        assert_in_time("unbound claim", pod_condition(pod, "PodScheduled"), told)
-        assert_told_once(namespace, name, "VolumePending")
+        assert_in_time("unbound claim", pod_condition(pod, "PodScheduled"), reported)
+        assert_reported_once(namespace, name, "VolumePending")
 
 
 def test_a_volume_that_does_not_mount(namespace: str) -> None:
@@ -179,11 +179,11 @@ def test_a_volume_that_does_not_mount(namespace: str) -> None:
     job = jobs.make_job("unmountable", output={"uri": "pvc://unmountable/results"})
     try:
         with jobs.applied(namespace, job) as name:
-            told = seen(namespace, name, "VolumeNotMounted", 240)
+            reported = seen(namespace, name, "VolumeNotMounted", 240)
             pod = only(pods(namespace, name, "driver"))
             knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
-            assert_in_time("mount", knew, told)
-            assert_told_once(namespace, name, "VolumeNotMounted")
+            assert_in_time("mount", knew, reported)
+            assert_reported_once(namespace, name, "VolumeNotMounted")
     finally:
         k.kubectl("-n", namespace, "delete", "pvc", "unmountable")
         k.kubectl("delete", "pv", f"{namespace}-unmountable")
@@ -197,17 +197,17 @@ def test_no_node_and_then_no_config_map(namespace: str) -> None:
     nodes = [node["metadata"]["name"] for node in k.items("default", "nodes")]
     try:
         jobs.apply(namespace, job)
-        told = seen(namespace, "unplaced", "Unschedulable", 240)
+        reported = seen(namespace, "unplaced", "Unschedulable", 240)
         pod = only(pods(namespace, "unplaced", "driver"))
-        assert_in_time("no node", pod_condition(pod, "PodScheduled"), told)
+        assert_in_time("no node", pod_condition(pod, "PodScheduled"), reported)
         volumes = pod["spec"]["volumes"]
         (config,) = [v["configMap"]["name"] for v in volumes if v["name"] == "config"]
         k.kubectl("-n", namespace, "delete", "configmap", config)
         k.kubectl("label", "nodes", *nodes, f"{room}=yes")
-        told = seen(namespace, "unplaced", "ConfigMapMissing", 240)
+        reported = seen(namespace, "unplaced", "ConfigMapMissing", 240)
         knew = first_event(namespace, pod["metadata"]["uid"], "FailedMount")
-        assert_in_time("ConfigMap", knew, told)
-        assert_told_once(namespace, "unplaced", "ConfigMapMissing")
+        assert_in_time("ConfigMap", knew, reported)
+        assert_reported_once(namespace, "unplaced", "ConfigMapMissing")
     finally:
         k.kubectl("label", "nodes", *nodes, f"{room}-")
         jobs.delete(namespace, "unplaced")
@@ -217,21 +217,21 @@ def test_executors_that_no_node_has_room_for(namespace: str) -> None:
     large = {"resources": {"cpu": "500", "memory": "1Gi"}}
     spark = jobs.spark(1, 1) | {"executor": large}
     with jobs.applied(namespace, jobs.make_job("too-large", spark=spark)) as name:
-        told = seen(namespace, name, "Unschedulable", 240)
+        reported = seen(namespace, name, "Unschedulable", 240)
         pod = only(pods(namespace, name, "executor"))
-        assert_in_time("no room", pod_condition(pod, "PodScheduled"), told)
+        assert_in_time("no room", pod_condition(pod, "PodScheduled"), reported)
 
 
 def test_no_quota_for_the_driver(namespace: str) -> None:
     with quota(namespace, 0), jobs.applied(namespace, jobs.make_job("no-driver")) as name:
-        told = seen(namespace, name, "QuotaExceeded", 240, "Accepted")
+        reported = seen(namespace, name, "QuotaExceeded", 240, "Accepted")
         job = k.get(namespace, "simjob", name)
-        assert_in_time("driver's quota", moment(job["metadata"]["creationTimestamp"]), told)
+        assert_in_time("driver's quota", moment(job["metadata"]["creationTimestamp"]), reported)
 
 
 @pytest.mark.slow
 def test_no_quota_for_executors(namespace: str) -> None:
-    """Refused more often than Spark would bear by its default, and as if nothing had been."""
+    """Refused more often than Spark would tolerate by its default, and as if nothing had been."""
     name = "no-executors"
     fleet.put_files(namespace)
     spark = jobs.spark(1, 1)
@@ -240,7 +240,7 @@ def test_no_quota_for_executors(namespace: str) -> None:
     try:
         with quota(namespace, 1):
             jobs.apply(namespace, fleet.make_job(name, source=inputs, spark=spark))
-            told = seen(namespace, name, "QuotaExceeded", 240)
+            reported = seen(namespace, name, "QuotaExceeded", 240)
             pod = only(pods(namespace, name, "driver"))["metadata"]["name"]
 
             def refused() -> list[str]:
@@ -248,8 +248,8 @@ def test_no_quota_for_executors(namespace: str) -> None:
 
             first = k.await_that("Spark to be refused an executor", refused, 120)[-1]
             knew = moment(first.split()[0][:26] + "+00:00")
-            assert_in_time("executors' quota", knew, told)
-            assert_told_once(namespace, name, "QuotaExceeded")
+            assert_in_time("executors' quota", knew, reported)
+            assert_reported_once(namespace, name, "QuotaExceeded")
             # Spark asks once a second, and with its default of failures it gives up soon.
             k.await_that("more refusals", lambda: len(refused()) > 25, 120, every=2.0)
         job = jobs.ended(namespace, name, 240)
@@ -299,7 +299,7 @@ def at_work(namespace: str, name: str, role: str) -> k.Object:
 
 
 def executor(namespace: str, name: str) -> k.Object:
-    """The executor, once no trouble of another is told any more."""
+    """The executor, once no trouble of another is reported any more."""
     seen(namespace, name, "CasesRunning", 240)
     return at_work(namespace, name, "executor")
 
@@ -333,28 +333,28 @@ def evict(namespace: str, pod: str) -> datetime:
     return datetime.now(UTC)
 
 
-# An executor's trouble is told for a minute; a driver's end, which follows here, cuts that short.
+# An executor's trouble is reported for a minute; a driver's end, which follows here, cuts it short.
 
 
 @pytest.mark.slow
 def test_a_stack_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = executor(namespace, running)["metadata"]["name"]
     fill_memory(namespace, pod, "stack")
-    told = seen(namespace, running, "ExecutorOutOfMemory", 30)
+    reported = seen(namespace, running, "ExecutorOutOfMemory", 30)
     knew = ended_at(k.get(namespace, "pod", pod), "stack")
-    assert_in_time("stack's memory", knew, told)
+    assert_in_time("stack's memory", knew, reported)
     assert "container stack" in condition(namespace, running, "Running")["message"].lower()
-    assert_told_once(namespace, running, "ExecutorOutOfMemory")
+    assert_reported_once(namespace, running, "ExecutorOutOfMemory")
 
 
 @pytest.mark.slow
 def test_a_driver_that_is_evicted(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     knew = evict(namespace, pod)
-    told = seen(namespace, running, "DriverEvicted", 240)
+    reported = seen(namespace, running, "DriverEvicted", 240)
     # The pod's grace period is Kubernetes' own; the driver's Java ends at once.
-    assert_in_time("driver evicted", knew, told)
-    assert_told_once(namespace, running, "DriverEvicted")
+    assert_in_time("driver evicted", knew, reported)
+    assert_reported_once(namespace, running, "DriverEvicted")
 
 
 @pytest.mark.slow
@@ -362,18 +362,18 @@ def test_an_executor_that_takes_too_much_memory(namespace: str, running: str) ->
     pod = executor(namespace, running)
     begun = datetime.now(UTC)
     fill_memory(namespace, pod["metadata"]["name"], "spark")
-    told = seen(namespace, running, "ExecutorOutOfMemory", 30)
+    reported = seen(namespace, running, "ExecutorOutOfMemory", 30)
     # Spark deletes the pod, and with it the moment; the memory was full some time after this.
-    assert_in_time("executor's memory, and filling it", begun, told)
+    assert_in_time("executor's memory, and filling it", begun, reported)
 
 
 @pytest.mark.slow
 def test_a_driver_that_takes_too_much_memory(namespace: str, running: str) -> None:
     pod = at_work(namespace, running, "driver")["metadata"]["name"]
     fill_memory(namespace, pod, "driver")
-    told = seen(namespace, running, "DriverOutOfMemory", 240)
-    assert_in_time("driver's memory", ended_at(k.get(namespace, "pod", pod), "driver"), told)
-    assert_told_once(namespace, running, "DriverOutOfMemory")
+    reported = seen(namespace, running, "DriverOutOfMemory", 240)
+    assert_in_time("driver's memory", ended_at(k.get(namespace, "pod", pod), "driver"), reported)
+    assert_reported_once(namespace, running, "DriverOutOfMemory")
 
 
 @pytest.mark.slow

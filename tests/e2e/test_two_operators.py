@@ -61,7 +61,7 @@ def pod_of(holder: str) -> str:
 
 
 def kill_leader() -> str:
-    """SIGKILL to the process that leads; gives its pod, whose container starts anew."""
+    """SIGKILL to the process that leads; gives its pod, whose container restarts."""
     name = pod_of(lease()["holderIdentity"])
     pod = k.get(SYSTEM, "pod", name)
     faults.kill_container(pod["spec"]["nodeName"], fleet.container_id(pod, "operator"))
@@ -76,7 +76,7 @@ def made(namespace: str) -> dict[str, str]:
 
 
 def announced(namespace: str) -> Counter[str]:
-    """How often it was told of each waiting job that it has a driver."""
+    """How often an Event reported of each waiting job that it has a driver."""
     found = k.items(namespace, "events", "--field-selector", "reason=DriverCreated")
     about = Counter(event["involvedObject"]["name"] for event in found)
     return Counter({name: about[name] for name in (*WAITING, LATE)})
@@ -120,7 +120,7 @@ def assert_made_once(namespace: str, before: dict[str, str]) -> None:
     assert sorted(stems) == sorted(
         f"{kind}/{n.format(name)}" for kind, n in kinds.items() for name in names
     )
-    assert before.items() <= found.items(), "something was made anew"
+    assert before.items() <= found.items(), "something was created again"
 
 
 def test_the_other_goes_on_within_15_seconds_and_makes_nothing_twice(namespace: str) -> None:

@@ -132,8 +132,10 @@ def test_a_job_that_runs_while_bagpipe_is_upgraded(namespace: str, release: Rele
         assert status["driver"] == driver["metadata"]["name"]
         assert job["metadata"]["uid"] == during["metadata"]["uid"]
         uid = job["metadata"]["uid"]
-        # Events come after the status that they tell of.
-        k.await_that("its end to be told", lambda: event_counts(namespace, uid)["AllCasesRan"], 60)
+        # Events come after the status that they report.
+        k.await_that(
+            "its end to be reported", lambda: event_counts(namespace, uid)["AllCasesRan"], 60
+        )
         counts = event_counts(namespace, uid)
         wanted = ("DriverCreated", "CasesPlanned", "CasesRunning", "AllCasesRan")
         assert {reason: counts[reason] for reason in wanted} == dict.fromkeys(wanted, 1)
@@ -162,12 +164,12 @@ def unplaced() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("release")
-def test_helm_test_tells_when_the_operator_is_not_ready() -> None:
+def test_helm_test_reports_an_operator_that_is_not_ready() -> None:
     with unplaced():
         with pytest.raises(AssertionError, match=r"[Ff]ailed"):
             helm("test", "bagpipe", "--timeout", "3m")
-        said = k.kubectl("-n", SYSTEM, "logs", "bagpipe-operator-test")
-        assert "pods of the operator are ready" in said or "newest Deployment" in said
+        log = k.kubectl("-n", SYSTEM, "logs", "bagpipe-operator-test")
+        assert "pods of the operator are ready" in log or "newest Deployment" in log
     rollout = ("rollout", "status", f"deployment/{OPERATOR}", "--timeout=3m")
     k.kubectl("-n", SYSTEM, *rollout, seconds=200)
     helm("test", "bagpipe", "--timeout", "3m")

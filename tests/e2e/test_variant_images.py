@@ -50,7 +50,7 @@ def executor(namespace: str, name: str) -> k.Object | None:
     return pods[0] if pods else None
 
 
-def test_each_image_runs_its_variant_s_cases_and_the_worse_one_is_told(namespace: str) -> None:
+def test_each_image_runs_its_variant_s_cases_and_the_worse_one_is_reported(namespace: str) -> None:
     with jobs.applied(namespace, job()) as name:
         pod = k.await_that("an executor", lambda: executor(namespace, name), 300)
         containers = {each["name"]: each["image"] for each in pod["spec"]["initContainers"]}

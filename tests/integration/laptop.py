@@ -54,11 +54,11 @@ class Laptop:
         """Status, stdout and stderr of the program."""
         process = self.start(*words)
         try:
-            said, errors = process.communicate(timeout=RUN_SECONDS)
+            output, errors = process.communicate(timeout=RUN_SECONDS)
         finally:
             process.kill()
         print(errors)
-        return process.returncode, said, errors
+        return process.returncode, output, errors
 
     def job(self, manifest: Path, *words: str | Path) -> tuple[int, str, str]:
         """`bagpipe run` of a manifest, whose recordings lie here."""

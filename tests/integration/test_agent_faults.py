@@ -66,7 +66,7 @@ STACKS = [
 @pytest.mark.parametrize(
     ("command", "outcome", "reason", "words"), STACKS, ids=[s[2] + s[3] for s in STACKS]
 )
-def test_a_stack_that_fails_is_told_with_a_sentence(
+def test_a_stack_that_fails_is_reported_with_a_sentence(
     command: list[str],
     outcome: str,
     reason: str,
@@ -86,7 +86,7 @@ def test_a_stack_that_fails_is_told_with_a_sentence(
     agent.await_no_descendants()
 
 
-def test_no_rosmaster_on_the_path_is_told(folders: dict[str, str], start_agent: Start) -> None:
+def test_a_missing_rosmaster_is_reported(folders: dict[str, str], start_agent: Start) -> None:
     row = run_one(spec_with(), folders, start_agent(path="/usr/lib/robot_state_publisher"))
     assert (row["outcome"], row["reason"]) == ("errored", "RosMasterNotFound")
     assert "python3-rosmaster" in row["message"]

@@ -1,4 +1,4 @@
-"""The agent's /metrics beside a real case: what it tells, what it keeps to itself, who can hurt."""
+"""The agent's /metrics beside a real case: what it exposes and hides, and who can hurt it."""
 
 import socket
 import threading
@@ -57,9 +57,11 @@ class Watched:
         }
 
     def after(self, cases: int) -> Figures:
-        """The samples once so many cases are counted; a slot tells of an end after its worker."""
+        """The samples once so many cases are counted; a slot reports an end after its worker."""
         counted = ("bagpipe_agent_cases_ended_total", "answered")
-        wait_until(lambda: self.figures()[counted] >= cases, PATIENCE, "a case's end is not told")
+        wait_until(
+            lambda: self.figures()[counted] >= cases, PATIENCE, "a case's end is not reported"
+        )
         found = self.figures()
         assert found[counted] == cases
         return found
@@ -101,7 +103,7 @@ def test_a_real_case_is_seen_while_it_runs_and_adds_up(watched: Watched) -> None
     assert any(each["bagpipe_agent_recordings_size_bytes", ""] > 0 for each in busy)
     assert all(not ended(each) for each in busy)
     result = row["result"]
-    told = {
+    expected = {
         "fragment_received_bytes_total": result["input_bytes"],
         "recorded_bytes_total": result["recorded"]["bytes"],
         "recorded_messages_total": result["recorded"]["messages"],
@@ -109,7 +111,7 @@ def test_a_real_case_is_seen_while_it_runs_and_adds_up(watched: Watched) -> None
         "pipe_size_bytes": result["pipe_bytes"],
         "slots_busy": 0,
     }
-    assert {name: after[f"bagpipe_agent_{name}", ""] for name in told} == told
+    assert {name: after[f"bagpipe_agent_{name}", ""] for name in expected} == expected
     counted = {key: after["bagpipe_agent_ledger_messages_total", key] for key in result["ledger"]
                if ("bagpipe_agent_ledger_messages_total", key) in after}  # fmt: skip
     assert counted == {"sent": MESSAGES, "received": MESSAGES, "dropped": 0}
@@ -119,7 +121,7 @@ def test_a_real_case_is_seen_while_it_runs_and_adds_up(watched: Watched) -> None
     assert waited == pytest.approx(step["waited_seconds"])
 
 
-def test_nothing_of_the_job_is_told(watched: Watched) -> None:
+def test_nothing_of_the_job_is_exposed(watched: Watched) -> None:
     watched.run()
     page = watched.page()
     for word in ("lab/", "pr2", watched.case.id, "joint_states", "robot_state_publisher"):

@@ -57,7 +57,7 @@ def test_the_verdict_finds_exactly_the_combinations_that_collide(
     print(f"faster than real time: {rates[0]:.0f} to {rates[-1]:.0f} times")
 
 
-def test_two_runs_record_the_same_bytes_with_what_the_simulator_said(
+def test_two_runs_record_the_same_bytes_of_the_simulator_too(
     tmp_path: Path, start_agent: Start
 ) -> None:
     lidar = {"lidar": {"beams": 180, "every": 5}}

@@ -76,9 +76,9 @@ def test_spark_keeps_what_a_job_says_of_its_pods(jvm: Any, tmp_path: Path) -> No
         .with_spec("stack.volumeMounts", [{"name": "models", "mountPath": "/opt/models"}])
         .view()
     )
-    said = executor_template(job, read_spec(job), 1, Settings())
+    written = executor_template(job, read_spec(job), 1, Settings())
     template = tmp_path / "executor.yaml"
-    template.write_text(yaml.safe_dump(said))
+    template.write_text(yaml.safe_dump(written))
     pod, spark = built(jvm, template)
     kept = pod["spec"]
     for field in (
@@ -86,13 +86,13 @@ def test_spark_keeps_what_a_job_says_of_its_pods(jvm: Any, tmp_path: Path) -> No
         "priorityClassName", "runtimeClassName", "imagePullSecrets", "securityContext",
         "resourceClaims",
     ):  # fmt: skip
-        assert kept[field] == said["spec"][field], field
-    volumes = {v["name"] for v in said["spec"]["volumes"]}
+        assert kept[field] == written["spec"][field], field
+    volumes = {v["name"] for v in written["spec"]["volumes"]}
     assert volumes <= {v["name"] for v in kept["volumes"]}
-    assert pod["metadata"]["labels"].items() >= said["metadata"]["labels"].items()
-    assert pod["metadata"]["annotations"].items() >= said["metadata"]["annotations"].items()
+    assert pod["metadata"]["labels"].items() >= written["metadata"]["labels"].items()
+    assert pod["metadata"]["annotations"].items() >= written["metadata"]["annotations"].items()
     stack = next(c for c in kept["initContainers"] if c["name"] == "stack")
-    expected = next(c for c in said["spec"]["initContainers"] if c["name"] == "stack")
+    expected = next(c for c in written["spec"]["initContainers"] if c["name"] == "stack")
     assert stack["resources"] == {"limits": {"nvidia.com/gpu": "1"}, "claims": [{"name": "gpu"}]}
     for field in ("securityContext", "volumeMounts", "env"):
         assert stack[field] == expected[field], field

@@ -36,8 +36,8 @@ def run_all(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgen
 
 def rosbag_info(path: Path) -> dict[str, Any]:
     command = ["/usr/bin/python3", "/usr/bin/rosbag", "info", "--yaml", str(path)]
-    told = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
-    loaded: dict[str, Any] = yaml.safe_load(told)
+    output = subprocess.run(command, capture_output=True, text=True, timeout=30, check=True).stdout
+    loaded: dict[str, Any] = yaml.safe_load(output)
     return loaded
 
 

@@ -58,18 +58,18 @@ def rows_of(folder: Path) -> list[dict[str, Any]]:
 def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> None:
     with_recording(laptop)
     manifest = laptop.manifest("pr2", example())
-    status, said, errors = laptop.job(manifest, "--slots", "2", "--output", "json")
+    status, output, errors = laptop.job(manifest, "--slots", "2", "--output", "json")
     assert status == 0, errors
-    told = json.loads(said)
-    assert (told["phase"], told["verdict"]) == ("Complete", "Passed")
-    assert told["counts"] | {"discarded": 0} == {
+    result = json.loads(output)
+    assert (result["phase"], result["verdict"]) == ("Complete", "Passed")
+    assert result["counts"] | {"discarded": 0} == {
         "planned": 4, "running": 0, "passed": 4, "failed": 0, "invalid": 0, "errored": 0,
         "crashed": 0, "lost": 0, "regressed": 0, "discarded": 0,
     }  # fmt: skip
-    ledger = told["ledger"]
+    ledger = result["ledger"]
     assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
     folder = laptop.folder / "bagpipe-results/pr2"
-    assert told["results"] == str(folder)
+    assert result["results"] == str(folder)
     assert {path.name for path in folder.iterdir()} == {
         "manifest.json", "results.jsonl", "results.parquet", "junit.xml", "report.html",
         "job.json", "cases", "journal", "agent.log", "driver.log",
@@ -86,10 +86,10 @@ def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> N
     assert any(line.startswith("4 of 4 cases (4 passed)") for line in lines), errors
     assert any("images are not used here" in line for line in lines)
 
-    status, said, _ = laptop.run("results", folder)
-    assert (status, said.split("\n")[0]) == (0, "Passed  pr2")
-    status, said, _ = laptop.run("report", folder, "--to", laptop.folder / "page.html")
-    assert (status, "page.html" in said) == (0, True)
+    status, output, _ = laptop.run("results", folder)
+    assert (status, output.split("\n")[0]) == (0, "Passed  pr2")
+    status, output, _ = laptop.run("report", folder, "--to", laptop.folder / "page.html")
+    assert (status, "page.html" in output) == (0, True)
     status, _, errors = laptop.job(manifest)
     assert (status, "has a run already: write --replace" in errors) == (2, True)
 
@@ -107,11 +107,11 @@ def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Lapto
     # Who gives no answer has the next input after 0.2 s, by when it has taken this one.
     spec["playback"]["steps"][0] |= {"deadline": "200ms", "optional": True}
     spec["source"]["fragment"] = {"length": "1s"}
-    status, said, errors = laptop.job(
+    status, output, errors = laptop.job(
         laptop.manifest("two", spec), "--cases", "*-0000-*", "--results", "my kept", "--slots", "2"
     )
     assert status == 1, errors
-    headline = said.splitlines()[0]
+    headline = output.splitlines()[0]
     assert headline.startswith("Failed: 1 failed"), headline
     assert headline.endswith("  two"), headline
     folder = laptop.folder / "my kept"
@@ -121,17 +121,17 @@ def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Lapto
     assert comparison["regressed"] == [
         {"case": "joint_states-0000-slow", "to": "failed", "reason": "CriterionFailed"}
     ]
-    status, said, _ = laptop.run("results", folder, "--failed", "--output", "yaml")
-    assert (status, [row["variant"] for row in yaml.safe_load(said)["cases"]]) == (1, ["slow"])
+    status, output, _ = laptop.run("results", folder, "--failed", "--output", "yaml")
+    assert (status, [row["variant"] for row in yaml.safe_load(output)["cases"]]) == (1, ["slow"])
 
 
 def test_what_can_t_be_run_ends_with_2_and_says_why(laptop: Laptop) -> None:
     with_recording(laptop)
     spec = example()
     spec["source"]["bags"] = ["pvc://recordings/nowhere/*.bag"]
-    status, said, errors = laptop.job(laptop.manifest("missing", spec))
-    assert (status, said.splitlines()[0]) == (2, "No verdict: 1 errored  missing"), errors
-    assert "1 of 1 cases errored" in said
+    status, output, errors = laptop.job(laptop.manifest("missing", spec))
+    assert (status, output.splitlines()[0]) == (2, "No verdict: 1 errored  missing"), errors
+    assert "1 of 1 cases errored" in output
     assert "1 of 1 cases (1 errored)" in errors
     spec = example()
     spec["stack"]["command"] = ["no_such_publisher"]
@@ -150,13 +150,13 @@ def test_a_simulated_job_runs_as_many_cases_as_are_asked_for(laptop: Laptop) -> 
     spec: dict[str, Any] = yaml.safe_load((BARRIER_CAR / "job.yaml").read_text())["spec"]
     spec["stack"]["command"] = ["/usr/bin/python3", str(BARRIER_CAR / "planner.py")]
     manifest = laptop.manifest("barrier", spec)
-    status, said, errors = laptop.run(
+    status, output, errors = laptop.run(
         "run", manifest, "--agent", laptop.agent, "--cases", "2", "--output", "json"
     )
     assert status == 0, errors
-    told = json.loads(said)
-    assert (told["counts"]["planned"], told["counts"]["passed"]) == (2, 2)
-    assert all(case["criteria"][0]["name"] == "steers" for case in told["cases"])
+    result = json.loads(output)
+    assert (result["counts"]["planned"], result["counts"]["passed"]) == (2, 2)
+    assert all(case["criteria"][0]["name"] == "steers" for case in result["cases"])
 
 
 def waiting(laptop: Laptop, cases: int) -> Path:
@@ -208,14 +208,14 @@ def test_an_interruption_ends_all_that_was_started_and_is_gone_on_with(
     process = laptop.start(*laptop.words(manifest), "--slots", "2")
     await_cases(laptop, 2, process)
     process.send_signal(number)
-    said, errors = process.communicate(timeout=STEP_SECONDS)
-    assert (process.returncode, said) == (2, ""), errors
+    output, errors = process.communicate(timeout=STEP_SECONDS)
+    assert (process.returncode, output) == (2, ""), errors
     assert "interrupted after 0 of 3 cases; --resume goes on with the other cases" in errors
     laptop.await_nothing_left()
     let_go(laptop, 0, 1, 2)
-    status, said, errors = laptop.job(manifest, "--resume", "--output", "json")
+    status, output, errors = laptop.job(manifest, "--resume", "--output", "json")
     assert status == 0, errors
-    assert json.loads(said)["counts"]["passed"] == 3
+    assert json.loads(output)["counts"]["passed"] == 3
 
 
 def test_what_was_done_before_an_interruption_is_not_done_again(laptop: Laptop) -> None:

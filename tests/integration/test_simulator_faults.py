@@ -19,18 +19,18 @@ pytestmark = pytest.mark.integration
 
 Start = Callable[..., RunningAgent]
 
-# A node that hears the odometry and then does what the test says.
+# A node that receives the odometry and then does what the test says.
 NODE = """
 import os, rospy, sys, time
 from geometry_msgs.msg import Twist, PointStamped
 from nav_msgs.msg import Odometry
 rospy.init_node("node")
-heard = [0]
-def hear(odometry):
-    heard[0] += 1
+received = [0]
+def on_odometry(odometry):
+    received[0] += 1
     {body}
 commands = rospy.Publisher("/cmd", {kind}, queue_size=10)
-rospy.Subscriber("/ego/odom", Odometry, hear)
+rospy.Subscriber("/ego/odom", Odometry, on_odometry)
 rospy.spin()
 """
 # Time enough for a node on a busy machine to answer in.
@@ -69,7 +69,7 @@ def test_a_stack_that_may_be_silent_and_is_proves_nothing(
 def test_an_answer_that_is_missing_now_and_then_is_counted(
     tmp_path: Path, start_agent: Start
 ) -> None:
-    body = "heard[0] % 10 and commands.publish(Twist())"
+    body = "received[0] % 10 and commands.publish(Twist())"
     # Ten answers are waited for in vain; the others must not come later than this.
     row = drive(start_agent(path=PATH), tmp_path, body, steps=[STEP | {"deadline": "1s"}])
     assert row["outcome"] == "passed", row
@@ -77,7 +77,7 @@ def test_an_answer_that_is_missing_now_and_then_is_counted(
     assert (step["released"], step["answered"], step["no_output"]) == (100, 90, 10)
 
 
-def test_a_stack_that_publishes_no_control_message_is_told_which_ones_there_are(
+def test_the_error_of_a_stack_without_control_messages_lists_their_types(
     tmp_path: Path, start_agent: Start
 ) -> None:
     row = drive(
@@ -94,11 +94,11 @@ def test_a_wish_that_is_no_number_is_an_error(tmp_path: Path, start_agent: Start
     assert "asks for the speed nan" in row["message"]
 
 
-def test_a_stack_that_dies_in_the_middle_is_told_with_its_last_words(
+def test_a_stack_that_dies_in_the_middle_is_reported_with_its_last_lines(
     tmp_path: Path, start_agent: Start
 ) -> None:
     body = """commands.publish(Twist())
-    if heard[0] == 30:
+    if received[0] == 30:
         sys.stderr.write("the brakes are on fire\\n"); sys.stderr.flush(); os._exit(3)"""
     agent = start_agent(path=PATH)
     begun = time.monotonic()
@@ -128,7 +128,7 @@ def test_a_worker_that_dies_in_the_middle_leaves_a_free_slot_and_no_stack(
         os._exit(0)
     deadline, pause = time.monotonic() + 90, threading.Event()
     while not mark.exists():
-        assert time.monotonic() < deadline, "the stack never heard anything"
+        assert time.monotonic() < deadline, "the stack never received anything"
         pause.wait(0.01)
     os.kill(worker, signal.SIGKILL)
     os.waitpid(worker, 0)

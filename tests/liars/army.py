@@ -32,8 +32,8 @@ LIBRARIES = [
 
 
 @dataclass(frozen=True)
-class Told:
-    """What was said of a row by the criterion that it names, and the marks of its stack."""
+class RowResult:
+    """What the criterion that a row names reported, and the marks of the row's stack."""
 
     outcome: str
     reason: str
@@ -45,15 +45,15 @@ class Told:
         return f"{self.outcome} {self.reason}: {self.words} (case: {self.case['message']})"
 
 
-def judged(row: Row, case: dict[str, Any], marks: dict[str, int]) -> Told:
+def judged(row: Row, case: dict[str, Any], marks: dict[str, int]) -> RowResult:
     """A line of the results, as it were if the job had the row's criterion alone."""
     named = [c for c in case.get("criteria") or [] if c["name"] == row.asked.criterion]
     if case["reason"] not in _OF_CRITERIA or not named:
-        return Told(case["outcome"], case["reason"], case["message"], marks, case)
+        return RowResult(case["outcome"], case["reason"], case["message"], marks, case)
     (found,) = named
     finding = Finding(found["name"], found["kind"], found["outcome"], message=found["message"])
     outcome, reason, message = verdict([finding])
-    return Told(outcome, reason, f"{found['message']} {message}", marks, case)
+    return RowResult(outcome, reason, f"{found['message']} {message}", marks, case)
 
 
 def compiled(folder: Path) -> Path:
@@ -81,22 +81,22 @@ class Army:
         self.marks.mkdir()
         self.liar = compiled(cache)
         self._jobs = ThreadPoolExecutor(jobs)
-        self._told: dict[str, Future[dict[str, dict[str, Any]]]] = {}
+        self._results: dict[str, Future[dict[str, dict[str, Any]]]] = {}
         recordings.write_all(folder / "recordings")
 
     def start(self, rows: Iterable[Row]) -> None:
-        """Run these rows; `told` waits for each."""
+        """Run these rows; `result_of` waits for each."""
         by_job: dict[str, list[Row]] = {}
         for row in rows:
             by_job.setdefault(row.asked.job.name, []).append(row)
         for shared in by_job.values():
             ended = self._jobs.submit(self._run, shared)
-            self._told.update({row.name: ended for row in shared})
+            self._results.update({row.name: ended for row in shared})
 
-    def told(self, row: Row) -> Told:
+    def result_of(self, row: Row) -> RowResult:
         """What came of a row. Raises AssertionError where its job has no line of it."""
-        cases = self._told[row.name].result()
-        assert row.name in cases, f"no line tells of {row.name}: {sorted(cases)}"
+        cases = self._results[row.name].result()
+        assert row.name in cases, f"no line is about {row.name}: {sorted(cases)}"
         found = self.marks.glob(f"{row.name}.*")
         marks = {path.suffix[1:]: len(path.read_text().splitlines()) for path in found}
         return judged(row, cases[row.name], marks)

@@ -1,4 +1,4 @@
-"""What the stacks are asked: how the drive is played to them, and what is good enough.
+"""What the stacks are asked: how the drive is played to them, and by which limits they pass.
 
 The criteria are those that a user in good faith would write, and no stricter: what a liar gets by
 has to be caught by Bagpipe, and not by a criterion that was written against it. A job asks all of

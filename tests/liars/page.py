@@ -39,7 +39,7 @@ def _parts() -> Iterator[str]:
     yield f"## The {len(LIARS)} that lie"
     for name in dict.fromkeys(row.of for row in LIARS):
         yield from ["", f"### {name[0].upper()}{name[1:]}", ""]
-        yield from ["| what the stack does | asked | said |", "|---|---|---|"]
+        yield from ["| what the stack does | asked | outcome |", "|---|---|---|"]
         yield from _lines(row for row in LIARS if row.of == name)
     yield from ["", f"## The {len(HONEST)} that only look as if they did", ""]
     yield "Each of these passes."
@@ -50,9 +50,9 @@ def _parts() -> Iterator[str]:
 
 def _lines(rows: Iterable[Row]) -> Iterator[str]:
     for row in rows:
-        said = " or ".join(f"`{word}`" for word in row.outcome.split("|"))
+        outcome = " or ".join(f"`{word}`" for word in row.outcome.split("|"))
         reason = f", {row.reason}" if row.reason else ""
-        yield f"| {row.does} | {_asked(row.asked)} | {said}{reason} |"
+        yield f"| {row.does} | {_asked(row.asked)} | {outcome}{reason} |"
 
 
 def _asked(question: Question) -> str:
@@ -70,7 +70,7 @@ def _asked(question: Question) -> str:
     return (f"`{kind} {{{bounds}}}`" if bounds else f"`{kind}`") + f"{expected}, {mode}"
 
 
-# Of each kind, the fields that tell its criteria apart.
+# Of each kind, the fields that distinguish its criteria.
 SHOWN = {
     "presence": ("min", "max"),
     "rate": ("min",),

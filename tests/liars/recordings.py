@@ -38,8 +38,8 @@ def _write(path: Path, begin: int, poses: int) -> None:
         for number in range(poses):
             time = begin + number * STEP_NS
             # What is true, the old software has answered as well, a little later.
-            said = {"/pose": (1.0, 0.0, 0), "/truth": (2.0, 1.0, 0), "/answer": (2.0, 1.0, 1)}
-            for topic, (scale, y, late) in said.items():
+            answered = {"/pose": (1.0, 0.0, 0), "/truth": (2.0, 1.0, 0), "/answer": (2.0, 1.0, 1)}
+            for topic, (scale, y, late) in answered.items():
                 message = _pose(number, time, scale * number, y, topic)
                 data = _STORE.serialize_ros1(message, _POSE)
                 writer.write(connections[topic], time + late * 1_000_000, data)

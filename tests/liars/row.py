@@ -1,4 +1,4 @@
-"""What a row of the table is: a stack, what it is asked, and what must be said of it."""
+"""What a row of the table is: a stack, what it is asked, and what its result must be."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ PYTHON = "/usr/bin/python3"
 
 @dataclass(frozen=True)
 class Row:
-    """One stack. `outcome` may name several, by bars; `says` are pieces of what is said."""
+    """One stack. `outcome` may name several, by bars; `says` are pieces of the message."""
 
     name: str
     of: str

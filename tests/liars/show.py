@@ -1,4 +1,4 @@
-"""Prints what was said of rows: python -m tests.liars.show [NAME ...]."""
+"""Prints the results of rows: python -m tests.liars.show [NAME ...]."""
 
 import os
 import sys
@@ -19,14 +19,14 @@ def main(names: list[str]) -> int:
         army.start(wanted)
         for row in wanted:
             try:
-                told = army.told(row)
+                result = army.result_of(row)
             except AssertionError as error:
                 print(f"{row.name:22}|{str(error)[-300:]!r}", flush=True)
                 continue
-            said = f"{told.outcome} {told.reason}"
-            wrong = "" if told.outcome in row.outcome.split("|") else "WRONG"
-            ran = "" if all(told.marks.get(mark) for mark in row.marks) else "NOT RUN"
-            print(f"{row.name:22}|{row.outcome:14}|{said:26}|{wrong}{ran}|{told.words[:250]!r}")
+            found = f"{result.outcome} {result.reason}"
+            wrong = "" if result.outcome in row.outcome.split("|") else "WRONG"
+            ran = "" if all(result.marks.get(mark) for mark in row.marks) else "NOT RUN"
+            print(f"{row.name:22}|{row.outcome:14}|{found:26}|{wrong}{ran}|{result.words[:250]!r}")
         army.end()
     return 0
 

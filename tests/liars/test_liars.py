@@ -35,13 +35,13 @@ def army(
 # Promise: no-evidence-no-pass
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row.name)
-def test_every_stack_is_told_for_what_it_is(army: Army, row: Row) -> None:
-    told = army.told(row)
-    summary = str(told)
+def test_every_stack_is_judged_for_what_it_is(army: Army, row: Row) -> None:
+    result = army.result_of(row)
+    summary = str(result)
     for mark in row.marks:
-        assert told.marks.get(mark), f"the stack has not run: {summary}"
-    assert told.outcome in row.outcome.split("|"), summary
+        assert result.marks.get(mark), f"the stack has not run: {summary}"
+    assert result.outcome in row.outcome.split("|"), summary
     if row.reason:
-        assert told.reason == row.reason, summary
+        assert result.reason == row.reason, summary
     for piece in row.says:
-        assert piece in told.words, summary
+        assert piece in result.words, summary

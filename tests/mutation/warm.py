@@ -33,11 +33,11 @@ def ask(address: str) -> int:
 def serve(address: str, tests: list[str]) -> int:
     """Answer until killed; not 0 where the tests fail before anything is broken."""
     begun = time.monotonic()
-    told = Path("modules")
-    if status := _run(tests, told, FIRST_SECONDS):
+    list_of_modules = Path("modules")
+    if status := _run(tests, list_of_modules, FIRST_SECONDS):
         return status
     longest = TIMES_LONGER * (time.monotonic() - begun) + SECONDS_MORE
-    _import(told.read_text().split())
+    _import(list_of_modules.read_text().split())
     # A file that changes twice within a second would be taken for what it was.
     sys.dont_write_bytecode = True
     os.environ["PYTHONDONTWRITEBYTECODE"] = "1"
@@ -70,11 +70,11 @@ def _import(names: list[str]) -> None:
             print(f"not kept: {name}: {fault}", file=sys.stderr)
 
 
-def _run(tests: list[str], told: Path, longest: float) -> int:
+def _run(tests: list[str], list_of_modules: Path, longest: float) -> int:
     import contextlib  # noqa: PLC0415
     import multiprocessing  # noqa: PLC0415
 
-    run = multiprocessing.get_context("fork").Process(target=_pytest, args=(tests, told))
+    run = multiprocessing.get_context("fork").Process(target=_pytest, args=(tests, list_of_modules))
     run.start()
     run.join(longest)
     with contextlib.suppress(ProcessLookupError):
@@ -83,12 +83,12 @@ def _run(tests: list[str], told: Path, longest: float) -> int:
     return 70 if run.exitcode is None or run.exitcode < 0 else run.exitcode
 
 
-def _pytest(tests: list[str], told: Path) -> None:
+def _pytest(tests: list[str], list_of_modules: Path) -> None:
     os.setsid()
     import pytest  # noqa: PLC0415
 
     status = pytest.main(["-q", "-x", "--no-header", "-p", "no:cacheprovider", *tests])
-    told.write_text("\n".join(foreign(dict(sys.modules), Path.cwd())))
+    list_of_modules.write_text("\n".join(foreign(dict(sys.modules), Path.cwd())))
     sys.stdout.flush()
     os._exit(status)
 

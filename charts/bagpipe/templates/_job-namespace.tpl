@@ -1,4 +1,4 @@
-{{- /* What a namespace of jobs has. The chart bagpipe-namespace links to this file: rights are said once. */ -}}
+{{- /* What a namespace of jobs has. The chart bagpipe-namespace links to this file, so that rights are defined once. */ -}}
 
 {{/* What Spark's driver does with the API server in client mode: it creates executors, lists and
      watches them, deletes single ones by name and, when it stops, all of its own by label

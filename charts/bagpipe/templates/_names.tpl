@@ -37,7 +37,7 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
 {{- end }}
 
 {{/* The namespaces that the operator watches, with commas; none of them means all, which has to be
-     said: an empty list must never come to the whole cluster by itself. */}}
+     stated: an empty list must never come to the whole cluster by itself. */}}
 {{- define "bagpipe.watched" -}}
 {{- $named := .Values.watchNamespaces | default .Values.jobNamespaces -}}
 {{- if and .Values.clusterWide .Values.watchNamespaces }}

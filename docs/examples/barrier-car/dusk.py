@@ -32,11 +32,11 @@ class Driver:
     def feel(self, odometry):
         self.take(self.odometry, odometry, odometry.pose.pose)
 
-    def take(self, heard, message, value):
+    def take(self, received, message, value):
         """The recording's stamps are those of the drive, so the two of a moment have the same."""
         stamp = message.header.stamp.to_nsec()
         with self.turn:
-            heard[stamp] = value
+            received[stamp] = value
             if stamp in self.frames and stamp in self.odometry:
                 self.drive(self.frames.pop(stamp), self.odometry.pop(stamp))
 

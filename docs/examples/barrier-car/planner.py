@@ -65,8 +65,8 @@ class Planner:
         self.odometry = None
         self.obstacles = None
 
-    def hear(self, odometry=None, obstacles=None):
-        """Take in (time, what was heard); answer when the times meet."""
+    def receive(self, odometry=None, obstacles=None):
+        """Take in (time, what was received); answer when the times meet."""
         self.odometry = odometry or self.odometry
         self.obstacles = obstacles or self.obstacles
         if not self.odometry or not self.obstacles or self.odometry[0] != self.obstacles[0]:
@@ -89,24 +89,24 @@ def main():
 
     planner = Planner(steer)
 
-    def hear_odometry(message):
+    def receive_odometry(message):
         pose = message.pose.pose
         heading = 2 * math.atan2(pose.orientation.z, pose.orientation.w)
         with turn:
-            planner.hear(
+            planner.receive(
                 odometry=(
                     message.header.stamp.to_sec(),
                     (pose.position.x, pose.position.y, heading),
                 )
             )
 
-    def hear_obstacles(message):
+    def receive_obstacles(message):
         points = [(pose.position.x, pose.position.y) for pose in message.poses]
         with turn:
-            planner.hear(obstacles=(message.header.stamp.to_sec(), points))
+            planner.receive(obstacles=(message.header.stamp.to_sec(), points))
 
-    rospy.Subscriber("/ego/odom", Odometry, hear_odometry, queue_size=10)
-    rospy.Subscriber("/obstacles", PoseArray, hear_obstacles, queue_size=10)
+    rospy.Subscriber("/ego/odom", Odometry, receive_odometry, queue_size=10)
+    rospy.Subscriber("/obstacles", PoseArray, receive_obstacles, queue_size=10)
     rospy.spin()
 
 

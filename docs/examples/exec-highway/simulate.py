@@ -103,7 +103,7 @@ def trajectory(rows: list[list[Any]]) -> bytes:
 
 
 def main() -> int:
-    """One case: stdin to stdout; whatever is said goes to stderr."""
+    """One case: stdin to stdout; all messages go to stderr."""
     # A library that prints must not print between the frames.
     stream, sys.stdout = sys.stdout.buffer, sys.stderr
     (scenario,) = [json.loads(data) for _, data in read_files(sys.stdin.buffer)]

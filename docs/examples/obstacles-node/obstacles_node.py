@@ -3,7 +3,7 @@
 Subscribes to `points` (sensor_msgs/PointCloud2) and publishes, for each scan, `obstacles`
 (geometry_msgs/PoseArray): the middles of the clusters, the largest cluster first, in the sensor's
 frame. The stamp is the time at which the scan came in, so that a recording whose own stamps are
-of another day still tells how long the answer took. `~least_points` is what a cluster needs.
+of another day still shows how long the answer took. `~least_points` is what a cluster needs.
 """
 
 import numpy as np

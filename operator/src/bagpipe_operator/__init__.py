@@ -12,7 +12,8 @@ Each folder imports only those below it (import-linter's contracts in pyproject.
 And of jobs:
 
     reconcile, watch, sweep     the loop: observe, decide, write, report; and what wakes it
-    kueue, teller, metrics      a job's place in its queue; its Events; what is counted
+    kueue, event_recorder       a job's place in its queue; its Events
+    metrics                     what is counted
     status, policies            what to write, and by which rules (pure, but for resume)
     observation                 what a status is decided on
     driver, troubles, pods      what the driver reports, what pods wait for, how pods look

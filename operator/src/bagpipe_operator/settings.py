@@ -69,7 +69,8 @@ class Settings:
 
     lease_seconds: int = 9
     """BAGPIPE_LEASE_SECONDS: how long a leader may be silent before another takes over. With one
-    look of the other (a fifth of it) that is 11 s; shorter would cost more calls and bear less."""
+    look of the other (a fifth of it) that is 11 s; shorter would cost more calls and
+    tolerate less."""
 
     own_evaluators: bool = False
     """BAGPIPE_OWN_EVALUATORS: true or false; true lets jobs bring Python of their own into Spark's

@@ -1,4 +1,4 @@
-// A detector of the paper's latency: sleeps as many milliseconds as it was told for each byte of a
+// A detector of the paper's latency: sleeps a given number of milliseconds for each byte of a
 // record, which stands for an image, and answers "done". It starts in no time, as the sleeping is
 // the whole of the workload.
 #include <chrono>

@@ -149,7 +149,7 @@ def compile_into(program: Program, folder: Path, target: Path) -> None:
     if done.returncode:
         last = "\n".join(done.stderr.splitlines()[-20:])
         raise ClusterError(
-            f"Building {program.folder} failed. Its compiler said last:\n{last}\n"
+            f"Building {program.folder} failed. The compiler's last lines:\n{last}\n"
             "If a download failed, run the same command again: what is built stays built."
         )
 

@@ -1,4 +1,4 @@
-"""The cluster's certificates, made anew by openssl for each cluster."""
+"""The cluster's certificates: openssl makes new ones for each cluster."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from . import cgroups, network, processes
 from .failure import ClusterError, wait_until
 from .places import API_PORT, FIRST, NAME, RUN, STATE, Node, possible_nodes
 
-# Folders that the kubelet, CNI and containerd's shims use whatever they are told.
+# Folders that the kubelet, CNI and containerd's shims use whatever their configuration says.
 SHARED = [
     Path("/var/lib/cni/results"),
     Path("/var/lib/cni"),
@@ -64,7 +64,7 @@ def stop_rank(name: str) -> int:
 
 
 def remove_shim_sockets(node: Node) -> None:
-    """A killed shim leaves its socket, whose place only its own address file tells."""
+    """A killed shim leaves its socket, whose place only its own address file names."""
     for address in node.run.glob("containerd/io.containerd.runtime.v2.task/*/*/address"):
         socket = Path(address.read_text().strip().removeprefix("unix://"))
         if socket.parent == Path("/run/containerd/s"):

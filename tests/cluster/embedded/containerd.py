@@ -83,8 +83,8 @@ def ctr(node: Node, *arguments: str | Path) -> str:
         [*command, *map(str, arguments)], capture_output=True, text=True, check=False
     )
     if done.returncode:
-        said = done.stderr.strip() or done.stdout.strip()
-        raise ClusterError(f"`ctr {' '.join(map(str, arguments))}` failed: {said}")
+        output = done.stderr.strip() or done.stdout.strip()
+        raise ClusterError(f"`ctr {' '.join(map(str, arguments))}` failed: {output}")
     return done.stdout
 
 

@@ -65,7 +65,7 @@ def apiserver_flags() -> list[str]:
 def controller_manager_flags(count: int) -> list[str]:
     """`count` is the number of nodes."""
     kubeconfig = PKI / "controller-manager.kubeconfig"
-    # One node can't be cut off: silence means a busy machine there, and is borne as long as usual.
+    # One node can't be cut off: silence means a busy machine there and is tolerated as usual.
     grace = [f"--node-monitor-grace-period={SILENCE_SECONDS}s"] if count > 1 else []
     return [
         *grace,

@@ -35,6 +35,6 @@ def wait_until(
     pause = threading.Event()
     while not holds():
         if time.monotonic() > deadline:
-            said = f"\nThe last lines of {log}:\n{tail(log)}" if log else ""
-            raise ClusterError(f"{what} did not happen within {seconds:.0f} s.{said}")
+            lines = f"\nThe last lines of {log}:\n{tail(log)}" if log else ""
+            raise ClusterError(f"{what} did not happen within {seconds:.0f} s.{lines}")
         pause.wait(interval)

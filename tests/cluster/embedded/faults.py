@@ -163,7 +163,7 @@ class SmallVolume:
         with (self.folder / BALLAST).open("ab") as file:
             wanted = self.free() - leave
             if wanted > 0:
-                os.posix_fallocate(file.fileno(), file.tell(), wanted)
+                os.posix_fallocate(file.fileno(), file.seek(0, os.SEEK_END), wanted)
 
     def relieve(self) -> None:
         """Give the space of `fill` back."""

@@ -134,7 +134,7 @@ def up(count: int | None = None) -> None:
             if not found:
                 print(f"  the cluster is up; KUBECONFIG={KUBECONFIG}")
                 return
-            print("  " + " ".join(found) + " Starting anew.", flush=True)
+            print("  " + " ".join(found) + " Starting again.", flush=True)
         cleaning.down()
         start(binaries, count)
         took = time.monotonic() - began

@@ -21,7 +21,7 @@ def machine_memory(meminfo: str) -> int:
 
 
 def several_nodes(count: int, memory: int) -> Object:
-    """What a kubelet is told when the machine of `memory` KiB carries `count` of them.
+    """A kubelet's configuration where the machine of `memory` KiB carries `count` of them.
 
     Each would offer all of the machine. Memory is shared out, so that the nodes together never
     promise more than there is; processors are not, for they can be shared while in use.

@@ -83,8 +83,8 @@ def tool(name: str, command: list[str], least: Version, what_for: str) -> str | 
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     found = version_in(done.stdout + done.stderr)
     if found < least:
-        said = dotted(found) or "of an unknown version"
-        return f"{name} is {said}, and {what_for} needs {dotted(least)} or newer."
+        version = dotted(found) or "of an unknown version"
+        return f"{name} is {version}, and {what_for} needs {dotted(least)} or newer."
     return None
 
 
@@ -170,7 +170,7 @@ def languages() -> list[str]:
         lambda: tool("Rust", ["cargo", "--version"], (1, 88), "build the agent"),
         lambda: tool("Python", ["python3", "--version"], (3, 11), "run Bagpipe"),
     ]
-    return [said for said in (check() for check in checks) if said]
+    return [message for message in (check() for check in checks) if message]
 
 
 def old_java() -> str | None:
@@ -204,7 +204,7 @@ def apt(*arguments: str) -> None:
     )
     if done.returncode:
         last = "\n".join((done.stdout + done.stderr).splitlines()[-10:])
-        raise ClusterError(f"`{' '.join(command)}` failed; it said last:\n{last}")
+        raise ClusterError(f"`{' '.join(command)}` failed; its last lines:\n{last}")
 
 
 @contextmanager

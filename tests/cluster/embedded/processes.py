@@ -62,7 +62,7 @@ def stat_of(pid: int) -> tuple[str, int] | None:
 
 
 def boot() -> str:
-    """What tells this run of the machine from the one before its last restart."""
+    """The kernel's id of this run of the machine, another one after each restart."""
     return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
 
 

@@ -19,7 +19,7 @@ RESULTS = Path("/var/lib/cni/results")
 
 
 def named(folder: Path) -> list[Path]:
-    """The files of a folder that bear the cluster's name, alone or before a dash."""
+    """The files of a folder that have the cluster's name, alone or before a dash."""
     if not folder.is_dir():
         return []
     return sorted(p for p in folder.iterdir() if p.name == NAME or p.name.startswith(f"{NAME}-"))

@@ -55,7 +55,7 @@ class Campaign:
     _lax: bool = False
     _counted: set[str] = field(default_factory=set)
 
-    def run(self, seconds: float, first: int, tell: Callable[[str], None]) -> None:
+    def run(self, seconds: float, first: int, report: Callable[[str], None]) -> None:
         """Batches until the time is over; raises AssertionError for the first that failed."""
         until, number = time.monotonic() + seconds, first
         while time.monotonic() < until:
@@ -66,7 +66,7 @@ class Campaign:
                 self._batch(number, cases)
             except AssertionError as error:
                 raise AssertionError(self._saved(number, cases, error)) from error
-            tell(f"batch {number}{' (any CRD)' if lax else ''}: {self.canaries.told()}")
+            report(f"batch {number}{' (any CRD)' if lax else ''}: {self.canaries.summary()}")
             number += 1
         self._set_crds(False)
         # Over what was stored while the CRDs let anything pass.
@@ -181,8 +181,8 @@ def seeded_batch(seed: int, number: int, lax: bool) -> list[Manifest]:
 
 def ended_by(status: Json) -> str:
     """The reason for which a job has ended, with its phase; empty as long as it has not."""
-    told = status.get("conditions") if isinstance(status, dict) else None
-    for condition in told if isinstance(told, list) else ():
+    conditions = status.get("conditions") if isinstance(status, dict) else None
+    for condition in conditions if isinstance(conditions, list) else ():
         if isinstance(condition, dict) and condition.get("status") == "True":
             type_, reason = condition.get("type"), str(condition.get("reason"))
             if type_ in {"Complete", "Failed"}:

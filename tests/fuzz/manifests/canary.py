@@ -86,12 +86,12 @@ class Canaries:
 
     @staticmethod
     def _judge(status: Object) -> None:
-        told = {c["type"]: c["status"] for c in status["conditions"]}
+        found = {c["type"]: c["status"] for c in status["conditions"]}
         right = {"Complete": "True", "Failed": "False", "Passed": "True"}
-        if {type_: told.get(type_) for type_ in right} != right:
-            raise CanaryError(f"a canary ended as {status['phase']} with {told}")
+        if {type_: found.get(type_) for type_ in right} != right:
+            raise CanaryError(f"a canary ended as {status['phase']} with {found}")
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """How many flew, and in which time."""
         if not self.seconds:
             return "no canary"

@@ -69,7 +69,7 @@ POD_STATUS = _record(
 
 def account(rng: random.Random) -> str:
     """A driver's account: as a driver writes it, with fields of any value, or no account at all."""
-    told: Json = {
+    account: Json = {
         "phase": rng.choice(("Planning", "Running", "Complete", "Failed")),
         "reason": rng.choice(("", "SparkGone", "DriverFailed", "x" * 300)),
         "message": rng.choice(values.TEXTS),
@@ -82,10 +82,10 @@ def account(rng: random.Random) -> str:
         "uid": "",
     }
     if rng.random() < 0.3:
-        told[rng.choice([*told])] = values.tree(rng)
+        account[rng.choice([*account])] = values.tree(rng)
     if rng.random() < 0.1:
         return rng.choice(('{"phase":', "[" * 3_000, "NaN", "{}", "null", '"\\ud800"', "9" * 4_000))
-    return json.dumps(told)
+    return json.dumps(account)
 
 
 def pod_status(rng: random.Random) -> Json:

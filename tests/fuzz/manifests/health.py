@@ -9,7 +9,7 @@ from tests.integration.control_plane.operator_process import OperatorProcess
 
 # As the chart's liveness probe, but looked at more often: a kubelet would restart it after six.
 LOOK_SECONDS = 1.0
-# kopf calls it an error too when a watch is to begin anew, as after each change of a CRD.
+# kopf logs an error too when it restarts a watch, as after each change of a CRD.
 _TROUBLE = re.compile(
     r"^Traceback|unexpected fault"
     r"|^\S+ \S+ (ERROR|CRITICAL) (?!kopf\S+: Request attempt .*will retry)",
@@ -25,7 +25,7 @@ class UnhealthyError(AssertionError):
 
 @dataclass
 class Health:
-    """Looks at one operator until it is told to stop."""
+    """Looks at one operator until it is stopped."""
 
     operator: OperatorProcess
     worst: str = ""
@@ -52,7 +52,7 @@ class Health:
     def check(self) -> None:
         """Raises UnhealthyError for all that has happened since the last time."""
         if not self.operator.server.alive:
-            raise UnhealthyError(f"the operator has ended:\n{self.operator.said()[-_AFTER:]}")
+            raise UnhealthyError(f"the operator has ended:\n{self.operator.logged()[-_AFTER:]}")
         if self.worst:
             raise UnhealthyError(f"the probe of life failed: {self.worst}")
         self._read_log(self.operator.log)
@@ -60,7 +60,7 @@ class Health:
         if faults != 0.0:
             raise UnhealthyError(f"{faults} reconciles met a fault, or /metrics does not answer")
 
-    def told(self) -> str:
+    def summary(self) -> str:
         """How often the probe was asked, and what the operator takes by now."""
         memory = self.operator.metric("process_resident_memory_bytes") or 0.0
         return f"{self.looks} looks at /livez; the operator takes {memory / 2**20:.0f} MiB"
@@ -69,7 +69,7 @@ class Health:
         with log.open(errors="replace") as file:
             file.seek(self._read)
             new = file.read()
-            self._read = file.tell()
+            self._read = file.tell()  # codespell:ignore tell
         found = _TROUBLE.search(new)
         if found:
             excerpt = new[max(0, found.start() - _BEFORE) : found.start() + _AFTER]

@@ -92,7 +92,7 @@ def main() -> int:
             it.run(given.seconds, given.batch, lambda line: print(line, flush=True))
         except AssertionError as error:
             failed = str(error)
-        for line in [*it.tally.lines(), it.canaries.told(), it.health.told()]:
+        for line in [*it.tally.lines(), it.canaries.summary(), it.health.summary()]:
             print(line)
         for odd in sorted(w for w in it.tally.counts if w.startswith("odd: ")):
             print(f"{it.tally.counts[odd]} times {odd}")

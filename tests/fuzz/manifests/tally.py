@@ -1,10 +1,10 @@
-"""What a campaign has done, counted, and told in a few lines."""
+"""What a campaign has done, counted, and summarized in a few lines."""
 
 import threading
 from collections import Counter
 from dataclasses import dataclass, field
 
-# Reasons of ends that are told; a job's reason may be whatever its forged account says.
+# Reasons of ends that are listed; a job's reason may be whatever its forged account says.
 _MOST_REASONS = 25
 FORGED = ("statuses", "pods", "pod statuses", "config maps")
 PHASES = {"crd": "with the CRDs of this checkout", "any-crd": "with CRDs that let anything pass"}
@@ -33,9 +33,9 @@ class Tally:
         of = self.counts
         written = of["written"]
         shares = [
-            f"{told}: {of[f'{phase} written']} written, "
+            f"{label}: {of[f'{phase} written']} written, "
             + self._share(f"{phase} accepted", of[f"{phase} written"])
-            for phase, told in PHASES.items()
+            for phase, label in PHASES.items()
         ]
         ends = [f"{reason} {count}" for reason, count in self.ends.most_common(_MOST_REASONS)]
         accepted = self._share("accepted", written)

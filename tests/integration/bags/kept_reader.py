@@ -19,11 +19,11 @@ def main() -> None:
                     raw=True, return_connection_header=True
                 ):
                     fields = {text(key): text(value) for key, value in header.items()}
-                    said = [topic, time.to_nsec(), len(raw[1]), zlib.crc32(raw[1])]
-                    said += [fields.get("callerid", ""), int(fields.get("latching", "0"))]
-                    said += [raw[0], fields["md5sum"]]
-                    said.append(zlib.crc32(fields["message_definition"].encode()))
-                    print(*said, sep="\t")
+                    fields_out = [topic, time.to_nsec(), len(raw[1]), zlib.crc32(raw[1])]
+                    fields_out += [fields.get("callerid", ""), int(fields.get("latching", "0"))]
+                    fields_out += [raw[0], fields["md5sum"]]
+                    fields_out.append(zlib.crc32(fields["message_definition"].encode()))
+                    print(*fields_out, sep="\t")
         except Exception as error:  # noqa: BLE001  what it says is compared
             print(type(error).__name__, error)
 

@@ -23,8 +23,8 @@ _SECONDS = 600
 
 
 @dataclass(frozen=True, order=True)
-class Said:
-    """A message and its connection's header, as a reader tells them; long texts by a checksum."""
+class ReadMessage:
+    """A message and its connection's header, as a reader returns them; long texts as a checksum."""
 
     topic: str
     time: int
@@ -37,45 +37,47 @@ class Said:
     definition: int
 
 
-ReadAll = Callable[[Sequence[Path]], dict[Path, list[Said] | str]]
+ReadAll = Callable[[Sequence[Path]], dict[Path, list[ReadMessage] | str]]
 
 
-def said(topic: str, time: int, data: bytes | memoryview, header: Sequence[Any]) -> Said:
+def read_message(
+    topic: str, time: int, data: bytes | memoryview, header: Sequence[Any]
+) -> ReadMessage:
     """`header`: callerid, latching, type, md5sum, definition."""
     callerid, latching, kind, md5sum, definition = header
-    return Said(
+    return ReadMessage(
         topic, time, len(data), zlib.crc32(data), callerid or "", bool(latching),
         kind.replace("/msg/", "/"), md5sum, zlib.crc32(definition.encode()),
     )  # fmt: skip
 
 
-def by_rosbags(path: Path) -> list[Said]:
+def by_rosbags(path: Path) -> list[ReadMessage]:
     """The strictest one: it reads every INDEX record by the first one's order of fields."""
     with Reader(path) as reader:
         return [
-            said(each.topic, time, raw,
+            read_message(each.topic, time, raw,
                  (each.ext.callerid, each.ext.latching,  # type: ignore[union-attr]
                   each.msgtype, each.digest, each.msgdef.data))
             for each, time, raw in reader.messages()
         ]  # fmt: skip
 
 
-def by_bagpipe(path: Path) -> list[Said]:
+def by_bagpipe(path: Path) -> list[ReadMessage]:
     """Bagpipe itself, whose check must find nothing either."""
     bag = MemoryBag.open(path)
     checked = bag.check()
     assert checked.sound, checked.problems
     return [
-        said(each.topic, time, raw,
+        read_message(each.topic, time, raw,
              (each.callerid, each.latching, each.type, each.md5sum, each.definition))
         for each, time, raw in bag.messages()
     ]  # fmt: skip
 
 
 def _each(
-    read: Callable[[Path], list[Said]], paths: Sequence[Path]
-) -> dict[Path, list[Said] | str]:
-    found: dict[Path, list[Said] | str] = {}
+    read: Callable[[Path], list[ReadMessage]], paths: Sequence[Path]
+) -> dict[Path, list[ReadMessage] | str]:
+    found: dict[Path, list[ReadMessage] | str] = {}
     for path in paths:
         try:
             found[path] = read(path)
@@ -84,12 +86,14 @@ def _each(
     return found
 
 
-def _by_program(command: Sequence[str], paths: Sequence[Path]) -> dict[Path, list[Said] | str]:
+def _by_program(
+    command: Sequence[str], paths: Sequence[Path]
+) -> dict[Path, list[ReadMessage] | str]:
     done = subprocess.run(
         [*command, *map(str, paths)],
         capture_output=True, text=True, timeout=_SECONDS, check=True,
     )  # fmt: skip
-    found: dict[Path, list[Said] | str] = {}
+    found: dict[Path, list[ReadMessage] | str] = {}
     names = {str(path): path for path in paths}
     here = paths[0]
     for line in done.stdout.splitlines():
@@ -103,8 +107,10 @@ def _by_program(command: Sequence[str], paths: Sequence[Path]) -> dict[Path, lis
             continue
         topic, time, length, crc, callerid, latching, kind, md5sum, definition = parts
         so_far.append(
-            Said(topic, int(time), int(length), int(crc), callerid, latching == "1", kind, md5sum,
-                 int(definition))
+            ReadMessage(
+                topic, int(time), int(length), int(crc), callerid, latching == "1", kind, md5sum,
+                int(definition),
+            )
         )  # fmt: skip
     return found
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import lz4.frame
 
-from tests.integration.bags.readers import Said, said
+from tests.integration.bags.readers import ReadMessage, read_message
 
 SECOND = 1_000_000_000
 TYPES = {"std_msgs/String": "string data\n", "lab_msgs/Blob": "uint8[] data\n"}
@@ -32,9 +32,9 @@ class Topic:
     def md5sum(self) -> str:
         return hashlib.md5(TYPES[self.type].strip().encode()).hexdigest()  # noqa: S324  the format's
 
-    def said(self, time: int, data: bytes) -> Said:
+    def as_read(self, time: int, data: bytes) -> ReadMessage:
         header = (self.callerid, self.latching, self.type, self.md5sum, TYPES[self.type])
-        return said(self.name, time, data, header)
+        return read_message(self.name, time, data, header)
 
 
 @dataclass
@@ -46,19 +46,19 @@ class Source:
     in_order: bool
     messages: list[tuple[Topic, int, bytes]]
 
-    def said(self) -> list[Said]:
-        return [topic.said(time, data) for topic, time, data in self.messages]
+    def as_read(self) -> list[ReadMessage]:
+        return [topic.as_read(time, data) for topic, time, data in self.messages]
 
-    def sliced(self, start: int, end: int) -> list[Said]:
+    def sliced(self, start: int, end: int) -> list[ReadMessage]:
         """What a slice holds: the window, and at its start what was latched before."""
         latched = {
             (topic.name, topic.callerid): (topic, data)
             for topic, time, data in self.messages
             if topic.latching and time < start
         }
-        before = [topic.said(start, data) for topic, data in latched.values()]
+        before = [topic.as_read(start, data) for topic, data in latched.values()]
         inside = [m for m in self.messages if start <= m[1] < end]
-        return before + [topic.said(time, data) for topic, time, data in inside]
+        return before + [topic.as_read(time, data) for topic, time, data in inside]
 
 
 @dataclass
@@ -101,9 +101,11 @@ def packed(rng: random.Random, data: bytes, compression: str) -> bytes:
         return bz2.compress(data)
     if compression == "lz4":
         # Only with these three as ROS's own LZ4 takes it.
-        linked, checked, told = rng.choice([(False, True, False), (True, False, True)])
+        linked, checked, sized = rng.choice([(False, True, False), (True, False, True)])
         return bytes(
-            lz4.frame.compress(data, block_linked=linked, content_checksum=checked, store_size=told)
+            lz4.frame.compress(
+                data, block_linked=linked, content_checksum=checked, store_size=sized
+            )
         )
     return data
 
@@ -210,14 +212,14 @@ def chunk_of(
 
 def connection(recorder: Recorder, topic: Topic) -> bytes:
     header = [("op", b"\x07"), ("conn", u32(topic.id)), ("topic", topic.name.encode())]
-    said = [
+    inner = [
         ("topic", topic.name.encode()),
         ("type", topic.type.encode()),
         ("md5sum", topic.md5sum.encode()),
         ("message_definition", TYPES[topic.type].encode()),
     ]
     if topic.callerid is not None:
-        said.append(("callerid", topic.callerid.encode()))
+        inner.append(("callerid", topic.callerid.encode()))
     if topic.latching:
-        said.append(("latching", b"1"))
-    return recorder.header(header) + recorder.header(said)
+        inner.append(("latching", b"1"))
+    return recorder.header(header) + recorder.header(inner)

@@ -19,7 +19,13 @@ from bagpipe.source.planning import plan
 from bagpipe.source.sequence.stream import sequence_bag
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests.integration.bags.readers import ReadAll, Said, by_bagpipe, by_rosbags, kept_readers
+from tests.integration.bags.readers import (
+    ReadAll,
+    ReadMessage,
+    by_bagpipe,
+    by_rosbags,
+    kept_readers,
+)
 from tests.integration.bags.sources import SECOND, Source, source
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.recording import MESSAGES, fetch
@@ -30,7 +36,7 @@ pytestmark = pytest.mark.integration
 SOURCES = 60
 COMPRESSIONS = ("none", "lz4", "bz2")
 RELAY = ROOT / "tests/integration/nodes/relay_type.py"
-Expected = dict[Path, list[Said]]
+Expected = dict[Path, list[ReadMessage]]
 
 
 @pytest.fixture(scope="module")
@@ -42,9 +48,9 @@ def assert_all_read(readers: dict[str, ReadAll], expected: Expected) -> None:
     for name, read in readers.items():
         found = read(list(expected))
         for path, messages in expected.items():
-            told = found[path]
-            assert isinstance(told, list), f"{name}, {path.name}: {told}"
-            assert sorted(told) == sorted(messages), f"{name}, {path.name}"
+            messages_read = found[path]
+            assert isinstance(messages_read, list), f"{name}, {path.name}: {messages_read}"
+            assert sorted(messages_read) == sorted(messages), f"{name}, {path.name}"
 
 
 def written(folder: Path, name: str, bag: MemoryBag) -> Path:
@@ -81,15 +87,18 @@ def made_of(seed: int, folder: Path, binary: Path) -> Expected:
     start, end = window_of(seed)
     parts = {
         "slice": (bag.slice(start, end, compression=compression), one.sliced(start, end)),
-        "whole": (bag.slice(compression=compression), one.said()),
-        "merge": (MemoryBag.merge([bag, other], compression=compression), one.said() + two.said()),
-        "write": (rewritten(bag, compression), one.said()),
+        "whole": (bag.slice(compression=compression), one.as_read()),
+        "merge": (
+            MemoryBag.merge([bag, other], compression=compression),
+            one.as_read() + two.as_read(),
+        ),
+        "write": (rewritten(bag, compression), one.as_read()),
     }
     expected = {
         written(folder, f"{name}-{seed}", part): messages
         for name, (part, messages) in parts.items()
     }
-    expected[by_reindex(one, seed, folder, binary)] = one.said()
+    expected[by_reindex(one, seed, folder, binary)] = one.as_read()
     return expected
 
 
@@ -132,16 +141,16 @@ def test_parts_of_the_real_recording_are_read_by_all(
     readers: dict[str, ReadAll], agent_binary: Path, tmp_path: Path
 ) -> None:
     recording = fetch()
-    all_said = by_rosbags(recording)
-    first = min(each.time for each in all_said)
-    assert len(all_said) == MESSAGES
+    all_messages = by_rosbags(recording)
+    first = min(each.time for each in all_messages)
+    assert len(all_messages) == MESSAGES
     expected = {}
     for number, (start, end) in enumerate([(0, 16), (2, 9), (9, 20)]):
         path = tmp_path / f"part{number}.bag"
         agent(agent_binary, "slice", recording, "--start", str(start), "--end", str(end),
               "--output", path)  # fmt: skip
         expected[path] = [
-            each for each in all_said if start * SECOND <= each.time - first < end * SECOND
+            each for each in all_messages if start * SECOND <= each.time - first < end * SECOND
         ]
     merged = tmp_path / "merged.bag"
     agent(agent_binary, "merge", *list(expected)[1:], "--output", merged)
@@ -150,7 +159,7 @@ def test_parts_of_the_real_recording_are_read_by_all(
     cut.write_bytes(recording.read_bytes()[:-2000])
     indexed = tmp_path / "indexed.bag"
     agent(agent_binary, "reindex", cut, "--output", indexed)
-    expected[indexed] = all_said
+    expected[indexed] = all_messages
     assert all(expected.values())
     assert_all_read(readers, expected)
 

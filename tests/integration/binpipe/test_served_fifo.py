@@ -44,17 +44,17 @@ def serve() -> Iterator[Callable[[Path], int]]:
 
     yield start
     for program in programs:
-        assert program.poll() is None, "it was to serve until it is told to end"
+        assert program.poll() is None, "it was to serve until it is stopped"
         program.kill()
         program.wait(timeout=10)
 
 
 def digests(files: Path) -> dict[str, bytes]:
     """What the programs must answer, by another program's word."""
-    said = subprocess.run(
+    output = subprocess.run(
         ["sha256sum", *files.glob("*.bin")], capture_output=True, check=True, timeout=20
     ).stdout
-    lines = (line.split(maxsplit=1) for line in said.decode().splitlines())
+    lines = (line.split(maxsplit=1) for line in output.decode().splitlines())
     return {f"file://{path}": digest.encode() for digest, path in lines}
 
 

@@ -72,7 +72,7 @@ class Client:
         except urllib3.exceptions.HTTPError as error:
             raise OSError(f"{method} {path}: the API server does not answer: {error}") from error
         if answer.status >= 400:
-            raise ApiError(answer.status, _said(answer.data))
+            raise ApiError(answer.status, _message(answer.data))
         decoded: Object = answer.json()
         return decoded
 
@@ -120,7 +120,7 @@ class Client:
                 raise
 
 
-def _said(body: bytes) -> str:
+def _message(body: bytes) -> str:
     """A Status' message, or what came in its place."""
     try:
         message = json.loads(body)["message"]

@@ -62,7 +62,7 @@ def namespace(admin: Client, _helm: None) -> Iterator[str]:
 
 @pytest.fixture
 def bound_claims(admin: Client, namespace: str) -> Iterator[None]:
-    """The claims of the tests' jobs with a volume each: else a job tells after 2 s what it misses.
+    """The claims of the tests' jobs, each bound: else a job reports after 2 s what it misses.
 
     For tests of which Events there are, and of no other.
     """

@@ -45,20 +45,20 @@ STEP = {"trigger": "/scan", "answer": "/out", "deadline": "2s"}
 
 
 def result(number: int, lockstep: bool) -> dict[str, Any]:
-    """What an agent tells; every sixth time in real time with a loss on a busy machine."""
-    told = copy.deepcopy(RESULT)
+    """What an agent reports; every sixth time in real time with a loss on a busy machine."""
+    sent = copy.deepcopy(RESULT)
     if number % 6 == 2 and not lockstep:
         lost = {"received": 2, "dropped": 1, "waited_seconds": 1.0}
-        told["ledger"]["topics"][0]["subscribers"][0] |= lost
+        sent["ledger"]["topics"][0]["subscribers"][0] |= lost
         stood = {"stall_max_seconds": 0.0, "late_max_seconds": 0.0}
-        told["machine"] = stood | {"busy": True, "message": "others had the processors"}
+        sent["machine"] = stood | {"busy": True, "message": "others had the processors"}
     parts = ("assemble", "master", "stack", "subscribe", "lead_in", "play")
-    told["timings"] = dict.fromkeys(parts, 0.01)
-    told["playback"] |= {"achieved_rate": 0.97, "played_seconds": 0.2, "late_max_seconds": 0.004}
+    sent["timings"] = dict.fromkeys(parts, 0.01)
+    sent["playback"] |= {"achieved_rate": 0.97, "played_seconds": 0.2, "late_max_seconds": 0.004}
     if lockstep:
         answers = {"released": 5, "answered": 3, "no_output": 1, "skipped": 1}
-        told["playback"]["steps"] = [answers | {"waited_seconds": 0.6, "slowest_seconds": 0.4}]
-    return told
+        sent["playback"]["steps"] = [answers | {"waited_seconds": 0.6, "slowest_seconds": 0.4}]
+    return sent
 
 
 def playing(number: int) -> Script:
@@ -70,11 +70,11 @@ def playing(number: int) -> Script:
         outgoing = agent.open_outgoing()
         agent.greet(outgoing)
         threading.Event().wait(0.1)
-        told = result(number, case["playback"]["mode"] == "lockstep")
-        agent.tell(outgoing, FrameType.RESULT, told)
-        agent.tell(outgoing, FrameType.FILE, {"name": "case.bag", "size": 0})
+        sent = result(number, case["playback"]["mode"] == "lockstep")
+        agent.send(outgoing, FrameType.RESULT, sent)
+        agent.send(outgoing, FrameType.FILE, {"name": "case.bag", "size": 0})
         digest = agent._encoder.digest
-        agent.tell(outgoing, FrameType.END, {"files": 1, "bytes": 0, "digest": digest})
+        agent.send(outgoing, FrameType.END, {"files": 1, "bytes": 0, "digest": digest})
 
     return script
 
@@ -142,8 +142,8 @@ def main(folder: Path, namespace: str, *addresses: str) -> None:
     agent = PatientAgent(make_slot(shared))
     playbacks: list[dict[str, Any]] = [{}, {"mode": "lockstep", "steps": [STEP]}]
     served = []
-    for said, playback in zip(addresses, playbacks, strict=True):
-        name, address = said.split("=")
+    for named, playback in zip(addresses, playbacks, strict=True):
+        name, address = named.split("=")
         job = make_job(volumes, playback=playback)
         job = job.model_copy(update={"name": name, "namespace": namespace})
         served.append(ServedJob(folder, job, address, shared))

@@ -34,7 +34,7 @@ def fake_driver(account: str) -> Iterator[FakeDriver]:
             self.wfile.write(body)
 
         def log_message(self, *_: object) -> None:
-            """Nothing: the test tells what matters."""
+            """Nothing: the test reports what matters."""
 
     server = _bound(Handler)
     driver.ip = str(server.server_address[0])

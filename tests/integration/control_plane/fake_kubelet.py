@@ -20,7 +20,7 @@ class FakeKubelet:
     def run(self, namespace: str, pod: str, container: str = DRIVER, ip: str = "") -> None:
         """The container has started; `ip` is where a driver would serve its progress."""
         state = {"running": {"startedAt": "2026-11-20T04:00:00Z"}}
-        self._tell(namespace, pod, "Running", container, state, ready=True, ip=ip)
+        self._report(namespace, pod, "Running", container, state, ready=True, ip=ip)
 
     def end(
         self, namespace: str, pod: str, code: int = 0, message: str = "",
@@ -36,14 +36,14 @@ class FakeKubelet:
                 "finishedAt": "2026-11-20T04:00:01Z",
             }
         }
-        self._tell(namespace, pod, "Failed" if code else "Succeeded", container, state)
+        self._report(namespace, pod, "Failed" if code else "Succeeded", container, state)
 
     def wait(
         self, namespace: str, pod: str, reason: str, message: str = "", container: str = DRIVER
     ) -> None:
         """The container waits: ImagePullBackOff, CreateContainerConfigError and the like."""
         state = {"waiting": {"reason": reason, "message": message}}
-        self._tell(namespace, pod, "Pending", container, state)
+        self._report(namespace, pod, "Pending", container, state)
 
     def evict(self, namespace: str, pod: str, message: str) -> None:
         """The node has ended the pod as a whole."""
@@ -66,11 +66,11 @@ class FakeKubelet:
         """The pod's processes have ended: a deleted pod goes for good."""
         self.admin.delete(core(namespace, "pods", pod), grace_seconds=0)
 
-    def _tell(
+    def _report(
         self, namespace: str, pod: str, phase: str, container: str, state: Object,
         ready: bool = False, ip: str = "",
     ) -> None:  # fmt: skip
-        told = {
+        shown = {
             "name": container,
             "image": "example/image:1",
             "imageID": "",
@@ -78,7 +78,7 @@ class FakeKubelet:
             "restartCount": 0,
             "state": state,
         }
-        status: Object = {"phase": phase, "containerStatuses": [told]}
+        status: Object = {"phase": phase, "containerStatuses": [shown]}
         if ip:
             status |= {"podIP": ip, "podIPs": [{"ip": ip}]}
         self._patch(namespace, pod, status)

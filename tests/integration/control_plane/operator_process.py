@@ -92,7 +92,7 @@ class OperatorProcess:
                 return float(line.split()[-1])
         return None
 
-    def said(self) -> str:
+    def logged(self) -> str:
         """Its log."""
         return self.log.read_text(errors="replace")
 

@@ -94,8 +94,8 @@ def test_from_the_release_before_to_this_one(
         helm("install", "bagpipe", previous, "--create-namespace")
         assert fields(schema_of(admin.get(CRD))) == fields(schema_of(before))
         uid = admin.create(jobs(namespace), job)["metadata"]["uid"]
-        said = helm("upgrade", "bagpipe", str(CHART))
-        assert "not this release's" not in said
+        output = helm("upgrade", "bagpipe", str(CHART))
+        assert "not this release's" not in output
         assert fields(schema_of(admin.get(CRD))) == fields(schema_of(here))
         deployment = admin.get(f"/apis/apps/v1/namespaces/{SYSTEM}/deployments/bagpipe-operator")
         container = deployment["spec"]["template"]["spec"]["containers"][0]
@@ -106,12 +106,12 @@ def test_from_the_release_before_to_this_one(
         take_away(admin)
 
 
-def test_a_crd_of_somebody_else_is_left_alone_and_told(admin: Client, helm: Helm) -> None:
+def test_a_crd_of_somebody_else_is_left_alone_and_reported(admin: Client, helm: Helm) -> None:
     take_away(admin)
     before = admin.get(CRD)["metadata"]["generation"]
-    said = helm("install", "bagpipe", str(CHART), "--create-namespace")
+    output = helm("install", "bagpipe", str(CHART), "--create-namespace")
     for kind in ("simulationjobs", "simulationschedules"):
-        assert f"The CRD {kind} is not this release's" in said
+        assert f"The CRD {kind} is not this release's" in output
     assert admin.get(CRD)["metadata"]["generation"] == before
     helm("uninstall", "bagpipe")
     assert all(admin.exists(crd) for crd in CRDS)

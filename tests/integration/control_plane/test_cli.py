@@ -83,19 +83,23 @@ def manifest(name: str = "lane", **spec: Any) -> Object:
     return {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"} | job
 
 
-def tell(admin: Client, namespace: str, name: str, conditions: list[Object], **status: Any) -> None:
+def report(
+    admin: Client, namespace: str, name: str, conditions: list[Object], **status: Any
+) -> None:
     """What the operator would write."""
     moment = {"lastTransitionTime": "2026-11-20T04:00:00Z"}
-    told = {"conditions": [c | moment for c in conditions]} | status
-    admin.merge(jobs(namespace, name) + "/status", {"status": told})
+    reported = {"conditions": [c | moment for c in conditions]} | status
+    admin.merge(jobs(namespace, name) + "/status", {"status": reported})
 
 
-def tell_end(admin: Client, namespace: str, name: str, verdict: str, **status: Any) -> None:
+def report_end(admin: Client, namespace: str, name: str, verdict: str, **status: Any) -> None:
     kind = "Complete" if verdict else "Failed"
-    said = condition(kind, True, "AllCasesRan" if verdict else "StackImageUnavailable", "It ended.")
+    ended = condition(
+        kind, True, "AllCasesRan" if verdict else "StackImageUnavailable", "It ended."
+    )
     cases = {"planned": 4, "passed": 4}
     judged = {"verdict": verdict} if verdict else {}
-    tell(admin, namespace, name, [said], phase=kind, cases=cases, **judged, **status)
+    report(admin, namespace, name, [ended], phase=kind, cases=cases, **judged, **status)
 
 
 def test_submit_creates_the_job_and_says_what_to_do_next(
@@ -146,7 +150,7 @@ def test_a_dry_run_is_judged_and_not_kept(program: Program, admin: Client, names
         ({"stack": {"image": "i"}}, ["  spec.stack.command: Required value"]),
     ],
 )
-def test_a_refused_job_is_told_in_sentences(
+def test_a_refused_job_is_reported_in_sentences(
     program: Program, admin: Client, namespace: str, changed: Object, sentences: list[str]
 ) -> None:
     done = program("submit", "-", "--wait", given=json.dumps(manifest("lane", **changed)))
@@ -169,11 +173,11 @@ def test_submit_waits_and_ends_with_the_verdict(
     words = ("submit", "-", "--wait", "--timeout", "300s", "--output", "json")
     done = later.submit(program, *words, given=given)
     wait_until(lambda: admin.exists(jobs(namespace, "lane")), WAIT_SECONDS, "no job was made")
-    tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
-    tell_end(admin, namespace, "lane", verdict)
+    report(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
+    report_end(admin, namespace, "lane", verdict)
     ended = done.result(WAIT_SECONDS)
-    told = json.loads(ended.stdout)
-    assert (ended.status, told["verdict"], told["cases"]["passed"]) == (status, verdict, 4)
+    found = json.loads(ended.stdout)
+    assert (ended.status, found["verdict"], found["cases"]["passed"]) == (status, verdict, 4)
     assert "job lane is created" in ended.stderr
 
 
@@ -182,13 +186,15 @@ def test_watch_follows_a_job_through_trouble_to_its_end(
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
     stuck = condition("Running", False, "VolumeMissing", "The claim drives does not exist.")
-    tell(admin, namespace, "lane", [stuck], phase="Pending")
+    report(admin, namespace, "lane", [stuck], phase="Pending")
     words = ("watch", "lane", "-n", namespace, "--timeout", "300s")
     with CliProcess(control_plane.kubeconfig, *words) as watch:
         watch.read_until(" Pending; VolumeMissing: The claim drives does not exist.")
-        tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 2})
+        report(
+            admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 2}
+        )
         watch.read_until(" Running; 2 of 4 cases: 2 passed")
-        tell_end(admin, namespace, "lane", "Failed", results="s3://results/lane/x")
+        report_end(admin, namespace, "lane", "Failed", results="s3://results/lane/x")
         assert watch.end() == 1
         lines = watch.plain().splitlines()
     assert lines[-4].endswith("Complete; 4 of 4 cases: 4 passed; AllCasesRan: It ended.")
@@ -197,7 +203,7 @@ def test_watch_follows_a_job_through_trouble_to_its_end(
     assert len(lines) == 6
 
 
-def test_watch_outlives_an_api_server_that_is_started_anew(
+def test_watch_outlives_an_api_server_that_is_restarted(
     control_plane: ControlPlane, admin: Client, namespace: str
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
@@ -206,7 +212,7 @@ def test_watch_outlives_an_api_server_that_is_started_anew(
         watch.read_until("NotSeen: The operator has not looked at the job yet.")
         control_plane.stop_api_server()
         control_plane.start_api_server()
-        tell_end(admin, namespace, "lane", "Passed")
+        report_end(admin, namespace, "lane", "Passed")
         assert watch.end(250) == 0
 
 
@@ -266,7 +272,7 @@ def test_a_cluster_without_bagpipe(control_plane: ControlPlane, admin: Client) -
             install_crd(admin, {**each, "metadata": kept, "status": {}})
 
 
-def test_who_may_not_is_told_how_to_find_out(
+def test_who_may_not_learns_how_to_find_out(
     control_plane: ControlPlane, namespace: str, tmp_path: Path
 ) -> None:
     config = tmp_path / "config"
@@ -300,7 +306,7 @@ def test_the_role_of_the_page_is_enough(
     words = ("submit", "-", "--wait", "--timeout", "300s", "-n", namespace)
     done = later.submit(run, config, *words, given=given)
     wait_until(lambda: admin.exists(jobs(namespace, "lane")), WAIT_SECONDS, "no job was made")
-    tell_end(admin, namespace, "lane", "Passed")
+    report_end(admin, namespace, "lane", "Passed")
     assert done.result(WAIT_SECONDS).status == 0
     logs = run(config, "logs", "lane", "-n", namespace)
     assert "the job has no driver" in logs.stdout
@@ -320,7 +326,7 @@ def test_the_pipeline_of_the_page_ends_with_the_verdict(
     wait_until(lambda: bool(admin.items(jobs(namespace))), WAIT_SECONDS, "no job was made")
     [made] = admin.items(jobs(namespace))
     assert made["spec"]["stack"]["image"] == pipeline.IMAGE
-    tell_end(admin, namespace, made["metadata"]["name"], verdict, results=folder.as_uri())
+    report_end(admin, namespace, made["metadata"]["name"], verdict, results=folder.as_uri())
     ended = done.result(WAIT_SECONDS)
     assert ended.returncode == status, ended.stderr
     assert (tmp_path / "results.txt").read_text().startswith(verdict)
@@ -343,15 +349,15 @@ def test_results_by_name_and_logs_of_a_case(
     program: Program, admin: Client, namespace: str, tmp_path: Path
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
-    tell(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
+    report(admin, namespace, "lane", RUNNING, phase="Running", cases={"planned": 4, "passed": 1})
     assert "is Running, 1 of 4 cases are done" in program("results", "lane").stderr
     rows = [make_row("a-0"), make_row("a-1", "errored", "StackExited") | {"stderr": ["boom"]}]
     folder = publish(tmp_path, rows)
     uri = f"pvc://results/{folder.relative_to(tmp_path)}"
-    tell_end(admin, namespace, "lane", "", results=uri)
+    report_end(admin, namespace, "lane", "", results=uri)
     volume = ("--volume", f"results={tmp_path}")
-    told = program("results", "lane", *volume, "--output", "json", "--junit", str(tmp_path / "j"))
-    assert (told.status, len(json.loads(told.stdout)["cases"])) == (2, 2)
+    found = program("results", "lane", *volume, "--output", "json", "--junit", str(tmp_path / "j"))
+    assert (found.status, len(json.loads(found.stdout)["cases"])) == (2, 2)
     assert (tmp_path / "j").read_text().count("<testcase") == 2
     assert "give --volume results=FOLDER" in program("results", "job/lane").stderr
     assert program("compare", "lane", "lane", *volume).status == 0
@@ -385,18 +391,18 @@ def test_an_interrupt_is_no_verdict(
     program: Program, admin: Client, namespace: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     admin.create(jobs(namespace), a_job("lane"))
-    told = threading.Event()
+    asked = threading.Event()
     sleep = time.sleep
 
     def interrupted(seconds: float) -> None:
         # The module's function is everybody's, also that of threads which an earlier test left.
         if threading.current_thread() is not threading.main_thread():
             return sleep(seconds)
-        told.set()
+        asked.set()
         raise KeyboardInterrupt
 
     monkeypatch.setattr("bagpipe.cli.cluster.watching.time.sleep", interrupted)
     monkeypatch.setattr("bagpipe.cli.cluster.following._LONGEST_WATCH_SECONDS", 1.0)
     done = program("watch", "lane")
-    assert told.is_set()
+    assert asked.is_set()
     assert (done.status, "no longer watched; job lane goes on" in done.stderr) == (130, True)

@@ -56,7 +56,7 @@ def test_a_busy_server_is_asked_again_also_to_create(server: _Server, client: Cl
     assert server.answers == []
 
 
-def test_a_server_that_stays_busy_is_told(server: _Server, client: Client) -> None:
+def test_a_server_that_stays_busy_is_reported(server: _Server, client: Client) -> None:
     server.answers = [429] * 61
     with pytest.raises(ApiError, match="answered 429"):
         client.create("/things", {})
@@ -71,7 +71,7 @@ def test_no_other_refusal_is_asked_again(server: _Server, client: Client, status
     assert server.answers == [201]
 
 
-def test_nobody_who_answers_is_told_at_once(client: Client, server: _Server) -> None:
+def test_nobody_who_answers_is_reported_at_once(client: Client, server: _Server) -> None:
     server.answers = []
     with pytest.raises(OSError, match="does not answer"):
         client.create("/things", {})

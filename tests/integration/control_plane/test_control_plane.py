@@ -77,7 +77,7 @@ def test_a_job_goes_from_its_creation_to_its_end(
     def phase() -> object:
         return admin.get(jobs(namespace, "whole")).get("status", {}).get("phase")
 
-    wait_until(lambda: phase() == "Complete", PATIENCE, "the job's end was not told")
+    wait_until(lambda: phase() == "Complete", PATIENCE, "the job's end was not reported")
     admin.delete(jobs(namespace, "whole"))
     wait_until(lambda: not admin.exists(driver), PATIENCE, "the driver's pod outlived its job")
 

@@ -44,10 +44,10 @@ EXCUSED = {
 def drivers(tmp_path: Path, namespace: str) -> Iterator[Server]:
     """The process of both drivers, killed after the test."""
     script = Path(__file__).with_name("driver_with_failures.py")
-    told = [f"{name}={address}" for name, address in DRIVERS.items()]
+    named = [f"{name}={address}" for name, address in DRIVERS.items()]
     folder = tmp_path / "drivers"
     folder.mkdir()
-    command = [*DIES_WITH_US, sys.executable, str(script), str(folder), namespace, *told]
+    command = [*DIES_WITH_US, sys.executable, str(script), str(folder), namespace, *named]
     server = Server(command, tmp_path / "drivers.log", {"PYTHONPATH": str(ROOT)})
     server.start()
     yield server
@@ -118,8 +118,8 @@ def run_jobs(admin: Client, namespace: str, kubelet: FakeKubelet) -> None:
     kubelet.end(namespace, "broken-1-driver", 1, account("Failed", reason="StorageFailed"))
     await_phase(admin, namespace, "Complete", 1)
     await_phase(admin, namespace, "Failed", 1)
-    told: Object = admin.get(jobs(namespace, "drive"))["status"]
-    assert told["cases"]["planned"] == 10_000
+    status: Object = admin.get(jobs(namespace, "drive"))["status"]
+    assert status["cases"]["planned"] == 10_000
     # Behind the counts of phases, which its job would change.
     start_run(admin, namespace, "nightly")
     await_phase(admin, namespace, "Pending", 1)

@@ -43,7 +43,7 @@ _PATH = re.compile(r"(spec(?:\.[A-Za-z]+(?:\[[^\]]*\])*)+): [A-Z]")
 
 @dataclass
 class Seen:
-    """How often both agreed, and each case in which they did not, with what was said."""
+    """How often both agreed, and each case in which they did not, with the messages."""
 
     agreed: Counter[str] = field(default_factory=Counter)
     late: list[str] = field(default_factory=list)
@@ -56,18 +56,18 @@ class Seen:
         except ApiError as error:
             self._refused(job, str(error))
             return
-        told = refusal(spec)
-        if told and not _LATE.match(told):
-            self.late.append(told)
+        message = refusal(spec)
+        if message and not _LATE.match(message):
+            self.late.append(message)
         else:
-            self.agreed["late" if told else "taken"] += 1
+            self.agreed["late" if message else "taken"] += 1
 
-    def _refused(self, job: Object, told: str) -> None:
-        paths = [path for path in _PATH.findall(told) if not _CLUSTER_S.match(path)]
-        if _LAPTOP_S.search(told):
+    def _refused(self, job: Object, message: str) -> None:
+        paths = [path for path in _PATH.findall(message) if not _CLUSTER_S.match(path)]
+        if _LAPTOP_S.search(message):
             paths = []
         if paths and isinstance(job.get("spec"), dict) and not refusal(job["spec"]):
-            self.early.append((told.partition("is invalid: ")[2] or told)[:300])
+            self.early.append((message.partition("is invalid: ")[2] or message)[:300])
         else:
             self.agreed["refused"] += 1
 

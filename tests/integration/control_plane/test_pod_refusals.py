@@ -40,7 +40,7 @@ TAKEN: dict[str, tuple[str, Any]] = {
         "stack.env", [{"name": "K", "valueFrom": {"secretKeyRef": {"name": "l", "key": "k"}}}],
     ),
     "a Secret's values": ("stack.envFrom", [{"prefix": "L_", "secretRef": {"name": "l"}}]),
-    "root, said twice": ("stack.securityContext", {"runAsNonRoot": False, "runAsUser": 0}),
+    "root, stated twice": ("stack.securityContext", {"runAsNonRoot": False, "runAsUser": 0}),
     "the image's user": ("stack.securityContext", {"runAsNonRoot": False}),
     "files on a volume": ("source.bags", ["file:///mnt/data/*.bag"]),
 }  # fmt: skip
@@ -52,7 +52,7 @@ def test_what_users_need_is_taken_and_kept(admin: Client, namespace: str, case: 
     kept = tried(admin, namespace, path, value)["spec"]
     for part in path.split("."):
         kept = kept[part]
-    assert with_what_was_said(kept, value) == value
+    assert with_what_was_written(kept, value) == value
 
 
 def test_the_job_of_the_task_page_is_taken(admin: Client, namespace: str) -> None:
@@ -63,12 +63,12 @@ def test_the_job_of_the_task_page_is_taken(admin: Client, namespace: str) -> Non
     assert kept["spec"]["stack"]["resources"]["limits"]["nvidia.com/gpu"] == 1
 
 
-def with_what_was_said(kept: Any, said: Any) -> Any:
-    """What is kept of what was said; defaults aside."""
-    if isinstance(said, dict):
-        return {key: with_what_was_said(kept[key], said[key]) for key in said}
-    if isinstance(said, list):
-        return [with_what_was_said(a, b) for a, b in zip(kept, said, strict=True)]
+def with_what_was_written(kept: Any, written: Any) -> Any:
+    """What is kept of what was written; defaults aside."""
+    if isinstance(written, dict):
+        return {key: with_what_was_written(kept[key], written[key]) for key in written}
+    if isinstance(written, list):
+        return [with_what_was_written(a, b) for a, b in zip(kept, written, strict=True)]
     return kept
 
 
@@ -186,8 +186,8 @@ def test_what_gives_more_rights_is_refused_with_what_to_write(
     with pytest.raises(ApiError) as refused:
         tried(admin, namespace, path, value)
     assert refused.value.status == 422
-    said = str(refused.value)
-    assert sentence in said, said
+    message = str(refused.value)
+    assert sentence in message, message
 
 
 @pytest.mark.parametrize("field", ["hostUsers", "shareProcessNamespace", "dnsPolicy"])

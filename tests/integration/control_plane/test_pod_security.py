@@ -140,10 +140,12 @@ def test_a_job_whose_stack_the_namespace_refuses_says_so_and_starts_nothing(
         found = [c for c in status.get("conditions", []) if c["type"] == "Accepted"]
         return found[0] if found else None
 
-    told = wait_until(accepted, PATIENCE, "the operator said nothing of the job")
-    assert (told["status"], told["reason"]) == ("False", "CreationRefused")
-    assert 'violates PodSecurity "restricted' in told["message"]
-    assert 'container "stack" must not set securityContext.runAsNonRoot=false' in told["message"]
+    condition = wait_until(accepted, PATIENCE, "the operator reported nothing about the job")
+    assert (condition["status"], condition["reason"]) == ("False", "CreationRefused")
+    assert 'violates PodSecurity "restricted' in condition["message"]
+    assert (
+        'container "stack" must not set securityContext.runAsNonRoot=false' in condition["message"]
+    )
     assert admin.items(core(restricted, "pods")) == []
 
 

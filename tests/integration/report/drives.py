@@ -98,11 +98,11 @@ def _row(chance: random.Random, case: str, variant: str, hard: bool) -> dict[str
 def _finding(
     name: str, kind: str, figure: float, passed: bool, unit: str, limit: str, direction: str
 ) -> dict[str, Any]:
-    said = f"{figure:.4g} {unit} on /lane"
+    text = f"{figure:.4g} {unit} on /lane"
     return {
         "name": name, "kind": kind, "outcome": "passed" if passed else "failed",
         "figure": figure, "unit": unit, "limit": limit, "direction": direction,
-        "message": said if passed else f"{said}, and may be {limit}", "expected_failure": False,
+        "message": text if passed else f"{text}, and may be {limit}", "expected_failure": False,
         "coverage": 0.98,
         "covered": "193 messages without a longer silence in 98% of the window",
     }  # fmt: skip
@@ -155,11 +155,12 @@ def report_of(rows: list[dict[str, Any]], results: str, name: str = "lane-nightl
         progress.add(row | {"result": None})
         report.add(row)
     progress.finish()
-    told = progress.snapshot()
+    snapshot = progress.snapshot()
     manifest = {
         "job": {"name": name, "namespace": "lab", "uid": "u"}, "attempt": 1,
-        "phase": told["phase"], "verdict": told["verdict"], "message": told["message"],
-        "counts": told["cases"] | {"regressed": sum(c["counts"]["regressed"] for c in compared)},
-        "ledger": told["ledger"], "provenance": PROVENANCE,
+        "phase": snapshot["phase"], "verdict": snapshot["verdict"], "message": snapshot["message"],
+        "counts": snapshot["cases"]
+        | {"regressed": sum(c["counts"]["regressed"] for c in compared)},
+        "ledger": snapshot["ledger"], "provenance": PROVENANCE,
     }  # fmt: skip
     return report.html(manifest, compared)

@@ -67,9 +67,9 @@ def text_of(browser: webdriver.Chrome, css: str) -> str:
 
 
 def awaited(browser: webdriver.Chrome, css: str, right: Callable[[WebElement], bool]) -> WebElement:
-    """The first such element once it is right: rows are drawn anew after they were scrolled."""
-    drawn_anew = [StaleElementReferenceException, NoSuchElementException]
-    wait = WebDriverWait(browser, PATIENCE, ignored_exceptions=drawn_anew)
+    """The first such element once it is right: rows are redrawn after they were scrolled."""
+    redrawn = [StaleElementReferenceException, NoSuchElementException]
+    wait = WebDriverWait(browser, PATIENCE, ignored_exceptions=redrawn)
 
     def look(_: webdriver.Chrome) -> WebElement | None:
         element = browser.find_element(By.CSS_SELECTOR, css)
@@ -137,9 +137,7 @@ def test_the_first_regression_is_open_and_causes_stand_together(
     assert logged(browser, "browser") == []
 
 
-def test_discarded_runs_and_where_it_comes_from_are_told(
-    browser: webdriver.Chrome, page: Path
-) -> None:
+def test_discarded_runs_and_the_origin_are_shown(browser: webdriver.Chrome, page: Path) -> None:
     rows = drive_rows(288)
     opened(browser, page, rows)
     tried = [row["case"] for row in rows if row.get("discarded") and row["outcome"] == "passed"]
@@ -149,9 +147,9 @@ def test_discarded_runs_and_where_it_comes_from_are_told(
     body.send_keys(Keys.HOME, Keys.ENTER)
     chosen = awaited(browser, "#chosen .case", lambda case: tried[0] in case.text)
     assert "Runs that do not count\n2 x MachineBusy" in chosen.text
-    told = text_of(browser, "#provenance")
+    shown = text_of(browser, "#provenance")
     for word in ("label branch pr-812", "lane@sha256:abab", "AMD EPYC 7R13", "bagpipe-agent 0.1.0"):
-        assert word in told
+        assert word in shown
 
 
 def test_a_field_of_the_matrix_filters_the_cases(browser: webdriver.Chrome, page: Path) -> None:
@@ -191,7 +189,7 @@ def test_variants_criteria_and_reasons_select_cases(browser: webdriver.Chrome, p
     assert found(browser) == f"{slow} of {len(rows)} cases"
     browser.find_element(By.ID, "clear").click()
     browser.find_element(By.ID, "search").send_keys("segmentation StackExited")
-    assert found(browser) == f"0 of {len(rows)} cases"  # stderr is told, and not searched
+    assert found(browser) == f"0 of {len(rows)} cases"  # stderr is shown, and not searched
     browser.find_element(By.ID, "search").clear()
     browser.find_element(By.ID, "search").send_keys("status 139 speed=10")
     errored = [r for r in rows if r["outcome"] == "errored" and r["values"]["speed"] == 10]
@@ -261,12 +259,12 @@ def test_hostile_words_stay_words(browser: webdriver.Chrome, page: Path) -> None
 def test_the_page_s_own_policy_stops_what_would_leave(
     browser: webdriver.Chrome, page: Path, listener: tuple[str, list[str]]
 ) -> None:
-    """Even a script that did get in could tell nobody: each way out is tried by hand."""
+    """Even a script that did get in could reach nobody: each way out is tried by hand."""
     address, asked = listener
     opened(browser, page, drive_rows(20))
-    told = browser.execute_async_script(
+    outcomes = browser.execute_async_script(
         """
-        const [address, done] = arguments, told = [];
+        const [address, done] = arguments, outcomes = [];
         const image = new Image();
         image.src = address + '/image';
         document.body.append(image);
@@ -277,12 +275,13 @@ def test_the_page_s_own_policy_stops_what_would_leave(
         link.rel = 'stylesheet'; link.href = address + '/style';
         document.head.append(link);
         navigator.sendBeacon(address + '/beacon', 'x');
-        fetch(address + '/fetch').then(() => told.push('fetched'), () => told.push('refused'))
-          .then(() => setTimeout(() => done(told.concat([String(window.hacked)])), 300));
+        fetch(address + '/fetch')
+          .then(() => outcomes.push('fetched'), () => outcomes.push('refused'))
+          .then(() => setTimeout(() => done(outcomes.concat([String(window.hacked)])), 300));
         """,
         address,
     )
-    assert told == ["refused", "undefined"]
+    assert outcomes == ["refused", "undefined"]
     assert asked == []
     stopped: list[str] = []
 

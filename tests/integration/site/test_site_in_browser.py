@@ -76,12 +76,12 @@ def test_the_search_finds_without_a_network(browser: webdriver.Chrome, site: Pat
     check_quiet(browser)
 
 
-def test_a_word_that_is_nowhere_is_said_so(browser: webdriver.Chrome, site: Path) -> None:
+def test_a_search_without_a_result_is_reported(browser: webdriver.Chrome, site: Path) -> None:
     opened(browser, site / "search.html")
     browser.get((site / "search.html").as_uri() + "?q=xylophone")
     summary = (By.CSS_SELECTOR, "#search-results .search-summary")
-    drawn_anew = [StaleElementReferenceException, NoSuchElementException]
-    wait = WebDriverWait(browser, SECONDS, ignored_exceptions=drawn_anew)
+    redrawn = [StaleElementReferenceException, NoSuchElementException]
+    wait = WebDriverWait(browser, SECONDS, ignored_exceptions=redrawn)
     wait.until(lambda b: "did not match any documents" in b.find_element(*summary).text)
     check_quiet(browser)
 

@@ -1,4 +1,4 @@
-"""A fake for faults: an HTTP proxy before a real server, which breaks the answers it is told to.
+"""A fake for faults: an HTTP proxy before a real server, which breaks chosen answers.
 
 What it passes on is unchanged, so that signatures hold.
 """

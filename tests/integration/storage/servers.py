@@ -82,9 +82,9 @@ class Server:
         deadline = time.monotonic() + seconds
         pause = threading.Event()
         while not ready():
-            said = self.log.read_text()[-4000:]
-            assert self.alive, said
-            assert time.monotonic() < deadline, said
+            log = self.log.read_text()[-4000:]
+            assert self.alive, log
+            assert time.monotonic() < deadline, log
             pause.wait(0.05)
 
 

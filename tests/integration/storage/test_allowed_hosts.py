@@ -90,9 +90,9 @@ def test_a_secret_leads_nowhere_else(
         variables.setenv(name, "")
         variables.setenv(f"BAGPIPE_SECRET_0_{name}", value.format(listener.server))
     variables.setenv(VARIABLE, "s3.us-east-1.amazonaws.com,storage.googleapis.com")
-    with pytest.raises(StorageError, match=r"leads to a server that .* does not allow") as told:
+    with pytest.raises(StorageError, match=r"leads to a server that .* does not allow") as refused:
         Storage({}, QUICK).put_once(uri, b"x")
-    assert listener.server not in str(told.value)
+    assert listener.server not in str(refused.value)
     assert listener.connections == 0
 
 
@@ -111,8 +111,8 @@ def test_a_job_with_such_a_bag_ends_with_a_sentence(
     path = tmp_path / "job.json"
     path.write_text(job.model_dump_json(by_alias=True))
     assert driver.main(["--job", str(path)]) == 1
-    (told,) = [r.getMessage() for r in caplog.records if r.getMessage().startswith("{")]
-    ended = json.loads(told)
+    (report,) = [r.getMessage() for r in caplog.records if r.getMessage().startswith("{")]
+    ended = json.loads(report)
     assert (ended["phase"], ended["reason"]) == ("Failed", "BagMissing")
     assert "s3://drives/a.bag can't be used: AWS_ENDPOINT_URL leads to" in ended["message"]
     assert listener.connections == 0

@@ -1,4 +1,4 @@
-"""A bag of 100 GB on S3 is planned with a few ranged reads: its tail tells all.
+"""A bag of 100 GB on S3 is planned with a few ranged reads: its tail is enough.
 
 The file is as long as it says, but sparse: only its head and its index are written.
 """

@@ -158,7 +158,7 @@ def test_a_bag_that_changed_since_it_was_planned_is_refused(place: Place) -> Non
     assert file.read(0, 4) == pattern(4)
 
     def changed() -> bool:
-        # Web servers tell the time of a change in whole seconds, HDFS in milliseconds.
+        # Web servers give the time of a change in whole seconds, HDFS in milliseconds.
         write(place, "x.bag", b"other" * MIB)
         return place.storage.open(uri).version != file.version
 

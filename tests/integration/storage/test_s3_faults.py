@@ -56,15 +56,17 @@ def test_a_busy_server_is_asked_again(bag: str, storage: Storage, proxy: FaultyP
     assert (proxy.count("HEAD"), proxy.count("GET")) == (3, 3 + 5)
 
 
-def test_a_server_that_stays_busy_is_an_error_that_tells_all(bag: str, proxy: FaultyProxy) -> None:
+def test_a_server_that_stays_busy_is_an_error_with_all_details(
+    bag: str, proxy: FaultyProxy
+) -> None:
     file = Storage({}, Patience(20, 12, 0.01, 0.05)).open(bag)
     proxy.faults["GET"] = [Fault(status=503)] * 100
-    with pytest.raises(StorageError) as told:
+    with pytest.raises(StorageError) as error:
         file.read(777, 10)
-    assert str(told.value).startswith(
+    assert str(error.value).startswith(
         f"{bag} can't be read: at byte 777: the server answered 503 SlowDown (12 tries in "
     )
-    assert str(told.value).endswith(
+    assert str(error.value).endswith(
         "check that the storage is up and reachable from the job's pods, then run the job again"
     )
     assert proxy.count("GET") == 12
@@ -82,7 +84,7 @@ def test_a_stalled_answer_is_given_up_at_its_deadline(bag: str, proxy: FaultyPro
     assert proxy.count("GET") >= 3
 
 
-def test_a_refused_credential_is_not_tried_again_and_not_told(
+def test_a_refused_credential_is_not_tried_again_and_not_disclosed(
     bag: str, proxy: FaultyProxy, credentials: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     wrong = "not-the-secret-of-this-server"
@@ -95,15 +97,15 @@ def test_a_refused_credential_is_not_tried_again_and_not_told(
         lambda: storage.expand(f"{bag.rpartition('/')[0]}/*"),
     ):
         proxy.seen.clear()
-        with pytest.raises(StorageError, match="the credential was refused") as told:
+        with pytest.raises(StorageError, match="the credential was refused") as error:
             ask()
         assert len(proxy.seen) == 1
-        assert "403" in str(told.value)
-        assert "spec.storage.secrets" in str(told.value)
+        assert "403" in str(error.value)
+        assert "spec.storage.secrets" in str(error.value)
         # What a log of the error would hold, its causes included.
-        said = "".join(traceback.format_exception(told.value)) + caplog.text
+        logged = "".join(traceback.format_exception(error.value)) + caplog.text
         hidden = (wrong, SECRET_KEY, ACCESS_KEY, "SignatureProvided", "StringToSign")
-        assert [text for text in hidden if text in said] == []
+        assert [text for text in hidden if text in logged] == []
 
 
 def test_a_bucket_that_does_not_exist_is_not_tried_again(
@@ -136,7 +138,7 @@ def test_parts_of_an_upload_are_sent_again(
     assert storage.read_all(uri, len(DATA)) == DATA
 
 
-def test_an_upload_that_fails_tells_the_writer_and_leaves_nothing(
+def test_an_upload_that_fails_raises_and_leaves_nothing(
     proxy: FaultyProxy, s3: S3Server, s3_folder: str
 ) -> None:
     storage = Storage({}, Patience(20.0, 2, 0.05, 0.1))
@@ -203,7 +205,7 @@ def test_a_server_that_stays_away_is_an_error_in_bounded_time(
     assert time.monotonic() - begun < 2 * PATIENCE
 
 
-def test_no_credential_at_all_is_told_as_that(
+def test_a_missing_credential_is_reported_as_missing(
     own_s3: S3Server, credentials: pytest.MonkeyPatch, s3_folder: str
 ) -> None:
     credentials.setenv("AWS_ENDPOINT_URL", own_s3.url)

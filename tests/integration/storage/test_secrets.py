@@ -53,8 +53,8 @@ def test_a_driver_that_is_refused_says_so_and_shows_no_secret(
     path = tmp_path / "job.json"
     path.write_text(job.model_dump_json(by_alias=True))
     assert driver.main(["--job", str(path)]) == 1
-    (told,) = [r.getMessage() for r in caplog.records if r.getMessage().startswith("{")]
-    ended = json.loads(told)
+    (report,) = [r.getMessage() for r in caplog.records if r.getMessage().startswith("{")]
+    ended = json.loads(report)
     assert (ended["phase"], ended["reason"]) == ("Failed", "StorageFailed")
     assert "the credential was refused (403" in ended["message"]
     # A driver first asks whether another one has committed.

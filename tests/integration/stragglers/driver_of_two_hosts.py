@@ -32,7 +32,7 @@ def settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     return {key: value for key, value in made.items() if not key.startswith("spark.kubernetes.")}
 
 
-class TellingJournal(Journal):
+class PrintingJournal(Journal):
     """Says what is in it before it is removed."""
 
     def remove(self) -> None:
@@ -43,7 +43,7 @@ class TellingJournal(Journal):
 
 vars(driver).update(
     PROGRESS_PORT=0,
-    Journal=TellingJournal,
+    Journal=PrintingJournal,
     RunContext=partial(RunContext, shared=_shared),
     spark_settings=settings,
 )

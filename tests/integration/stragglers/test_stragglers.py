@@ -58,7 +58,7 @@ class Lab:
         )  # fmt: skip
 
     def run(self, job: JobFile) -> str:
-        """Run the driver to its end; gives what it said."""
+        """Run the driver to its end; returns its output."""
         file = self.folder / "job.json"
         file.write_text(job.model_dump_json(by_alias=True))
         program = [sys.executable, str(HERE / "driver_of_two_hosts.py"), str(file)]
@@ -94,9 +94,9 @@ def lab(tmp_path: Path, master: str, start_agent: Callable[..., RunningAgent]) -
 def test_the_first_of_two_runs_counts_and_the_other_leaves_nothing(
     lab: Lab, hanging: str, cases: tuple[str, ...], starts: int
 ) -> None:
-    said = lab.run(lab.job(hanging, cases))
+    output = lab.run(lab.job(hanging, cases))
     marks = sorted(path.name for path in (lab.folder / "marks").iterdir())
-    assert marks == ["first", "second"], said[-6000:]
+    assert marks == ["first", "second"], output[-6000:]
     lab.agent.await_no_descendants()
 
     results = lab.folder / "results/out/slow/u"
@@ -117,5 +117,5 @@ def test_the_first_of_two_runs_counts_and_the_other_leaves_nothing(
         name: hashlib.sha256(f"recorded by {case}".encode()).hexdigest()
         for name, case in recorded.items()
     }
-    (journaled,) = [line for line in said.splitlines() if line.startswith("journaled:")]
+    (journaled,) = [line for line in output.splitlines() if line.startswith("journaled:")]
     assert journaled.split()[1:] == sorted(cases)

@@ -194,7 +194,7 @@ LIARS = [
     Row(
         "respawned",
         OF,
-        "has a node that dies midway and is started anew by its launcher",
+        "has a node that dies midway and is restarted by its launcher",
         SOME_LIVE,
         launched(_death("segfault-in-the-midst"), PLANNER, option="--respawn"),
         "failed",
@@ -203,7 +203,7 @@ LIARS = [
     Row(
         "respawned-quietly",
         OF,
-        "has a node that ends with status 0 midway and is started anew",
+        "has a node that ends with status 0 midway and is restarted",
         SOME_LIVE,
         launched(_death("leaves-after40"), PLANNER, option="--respawn"),
         "failed",

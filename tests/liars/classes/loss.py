@@ -101,7 +101,7 @@ LIARS = [
     Row(
         "keeps-the-newest",
         OF,
-        "works at the newest pose every 200 ms, after ROS has counted each as heard",
+        "works at the newest pose every 200 ms, after ROS has counted each as received",
         ERROR_LIVE,
         _loss("keeps-the-newest"),
         *UNSURE,

@@ -72,7 +72,7 @@ LIARS = [
     Row(
         "latched-goal",
         OF,
-        "has said before the first pose, latched, that it has arrived",
+        "has published before the first pose, latched, that it has arrived",
         ARRIVED,
         _order("latched-goal"),
         *UNSURE,

@@ -58,7 +58,7 @@ LIARS = [
     _row("two-words", "says failed, and then passed", "failed|errored|invalid"),
     _row("prints", "prints between its frames", "failed|errored"),
     _row("no-end", "ends with status 0 before its end", "failed|errored"),
-    _row("never-ends", "has said all, and stays", "failed|errored", "StackNeverExited"),
+    _row("never-ends", "has published all, and stays", "failed|errored", "StackNeverExited"),
     _row("short-file", "promises a hundred bytes and gives one", "failed|errored"),
     _row("same-name-twice", "gives two files of one name", "failed|errored"),
 ]

@@ -1,4 +1,4 @@
-"""Too little said, or when nobody asks."""
+"""Too few messages, or at a time when none is asked for."""
 
 from tests.liars.jobs import (
     APART,

@@ -1,4 +1,4 @@
-"""Something else than was asked, or said by somebody else; and hidden use of the machine."""
+"""Something else than was asked, or from another publisher; and hidden use of the machine."""
 
 from tests.liars.jobs import APART, CHEAP, ERROR, ERROR_LIVE, LATENCY, OLD_ANSWERS, SOME_LIVE
 from tests.liars.row import Row, launched, python

@@ -19,7 +19,7 @@ class SegfaultAfterTheLast(Localiser):
         if self.number == signal.SIGTERM:
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == self.at:
             die(self.number)
@@ -49,7 +49,7 @@ class StatusThree(Localiser):
     at = POSES
     status = 3
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == self.at:
             print("the map is gone", file=sys.stderr, flush=True)
@@ -71,7 +71,7 @@ class DoneAfterTheLast(StatusThree):
 
 
 class RaisesInMain(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == POSES:
             self.over.set()
@@ -89,7 +89,7 @@ class RaisesInMain(Localiser):
 class LeavesTheGraph(Localiser):
     """Shuts its node down, and its process lives on."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == 45:
             threading.Thread(target=rospy.signal_shutdown, args=("tired",)).start()
@@ -107,7 +107,7 @@ class HelperDies(Localiser):
     def begin(self):
         self.helper = subprocess.Popen(["/usr/bin/sleep", "600"])
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == 25:
             mark("died")
@@ -119,8 +119,8 @@ class HelperEnded(HelperDies):
 
     number = signal.SIGTERM
 
-    def heard(self, number, pose):
-        super().heard(number, pose)
+    def received(self, number, pose):
+        super().received(number, pose)
         if number == 25:
             self.helper.wait()
             self.helper = subprocess.Popen(["/usr/bin/sleep", "600"])
@@ -129,14 +129,14 @@ class HelperEnded(HelperDies):
 class ChildSaysNo(Localiser):
     """A child whose status 1 is an answer, as grep's is."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 25:
             subprocess.run(["/usr/bin/grep", "-q", "nowhere", "/dev/null"], check=False)
         self.say(right(pose))
 
 
 class SlowToEnd(Localiser):
-    """Writes its map when it is told to end, which takes a second."""
+    """Writes its map when it is stopped, which takes a second."""
 
     def serve(self):
         rospy.on_shutdown(lambda: wait(1))
@@ -146,7 +146,7 @@ class SlowToEnd(Localiser):
 class KillsTheMaster(Localiser):
     """ROS keeps the connections that stand, so that the answers go on."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 25:
             os.kill(rosgraph.Master("/localiser").getPid(), signal.SIGKILL)
         self.say(right(pose))

@@ -8,7 +8,7 @@ NAN = math.nan
 
 
 class NanFromTheTenth(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if number >= 10:
             answer.pose.position.x = NAN
@@ -19,7 +19,7 @@ class NanOnce(Localiser):
     at = 25
     value = NAN
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if number == self.at:
             answer.pose.position.x = self.value
@@ -49,7 +49,7 @@ class HugeOnce(NanOnce):
 
 
 class NanInTheSecondField(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if number == 25:
             answer.pose.position.y = NAN
@@ -57,7 +57,7 @@ class NanInTheSecondField(Localiser):
 
 
 class NanEverywhere(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.pose.position.x = answer.pose.position.y = NAN
         self.say(answer)
@@ -66,7 +66,7 @@ class NanEverywhere(Localiser):
 class NanHeading(Localiser):
     """Where it is, is right; which way it looks, nobody knows."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.pose.orientation.z = NAN
         self.say(answer)
@@ -75,7 +75,7 @@ class NanHeading(Localiser):
 class NoHeading(Localiser):
     """A rotation of all zeros is none, and reads as a heading of 0."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.pose.orientation.w = 0.0
         self.say(answer)
@@ -84,7 +84,7 @@ class NoHeading(Localiser):
 class OneOffset(Localiser):
     """Numbers that are plainly wrong: the answer is the pose itself."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.pose = pose.pose
         self.say(answer)
@@ -93,7 +93,7 @@ class OneOffset(Localiser):
 class NanNobodyJudges(Localiser):
     """A field that no criterion reads is no number: that is what many drivers say for unknown."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.pose.position.z = NAN
         self.say(answer)

@@ -1,6 +1,6 @@
 """Starts nodes as roslaunch does, and hides how they end: launcher.py [OPTION] PROGRAM ... ++ ...
 
---respawn starts anew what has ended; --set-up waits for the first program, which is none of the
+--respawn restarts what has ended; --set-up waits for the first program, which is none of the
 nodes, before it starts the others; --leave ends at once, and the nodes stay.
 """
 

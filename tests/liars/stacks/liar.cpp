@@ -1,6 +1,6 @@
 // Stacks of roscpp that lie, or look as if they did: liar WHICH.
 //
-// Each hears /pose and says on /answer where that is on the map, as localiser.py does.
+// Each receives /pose and publishes on /answer where that is on the map, as localiser.py does.
 #include <cmath>
 #include <csignal>
 #include <cstdio>
@@ -40,10 +40,10 @@ PoseStamped right(const PoseStamped& pose) {
 }
 
 // What a stack does with its nth pose.
-using Heard = std::function<void(ros::Publisher&, int, const PoseStamped&)>;
+using Received = std::function<void(ros::Publisher&, int, const PoseStamped&)>;
 
 struct Stack {
-  Heard heard;
+  Received received;
   int queue = 0;    // roscpp's own word for no bound
   int threads = 1;
 };
@@ -62,21 +62,21 @@ void leave(std::function<void()> how) {
 
 [[noreturn]] void diverge() { throw std::runtime_error("the optimiser diverged"); }
 
-Heard then(int at, std::function<void()> how) {
+Received then(int at, std::function<void()> how) {
   return [at, how](ros::Publisher& out, int number, const PoseStamped& pose) {
     out.publish(right(pose));
     if (number == at) leave(how);
   };
 }
 
-Heard slow(int microseconds) {
+Received slow(int microseconds) {
   return [microseconds](ros::Publisher& out, int, const PoseStamped& pose) {
     usleep(microseconds);
     out.publish(right(pose));
   };
 }
 
-Heard with_x(int from, double x) {
+Received with_x(int from, double x) {
   return [from, x](ros::Publisher& out, int number, const PoseStamped& pose) {
     PoseStamped answer = right(pose);
     if (number >= from) answer.pose.position.x = x;
@@ -124,14 +124,14 @@ int main(int argc, char** argv) {
   ros::NodeHandle node;
   ros::Publisher out = node.advertise<PoseStamped>("/answer", 0);
   int number = 0;
-  boost::function<void(const geometry_msgs::PoseStampedConstPtr&)> heard =
+  boost::function<void(const geometry_msgs::PoseStampedConstPtr&)> received =
       [&](const geometry_msgs::PoseStampedConstPtr& pose) {
         if (++number == 1) mark("ran");
-        stack.heard(out, number, *pose);
+        stack.received(out, number, *pose);
       };
-  ros::Subscriber in = node.subscribe<PoseStamped>("/pose", stack.queue, heard);
+  ros::Subscriber in = node.subscribe<PoseStamped>("/pose", stack.queue, received);
   ros::MultiThreadedSpinner spinner(stack.threads);
   spinner.spin();
-  // A node that has left the graph lives on, until it is told to end.
+  // A node that has left the graph lives on, until it is stopped.
   if (std::string(argv[1]) == "leaves-the-graph") sleep(600);
 }

@@ -1,8 +1,8 @@
 """An honest node, from which each liar differs in one thing.
 
-It hears poses on /pose and says on /answer where that is on the map: twice as far in x, one metre
-to the left, with the stamp of the pose. The first pose that it hears leaves a mark in the folder
-LIAR_MARKS, by which the test knows that this stack has really run.
+It receives poses on /pose and publishes on /answer where that is on the map: twice as far in x, one
+metre to the left, with the stamp of the pose. The first pose that it receives leaves a mark in the
+folder LIAR_MARKS, by which the test knows that this stack has really run.
 """
 
 import os
@@ -55,7 +55,7 @@ def die(number=signal.SIGSEGV):
 
 
 class Localiser:
-    """Answers each pose; `heard` is what a stack of another kind does otherwise."""
+    """Answers each pose; `received` is what a stack of another kind does otherwise."""
 
     name = "localiser"
     anonymous = False
@@ -65,7 +65,7 @@ class Localiser:
     latch = False
 
     def __init__(self):
-        self.heard_poses = 0
+        self.poses_received = 0
         rospy.init_node(self.name, anonymous=self.anonymous)
         # None: publish returns when the bytes are in the socket.
         self.answers = rospy.Publisher(self.out, self.kind, queue_size=None, latch=self.latch)
@@ -76,12 +76,12 @@ class Localiser:
         """Before the first pose can come."""
 
     def _count(self, pose):
-        self.heard_poses += 1
-        if self.heard_poses == 1:
+        self.poses_received += 1
+        if self.poses_received == 1:
             mark()
-        self.heard(self.heard_poses, pose)
+        self.received(self.poses_received, pose)
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         """The pose with this number, from 1."""
         self.say(right(pose))
 
@@ -90,7 +90,7 @@ class Localiser:
         self.answers.publish(answer)
 
     def serve(self):
-        """Until the stack is told to end."""
+        """Until the stack is stopped."""
         rospy.spin()
 
 

@@ -18,13 +18,13 @@ class ShortQueue(Localiser):
     queue = 1
     busy = 0.2
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         wait(self.busy)
         self.say(right(pose))
 
 
 class LosesTwoRunsOfThree(ShortQueue):
-    """Every third run loses nothing: who asks until it is well is told that it is."""
+    """Every third run loses nothing: whoever retries until it passes gets a pass."""
 
     def begin(self):
         self.run = runs_before("begun")
@@ -38,7 +38,7 @@ class FirstCallbackBlocks(Localiser):
 
     queue = 10
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 1:
             wait(1.6)
         self.say(right(pose))
@@ -47,7 +47,7 @@ class FirstCallbackBlocks(Localiser):
 class Stops(Localiser):
     """Stops its own process for good: it takes nothing more from its sockets."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == 10:
             os.kill(os.getpid(), signal.SIGSTOP)
@@ -74,9 +74,9 @@ class QuietPlanner(Localiser):
 
 
 class DropsByItself(Localiser):
-    """Hears all, and throws three of four away."""
+    """Receives all, and throws three of four away."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number % 4 == 1:
             self.say(right(pose))
 
@@ -84,13 +84,13 @@ class DropsByItself(Localiser):
 class DropsByChance(Localiser):
     """Throws three of four away, other ones in each run."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if random.random() > 0.75:
             self.say(right(pose))
 
 
 class KeepsTheNewest(Localiser):
-    """A worker thread takes the newest pose every 200 ms; ROS has counted each as heard."""
+    """A worker thread takes the newest pose every 200 ms; ROS has counted each as received."""
 
     def begin(self):
         self.newest = None
@@ -103,7 +103,7 @@ class KeepsTheNewest(Localiser):
             if newest is not None:
                 self.say(right(newest))
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.newest = pose
 
 
@@ -113,12 +113,12 @@ class ListensLate(Localiser):
     def __init__(self):
         rospy.init_node(self.name)
         self.answers = rospy.Publisher(self.out, self.kind, queue_size=None)
-        self.heard_poses = 0
+        self.poses_received = 0
         self.place = rospy.Subscriber("/pose", PoseStamped, self._first)
 
     def _first(self, pose):
-        if self.heard_poses == 0:
-            self.heard_poses = 1
+        if self.poses_received == 0:
+            self.poses_received = 1
             mark()
             threading.Thread(target=self._listen, daemon=True).start()
 

@@ -11,7 +11,7 @@ MIB = 1 << 20
 class TakesMemory(Localiser):
     """300 MiB, from the tenth pose on."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 10:
             self.kept = bytearray(b"1") * (300 * MIB)
         self.say(right(pose))
@@ -20,7 +20,7 @@ class TakesMemory(Localiser):
 class TakesMemoryShortly(Localiser):
     """300 MiB for a moment."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 10:
             kept = bytearray(b"1") * (300 * MIB)
             del kept

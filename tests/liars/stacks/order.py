@@ -8,7 +8,7 @@ from localiser import POSES, Localiser, main, right, wait
 class EachFiveTimes(Localiser):
     """Ten answers, five times each: as many messages as there should be."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number % 5 == 1:
             for _ in range(5):
                 self.say(right(pose))
@@ -17,7 +17,7 @@ class EachFiveTimes(Localiser):
 class FirstAgainAndAgain(Localiser):
     """The first answer, to every pose."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 1:
             self.first = right(pose)
         self.say(self.first)
@@ -26,7 +26,7 @@ class FirstAgainAndAgain(Localiser):
 class StaleWithFreshStamps(Localiser):
     """What it knew at the tenth pose, stamped as if it knew it now."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if number > 10:
             answer.pose = self.known.pose
@@ -41,7 +41,7 @@ class OneBehind(Localiser):
     def begin(self):
         self.before = None
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if self.before is not None:
             answer.pose = self.before
@@ -52,7 +52,7 @@ class OneBehind(Localiser):
 class Twice(Localiser):
     """Each answer twice, wrong the first time."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         wrong = right(pose)
         wrong.pose.position.x += 100
         self.say(wrong)
@@ -62,7 +62,7 @@ class Twice(Localiser):
 class PairsSwapped(Localiser):
     """Every second pose is answered before the one that came before it, with right stamps."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number % 2 == 1:
             self.kept = right(pose)
         else:
@@ -84,7 +84,7 @@ class Latched(Localiser):
         answer.pose.orientation.w = 1.0
         return answer
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         pass
 
 
@@ -109,7 +109,7 @@ class LatchedMap(Localiser):
         answer.header.frame_id = "map"
         self.say(answer)
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         pass
 
 

@@ -157,7 +157,7 @@ class NoEnd(Program):
 
 
 class NeverEnds(Program):
-    """Has said all, and stays."""
+    """Has published all, and stays."""
 
     def run(self) -> None:
         super().run()

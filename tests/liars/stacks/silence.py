@@ -7,7 +7,7 @@ from std_msgs.msg import String
 
 
 class Nothing(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         pass
 
 
@@ -23,7 +23,7 @@ class NothingAtAll(Localiser):
 class OnlyAfterTheEnd(Localiser):
     """Silent in the window; 70 messages while the recording is ended."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == POSES:
             for _ in range(70):
                 self.say(right(pose))
@@ -32,7 +32,7 @@ class OnlyAfterTheEnd(Localiser):
 class TwoAnswers(Localiser):
     most = 2
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number <= self.most:
             self.say(right(pose))
 
@@ -46,13 +46,13 @@ class FirstHalf(TwoAnswers):
 
 
 class OnlyTheLast(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == POSES:
             self.say(right(pose))
 
 
 class EveryTenth(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number % 10 == 1:
             self.say(right(pose))
 
@@ -66,7 +66,7 @@ class OnlyInTheLeadIn(TwoAnswers):
 class AheadInTheLeadIn(Localiser):
     """Answers 24 poses of the lead-in as if they came a second later, and is silent then."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp += rospy.Duration(1)
         if number <= 24:
@@ -87,14 +87,14 @@ class AlarmOnly(Localiser):
     out = "/alive"
     kind = String
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(String("alive"))
 
 
 class Hangs(Localiser):
     """A deadlock in the callback of the 25th pose."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 25:
             wait(600)
         self.say(right(pose))
@@ -103,7 +103,7 @@ class Hangs(Localiser):
 class RaisesFromThe10th(Localiser):
     """rospy catches what a callback raises, says so, and lives on."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number >= 10:
             raise ValueError("no solution")
         self.say(right(pose))
@@ -112,7 +112,7 @@ class RaisesFromThe10th(Localiser):
 class GoalAtOnce(Localiser):
     """Says in the beginning where it should be in the end, and nothing more."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 1:
             goal = right(pose)
             goal.pose.position.x = 2.0 * (POSES - 1)
@@ -120,9 +120,9 @@ class GoalAtOnce(Localiser):
 
 
 class LeavesThePose(Localiser):
-    """Does not hear the second half: unsubscribed."""
+    """Does not receive the second half: unsubscribed."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == 25:
             self.poses.unregister()
@@ -134,7 +134,7 @@ class Bursts(Localiser):
     def begin(self):
         self.kept = []
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.kept.append(right(pose))
         if number % 10 == 0:
             for answer in self.kept:

@@ -6,7 +6,7 @@ from localiser import Localiser, main, right, wait
 
 
 class WallClock(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp = rospy.Time.now()
         self.say(answer)
@@ -15,7 +15,7 @@ class WallClock(Localiser):
 class HourAhead(Localiser):
     ahead = 3600.0
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp += genpy.Duration.from_sec(self.ahead)
         self.say(answer)
@@ -26,21 +26,21 @@ class SlowAndAhead(HourAhead):
 
     ahead = 0.6
 
-    def heard(self, number, pose):
-        rospy.Timer(rospy.Duration(0.3), lambda _: HourAhead.heard(self, number, pose), True)
+    def received(self, number, pose):
+        rospy.Timer(rospy.Duration(0.3), lambda _: HourAhead.received(self, number, pose), True)
 
 
 class DayBehind(HourAhead):
     """A day before the recording: no time of this case at all."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp -= genpy.Duration(86400)
         self.say(answer)
 
 
 class ZeroStamps(Localiser):
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp = genpy.Time()
         self.say(answer)
@@ -49,7 +49,7 @@ class ZeroStamps(Localiser):
 class MostlyZero(Localiser):
     """Two stamps look well; the others can't be judged."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if number > 2:
             answer.header.stamp = genpy.Time()
@@ -59,7 +59,7 @@ class MostlyZero(Localiser):
 class Backward(Localiser):
     """Its clock runs from the first pose into the past."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp -= genpy.Duration.from_sec(2 * 0.04 * (number - 1))
         self.say(answer)
@@ -68,7 +68,7 @@ class Backward(Localiser):
 class After2106(Localiser):
     """The last second that a stamp can hold."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp = genpy.Time(2**32 - 1, 0)
         self.say(answer)
@@ -77,16 +77,16 @@ class After2106(Localiser):
 class After2038(Localiser):
     """Negative, where somebody reads the seconds as a signed number."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp = genpy.Time(2**31 + 7, 0)
         self.say(answer)
 
 
 class OneStamp(Localiser):
-    """All answers bear the stamp of the first pose."""
+    """All answers have the stamp of the first pose."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if number == 1:
             self.first = pose.header.stamp
         answer = right(pose)
@@ -97,7 +97,7 @@ class OneStamp(Localiser):
 class FarFutureThenSilent(Localiser):
     """One answer whose stamp is beyond all that will be waited for."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp += genpy.Duration(3600)
         if number == 1:
@@ -107,7 +107,7 @@ class FarFutureThenSilent(Localiser):
 class FarFutureNow(Localiser):
     """The right answers, and before each one of the far future, which ends each wait."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         ahead = right(pose)
         ahead.header.stamp += genpy.Duration(3600)
         self.say(ahead)
@@ -117,7 +117,7 @@ class FarFutureNow(Localiser):
 class OldStamps(Localiser):
     """Nobody can wait for it by stamp: each is of the pose before."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp -= genpy.Duration.from_sec(0.04)
         self.say(answer)
@@ -126,14 +126,14 @@ class OldStamps(Localiser):
 class LateButRight(Localiser):
     """Half a second behind, with the stamps of what it answers."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         rospy.Timer(rospy.Duration(0.5), lambda _: self.say(right(pose)), True)
 
 
 class SimulatedTime(Localiser):
     """Goes by /clock, and stamps with it."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.stamp = rospy.Time.now()
         self.say(answer)
@@ -142,7 +142,7 @@ class SimulatedTime(Localiser):
 class SlowButRight(Localiser):
     """Ten milliseconds for each pose."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         wait(0.01)
         self.say(right(pose))
 

@@ -18,7 +18,7 @@ class KeepsAway(Localiser):
     def begin(self):
         self.obstacles = rospy.Publisher("/obstacles", PoseArray, queue_size=None)
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say_ego(number, pose)
         self.say_obstacles(number, pose)
 

@@ -14,7 +14,7 @@ class OfTheRobot(Localiser):
 
     frame = "base_link"
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         answer.header.frame_id = self.frame
         self.say(answer)
@@ -27,7 +27,7 @@ class NoFrame(OfTheRobot):
 class FrameChanges(Localiser):
     """The second half in another frame, with the same numbers."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         if number > 25:
             answer.header.frame_id = "odom"
@@ -39,7 +39,7 @@ class PointInPlace(Localiser):
 
     kind = PointStamped
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         answer = right(pose)
         self.say(PointStamped(header=answer.header, point=answer.pose.position))
 
@@ -47,7 +47,7 @@ class PointInPlace(Localiser):
 class TextInPlace(Localiser):
     kind = String
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(String("x=1"))
 
 
@@ -56,17 +56,17 @@ class WithoutHeader(Localiser):
 
     kind = Point
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose).pose.position)
 
 
 class SaysNothing(Localiser):
-    """Hears all and says nothing; what is on its topic, somebody else has said."""
+    """Receives all and publishes nothing; what is on its topic is from another publisher."""
 
     def begin(self):
         self.old = rospy.Subscriber("/answer", PoseStamped, lambda _: None)
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         pass
 
 
@@ -76,7 +76,7 @@ class FeedsItself(Localiser):
     def begin(self):
         self.own = rospy.Publisher("/pose", PoseStamped, queue_size=None)
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         if pose.header.frame_id != "own":
             self.say(right(pose))
             pose.header.frame_id = "own"
@@ -86,7 +86,7 @@ class FeedsItself(Localiser):
 class NamesakeAnswers(Localiser):
     """A second node takes its name; the ROS master sends the first one away."""
 
-    def heard(self, number, pose):
+    def received(self, number, pose):
         self.say(right(pose))
         if number == 25:
             subprocess.Popen([sys.executable, __file__, "namesake"])

@@ -78,23 +78,23 @@ class FakeAgent:
     def write(self, descriptor: int, kind: FrameType, payload: bytes) -> None:
         os.write(descriptor, b"".join(self._encoder.encode(kind, payload)))
 
-    def tell(self, descriptor: int, kind: FrameType, fields: dict[str, Any]) -> None:
+    def send(self, descriptor: int, kind: FrameType, fields: dict[str, Any]) -> None:
         os.write(descriptor, self._encoder.encode_fields(kind, fields))
 
     def greet(self, descriptor: int, session: str | None = None) -> None:
         own = self.received[0].fields()["session"]
         hello = {"session": session or own, "protocol": 1, "software": "fake", "pipe_bytes": 4096}
-        self.tell(descriptor, FrameType.HELLO, hello)
+        self.send(descriptor, FrameType.HELLO, hello)
 
     def finish(self, descriptor: int, recorded: bytes, messages: int = 2, **changed: Any) -> None:
         """RESULT, one file, END; `changed` falsifies fields of END."""
         result = RESULT | {"recorded": RESULT["recorded"] | {"messages": messages}}
-        self.tell(descriptor, FrameType.RESULT, result)
-        self.tell(descriptor, FrameType.FILE, {"name": "case.bag", "size": len(recorded)})
+        self.send(descriptor, FrameType.RESULT, result)
+        self.send(descriptor, FrameType.FILE, {"name": "case.bag", "size": len(recorded)})
         if recorded:
             self.write(descriptor, FrameType.DATA, recorded)
         end = {"files": 1, "bytes": len(recorded), "digest": self._encoder.digest}
-        self.tell(descriptor, FrameType.END, end | changed)
+        self.send(descriptor, FrameType.END, end | changed)
 
     def _serve(self) -> None:
         for script in self._scripts:
@@ -107,7 +107,7 @@ class FakeAgent:
                 script(self)
                 while self._incoming >= 0 and self._rest():
                     continue
-                self._open_anew()
+                self._reopen()
                 self.hang_up()
             except BaseException:
                 self.vanish()
@@ -121,7 +121,7 @@ class FakeAgent:
     def _fresh(self) -> int:
         return os.open(self._folder / "to-agent", os.O_RDONLY | os.O_NONBLOCK)
 
-    def _open_anew(self) -> None:
+    def _reopen(self) -> None:
         """As the real agent does: the next session's end is open before the old one is closed."""
         if self._incoming >= 0:
             old, self._incoming = self._incoming, self._fresh()
@@ -155,7 +155,7 @@ class FakeAgent:
             elif self.received:
                 return
             else:
-                self._open_anew()
+                self._reopen()
 
     def _await_bytes(self) -> None:
         # Nobody may have opened the other end yet, which a read would take for its end.
@@ -191,7 +191,7 @@ def aborting(reason: str, message: str, stderr: list[str]) -> Script:
         outgoing = agent.open_outgoing()
         agent.greet(outgoing)
         abort = {"reason": reason, "message": message, "exit_status": 3, "stderr": stderr}
-        agent.tell(outgoing, FrameType.ABORT, abort)
+        agent.send(outgoing, FrameType.ABORT, abort)
 
     return script
 

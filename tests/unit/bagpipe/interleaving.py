@@ -62,8 +62,8 @@ class World:
             except StorageError as error:
                 self.answers.setdefault(program, []).append(f"{name} {uri}: {error}")
                 raise
-            said = "lost" if how == "lost" else repr(answer)
-            self.answers.setdefault(program, []).append(f"{name} {uri}: {said}")
+            reply = "lost" if how == "lost" else repr(answer)
+            self.answers.setdefault(program, []).append(f"{name} {uri}: {reply}")
             if how == "lost":
                 raise StorageError(f"{uri}: the answer was lost")
             return answer
@@ -92,7 +92,7 @@ class World:
 
     def state(self) -> int:
         """What may still become of it all."""
-        answers = tuple((n, tuple(said)) for n, said in sorted(self.answers.items()))
+        answers = tuple((n, tuple(reply)) for n, reply in sorted(self.answers.items()))
         files = tuple(sorted(self.files.items()))
         return hash((answers, files, tuple(self._ended), tuple(self.faults)))
 

@@ -39,17 +39,17 @@ many = settings(max_examples=250)
 @st.composite
 def results(draw: st.DrawFn) -> Json:
     """RESULT maps as an agent may send them, and some that none would."""
-    told = []
+    topics_played = []
     for number, (sent, subscribers) in enumerate(draw(st.lists(topics, min_size=1, max_size=2))):
         rows = []
         for line in subscribers:
             row = {key: line[key] for key in ("node", "dropped", "waited_seconds")}
             rows.append(row | {"received": max(0, sent - line["lacks"]) + line["more"]})
-        told.append({"topic": f"/t{number}", "sent": sent, "subscribers": rows})
+        topics_played.append({"topic": f"/t{number}", "sent": sent, "subscribers": rows})
     stood = {"stall_max_seconds": draw(figures), "late_max_seconds": draw(figures)}
     return {
         "stack": {"ended": [{"cause": cause, "message": "it ended"} for cause in draw(ends)]},
-        "ledger": {"sent": sum(topic["sent"] for topic in told), "topics": told},
+        "ledger": {"sent": sum(topic["sent"] for topic in topics_played), "topics": topics_played},
         "recorded": {"messages": draw(st.integers(0, 2))},
         "playback": {"played_seconds": draw(seconds)},
         "machine": {"busy": draw(busy), "message": ""} | stood,
@@ -68,7 +68,7 @@ def lines_of(result: Json) -> list[tuple[int, Json]]:
 
 @many
 @given(results(), modes)
-def test_who_passes_has_lost_nothing_and_said_something(result: Json, mode: str) -> None:
+def test_a_passed_case_lost_nothing_and_published_something(result: Json, mode: str) -> None:
     kept = all(line["received"] == sent and not line["dropped"] for sent, line in lines_of(result))
     ended = result["stack"]["ended"]
     spoke = result["ledger"]["sent"] > 0 and result["recorded"]["messages"] > 0
@@ -77,21 +77,21 @@ def test_who_passes_has_lost_nothing_and_said_something(result: Json, mode: str)
 
 @many
 @given(results(), modes)
-def test_the_gravest_is_told(result: Json, mode: str) -> None:
-    told = judge(result, mode=mode)
+def test_the_gravest_reason_is_reported(result: Json, mode: str) -> None:
+    found = judge(result, mode=mode)
     impossible = any(line["received"] > sent for sent, line in lines_of(result))
     lossy = any(line["received"] < sent or line["dropped"] for sent, line in lines_of(result))
     if result["stack"]["ended"]:
-        assert (told.outcome, told.reason) == ("failed", result["stack"]["ended"][0]["cause"])
+        assert (found.outcome, found.reason) == ("failed", result["stack"]["ended"][0]["cause"])
     elif impossible:
-        assert (told.outcome, told.reason) == ("errored", "ProtocolError")
+        assert (found.outcome, found.reason) == ("errored", "ProtocolError")
     elif lossy:
         pairs = {("failed", "MessagesLost"), ("errored", "MachineBusy")}
-        assert (told.outcome, told.reason) in pairs
+        assert (found.outcome, found.reason) in pairs
     elif not result["ledger"]["sent"]:
-        assert (told.outcome, told.reason) == ("invalid", "NothingPlayed")
+        assert (found.outcome, found.reason) == ("invalid", "NothingPlayed")
     elif not result["recorded"]["messages"]:
-        assert (told.outcome, told.reason) == ("invalid", "NothingRecorded")
+        assert (found.outcome, found.reason) == ("invalid", "NothingRecorded")
 
 
 @many

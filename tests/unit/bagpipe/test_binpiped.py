@@ -46,20 +46,20 @@ def failure(
 
 
 def test_a_program_that_is_not_there_is_named() -> None:
-    told = failure(Command(("/no/such/program",)), [record("a")])
-    assert told.reason == "CannotStart"
-    assert "/no/such/program" in str(told)
+    error = failure(Command(("/no/such/program",)), [record("a")])
+    assert error.reason == "CannotStart"
+    assert "/no/such/program" in str(error)
 
 
-def test_output_that_is_no_frame_is_told_with_what_to_do() -> None:
-    told = failure(shell("echo hello world, this is a log line; cat > /dev/null"), [record("a")])
-    assert told.reason == "ProtocolError"
-    assert "print to stderr" in str(told)
-    assert "68656c6c" in str(told)
+def test_output_that_is_no_frame_is_reported_with_what_to_do() -> None:
+    error = failure(shell("echo hello world, this is a log line; cat > /dev/null"), [record("a")])
+    assert error.reason == "ProtocolError"
+    assert "print to stderr" in str(error)
+    assert "68656c6c" in str(error)
 
 
 @pytest.mark.parametrize(
-    ("code", "said"),
+    ("code", "message"),
     [
         ("binpipe.write(b'x', name='q'); p = binpipe._standard(); p._bytes += 1", "END says"),
         ("p = binpipe._standard(); p._output.digest ^= 1", "END says"),
@@ -69,16 +69,16 @@ def test_output_that_is_no_frame_is_told_with_what_to_do() -> None:
         ("p = binpipe._standard(); p._begin('q', 3, {}); p.send_data(b'1234')", "above the 3"),
     ],
 )
-def test_a_program_that_breaks_the_protocol_is_told_so(code: str, said: str) -> None:
-    told = failure(python(EACH + code), [record("a")])
-    assert told.reason == "ProtocolError"
-    assert said in str(told)
+def test_a_breach_of_the_protocol_is_named(code: str, message: str) -> None:
+    error = failure(python(EACH + code), [record("a")])
+    assert error.reason == "ProtocolError"
+    assert message in str(error)
 
 
 def test_input_that_nobody_asked_for_is_a_failure() -> None:
     code = "from bagpipe import binpipe\nnext(binpipe.read()); binpipe.write(b'x')"
-    told = failure(python(code), [record("a"), record("b")])
-    assert told.reason == "InputLeft"
+    error = failure(python(code), [record("a"), record("b")])
+    assert error.reason == "InputLeft"
 
 
 def test_an_end_that_does_not_prove_the_input_is_a_failure() -> None:
@@ -86,17 +86,17 @@ def test_an_end_that_does_not_prove_the_input_is_a_failure() -> None:
     assert failure(python(code), [record("a")]).reason == "InputLeft"
 
 
-def test_an_exception_of_the_program_is_told_by_its_name_and_trace() -> None:
-    told = failure(python(EACH + "raise ValueError('no lane in ' + r.name)"), [record("a")])
-    assert "ValueError: no lane in a" in str(told)
-    assert told.stderr[0].startswith("Traceback")
+def test_an_exception_of_the_program_is_reported_with_its_traceback() -> None:
+    error = failure(python(EACH + "raise ValueError('no lane in ' + r.name)"), [record("a")])
+    assert "ValueError: no lane in a" in str(error)
+    assert error.stderr[0].startswith("Traceback")
 
 
 def test_what_is_kept_of_stderr_is_bounded() -> None:
     code = EACH + "import sys; [print('x' * 10_000, n, file=sys.stderr) for n in range(500)]; 1/0"
-    told = failure(python(code), [record("a")])
-    assert len(told.stderr) == 20
-    assert sum(map(len, told.stderr)) <= 20 * 500
+    error = failure(python(code), [record("a")])
+    assert len(error.stderr) == 20
+    assert sum(map(len, error.stderr)) <= 20 * 500
 
 
 def test_a_program_that_works_too_long_on_a_record_is_killed_with_its_children(
@@ -115,16 +115,16 @@ def test_a_program_that_works_too_long_on_a_record_is_killed_with_its_children(
         wait_until(lambda: mark.exists() and mark.read_text() != "", PATIENCE, "no program began")
         yield record("b")
 
-    told = failure(python(code), inputs(), Deadlines(200, record=5))
-    assert told.reason == "RecordDeadlineExceeded"
-    assert "5 s (record_timeout=)" in str(told)
+    error = failure(python(code), inputs(), Deadlines(200, record=5))
+    assert error.reason == "RecordDeadlineExceeded"
+    assert "5 s (record_timeout=)" in str(error)
     wait_until(lambda: not alive(int(mark.read_text())), PATIENCE, "the program goes on")
 
 
 def test_a_partition_has_a_deadline_however_busy_the_program_is() -> None:
     code = EACH + "pass\nwhile True: binpipe.write(b'x' * 1000); binpipe.flush()"
-    told = failure(python(code), [record("a")], Deadlines(partition=2, record=30))
-    assert told.reason == "DeadlineExceeded"
+    error = failure(python(code), [record("a")], Deadlines(partition=2, record=30))
+    assert error.reason == "DeadlineExceeded"
 
 
 def test_a_stdout_that_stays_open_after_the_end_is_not_waited_for(
@@ -133,8 +133,8 @@ def test_a_stdout_that_stays_open_after_the_end_is_not_waited_for(
     monkeypatch.setattr("bagpipe.binpiped.exchange.SILENCE_SECONDS", 0.5)
     # The child takes stdout along before the SDK puts it aside.
     forks = "import os\nif os.fork() == 0: os.execvp('sleep', ['sleep', '600'])\n"
-    told = failure(python(forks + EACH + "pass"), [])
-    assert told.reason == "ProgramStuck"
+    error = failure(python(forks + EACH + "pass"), [])
+    assert error.reason == "ProgramStuck"
 
 
 def test_the_clock_stands_still_while_others_work_on_the_results(
@@ -259,10 +259,10 @@ def test_what_a_dead_session_left_in_the_fifo_is_thrown_away(tmp_path: Path) -> 
     assert program.wait(90) == 0
 
 
-def test_a_fifo_that_nobody_serves_is_told_within_its_deadline(tmp_path: Path) -> None:
+def test_a_fifo_that_nobody_serves_is_reported_within_its_deadline(tmp_path: Path) -> None:
     make_slot(tmp_path)
-    told = failure(Slots(str(tmp_path)), [record("a")], Deadlines(partition=0.5, record=1))
-    assert told.reason == "NobodyServes"
+    error = failure(Slots(str(tmp_path)), [record("a")], Deadlines(partition=0.5, record=1))
+    assert error.reason == "NobodyServes"
 
 
 def test_partitions_have_about_equal_bytes_and_the_biggest_first() -> None:

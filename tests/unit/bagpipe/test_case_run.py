@@ -22,7 +22,7 @@ from bagpipe.source.bags.stream import fragment_file
 from bagpipe.source.planning import plan
 from bagpipe.storage import NewFile, Patience, Storage
 from bagpipe.storage.backend import TransientError
-from bagpipe.storage.faults import told
+from bagpipe.storage.faults import storage_errors
 from bagpipe.storage.local import LocalSink
 from bagpipe.storage.retries import Clock, persistently
 from tests.unit.bagpipe.bags import steady, write_bag
@@ -166,7 +166,7 @@ def test_storage_that_never_answers_has_three_tries(
     context: RunContext, case: Case, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def unanswered(*_: object) -> Row:
-        with told("hdfs://namenode/a.bag", "written"):
+        with storage_errors("hdfs://namenode/a.bag", "written"):
             raise TransientError("the connection to HDFS broke or was refused")
 
     monkeypatch.setattr(case_run, "_played", unanswered)
@@ -197,7 +197,7 @@ def test_a_volume_that_stays_full_is_named_as_such(
 
 
 def _no_space(file: NewFile, _data: bytes) -> None:
-    with told(file.uri, "written"):
+    with storage_errors(file.uri, "written"):
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
@@ -295,12 +295,12 @@ def test_a_full_volume_is_tried_again_and_then_passes(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = NewFile.write
-    said = [OSError(errno.ENOSPC, "No space left on device")]
+    errors = [OSError(errno.ENOSPC, "No space left on device")]
 
     def write(file: NewFile, data: bytes) -> None:
-        if said:
-            with told(file.uri, "written"):
-                raise said.pop()
+        if errors:
+            with storage_errors(file.uri, "written"):
+                raise errors.pop()
         real(file, data)
 
     monkeypatch.setattr(attempts_module, "FULL_VOLUME_PAUSES", (0.0,) * 6)

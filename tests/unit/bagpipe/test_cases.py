@@ -74,7 +74,7 @@ def test_bags_of_one_name_stay_apart(tmp_path: Path) -> None:
     assert sorted(case.id for case in made.cases) == ["a-000-0000", "a-001-0000"]
 
 
-def test_what_is_wrong_with_a_bag_is_told_and_the_others_go_on(tmp_path: Path) -> None:
+def test_a_faulty_bag_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
     storage = storage_with(tmp_path, "good.bag", "cut.bag", "other.bag")
     whole = (tmp_path / "cut.bag").read_bytes()
     (tmp_path / "cut.bag").write_bytes(whole[: len(whole) // 2])
@@ -129,7 +129,7 @@ def test_a_gap_of_ten_minutes_leaves_the_jobs_verdict_alone(
     assert progress.verdict == "Passed"
 
 
-def test_a_topic_without_a_message_is_not_said_to_be_missing(tmp_path: Path) -> None:
+def test_a_topic_without_a_message_is_not_reported_missing(tmp_path: Path) -> None:
     with Writer(tmp_path / "a.bag") as writer:
         store = get_typestore(Stores.ROS1_NOETIC)
         kind = "std_msgs/msg/String"
@@ -179,9 +179,9 @@ def test_of_a_bag_s_other_topics_ten_are_named(tmp_path: Path) -> None:
     recorded = [each for n in range(12) for each in steady(f"/t{n:02d}", 1, 1)]
     write_bag(tmp_path / "a.bag", recorded)
     spec = make_spec(source=source("a.bag") | {"topics": ["/x", "/y"]})
-    (told,) = plan(spec, Storage({"recordings": str(tmp_path)})).unplanned
+    (fault,) = plan(spec, Storage({"recordings": str(tmp_path)})).unplanned
     ten = ", ".join(f"/t{n:02d}" for n in range(10))
-    assert told.message.endswith(f": none of the topics /x, /y is in the bag; it has {ten}")
+    assert fault.message.endswith(f": none of the topics /x, /y is in the bag; it has {ten}")
 
 
 def test_a_volume_that_can_t_be_asked_hides_no_other_bag(tmp_path: Path) -> None:
@@ -189,4 +189,4 @@ def test_a_volume_that_can_t_be_asked_hides_no_other_bag(tmp_path: Path) -> None
     bags = ["pvc://nowhere/*.bag", "pvc://recordings/a.bag"]
     made = plan(make_spec(source=source("a.bag", length="60s") | {"bags": bags}), storage)
     assert [case.id for case in made.cases] == ["a-0000"]
-    assert [(told.bag, told.reason) for told in made.unplanned] == [(bags[0], "BagMissing")]
+    assert [(fault.bag, fault.reason) for fault in made.unplanned] == [(bags[0], "BagMissing")]

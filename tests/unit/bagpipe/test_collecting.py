@@ -43,7 +43,7 @@ class Lists:
 
 
 class Spark:
-    """Tells its heap, and notes the bytes of each job's results."""
+    """Reports its heap, and notes the bytes of each job's results."""
 
     def __init__(self) -> None:
         runtime = SimpleNamespace(maxMemory=lambda: HEAP_BYTES)
@@ -93,7 +93,7 @@ def test_a_record_above_a_slice_is_refused_and_never_kept(sizes: Partitions) -> 
     assert spark.moved == []
 
 
-def test_more_than_the_budget_is_told_first() -> None:
+def test_more_than_the_budget_is_refused_first() -> None:
     with pytest.raises(CollectTooLargeError, match=r"the driver takes 2,000 \(max_bytes=\)"):
         collected(Spark(), Lists([[5_000]]), 2_000)
 

@@ -30,40 +30,40 @@ def against(tmp_path: Path, rows: list[Row], *allow: str, before: Any = None) ->
     return found
 
 
-def said(manifest: dict[str, Any]) -> tuple[str, str]:
+def verdict_of(manifest: dict[str, Any]) -> tuple[str, str]:
     return manifest["verdict"], manifest["verdictReason"]
 
 
 def test_a_job_like_its_baseline_passes(tmp_path: Path) -> None:
     found = against(tmp_path, passed(0, 1, 2, 3))
-    assert said(found) == ("Passed", "")
+    assert verdict_of(found) == ("Passed", "")
     assert [one["verdict"] for one in found["comparisons"]] == ["same"]
 
 
 def test_a_job_whose_every_case_passed_and_that_lacks_one_has_regressed(tmp_path: Path) -> None:
     found = against(tmp_path, passed(0, 1, 2))
-    assert (found["phase"], *said(found)) == ("Complete", "Failed", "Regressed")
+    assert (found["phase"], *verdict_of(found)) == ("Complete", "Failed", "Regressed")
     assert found["message"] == (
         "3 of 3 cases ran, verdict Failed; this job against the earlier job: 1 missing"
     )
     assert found["counts"]["regressed"] == 1
-    assert said(against(tmp_path / "b", passed(0, 1, 2), "Missing")) == ("Passed", "")
+    assert verdict_of(against(tmp_path / "b", passed(0, 1, 2), "Missing")) == ("Passed", "")
 
 
 def test_a_case_that_gives_no_evidence_any_more_is_worse_than_invalid(tmp_path: Path) -> None:
     rows = [*passed(0, 1, 2), make_row("a-3", "invalid", "NotEnoughEvidence", fragment="a-3")]
-    assert said(against(tmp_path, rows)) == ("Failed", "Regressed")
+    assert verdict_of(against(tmp_path, rows)) == ("Failed", "Regressed")
     allowed = against(tmp_path / "b", rows, "Regressed")
     # What is allowed of the comparison makes no invalid case valid.
-    assert said(allowed) == ("Invalid", "Invalid")
+    assert verdict_of(allowed) == ("Invalid", "Invalid")
 
 
 def test_a_case_that_failed_is_the_gravest(tmp_path: Path) -> None:
     rows = [make_row("a-0", "failed", "CriterionFailed", fragment="a-0")]
     found = against(tmp_path, rows)
-    assert said(found) == ("Failed", "Failed")
+    assert verdict_of(found) == ("Failed", "Failed")
     assert "1 regressed (1 failed)" in found["message"]
-    assert said(against(tmp_path / "b", rows, "Regressed", "Missing")) == ("Failed", "Failed")
+    assert verdict_of(against(tmp_path / "b", rows, "Regressed", "Missing")) == ("Failed", "Failed")
 
 
 def measured(more: float) -> list[Row]:
@@ -77,19 +77,19 @@ def measured(more: float) -> list[Row]:
 
 def test_worse_figures_fail_a_job_whose_every_case_passed(tmp_path: Path) -> None:
     found = against(tmp_path, measured(0.1), before=measured(0.0))
-    assert said(found) == ("Failed", "WorseCriteria")
+    assert verdict_of(found) == ("Failed", "WorseCriteria")
     assert found["message"].endswith("this job against the earlier job: worse in latency")
     allowed = against(tmp_path / "b", measured(0.1), "WorseCriteria", before=measured(0.0))
-    assert said(allowed) == ("Passed", "")
-    assert allowed["comparisons"][0]["verdict"] == "worse"  # told all the same
+    assert verdict_of(allowed) == ("Passed", "")
+    assert allowed["comparisons"][0]["verdict"] == "worse"  # still reported
 
 
 def test_what_has_nothing_in_common_is_no_pass(tmp_path: Path) -> None:
     before = [make_row("b-0", "errored", "AgentDied", fragment="b-0")]
     found = against(tmp_path, passed(0), "Missing", before=before)
-    assert said(found) == ("Invalid", "NothingCompared")
+    assert verdict_of(found) == ("Invalid", "NothingCompared")
     allowed = against(tmp_path / "b", passed(0), "Missing", "Unknown", before=before)
-    assert said(allowed) == ("Passed", "")
+    assert verdict_of(allowed) == ("Passed", "")
 
 
 def with_baseline(uri: str) -> SimulationJobSpec:
@@ -103,10 +103,10 @@ def test_a_baseline_that_is_gone_at_the_end_is_no_pass(tmp_path: Path) -> None:
     progress.add(make_row("a-0"))
     progress.compare(compared(with_baseline("pvc://results/gone"), lambda: passed(0), storage))
     assert progress.finish()
-    told = progress.snapshot()
-    assert (told["phase"], told["verdict"]) == ("Complete", "Invalid")
-    assert told["verdictReason"] == "BaselineUnreadable"
-    assert "spec.baseline can't be read: pvc://results/gone/results.jsonl" in told["message"]
+    snapshot = progress.snapshot()
+    assert (snapshot["phase"], snapshot["verdict"]) == ("Complete", "Invalid")
+    assert snapshot["verdictReason"] == "BaselineUnreadable"
+    assert "spec.baseline can't be read: pvc://results/gone/results.jsonl" in snapshot["message"]
 
 
 def test_a_baseline_is_waited_for_as_other_storage_is() -> None:
@@ -141,8 +141,8 @@ def test_an_adopted_manifest_says_the_same(tmp_path: Path) -> None:
     manifest = against(tmp_path, passed(0, 1, 2))
     progress = Progress("r")
     progress.adopt(manifest)
-    told = progress.snapshot()
-    assert (told["verdict"], told["verdictReason"]) == ("Failed", "Regressed")
-    assert told["comparisons"] == [
+    snapshot = progress.snapshot()
+    assert (snapshot["verdict"], snapshot["verdictReason"]) == ("Failed", "Regressed")
+    assert snapshot["comparisons"] == [
         {"variant": "", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}
     ]

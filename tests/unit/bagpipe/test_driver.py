@@ -1,4 +1,4 @@
-"""The driver's parts: what it tells, what it commits, and the cases over a real local Spark."""
+"""The driver's parts: what it reports, what it commits, and the cases over a real local Spark."""
 
 import json
 import urllib.request
@@ -35,13 +35,17 @@ def finished(planned: int, rows: list[Row], unplanned: list[Unplanned]) -> dict[
 
 
 def test_a_job_whose_cases_all_passed_is_complete() -> None:
-    told = finished(2, [row("a", attempts=3, starts=2), row("b", attempts=2)], [])
-    assert (told["phase"], told["verdict"], told["reason"]) == ("Complete", "Passed", "AllCasesRan")
-    assert told["cases"] == {
+    snapshot = finished(2, [row("a", attempts=3, starts=2), row("b", attempts=2)], [])
+    assert (snapshot["phase"], snapshot["verdict"], snapshot["reason"]) == (
+        "Complete",
+        "Passed",
+        "AllCasesRan",
+    )
+    assert snapshot["cases"] == {
         "planned": 2, "running": 0, "passed": 2, "failed": 0, "invalid": 0, "errored": 0,
         "crashed": 0, "lost": 0, "regressed": 0, "discarded": 4,
     }  # fmt: skip
-    assert told["ledger"] == {"sent": 6, "received": 6, "dropped": 0, "leadIn": 2}
+    assert snapshot["ledger"] == {"sent": 6, "received": 6, "dropped": 0, "leadIn": 2}
 
 
 # Promise: verdict-of-the-job
@@ -49,25 +53,29 @@ def test_a_job_whose_cases_all_passed_is_complete() -> None:
     ("outcome", "verdict"), [("failed", "Failed"), ("invalid", "Invalid"), ("passed", "Passed")]
 )
 def test_the_verdict_is_the_worst_case(outcome: str, verdict: str) -> None:
-    told = finished(2, [row("a"), row("b", outcome)], [])
-    assert (told["phase"], told["verdict"]) == ("Complete", verdict)
+    snapshot = finished(2, [row("a"), row("b", outcome)], [])
+    assert (snapshot["phase"], snapshot["verdict"]) == ("Complete", verdict)
 
 
 def test_one_reason_for_all_errors_is_the_jobs_reason() -> None:
-    told = finished(1, [row("a")], [MISSING])
-    assert (told["phase"], told["reason"], told["verdict"]) == ("Failed", "BagMissing", "")
-    assert told["message"] == "1 of 2 cases errored; lost: BagMissing: no file at lost.bag"
+    snapshot = finished(1, [row("a")], [MISSING])
+    assert (snapshot["phase"], snapshot["reason"], snapshot["verdict"]) == (
+        "Failed",
+        "BagMissing",
+        "",
+    )
+    assert snapshot["message"] == "1 of 2 cases errored; lost: BagMissing: no file at lost.bag"
 
 
-def test_several_reasons_are_told_as_such() -> None:
-    told = finished(1, [row("a", "errored", "StackExited")], [MISSING])
-    assert told["reason"] == "CasesErrored"
-    assert [failure["reason"] for failure in told["failures"]] == ["BagMissing", "StackExited"]
+def test_several_reasons_are_reported_as_such() -> None:
+    snapshot = finished(1, [row("a", "errored", "StackExited")], [MISSING])
+    assert snapshot["reason"] == "CasesErrored"
+    assert [failure["reason"] for failure in snapshot["failures"]] == ["BagMissing", "StackExited"]
 
 
 def test_a_case_without_a_row_fails_the_job() -> None:
-    told = finished(2, [row("a")], [])
-    assert (told["phase"], told["reason"]) == ("Failed", "CasesMissing")
+    snapshot = finished(2, [row("a")], [])
+    assert (snapshot["phase"], snapshot["reason"]) == ("Failed", "CasesMissing")
 
 
 def test_the_termination_message_stays_whole_json_below_four_kibibytes() -> None:
@@ -88,13 +96,13 @@ def test_a_job_that_was_stopped_says_why() -> None:
     assert progress.failed() == 1
     progress.stop("TooManyFailedCases", "enough")
     assert not progress.finish()
-    told = progress.snapshot()
-    assert (told["phase"], told["reason"], told["message"]) == (
+    snapshot = progress.snapshot()
+    assert (snapshot["phase"], snapshot["reason"], snapshot["message"]) == (
         "Failed", "TooManyFailedCases", "enough",
     )  # fmt: skip
 
 
-def test_a_warning_is_told_until_it_has_passed() -> None:
+def test_a_warning_is_reported_until_it_has_passed() -> None:
     progress = Progress("pvc://results/r")
     progress.begin(9)
     progress.warn("the volume is full")
@@ -200,11 +208,11 @@ def test_spark_on_one_machine_starts_quickly_and_ends_when_its_heap_is_full() ->
 
 
 @pytest.mark.parametrize(
-    ("said", "policy"), [({}, "IfNotPresent"), ({"pullPolicy": "Always"}, "Always")]
+    ("given", "policy"), [({}, "IfNotPresent"), ({"pullPolicy": "Always"}, "Always")]
 )
-def test_executors_are_pulled_as_the_release_says(said: dict[str, str], policy: str) -> None:
+def test_executors_are_pulled_as_the_release_says(given: dict[str, str], policy: str) -> None:
     job = make_job({})
-    images = Images.model_validate(job.images.model_dump(by_alias=True) | said)
+    images = Images.model_validate(job.images.model_dump(by_alias=True) | given)
     pod = DriverPod("pod", "lab", "198.18.0.9")
     settings = spark_settings(job.model_copy(update={"images": images}), pod, 1)
     assert settings["spark.kubernetes.container.image.pullPolicy"] == policy

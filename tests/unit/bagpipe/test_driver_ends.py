@@ -111,10 +111,10 @@ def test_a_driver_whose_jvm_is_gone_journals_its_rows_and_is_no_end_of_the_job(
     assert [row["case"] for row in rows] == ["a"]
     # Neither 0 nor 1, which are the ends of a job.
     assert status == 75
-    told = json.loads(progress.termination_message())
-    assert (told["phase"], told["reason"]) == ("Running", "SparkGone")
-    assert (told["cases"]["passed"], told["cases"]["running"]) == (1, 0)
-    assert "Java process" in told["message"]
+    snapshot = json.loads(progress.termination_message())
+    assert (snapshot["phase"], snapshot["reason"]) == ("Running", "SparkGone")
+    assert (snapshot["cases"]["passed"], snapshot["cases"]["running"]) == (1, 0)
+    assert "Java process" in snapshot["message"]
 
 
 def test_an_error_of_a_spark_that_lives_ends_the_job_and_its_rows_are_journaled(
@@ -123,25 +123,25 @@ def test_an_error_of_a_spark_that_lives_ends_the_job_and_its_rows_are_journaled(
     spark = FakeSpark(Py4JError("Job aborted due to stage failure"), lambda: True)
     progress, rows, complete = ended(tmp_path, Place(spark))
     assert [row["case"] for row in rows] == ["a"]
-    told = progress.snapshot()
-    assert (complete, told["phase"], told["reason"]) == (False, "Failed", "DriverFailed")
-    assert told["message"] == "Py4JError: Job aborted due to stage failure"
+    snapshot = progress.snapshot()
+    assert (complete, snapshot["phase"], snapshot["reason"]) == (False, "Failed", "DriverFailed")
+    assert snapshot["message"] == "Py4JError: Job aborted due to stage failure"
 
 
-def test_a_jvm_that_goes_after_the_driver_was_told_to_end_is_no_trouble(tmp_path: Path) -> None:
+def test_a_jvm_that_goes_after_sigterm_is_no_trouble(tmp_path: Path) -> None:
     class Interrupted(FakeSpark):
         def parallelize(self, *_arguments: object) -> "FakeSpark":
             keepers[0].interrupt()
             return self
 
-    class Told(Place):
+    class InterruptedPlace(Place):
         def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
             keepers.append(keeper)
             super().simulate(job, cases, keeper)
 
     keepers: list[Keeper] = []
     spark = Interrupted(ConnectionRefusedError(111, "Connection refused"), refused)
-    progress, rows, status = ended(tmp_path, Told(spark))
+    progress, rows, status = ended(tmp_path, InterruptedPlace(spark))
     assert [row["case"] for row in rows] == ["a"]
     assert (status, progress.snapshot()["reason"]) == (143, "Interrupted")
 
@@ -165,11 +165,11 @@ def test_a_keeper_that_fails_ends_the_job_with_its_error(
     spark = Cancelled(Py4JError("Job 0 cancelled"), lambda: True)
     progress, rows, complete = ended(tmp_path, Place(spark))
     assert [row["case"] for row in rows] == ["a"]
-    told = progress.snapshot()
-    assert (complete, told["reason"]) == (False, "DriverFailed")
-    assert told["message"] == "KeyError: 'a fault of ours'"
+    snapshot = progress.snapshot()
+    assert (complete, snapshot["reason"]) == (False, "DriverFailed")
+    assert snapshot["message"] == "KeyError: 'a fault of ours'"
 
 
-def test_a_spark_that_does_not_tell_how_many_cases_run_is_no_trouble() -> None:
+def test_an_unknown_number_of_running_cases_is_no_trouble() -> None:
     spark: Any = FakeSpark(Py4JError("busy"), lambda: True)
     assert active_tasks(spark) == 0

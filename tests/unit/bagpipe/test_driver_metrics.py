@@ -56,7 +56,7 @@ def test_a_case_is_counted_by_what_it_did() -> None:
     assert bench.value("replay_played_seconds_total") == 5.0
 
 
-def test_lock_step_tells_its_waits_and_asks_for_no_rate() -> None:
+def test_lock_step_reports_its_waits_and_asks_for_no_rate() -> None:
     step = {"trigger": "/scan", "answer": "/out", "deadline": "2s"}
     bench = Bench("lockstep", steps=[step])
     bench.metrics.count(make_row("a", result=result(playback={"steps": STEPS})))

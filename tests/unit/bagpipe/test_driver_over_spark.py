@@ -79,7 +79,9 @@ def world(tmp_path: Path) -> World:
     return World(tmp_path)
 
 
-def test_sparks_executors_are_told_by_its_own_figures(spark: SparkContext, world: World) -> None:
+def test_sparks_executors_are_reported_by_its_own_figures(
+    spark: SparkContext, world: World
+) -> None:
     metrics = DriverMetrics(Progress(world.results.folder), world.job)
     keeper = dataclasses.replace(world.keeper(), counted=metrics.count)
     value = metrics.registry.get_sample_value
@@ -277,8 +279,12 @@ def test_a_driver_after_a_commit_runs_nothing(
     monkeypatch.setattr(driver, "plan", None)
     progress = Progress(world.results.folder)
     assert driver.run(world.job, progress)
-    told = progress.snapshot()
-    assert (told["phase"], told["verdict"], told["cases"]["passed"]) == ("Complete", "Passed", 6)
+    snapshot = progress.snapshot()
+    assert (snapshot["phase"], snapshot["verdict"], snapshot["cases"]["passed"]) == (
+        "Complete",
+        "Passed",
+        6,
+    )
     assert world.results.is_published(world.journal)
     assert world.storage.names(f"{world.results.folder}/journal") == []
 

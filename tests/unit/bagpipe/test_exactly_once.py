@@ -86,8 +86,8 @@ def test_a_successor_takes_over_what_the_journal_has(world: World) -> None:
         Plan([case("a"), case("b"), case("c"), case("moved", start=21), case("new")], [MISSING])
     )
     assert [name for name in ("a", "b", "c", "moved", "new") if name in second.rows] == ["a", "b"]
-    told = second.progress.snapshot()["cases"]
-    assert (told["passed"], told["errored"]) == (1, 2)  # the missing bag is counted too
+    counts = second.progress.snapshot()["cases"]
+    assert (counts["passed"], counts["errored"]) == (1, 2)  # the missing bag is counted too
     second.take([ran("c"), ran("moved", window=[10, 21, 30])])
     finish(second)
     assert len(world.names("journal")) == 2
@@ -147,7 +147,7 @@ def test_a_keeper_that_fails_cancels_the_work_and_what_was_taken_is_journaled(
     assert keeper.stop is None
 
 
-def test_a_keeper_that_fails_is_told_also_where_nothing_can_be_cancelled(world: World) -> None:
+def test_a_keeper_that_fails_is_reported_also_where_nothing_can_be_cancelled(world: World) -> None:
     tried = threading.Event()
 
     def running() -> int:

@@ -76,17 +76,17 @@ def giving(files: dict[str, bytes], last: bool = True, **changed: Any) -> Script
         outgoing = agent.open_outgoing()
         agent.greet(outgoing)
         for name, data in files.items():
-            agent.tell(outgoing, FrameType.FILE, {"name": name, "size": len(data)})
+            agent.send(outgoing, FrameType.FILE, {"name": name, "size": len(data)})
             if data:
                 agent.write(outgoing, FrameType.DATA, data)
         if not last:
             abort = {"reason": "StackCrashed", "message": "it crashed", "exit_status": 3}
-            agent.tell(outgoing, FrameType.ABORT, abort)
+            agent.send(outgoing, FrameType.ABORT, abort)
             return
-        agent.tell(outgoing, FrameType.RESULT, RESULT | changed)
+        agent.send(outgoing, FrameType.RESULT, RESULT | changed)
         total = sum(len(data) for data in files.values())
         end = {"files": len(files), "bytes": total, "digest": agent._encoder.digest}
-        agent.tell(outgoing, FrameType.END, end)
+        agent.send(outgoing, FrameType.END, end)
 
     return script
 
@@ -97,10 +97,10 @@ def kept(context: RunContext) -> dict[str, bytes]:
 
 
 def test_every_file_of_the_program_is_kept_under_its_name(run: Run, context: RunContext) -> None:
-    row, agent = run(giving({"tracks.csv": b"t,x,y", "empty": b"", "log.txt": b"said"}))
+    row, agent = run(giving({"tracks.csv": b"t,x,y", "empty": b"", "log.txt": b"text"}))
     assert (row["outcome"], row["attempts"], row["case"]) == ("passed", 1, "cut-in")
     assert {name.split(".", 2)[2]: data for name, data in kept(context).items()} == {
-        "tracks.csv": b"t,x,y", "empty": b"", "log.txt": b"said",
+        "tracks.csv": b"t,x,y", "empty": b"", "log.txt": b"text",
     }  # fmt: skip
     assert sorted(row["recorded"]) == sorted(f"cases/{name}" for name in kept(context))
     json.dumps(row)
@@ -132,12 +132,12 @@ def test_a_file_of_unknown_size_has_the_bytes_that_came(run: Run, context: RunCo
         outgoing = agent.open_outgoing()
         agent.greet(outgoing)
         for name in ("a", "b"):
-            agent.tell(outgoing, FrameType.FILE, {"name": name, "size": None})
+            agent.send(outgoing, FrameType.FILE, {"name": name, "size": None})
             agent.write(outgoing, FrameType.DATA, name.encode())
             agent.write(outgoing, FrameType.DATA, b"!")
-        agent.tell(outgoing, FrameType.RESULT, RESULT)
+        agent.send(outgoing, FrameType.RESULT, RESULT)
         end = {"files": 2, "bytes": 4, "digest": agent._encoder.digest}
-        agent.tell(outgoing, FrameType.END, end)
+        agent.send(outgoing, FrameType.END, end)
 
     row, _ = run(script)
     assert row["outcome"] == "passed"
@@ -203,7 +203,7 @@ def test_the_programs_own_word_is_the_verdict(
     assert message in judgement.message
 
 
-def test_a_program_s_words_are_told_up_to_a_bound() -> None:
+def test_a_program_s_message_is_bounded() -> None:
     def judged(**program: Any) -> Judgement:
         return judge_program(RESULT | {"program": program})
 

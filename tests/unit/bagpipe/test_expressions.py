@@ -35,7 +35,7 @@ def test_text_that_does_not_parse_is_refused_in_one_line() -> None:
         Expression.compiled("speed <", {"speed"})
 
 
-def test_what_can_t_be_computed_is_said_in_one_line() -> None:
+def test_what_can_t_be_computed_is_reported_in_one_line() -> None:
     with pytest.raises(ExpressionError, match=r"^can't be computed: [^\n]+$"):
         Expression.compiled("speed < 'x'", {"speed"}).holds({"speed": 1.0})
 

@@ -95,7 +95,7 @@ def kept(context: RunContext) -> list[str]:
     return Storage(context.volumes).names("pvc://results/r/cases")
 
 
-def telling(result: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Script:
+def ending_with(result: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> Script:
     """A session whose RESULT is this one."""
 
     def script(agent: FakeAgent) -> None:
@@ -120,7 +120,7 @@ def test_an_end_of_the_stack_fails_its_case_unless_just_that_is_allowed(cause: s
     assert judge(ended(cause=cause), policy(*others)).reason == cause
 
 
-def test_what_is_allowed_is_told_beside_what_is_not() -> None:
+def test_what_is_allowed_is_reported_beside_what_is_not() -> None:
     result = ended(cause="NodeRespawned", message="it came back")
     result["stack"]["ended"].append(CRASH)
     judged = judge(result, policy({"cause": "NodeRespawned", "action": "allow"}))
@@ -161,7 +161,7 @@ def test_a_loss_is_the_machine_s_only_where_that_was_measured(
     assert str(machine["message"] if machine else "") in judged.message
 
 
-def test_a_loss_is_told_with_what_waits_in_the_queue() -> None:
+def test_a_loss_is_reported_with_what_waits_in_the_queue() -> None:
     assert "1 dropped, 7 in its queue" in judge(lossy(queue=7)).message
 
 
@@ -179,16 +179,16 @@ def test_more_received_than_sent_proves_nothing() -> None:
 def test_a_stack_that_loses_now_and_then_is_not_run_until_it_does_not(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    row = run(telling(lossy(IDLE), monkeypatch))
+    row = run(ending_with(lossy(IDLE), monkeypatch))
     assert (row["outcome"], row["reason"], row["attempts"]) == ("failed", "MessagesLost", 1)
     assert row["result"]["ledger"]["topics"][0]["subscribers"][0]["dropped"] == 1
     assert (row["discarded"], len(kept(context))) == ([], 1)
 
 
-def test_a_busy_machine_is_tried_again_and_the_run_is_told(
+def test_a_busy_machine_is_tried_again_and_the_run_is_reported(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    row = run(telling(lossy(BUSY), monkeypatch), well_behaved(b"whole"))
+    row = run(ending_with(lossy(BUSY), monkeypatch), well_behaved(b"whole"))
     assert (row["outcome"], row["attempts"]) == ("passed", 2)
     (before,) = row["discarded"]
     assert before["reason"] == "MachineBusy"
@@ -203,7 +203,7 @@ def test_a_machine_that_stays_busy_is_an_error_after_six_runs(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(case_run, "_pause", lambda _: None)
-    row = run(*[telling(lossy(BUSY), monkeypatch)] * 6)
+    row = run(*[ending_with(lossy(BUSY), monkeypatch)] * 6)
     assert (row["outcome"], row["reason"], row["attempts"]) == ("errored", "MachineBusy", 6)
     # Beside `result`, whose ledgers are summed over the cases that were run.
     assert (row["result"], row["recorded"], kept(context)) == (None, None, [])
@@ -213,7 +213,7 @@ def test_a_machine_that_stays_busy_is_an_error_after_six_runs(
 def test_a_crash_after_the_last_answer_keeps_its_recording_and_last_words(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    row = run(telling(ended(), monkeypatch))
+    row = run(ending_with(ended(), monkeypatch))
     assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed")
     assert (row["stderr"], len(kept(context))) == (["boom"], 1)
     assert "allowed" not in row
@@ -221,7 +221,7 @@ def test_a_crash_after_the_last_answer_keeps_its_recording_and_last_words(
 
 def test_an_allowed_end_is_in_the_row(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     allowing = [{"cause": "StackCrashed", "action": "allow"}]
-    row = run(telling(ended(), monkeypatch), rules=allowing)
+    row = run(ending_with(ended(), monkeypatch), rules=allowing)
     assert (row["outcome"], row["stderr"]) == ("passed", [])
     assert row["allowed"] == [{"cause": "StackCrashed", "message": CRASH["message"]}]
 
@@ -235,7 +235,7 @@ def test_a_crash_is_run_again_where_the_job_asks_for_it(run: Run, context: RunCo
     assert kept(context) == []
 
 
-def test_the_agent_is_told_what_is_allowed(context: RunContext) -> None:
+def test_the_agent_receives_what_is_allowed(context: RunContext) -> None:
     rules = [
         {"cause": "StackExited", "action": "allow"},
         {"cause": "NodeGone", "action": "retry"},

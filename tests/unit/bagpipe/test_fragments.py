@@ -273,7 +273,7 @@ def test_of_a_real_bag_with_gaps_every_fragment_has_messages_and_every_message_o
         assert before.end <= after.start
 
 
-def test_no_index_behind_a_chunk_is_read_where_the_tail_tells() -> None:
+def test_no_index_behind_a_chunk_is_read_where_the_tail_is_enough() -> None:
     def refused(offset: int, length: int) -> bytes:
         raise AssertionError(f"{length} bytes at {offset} were read")
 

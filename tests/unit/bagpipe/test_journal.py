@@ -93,9 +93,9 @@ def test_a_line_that_is_no_row_is_named_with_the_way_out(
     segment.write_text(segment.read_text() + line + "\n")
     with pytest.raises(StorageError) as refused:
         list(journal.rows())
-    said = str(refused.value)
-    assert said.startswith(f"{RESULTS}/journal/0001-a-000000.jsonl {words}")
-    assert said.endswith("remove the file, and its cases run again")
+    sentence = str(refused.value)
+    assert sentence.startswith(f"{RESULTS}/journal/0001-a-000000.jsonl {words}")
+    assert sentence.endswith("remove the file, and its cases run again")
 
 
 def test_a_segment_larger_than_any_that_a_driver_keeps_is_not_read(

@@ -96,11 +96,11 @@ def test_an_interruption_ends_the_wait_for_a_journal(
     keeper = too_many(world) if final else world.driver()[0]
     keeper.take([ran("b")])
 
-    def told_to_end() -> None:
+    def end_at_seven() -> None:
         if world.seconds >= 7:
             keeper.interrupt()
 
-    unwritable(monkeypatch, before=told_to_end)
+    unwritable(monkeypatch, before=end_at_seven)
     keeper.finish(Pause(world, 8))
     assert keeper.interrupted
 
@@ -129,7 +129,7 @@ class OneFails(driver.Cluster):
         keeper.take([ran("a", "failed")])
 
 
-def test_a_job_that_can_t_be_kept_tells_both_reasons_and_commits_nothing(
+def test_a_job_that_can_t_be_kept_reports_both_reasons_and_commits_nothing(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     unwritable(monkeypatch)
@@ -137,10 +137,10 @@ def test_a_job_that_can_t_be_kept_tells_both_reasons_and_commits_nothing(
     job = make_job({"results": str(world.tmp_path)}, maxFailedCases=0)
     progress = Progress(world.results.folder)
     assert not driver.ended(progress, lambda: driver.run(job, progress, place=OneFails()))
-    told = progress.snapshot()
-    assert (told["phase"], told["reason"]) == ("Failed", "StorageFailed")
-    assert FULL in told["message"]
-    assert "TooManyFailedCases" in told["message"]
+    snapshot = progress.snapshot()
+    assert (snapshot["phase"], snapshot["reason"]) == ("Failed", "StorageFailed")
+    assert FULL in snapshot["message"]
+    assert "TooManyFailedCases" in snapshot["message"]
     assert not world.results.is_committed()
 
 
@@ -163,6 +163,6 @@ def test_a_storage_that_fails_later_does_not_hide_why_the_work_stopped(
     monkeypatch.setattr(place, "simulate", simulate)
     progress = Progress(world.results.folder)
     assert not driver.ended(progress, lambda: driver.run(world.job, progress, place=place))
-    told = progress.snapshot()
-    assert told["reason"] == "StorageFailed"
-    assert told["message"].startswith(FULL)
+    snapshot = progress.snapshot()
+    assert snapshot["reason"] == "StorageFailed"
+    assert snapshot["message"].startswith(FULL)

@@ -72,19 +72,19 @@ def test_a_busy_machine_excuses_what_it_can_have_caused(
 def test_a_drain_in_which_nothing_was_taken_is_to_be_explained_too(
     waited: float, drain: float, reason: str
 ) -> None:
-    told = result(lost(10, waited)) | {"timings": {"drain": drain}}
-    assert judge(told).reason == reason
+    given = result(lost(10, waited)) | {"timings": {"drain": drain}}
+    assert judge(given).reason == reason
 
 
 def test_just_half_of_the_time_is_enough() -> None:
-    told = result(lost(4, 2.0)) | {"playback": {"played_seconds": float(SENT)}}
-    assert judge(told).reason == "MachineBusy"
+    given = result(lost(4, 2.0)) | {"playback": {"played_seconds": float(SENT)}}
+    assert judge(given).reason == "MachineBusy"
 
 
 def test_a_long_drain_may_be_another_node_s() -> None:
     right = {"node": "/computes", "received": SENT, "dropped": 0, "waited_seconds": 0.0}
-    told = result(lost(4, 0.25), right) | {"timings": {"drain": 10.0}}
-    assert judge(told).reason == "MachineBusy"
+    given = result(lost(4, 0.25), right) | {"timings": {"drain": 10.0}}
+    assert judge(given).reason == "MachineBusy"
 
 
 def test_what_is_missing_needs_an_excuse_though_nobody_dropped_it() -> None:
@@ -100,14 +100,14 @@ def test_what_was_dropped_needs_an_excuse_though_nothing_is_missing() -> None:
 @pytest.mark.parametrize("sent", [0, 1])
 def test_the_one_message_of_a_topic_takes_the_whole_playback_to_come(sent: int) -> None:
     for waited, reason in ((2.4, "MessagesLost"), (2.6, "MachineBusy")):
-        told = result(lost(1, waited) | {"received": 0})
-        told["ledger"]["topics"][0]["sent"] = sent
-        assert judge(told).reason == reason
+        given = result(lost(1, waited) | {"received": 0})
+        given["ledger"]["topics"][0]["sent"] = sent
+        assert judge(given).reason == reason
 
 
 def test_where_nobody_looked_at_the_machine_it_is_no_excuse() -> None:
-    told = result(lost(1, 3.0)) | {"machine": None}
-    assert judge(told).message == (
+    given = result(lost(1, 3.0)) | {"machine": None}
+    assert judge(given).message == (
         "/slow processed 49 of 50 messages on /scan, 1 dropped: its queue is shorter than its"
         " delay; play slower or give the node a longer queue"
     )
@@ -164,9 +164,9 @@ def test_no_node_can_have_received_more_than_was_sent() -> None:
     )
 
 
-def test_a_calm_machine_is_told_with_the_loss_and_the_queue_it_overran() -> None:
-    told = result(lost(3, 0.2) | {"queue": 1}, busy=False, message="others had 2 %")
-    assert judge(told) == Judgement(
+def test_on_a_calm_machine_a_loss_is_reported_with_the_queue_it_overran() -> None:
+    given = result(lost(3, 0.2) | {"queue": 1}, busy=False, message="others had 2 %")
+    assert judge(given) == Judgement(
         "failed",
         "MessagesLost",
         "/slow processed 47 of 50 messages on /scan, 3 dropped, 1 in its queue (others had 2 %):"
@@ -174,7 +174,7 @@ def test_a_calm_machine_is_told_with_the_loss_and_the_queue_it_overran() -> None
     )
 
 
-def test_a_busy_machine_is_told_with_all_that_was_lost_and_what_to_give() -> None:
+def test_a_busy_machine_is_reported_with_all_losses_and_a_remedy() -> None:
     assert judge(result(lost(3, 2.0, "/first"), lost(4, 2.0, "/second"))) == Judgement(
         "errored",
         "MachineBusy",
@@ -184,7 +184,7 @@ def test_a_busy_machine_is_told_with_all_that_was_lost_and_what_to_give() -> Non
     )
 
 
-def test_of_many_losses_five_are_told_and_the_others_counted() -> None:
+def test_of_many_losses_five_are_named_and_the_others_counted() -> None:
     for count, end in ((6, "/n4 1 on /scan, /n5 1 on /scan"), (8, "/n5 1 on /scan and 2 more")):
         lines = [lost(1, 0.0, f"/n{number}") for number in range(count)]
         message = judge(result(*lines)).message
@@ -195,23 +195,23 @@ def test_of_many_losses_five_are_told_and_the_others_counted() -> None:
 def test_nothing_that_was_played_or_recorded_is_no_pass() -> None:
     right = {"node": "/slow", "received": SENT, "dropped": 0, "waited_seconds": 0.0}
     assert judge(result(right)) == Judgement("passed")
-    unheard = result(right) | {"recorded": {"messages": 0}}
-    assert judge(unheard) == Judgement(
+    silent = result(right) | {"recorded": {"messages": 0}}
+    assert judge(silent) == Judgement(
         "invalid", "NothingRecorded", "the stack published nothing on the recorded topics"
     )
-    unheard["ledger"] = {"sent": 0, "topics": []}
-    assert judge(unheard) == Judgement(
+    silent["ledger"] = {"sent": 0, "topics": []}
+    assert judge(silent) == Judgement(
         "invalid", "NothingPlayed", "the fragment's window holds no message on the topics"
     )
 
 
-def test_the_first_end_that_is_not_allowed_judges_and_those_before_it_are_told() -> None:
-    told = result(lost(1, 0.0))
-    told["stack"]["ended"] = [
+def test_the_first_end_that_is_not_allowed_decides_and_those_before_are_reported() -> None:
+    given = result(lost(1, 0.0))
+    given["stack"]["ended"] = [
         {"cause": "NodeGone", "message": "/a is gone"},
         {"cause": "StackExited", "message": "roslaunch ended"},
     ]
-    assert judge(told) == Judgement("failed", "NodeGone", "/a is gone")
+    assert judge(given) == Judgement("failed", "NodeGone", "/a is gone")
     policy = FaultPolicy([FaultRule(cause="NodeGone", action="allow")])
     crash = Allowed("NodeGone", "/a is gone")
-    assert judge(told, policy) == Judgement("failed", "StackExited", "roslaunch ended", (crash,))
+    assert judge(given, policy) == Judgement("failed", "StackExited", "roslaunch ended", (crash,))

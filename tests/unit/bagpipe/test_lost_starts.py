@@ -25,7 +25,7 @@ def test_a_case_that_was_given_up_names_its_executors_and_why_they_were_lost() -
 
     def failed(stage: int) -> list[Task]:
         asked.append(stage)
-        # As Spark tells them: the newest first, of all cases.
+        # As Spark reports them: the newest first, of all cases.
         return [task(1, 2, "7"), task(0, 0, "9"), task(1, 1, "6"), task(1, 0, "5", duration=None)]
 
     rows = [

@@ -1,4 +1,4 @@
-"""Storage that answers what is not so: the winner is told "taken", the loser "created".
+"""Storage with wrong answers: the winner gets "taken", the loser "created".
 
 The real ones can't be made to lie, so these are stand-ins for what was seen of them: an NFS server
 that repeats a link, an object store that does not know the condition, one that keeps no metadata.
@@ -156,9 +156,9 @@ def test_a_server_without_the_condition_is_refused_when_the_job_begins(
 ) -> None:
     objects.check_put_once("s3://bucket/job")
     server.conditions = False
-    with pytest.raises(StorageUnfitError) as told:
+    with pytest.raises(StorageUnfitError) as refused:
         objects.check_put_once("s3://bucket/job")
-    assert str(told.value) == (
+    assert str(refused.value) == (
         "s3://bucket/job can't hold results: its storage replaced a file that was to be created"
         " only where there is none (on object stores: a put with If-None-Match: *), so two drivers"
         " could both count. Write spec.output.uri on another storage, or a server's version that"
@@ -204,9 +204,9 @@ def test_a_volume_that_waits_is_no_unfit_one(
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     linking(monkeypatch, full)
-    with pytest.raises(StorageError, match="No space left") as told:
+    with pytest.raises(StorageError, match="No space left") as refused:
         storage.check_put_once("pvc://r/job")
-    assert not isinstance(told.value, StorageUnfitError)
+    assert not isinstance(refused.value, StorageUnfitError)
 
 
 class Repeating(NameNode):
@@ -267,9 +267,9 @@ def test_a_loser_removes_nothing_by_a_manifest_of_its_own(tmp_path: Path) -> Non
     assert storage.names(f"{results.folder}/cases") == ["a.bag"]
 
 
-def test_storage_that_never_answers_is_told_as_such(server: Server, objects: Storage) -> None:
+def test_storage_that_never_answers_is_reported_as_such(server: Server, objects: Storage) -> None:
     server.lose = ["before"] * 9
-    with pytest.raises(StorageError, match="2 tries") as told:
+    with pytest.raises(StorageError, match="2 tries") as refused:
         objects.put_once(MANIFEST, b"x")
-    assert told.value.may_pass
-    assert isinstance(told.value.__cause__.__cause__, TransientError)  # type: ignore[union-attr]
+    assert refused.value.may_pass
+    assert isinstance(refused.value.__cause__.__cause__, TransientError)  # type: ignore[union-attr]

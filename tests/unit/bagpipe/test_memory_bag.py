@@ -182,7 +182,7 @@ def test_what_is_written_rosbags_reads(
     assert ours(MemoryBag(bag.to_bytes())) == in_order
 
 
-def test_connections_differ_in_all_that_is_said_of_them() -> None:
+def test_connections_differ_in_every_field_of_their_headers() -> None:
     writer = MemoryBag.writer()
     plain = {"type": "a/B", "md5sum": "0" * 32, "definition": "int32 b\n"}
     for more in ({}, {}, {"type": "a/C"}, {"callerid": "/n"}, {"latching": True}):

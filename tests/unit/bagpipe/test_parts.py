@@ -87,7 +87,7 @@ def test_the_last_message_is_a_piece_and_what_lies_behind_it_is_none(storage: St
     )
 
 
-def test_a_bag_that_is_empty_or_without_the_topics_is_told(storage: Storage) -> None:
+def test_a_bag_that_is_empty_or_without_the_topics_is_reported(storage: Storage) -> None:
     with pytest.raises(PartError, match=r"none\.bag: the bag holds no messages") as refused:
         sequence(storage, {"bag": "pvc://recordings/none.bag"})
     assert (refused.value.reason, refused.value.bag) == ("BagEmpty", "pvc://recordings/none.bag")
@@ -96,7 +96,7 @@ def test_a_bag_that_is_empty_or_without_the_topics_is_told(storage: Storage) -> 
     assert refused.value.reason == "NoMatchingTopics"
 
 
-def test_a_bag_that_is_not_there_is_told_as_one_that_can_t_be_read(storage: Storage) -> None:
+def test_a_missing_bag_is_reported_as_unreadable(storage: Storage) -> None:
     with pytest.raises(PartError) as refused:
         sequence(storage, {"bag": "pvc://recordings/nowhere.bag"})
     assert refused.value.reason == "BagUnreadable"
@@ -117,7 +117,7 @@ def test_pieces_beside_a_drive_begin_with_it_and_last_as_long(storage: Storage) 
     assert parts[0].topics == ["/scan"]
 
 
-def test_a_topic_that_is_to_be_heard_must_be_in_the_bag(storage: Storage) -> None:
+def test_a_topic_that_is_to_be_played_must_be_in_the_bag(storage: Storage) -> None:
     with pytest.raises(PartError) as refused:
         beside(storage, "/scan", "/imu", "/camera")
     assert (refused.value.reason, refused.value.bag) == ("NoMatchingTopics", BAG)

@@ -83,7 +83,7 @@ def test_any_changed_byte_is_noticed(
     except ProtocolError as error:
         assert 0 <= error.offset <= at
     else:
-        # A length that grew waits for bytes that never come: the end of the stream tells.
+        # A length that grew waits for bytes that never come: the end of the stream shows it.
         assert decoder.pending > 0
         assert len(frames) < len(payloads)
 

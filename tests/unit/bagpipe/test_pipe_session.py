@@ -152,7 +152,7 @@ def test_an_agent_that_never_answers_ends_at_the_deadline(tmp_path: Path) -> Non
         os.close(silent)
 
 
-def test_no_agent_behind_the_fifo_is_told_at_the_deadline(tmp_path: Path) -> None:
+def test_no_agent_behind_the_fifo_is_reported_at_the_deadline(tmp_path: Path) -> None:
     make_slot(tmp_path)
     with pytest.raises(SlotUnavailableError, match="no agent reads"):
         run(tmp_path, io.BytesIO(), big_file(), seconds=0.2)

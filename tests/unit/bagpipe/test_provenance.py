@@ -111,22 +111,22 @@ def test_the_manifest_says_where_its_rows_come_from(tmp_path: Path) -> None:
     ]
     folder = publish(tmp_path, rows)
     manifest = json.loads((folder / "manifest.json").read_text())
-    told = manifest["provenance"]
-    assert (told["agents"], told["seeds"]) == (["bagpipe-agent 0.1.0"], [0, 3])
-    assert [(m["cases"], m["kernel"], m["names"]) for m in told["machines"]] == [
+    found = manifest["provenance"]
+    assert (found["agents"], found["seeds"]) == (["bagpipe-agent 0.1.0"], [0, 3])
+    assert [(m["cases"], m["kernel"], m["names"]) for m in found["machines"]] == [
         (2, "6.1", ["x-exec-1", "x-exec-2"]),
         (1, "6.6", ["x-exec-1"]),
     ]
-    assert told["discarded"] == {"MachineBusy": 2, "AgentDied": 1}
-    assert told["began"].endswith("Z")
-    assert told["ended"] >= told["began"]
+    assert found["discarded"] == {"MachineBusy": 2, "AgentDied": 1}
+    assert found["began"].endswith("Z")
+    assert found["ended"] >= found["began"]
     assert [case["discarded"] for case in manifest["cases"]] == [
         [],
         [{key: busy[key] for key in ("reason", "message", "seconds")}] * 2,
         [{"reason": "AgentDied", "message": "", "seconds": None}],
     ]
     job = json.loads((folder / "job.json").read_text())
-    assert json.loads(job["metadata"]["annotations"]["sim.bagpipe.io/provenance"]) == told
+    assert json.loads(job["metadata"]["annotations"]["sim.bagpipe.io/provenance"]) == found
 
 
 def test_labels_and_our_annotations_are_kept_and_nothing_else() -> None:
@@ -139,7 +139,7 @@ def test_labels_and_our_annotations_are_kept_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "model"),
+    ("cpu_info", "model"),
     [
         ("processor : 0\nmodel name\t: AMD  EPYC 7R13\nmodel name : other\n", "AMD EPYC 7R13"),
         ("processor : 0\nBogoMIPS : 50\nModel : Raspberry Pi 5\n", "Raspberry Pi 5"),
@@ -147,8 +147,8 @@ def test_labels_and_our_annotations_are_kept_and_nothing_else() -> None:
         ("", ""),
     ],
 )
-def test_the_processor_is_named_as_the_kernel_names_it(told: str, model: str) -> None:
-    assert cpu_model(told) == model
+def test_the_processor_is_named_as_the_kernel_names_it(cpu_info: str, model: str) -> None:
+    assert cpu_model(cpu_info) == model
 
 
 def test_this_machine_has_an_architecture_and_a_kernel() -> None:

@@ -135,10 +135,10 @@ def test_a_manifest_says_whose_job_it_is_and_what_became_of_it(world: World) -> 
     keeper.take([ran("b", discarded=[crash], attempts=2), ran("a", "failed", reason="Bad")])
     finish(keeper)
     manifest = world.results.commit(keeper.rows, keeper.progress, journal.driver)
-    told = {
+    chosen = {
         key: manifest[key] for key in ("schema", "job", "attempt", "driver", "phase", "verdict")
     }
-    assert told == {
+    assert chosen == {
         "schema": "sim.bagpipe.io/manifest/v1alpha1",
         "job": {"name": "drive", "namespace": "lab", "uid": "uid-1"},
         "attempt": 1,
@@ -158,7 +158,7 @@ def test_a_manifest_says_whose_job_it_is_and_what_became_of_it(world: World) -> 
     assert (manifest["counts"]["passed"], manifest["counts"]["discarded"]) == (1, 1)
 
 
-def test_nothing_is_committed_until_a_manifest_lies_there_and_one_that_is_broken_is_told(
+def test_nothing_is_committed_without_a_manifest_and_a_broken_one_is_reported(
     world: World,
 ) -> None:
     assert not world.results.is_committed()

@@ -8,11 +8,16 @@ from tests.unit.bagpipe.jobs import make_row
 
 
 def test_discarded_runs_are_read_in_both_shapes() -> None:
-    told = {"reason": "MachineBusy", "message": "the player was late", "seconds": 5.5, "ledger": {}}
-    row = make_row("a", discarded=["DeliveryIncomplete", told])
+    entry = {
+        "reason": "MachineBusy",
+        "message": "the player was late",
+        "seconds": 5.5,
+        "ledger": {},
+    }
+    row = make_row("a", discarded=["DeliveryIncomplete", entry])
     assert discarded_runs(row) == [
         {"reason": "DeliveryIncomplete", "message": "", "seconds": None},
-        told,
+        entry,
     ]
     assert discarded_runs({"case": "a bag that yields none"}) == []
 

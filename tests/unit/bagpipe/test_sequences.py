@@ -141,13 +141,13 @@ def write_latched(path: Path, maps: list[tuple[int, str]], until: int) -> None:
     write_bag(path, sorted(messages, key=lambda message: message.time), chunk_bytes=50)
 
 
-def test_latched_messages_are_said_again_only_where_they_are_others(tmp_path: Path) -> None:
+def test_latched_messages_are_sent_again_only_where_they_differ(tmp_path: Path) -> None:
     write_latched(tmp_path / "a.bag", [(1, "one"), (4, "two")], 8)
     (case,) = planned(
         tmp_path,
         {"from": "2s", "to": "3s"},  # one is in force from before
         {"from": "3s", "to": "4s"},  # two comes
-        {"from": "5s", "to": "6s"},  # two is in force, and was said
+        {"from": "5s", "to": "6s"},  # two is in force, and was sent
         {"from": "2s", "to": "3s"},  # one again
     )
     bag = sequence_bag(case, Storage({"recordings": str(tmp_path)}))
@@ -207,7 +207,7 @@ def test_a_combination_that_makes_no_piece_stops_the_plan(folder: Path) -> None:
         planned(folder, {"from": "{{ start }}s", "to": "3s"}, matrix=MATRIX)
 
 
-def test_a_piece_that_is_not_there_is_told_once(folder: Path) -> None:
+def test_a_missing_piece_is_reported_once(folder: Path) -> None:
     (folder / "cut.bag").write_bytes((folder / "a.bag").read_bytes()[:-100])
     for piece, reason, words in [
         ({"name": "nowhere"}, "BagUnreadable", "nowhere.bag"),
@@ -216,12 +216,12 @@ def test_a_piece_that_is_not_there_is_told_once(folder: Path) -> None:
     ]:
         spec = spec_of({"name": "{{ first }}"}, dict(piece), matrix=MATRIX)
         made = plan(spec, Storage({"recordings": str(folder)}))
-        (told,) = made.unplanned
-        assert (made.cases, told.id, told.reason) == ([], "sequence-s0", reason), told
-        assert words in told.message
+        (fault,) = made.unplanned
+        assert (made.cases, fault.id, fault.reason) == ([], "sequence-s0", reason), fault
+        assert words in fault.message
     spec = spec_of({}, source={"topics": ["/other"]})
-    (told,) = plan(spec, Storage({"recordings": str(folder)})).unplanned
-    assert "it has /scan" in told.message or "and has /scan" in told.message
+    (fault,) = plan(spec, Storage({"recordings": str(folder)})).unplanned
+    assert "it has /scan" in fault.message or "and has /scan" in fault.message
 
 
 def test_a_row_is_of_the_case_only_while_its_pieces_are_the_same(folder: Path) -> None:

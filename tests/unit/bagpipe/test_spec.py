@@ -82,10 +82,10 @@ def test_refusals_say_what_to_write(changed: dict[str, Any], words: str) -> None
     ],
 )
 def test_a_uri_with_a_credential_is_refused_without_repeating_it(uri: str) -> None:
-    with pytest.raises(ValidationError, match="put it into a Secret") as told:
+    with pytest.raises(ValidationError, match="put it into a Secret") as refused:
         make_spec(source={"bags": [uri]})
-    assert all("hidden" not in error["msg"] for error in told.value.errors())
-    assert "hidden" not in str(told.value)
+    assert all("hidden" not in error["msg"] for error in refused.value.errors())
+    assert "hidden" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

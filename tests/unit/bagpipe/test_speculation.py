@@ -17,22 +17,22 @@ def settings(timeout: str = "10m") -> dict[str, str]:
     return spark_settings(job, POD, 1)
 
 
-def seconds(said: str) -> float:
-    assert said.endswith("s")
-    return float(said.removesuffix("s"))
+def seconds(conf: str) -> float:
+    assert conf.endswith("s")
+    return float(conf.removesuffix("s"))
 
 
-def copied(said: Mapping[str, str], cases: int, ended: list[float], running: float) -> bool:
+def copied(conf: Mapping[str, str], cases: int, ended: list[float], running: float) -> bool:
     """As TaskSetManager.checkSpeculatableTasks of Spark 4 decides of a task that reads no rows."""
-    of = {name.removeprefix("spark.speculation."): text for name, text in said.items()}
-    if said.get("spark.speculation") != "true":
+    of = {name.removeprefix("spark.speculation."): text for name, text in conf.items()}
+    if conf.get("spark.speculation") != "true":
         return False
     if len(ended) >= max(1, int(float(of["quantile"]) * cases)):
         least = float(of["multiplier"]) * median(ended)
         # Where the efficiency of tasks counts, those without any wait twice as long.
         factor = 1 if of["efficiency.enabled"] == "false" else 2
         return running > factor * max(least, seconds(of["minTaskRuntime"]))
-    slots = int(said["spark.executor.cores"]) // int(said["spark.task.cpus"])
+    slots = int(conf["spark.executor.cores"]) // int(conf["spark.task.cpus"])
     return cases <= slots and running > seconds(of["task.duration.threshold"])
 
 

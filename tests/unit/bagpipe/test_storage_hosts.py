@@ -131,9 +131,9 @@ def test_what_a_secret_must_not_make_of_a_host(
 ) -> None:
     """With and without a list: a library would build another server's URL of it, or panic."""
     for given_list in ({}, {VARIABLE: "*.amazonaws.com,*.windows.net,*.googleapis.com"}):
-        with pytest.raises(OSError, match=sentence) as told:
+        with pytest.raises(OSError, match=sentence) as refused:
             check_server(scheme, "bucket", environment | given_list)
-        assert not any(value in str(told.value) for value in environment.values())
+        assert not any(value in str(refused.value) for value in environment.values())
 
 
 @pytest.mark.parametrize("bucket", ["evil.example#", "evil.example?", "a@b", "a:1", ""])

@@ -1,4 +1,4 @@
-"""Requests, retries and read-ahead, with storage that fails as told and a clock that waits not."""
+"""Requests, retries and read-ahead, with storage that fails as scripted and a fake clock."""
 
 import threading
 from collections.abc import Generator
@@ -74,12 +74,12 @@ def test_a_busy_server_is_asked_again_until_it_answers() -> None:
     assert time.pauses == [0.5, 1.0]
 
 
-def test_the_last_try_tells_how_often_and_how_long() -> None:
+def test_the_last_try_reports_how_often_and_how_long() -> None:
     backend = FakeBackend(bytes(100), *[TransientError("the server answered 503")] * 8)
     time = FakeTime()
-    with pytest.raises(StorageError) as told:
+    with pytest.raises(StorageError) as error:
         opened(backend, time).read(20, 30)
-    assert str(told.value) == (
+    assert str(error.value) == (
         "s3://b/x can't be read: at byte 20: the server answered 503 (8 tries in 52 s): check that"
         " the storage is up and reachable from the job's pods, then run the job again"
     )

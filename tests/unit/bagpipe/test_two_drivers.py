@@ -101,13 +101,13 @@ def name_of(door: Door) -> str:
     return f"driver{door.program}of{door.world.programs}"
 
 
-def drive(door: Door, told: dict[int, Progress], faults: list[BaseException]) -> None:
+def drive(door: Door, started: dict[int, Progress], faults: list[BaseException]) -> None:
     """One driver from its begin to its end."""
     doors.mine, doors.name = door, name_of(door)
-    progress = told[door.program] = Progress(FOLDER)
+    progress = started[door.program] = Progress(FOLDER)
     try:
         driver.run(JOB, progress, place=Place(door))
-    except Exception as error:  # noqa: BLE001  the test's own thread tells it
+    except Exception as error:  # noqa: BLE001  the test's own thread reports it
         faults.append(error)
 
 
@@ -115,8 +115,8 @@ def assert_whole(world: World) -> None:
     manifest = json.loads(world.files[MANIFEST])
     assert counted(world) <= world.files.keys()
     lines = [json.loads(line) for line in world.files[LINES].splitlines()]
-    said = [(row["case"], row["outcome"], row["recorded"]) for row in lines]
-    assert said == [(row["case"], row["outcome"], row["recorded"]) for row in manifest["cases"]]
+    written = [(row["case"], row["outcome"], row["recorded"]) for row in lines]
+    assert written == [(row["case"], row["outcome"], row["recorded"]) for row in manifest["cases"]]
 
 
 def follow(
@@ -126,13 +126,13 @@ def follow(
     may_fail: bool = False,
 ) -> Iterator[tuple[int, list[Choice]]]:
     """One run of some drivers in some order, and of one that comes after them alone."""
-    told: dict[int, Progress] = {}
+    started: dict[int, Progress] = {}
     faults: list[BaseException] = []
     world = World(programs, forbidden, {} if files is None else files, may_fail)
-    work = partial(drive, told=told, faults=faults)
+    work = partial(drive, started=started, faults=faults)
     yield from interleaving.run(world, [work] * programs, order)
     assert not faults, (faults, order)
-    for number, progress in told.items():
+    for number, progress in started.items():
         if "crashed" not in world.answers[number]:
             assert_whole(world)
             manifest = json.loads(world.files[MANIFEST])
@@ -153,7 +153,7 @@ def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bagpipe.driver.results.Artefacts", NoArtefacts)
     unhurried = SimpleNamespace(Event=lambda: SimpleNamespace(wait=lambda _seconds: None))
     monkeypatch.setattr("bagpipe.driver.__main__.threading", unhurried)
-    # Nothing but the order may tell two runs apart: neither names by chance nor times.
+    # Two runs may differ in their order alone: neither in random names nor in times.
     monkeypatch.setattr("bagpipe.driver.results.provenance_of", lambda *_: {}, raising=False)
     named = SimpleNamespace(uuid4=lambda: SimpleNamespace(hex=doors.name))
     monkeypatch.setattr("bagpipe.driver.journal.uuid", named)

@@ -7,7 +7,7 @@ import pytest
 
 from bagpipe.storage import Patience, StorageError, upload
 from bagpipe.storage.backend import TransientError
-from bagpipe.storage.faults import told
+from bagpipe.storage.faults import storage_errors
 from bagpipe.storage.upload import Upload
 
 
@@ -74,7 +74,7 @@ def test_what_a_server_did_not_answer_may_pass_and_what_it_refused_may_not(
     fault: OSError, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sink = begun(Store(fault), monkeypatch)
-    with pytest.raises(StorageError) as failed, told("s3://b/a.bin", "written"):
+    with pytest.raises(StorageError) as failed, storage_errors("s3://b/a.bin", "written"):
         sink.write(bytes(8))
         sink.commit()
     sink.abandon()

@@ -82,10 +82,10 @@ def test_there_is_a_verdict_just_where_every_case_gave_evidence(
 @example(["passed"], ["unknown", "regressed"])
 @example(["invalid"], ["worse", "fixed"])
 def test_what_a_comparison_says_makes_a_verdict_graver_and_never_better(
-    outcomes: list[str], said: list[str]
+    outcomes: list[str], words: list[str]
 ) -> None:
-    found = Compared([only(COMPARISONS[word][0]).as_json() for word in said])
-    expected = graver(ended(outcomes).verdict, *(COMPARISONS[word][1] for word in said))
+    found = Compared([only(COMPARISONS[word][0]).as_json() for word in words])
+    expected = graver(ended(outcomes).verdict, *(COMPARISONS[word][1] for word in words))
     assert ended(outcomes, found=found).verdict == expected
 
 

@@ -43,19 +43,19 @@ def test_a_rate_counts_from_the_first_begin_to_the_last_end() -> None:
 
 
 @pytest.mark.parametrize(
-    ("told", "now", "expected"),
+    ("reported", "now", "expected"),
     [
-        (None, 13.0, 3.0),  # the driver has run for 3 s, and nothing is told
+        (None, 13.0, 3.0),  # the driver has run for 3 s, and nothing is reported
         (0, 10.9, 0.0),  # the count is still 0
         (0, 12.5, 1.5),  # it became 1 at 11.0
         (2, 12.5, 0.0),
         (2, 15.0, 2.0),  # it became 3 at 13.0
     ],
 )
-def test_a_status_is_stale_from_the_first_change_it_does_not_tell(
-    told: int | None, now: float, expected: float
+def test_a_status_is_stale_from_the_first_change_it_does_not_show(
+    reported: int | None, now: float, expected: float
 ) -> None:
-    assert staleness(now, 10.0, told, 1.0) == pytest.approx(expected)
+    assert staleness(now, 10.0, reported, 1.0) == pytest.approx(expected)
 
 
 def test_fake_drivers_answer_by_address(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -82,7 +82,7 @@ def test_what_was_seen_first_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (seen.pod_created, seen.pod_running) == ({"one": 1.0}, {"one": 2.0})
     assert seen.drivers.running_since == {"127.64.0.1": 2.0}
     seen.take_job("MODIFIED", job("one") | {"status": ended_status("one")})
-    assert (seen.accepted, seen.running_told, seen.passed) == (
+    assert (seen.accepted, seen.running_reported, seen.passed) == (
         {"one": 4.0}, {"one": 4.0}, {"one": 96},
     )  # fmt: skip
 
@@ -103,7 +103,7 @@ async def test_a_peer_that_does_not_run_leaves_its_side_empty(
     assert "left out: kubeflow/spark-operator v2.3.0: no Java" in capsys.readouterr().err
 
 
-async def test_a_watch_goes_on_where_it_was_and_tells_why_it_broke(
+async def test_a_watch_goes_on_where_it_was_and_reports_why_it_broke(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def at_once(_seconds: float) -> None:
@@ -178,7 +178,7 @@ def test_the_bench_is_called_by_its_name_and_not_by_its_parts() -> None:
     assert [name for name in found if name.startswith("operator_")] == []
 
 
-def test_the_versions_told_are_those_that_are_built() -> None:
+def test_the_versions_reported_are_those_that_are_built() -> None:
     modules = Path(__file__).parents[2] / "cluster"
     kwok = (modules / "kwok/go.mod").read_text()
     assert f"sigs.k8s.io/kwok {operator_bench.KWOK_VERSION} " in kwok
@@ -221,9 +221,9 @@ def test_a_load_that_fails_costs_the_others_nothing(
     monkeypatch.setenv("BENCH_LOADS", "one,two,three")
     monkeypatch.delenv("BENCH_SCALE", raising=False)
     assert run.main(["operator"]) == 1
-    said = capsys.readouterr().out
-    assert said.count("two gave no rows: TimeoutError: not within 120 s") == 2
-    assert said.endswith("not within 120 s\n")
+    output = capsys.readouterr().out
+    assert output.count("two gave no rows: TimeoutError: not within 120 s") == 2
+    assert output.endswith("not within 120 s\n")
     kept = json.loads((tmp_path / "operator.json").read_text())
     assert [row["ours"] for row in kept["rows"]] == [[4.0]]
 

@@ -114,8 +114,8 @@ def test_a_recording_that_is_not_here_is_left_out_with_a_sentence(
         f"Autoware campus, 1.5 s, lz4\t{tmp_path}/autoware.bag",
         f"Luminar, lz4\t{there}",
     ]
-    said = capsys.readouterr().err
-    assert said == (
+    output = capsys.readouterr().err
+    assert output == (
         "    left out: PR2 joint states, bz2, which is not here; "
         "`python -m tests.recording` fetches it\n"
     )

@@ -58,14 +58,14 @@ def ended_with(*outcomes: str) -> Progress:
 def test_every_end_is_understood_and_fits_the_schema(
     outcomes: list[str], phase: str, verdict: str
 ) -> None:
-    told = ended_with(*outcomes)
-    understood = parse(told.termination_message())
+    written = ended_with(*outcomes)
+    understood = parse(written.termination_message())
     assert understood is not None
     assert (understood.phase, understood.verdict) == (phase, verdict)
     status = understood.as_status()
     schema = status_schema()
     assert status.get("verdict") in (schema["verdict"]["enum"] if verdict else [None])
-    assert status["cases"] == told.snapshot()["cases"]
+    assert status["cases"] == written.snapshot()["cases"]
     assert status["ledger"] == {"sent": 10, "received": 10, "dropped": 0, "leadIn": 4}
     assert set(status["cases"]) <= set(schema["cases"]["properties"])
     assert set(status) <= set(schema)
@@ -98,8 +98,8 @@ def test_the_beginning_and_a_refused_bag_are_understood() -> None:
 def test_a_driver_says_whose_it_is() -> None:
     """Whoever has its address next says another name, or another attempt."""
     job = make_job("x").view()
-    told = job_file(job, read_spec(job), 2, Settings())
-    understood = parse(progress_of(JobFile.model_validate(told)).termination_message())
+    written = job_file(job, read_spec(job), 2, Settings())
+    understood = parse(progress_of(JobFile.model_validate(written)).termination_message())
     assert understood is not None
     assert (understood.uid, understood.attempt) == (job.uid, 2)
     for whose, believed in [
@@ -110,7 +110,7 @@ def test_a_driver_says_whose_it_is() -> None:
         assert understood.is_of(*whose) is believed
 
 
-def test_a_driver_is_told_what_the_user_wrote_on_the_job() -> None:
+def test_a_driver_receives_what_the_user_wrote_on_the_job() -> None:
     made = make_job("x")
     made.object["metadata"] |= {
         "creationTimestamp": "2026-11-20T04:00:00Z",
@@ -118,9 +118,9 @@ def test_a_driver_is_told_what_the_user_wrote_on_the_job() -> None:
         "annotations": {"sim.bagpipe.io/commit": "0c1f", "example.com/token": "not ours"},
     }
     job = made.view()
-    told = JobFile.model_validate(job_file(job, read_spec(job), 1, Settings()))
-    assert (told.labels, told.created) == ({"branch": "main"}, "2026-11-20T04:00:00Z")
-    assert told.annotations == {"sim.bagpipe.io/commit": "0c1f"}
+    written = JobFile.model_validate(job_file(job, read_spec(job), 1, Settings()))
+    assert (written.labels, written.created) == ({"branch": "main"}, "2026-11-20T04:00:00Z")
+    assert written.annotations == {"sim.bagpipe.io/commit": "0c1f"}
 
 
 def test_an_account_with_long_words_in_any_language_is_understood() -> None:
@@ -141,9 +141,9 @@ def test_an_account_with_long_words_in_any_language_is_understood() -> None:
     failed.warn("\U0001f697" * 300)
     failed.fail("StorageFailed", "\U0001f697" * 600)
     for progress, phase in ((compared, "Complete"), (failed, "Failed")):
-        told = progress.termination_message()
-        assert len(told) <= 4096
-        understood = parse(told)
+        written = progress.termination_message()
+        assert len(written) <= 4096
+        understood = parse(written)
         assert understood is not None
         assert understood.phase == phase
         assert understood.message

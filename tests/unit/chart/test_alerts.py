@@ -14,8 +14,8 @@ RULES = ROOT / "charts/bagpipe/files/alerts.yaml"
 
 
 def driver(name: str, **labels: str) -> str:
-    said = {"instance": "d:8080", **labels}
-    pairs = [f'{key}="{value}"' for key, value in said.items()]
+    all_labels = {"instance": "d:8080", **labels}
+    pairs = [f'{key}="{value}"' for key, value in all_labels.items()]
     return f"{name}{{{','.join(pairs)}}}"
 
 

@@ -9,7 +9,7 @@ ROOT = Path(__file__).parents[3]
 DOCS = ROOT / "docs"
 
 
-def test_whoever_keeps_the_crds_by_hand_is_told_of_each() -> None:
+def test_whoever_keeps_the_crds_by_hand_sees_each() -> None:
     text = (DOCS / "operations/upgrade.md").read_text()
     commands = [line for line in text.splitlines() if line.startswith("    ")]
     applied, labelled, annotated = (

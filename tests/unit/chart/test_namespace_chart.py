@@ -9,7 +9,7 @@ import yaml
 from tests.unit.chart.test_chart import CHART, Object, helm, rendered
 
 NAMESPACE_CHART = CHART.parent / "bagpipe-namespace"
-SAID = {
+GIVEN = {
     "serviceAccounts": {
         "imagePullSecrets": [{"name": "login"}],
         "driver": {"annotations": {"a": "b"}},
@@ -43,12 +43,12 @@ def without_labels(objects: list[Object]) -> dict[str, Object]:
     return found
 
 
-@pytest.mark.parametrize("values", [{}, SAID], ids=["by default", "all that can be said"])
+@pytest.mark.parametrize("values", [{}, GIVEN], ids=["by default", "all values"])
 def test_both_charts_make_the_same_of_a_namespace(values: Object) -> None:
-    said = [f"{name}={json.dumps(value)}" for name, value in values.items()]
-    ours = without_labels(of_its_own_chart(NAMESPACE_CHART, *said))
+    given = [f"{name}={json.dumps(value)}" for name, value in values.items()]
+    ours = without_labels(of_its_own_chart(NAMESPACE_CHART, *given))
     assert len(ours) == (6 if values else 4)
-    assert ours == without_labels(of_the_main_chart(*said))
+    assert ours == without_labels(of_the_main_chart(*given))
 
 
 def test_a_package_of_it_is_whole(tmp_path: Path) -> None:

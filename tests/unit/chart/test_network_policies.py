@@ -95,7 +95,7 @@ def test_one_for_each_role_and_namespace_and_one_for_the_operator() -> None:
         ("maps", "bagpipe-driver"), ("maps", "bagpipe-executor"),
         ("bagpipe-system", "bagpipe-operator"),
     ]  # fmt: skip
-    # Storage may be anywhere: nothing is said of outgoing connections.
+    # Storage may be anywhere: the policies do not restrict outgoing connections.
     assert all(p["spec"]["policyTypes"] == ["Ingress"] for p in policies)
 
 

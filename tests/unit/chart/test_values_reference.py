@@ -39,14 +39,14 @@ def test_every_value_is_on_it_with_its_default(
 
 
 def test_a_value_says_what_it_may_be() -> None:
-    def said(path: str) -> str:
+    def facts(path: str) -> str:
         return reference.facts(reference.schema_at(SCHEMA, path), SCHEMA)
 
-    assert said("operator.replicas") == "integer, 0 to 5"
-    assert said("operator.stuckSeconds") == "number, above 0"
-    assert said("images.pullPolicy") == "one of `Always`, `IfNotPresent`, `Never`"
-    assert said("jobNamespaces") == "list of strings"
-    assert said("dashboards.labels") == "map"
+    assert facts("operator.replicas") == "integer, 0 to 5"
+    assert facts("operator.stuckSeconds") == "number, above 0"
+    assert facts("images.pullPolicy") == "one of `Always`, `IfNotPresent`, `Never`"
+    assert facts("jobNamespaces") == "list of strings"
+    assert facts("dashboards.labels") == "map"
 
 
 def test_a_value_without_a_word_or_a_schema_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""Jobs as the API server tells them, and a cluster of which a test says what it answers."""
+"""Jobs as the API server returns them, and a cluster whose answers a test sets."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -26,10 +26,10 @@ def a_job(name: str = "nightly", uid: str = "uid-1", version: str = "1", **statu
 
 def running(planned: int = 4, **counts: int) -> Json:
     """A job whose cases run."""
-    said = condition("Running", True, "CasesRunning", "Cases are running.")
+    last = condition("Running", True, "CasesRunning", "Cases are running.")
     accepted = condition("Accepted", True, "DriverCreated")
     return a_job(
-        phase="Running", conditions=[accepted, said], cases={"planned": planned} | counts,
+        phase="Running", conditions=[accepted, last], cases={"planned": planned} | counts,
         driver="nightly-1-driver",
     )  # fmt: skip
 
@@ -37,9 +37,9 @@ def running(planned: int = 4, **counts: int) -> Json:
 def ended(verdict: str = "Passed", reason: str = "AllCasesRan", **status: Any) -> Json:
     """A job at its end; without a verdict it is Failed."""
     kind = "Complete" if verdict else "Failed"
-    said = condition(kind, True, reason, "4 of 4 cases ran")
+    last = condition(kind, True, reason, "4 of 4 cases ran")
     fields: Json = {
-        "phase": kind, "conditions": [said], "verdict": verdict, "cases": {"planned": 4} | ENDED,
+        "phase": kind, "conditions": [last], "verdict": verdict, "cases": {"planned": 4} | ENDED,
         "results": "pvc://results/out/nightly/uid-1", "driver": "nightly-1-driver",
     }  # fmt: skip
     return a_job(**(fields | status))

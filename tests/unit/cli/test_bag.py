@@ -34,7 +34,7 @@ def run(*arguments: str | Path) -> tuple[int, str]:
     return ended.exit_code, ended.output
 
 
-def told(*arguments: str | Path) -> Any:
+def as_json(*arguments: str | Path) -> Any:
     status, text = run(*arguments, "--output", "json")
     assert status == 0, text
     return json.loads(text)
@@ -62,7 +62,7 @@ def encrypted(bag: Path) -> Path:
 
 
 def test_info_of_an_indexed_bag(bag: Path, tmp_path: Path) -> None:
-    found = told("info", bag)
+    found = as_json("info", bag)
     assert (found["bytes"], found["messages"]) == (bag.stat().st_size, 151)
     assert (found["start"], found["end"], found["seconds"]) == (SECOND, 10_900_000_000, 9.9)
     assert (found["index"], found["damage"], found["advice"]) == ("whole", None, None)
@@ -72,7 +72,7 @@ def test_info_of_an_indexed_bag(bag: Path, tmp_path: Path) -> None:
         {"topic": "/map", "type": "std_msgs/String", "messages": 1},
         {"topic": "/scan", "type": "std_msgs/String", "messages": 100},
     ]
-    by_claim = told("info", "pvc://fleet/drive.bag", "--volume", f"fleet={tmp_path}")
+    by_claim = as_json("info", "pvc://fleet/drive.bag", "--volume", f"fleet={tmp_path}")
     assert by_claim == found | {"bag": "pvc://fleet/drive.bag"}
     status, text = run("info", bag)
     assert (status, "/scan" in text, "1.000000000 to 10.900000000" in text) == (0, True, True)
@@ -90,14 +90,14 @@ def test_info_reads_only_the_tail_and_the_chunks_heads(
         return real(self, path, offset, length, version)
 
     monkeypatch.setattr(LocalBackend, "read", counted)
-    chunks = told("info", bag)["chunks"]
+    chunks = as_json("info", bag)["chunks"]
     assert chunks > 5
     assert len(read) == 2 + chunks
     assert read[2:] == [256] * chunks
 
 
 def test_info_agrees_with_what_all_of_the_bag_says(bag: Path) -> None:
-    indexed, read = told("info", bag), told("info", unindexed(bag))
+    indexed, read = as_json("info", bag), as_json("info", unindexed(bag))
     same = ("messages", "start", "end", "seconds", "topics", "compressions")
     assert {key: read[key] for key in same} == {key: indexed[key] for key in same}
     assert (read["index"], read["damage"]) == ("missing", None)
@@ -107,13 +107,13 @@ def test_info_agrees_with_what_all_of_the_bag_says(bag: Path) -> None:
 def test_a_part_has_its_window_its_topics_and_what_is_latched(bag: Path, tmp_path: Path) -> None:
     part = tmp_path / "part.bag"
     words = ("slice", bag, "--start", "2.05", "--end", "4", "--to", part)
-    assert told(*words, "--topic", "/scan", "--topic", "/map")["messages"] == 20
+    assert as_json(*words, "--topic", "/scan", "--topic", "/map")["messages"] == 20
     made = MemoryBag.open(part)
     assert made.topics == ["/map", "/scan"]
     times = [time for connection, time, _ in made.messages() if connection.topic == "/scan"]
     assert (times[0], times[-1], len(times)) == (3_100_000_000, 4_900_000_000, 19)
     assert [time for connection, time, _ in made.messages(["/map"])] == [3_050_000_000]
-    assert told("info", part)["index"] == "whole"
+    assert as_json("info", part)["index"] == "whole"
 
 
 def test_a_part_reads_only_the_chunks_that_it_needs(
@@ -121,22 +121,22 @@ def test_a_part_reads_only_the_chunks_that_it_needs(
 ) -> None:
     whole = MemoryBag.open(bag).slice(2 * SECOND, 3 * SECOND)
     monkeypatch.setattr("bagpipe.cli.bag_reading.BagFile.whole", None)
-    told("slice", bag, "--start", "1", "--end", "2", "--to", tmp_path / "part.bag")
+    as_json("slice", bag, "--start", "1", "--end", "2", "--to", tmp_path / "part.bag")
     assert (tmp_path / "part.bag").read_bytes() == whole.to_bytes()
 
 
 def test_an_unindexed_bag_is_cut_from_all_of_it(bag: Path, tmp_path: Path) -> None:
     first, second = tmp_path / "1.bag", tmp_path / "2.bag"
     for source, target in ((bag, first), (unindexed(bag), second)):
-        told("slice", source, "--end", "2", "--topic", "/imu", "--to", target)
+        as_json("slice", source, "--end", "2", "--topic", "/imu", "--to", target)
     assert first.read_bytes() == second.read_bytes()
 
 
 def test_two_parts_are_the_bag_again(bag: Path, tmp_path: Path) -> None:
     parts = tmp_path / "a.bag", tmp_path / "b.bag"
-    told("slice", bag, "--end", "5", "--topic", "/scan", "--to", parts[0])
-    told("slice", bag, "--start", "5", "--topic", "/scan", "--to", parts[1])
-    found = told("merge", *parts, "--compression", "lz4", "--to", f"file://{tmp_path}/c.bag")
+    as_json("slice", bag, "--end", "5", "--topic", "/scan", "--to", parts[0])
+    as_json("slice", bag, "--start", "5", "--topic", "/scan", "--to", parts[1])
+    found = as_json("merge", *parts, "--compression", "lz4", "--to", f"file://{tmp_path}/c.bag")
     assert (found["messages"], found["start"]) == (100, SECOND)
     merged = MemoryBag.open(tmp_path / "c.bag")
     whole = MemoryBag.open(bag).messages(["/scan"])
@@ -146,7 +146,7 @@ def test_two_parts_are_the_bag_again(bag: Path, tmp_path: Path) -> None:
     assert merged.compressions == ["lz4"]
 
 
-def test_sound_damaged_and_unreadable_bags_are_told_apart(bag: Path, tmp_path: Path) -> None:
+def test_sound_damaged_and_unreadable_bags_are_distinguished(bag: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.bag"
     cut.write_bytes(bag.read_bytes()[:-3000])
     status, text = run("check", bag)
@@ -162,7 +162,7 @@ def test_sound_damaged_and_unreadable_bags_are_told_apart(bag: Path, tmp_path: P
     assert (status, "unreadable" in text) == (2, True)
 
 
-def test_damage_is_told_and_parts_of_it_are_refused(bag: Path, tmp_path: Path) -> None:
+def test_damage_is_reported_and_parts_of_it_are_refused(bag: Path, tmp_path: Path) -> None:
     data = bytearray(unindexed(bag).read_bytes())
     del data[-700:]
     broken = tmp_path / "broken.bag"
@@ -237,7 +237,7 @@ def test_wrong_words_are_refused(bag: Path, tmp_path: Path) -> None:
 
 def test_a_new_bag_goes_into_a_claim_that_has_a_folder(bag: Path, tmp_path: Path) -> None:
     volume = ("--volume", f"rec={tmp_path}")
-    found = told("slice", bag, "--end", "1", "--to", "pvc://rec/part.bag", *volume)
+    found = as_json("slice", bag, "--end", "1", "--to", "pvc://rec/part.bag", *volume)
     assert found["bytes"] == (tmp_path / "part.bag").stat().st_size
 
 
@@ -267,7 +267,7 @@ def test_a_bag_of_format_1_2_is_read_and_a_job_s_refusal_foretold(tmp_path: Path
             b"\x01\x00\x00\x00x",
         )
     )
-    found = told("info", old)
+    found = as_json("info", old)
     assert (found["messages"], found["start"], found["index"]) == (1, 5_000_000_001, "none")
     assert found["advice"].startswith("format 1.2, which a job refuses")
     assert run("check", old) == (0, f"sound  {old}, 1 whole messages\n")
@@ -276,7 +276,7 @@ def test_a_bag_of_format_1_2_is_read_and_a_job_s_refusal_foretold(tmp_path: Path
 def test_an_empty_bag_is_no_error(tmp_path: Path) -> None:
     empty = tmp_path / "empty.bag"
     empty.write_bytes(MemoryBag.writer().finish().view())
-    found = told("info", empty)
+    found = as_json("info", empty)
     assert (found["messages"], found["start"], found["seconds"]) == (0, None, None)
     assert run("info", empty)[0] == 0
 

@@ -11,8 +11,8 @@ ASKED = Asked("get", "simulationjobs", "nightly", "robots", "lab")
 
 
 def status(code: int, message: str, **details: object) -> str:
-    told = {"kind": "Status", "code": code, "message": message, "details": details}
-    return json.dumps(told)
+    document = {"kind": "Status", "code": code, "message": message, "details": details}
+    return json.dumps(document)
 
 
 def causes(*found: tuple[str, str]) -> dict[str, object]:

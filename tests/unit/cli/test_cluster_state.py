@@ -63,10 +63,10 @@ def test_the_exit_status_is_the_verdict_s(job: dict[str, Any], status: int) -> N
 
 
 def test_a_state_as_data() -> None:
-    told = JobState.of(ended("Failed", completionTime="2026-11-20T04:00:00Z")).as_json()
-    assert (told["phase"], told["verdict"], told["cases"]["passed"]) == ("Complete", "Failed", 4)
-    assert told["completionTime"] == "2026-11-20T04:00:00+00:00"
-    assert "first_case" not in told
+    shown = JobState.of(ended("Failed", completionTime="2026-11-20T04:00:00Z")).as_json()
+    assert (shown["phase"], shown["verdict"], shown["cases"]["passed"]) == ("Complete", "Failed", 4)
+    assert shown["completionTime"] == "2026-11-20T04:00:00+00:00"
+    assert "first_case" not in shown
 
 
 def test_a_rate_is_that_of_the_last_minutes() -> None:
@@ -131,8 +131,8 @@ def seen(job: dict[str, Any], done: int = 0) -> Seen:
 
 
 def test_a_line_of_a_running_job_has_counts_rate_and_time_left() -> None:
-    told = line(seen(running(10, passed=3, failed=1, running=2), done=4), "12:00:00")
-    assert told == (
+    shown = line(seen(running(10, passed=3, failed=1, running=2), done=4), "12:00:00")
+    assert shown == (
         "12:00:00 Running; 4 of 10 cases: 3 passed, 1 failed, 2 running; 4.0 cases/min,"
         " about 1 min 30 s left"
     )
@@ -140,8 +140,8 @@ def test_a_line_of_a_running_job_has_counts_rate_and_time_left() -> None:
 
 def test_a_line_of_a_stuck_job_has_the_sentence() -> None:
     stuck = condition("Running", False, "VolumeMissing", "Claim x does not exist: create it.")
-    told = line(seen(a_job(phase="Pending", conditions=[stuck])), "12:00:00")
-    assert told == "12:00:00 Pending; VolumeMissing: Claim x does not exist: create it."
+    shown = line(seen(a_job(phase="Pending", conditions=[stuck])), "12:00:00")
+    assert shown == "12:00:00 Pending; VolumeMissing: Claim x does not exist: create it."
 
 
 def drawn(what: Seen, now: float) -> str:

@@ -55,7 +55,7 @@ def test_bash_reads_its_script_and_completes_a_verb() -> None:
         ([], "bag", ":4"),
     ],
 )
-def test_what_kubectl_is_told(words: list[str], first: str | None, directive: str) -> None:
+def test_proposals_for_kubectl(words: list[str], first: str | None, directive: str) -> None:
     found = proposals(words)
     assert found[-1] == directive
     assert [line.split("\t")[0] for line in found[:-1]][:1] == ([first] if first else [])
@@ -108,9 +108,9 @@ def test_the_program_starts_without_what_only_some_verbs_need(does: str) -> None
         "from click.testing import CliRunner\n"
         "from bagpipe.cli.kubectl import program, proposals\n"
         "def helped():\n"
-        "    said = CliRunner().invoke(program, ['--help'])\n"
-        "    assert said.exit_code == 0, said.output\n"
-        "    return said.output\n"
+        "    shown = CliRunner().invoke(program, ['--help'])\n"
+        "    assert shown.exit_code == 0, shown.output\n"
+        "    return shown.output\n"
         f"assert len({does}) > 1\n"
         "print({'pyspark', 'pyarrow', 'kubernetes', 'bagpipe_bag', 'numpy', 'cel',"
         " 'vehiclemodels', 'prompt_toolkit'} & set(sys.modules))"

@@ -1,4 +1,4 @@
-"""What the pages tell to type is what the program understands; nothing of it is run."""
+"""The program accepts the commands that the pages show; none of them is run."""
 
 import re
 import shlex

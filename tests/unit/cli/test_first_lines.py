@@ -32,12 +32,12 @@ def test_the_plan_is_the_one_on_the_page() -> None:
     (manifest,) = set(re.findall(r"bagpipe plan (\S+)", PAGE))
     ended = CliRunner().invoke(main, ["plan", str(ROOT / manifest)])
     assert ended.exit_code == 0, ended.output
-    said = [line.strip() for line in ended.output.splitlines()]
+    printed = [line.strip() for line in ended.output.splitlines()]
     shown = re.search(rf"bagpipe plan {re.escape(manifest)}\n\n(.*?)\n\n", PAGE, re.DOTALL)
     assert shown is not None
     lines = [line[4:] for line in shown[1].splitlines()]
     assert lines
-    assert [line for line in lines if line != "..." and line not in said] == []
+    assert [line for line in lines if line != "..." and line not in printed] == []
 
 
 WITHOUT_SPARK = """

@@ -9,7 +9,7 @@ from rich.console import Console
 from bagpipe.cli.cluster.faults import ClusterError
 from bagpipe.cli.cluster.following import PATIENCE_SECONDS, TimedOutError, states
 from bagpipe.cli.cluster.state import JobState
-from bagpipe.cli.cluster.watching import followed, tell_end
+from bagpipe.cli.cluster.watching import followed, show_end
 from tests.unit.cli.cluster_objects import Answer, FakeClock, FaultySource, a_job, ended, running
 
 AWAY = ClusterError("the cluster does not answer", passing=True)
@@ -31,7 +31,7 @@ def test_a_job_that_has_ended_needs_no_watch() -> None:
     assert source.asked == ["get"]
 
 
-def test_a_watch_that_ends_is_begun_again_and_tells_nothing_twice() -> None:
+def test_a_watch_that_ends_is_begun_again_and_repeats_nothing() -> None:
     source = FaultySource([running(), running(), ended()], [[], []])
     clock = FakeClock()
     assert phases(source, clock) == ["Running", "Complete"]
@@ -56,14 +56,14 @@ def test_a_server_that_stays_away_is_given_up() -> None:
 
 
 @pytest.mark.parametrize("status", [401, 403, 404])
-def test_what_will_not_pass_is_told_at_once(status: int) -> None:
+def test_a_permanent_fault_is_reported_at_once(status: int) -> None:
     clock = FakeClock()
     with pytest.raises(ClusterError, match="no such thing"):
         phases(FaultySource([ClusterError("no such thing", status=status)]), clock)
     assert clock.seconds == 0
 
 
-def test_a_job_that_is_deleted_is_told_with_its_results() -> None:
+def test_a_deleted_job_is_reported_with_its_results() -> None:
     job = running()
     job["status"]["results"] = "s3://r/nightly"
     with pytest.raises(ClusterError, match=r"was deleted before it had ended.*s3://r/nightly"):
@@ -90,7 +90,7 @@ def test_the_time_that_is_allowed_bounds_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("program", "given", "message", "said"),
+    ("program", "given", "message", "expected"),
     [
         ("bagpipe", {}, "Cases are running.", "running. Follow it with `bagpipe watch nightly -n"),
         ("bagpipe", {}, "of 4", ": of 4. Follow it with `bagpipe watch nightly -n robots`, or"),
@@ -104,7 +104,7 @@ def test_the_time_that_is_allowed_bounds_it() -> None:
     ],
 )
 def test_the_hint_can_be_copied(
-    program: str, given: dict[str, str], message: str, said: str
+    program: str, given: dict[str, str], message: str, expected: str
 ) -> None:
     job = running()
     job["status"]["conditions"][1]["message"] = message
@@ -112,11 +112,11 @@ def test_the_hint_can_be_copied(
         context.params.update(given)
         with pytest.raises(TimedOutError) as error:
             phases(FaultySource([job]), FakeClock(), 30)
-    assert said in error.value.message
+    assert expected in error.value.message
 
 
 @pytest.mark.parametrize(
-    ("looks", "given", "said"),
+    ("looks", "given", "expected"),
     [
         ([running()], {"context": "lab"}, "goes on: bagpipe watch nightly -n robots --context lab"),
         ([], {"namespace": "robots"}, "goes on: bagpipe watch nightly -n robots\n"),
@@ -125,7 +125,7 @@ def test_the_hint_can_be_copied(
 def test_the_hint_of_ctrl_c_can_be_copied(
     looks: list[Answer],
     given: dict[str, str],
-    said: str,
+    expected: str,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     def interrupted() -> None:
@@ -140,18 +140,18 @@ def test_the_hint_of_ctrl_c_can_be_copied(
         context.params.update(given)
         with pytest.raises(SystemExit) as ended:
             followed(source, "nightly", 30, Console(stderr=True))
-    assert (ended.value.code, said in capsys.readouterr().err) == (130, True)
+    assert (ended.value.code, expected in capsys.readouterr().err) == (130, True)
 
 
 def test_the_hints_at_a_job_s_end_can_be_copied(capsys: pytest.CaptureFixture[str]) -> None:
     with click.Context(click.Command("watch"), info_name="kubectl bagpipe") as context:
         context.params["context"] = "lab"
-        tell_end(JobState.of(ended("Failed")), Console(width=40))
-        tell_end(JobState.of(ended("")), Console(width=40))
-    said = capsys.readouterr().out
+        show_end(JobState.of(ended("Failed")), Console(width=40))
+        show_end(JobState.of(ended("")), Console(width=40))
+    expected = capsys.readouterr().out
     place = "-n robots --context lab"
-    assert f"why: kubectl bagpipe results job/nightly {place} --failed\n" in said
-    assert f"why: kubectl bagpipe logs nightly {place}\n" in said
+    assert f"why: kubectl bagpipe results job/nightly {place} --failed\n" in expected
+    assert f"why: kubectl bagpipe logs nightly {place}\n" in expected
 
 
 def test_the_time_bounds_a_watch_full_of_news() -> None:

@@ -1,4 +1,4 @@
-"""The package is on no index: nobody is told to install it by its bare name."""
+"""The package is on no index: no page says to install it by its bare name."""
 
 import re
 from pathlib import Path
@@ -16,9 +16,9 @@ def test_no_page_and_no_sentence_installs_what_is_not_published() -> None:
     files.append(ROOT / "README.md")
     assert ROOT / "docs/tasks/kubectl-plugin.md" in files
     found = [
-        f"{path.relative_to(ROOT)}: {said.group()}"
+        f"{path.relative_to(ROOT)}: {command.group()}"
         for path in files
-        for said in BARE.finditer(path.read_text())
+        for command in BARE.finditer(path.read_text())
     ]
     assert found == []
 

@@ -77,7 +77,7 @@ def test_a_case_that_was_answered_keeps_both_streams() -> None:
     ]
 
 
-def test_a_case_that_was_given_up_tells_of_the_starts_that_were_lost() -> None:
+def test_a_case_that_was_given_up_lists_its_lost_starts() -> None:
     start = {"executor": "3", "host": "10.0.0.7", "seconds": 12.34, "error": "exit code 137\n(OOM)"}
     unknown = {"executor": "4", "host": "10.0.0.8", "seconds": None, "error": ""}
     row = make_row("a-1", "errored", "ExecutorLost", evidence={"starts": [start, unknown]})
@@ -91,7 +91,7 @@ def test_a_case_that_was_given_up_tells_of_the_starts_that_were_lost() -> None:
     )
 
 
-def test_a_silent_stack_is_said_to_be_one() -> None:
+def test_a_silent_stack_is_reported_as_silent() -> None:
     assert kept(make_row("a-1"), "here")[1].missing == "the stack wrote nothing in this case"
 
 

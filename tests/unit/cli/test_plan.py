@@ -74,7 +74,7 @@ def test_every_case_with_the_recordings(tmp_path: Path) -> None:
     assert "12 cases: 2 fragments, each under 6 conditions." in text
 
 
-def test_a_bag_that_yields_no_case_is_told_and_ends_with_2(tmp_path: Path) -> None:
+def test_a_bag_that_yields_no_case_is_reported_and_ends_with_2(tmp_path: Path) -> None:
     (tmp_path / "cut.bag").write_bytes(b"#ROSBAG V2.0\n")
     status, text = run(tmp_path, "--volume", f"recordings={tmp_path}")
     assert status == 2

@@ -45,7 +45,7 @@ def test_the_status_is_the_verdict(
     ("attempts", "sentence"),
     [(1, ""), (2, "1 run does not count: "), (4, "3 runs do not count: ")],
 )
-def test_runs_that_do_not_count_are_told(tmp_path: Path, attempts: int, sentence: str) -> None:
+def test_runs_that_do_not_count_are_reported(tmp_path: Path, attempts: int, sentence: str) -> None:
     folder = publish(tmp_path, [make_row("a-0", attempts=attempts)])
     text = run("results", folder)[1]
     assert sentence in text
@@ -58,9 +58,9 @@ def test_results_by_uri_and_only_the_failed_ones(tmp_path: Path) -> None:
     uri = f"pvc://results/{folder.relative_to(tmp_path)}"
     volume = ("--volume", f"results={tmp_path}")
     status, text = run("results", uri, *volume, "--failed", "--output", "json")
-    told = json.loads(text)
-    assert (status, told["verdict"], told["job"]["name"]) == (1, "Failed", "drive")
-    assert [(case["case"], case["outcome"]) for case in told["cases"]] == [("a-1", "failed")]
+    found = json.loads(text)
+    assert (status, found["verdict"], found["job"]["name"]) == (1, "Failed", "drive")
+    assert [(case["case"], case["outcome"]) for case in found["cases"]] == [("a-1", "failed")]
     _, text = run("results", uri, *volume, "--output", "yaml")
     assert [case["case"] for case in yaml.safe_load(text)["cases"]] == ["a-0", "a-1"]
     assert "[red] is no markup" in run("results", uri, *volume)[1]
@@ -179,7 +179,7 @@ def test_a_worse_job_stays_worse_whatever_may_be_missing(tmp_path: Path) -> None
     assert run("compare", before, after, "--allow-missing")[0] == 1
 
 
-def test_the_page_is_made_anew(tmp_path: Path) -> None:
+def test_the_page_is_made_again(tmp_path: Path) -> None:
     folder = publish(tmp_path, versions(failing={3}), variants=VARIANTS)
     page = tmp_path / "again.html"
     status, text = run("report", folder, "-o", page)
@@ -194,7 +194,7 @@ def test_the_page_is_made_anew(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("output", "read"), [("json", json.loads), ("yaml", yaml.safe_load)])
-def test_where_the_page_lies_is_told_as_elsewhere(
+def test_the_page_s_place_is_printed_as_json_and_yaml(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: str, read: Callable[[str], Any]
 ) -> None:
     folder = publish(tmp_path, [make_row("a-0")])

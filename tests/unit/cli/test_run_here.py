@@ -70,18 +70,18 @@ def test_a_job_that_needs_nothing_else_is_not_refused(machine: Machine) -> None:
         ),
     ],
 )
-def test_what_can_t_be_had_here_is_said_with_what_to_do(
+def test_what_is_not_available_here_is_reported_with_a_remedy(
     machine: Machine, changed: dict[str, Any], sentence: str
 ) -> None:
-    (told,) = refused(machine, **changed)
-    assert sentence in told
+    (only,) = refused(machine, **changed)
+    assert sentence in only
 
 
-def test_all_that_is_missing_is_said_at_once(machine: Machine) -> None:
-    told = refused(Machine({"PATH": "/nowhere"}, machine.entrypoint), {})
-    assert ["claim recordings" in told[0], "starts run" in told[1]] == [True, True]
-    assert "ROS needs rosmaster, which is not found here" in told[2]
-    assert len(told) == 3
+def test_all_that_is_missing_is_reported_at_once(machine: Machine) -> None:
+    sentences = refused(Machine({"PATH": "/nowhere"}, machine.entrypoint), {})
+    assert ["claim recordings" in sentences[0], "starts run" in sentences[1]] == [True, True]
+    assert "ROS needs rosmaster, which is not found here" in sentences[2]
+    assert len(sentences) == 3
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_notes_say_what_is_otherwise_here() -> None:
         storage={"secrets": ["keys"]},
         activeDeadline="60s",
     )
-    told = "\n".join(notes(spec, Path("kept")))
+    sentences = "\n".join(notes(spec, Path("kept")))
     for sentence in (
         "images are not used here",
         "stack.command names /opt/no-such/node.py, which is not on this machine",
@@ -151,6 +151,6 @@ def test_notes_say_what_is_otherwise_here() -> None:
         "without effect here: spec.activeDeadline, spec.stack.resources",
         "the results go to kept, not to pvc://results/out",
     ):
-        assert sentence in told
+        assert sentence in sentences
     plain = list(notes(make_spec(), Path("kept")))
     assert [sentence.split()[0] for sentence in plain] == ["images", "the"]

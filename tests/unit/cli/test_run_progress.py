@@ -10,7 +10,7 @@ from bagpipe.cli.pace import Pace, done_of, line
 from bagpipe.cli.showing import Showing
 
 
-def told(
+def progress(
     passed: int = 0, planned: int = 100, phase: str = "Running", **more: Any
 ) -> dict[str, Any]:
     counts = {"planned": planned, "running": 2, "passed": passed, "failed": 0, "invalid": 0}
@@ -36,11 +36,11 @@ def paced(*looks: tuple[float, int]) -> Pace:
     ],
 )
 def test_the_rate_is_of_the_last_minute(looks: list[tuple[float, int]], text: str) -> None:
-    assert line(told(10), paced(*looks)).endswith(text)
+    assert line(progress(10), paced(*looks)).endswith(text)
 
 
 def test_a_job_that_is_over_at_the_first_look_has_no_rate() -> None:
-    assert line(told(2, 2, "Complete"), Pace()) == "2 of 2 cases (2 passed)"
+    assert line(progress(2, 2, "Complete"), Pace()) == "2 of 2 cases (2 passed)"
 
 
 def test_looks_are_bounded() -> None:
@@ -50,7 +50,7 @@ def test_looks_are_bounded() -> None:
 
 
 def test_the_last_line_has_all_outcomes_and_nothing_left() -> None:
-    ended = told(3, 6, "Complete", warning="the volume is full")
+    ended = progress(3, 6, "Complete", warning="the volume is full")
     ended["cases"] |= {"failed": 1, "invalid": 1, "errored": 1, "running": 0}
     assert done_of(ended) == 6
     assert line(ended, paced((0, 0), (6, 6))) == (
@@ -69,14 +69,14 @@ class Clock:
 def test_a_log_gets_a_line_every_few_seconds_and_the_last_one() -> None:
     stream, clock = io.StringIO(), Clock()
     with Showing(Console(file=stream), 2, clock) as showing:
-        showing.show(told(phase="Planning", planned=0))
+        showing.show(progress(phase="Planning", planned=0))
         for count in range(13):
-            showing.show(told(count, 13))
-            showing.show(told(count, 13))
+            showing.show(progress(count, 13))
+            showing.show(progress(count, 13))
             clock.now += 1
-        showing.show(told(13, 13, "Complete"))
+        showing.show(progress(13, 13, "Complete"))
         clock.now += 10
-        showing.show(told(13, 13, "Complete"))
+        showing.show(progress(13, 13, "Complete"))
     lines = stream.getvalue().splitlines()
     assert lines[:2] == [
         "starting Spark and 2 slots",
@@ -89,7 +89,7 @@ def test_a_terminal_has_one_line_that_changes() -> None:
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=True, width=200)
     with Showing(console, 2) as showing:
-        showing.show(told(1))
+        showing.show(progress(1))
         console.print("")
     text = stream.getvalue()
     assert "1 of 100 cases (1 passed), 2 running" in text

@@ -27,7 +27,7 @@ def test_a_plan_is_shown() -> None:
 
 
 @pytest.mark.parametrize("verb", ["results", "report"])
-def test_a_folder_without_results_is_said_and_no_module_is_missed(
+def test_a_folder_without_results_is_reported_and_no_module_is_missed(
     verb: str, tmp_path: Path
 ) -> None:
     done = run(verb, str(tmp_path))

@@ -60,16 +60,16 @@ def test_cases_that_the_baseline_lacks_are_new_and_no_evidence() -> None:
     found = only([row(n, "pr-812") for n in range(2)] + [row(0, "released")])
     assert (found.missing, found.message) == ([], "no case changed of 1 cases; 1 new")
     found = only([row(0, "pr-812", "failed")])
-    said = "no case of both could be compared; 1 new (1 not passed)"
-    assert (found.verdict, found.message) == ("unknown", said)
+    sentence = "no case of both could be compared; 1 new (1 not passed)"
+    assert (found.verdict, found.message) == ("unknown", sentence)
 
 
 def test_new_cases_that_fail_and_criteria_that_are_gone_are_mentioned() -> None:
     rows = [row(0, "released", figure=1.0), row(0, "pr-812")]
     rows += [row(n, "pr-812", "failed") for n in (1, 2)] + [row(3, "pr-812")]
     found = only(rows)
-    said = "no case changed of 1 cases; 3 new (2 not passed); measured no more: latency"
-    assert (found.verdict, found.message) == ("same", said)
+    sentence = "no case changed of 1 cases; 3 new (2 not passed); measured no more: latency"
+    assert (found.verdict, found.message) == ("same", sentence)
 
 
 def test_a_case_that_passes_now_is_fixed() -> None:
@@ -84,7 +84,7 @@ def test_the_same_is_the_same() -> None:
 
 
 @pytest.mark.parametrize("now", ["passed", "failed", "invalid", "errored"])
-def test_a_case_that_gave_no_evidence_before_tells_nothing(now: str) -> None:
+def test_a_case_without_evidence_before_is_undecided(now: str) -> None:
     found = only([row(0, "released", "errored"), row(0, "pr-812", now)])
     assert (found.verdict, found.counts["unknown"]) == ("unknown", 1)
 
@@ -132,7 +132,7 @@ def test_many_are_counted_and_some_named() -> None:
         ("FFFFFFFFFF", "FFFFFFFFFF", "same"),
     ],
 )
-def test_rounds_that_disagree_are_told_by_fisher_s_exact_test(
+def test_rounds_that_disagree_are_compared_by_fisher_s_exact_test(
     before: str, after: str, word: str
 ) -> None:
     found = only([*rounds(0, "released", before), *rounds(0, "pr-812", after)])
@@ -159,7 +159,7 @@ def test_many_flaky_cases_are_asked_with_holm_s_correction() -> None:
 
 
 def test_many_cases_that_lose_too_few_rounds_each_are_worse_together() -> None:
-    """No case of these can be told from chance, but their rounds can."""
+    """No case of these is significant alone, but their rounds are."""
     rows = [r for n in range(8) for r in rounds(n, "released", "PPPP")]
     found = only(rows + [r for n in range(8) for r in rounds(n, "pr-812", "PPPF")])
     assert (found.counts["flaky"], found.counts["regressed"]) == (8, 0)
@@ -247,7 +247,7 @@ def test_a_case_of_several_rounds_goes_by_the_name_of_its_first_one() -> None:
     assert found.missing == ["a-0003-released-r0", "a-0004-released-r0"]
     assert found.message == (
         "2 regressed (1 failed, 1 missing), 1 fixed, 1 flaky of 3 cases;"
-        " not to be told in rounds: passed; 2 missing"
+        " undecided in rounds: passed; 2 missing"
     )
 
 
@@ -257,7 +257,7 @@ def test_the_message_names_the_criteria_that_moved() -> None:
     few = only([each for each in criteria_of(delay=1.0) if int(each["fragment"][2:]) < 3])
     assert (few.verdict, few.message) == (
         "same",
-        "no case changed of 3 cases; not to be told in delay",
+        "no case changed of 3 cases; undecided in delay",
     )
 
 
@@ -274,7 +274,7 @@ def with_loss(before: int, after: int) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize(
-    ("before", "after", "told"),
+    ("before", "after", "expected"),
     [
         (0, 0, [("braking", "same")]),
         (0, 2, [("braking", "same"), ("delivery: loss", "worse")]),
@@ -282,8 +282,8 @@ def with_loss(before: int, after: int) -> list[dict[str, Any]]:
         (2, 2, [("braking", "same"), ("delivery: loss", "same")]),
     ],
 )
-def test_losses_are_told_where_either_version_has_one(
-    before: int, after: int, told: list[tuple[str, str]]
+def test_losses_are_compared_where_either_version_has_one(
+    before: int, after: int, expected: list[tuple[str, str]]
 ) -> None:
     found = only(with_loss(before, after))
-    assert [(one.name, one.verdict) for one in found.criteria] == told
+    assert [(one.name, one.verdict) for one in found.criteria] == expected

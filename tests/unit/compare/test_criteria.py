@@ -58,7 +58,7 @@ def test_few_recordings_are_no_evidence_and_say_how_many_would_be() -> None:
     [criterion] = with_latency(0.5, cases=4).criteria
     assert criterion.verdict == "unknown"
     assert criterion.message == (
-        "+0.495 s in 4 pairs of 4 recordings: 5 recordings are needed to tell that from chance"
+        "+0.495 s in 4 pairs of 4 recordings: 5 recordings are needed to rule out chance"
     )
     [criterion] = with_latency(0.5, cases=5).criteria
     # All five have gone up: by chance in one of 32 comparisons, which counts 5/4 of itself since
@@ -168,7 +168,7 @@ def test_a_criterion_that_nothing_moved_takes_nothing_from_the_others() -> None:
     assert found[1].message == "no figure differs in 6 pairs of 6 recordings"
 
 
-def test_a_figure_that_is_not_finite_is_not_to_be_told() -> None:
+def test_a_figure_that_is_not_finite_is_undecided() -> None:
     rows = [row(n, v, figure=1.0) for n in range(6) for v in ("released", "pr-812")]
     rows[3] = row(1, "pr-812", figure=float("inf"))
     [criterion] = only(rows).criteria
@@ -197,7 +197,7 @@ def test_loss_is_compared_like_any_other_figure_also_that_of_discarded_runs() ->
     assert (runs.verdict, runs.baseline, runs.variant) == ("worse", 0.0, 1.0)
 
 
-def told(differences: NDArray[np.float64], direction: str = "lower") -> CriterionComparison:
+def compared(differences: NDArray[np.float64], direction: str = "lower") -> CriterionComparison:
     """Of one criterion alone, in which the recordings differ so."""
     baseline = np.linspace(2.0, 3.0, len(differences))
     variant = baseline + differences
@@ -216,7 +216,7 @@ TAILS = {"lower": (0.04, 0.01), "higher": (0.01, 0.04)}
 def test_the_interval_ends_where_scipy_s_test_begins_to_refuse(direction: str, seed: int) -> None:
     """Each end parts the true differences that the figures refute from those that they don't."""
     differences = np.random.default_rng(seed).normal(0.3, 1.0, 9)
-    found = told(differences, direction)
+    found = compared(differences, direction)
     below, above = TAILS[direction]
 
     def chance(true_difference: float, alternative: str) -> float:
@@ -234,7 +234,7 @@ def test_the_interval_ends_where_scipy_s_test_begins_to_refuse(direction: str, s
 @pytest.mark.parametrize("direction", ["lower", "higher"])
 def test_the_interval_is_student_s_where_that_one_is_right(direction: str) -> None:
     differences = np.random.default_rng(5).normal(0.1, 1.0, 200)
-    found = told(differences, direction)
+    found = compared(differences, direction)
     below, above = TAILS[direction]
     student = stats.t(199, differences.mean(), stats.sem(differences))
     assert found.low == pytest.approx(student.ppf(below), abs=0.01)

@@ -50,7 +50,7 @@ def test_to_be_better_takes_seven_recordings(direction: str, sign: int) -> None:
     assert seven.chance == pytest.approx(5 / 128)
 
 
-def test_an_interval_with_both_ends_is_told_from_the_lower_to_the_upper_one() -> None:
+def test_an_interval_is_written_from_its_lower_to_its_upper_end() -> None:
     found = alone(*range(1, 9))
     assert (found.low, found.high) == SignFlips(np.arange(1.0, 9.0)).ends(0.04, 0.01)
     assert found.message == (
@@ -60,11 +60,11 @@ def test_an_interval_with_both_ends_is_told_from_the_lower_to_the_upper_one() ->
     assert (turned.low, turned.high) == (-(found.high or 0), -(found.low or 0))
 
 
-def test_one_recording_is_told_in_the_singular_and_has_no_effect() -> None:
+def test_one_recording_is_written_in_the_singular_and_has_no_effect() -> None:
     found = alone(1)
     assert found == CriterionComparison(
         "delay", "unknown", 1, 1, 10.0, 11.0, 1.0, None, None, None, None, "s",
-        "+1 s in 1 pair of 1 recording: 5 recordings are needed to tell that from chance",
+        "+1 s in 1 pair of 1 recording: 5 recordings are needed to rule out chance",
     )  # fmt: skip
 
 
@@ -84,7 +84,7 @@ def test_more_criteria_take_more_recordings() -> None:
     five = judged([of(1, 2, 3, 4, 5), of(2, 2, 2, 2, 2)])
     assert [one.verdict for one in five] == ["unknown"] * 2
     assert five[0].message == (
-        "+3 s in 5 pairs of 5 recordings: 6 recordings are needed to tell that from chance"
+        "+3 s in 5 pairs of 5 recordings: 6 recordings are needed to rule out chance"
     )
     six = judged([of(1, 2, 3, 4, 5, 6), of(2, 2, 2, 2, 2, 2)])
     assert [one.verdict for one in six] == ["worse"] * 2
@@ -177,7 +177,7 @@ def test_a_recording_s_figure_is_the_mean_of_its_pairs_means() -> None:
 
 
 @pytest.mark.parametrize("most", [1.7e308, -1.7e308])
-def test_figures_that_overflow_are_not_to_be_told(most: float) -> None:
+def test_figures_that_overflow_are_undecided(most: float) -> None:
     """An own evaluator may say any number; sums of these are none."""
     turned = Measured("own", "", "lower", 5, [-most, 0, 0, 0, 0], [most, 1.0, 1.0, 1.0, 1.0])
     added = Measured("own", "", "lower", 5, [0.0] * 5, [most, most, 1.0, 1.0, 1.0])

@@ -45,8 +45,8 @@ def test_loss_is_the_share_of_all_messages_that_did_not_arrive(
 
 def test_all_runs_of_a_case_count_and_one_without_messages_says_nothing_of_loss() -> None:
     thrown = [{"ledger": ledger((100, 70, 0))}, {"ledger": None}, {}]
-    told = {"result": {"ledger": ledger((100, 100, 0))}, "evidence": None, "discarded": thrown}
-    assert delivery(told | {"attempts": 4}) == {LOSS: 15.0, DISCARDED: 3.0}
+    measured = {"result": {"ledger": ledger((100, 100, 0))}, "evidence": None, "discarded": thrown}
+    assert delivery(measured | {"attempts": 4}) == {LOSS: 15.0, DISCARDED: 3.0}
     assert delivery({"evidence": {"ledger": ledger((10, 9, 0))}})[LOSS] == 10.0
     assert delivery({"result": {"ledger": {"topics": [{"sent": 5}]}}}) == {DISCARDED: 0.0}
     assert delivery({"result": {"ledger": {"topics": None}}}) == {DISCARDED: 0.0}
@@ -94,13 +94,13 @@ def of(outcomes: str) -> Rounds:
         ("PIIF", 1, False, "invalid", "Reason1"),
     ],
 )
-def test_the_rounds_of_a_case_are_told_by_what_most_of_them_came_to(
+def test_the_rounds_of_a_case_are_summarized_by_their_most_frequent_outcome(
     outcomes: str, passed: int, steady: bool, worst: str, reason: str
 ) -> None:
     found = of(outcomes)
     assert (found.passed, found.steady, found.worst) == (passed, steady, worst)
     assert found.reason_of(found.worst) == reason
-    assert found.reason_of("unheard of") == ""
+    assert found.reason_of("no such outcome") == ""
 
 
 def test_figures_are_kept_by_round_and_those_without_a_direction_or_a_number_are_none() -> None:

@@ -39,7 +39,7 @@ def test_the_means_that_are_left_out_are_counted_from_both_ends() -> None:
     assert found == [(1.0, 3.0), (1.5, 2.5), (2.0, 2.0), (2.5, 1.5), (3.0, 1.0)]
 
 
-def test_up_to_fourteen_recordings_are_told_exactly_and_more_to_one_in_as_many_ways() -> None:
+def test_up_to_fourteen_recordings_are_exact_and_more_to_one_in_as_many_ways() -> None:
     for recordings in (13, 14, 17):
         ways = 2 ** min(recordings, 14)
         test = SignFlips(np.arange(1.0, recordings + 1))

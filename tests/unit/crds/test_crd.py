@@ -62,7 +62,7 @@ def test_kubectl_and_helm_read_the_same_as_python(path: Path) -> None:
 
 
 def test_every_field_is_described(crd: Schema) -> None:
-    # The API server allows nothing to be said of metadata.
+    # The API server allows no description of metadata.
     bare = [p for p, s in walk(schema_of(crd)) if not s.get("description") and p != ".metadata"]
     assert bare == []
 

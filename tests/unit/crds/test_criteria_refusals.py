@@ -94,8 +94,8 @@ def criteria(draw: st.DrawFn) -> Value:
 @example({"name": "c", "bounds": {"topic": "/a", "field": "x", "min": 2, "max": 1}})
 @example({"name": "c", "own": {"configMap": "a", "timeout": "0s"}})
 def test_the_api_server_and_the_models_refuse_the_same(value: Value) -> None:
-    said = refusals(SCHEMA, value)
-    assert (said == []) == taken_by_the_model(value), (value, said)
+    refused = refusals(SCHEMA, value)
+    assert (refused == []) == taken_by_the_model(value), (value, refused)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -126,6 +126,6 @@ REFUSED: list[tuple[str, Value, str]] = [
 
 @pytest.mark.parametrize(("kind", "changed", "sentence"), REFUSED)
 def test_a_refusal_says_what_to_write(kind: str, changed: Value, sentence: str) -> None:
-    [said] = refusals(SCHEMA, {"name": "c", kind: GOOD[kind] | changed})
-    assert sentence in said
-    assert "write " in said
+    [refused] = refusals(SCHEMA, {"name": "c", kind: GOOD[kind] | changed})
+    assert sentence in refused
+    assert "write " in refused

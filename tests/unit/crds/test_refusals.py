@@ -37,7 +37,7 @@ def test_a_good_job_is_taken(row: Row, schema: Schema) -> None:
 
 @pytest.mark.parametrize("row", refused(), ids=str)
 def test_a_bad_job_is_refused_by_the_rule_that_says_so(row: Row, schema: Schema) -> None:
-    said = refusals(schema, row.manifest)
-    assert said
+    messages = refusals(schema, row.manifest)
+    assert messages
     if not any(words in row.says for words in KUBERNETES):
-        assert any(row.says in sentence for sentence in said), said
+        assert any(row.says in sentence for sentence in messages), messages

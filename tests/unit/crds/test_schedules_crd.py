@@ -35,8 +35,8 @@ def test_it_is_small_enough_for_kubectl_apply() -> None:
 
 
 def test_every_field_is_described_in_sentences(crd: Schema) -> None:
-    said = {path: s.get("description", "") for path, s in walk(schema_of(crd))}
-    loose = [p for p, text in said.items() if not text.endswith(".") and p != ".metadata"]
+    descriptions = {path: s.get("description", "") for path, s in walk(schema_of(crd))}
+    loose = [p for p, text in descriptions.items() if not text.endswith(".") and p != ".metadata"]
     assert loose == []
 
 

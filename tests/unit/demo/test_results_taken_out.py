@@ -36,9 +36,9 @@ def test_the_results_are_copied_and_named(cache: Path, capsys: pytest.CaptureFix
     assert {path.name for path in folder.iterdir()} == {"manifest.json", "report.html"}
     source = (folder / "report.html").read_text().strip()
     assert source == "default/toolbox:/results/demo/robot-state-publisher/0c1f"
-    said = capsys.readouterr().out
-    assert f"$ .venv/bin/bagpipe results {folder}\n" in said
-    assert re.search(rf"browser: {folder}/report.html$", said, re.MULTILINE)
+    output = capsys.readouterr().out
+    assert f"$ .venv/bin/bagpipe results {folder}\n" in output
+    assert re.search(rf"browser: {folder}/report.html$", output, re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -50,14 +50,14 @@ def test_the_results_are_copied_and_named(cache: Path, capsys: pytest.CaptureFix
     ],
     ids=["refused", "half", "empty"],
 )
-def test_a_copy_that_fails_is_said_and_is_no_verdict(
+def test_a_copy_that_fails_is_reported_and_is_no_verdict(
     cache: Path, capsys: pytest.CaptureFixture[str], script: str, why: str
 ) -> None:
     pretend(cache, script)
     demo.take_out(URI)
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     folder = cache / "demo/robot-state-publisher"
-    assert f"could not be copied to {folder}: " in said
-    assert why in said
-    assert f"Try: kubectl cp {k.on_claim('default', URI)} {folder}" in said
-    assert "bagpipe results" not in said
+    assert f"could not be copied to {folder}: " in output
+    assert why in output
+    assert f"Try: kubectl cp {k.on_claim('default', URI)} {folder}" in output
+    assert "bagpipe results" not in output

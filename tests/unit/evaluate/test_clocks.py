@@ -144,9 +144,9 @@ def in_frame(entry: Any, frame: str) -> Any:
 @pytest.mark.parametrize(
     ("frames", "named_so"),
     [
-        (["base_link"] * 50, "/pose is said in the frame base_link and /truth in the frame map"),
-        ([""] * 50, "/pose is said in no frame and /truth in the frame map"),
-        (["map"] * 25 + ["odom"] * 25, "/pose is said in the frame map, then odom and /truth in"),
+        (["base_link"] * 50, "/pose is in the frame base_link and /truth in the frame map"),
+        ([""] * 50, "/pose is in no frame and /truth in the frame map"),
+        (["map"] * 25 + ["odom"] * 25, "/pose is in the frame map, then odom and /truth in"),
         (["/map"] * 50, ""),
     ],
 )
@@ -169,7 +169,7 @@ def test_a_truth_without_a_frame_is_compared_with_any() -> None:
 # The window, and what comes after it.
 
 
-def test_what_is_said_after_the_window_saves_no_rate() -> None:
+def test_messages_after_the_window_save_no_rate() -> None:
     after = [15.05 + n / 100 for n in range(70)]
     silent = found(case(unstamped(after)), RATE)
     assert (silent.outcome, silent.figure) == ("failed", 0.0)
@@ -253,7 +253,7 @@ def test_what_must_never_be_published_is_counted_in_the_whole_window() -> None:
     assert found(case([("/alarm", 12.0, number(1.0))]), never).outcome == "failed"
 
 
-def test_mode_max_leaves_open_when_a_message_without_a_stamp_was_said() -> None:
+def test_mode_max_leaves_open_when_a_message_without_a_stamp_was_published() -> None:
     at_the_end = unstamped([14.9] * 50)
     wanted = {"bounds": {"topic": "/pose", "field": "data", "max": 2}}
     assert found(case(at_the_end), wanted).outcome == "invalid"

@@ -163,7 +163,7 @@ def test_an_expression_says_where_it_first_failed() -> None:
         ("msg.data < 'x'", "can't be computed"),
     ],
 )
-def test_an_expression_that_can_t_be_told_is_invalid(holds: str, sentence: str) -> None:
+def test_an_expression_that_can_t_be_evaluated_is_invalid(holds: str, sentence: str) -> None:
     finding = found(evidence(every(1.0)), expression={"topic": "/out", "holds": holds})
     assert finding.outcome == "invalid"
     assert sentence in finding.message

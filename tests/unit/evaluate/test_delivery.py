@@ -44,7 +44,7 @@ def test_the_delay_is_that_of_the_percentile_that_is_asked() -> None:
         assert f"at percentile {percent} of 10 messages on /t" in finding.message
 
 
-def test_delays_in_too_little_of_the_window_are_told_with_what_may_help() -> None:
+def test_delays_in_too_little_of_the_window_are_reported_with_a_remedy() -> None:
     still = found("latency", with_stamps((11, 10), (12, 10), (13, 10)), {"max": "9s"})
     few = found("latency", with_stamps((11, 10), (12, 11), (13, 12)), {"max": "9s"})
     assert (still.outcome, few.outcome) == ("invalid", "invalid")
@@ -163,7 +163,7 @@ def test_of_stamps_and_receipts_those_are_counted_that_are_more(late: float) -> 
     assert found("rate", entries[:-1], wanted).figure == 1.2
 
 
-def test_what_came_after_the_end_and_is_nobody_s_is_told() -> None:
+def test_messages_after_the_end_that_answer_nothing_are_reported() -> None:
     entries = with_stamps((12.0, 11.0), (21.0, 20.5), (22.0, 20.7))
     finding = found("rate", entries, {"min": 0.1, "minCoverage": 0})
     assert finding.message == "0.1 Hz on /t, 2 more after the window's end"

@@ -27,8 +27,8 @@ def run(
 ) -> Row:
     (tmp_path / "recordings").mkdir()
     (tmp_path / "results").mkdir()
-    said = inputs or steady("/scan", 50, 10_000_000)
-    write_bag(tmp_path / "recordings/a.bag", said, chunk_bytes=512)
+    messages_in = inputs or steady("/scan", 50, 10_000_000)
+    write_bag(tmp_path / "recordings/a.bag", messages_in, chunk_bytes=512)
     folders = {name: str(tmp_path / name) for name in ("recordings", "results")}
     spec = make_spec(evaluate=list(criteria), **changed)
     context = RunContext("lab/drive", spec, folders, "pvc://results/r", str(tmp_path / "s"))

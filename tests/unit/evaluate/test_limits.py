@@ -45,7 +45,7 @@ def test_a_figure_passes_from_bound_to_bound_and_one_that_is_no_number_never(
         ("", None, 3.0, "at most 3"),
     ],
 )
-def test_a_limit_is_told_with_its_unit_if_it_has_one(
+def test_a_limit_is_written_with_its_unit_if_it_has_one(
     unit: str, least: float | None, most: float | None, limit: str
 ) -> None:
     found = bounded(Finding("c", "bounds", "passed", 9.0, unit), least, most, "here")

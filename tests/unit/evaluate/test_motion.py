@@ -61,7 +61,7 @@ def test_circles_meet_at_the_speeds_of_the_last_second(
     assert finding.outcome == ("passed" if seconds else "failed")
 
 
-def test_the_soonest_collision_is_told_with_its_time() -> None:
+def test_the_soonest_collision_is_reported_with_its_time() -> None:
     entries = [ego(10), ego(12), ego(14)]
     entries += [cars(10, (20, 0)), cars(12, (10, 0)), cars(14, (8, 0))]
     finding = found(entries, minTimeToCollision=2, radius=0.5)
@@ -87,7 +87,7 @@ def test_the_nearest_car_of_every_scene_is_its_distance() -> None:
     assert finding.message == "4.5 m at 1.500 s, and may be at least 5 m"
 
 
-def test_of_two_bounds_the_distance_is_told_where_it_is_too_small() -> None:
+def test_of_two_bounds_the_distance_is_reported_where_it_is_too_small() -> None:
     entries = [ego(10), ego(11), cars(10, (12, 0)), cars(11, (10, 0))]
     both: dict[str, Any] = {"minTimeToCollision": 4.5, "radius": 0.5}
     assert found(entries, minDistance=10, **both).message == "4.5 s to a collision at 1.000 s"
@@ -160,7 +160,7 @@ def test_cars_may_be_poses_with_headers_of_their_own() -> None:
         ([ego(11), cars(13, (1, 1))], "no obstacle was ever on /cars while a pose on /ego was at"),
     ],
 )
-def test_what_can_t_be_measured_is_said(entries: list[Any], sentence: str) -> None:
+def test_what_can_t_be_measured_is_reported(entries: list[Any], sentence: str) -> None:
     finding = found(entries, minDistance=1)
     assert (finding.outcome, finding.figure) == ("invalid", None)
     assert finding.message.startswith(sentence)

@@ -153,6 +153,6 @@ def test_it_sees_no_secret_of_the_worker(tmp_path: Path, monkeypatch: pytest.Mon
     assert "AWS_SECRET_ACCESS_KEY" in os.environ
 
 
-def test_a_missing_key_is_told(tmp_path: Path) -> None:
+def test_a_missing_key_is_reported(tmp_path: Path) -> None:
     with pytest.raises(NoEvidenceError, match=r"ConfigMap lane has no key evaluator\.py"):
         own("lane", OwnEvaluator(config_map="lane"), evidence([]), tmp_path)

@@ -18,8 +18,8 @@ def judged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     (tmp_path / "lane/evaluator.py").touch()
 
     def judge(least: float = 0.9, **answer: Any) -> Finding:
-        told = {"outcome": "passed"} | answer
-        monkeypatch.setattr(own_module, "_answered", lambda *_: told)
+        given = {"outcome": "passed"} | answer
+        monkeypatch.setattr(own_module, "_answered", lambda *_: given)
         wanted = OwnEvaluator(config_map="lane", min_coverage=least)
         return own("lane", wanted, evidence([]), tmp_path)
 
@@ -46,11 +46,11 @@ def test_an_answer_may_have_a_figure_its_unit_limit_direction_and_words(judged: 
             judged(direction=direction)
 
 
-def test_words_are_told_up_to_a_bound_each(judged: Any) -> None:
+def test_each_text_is_bounded(judged: Any) -> None:
     long = "x" * 1001
     finding = judged(unit=long, limit=long, message=long, covered=long)
-    told = (finding.unit, finding.limit, finding.message, finding.covered)
-    assert [len(text) for text in told] == [32, 200, 1000, 200]
+    texts = (finding.unit, finding.limit, finding.message, finding.covered)
+    assert [len(text) for text in texts] == [32, 200, 1000, 200]
     with pytest.raises(NoEvidenceError) as refused:
         judged(outcome="y" * 101)
     assert f"outcome is '{'y' * 100}':" in str(refused.value)

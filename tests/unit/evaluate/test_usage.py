@@ -50,11 +50,11 @@ def test_memory_is_the_most_at_one_time() -> None:
 )  # fmt: skip
 def test_a_limit_of_memory_is_so_many_bytes(limit: str, count: int) -> None:
     for peak, outcome in ((count, "passed"), (count + 1, "failed")):
-        told: dict[str, Any] = {"stack": {"usage": {"seconds": 10.0, "peak_memory_bytes": peak}}}
-        assert found(told, maxMemory=limit).outcome == outcome
+        given: dict[str, Any] = {"stack": {"usage": {"seconds": 10.0, "peak_memory_bytes": peak}}}
+        assert found(given, maxMemory=limit).outcome == outcome
 
 
-def test_of_two_limits_the_memory_is_told_unless_the_cpu_is_too_much() -> None:
+def test_of_two_limits_the_memory_is_reported_unless_the_cpu_is_too_much() -> None:
     assert found(used(10.0), maxCpu=0.4, maxMemory="3Mi").unit == "bytes"
     assert found(used(10.0), maxCpu=0.3, maxMemory="3Mi").unit == "CPUs"
 
@@ -82,7 +82,7 @@ def test_it_is_judged_on_the_part_of_the_play_that_the_stack_was_there_for(
     assert finding.covered.startswith(covered)
 
 
-def test_a_part_tells_of_a_peak_that_it_was_too_high_and_of_nothing_else() -> None:
+def test_a_part_shows_that_a_peak_was_too_high_and_nothing_else() -> None:
     for wanted, outcome in (
         ({"maxMemory": "2Mi"}, "failed"),
         ({"maxMemory": "4Mi"}, "invalid"),
@@ -96,7 +96,7 @@ def test_a_part_tells_of_a_peak_that_it_was_too_high_and_of_nothing_else() -> No
     )
 
 
-def test_what_was_not_measured_is_said() -> None:
+def test_what_was_not_measured_is_reported() -> None:
     for result in ({}, {"stack": None}, {"stack": {"usage": None}}):
         cpu, memory = found(result, maxCpu=1), found(result, maxMemory="1G")
         assert (cpu.outcome, memory.outcome) == ("invalid", "invalid")
@@ -112,7 +112,7 @@ def test_a_window_without_length_is_covered() -> None:
 
 
 def test_a_peak_that_nobody_says_the_length_of_covers_nothing() -> None:
-    told: dict[str, Any] = {"stack": {"usage": {"peak_memory_bytes": 3 * MEBIBYTE}}}
-    finding = found(told, maxMemory="4Mi")
+    given: dict[str, Any] = {"stack": {"usage": {"peak_memory_bytes": 3 * MEBIBYTE}}}
+    finding = found(given, maxMemory="4Mi")
     assert (finding.outcome, finding.coverage) == ("invalid", 0.0)
-    assert found(told, maxMemory="2Mi").outcome == "failed"
+    assert found(given, maxMemory="2Mi").outcome == "failed"

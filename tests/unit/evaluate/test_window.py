@@ -8,10 +8,10 @@ import pytest
 from bagpipe.evaluate.evidence import Evidence, Received, Recording
 from bagpipe.evaluate.window import (
     ROUNDING,
-    Heard,
+    TopicMessages,
     backward,
     credible,
-    heard,
+    messages_of,
     over_window,
     spread,
     stamp_fault,
@@ -93,31 +93,31 @@ def test_of_the_time_in_which_inputs_came_a_silence_takes_its_share() -> None:
     assert share == pytest.approx(1 - (3 - 0.001) / 5, rel=1e-9)
 
 
-def told(clock: str, inside: list[Received], late: Sequence[Received] = ()) -> Heard:
-    return Heard("/t", inside, list(late), [], clock, "")  # type: ignore[arg-type]
+def on_topic(clock: str, inside: list[Received], late: Sequence[Received] = ()) -> TopicMessages:
+    return TopicMessages("/t", inside, list(late), [], clock, "")  # type: ignore[arg-type]
 
 
 def test_a_latched_message_speaks_for_all_that_comes_after_it() -> None:
-    latched = told("receipt", [received(6, latching=True), received(8, latching=True)])
+    latched = on_topic("receipt", [received(6, latching=True), received(8, latching=True)])
     assert over_window(latched, window(), 0.0) == (
         0.4, "2 latched messages, in force for 40% of the window",
     )  # fmt: skip
-    before = told("header", [received(6, 0.0, latching=True)])
+    before = on_topic("header", [received(6, 0.0, latching=True)])
     assert over_window(before, window(5.0), 0.0)[0] == 1.0
     # One that is not latched among them lets the others lapse.
-    mixed = told("receipt", [received(6, latching=True), received(8)])
+    mixed = on_topic("receipt", [received(6, latching=True), received(8)])
     assert over_window(mixed, window(), 0.0)[0] == pytest.approx(0.4 + A_BIT)
-    nobody = over_window(told("receipt", []), window(), 0.0)
+    nobody = over_window(on_topic("receipt", []), window(), 0.0)
     assert nobody == (0.0, "0 messages without a longer silence in 0% of the window")
 
 
 def test_receipts_of_mode_max_leave_open_what_they_cover_and_stamps_do_not() -> None:
     given = window(paced=False)
-    receipts = told("receipt", [received(1), received(2)])
+    receipts = on_topic("receipt", [received(1), received(2)])
     assert over_window(receipts, given, 0.0) == (
         None, "2 messages, whose times mode max leaves open",
     )  # fmt: skip
-    stamps = told("header", [received(1, 5)], [received(12, 9)])
+    stamps = on_topic("header", [received(1, 5)], [received(12, 9)])
     assert over_window(stamps, given, 0.0)[0] == pytest.approx(0.5 + A_BIT)
 
 
@@ -156,9 +156,9 @@ def test_a_stamp_may_be_a_minute_older_than_the_play_and_so_much_later_than_its_
 
 
 def split(*entries: tuple[float, float], **more: Any) -> tuple[list[float], ...]:
-    """Receipts of what was heard in a window from 100 to 110 s: inside, late, and nobody's."""
+    """Receipts of what was received in a window from 100 to 110 s: inside, late, and nobody's."""
     recorded = [("/t", at, stamped(stamp, 0, 0)) for at, stamp in entries]
-    found = heard("/t", evidence(recorded, start=100.0, end=110.0, **more))
+    found = messages_of("/t", evidence(recorded, start=100.0, end=110.0, **more))
     assert (found.clock, found.fault) == ("header", "")
     return tuple(
         [e.time / SECOND for e in each] for each in (found.inside, found.late, found.others)
@@ -183,7 +183,7 @@ def test_what_answers_the_lead_in_is_nobody_s_unless_there_was_none() -> None:
 def test_one_message_without_a_stamp_takes_the_clock_from_all() -> None:
     recorded = [("/t", 11.0, stamped(10.5, 0, 0)), ("/u", 11.0, number(1.0))]
     given = evidence(recorded)
-    assert [heard(topic, given).clock for topic in ("/t", "/u", "/none")] == [
+    assert [messages_of(topic, given).clock for topic in ("/t", "/u", "/none")] == [
         "header", "receipt", "receipt",
     ]  # fmt: skip
 

@@ -51,10 +51,10 @@ def faults(manifest: str, file: str, test: str) -> list[str]:
         return [f"{file} has no {test}"]
     marks = [ast.unparse(mark) for mark in found[0].decorator_list]
     marks += [ast.unparse(n) for n in tree.body if ast.unparse(n).startswith("pytestmark")]
-    told = [f"{test} is not in make test" for mark in marks if "slow" in mark]
+    found_faults = [f"{test} is not in make test" for mark in marks if "slow" in mark]
     if not reads("\n".join(sources(path, set())), manifest):
-        told.append(f"{file} does not read {manifest}")
-    return told
+        found_faults.append(f"{file} does not read {manifest}")
+    return found_faults
 
 
 def test_every_manifest_has_a_test_and_no_other_is_named() -> None:
@@ -66,10 +66,10 @@ def test_every_manifest_has_a_test_and_no_other_is_named() -> None:
 
 def test_the_named_tests_are_there_run_by_make_test_and_read_their_manifest() -> None:
     wrong = {
-        manifest: told
+        manifest: found_faults
         for manifest, tests in named().items()
         for file, test in tests
-        if (told := faults(manifest, file, test))
+        if (found_faults := faults(manifest, file, test))
     }
     assert wrong == {}
 

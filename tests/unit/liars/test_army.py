@@ -21,18 +21,18 @@ def case(reason: str, **found: str) -> dict[str, Any]:
 
 
 def test_other_criteria_than_the_row_s_say_nothing_of_it() -> None:
-    told = judged(ROW, case("CriterionFailed", close="passed", fast="failed"), {"ran": 1})
-    assert (told.outcome, told.reason) == ("passed", "")
-    told = judged(ROW, case("CriterionFailed", close="invalid", fast="failed"), {"ran": 1})
-    assert (told.outcome, told.reason) == ("invalid", "NotEnoughEvidence")
-    assert "close it is" in told.words
+    result = judged(ROW, case("CriterionFailed", close="passed", fast="failed"), {"ran": 1})
+    assert (result.outcome, result.reason) == ("passed", "")
+    result = judged(ROW, case("CriterionFailed", close="invalid", fast="failed"), {"ran": 1})
+    assert (result.outcome, result.reason) == ("invalid", "NotEnoughEvidence")
+    assert "close it is" in result.words
 
 
 def test_what_no_criterion_has_judged_stands() -> None:
-    told = judged(ROW, case("StackCrashed", close="passed"), {})
-    assert (told.outcome, told.reason, told.words) == ("failed", "StackCrashed", "all")
-    told = judged(ROW, case("MessagesLost"), {})
-    assert (told.outcome, told.reason) == ("failed", "MessagesLost")
+    result = judged(ROW, case("StackCrashed", close="passed"), {})
+    assert (result.outcome, result.reason, result.words) == ("failed", "StackCrashed", "all")
+    result = judged(ROW, case("MessagesLost"), {})
+    assert (result.outcome, result.reason) == ("failed", "MessagesLost")
 
 
 def test_a_row_s_case_has_the_name_of_its_drive_fragment_and_scenario() -> None:

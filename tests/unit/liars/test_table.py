@@ -16,12 +16,12 @@ def test_the_table_has_every_class_and_enough_of_both() -> None:
 
 def test_every_row_has_a_name_and_a_deed_of_its_own() -> None:
     assert len({row.name for row in ROWS}) == len(ROWS)
-    told = [
+    keys = [
         (row.of, row.does, row.asked.job.name, row.asked.criterion)
         for row in ROWS
         if row.does != "the same, with roscpp"
     ]
-    assert len(set(told)) == len(told)
+    assert len(set(keys)) == len(keys)
 
 
 def test_a_liar_is_never_expected_to_pass() -> None:

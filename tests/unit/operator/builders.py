@@ -16,7 +16,7 @@ START = datetime(2026, 11, 20, 4, 0, 0, tzinfo=UTC)
 
 
 class Clock:
-    """A wall clock and a monotonic one that move together, and only when told to."""
+    """A wall clock and a monotonic one that move together, and only when the test moves them."""
 
     def __init__(self) -> None:
         self.seconds = 0.0

@@ -1,4 +1,4 @@
-"""Fakes, said to be ones: an API server in memory with faults on order, and drivers that answer.
+"""Declared fakes: an API server in memory with faults on order, and drivers that answer.
 
 The fake server knows just what the loop relies on: 404 and 409, resource versions that grow with
 every write, merge patches of a status. tests/e2e runs the same loop against a real one.
@@ -27,7 +27,7 @@ class FakeApi:
     faults: dict[str, list[BaseException]] = field(default_factory=dict)
     lost: set[str] = field(default_factory=set)  # calls that take effect, and whose answer is lost
     version: int = 100
-    told: dict[str, list[Json]] = field(default_factory=dict)  # Events by the UID they are about
+    events_about: dict[str, list[Json]] = field(default_factory=dict)  # by UID
     shown: list[Json] = field(default_factory=list)  # manifests of dry runs
 
     def fail(self, call: str, *errors: BaseException) -> None:
@@ -64,7 +64,7 @@ class FakeApi:
 
     async def events_of(self, namespace: str, uid: str) -> list[Json]:
         self._called(f"events of {uid}")
-        return copy.deepcopy(self.told.get(uid, []))
+        return copy.deepcopy(self.events_about.get(uid, []))
 
     async def delete_pod(self, namespace: str, name: str, uid: str) -> bool:
         self._called(f"delete {name}")

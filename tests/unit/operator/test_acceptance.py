@@ -65,8 +65,8 @@ async def test_without_a_crd(missing: list[str]) -> None:
 
 def counts(replicas: int, updated: int, ready: int, seen: int = 2) -> Json:
     """A Deployment's status; Kubernetes leaves out what is 0."""
-    told = {"replicas": replicas, "updatedReplicas": updated, "readyReplicas": ready}
-    return {"observedGeneration": seen} | {name: count for name, count in told.items() if count}
+    reported = {"replicas": replicas, "updatedReplicas": updated, "readyReplicas": ready}
+    return {"observedGeneration": seen} | {name: count for name, count in reported.items() if count}
 
 
 @pytest.mark.parametrize(

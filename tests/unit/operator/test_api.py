@@ -112,8 +112,8 @@ async def test_the_calls_for_schedules() -> None:
 
 
 async def test_a_refusal_carries_the_server_s_reason_and_sentence() -> None:
-    said = {"kind": "Status", "reason": "AlreadyExists", "message": 'pods "p" already exists'}
-    async with server(Recorder((409, said)).answer) as api:
+    answer = {"kind": "Status", "reason": "AlreadyExists", "message": 'pods "p" already exists'}
+    async with server(Recorder((409, answer)).answer) as api:
         with pytest.raises(ApiError) as caught:
             await api.get("pods", "lanes", "p")
     error = caught.value
@@ -129,7 +129,7 @@ async def test_a_proxy_s_page_is_an_error_too() -> None:
 
 
 @pytest.mark.parametrize("status", [404, 409])
-async def test_deleting_what_is_gone_is_no_error_and_is_told(status: int) -> None:
+async def test_deleting_what_is_gone_is_no_error_and_is_reported(status: int) -> None:
     async with server(Recorder((status, {"kind": "Status"})).answer) as api:
         assert await api.delete_pod("lanes", "p", "uid-of-p") is False
 

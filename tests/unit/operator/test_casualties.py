@@ -1,4 +1,4 @@
-"""Executors that were ended from outside: told while it is news, also when their pod is gone."""
+"""Executors that were ended from outside: reported while that is new, also without their pod."""
 
 from datetime import timedelta
 
@@ -41,11 +41,11 @@ def test_each_container_s_lack_of_memory(container: str, advice: str) -> None:
     )
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(-5, 1), (59, 1), (60, 0), (61, 0)])
-def test_it_is_told_for_a_minute(seconds: float, told: int) -> None:
+@pytest.mark.parametrize(("seconds", "reported"), [(-5, 1), (59, 1), (60, 0), (61, 0)])
+def test_it_is_reported_for_a_minute(seconds: float, reported: int) -> None:
     pod = killed("stack").view()
     now = START + timedelta(seconds=seconds)
-    assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == told
+    assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == reported
 
 
 def test_a_lack_of_memory_whose_moment_is_not_known_is_news() -> None:
@@ -62,8 +62,8 @@ def test_an_executor_s_container_that_ended_otherwise_lacked_no_memory() -> None
     assert casualties([pod.view()], [], START) == []
 
 
-def test_what_became_of_a_driver_is_not_told_of_as_an_executor_s_end() -> None:
-    """Its end is told by the job's own conditions."""
+def test_a_driver_s_end_is_not_reported_as_an_executor_s() -> None:
+    """The job's own conditions report its end."""
     short = make_driver("x").ended(137, reason="OOMKilled").view()
     taken = make_driver("x").running().disrupted(*EVICTION).deleting().view()
     assert casualties([short], [short, taken], START) == []
@@ -75,7 +75,7 @@ def test_a_container_that_is_ended_for_it_again_and_again_is_lasting() -> None:
     assert (trouble.reason, trouble.lasting) == ("ExecutorOutOfMemory", True)
 
 
-def test_a_pod_that_spark_has_deleted_still_tells_why() -> None:
+def test_a_pod_that_spark_has_deleted_still_shows_why() -> None:
     view = View()
     view.put_job(make_job("x").view())
     pod = killed("spark").deleting().view()
@@ -108,11 +108,11 @@ def test_an_eviction_through_the_api() -> None:
     )
 
 
-@pytest.mark.parametrize(("seconds", "told"), [(59, 1), (60, 0), (61, 0)])
-def test_an_eviction_is_told_for_a_minute(seconds: float, told: int) -> None:
+@pytest.mark.parametrize(("seconds", "reported"), [(59, 1), (60, 0), (61, 0)])
+def test_an_eviction_is_reported_for_a_minute(seconds: float, reported: int) -> None:
     pod = make_executor("x").running().disrupted(*EVICTION).deleting().view()
     now = START + timedelta(seconds=seconds)
-    assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == told
+    assert len(casualties([pod], [], now)) == len(casualties([], [pod], now)) == reported
 
 
 def test_an_executor_that_the_kubelet_evicted() -> None:
@@ -131,7 +131,7 @@ def test_an_executor_that_ended_for_another_reason_was_not_evicted() -> None:
 
 
 @pytest.mark.parametrize(
-    ("disruption", "reason", "told"),
+    ("disruption", "reason", "reported"),
     [
         (
             EVICTION,
@@ -146,13 +146,13 @@ def test_an_executor_that_ended_for_another_reason_was_not_evicted() -> None:
     ],
 )
 def test_a_driver_in_its_grace_period_says_what_is_to_come(
-    disruption: tuple[str, str], reason: str, told: str
+    disruption: tuple[str, str], reason: str, reported: str
 ) -> None:
     pod = make_driver("x").running().disrupted(*disruption).deleting()
     (trouble,) = casualties([pod.view()], [], START)
     assert (trouble.reason, trouble.lasting) == (reason, False)
     assert trouble.message == (
-        f"The driver's pod x-1-driver {told}: {disruption[1]}. "
+        f"The driver's pod x-1-driver {reported}: {disruption[1]}. "
         "Another takes over once it has ended."
     )
     assert casualties([pod.ended(143).view()], [], START) == []
@@ -194,7 +194,7 @@ def test_a_driver_that_is_taken_away(disruption: tuple[str, str], reason: str) -
 
 
 def test_a_driver_whose_jvm_was_killed_is_out_of_memory_whatever_its_account_says() -> None:
-    said = '{"phase": "Failed", "reason": "DriverFailed", "message": "Py4JNetworkError"}'
-    ending = ending_of(make_driver("x").ended(1, said, "OOMKilled").view(), START)
+    text = '{"phase": "Failed", "reason": "DriverFailed", "message": "Py4JNetworkError"}'
+    ending = ending_of(make_driver("x").ended(1, text, "OOMKilled").view(), START)
     assert ending is not None
     assert (ending.reason, ending.lost) == ("DriverOutOfMemory", True)

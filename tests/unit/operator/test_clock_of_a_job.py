@@ -90,15 +90,15 @@ def test_a_pod_that_goes_or_has_a_driver_that_runs_does_not_linger() -> None:
 
 
 @pytest.mark.parametrize(
-    ("suspended", "generation", "told"),
+    ("suspended", "generation", "reported"),
     [("True", 1, True), ("True", 0, False), ("False", 1, False), ("False", 0, False)],
 )
-def test_a_suspension_is_told_when_the_status_says_it_of_the_job_as_it_is(
-    suspended: str, generation: int, told: bool
+def test_a_suspension_is_reported_when_the_status_states_it_of_the_job_as_it_is(
+    suspended: str, generation: int, reported: bool
 ) -> None:
     job = make_job("x").with_spec("suspend", True)
     job = job.with_status(
         conditions=[{"type": "Suspended", "status": suspended}], observedGeneration=generation
     )
-    assert suspend.is_told(job.view()) is suspend.rests(job.view()) is told
+    assert suspend.is_reported(job.view()) is suspend.rests(job.view()) is reported
     assert not suspend.rests(job.with_spec("suspend", False).view())

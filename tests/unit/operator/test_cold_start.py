@@ -68,7 +68,7 @@ async def test_a_running_job_with_many_pods_is_asked_for_once() -> None:
         watch.pod_event(event)
     assert len(queue) == 1
     queue.done(await queue.get())
-    for event in events:  # the watch broke, and all is listed anew
+    for event in events:  # the watch broke, and all is listed again
         watch.pod_event(event)
     assert len(queue) == 0
 

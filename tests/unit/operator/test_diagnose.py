@@ -45,7 +45,7 @@ def test_every_word_for_a_missing_image_is_understood(word: str) -> None:
         (make_executor("x"), "spark", "ExecutorImageUnavailable"),
     ],
 )
-def test_the_reason_tells_whose_image_it_is(pod: PodBuilder, container: str, reason: str) -> None:
+def test_the_reason_shows_whose_image_it_is(pod: PodBuilder, container: str, reason: str) -> None:
     trouble = only(pod.waiting(container, "ErrImagePull"))
     assert trouble.reason == reason
     whose = "Correct spec.stack.image" if container == "stack" else "It is Bagpipe's own image"
@@ -81,8 +81,8 @@ def test_a_container_that_does_not_start(word: str) -> None:
 
 
 def test_a_missing_secret_names_it_and_says_what_to_do() -> None:
-    said = 'secret "s3-login" not found'
-    trouble = only(make_driver("x").waiting("driver", "CreateContainerConfigError", said))
+    text = 'secret "s3-login" not found'
+    trouble = only(make_driver("x").waiting("driver", "CreateContainerConfigError", text))
     assert (trouble.reason, trouble.lasting) == ("SecretMissing", True)
     assert trouble.message.endswith(
         'does not start (CreateContainerConfigError): secret "s3-login" not found. Create Secret'
@@ -91,8 +91,8 @@ def test_a_missing_secret_names_it_and_says_what_to_do() -> None:
 
 
 def test_a_missing_claim() -> None:
-    said = '0/1 nodes are available: persistentvolumeclaim "recordings" not found. preemption: 0/1'
-    trouble = only(make_driver("x").unschedulable(said))
+    text = '0/1 nodes are available: persistentvolumeclaim "recordings" not found. preemption: 0/1'
+    trouble = only(make_driver("x").unschedulable(text))
     assert (trouble.reason, trouble.lasting) == ("VolumeMissing", True)
     assert trouble.message == (
         "Pod x-1-driver can't start: there is no PersistentVolumeClaim recordings in namespace "

@@ -1,4 +1,4 @@
-"""What the documentation tells Flux and Argo CD to look at says of a job what it should."""
+"""The health checks for Flux and Argo CD in the documentation state of a job what they should."""
 
 import re
 from pathlib import Path
@@ -69,7 +69,7 @@ EXPECTED = {
 
 
 @pytest.mark.parametrize("reached", EXPECTED, ids=lambda step: str(step.__name__))
-async def test_flux_is_told_what_a_job_is(reached: object) -> None:
+async def test_flux_sees_what_a_job_is(reached: object) -> None:
     assert callable(reached)
     (check,) = documented("spec")["healthCheckExprs"]
     assert (check["apiVersion"], check["kind"]) == (names.API_VERSION, names.KIND)
@@ -78,11 +78,11 @@ async def test_flux_is_told_what_a_job_is(reached: object) -> None:
     # The order that Flux asks in; whatever is neither is in progress.
     states = [("failed", "Failed"), ("current", "Current")]
     job = {"status": world.status()}
-    said = next((state for key, state in states if cel.evaluate(check[key], job)), "InProgress")
-    assert said == EXPECTED[reached][0]
+    found = next((state for key, state in states if cel.evaluate(check[key], job)), "InProgress")
+    assert found == EXPECTED[reached][0]
 
 
-def test_argo_cd_is_told_of_the_conditions_that_end_or_rest_a_job() -> None:
+def test_argo_cd_sees_the_conditions_that_end_or_rest_a_job() -> None:
     script = documented("data")[f"resource.customizations.health.{names.GROUP}_{names.KIND}"]
     known = (conditions.PASSED, conditions.SUSPENDED, conditions.RUNNING)
     assert re.findall(r'condition\.type == "(\w+)"', script) == list(known)

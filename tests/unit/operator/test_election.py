@@ -1,4 +1,4 @@
-"""The election against a fake Lease, with faults on order and clocks that are told to move.
+"""The election against a fake Lease, with faults on order and clocks that the test moves.
 
 A fake API server, since a real one can't lose a renewal when it is asked to;
 tests/integration/control_plane runs whole operators against a real one.
@@ -175,7 +175,7 @@ async def test_never_two_at_once_whatever_the_leader_meets(api: FakeLeases, rate
     assert gap >= 20  # two seconds and more for what the old one still had under way
 
 
-async def test_a_lost_renewal_or_two_are_borne(
+async def test_a_lost_renewal_or_two_are_tolerated(
     api: FakeLeases, caplog: pytest.LogCaptureFixture
 ) -> None:
     a = Candidate(api, "a")
@@ -186,7 +186,7 @@ async def test_a_lost_renewal_or_two_are_borne(
         assert caplog.text.count("connection refused") == 1
         assert await a.step(after=0.3) == 0.3
     assert a.fence.leads()
-    assert caplog.text.count("connection refused") == 1  # told once
+    assert caplog.text.count("connection refused") == 1  # logged once
     assert await a.step(after=RETRY_SECONDS) == 1.8
     assert (a.led, a.fence.remaining()) == (1, 6.0)
 
@@ -202,7 +202,7 @@ async def test_a_renewal_whose_answer_was_lost_is_found_and_renewed(api: FakeLea
     assert a.led == 1
 
 
-async def test_the_fence_falls_by_time_alone_and_a_new_lead_is_told(api: FakeLeases) -> None:
+async def test_the_fence_falls_by_time_alone_and_a_new_lead_is_reported(api: FakeLeases) -> None:
     a = Candidate(api, "a")
     await a.step()
     a.seconds += 6.0
@@ -224,7 +224,7 @@ async def test_a_paused_leader_finds_another_and_steps_back(
         await a.step()
         await a.step()
     assert (a.fence.leads(), a.election.leader, a.led) == (False, "b", 1)
-    assert caplog.text.count("does not lead any more; the Lease is b's") == 1  # told once
+    assert caplog.text.count("does not lead any more; the Lease is b's") == 1  # logged once
 
 
 @pytest.mark.parametrize("status", [409, 500, 403])

@@ -20,8 +20,8 @@ def test_a_running_driver_has_no_ending() -> None:
 
 
 def test_exit_0_with_an_account_is_complete() -> None:
-    said = account("Complete", reason="AllCasesPassed", message="4 of 4 cases passed.")
-    ending = ending_of(make_driver("x").ended(0, said).view())
+    text = account("Complete", reason="AllCasesPassed", message="4 of 4 cases passed.")
+    ending = ending_of(make_driver("x").ended(0, text).view())
     assert ending is not None
     assert (ending.complete, ending.reason, ending.message) == (
         True,
@@ -33,8 +33,8 @@ def test_exit_0_with_an_account_is_complete() -> None:
 
 
 def test_a_failed_account_is_taken_over() -> None:
-    said = account("Failed", reason="BagUnreadable", message="drive.bag ends at byte 17.")
-    ending = ending_of(make_driver("x").ended(1, said).view())
+    text = account("Failed", reason="BagUnreadable", message="drive.bag ends at byte 17.")
+    ending = ending_of(make_driver("x").ended(1, text).view())
     assert ending is not None
     assert (ending.complete, ending.reason, ending.message) == (
         False,
@@ -43,7 +43,7 @@ def test_a_failed_account_is_taken_over() -> None:
     )
 
 
-def test_no_account_tells_exit_status_and_where_the_log_is() -> None:
+def test_without_an_account_the_end_names_exit_status_and_log() -> None:
     for code, message in ((2, ""), (0, ""), (0, "not JSON")):
         ending = ending_of(make_driver("x").ended(code, message).view())
         assert ending is not None
@@ -62,8 +62,8 @@ def test_a_good_account_does_not_outweigh_a_bad_exit() -> None:
 
 
 def test_a_driver_that_lost_its_spark_is_lost_and_says_so() -> None:
-    said = account(reason="SparkGone", message="Spark's Java process is gone")
-    ending = ending_of(make_driver("x").ended(75, said).view())
+    text = account(reason="SparkGone", message="Spark's Java process is gone")
+    ending = ending_of(make_driver("x").ended(75, text).view())
     assert ending is not None
     assert (ending.complete, ending.lost, ending.reason) == (False, True, "DriverFailed")
     assert ending.last_words == (
@@ -75,13 +75,13 @@ def test_a_driver_that_lost_its_spark_is_lost_and_says_so() -> None:
 
 
 def test_evicted_with_and_without_a_container_status() -> None:
-    said = "The node was low on resource: memory."
+    text = "The node was low on resource: memory."
     for pod in (make_driver("x"), make_driver("x").ended(137)):
-        ending = ending_of(pod.evicted(said).view())
+        ending = ending_of(pod.evicted(text).view())
         assert ending is not None
         assert ending.reason == "DriverEvicted"
         assert ending.last_words == (
-            f"The driver's pod x-1-driver was evicted. {said} Create the job again."
+            f"The driver's pod x-1-driver was evicted. {text} Create the job again."
         )
 
 
@@ -189,17 +189,17 @@ def test_the_kubelet_s_word_for_the_pod_says_more_than_that_of_the_disruption() 
 
 
 @pytest.mark.parametrize(
-    ("exit_reason", "said", "reason", "lost"),
+    ("exit_reason", "text", "reason", "lost"),
     [
         ("OOMKilled", "DriverFailed", "DriverOutOfMemory", True),  # Spark's JVM was killed
         ("OOMKilled", "BagUnreadable", "BagUnreadable", False),
         ("Error", "DriverFailed", "DriverFailed", False),
     ],
 )
-def test_an_account_counts_unless_it_tells_only_what_lack_of_memory_did(
-    exit_reason: str, said: str, reason: str, lost: bool
+def test_an_account_counts_unless_it_shows_only_a_lack_of_memory(
+    exit_reason: str, text: str, reason: str, lost: bool
 ) -> None:
-    failed = account("Failed", reason=said, message="It failed.")
+    failed = account("Failed", reason=text, message="It failed.")
     ending = ending_of(make_driver("x").ended(1, failed, exit_reason).view())
     assert ending is not None
     assert (ending.complete, ending.reason, ending.lost) == (False, reason, lost)
@@ -223,7 +223,7 @@ def test_a_disruption_ends_a_driver_that_runs_only_when_its_pod_is_overdue() -> 
     assert (late.reason, late.voluntary) == ("DriverEvicted", True)
 
 
-def test_of_a_driver_that_has_vanished_is_told_what_was_seen_last() -> None:
+def test_a_driver_that_has_vanished_ends_with_what_was_seen_last() -> None:
     deleted = "was deleted in namespace lanes before its job ended."
     unseen = Ending(False, "DriverLost", f"{WORDS} {deleted}", advice=AGAIN, lost=True)
     assert lost_driver("lanes", "x-1-driver") == unseen

@@ -1,4 +1,4 @@
-"""Which transitions are told, and how an Event looks."""
+"""Which transitions are reported, and how an Event looks."""
 
 from bagpipe_operator.api import conditions
 from bagpipe_operator.api.conditions import Condition
@@ -12,19 +12,19 @@ def state(type_: str, true: bool, reason: str) -> Json:
     return conditions.merged([], [Condition(type_, true, reason, "Why.")], 1, START)[0]
 
 
-def test_only_what_changed_is_told() -> None:
+def test_only_what_changed_is_reported() -> None:
     accepted = state("Accepted", True, "DriverCreated")
     assert transitions([accepted], [accepted]) == []
     assert transitions([], [accepted]) == [Note("Normal", "DriverCreated", "Why.")]
 
 
-def test_a_changed_message_alone_is_not_told() -> None:
+def test_a_changed_message_alone_is_not_reported() -> None:
     before = state("Running", True, "CasesRunning")
     assert transitions([before], [before | {"message": "Another."}]) == []
 
 
 def test_troubles_and_failures_are_warnings_and_waiting_is_silent() -> None:
-    told = transitions(
+    reported = transitions(
         [],
         [
             state("Accepted", False, "ServiceAccountMissing"),
@@ -34,7 +34,7 @@ def test_troubles_and_failures_are_warnings_and_waiting_is_silent() -> None:
             state("Failed", True, "DriverLost"),
         ],
     )
-    assert [(n.type, n.reason) for n in told] == [
+    assert [(n.type, n.reason) for n in reported] == [
         ("Warning", "ServiceAccountMissing"),
         ("Warning", "Unschedulable"),
         ("Warning", "DriverLost"),
@@ -42,11 +42,11 @@ def test_troubles_and_failures_are_warnings_and_waiting_is_silent() -> None:
     assert transitions([], [state("Running", False, "DriverPending")]) == []
 
 
-def test_one_reason_is_told_once_in_a_write() -> None:
-    told = transitions(
+def test_one_reason_is_reported_once_in_a_write() -> None:
+    reported = transitions(
         [], [state("Accepted", False, "SpecInvalid"), state("Failed", True, "SpecInvalid")]
     )
-    assert [n.reason for n in told] == ["SpecInvalid"]
+    assert [n.reason for n in reported] == ["SpecInvalid"]
 
 
 def test_the_event_points_at_its_job() -> None:

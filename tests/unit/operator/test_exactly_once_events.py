@@ -1,4 +1,4 @@
-"""Every transition is told exactly once, also by operators that are killed between two calls."""
+"""Every transition is reported exactly once, also by operators killed between two calls."""
 
 import asyncio
 from dataclasses import replace
@@ -14,7 +14,7 @@ from tests.unit.operator.world import World
 KILLED = ApiError(0, "Unreachable", "killed")
 
 
-async def killed_before_telling(world: World) -> None:
+async def killed_before_the_event(world: World) -> None:
     """The status is written, the Event is not, and the operator is no more."""
     world.api.fail("create events", KILLED)
     with pytest.raises(ApiError, match="killed"):
@@ -22,26 +22,26 @@ async def killed_before_telling(world: World) -> None:
     world.reconciler = world.restarted(world.view)
 
 
-async def test_what_a_killed_operator_owed_is_told_by_the_next() -> None:
+async def test_what_a_killed_operator_owed_is_reported_by_the_next() -> None:
     world = World()
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     assert world.reason("Accepted") == "True/DriverCreated"
     assert world.api.event_reasons() == []
     await world.reconcile(after=15)
     assert world.api.event_reasons() == ["DriverCreated"]
 
 
-# Promise: told-once
+# Promise: reported-once
 async def test_a_whole_life_under_an_operator_that_is_killed_at_every_step() -> None:
     world = World()
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     await world.reconcile()
     world.deliver(make_driver("x").running(), make_executor("x").running())
     world.drivers.says = account()
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     await world.reconcile()
     world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     for _ in range(3):
         await world.reconcile(after=2)
         world.reconciler = world.restarted(world.view)
@@ -54,7 +54,7 @@ async def test_a_whole_life_under_an_operator_that_is_killed_at_every_step() -> 
     ]
 
 
-async def test_a_replica_that_leads_again_tells_what_the_one_between_owed() -> None:
+async def test_a_replica_that_leads_again_reports_what_the_one_between_owed() -> None:
     world = World()
     first = world.reconciler
     await world.reconcile()
@@ -63,7 +63,7 @@ async def test_a_replica_that_leads_again_tells_what_the_one_between_owed() -> N
     await world.reconcile(after=2)
     world.deliver(make_driver("x").running(), make_executor("x").running())
     world.drivers.says = account()
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     assert world.api.event_reasons() == ["DriverCreated"]
     world.reconciler = first
     first.begin_to_lead()
@@ -87,12 +87,12 @@ async def test_a_lead_that_lapses_loses_no_event_that_could_not_be_written() -> 
     assert world.api.event_reasons() == ["DriverCreated", "CasesPlanned", "AllCasesRan"]
 
 
-async def test_what_was_owed_is_told_before_another_status_takes_its_place() -> None:
+async def test_what_was_owed_is_reported_before_another_status_takes_its_place() -> None:
     """Else an operator that is killed between the two would leave nobody who knows of it."""
     world = World()
     await world.reconcile()
     world.deliver(make_driver("x").waiting("driver", "ErrImagePull"))
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     assert world.reason("Running") == "False/DriverImageUnavailable"
     world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
     world.api.fail("patch status", KILLED)
@@ -103,7 +103,7 @@ async def test_what_was_owed_is_told_before_another_status_takes_its_place() -> 
 
 async def test_events_that_are_refused_at_first_sight_do_not_hold_the_job_up() -> None:
     world = World()
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     world.deliver(make_driver("x").ended(0, account("Complete", reason="AllCasesRan")))
     world.api.fail("create events", KILLED)
     await world.reconcile(after=2)
@@ -111,7 +111,7 @@ async def test_events_that_are_refused_at_first_sight_do_not_hold_the_job_up() -
     assert world.api.event_reasons() == ["DriverCreated", "CasesPlanned", "AllCasesRan"]
 
 
-async def test_an_event_whose_call_is_cancelled_is_told_later() -> None:
+async def test_an_event_whose_call_is_cancelled_is_written_later() -> None:
     world = World()
     world.api.fail("create events", asyncio.CancelledError())
     with pytest.raises(asyncio.CancelledError):
@@ -121,8 +121,8 @@ async def test_an_event_whose_call_is_cancelled_is_told_later() -> None:
     assert "DriverCreated" in world.api.event_reasons()
 
 
-async def test_a_restart_tells_nothing_of_what_was_long_ago() -> None:
-    """Events are forgotten after an hour by default: told again, they would be news."""
+async def test_a_restart_reports_nothing_that_was_long_ago() -> None:
+    """Events are forgotten after an hour by default: reported again, they would be news."""
     world = World()
     await world.reconcile()
     world.api.objects = {key: o for key, o in world.api.objects.items() if key[0] != "events"}
@@ -132,7 +132,7 @@ async def test_a_restart_tells_nothing_of_what_was_long_ago() -> None:
 
 
 async def test_a_clock_that_was_ahead_makes_nothing_news_again() -> None:
-    """Each operator that starts until then would tell it, whenever the API server has forgotten."""
+    """Each operator that starts until then would report it once the API server has forgotten."""
     world = World()
     world.clock.advance(7200)
     await world.reconcile()
@@ -143,9 +143,9 @@ async def test_a_clock_that_was_ahead_makes_nothing_news_again() -> None:
     assert world.api.event_reasons() == []
 
 
-async def test_what_release_0_1_0_told_under_other_names_is_not_told_again() -> None:
+async def test_what_release_0_1_0_reported_under_other_names_is_not_reported_again() -> None:
     world = World()
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     (job,) = world.view.jobs()
     before = {key: value for key, value in job.status.items() if key != "lostDrivers"}
     world.view.put_job(replace(job, status=before))
@@ -164,7 +164,7 @@ async def test_the_same_end_of_two_drivers_is_two_events() -> None:
     assert world.api.event_reasons().count("DriverOutOfMemory") == 2
 
 
-async def test_an_eviction_is_told_when_it_begins_and_not_again_when_it_has_happened() -> None:
+async def test_an_eviction_is_reported_when_it_begins_and_not_again_when_it_has_happened() -> None:
     world = World()
     await world.reconcile()
     world.drivers.says = account()
@@ -192,8 +192,8 @@ async def test_a_trouble_beside_running_cases_is_a_warning() -> None:
     assert world.reason("Running") == "True/ExecutorOutOfMemory"
     await world.reconcile(after=60)
     assert world.reason("Running") == "True/CasesRunning"
-    told = [o for (kind, _), o in world.api.objects.items() if kind == "events"]
-    assert [(o["type"], o["reason"]) for o in told] == [
+    reported = [o for (kind, _), o in world.api.objects.items() if kind == "events"]
+    assert [(o["type"], o["reason"]) for o in reported] == [
         ("Normal", "DriverCreated"),
         ("Normal", "CasesPlanned"),
         ("Warning", "ExecutorOutOfMemory"),
@@ -207,7 +207,9 @@ def _at(world: World) -> str:
 
 
 @pytest.mark.parametrize("watch_is_behind", [False, True])
-async def test_a_status_whose_answer_was_lost_is_told_all_the_same(watch_is_behind: bool) -> None:
+async def test_a_status_whose_answer_was_lost_is_reported_all_the_same(
+    watch_is_behind: bool,
+) -> None:
     """The write has happened, and nothing is left to be written at the next visit."""
     world = World()
     world.api.lost.add("patch status")
@@ -223,7 +225,7 @@ async def test_a_status_whose_answer_was_lost_is_told_all_the_same(watch_is_behi
     assert world.api.event_reasons() == ["DriverCreated"]
 
 
-async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
+async def test_a_write_that_did_not_happen_is_reported_once_when_it_has() -> None:
     world = World()
     world.api.fail("patch status", KILLED)
     with pytest.raises(ApiError, match="killed"):
@@ -234,7 +236,7 @@ async def test_a_write_that_did_not_happen_is_told_once_when_it_has() -> None:
     assert world.api.event_reasons() == ["DriverCreated"]
 
 
-async def test_an_event_whose_answer_was_lost_is_not_told_again_of_the_next_attempt() -> None:
+async def test_an_event_whose_answer_was_lost_is_not_written_again_for_the_next_attempt() -> None:
     world = World()
     await world.reconcile()
     world.deliver(make_driver("x").waiting("driver", "ErrImagePull"))
@@ -247,13 +249,13 @@ async def test_an_event_whose_answer_was_lost_is_not_told_again_of_the_next_atte
     assert world.api.event_reasons() == ["DriverCreated", "DriverImageUnavailable", "DriverFailed"]
 
 
-async def test_an_end_that_says_what_was_told_before_is_told_by_the_next_operator() -> None:
-    """The refusal was told when it began; the end has the same reason, and an Event of its own."""
+async def test_an_end_with_the_reason_of_an_event_is_reported_by_the_next_operator() -> None:
+    """The refusal was reported when it began; the end has its reason, and an Event of its own."""
     world = World()
     world.api.fail("create pods", *[MISSING_ACCOUNT] * 2)
     await world.reconcile()
     world.clock.advance(28)
-    await killed_before_telling(world)
+    await killed_before_the_event(world)
     assert world.reason("Failed") == "True/ServiceAccountMissing"
     assert world.api.event_reasons() == ["ServiceAccountMissing"]
     for _ in range(2):
@@ -262,7 +264,7 @@ async def test_an_end_that_says_what_was_told_before_is_told_by_the_next_operato
     assert world.api.event_reasons() == ["ServiceAccountMissing"] * 2
 
 
-async def test_an_end_at_once_is_told_once_whoever_tells_it() -> None:
+async def test_an_end_at_once_is_reported_once_whoever_reports_it() -> None:
     world = World(make_job("x").with_spec("stack.parameters", {"threshold": 0.5}))
     for _ in range(2):
         await world.reconcile(after=2)

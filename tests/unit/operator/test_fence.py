@@ -14,7 +14,7 @@ from tests.unit.operator.fakes import FakeApi
 
 @dataclass
 class HeldApi(FakeApi):
-    """Answers a write only when it is told to."""
+    """Answers a write only when the test says so."""
 
     under_way: int = 0
     most: int = 0

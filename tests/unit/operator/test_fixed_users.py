@@ -48,7 +48,7 @@ def test_they_are_named() -> None:
 
 
 def test_none_is_named_where_the_cluster_gives_them_and_all_else_stays() -> None:
-    fixed, free = (pods(make_job("x"), fixed_users=said) for said in (True, False))
+    fixed, free = (pods(make_job("x"), fixed_users=given) for given in (True, False))
     for with_users, without in zip(fixed, free, strict=True):
         assert all(named == {} for named in users(without).values())
         for where, context in contexts(with_users).items():

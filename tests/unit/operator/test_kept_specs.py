@@ -65,8 +65,8 @@ async def test_a_driver_gets_the_whole_spec(parameters: dict[str, Any], asked: i
     world = World(make_job("x").with_spec("stack.parameters", parameters))
     await world.reconcile()
     config = world.config("x-1")
-    told = json.loads(config["data"]["job.json"])["spec"]["stack"]["parameters"]
-    assert told == parameters
+    written = json.loads(config["data"]["job.json"])["spec"]["stack"]["parameters"]
+    assert written == parameters
     assert world.api.calls.count("get job") == asked
     await world.reconcile(after=60)
     assert world.api.calls.count("get job") == asked

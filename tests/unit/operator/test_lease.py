@@ -1,4 +1,4 @@
-"""Who leads: every transition of the decider, with clocks that only move when told to."""
+"""Who leads: every transition of the decider, with clocks that only the test moves."""
 
 import pytest
 

@@ -56,7 +56,7 @@ async def test_whatever_was_missed_the_end_is_the_same(seen: tuple[int, ...]) ->
 async def test_a_reconcile_writes_one_status_and_the_same_again_none() -> None:
     _, writes = await lived((0, 1, 2, 3))
     # In pairs: after a step, and after one more reconcile. An executor that runs is no news here:
-    # the driver has said before that cases run.
+    # the driver has reported before that cases run.
     assert writes == [0, 0, 1, 1, 0, 0, 1, 1]
 
 

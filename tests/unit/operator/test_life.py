@@ -49,14 +49,14 @@ def deleting_driver() -> PodView:
 
 
 def ending_driver(gone_by: str = "", phase: str = "Running") -> PodView:
-    """A driver whose container has ended, as the kubelet tells it before the pod's phase."""
+    """A driver whose container has ended, as the kubelet reports it before the pod's phase."""
     pod = make_driver("x").ended(143, INTERRUPTED)
     pod.phase = phase
     return (pod.deleting(gone_by) if gone_by else pod).view()
 
 
-def untold(calls: list[str]) -> list[str]:
-    """The calls without Events: an operator tells again of a job that it meets."""
+def without_events(calls: list[str]) -> list[str]:
+    """The calls without Events: an operator reports a job again that it meets."""
     return [call for call in calls if call != "create events"]
 
 
@@ -250,7 +250,7 @@ async def stopped_for_its_deadline(world: World) -> None:
 
 
 async def test_a_deadline_that_is_moved_while_the_pods_are_stopped_is_brought_to_its_end() -> None:
-    """The driver was told to stop, and was not lost."""
+    """The driver was asked to stop, and was not lost."""
     world = World(make_job("x").with_spec("activeDeadline", "60s").with_spec("backoffLimit", 0))
     await running(world)
     await world.reconcile(after=58)
@@ -304,12 +304,12 @@ async def test_a_job_that_does_not_begin_in_time_says_what_it_waited_for() -> No
     await world.reconcile(after=29)
     assert world.reason("Running") == "False/Unschedulable"
     await world.reconcile(after=1)
-    told, writes = world.message("Running"), world.api.calls.count("patch status")
-    assert told.endswith("1 pod is being stopped; what is done is kept.")
+    message, writes = world.message("Running"), world.api.calls.count("patch status")
+    assert message.endswith("1 pod is being stopped; what is done is kept.")
     world.deliver(waiting.deleting(gone_by="2026-11-20T04:10:40Z"))
     for _ in range(20):
         await world.reconcile(after=1)
-    assert world.message("Running") == told
+    assert world.message("Running") == message
     assert world.api.calls.count("patch status") == writes
     gone(world, "x-1-driver")
     await world.reconcile(after=1)
@@ -336,7 +336,7 @@ def silent_since_it_started(world: World) -> None:
 
 
 async def test_a_start_deadline_asks_the_driver_before_it_ends_a_job_that_runs() -> None:
-    """The operator was down, and the job's status tells of no case."""
+    """The operator was down, and the job's status has no case."""
     world = World(make_job("x").with_spec("startDeadline", "30s"))
     await world.reconcile()
     silent_since_it_started(world)
@@ -385,7 +385,7 @@ async def test_a_lost_driver_s_last_account_of_cases_is_no_late_start() -> None:
 
 
 def ended_job(condition: str, ttl: str = "60s") -> JobBuilder:
-    told = [
+    ends = [
         {
             "type": kind,
             "status": status,
@@ -399,7 +399,7 @@ def ended_job(condition: str, ttl: str = "60s") -> JobBuilder:
     return (
         make_job("x")
         .with_spec("ttlAfterFinished", ttl)
-        .with_status(conditions=told, completionTime="2026-11-20T04:00:00Z", observedGeneration=1)
+        .with_status(conditions=ends, completionTime="2026-11-20T04:00:00Z", observedGeneration=1)
     )
 
 
@@ -411,11 +411,11 @@ async def test_an_ended_job_is_removed_when_its_time_is_over(condition: str) -> 
     world.clock.advance(59)
     assert sweeper.sweep() == 0
     await world.reconcile()
-    assert untold(world.api.calls) == []
+    assert without_events(world.api.calls) == []
     world.clock.advance(1)
     assert sweeper.sweep() == 1
     await world.reconcile()
-    assert untold(world.api.calls) == ["delete job"]
+    assert without_events(world.api.calls) == ["delete job"]
     assert world.view.job(UID) is None
 
 
@@ -429,7 +429,7 @@ async def test_a_job_that_has_changed_is_not_removed_by_what_was_known_before() 
     world.view.put_job(stale)
     world.reconciler = world.restarted(world.view)
     await world.reconcile()
-    assert untold(world.api.calls) == ["delete job", "get job"]
+    assert without_events(world.api.calls) == ["delete job", "get job"]
     await world.reconcile()
     assert world.status()["observedGeneration"] == 2  # and kept
 

@@ -133,11 +133,11 @@ async def step(world: World, event: str) -> None:
     try:
         await world.reconcile()
     except ApiError as error:
-        # 409: an answer was lost, and what it had told is looked at before the next try.
+        # 409: an answer was lost, and what it would have stated is looked at before the next try.
         assert error.status in {0, 409}
 
 
-def check(world: World, told: set[str], late: bool = False) -> None:
+def check(world: World, reported: set[str], late: bool = False) -> None:
     status = world.status()
     true = {c["type"] for c in status.get("conditions") or [] if c["status"] == "True"}
     assert not {"Complete", "Failed"} <= true
@@ -156,8 +156,8 @@ def check(world: World, told: set[str], late: bool = False) -> None:
     drivers = [n for n in world.api.named("pods") if n.endswith("-driver") and _lives(world, n)]
     assert len(drivers) <= 1, drivers
     assert int(status.get("lostDrivers") or 0) <= backoff_of(world)
-    assert not told or told == ended  # an end is for good
-    told |= ended
+    assert not reported or reported == ended  # an end is for good
+    reported |= ended
 
 
 @settings(max_examples=HISTORIES, deadline=None)
@@ -180,19 +180,19 @@ def test_no_sequence_of_events_breaks_a_promise(
     world.drivers.says = account()
 
     async def live() -> None:
-        told: set[str] = set()
+        reported: set[str] = set()
         for event in events:
             await step(world, event)
             # A pod that the watch shows only now is met by the next reconcile.
-            check(world, told, late=event == "pods are seen" and bool(world.api.faults))
+            check(world, reported, late=event == "pods are seen" and bool(world.api.faults))
         world.api.faults.clear()
         world.api.lost.clear()
-        # And a job that is left suspended has no living pod in the end, also if no watch tells.
+        # And a job left suspended has no living pod in the end, also if no watch reports it.
         happen(world, "suspend")
         happen(world, "pods are seen")
         for _ in range(12):
             await world.reconcile(after=10)
-        check(world, told)
+        check(world, reported)
         assert [n for n in world.api.named("pods") if _lives(world, n)] == []
         assert world.status()["phase"] in {"Suspended", "Complete", "Failed"}
 

@@ -31,11 +31,11 @@ def placed(pod: PodBuilder) -> PodBuilder:
     return pod
 
 
-async def test_a_volume_that_does_not_mount_is_told_after_two_seconds() -> None:
+async def test_a_volume_that_does_not_mount_is_reported_after_two_seconds() -> None:
     world = World()
     await world.reconcile()
     world.deliver(placed(make_driver("x").waiting("driver", "ContainerCreating")))
-    world.api.told["uid-of-x-1-driver"] = [MOUNT]
+    world.api.events_about["uid-of-x-1-driver"] = [MOUNT]
     await world.reconcile()
     assert world.reason("Running") == "False/DriverPending"
     await world.reconcile(after=2)
@@ -54,7 +54,7 @@ async def test_a_lasting_one_ends_the_job() -> None:
     world = World()
     await world.reconcile()
     world.deliver(placed(make_driver("x")))
-    world.api.told["uid-of-x-1-driver"] = [MOUNT]
+    world.api.events_about["uid-of-x-1-driver"] = [MOUNT]
     for _ in range(17):
         await world.reconcile(after=2)
     assert world.reason("Failed") == "True/ConfigMapMissing"
@@ -68,7 +68,7 @@ async def test_a_claim_that_is_not_bound() -> None:
     world.deliver(pod)
     claim = {"metadata": {"name": "recordings", "uid": "claim"}, "status": {"phase": "Pending"}}
     world.api.put("persistentvolumeclaims", claim)
-    world.api.told["claim"] = [MOUNT | {"message": 'storageclass "fast" not found'}]
+    world.api.events_about["claim"] = [MOUNT | {"message": 'storageclass "fast" not found'}]
     await world.reconcile()
     await world.reconcile(after=2)
     assert world.reason("Running") == "False/VolumePending"

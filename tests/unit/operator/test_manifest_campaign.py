@@ -20,7 +20,7 @@ def health(log: Path, alive: bool = True, faults: float | None = 0.0, probe: int
     operator = SimpleNamespace(
         log=log,
         server=SimpleNamespace(alive=alive),
-        said=log.read_text,
+        logged=log.read_text,
         metric=lambda _name: faults,
         ask=lambda _path: (probe, "no sweep for 40 s"),
     )
@@ -63,16 +63,16 @@ def test_a_line_that_nobody_thought_of_fails(log: Path, line: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("what", "told"),
+    ("what", "message"),
     [
         ({"alive": False}, "has ended"),
         ({"faults": 1.0}, "met a fault"),
         ({"faults": None}, "does not answer"),
     ],
 )
-def test_an_operator_that_died_or_met_a_fault_fails(log: Path, what: Json, told: str) -> None:
+def test_an_operator_that_died_or_met_a_fault_fails(log: Path, what: Json, message: str) -> None:
     looked = health(log, **what)
-    with pytest.raises(UnhealthyError, match=told):
+    with pytest.raises(UnhealthyError, match=message):
         looked.check()
     looked.stop()
 
@@ -91,9 +91,9 @@ def test_a_probe_that_failed_once_fails(log: Path) -> None:
 )
 def test_a_canary_has_to_pass(complete: str, passed: str, right: bool) -> None:
     failed = "False" if complete == "True" else "True"
-    said = {"Complete": complete, "Failed": failed, "Passed": passed}
-    told = [{"type": type_, "status": status} for type_, status in said.items()]
-    status = {"phase": "x", "conditions": told}
+    states = {"Complete": complete, "Failed": failed, "Passed": passed}
+    conditions = [{"type": type_, "status": status} for type_, status in states.items()]
+    status = {"phase": "x", "conditions": conditions}
     if right:
         Canaries._judge(status)
         return
@@ -106,7 +106,7 @@ def test_an_odd_status_is_no_end(odd: Json) -> None:
     assert ended_by(odd) == ""
 
 
-def test_an_end_is_told_with_its_reason() -> None:
+def test_an_end_is_reported_with_its_reason() -> None:
     condition = {"type": "Failed", "status": "True", "reason": "SpecInvalid"}
     assert ended_by({"conditions": [condition]}) == "Failed/SpecInvalid"
 
@@ -121,11 +121,11 @@ def test_a_batch_follows_from_its_seed_and_number() -> None:
     assert objects(1, 0) != objects(2, 0)
 
 
-def test_the_figures_are_told() -> None:
+def test_the_figures_are_reported() -> None:
     tally = Tally()
     for what in ("written", "written", "accepted", "crd written", "refused"):
         tally.add(what)
     tally.end("Failed/SpecInvalid")
-    told = tally.lines()
-    assert told[0] == "manifests: 2 written, 1 accepted (50%), 1 refused by admission"
-    assert "jobs that ended: 1: Failed/SpecInvalid 1" in told
+    lines = tally.lines()
+    assert lines[0] == "manifests: 2 written, 1 accepted (50%), 1 refused by admission"
+    assert "jobs that ended: 1: Failed/SpecInvalid 1" in lines

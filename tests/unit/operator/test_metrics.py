@@ -33,7 +33,7 @@ ACCEPTED, PLANNED = condition("Accepted", "00:03"), condition("Planned", "00:10"
 COMPLETE = condition("Complete", "09:12")
 
 
-def test_each_transition_of_a_job_is_told_once() -> None:
+def test_each_transition_of_a_job_is_reported_once() -> None:
     story = [
         job(),
         job(ACCEPTED, attempt=1),
@@ -43,8 +43,8 @@ def test_each_transition_of_a_job_is_told_once() -> None:
         job(ACCEPTED, PLANNED, COMPLETE, phase="Complete", verdict="Failed", attempt=1,
             firstCaseTime=at("00:30"), completionTime=at("09:12")),
     ]  # fmt: skip
-    told = [list(milestones.passed(*pair)) for pair in itertools.pairwise(story)]
-    assert told == [
+    reported = [list(milestones.passed(*pair)) for pair in itertools.pairwise(story)]
+    assert reported == [
         [("created_to_accepted", 3.0)],
         [("accepted_to_planned", 7.0)],
         [("planned_to_running", 20.0)],
@@ -92,7 +92,7 @@ def value(metrics: JobMetrics, name: str, **labels: str) -> float | None:
     return metrics.registry.get_sample_value(name, labels)
 
 
-def test_a_scrape_tells_transitions_ends_calls_and_questions() -> None:
+def test_a_scrape_has_transitions_ends_calls_and_questions() -> None:
     metrics = JobMetrics(View(), WorkQueue())
     done = job(ACCEPTED, COMPLETE, phase="Complete", verdict="Passed", attempt=1,
                firstCaseTime=at("00:30"), completionTime=at("00:50"))  # fmt: skip

@@ -12,7 +12,7 @@ def test_what_is_seen_again_has_been_there_since_it_was_first_seen() -> None:
     assert patience.observe("x", ["image", "secret"], 160.0) == {"image": 0.0, "secret": 30.0}
 
 
-def test_a_break_or_a_job_that_is_gone_begins_anew() -> None:
+def test_a_break_or_a_job_that_is_gone_starts_from_zero() -> None:
     patience = Patience()
     patience.forget("x")
     for forget in (lambda: patience.observe("x", [], 105.0), lambda: patience.forget("x")):

@@ -63,7 +63,7 @@ def test_which_pods_may_wait_for_a_claim() -> None:
 
 
 @pytest.mark.parametrize(
-    ("reason", "said", "told", "lasting"),
+    ("reason", "text", "reported", "lasting"),
     [
         (
             "FailedMount",
@@ -82,25 +82,25 @@ def test_which_pods_may_wait_for_a_claim() -> None:
         ("FailedCreatePodSandBox", "failed to set up network", "ContainerNotStarting", False),
     ],
 )
-def test_what_events_say(reason: str, said: str, told: str, lasting: bool) -> None:
-    events = [event("Scheduled"), event(reason, said)]
+def test_what_events_say(reason: str, text: str, reported: str, lasting: bool) -> None:
+    events = [event("Scheduled"), event(reason, text)]
     trouble = pending.of_events(on_node(make_driver("x")).view(), events)
     assert trouble is not None
-    assert (trouble.reason, trouble.lasting) == (told, lasting)
-    assert f"{said}." in trouble.message
+    assert (trouble.reason, trouble.lasting) == (reported, lasting)
+    assert f"{text}." in trouble.message
 
 
-def test_a_pull_that_failed_is_told_before_the_pods_status_has_it() -> None:
+def test_a_pull_that_failed_is_reported_before_the_pods_status_has_it() -> None:
     pod = on_node(make_executor("x").waiting("stack", "PodInitializing")).view()
-    said = 'Failed to pull image "example/lane:9": not found'
-    failed = event("Failed", said, after=1)
+    text = 'Failed to pull image "example/lane:9": not found'
+    failed = event("Failed", text, after=1)
     failed["involvedObject"] = {"fieldPath": "spec.initContainers{stack}"}
     pulling, error = event("Pulling", after=1), event("Failed", "Error: ErrImagePull", after=1)
     for events in ([pulling, failed, error], [error, failed, pulling]):
         trouble = pending.of_events(pod, events)
         assert trouble is not None
         assert (trouble.reason, trouble.container) == ("StackImageUnavailable", "stack")
-        assert f"{said}." in trouble.message
+        assert f"{text}." in trouble.message
     # It is being tried again, or the container is not this pod's, or something else failed.
     assert pending.of_events(pod, [failed, event("Pulling", after=2)]) is None
     assert pending.of_events(pod, [pulling, error]) is None
@@ -112,7 +112,7 @@ def test_a_pull_that_failed_is_told_before_the_pods_status_has_it() -> None:
     assert pending.of_events(pod, [pulling, failed]) is None
 
 
-def test_what_was_overcome_is_not_told() -> None:
+def test_what_was_overcome_is_not_reported() -> None:
     pod = on_node(make_driver("x")).view()
     events = [event("FailedMount", "no", after=1), event("Pulling", after=2)]
     assert pending.of_events(pod, events) is None
@@ -147,7 +147,7 @@ def test_what_a_claim_says() -> None:
     assert new is not None
     assert new.message == (
         "Pod x-1-driver waits for PersistentVolumeClaim tapes, which is Pending and not bound to a "
-        "volume: Nobody has said why. It starts as soon as the claim is bound."
+        "volume: No Event states why. It starts as soon as the claim is bound."
     )
     lost = pending.of_claim(pod, "tapes", {"status": {"phase": "Lost"}}, ())
     assert lost is not None
@@ -158,7 +158,7 @@ QUOTA = 'pods "x-1-exec-probe" is forbidden: exceeded quota: small, requested: p
 
 
 @pytest.mark.parametrize(
-    ("status", "said", "alone", "told"),
+    ("status", "text", "alone", "reported"),
     [
         (403, QUOTA, True, ("QuotaExceeded", False)),
         (403, "violates PodSecurity restricted", True, ("ExecutorsRefused", True)),
@@ -172,10 +172,10 @@ QUOTA = 'pods "x-1-exec-probe" is forbidden: exceeded quota: small, requested: p
     ],
 )
 def test_what_a_refused_executor_means(
-    status: int, said: str, alone: bool, told: tuple[str, bool] | None
+    status: int, text: str, alone: bool, reported: tuple[str, bool] | None
 ) -> None:
-    trouble = pending.refused_executor("x", "lanes", status, said, alone)
-    assert (trouble and (trouble.reason, trouble.lasting)) == told
+    trouble = pending.refused_executor("x", "lanes", status, text, alone)
+    assert (trouble and (trouble.reason, trouble.lasting)) == reported
 
 
 def test_executors_are_asked_about_by_nobody_else() -> None:

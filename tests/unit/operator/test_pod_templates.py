@@ -111,7 +111,7 @@ RESTRICTED: Json = {
 
 
 @pytest.mark.parametrize(
-    ("said", "differs"),
+    ("text", "differs"),
     [
         ({}, {"runAsUser": 65532, "runAsGroup": 65532}),
         ({"runAsUser": 1000}, {"runAsUser": 1000, "runAsGroup": 1000}),
@@ -132,8 +132,8 @@ RESTRICTED: Json = {
         ),
     ],
 )
-def test_the_stack_is_restricted_but_for_what_the_job_loosens(said: Json, differs: Json) -> None:
-    pod = template_of(make_job("x").with_spec("stack.securityContext", said))
+def test_the_stack_is_restricted_but_for_what_the_job_loosens(text: Json, differs: Json) -> None:
+    pod = template_of(make_job("x").with_spec("stack.securityContext", text))
     assert container(pod, "stack")["securityContext"] == RESTRICTED | differs
 
 

@@ -100,7 +100,7 @@ async def test_an_answer_is_read_and_remembered(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize(
-    ("said", "believed"),
+    ("fields", "believed"),
     [
         ({"uid": "job", "attempt": 2}, True),
         ({}, True),  # an image of an earlier release
@@ -109,12 +109,12 @@ async def test_an_answer_is_read_and_remembered(monkeypatch: pytest.MonkeyPatch)
     ],
 )
 async def test_the_answer_of_another_s_driver_is_silence(
-    said: dict[str, Any], believed: bool
+    fields: dict[str, Any], believed: bool
 ) -> None:
     """A pod's address goes to another when the pod is gone, and the watch may be behind."""
 
     async def handler(_: web.Request) -> web.Response:
-        return web.Response(text=account(**said))
+        return web.Response(text=account(**fields))
 
     counted: list[bool] = []
     async with driver(handler) as reader:

@@ -139,10 +139,10 @@ async def test_lanes_take_turns_in_one_order_whoever_was_first() -> None:
 async def test_news_of_a_key_come_before_what_is_only_looked_at() -> None:
     queue = WorkQueue()
     queue.add("new", Lane.START)
-    for key in ("visited", "told"):
+    for key in ("visited", "reported"):
         queue.add(key, Lane.ROUND)
-    queue.add("told")
-    assert await _taken(queue, 3) == ["new", "told", "visited"]
+    queue.add("reported")
+    assert await _taken(queue, 3) == ["new", "reported", "visited"]
 
 
 async def test_a_visit_takes_no_new_job_out_of_its_lane() -> None:

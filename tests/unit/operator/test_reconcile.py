@@ -39,7 +39,7 @@ async def test_nothing_new_costs_no_call() -> None:
     assert world.api.calls == []
 
 
-async def test_a_whole_life_tells_each_transition_once() -> None:
+async def test_a_whole_life_reports_each_transition_once() -> None:
     world = World()
     await world.reconcile()
     world.deliver(make_driver("x").running(), make_executor("x").running())
@@ -160,7 +160,7 @@ MISSING_ACCOUNT = ApiError(
 )
 
 
-async def test_a_missing_service_account_is_told_then_ends_the_job() -> None:
+async def test_a_missing_service_account_is_reported_then_ends_the_job() -> None:
     world = World()
     world.api.fail("create pods", *[MISSING_ACCOUNT] * 3)
     await world.reconcile()
@@ -194,10 +194,10 @@ async def test_a_quota_that_gets_room_lets_the_job_start() -> None:
 
 
 @pytest.mark.parametrize("call", ["try pods", "create configmaps", "create pods"])
-async def test_a_webhook_that_is_down_is_told_and_the_deadline_counts(call: str) -> None:
+async def test_a_webhook_that_is_down_is_reported_and_the_deadline_counts(call: str) -> None:
     world = World(make_job("x").with_spec("startDeadline", "60s"))
-    said = 'Internal error occurred: failed calling webhook "pods.istio.io": no endpoints available'
-    world.api.fail(call, *[ApiError(500, "InternalError", said)] * 20)
+    text = 'Internal error occurred: failed calling webhook "pods.istio.io": no endpoints available'
+    world.api.fail(call, *[ApiError(500, "InternalError", text)] * 20)
     for _ in range(12):
         await world.reconcile(after=4)
     assert (world.status()["phase"], world.reason("Accepted")) == (
@@ -213,19 +213,19 @@ async def test_a_webhook_that_is_down_is_told_and_the_deadline_counts(call: str)
 
 async def test_a_webhook_that_can_t_be_tried_keeps_no_job_from_its_driver() -> None:
     world = World()
-    said = 'admission webhook "pods.example" does not support dry run'
-    world.api.fail("try pods", *[ApiError(400, "BadRequest", said)] * 20)
+    text = 'admission webhook "pods.example" does not support dry run'
+    world.api.fail("try pods", *[ApiError(400, "BadRequest", text)] * 20)
     await world.reconcile()
     assert world.reason("Accepted") == "True/DriverCreated"
 
 
-async def test_a_refused_pod_is_told_in_the_server_s_words() -> None:
+async def test_a_refused_pod_is_reported_in_the_server_s_words() -> None:
     world = World()
-    said = 'violates PodSecurity "restricted:latest"'
-    world.api.fail("create pods", ApiError(403, "Forbidden", said))
+    text = 'violates PodSecurity "restricted:latest"'
+    world.api.fail("create pods", ApiError(403, "Forbidden", text))
     await world.reconcile()
     assert world.reason("Accepted") == "False/CreationRefused"
-    assert said in world.message("Accepted")
+    assert text in world.message("Accepted")
 
 
 async def test_a_parameter_without_slash_is_named() -> None:
@@ -313,7 +313,7 @@ async def test_a_replica_that_leads_again_waits_for_a_driver_out_of_sight() -> N
 
 
 async def test_a_replica_that_leads_again_knows_no_account_of_before() -> None:
-    """A driver that does not answer just then would be said to have gone back."""
+    """A driver that does not answer just then would seem to have gone back."""
     world = World()
     await world.reconcile()
     world.deliver(make_driver("x").running())

@@ -1,4 +1,4 @@
-"""How often the API server is asked for what it has refused, and what is told meanwhile."""
+"""How often the API server is asked for what it has refused, and what is reported meanwhile."""
 
 from collections import Counter
 from dataclasses import replace
@@ -56,7 +56,7 @@ async def test_a_job_that_is_edited_is_tried_at_once() -> None:
 
 
 async def test_what_was_mended_in_time_does_not_end_the_job() -> None:
-    """However seldom each of many jobs is tried, none ends by what it was told long ago."""
+    """However seldom each of many jobs is tried, none ends by a refusal of long ago."""
     world = World()
     uids = with_jobs(world, 400)
     world.api.fail("create pods", *[MISSING_ACCOUNT] * 401)

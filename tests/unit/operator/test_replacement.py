@@ -35,7 +35,7 @@ async def test_a_lost_driver_is_replaced(reason: str) -> None:
     await world.reconcile(after=2)
     status = world.status()
     assert (status["phase"], status["attempt"], status["driver"]) == ("Pending", 2, "")
-    assert status["cases"]["passed"] == 1  # what was done stays told
+    assert status["cases"]["passed"] == 1  # what was done stays in the status
     assert world.reason("Running") == f"False/{reason}"
     assert "Driver 2 of at most 4 takes over in 10 s" in world.message("Running")
     assert world.reason("Failed") == "False/InProgress"
@@ -75,11 +75,11 @@ async def test_the_next_driver_is_not_given_the_last_words_of_the_one_before() -
         assert reader._answers == {}
 
 
-async def test_a_driver_that_told_why_it_failed_is_not_replaced() -> None:
+async def test_a_driver_that_reported_why_it_failed_is_not_replaced() -> None:
     world = World()
     await started(world)
-    said = account("Failed", reason="BagUnreadable", message="drive.bag ends at byte 17.")
-    world.deliver(make_driver("x").ended(1, said))
+    failed = account("Failed", reason="BagUnreadable", message="drive.bag ends at byte 17.")
+    world.deliver(make_driver("x").ended(1, failed))
     await world.reconcile(after=2)
     assert world.reason("Failed") == "True/BagUnreadable"
     assert world.status()["attempt"] == 1
@@ -135,7 +135,7 @@ async def test_an_operator_that_restarts_between_two_drivers_creates_one() -> No
     assert world.status()["attempt"] == 2
 
 
-async def test_a_trouble_of_the_driver_that_may_pass_is_told() -> None:
+async def test_a_trouble_of_the_driver_that_may_pass_is_reported() -> None:
     world = World()
     await started(world)
     world.drivers.says = account(warning="the results can't be kept: No space left on device")
@@ -180,8 +180,8 @@ async def test_a_drained_node_costs_no_attempt_and_ends_no_job() -> None:
         )
         await world.reconcile(after=2)
         assert world.reason("Running") == "False/DriverEvicted"
-        said = f"which does not count against spec.backoffLimit, in {pause} s"
-        assert said in world.message("Running")
+        counted = f"which does not count against spec.backoffLimit, in {pause} s"
+        assert counted in world.message("Running")
         assert world.status()["lostDrivers"] == 0
         await world.reconcile(after=pause)
         assert world.status()["driver"] == f"x-{attempt + 1}-driver"
@@ -238,7 +238,7 @@ def evicted_driver() -> PodBuilder:
     return pod.deleting(gone_by="2026-11-20T04:00:30Z")
 
 
-async def test_an_eviction_whose_end_no_watch_has_told_costs_no_attempt() -> None:
+async def test_an_eviction_whose_end_no_watch_has_reported_costs_no_attempt() -> None:
     world = World()
     await started(world)
     world.deliver(evicted_driver())
@@ -264,7 +264,7 @@ async def test_a_driver_that_has_completed_and_went_unseen_has_completed() -> No
 
 
 async def test_a_drained_node_that_does_not_answer_costs_no_attempt() -> None:
-    """It was drained to be switched off, and its kubelet told no more."""
+    """It was drained to be switched off, and its kubelet reported no more."""
     world = World()
     await started(world)
     world.deliver(evicted_driver())

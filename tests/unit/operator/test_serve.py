@@ -52,7 +52,7 @@ async def test_metrics_say_who_leads(leads: bool, value: str) -> None:
 
 
 @pytest.mark.looptime
-async def test_a_sweeper_that_stops_is_told() -> None:
+async def test_a_sweeper_that_stops_is_reported() -> None:
     sweeper = Sweeper(View(), WorkQueue(), 2.0)
     health = serve.Health(sweeper, watching=True)
     sweeping = asyncio.create_task(sweeper.run())

@@ -34,7 +34,7 @@ async def test_a_sidecar_that_does_not_end_keeps_no_place_of_an_ended_job() -> N
 
 
 async def test_a_driver_that_its_runtime_has_lost_keeps_no_place_beside_a_sidecar() -> None:
-    """The kubelet tells its end, and not when that was."""
+    """The kubelet reports its end, and not when that was."""
     world = World()
     await running(world)
     edit(world, suspend=True)

@@ -1,4 +1,4 @@
-"""The status of a job: whole sequences of states, with a clock that moves only when told."""
+"""The status of a job: whole sequences of states, with a clock that only the test moves."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
@@ -156,7 +156,7 @@ def stuck(job: JobView, seconds: float) -> Observation:
 
 
 # Promise: lasting-trouble-ends
-def test_a_stuck_image_is_told_at_once_and_ends_the_job_at_the_bound() -> None:
+def test_a_stuck_image_is_reported_at_once_and_ends_the_job_at_the_bound() -> None:
     written = run([lambda job, s=s: stuck(job, s) for s in (0.0, 29.9, 30.0)])  # type: ignore[misc]
     assert [condition(s, "Running") for s in written] == [
         ("False", "StackImageUnavailable"),
@@ -178,7 +178,7 @@ def test_a_stuck_image_is_told_at_once_and_ends_the_job_at_the_bound() -> None:
     assert condition(written[-1], "Complete") == ("False", "JobFailed")
 
 
-def test_a_pod_without_a_node_is_told_and_never_ends_the_job() -> None:
+def test_a_pod_without_a_node_is_reported_and_never_ends_the_job() -> None:
     def waiting(job: JobView) -> Observation:
         driver = make_driver("x").unschedulable("0/1 nodes are available: Insufficient cpu").view()
         seen = observed(job, driver)
@@ -205,14 +205,14 @@ def test_one_executor_in_trouble_beside_one_that_runs() -> None:
     )
 
 
-def test_a_refusal_is_told_and_ends_the_job_at_the_bound() -> None:
+def test_a_refusal_is_reported_and_ends_the_job_at_the_bound() -> None:
     refusal = Refusal("ServiceAccountMissing", "There is no ServiceAccount.")
 
     def refused(job: JobView, seconds: float) -> Observation:
         return replace(observed(job), refusal=refusal, refused_for=seconds)
 
-    told, ended = run([lambda job: refused(job, 0), lambda job: refused(job, 30)])
-    assert (told["phase"], condition(told, "Accepted")) == (
+    reported, ended = run([lambda job: refused(job, 0), lambda job: refused(job, 30)])
+    assert (reported["phase"], condition(reported, "Accepted")) == (
         "Pending",
         ("False", "ServiceAccountMissing"),
     )

@@ -25,7 +25,7 @@ UNCOUNTED = "Another driver takes over, which does not count against spec.backof
 TAKEN = replace(LOST, reason="DriverEvicted", voluntary=True)
 
 
-def told(type_: str, status: str, reason: str, message: str = "M.") -> Json:
+def made(type_: str, status: str, reason: str, message: str = "M.") -> Json:
     return {
         "type": type_,
         "status": status,
@@ -45,9 +45,9 @@ def decided(observation: Observation, seconds: float = 0.0) -> Json:
     return decide(observation, START + timedelta(seconds=seconds), 30.0)
 
 
-def said(status: Json, type_: str) -> tuple[str, str, str]:
-    found = next(c for c in status["conditions"] if c["type"] == type_)
-    return found["status"], found["reason"], found["message"]
+def found(status: Json, type_: str) -> tuple[str, str, str]:
+    each = next(c for c in status["conditions"] if c["type"] == type_)
+    return each["status"], each["reason"], each["message"]
 
 
 def test_a_suspended_job_s_pods_are_being_stopped_as_long_as_there_are_any() -> None:
@@ -57,11 +57,11 @@ def test_a_suspended_job_s_pods_are_being_stopped_as_long_as_there_are_any() -> 
              halt=SUSPENDED, progress=parse(account()))
     )  # fmt: skip
     message = f"{SUSPENDED.message} 1 pod is being stopped; what is done is kept."
-    assert said(stopping, "Suspended") == ("False", "Suspending", message)
-    assert said(stopping, "Running") == ("False", "Suspending", message)
-    assert said(stopping, "Accepted")[:2] == ("True", "DriverCreated")
-    assert said(stopping, "Planned")[:2] == ("False", "Planning")
-    assert [said(stopping, each)[1] for each in ("Complete", "Failed", "Passed")] == [
+    assert found(stopping, "Suspended") == ("False", "Suspending", message)
+    assert found(stopping, "Running") == ("False", "Suspending", message)
+    assert found(stopping, "Accepted")[:2] == ("True", "DriverCreated")
+    assert found(stopping, "Planned")[:2] == ("False", "Planning")
+    assert [found(stopping, each)[1] for each in ("Complete", "Failed", "Passed")] == [
         "InProgress", "InProgress", "NotEnded",
     ]  # fmt: skip
     assert (stopping["phase"], stopping["attempt"], stopping["driver"]) == (
@@ -77,19 +77,19 @@ def test_without_pods_a_suspended_job_has_no_clock_and_its_next_driver_another_n
         "firstCaseTime": timestamp(START),
         "nextAttemptTime": timestamp(START),
         "cases": {"planned": 4, "running": 2},
-        "conditions": [told("Planned", "True", "CasesPlanned")],
+        "conditions": [made("Planned", "True", "CasesPlanned")],
     }
     resting = decided(seen(before, halt=SUSPENDED, ending=LOST))
     assert (resting["phase"], resting["attempt"], resting["driver"]) == ("Suspended", 2, "")
     assert resting["lostDrivers"] == 0
     assert resting["cases"] == {"planned": 4, "running": 0}
     assert not {"startTime", "firstCaseTime", "nextAttemptTime"} & set(resting)
-    assert said(resting, "Suspended") == (
+    assert found(resting, "Suspended") == (
         "True", "JobSuspended", f"No pod holds a place. {SUSPENDED.message}",
     )  # fmt: skip
     for type_ in ("Accepted", "Running"):
-        assert said(resting, type_) == ("False", "JobSuspended", SUSPENDED.message)
-    assert said(resting, "Planned") == (
+        assert found(resting, type_) == ("False", "JobSuspended", SUSPENDED.message)
+    assert found(resting, "Planned") == (
         "True", "CasesPlanned", "The job consists of 4 cases.",
     )  # fmt: skip
     never = decided(seen(halt=SUSPENDED))
@@ -101,12 +101,12 @@ def test_a_late_job_fails_when_its_pods_are_gone_with_its_driver_s_last_account(
     pods = (driver, make_executor("x").running().view())
     stopping = decided(seen(driver=driver, alive=pods, halt=LATE))
     message = f"{LATE.message} 2 pods are being stopped; what is done is kept."
-    assert said(stopping, "Running") == ("False", "DeadlineExceeded", message)
-    assert said(stopping, "Suspended")[:2] == ("False", "NotSuspended")
+    assert found(stopping, "Running") == ("False", "DeadlineExceeded", message)
+    assert found(stopping, "Suspended")[:2] == ("False", "NotSuspended")
     ended = decided(seen(halt=LATE, ending=replace(LOST, progress=parse(account()))))
-    assert said(ended, "Failed") == ("True", "DeadlineExceeded", LATE.message)
-    assert said(ended, "Passed") == ("False", "DeadlineExceeded", LATE.message)
-    assert said(ended, "Planned")[2] == "The job consists of 4 cases."
+    assert found(ended, "Failed") == ("True", "DeadlineExceeded", LATE.message)
+    assert found(ended, "Passed") == ("False", "DeadlineExceeded", LATE.message)
+    assert found(ended, "Planned")[2] == "The job consists of 4 cases."
     assert (ended["phase"], ended["cases"]["running"]) == ("Failed", 0)
 
 
@@ -114,31 +114,31 @@ def test_an_end_of_its_own_outweighs_a_halt() -> None:
     done = Ending(True, "AllCasesPassed", "4 of 4 cases passed.")
     for halt in (SUSPENDED, LATE):
         ended = decided(seen({"verdict": "Passed"}, halt=halt, ending=done))
-        assert said(ended, "Complete") == ("True", "AllCasesPassed", "4 of 4 cases passed.")
-        assert said(ended, "Failed") == ("False", "JobComplete", "The job completed.")
-        assert said(ended, "Passed") == ("True", "Passed", "4 of 4 cases passed.")
+        assert found(ended, "Complete") == ("True", "AllCasesPassed", "4 of 4 cases passed.")
+        assert found(ended, "Failed") == ("False", "JobComplete", "The job completed.")
+        assert found(ended, "Passed") == ("True", "Passed", "4 of 4 cases passed.")
 
 
-def test_a_lost_driver_is_replaced_after_a_pause_that_is_said() -> None:
+def test_a_lost_driver_is_replaced_after_a_pause_that_is_reported() -> None:
     before = {"driver": "x-2-driver", "lostDrivers": 1, "cases": {"planned": 4, "running": 2}}
     status = decided(seen(before, attempt=2, ending=LOST, backoff_limit=3))
     assert (status["attempt"], status["lostDrivers"], status["driver"]) == (3, 2, "")
     assert (status["phase"], status["cases"]) == ("Pending", {"planned": 4, "running": 0})
     assert status["nextAttemptTime"] == "2026-11-20T04:00:20Z"
-    assert said(status, "Running") == (
+    assert found(status, "Running") == (
         "False", "DriverLost",
         f"{LOST.message} Driver 3 of at most 4 takes over in 20 s; {KEPT}",
     )  # fmt: skip
-    assert said(status, "Accepted") == ("False", "InProgress", "The next driver is created.")
-    assert said(status, "Planned")[:2] == ("False", "Planning")
-    assert said(status, "Suspended")[:2] == ("False", "NotSuspended")
+    assert found(status, "Accepted") == ("False", "InProgress", "The next driver is created.")
+    assert found(status, "Planned")[:2] == ("False", "Planning")
+    assert found(status, "Suspended")[:2] == ("False", "NotSuspended")
 
 
 def test_one_that_was_taken_for_another_s_sake_is_not_counted_and_waits_by_its_attempt() -> None:
     status = decided(seen({"lostDrivers": 1}, attempt=4, ending=TAKEN, backoff_limit=1))
     assert (status["attempt"], status["lostDrivers"]) == (5, 1)
     assert status["nextAttemptTime"] == "2026-11-20T04:01:20Z"
-    assert said(status, "Running") == (
+    assert found(status, "Running") == (
         "False", "DriverEvicted",
         f"{LOST.message} {UNCOUNTED} in 80 s; {KEPT}",
     )  # fmt: skip
@@ -151,25 +151,25 @@ def test_after_so_many_lost_drivers_the_job_fails(lost: int, phase: str) -> None
     status = decided(seen({"lostDrivers": lost}, ending=LOST, backoff_limit=2))
     assert status["phase"] == phase
     if phase == "Failed":
-        assert said(status, "Failed") == (
+        assert found(status, "Failed") == (
             "True", "DriverLost", "The pod was deleted. Do it again.",
         )  # fmt: skip
-        assert said(status, "Complete") == (
+        assert found(status, "Complete") == (
             "False", "JobFailed", "The job failed: see the condition Failed.",
         )  # fmt: skip
 
 
-def test_between_two_drivers_nothing_is_said_anew_until_the_pause_is_over() -> None:
+def test_between_two_drivers_the_condition_stays_until_the_pause_is_over() -> None:
     before = {
         "phase": "Pending",
         "nextAttemptTime": "2026-11-20T04:00:20Z",
-        "conditions": [told("Running", "False", "DriverLost")],
+        "conditions": [made("Running", "False", "DriverLost")],
     }
     waiting = decided(seen(before, attempt=2))
     assert waiting["conditions"] == before["conditions"]
     assert "startTime" not in waiting
     over = decided(seen(before, attempt=2), 20.0)
-    assert said(over, "Running") == ("False", "DriverLost", "M.")
+    assert found(over, "Running") == ("False", "DriverLost", "M.")
     assert (over["startTime"], over["nextAttemptTime"]) == (
         "2026-11-20T04:00:20Z", "2026-11-20T04:00:20Z",
     )  # fmt: skip
@@ -179,7 +179,7 @@ def test_between_two_drivers_nothing_is_said_anew_until_the_pause_is_over() -> N
         seen(before, attempt=2, driver=make_driver("x", 2).running().view(),
              progress=parse(account(cases={"planned": 4}))), 20.0,
     )  # fmt: skip
-    assert said(running, "Running")[1] == "ExecutorsPending"
+    assert found(running, "Running")[1] == "ExecutorsPending"
 
 
 def test_no_job_ends_before_it_began_whatever_the_clocks_say() -> None:
@@ -207,9 +207,9 @@ def test_no_job_ends_before_it_began_whatever_the_clocks_say() -> None:
 def test_how_a_job_comes_not_to_be_suspended(
     before: tuple[str, str] | None, kueue: bool, reason: str, message: str
 ) -> None:
-    conditions = [told("Suspended", *before)] if before else []
+    conditions = [made("Suspended", *before)] if before else []
     status = decided(seen({"conditions": conditions}, kueue=kueue))
-    assert said(status, "Suspended") == ("False", reason, message)
+    assert found(status, "Suspended") == ("False", reason, message)
 
 
 def test_the_end_of_a_job_that_needs_a_person_is_the_first_lasting_trouble_s() -> None:
@@ -225,7 +225,7 @@ def test_the_end_of_a_job_that_needs_a_person_is_the_first_lasting_trouble_s() -
     assert fatal(replace(observation, seen_for={}), 30.0) is None
     assert fatal(observation, 29.0) == short
     status = decided(observation)
-    assert said(status, "Failed") == (
+    assert found(status, "Failed") == (
         "True", "StackImageUnavailable", "No image. The job was ended after 30 s of this.",
     )  # fmt: skip
 
@@ -243,7 +243,7 @@ def test_a_refusal_ends_a_job_when_it_lasts(lasting: bool, seconds: float, phase
     refusal = Refusal("SpecRefused", "It is refused.", lasting=lasting)
     status = decided(seen(refusal=refusal, refused_for=seconds))
     assert status["phase"] == phase
-    assert said(status, "Accepted") == ("False", "SpecRefused", "It is refused.")
+    assert found(status, "Accepted") == ("False", "SpecRefused", "It is refused.")
 
 
 @pytest.mark.parametrize(
@@ -278,10 +278,10 @@ def test_the_phase_and_whether_cases_run(
         )
     )
     assert status["phase"] == word
-    assert said(status, "Running")[:2] == running
+    assert found(status, "Running")[:2] == running
 
 
-def test_what_a_driver_warns_of_is_said_with_the_cases_that_run() -> None:
+def test_what_a_driver_warns_of_is_reported_with_the_cases_that_run() -> None:
     driver = make_driver("x").running().view()
     runs: dict[str, Any] = {
         "driver": driver,
@@ -289,14 +289,14 @@ def test_what_a_driver_warns_of_is_said_with_the_cases_that_run() -> None:
     }
     warned = parse(account(warning="Two executors share a disk."))
     trouble = Trouble("Unschedulable", "a", "No room.", lasting=False)
-    assert said(decided(seen(progress=warned, **runs)), "Running") == (
+    assert found(decided(seen(progress=warned, **runs)), "Running") == (
         "True", "CasesRunning", "Cases are running. Two executors share a disk.",
     )  # fmt: skip
-    assert said(decided(seen(progress=warned, troubles=(trouble,), **runs)), "Running") == (
+    assert found(decided(seen(progress=warned, troubles=(trouble,), **runs)), "Running") == (
         "True", "Unschedulable", "Cases are running. No room. Two executors share a disk.",
     )  # fmt: skip
     plans = parse(account("Planning", message="Reading 3 of 9 bags.", cases={}))
-    assert said(decided(seen(progress=plans, driver=driver)), "Running") == (
+    assert found(decided(seen(progress=plans, driver=driver)), "Running") == (
         "False", "Planning", "Reading 3 of 9 bags.",
     )  # fmt: skip
 
@@ -310,7 +310,7 @@ def test_the_first_case_s_time_is_when_it_was_first_seen() -> None:
     assert kept["firstCaseTime"] == "2026-11-20T04:00:00Z"
 
 
-def test_whose_results_a_job_goes_on_from_is_said_from_then_on() -> None:
+def test_whose_results_a_job_goes_on_from_is_reported_from_then_on() -> None:
     earlier = {"name": "x-before", "uid": "uid-of-x-before"}
     assert decided(seen(resumed_from=earlier))["resumedFrom"] == earlier
     assert decided(seen({"resumedFrom": earlier}))["resumedFrom"] == earlier
@@ -328,7 +328,7 @@ def test_a_verdict_is_the_last_account_s() -> None:
 
 
 def test_an_ended_job_that_was_edited_is_acknowledged_and_nothing_else() -> None:
-    conditions = [told("Complete", "True", "JobComplete"), told("Passed", "True", "Passed")]
+    conditions = [made("Complete", "True", "JobComplete"), made("Passed", "True", "Passed")]
     job = make_job("x").with_status(conditions=conditions, observedGeneration=1, phase="Complete")
     assert acknowledged(job.view()) == job.view().status
     edited = replace(job.view(), generation=2)

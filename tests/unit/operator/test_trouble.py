@@ -1,4 +1,4 @@
-"""What keeps a job from its work: which trouble is the same, and how others' words are told."""
+"""What keeps a job from its work: which trouble is the same, and how others' messages are cited."""
 
 import pytest
 
@@ -11,7 +11,7 @@ def test_a_trouble_is_the_same_while_its_words_change() -> None:
     assert first.key != Trouble("StackImageUnavailable", "x-1-exec-2", "not found", "stack").key
 
 
-def test_a_trouble_lasts_unless_it_is_said_to_pass() -> None:
+def test_a_trouble_lasts_unless_it_is_marked_as_passing() -> None:
     lasting = Trouble("StackImageUnavailable", "x-1-exec-1", "not found", "stack")
     passing = lasting.passing()
     assert (lasting.lasting, passing.lasting) == (True, False)
@@ -19,7 +19,7 @@ def test_a_trouble_lasts_unless_it_is_said_to_pass() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "reported"),
     [
         ("no space left", "no space left."),
         ("no\n  space\tleft ", "no space left."),
@@ -32,5 +32,5 @@ def test_a_trouble_lasts_unless_it_is_said_to_pass() -> None:
         ("x" * 499 + " y", "x" * 499 + "."),
     ],
 )
-def test_somebody_s_words_become_one_sentence_of_bounded_length(words: str, told: str) -> None:
-    assert sentence(words) == told
+def test_somebody_s_words_become_one_sentence_of_bounded_length(words: str, reported: str) -> None:
+    assert sentence(words) == reported

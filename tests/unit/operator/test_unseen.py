@@ -1,4 +1,4 @@
-"""Pods that go while the watch begins anew: it lists what is there, and nobody tells the rest."""
+"""Pods that go while the watch is restarted: it lists what is there, and nothing else."""
 
 import pytest
 
@@ -52,7 +52,7 @@ async def test_a_pending_driver_that_went_unseen_does_not_hold_up_the_deadline()
 
 
 async def test_a_pending_driver_that_went_unseen_is_replaced() -> None:
-    """It is never asked for its progress, so its silence tells nothing."""
+    """It is never asked for its progress, so its silence shows nothing."""
     world = World()
     await world.reconcile()
     vanish(world, "x-1-driver")
@@ -72,7 +72,7 @@ async def test_a_pending_driver_is_looked_for_every_thirty_seconds() -> None:
         await world.reconcile(after=2)
     assert world.reason("Running") == "False/Unschedulable"
     assert world.api.calls.count("get pods") == 3
-    world.api.put("pods", make_driver("x").running().object())  # and the watch has not told
+    world.api.put("pods", make_driver("x").running().object())  # and the watch has not reported
     for _ in range(16):
         await world.reconcile(after=2)
     assert (world.status()["phase"], world.status()["attempt"]) == ("Planning", 1)

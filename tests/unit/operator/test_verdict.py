@@ -7,13 +7,13 @@ import pytest
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.policies import verdict
 from tests.unit.operator.builders import JobBuilder, account, make_driver, make_executor, make_job
-from tests.unit.operator.test_life import untold
+from tests.unit.operator.test_life import without_events
 from tests.unit.operator.world import World
 
 GOOD = {"planned": 4, "passed": 4}
 
 
-async def ended(phase: str, **said: Any) -> World:
+async def ended(phase: str, **fields: Any) -> World:
     world = World(make_job("x"))
     await world.reconcile()
     world.deliver(make_driver("x").running())
@@ -21,14 +21,14 @@ async def ended(phase: str, **said: Any) -> World:
     world.drivers.says = account()
     await world.reconcile(after=2)
     assert world.reason("Passed") == "Unknown/NotEnded"
-    world.deliver(make_driver("x").ended(int(phase == "Failed"), account(phase, **said)))
+    world.deliver(make_driver("x").ended(int(phase == "Failed"), account(phase, **fields)))
     await world.reconcile(after=2)
     return world
 
 
 # Promise: passed-gates
 @pytest.mark.parametrize(
-    ("said", "told"),
+    ("fields", "reported"),
     [
         ({"verdict": "Passed", "cases": GOOD}, "True/Passed"),
         ({"verdict": "Failed", "cases": {"planned": 4, "passed": 3, "failed": 1}}, "False/Failed"),
@@ -40,10 +40,10 @@ async def ended(phase: str, **said: Any) -> World:
         ({"verdict": "Passed", "verdictReason": ""}, "True/Passed"),
     ],
 )
-async def test_a_complete_job_passed_by_its_verdict_alone(said: Json, told: str) -> None:
-    world = await ended("Complete", reason="AllCasesRan", message="All ran.", **said)
+async def test_a_complete_job_passed_by_its_verdict_alone(fields: Json, reported: str) -> None:
+    world = await ended("Complete", reason="AllCasesRan", message="All ran.", **fields)
     assert world.reason("Complete") == "True/AllCasesRan"
-    assert world.reason("Passed") == told
+    assert world.reason("Passed") == reported
     passed = next(c for c in world.status()["conditions"] if c["type"] == "Passed")
     assert passed["message"] == "All ran."
     assert passed["lastTransitionTime"] == world.status()["completionTime"]
@@ -51,21 +51,21 @@ async def test_a_complete_job_passed_by_its_verdict_alone(said: Json, told: str)
 
 # Promise: passed-gates
 async def test_a_failed_job_has_not_passed_for_the_reason_of_its_failure() -> None:
-    # Whatever a driver said of a verdict: a job that could not be run has none that counts.
+    # Whatever verdict a driver reports: a job that could not be run has none that counts.
     world = await ended("Failed", reason="BagMissing", message="no bag", verdict="Passed")
     assert world.reason("Failed") == "True/BagMissing"
     assert world.reason("Passed") == "False/BagMissing"
 
 
-async def test_passed_is_told_by_no_event_of_its_own() -> None:
+async def test_passed_has_no_event_of_its_own() -> None:
     world = await ended("Complete", reason="AllCasesRan", verdict="Passed", cases=GOOD)
-    told = world.api.event_reasons()
-    assert told.count("AllCasesRan") == 1
-    assert "Passed" not in told
+    reported = world.api.event_reasons()
+    assert reported.count("AllCasesRan") == 1
+    assert "Passed" not in reported
 
 
 def of_an_earlier_release(kind: str, reason: str, **status: Any) -> JobBuilder:
-    told = [
+    reported = [
         {
             "type": each,
             "status": "True" if each == kind else "False",
@@ -77,13 +77,13 @@ def of_an_earlier_release(kind: str, reason: str, **status: Any) -> JobBuilder:
         for each in ("Accepted", "Running", "Complete", "Failed")
     ]
     return make_job("x").with_status(
-        conditions=told, completionTime="2026-11-20T03:00:05Z", observedGeneration=1,
+        conditions=reported, completionTime="2026-11-20T03:00:05Z", observedGeneration=1,
         lostDrivers=0, **status,
     )  # fmt: skip
 
 
 @pytest.mark.parametrize(
-    ("job", "told"),
+    ("job", "reported"),
     [
         (of_an_earlier_release("Complete", "AllCasesRan", verdict="Passed"), "True/Passed"),
         (
@@ -94,29 +94,29 @@ def of_an_earlier_release(kind: str, reason: str, **status: Any) -> JobBuilder:
     ],
 )
 async def test_a_job_that_ended_before_the_upgrade_gets_it_by_one_write(
-    job: JobBuilder, told: str
+    job: JobBuilder, reported: str
 ) -> None:
     before = list(job.object["status"]["conditions"])
     world = World(job)
     await world.reconcile()
-    assert untold(world.api.calls) == ["patch status"]
-    assert world.reason("Passed") == told
-    assert world.status()["conditions"][:4] == before  # it keeps what it told
+    assert without_events(world.api.calls) == ["patch status"]
+    assert world.reason("Passed") == reported
+    assert world.status()["conditions"][:4] == before  # it keeps what it reported
     new = world.status()["conditions"][4]
     assert (new["lastTransitionTime"], new["message"]) == ("2026-11-20T03:00:05Z", "As it was.")
     for _ in range(3):
         await world.reconcile(after=2)
     world.reconciler = world.restarted(world.view)
     await world.reconcile(after=600)
-    assert untold(world.api.calls) == ["patch status"]
+    assert without_events(world.api.calls) == ["patch status"]
     assert world.api.event_reasons() == []
 
 
 def test_a_status_without_what_later_releases_write_is_completed_all_the_same() -> None:
-    told = {
+    reported = {
         "type": "Complete", "status": "True", "reason": "AllCasesRan", "message": "",
         "lastTransitionTime": "2026-11-20T03:00:00Z",
     }  # fmt: skip
-    [_, new] = verdict.completed({"conditions": [told], "verdict": "Passed"})
+    [_, new] = verdict.completed({"conditions": [reported], "verdict": "Passed"})
     assert new["lastTransitionTime"] == "2026-11-20T03:00:00Z"
     assert new["observedGeneration"] == 0

@@ -39,7 +39,7 @@ async def test_a_forged_driver_of_another_namespace_ends_no_job() -> None:
     assert "delete x-1-driver" not in world.api.calls
 
 
-async def test_a_pod_of_another_namespace_tells_no_job_why_it_ended() -> None:
+async def test_a_pod_of_another_namespace_explains_no_job_s_end() -> None:
     """Nor does its end count: the last pods that went are asked why executors do."""
     world = World()
     await world.reconcile()
@@ -99,14 +99,14 @@ async def test_a_config_that_a_former_run_made_is_taken_over() -> None:
     assert again.api.named("pods") == ["x-1-driver"]
 
 
-async def test_what_no_executor_may_be_is_told_before_a_driver_exists() -> None:
+async def test_what_no_executor_may_be_is_reported_before_a_driver_exists() -> None:
     """Spark itself would only log the refusal and try again for ever."""
     job = make_job("x").with_spec("stack.securityContext", {"runAsNonRoot": False})
     world = World(job)
-    said = 'pods "x-1-exec-trial" is forbidden: violates PodSecurity "restricted:latest"'
-    world.api.fail("try pods", ApiError(403, "Forbidden", said))
+    text = 'pods "x-1-exec-trial" is forbidden: violates PodSecurity "restricted:latest"'
+    world.api.fail("try pods", ApiError(403, "Forbidden", text))
     await world.reconcile()
     assert world.reason("Accepted") == "False/CreationRefused"
-    assert said in world.message("Accepted")
+    assert text in world.message("Accepted")
     assert "an executor's pod" in world.message("Accepted")
     assert world.api.named("pods") == world.configs() == []

@@ -59,7 +59,7 @@ async def test_a_version_that_is_known_asks_for_nothing(watcher: Watch) -> None:
     assert len(watcher.queue) == 1
 
 
-async def test_a_pod_that_tells_nothing_new_asks_for_nothing(watcher: Watch) -> None:
+async def test_a_pod_event_without_news_asks_for_nothing(watcher: Watch) -> None:
     pod = make_driver("x").running().object()
     watcher.pod_event({"type": None, "object": pod})
     assert await watcher.queue.get() == "uid-of-x"

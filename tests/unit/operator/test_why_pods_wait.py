@@ -1,4 +1,4 @@
-"""What Lookout asks for one job's pods, when, and what it tells until it asks again."""
+"""What Lookout asks for one job's pods, when, and what it reports until it asks again."""
 
 from typing import Any
 
@@ -34,10 +34,10 @@ class Lookouts:
     async def found(
         self, *pods: PodBuilder, after: float = 0.0, cases_wait: bool = False
     ) -> list[tuple[str, bool]]:
-        """Reasons of what is told, and whether each lasts."""
+        """Reasons of what is reported, and whether each lasts."""
         self.clock.advance(after)
-        told = await self.lookout.look(self.job, 1, [pod.view() for pod in pods], cases_wait)
-        return [(trouble.reason, trouble.lasting) for trouble in told]
+        reported = await self.lookout.look(self.job, 1, [pod.view() for pod in pods], cases_wait)
+        return [(trouble.reason, trouble.lasting) for trouble in reported]
 
 
 def placed(pod: PodBuilder) -> PodBuilder:
@@ -56,19 +56,19 @@ MOUNTS = [("VolumeNotMounted", False)]
 
 async def test_a_pod_is_asked_about_once_it_has_waited_for_two_seconds() -> None:
     world, pod = Lookouts(), placed(make_driver("x"))
-    world.api.told["uid-of-x-1-driver"] = [MOUNT]
+    world.api.events_about["uid-of-x-1-driver"] = [MOUNT]
     assert await world.found(pod) == []
     assert await world.found(pod, after=1.5) == []
     assert world.api.calls == []
     assert await world.found(pod, after=0.5) == MOUNTS
 
 
-async def test_what_was_found_is_told_for_four_seconds_and_asked_for_again() -> None:
+async def test_what_was_found_is_reported_for_four_seconds_and_asked_for_again() -> None:
     world, pod = Lookouts(), placed(make_driver("x"))
-    world.api.told["uid-of-x-1-driver"] = [MOUNT]
+    world.api.events_about["uid-of-x-1-driver"] = [MOUNT]
     await world.found(pod)
     await world.found(pod, after=10)
-    world.api.told.clear()
+    world.api.events_about.clear()
     assert await world.found(pod, after=3.5) == MOUNTS
     assert len(world.api.calls) == 1
     assert await world.found(pod, after=0.5) == []
@@ -79,7 +79,7 @@ async def test_what_was_found_is_told_for_four_seconds_and_asked_for_again() -> 
 @pytest.mark.parametrize("over", [True, False])
 async def test_what_was_found_is_forgotten_with_the_wait(over: bool) -> None:
     world, pod = Lookouts(), placed(make_driver("x"))
-    world.api.told["uid-of-x-1-driver"] = [MOUNT]
+    world.api.events_about["uid-of-x-1-driver"] = [MOUNT]
     await world.found(pod)
     assert await world.found(pod, after=2) == MOUNTS
     if over:
@@ -87,7 +87,7 @@ async def test_what_was_found_is_forgotten_with_the_wait(over: bool) -> None:
     else:
         assert await world.found(make_driver("x").running(), after=0.5) == []
     assert await world.found(pod, after=0.5) == []
-    world.api.told.clear()
+    world.api.events_about.clear()
     assert await world.found(pod, after=2) == []
     assert len(world.api.calls) == 2
 
@@ -107,20 +107,20 @@ async def test_of_many_claims_the_first_twenty_are_asked_about() -> None:
     assert await world.found(pod, after=2) == [("VolumeMissing", True)] * 20
 
 
-async def test_of_claims_those_are_told_that_are_not_bound() -> None:
+async def test_claims_that_are_not_bound_are_reported() -> None:
     world = Lookouts()
     pod = with_claims("bound", "unbound", "missing")
     for name, phase in (("bound", "Bound"), ("unbound", "Pending")):
         claim = {"metadata": {"name": name, "uid": f"uid-of-{name}"}, "status": {"phase": phase}}
         world.api.put("persistentvolumeclaims", claim)
     await world.found(pod)
-    told = [("VolumePending", False), ("VolumeMissing", True)]
-    assert await world.found(pod, after=2) == told
+    reported = [("VolumePending", False), ("VolumeMissing", True)]
+    assert await world.found(pod, after=2) == reported
     assert "events of uid-of-bound" not in world.api.calls
     assert "events of uid-of-unbound" in world.api.calls
 
 
-async def test_a_claim_that_can_t_be_asked_for_is_not_told_as_missing() -> None:
+async def test_a_claim_that_can_t_be_read_is_not_reported_as_missing() -> None:
     world, pod = Lookouts(), with_claims("tapes")
     world.api.fail("get persistentvolumeclaims", ApiError(500, "InternalError", "no"))
     await world.found(pod)
@@ -177,21 +177,21 @@ async def test_a_refusal_of_executors_lasts_where_none_is_there(alone: bool) -> 
     if not alone:
         pods.append(make_executor("x").running())
     await world.found(*pods, cases_wait=True)
-    told = await world.found(*pods, cases_wait=True, after=4)
-    assert told == [("ExecutorsRefused", alone)]
+    reported = await world.found(*pods, cases_wait=True, after=4)
+    assert reported == [("ExecutorsRefused", alone)]
 
 
-async def test_a_pod_that_waits_and_executors_that_do_not_come_are_told_together() -> None:
+async def test_a_pod_that_waits_and_executors_that_do_not_come_are_reported_together() -> None:
     world = Lookouts(make_job("x").with_executors(2).view())
-    world.api.told["uid-of-x-1-exec-1"] = [MOUNT]
+    world.api.events_about["uid-of-x-1-exec-1"] = [MOUNT]
     world.api.fail("try pods", QUOTA)
     pod = placed(make_executor("x"))
     await world.found(pod, cases_wait=True)
-    told = await world.found(pod, cases_wait=True, after=4)
-    assert told == [*MOUNTS, ("QuotaExceeded", False)]
+    reported = await world.found(pod, cases_wait=True, after=4)
+    assert reported == [*MOUNTS, ("QuotaExceeded", False)]
 
 
-async def test_of_a_refusal_that_may_pass_nothing_is_told() -> None:
+async def test_a_refusal_that_may_pass_is_not_reported() -> None:
     world = Lookouts()
     world.api.fail("try pods", ApiError(500, "InternalError", "etcd has no leader"))
     await world.found(cases_wait=True)

@@ -135,7 +135,7 @@ async def just_suspended(world: World) -> None:
     edit(world, suspend=True)
 
 
-def is_told(world: World) -> bool:
+def is_reported(world: World) -> bool:
     return "AllCasesRan" in world.api.event_reasons()
 
 
@@ -147,17 +147,17 @@ def is_acknowledged(world: World) -> bool:
     return bool(world.status()["observedGeneration"] == 2)
 
 
-def is_told_to_rest(world: World) -> bool:
+def is_reported_suspended(world: World) -> bool:
     return world.api.event_reasons() == ["JobSuspended"]
 
 
 # The call, what happens before it, and whether it has been made.
 LastCall = tuple[str, Callable[[World], Awaitable[None]], Callable[[World], bool]]
 LAST_CALLS: dict[str, LastCall] = {
-    "the Event": ("create events", ended, is_told),
+    "the Event": ("create events", ended, is_reported),
     "the deletion": ("delete x-1-exec-1", ended, is_alone),
     "the acknowledgement": ("patch status", edited_after_its_end, is_acknowledged),
-    "the Event of a rest": ("create events", just_suspended, is_told_to_rest),
+    "the Event of a rest": ("create events", just_suspended, is_reported_suspended),
 }
 
 

@@ -1,4 +1,4 @@
-"""A job, an operator and a watch that delivers when it is told to, over the fakes."""
+"""A job, an operator and a watch that delivers when the test says so, over the fakes."""
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.reconcile import Reconciler
@@ -11,7 +11,7 @@ UID = "uid-of-x"
 
 
 class World:
-    """A job, an operator, and a watch that delivers when it is told to."""
+    """A job, an operator, and a watch that delivers when the test says so."""
 
     def __init__(self, job: JobBuilder | None = None, settings: Settings | None = None) -> None:
         self.settings = settings or Settings()
@@ -29,7 +29,7 @@ class World:
         )
 
     def forget_everything(self) -> None:
-        """The operator is started anew, and its watch has delivered only the job so far."""
+        """The operator is restarted, and its watch has delivered only the job so far."""
         self.view = View()
         self.deliver_job()
         self.reconciler = self.restarted(self.view)

@@ -80,8 +80,8 @@ def test_where_the_results_come_from_is_a_property_of_each_suite() -> None:
             "machine": "EPYC, 8 processors, x86_64, Linux 6.1: 4 cases on node-1",
             "seeds": "0, 1", "discarded MachineBusy": "3", "discarded runs": "3",
         }  # fmt: skip
-    told = root.findall("testsuite/testcase[@name='a']/properties/property")
-    assert [(each.get("name"), each.get("value")) for each in told] == [
+    found = root.findall("testsuite/testcase[@name='a']/properties/property")
+    assert [(each.get("name"), each.get("value")) for each in found] == [
         ("discarded", "MachineBusy after 5.2 s: late by 80 ms"), ("discarded", "AgentDied"),
     ]  # fmt: skip
 

@@ -30,7 +30,7 @@ MANIFEST = {
 
 def finding(outcome: str, figure: float | None, name: str = "rate") -> dict[str, Any]:
     return {"name": name, "kind": "rate", "outcome": outcome, "figure": figure, "unit": "Hz",
-            "limit": "at least 9 Hz", "message": "said"}  # fmt: skip
+            "limit": "at least 9 Hz", "message": "text"}  # fmt: skip
 
 
 def test_columns_say_each_word_once_and_keep_the_order_of_the_job() -> None:
@@ -41,25 +41,25 @@ def test_columns_say_each_word_once_and_keep_the_order_of_the_job() -> None:
                  criteria=[finding("failed", 3.123456789)])
     )  # fmt: skip
     columns.add(make_row("c", "errored", "Bad", criteria=[finding("invalid", math.inf)]))
-    told = columns.as_json()
-    cases = told["cases"]
+    shown = columns.as_json()
+    cases = shown["cases"]
     assert (cases["case"], cases["outcome"]) == (["a", "b", "c"], "FPE")
     assert cases["variant"] == {"values": ["released", "new", ""], "at": [1, 1, 2]}
     assert cases["reason"] == {"values": ["Bad", ""], "at": [0, 1, 0]}
-    assert told["variables"] == [{"name": "rain", "values": ["off", None, "on"], "at": [0, 2, 1]}]
-    [criterion] = told["criteria"]
+    assert shown["variables"] == [{"name": "rain", "values": ["off", None, "on"], "at": [0, 2, 1]}]
+    [criterion] = shown["criteria"]
     assert (criterion["outcomes"], criterion["figures"]) == ("F-I", [3.1235, None, None])
     assert (criterion["low"], criterion["high"]) == (9, None)
-    json.dumps(told, allow_nan=False)
+    json.dumps(shown, allow_nan=False)
 
 
 def test_a_page_has_room_first_for_what_did_not_pass() -> None:
     columns = Columns(most_cases=10)
     for n in range(30):
         columns.add(make_row(f"a-{n:02d}", "failed" if n in {3, 28, 29} else "passed"))
-    told = columns.as_json()
-    assert (told["counted"], len(told["cases"]["case"])) == (30, 10)
-    assert told["cases"]["outcome"].count("F") == 3
+    shown = columns.as_json()
+    assert (shown["counted"], len(shown["cases"]["case"])) == (30, 10)
+    assert shown["cases"]["outcome"].count("F") == 3
 
 
 def test_all_messages_together_have_a_bound() -> None:
@@ -96,7 +96,7 @@ def test_fifty_of_one_kind_do_not_hide_the_others() -> None:
     assert (len(names), names[-2:]) == (50, ["z-1", "z-2"])
 
 
-def test_what_regressed_is_told_in_full_first() -> None:
+def test_what_regressed_is_shown_in_full_first() -> None:
     compared = [{"regressed": [{"case": "z-7", "to": "failed", "reason": "X"}]}]
     for named in (compared, [{"regressed": ["z-7"]}]):  # as v1alpha1 has it
         assert regressed_cases(named) == ["z-7"]
@@ -119,21 +119,21 @@ def test_cases_that_share_a_cause_are_one_line() -> None:
         message = f"lane_node ended by signal {signal} at 0x7f{n}a after {n}.5 s"
         causes.add(make_row(f"b-{n}", "failed", "StackCrashed", message=message))
     causes.add(make_row("c", "passed"))
-    told = causes.as_json(["c", "b-1", "drive-3"])
-    assert [(g["count"], g["reason"], g["criteria"], g["first"]) for g in told["groups"]] == [
+    shown = causes.as_json(["c", "b-1", "drive-3"])
+    assert [(g["count"], g["reason"], g["criteria"], g["first"]) for g in shown["groups"]] == [
         (30, "CriterionFailed", ["lane rate"], "drive-0"),
         (2, "StackCrashed", [], "b-0"),
         (1, "StackCrashed", [], "b-2"),
     ]
-    assert told["groups"][1]["message"] == "lane_node ended by signal 11 at 0x7f0a after 0.5 s"
-    assert told["at"] == [-1, 1, 0]
+    assert shown["groups"][1]["message"] == "lane_node ended by signal 11 at 0x7f0a after 0.5 s"
+    assert shown["at"] == [-1, 1, 0]
 
 
 def test_causes_without_end_stand_together_by_reason() -> None:
     causes = Causes()
     for n in range(20_000):
         word = "".join(chr(ord("g") + int(digit)) for digit in str(n))
-        causes.add(make_row(f"a-{n}", "failed", "Bad", message=f"it said {word}"))
+        causes.add(make_row(f"a-{n}", "failed", "Bad", message=f"it wrote {word}"))
     groups = causes.as_json([])["groups"]
     assert (len(groups), groups[0]["message"]) == (MOST_CAUSES + 1, "other messages")
     assert sum(group["count"] for group in groups) == 20_000
@@ -144,18 +144,18 @@ def test_discarded_runs_and_the_machine_are_in_a_case_s_details() -> None:
     node = {"node": "/n", "received": 3, "strength": "received", "queue": 2}
     ledger = {"strength": "received", "topics": [{"topic": "/a", "sent": 3, "subscribers": [node]}]}
     machine = {"late_max_seconds": 0.2, "steal_seconds": None, "busy": True, "message": "it was"}
-    told = detail_of(
+    shown = detail_of(
         make_row("a", "failed", "MessagesLost", discarded=[busy, "AgentDied"],
                  result={"ledger": ledger, "machine": machine})
     )  # fmt: skip
-    assert told["discarded"] == ["MachineBusy after 5.0 s: late", "AgentDied"]
-    assert told["strength"] == "received"
-    assert (told["ledger"][0]["strength"], told["ledger"][0]["queue"]) == ("received", 2)
-    assert told["machine"] == {"message": "it was", "figures": {"late max": 0.2}}
+    assert shown["discarded"] == ["MachineBusy after 5.0 s: late", "AgentDied"]
+    assert shown["strength"] == "received"
+    assert (shown["ledger"][0]["strength"], shown["ledger"][0]["queue"]) == ("received", 2)
+    assert shown["machine"] == {"message": "it was", "figures": {"late max": 0.2}}
     columns = Columns()
     columns.add(make_row("a", discarded=[busy, busy, "AgentDied"], attempts=4))
-    told = columns.as_json()["cases"]["discarded"]
-    assert told["values"] == ["2 x MachineBusy, 1 x AgentDied"]
+    shown = columns.as_json()["cases"]["discarded"]
+    assert shown["values"] == ["2 x MachineBusy, 1 x AgentDied"]
 
 
 @pytest.mark.parametrize(
@@ -181,12 +181,12 @@ def test_a_detail_has_bounds() -> None:
         "a", "failed", "Bad", message="m" * 9000, stderr=["e" * 900] * 200,
         result={"ledger": {"topics": [topic] * 100}, "timings": {"play": 1.0, "odd": "x"}},
     )  # fmt: skip
-    told = detail_of(row)
-    assert (len(told["message"]), len(told["stderr"]), len(told["stderr"][0])) == (4000, 40, 500)
-    assert (len(told["ledger"]), told["timings"]) == (1000, {"play": 1.0})
+    shown = detail_of(row)
+    assert (len(shown["message"]), len(shown["stderr"]), len(shown["stderr"][0])) == (4000, 40, 500)
+    assert (len(shown["ledger"]), shown["timings"]) == (1000, {"play": 1.0})
 
 
-def test_the_evidence_of_a_case_that_does_not_count_is_told() -> None:
+def test_the_evidence_of_a_case_that_does_not_count_is_shown() -> None:
     topic = {"topic": "/a", "sent": 3, "subscribers": [{"node": "/n", "received": 2}]}
     evidence = {"ledger": {"topics": [topic]}}
     lossy = detail_of(make_row("a", "errored", "MachineBusy", evidence=evidence))
@@ -207,8 +207,8 @@ def test_words_name_the_criteria_that_failed_most() -> None:
             make_row(f"a-{n}", "failed", "CriterionFailed", criteria=[finding("failed", 1)])
         )
     data = columns.as_json()
-    said = sentence(MANIFEST, data)
-    assert said == "Of 5 cases 2 failed and 1 lack evidence. Most often: rate (2)."
+    summary = sentence(MANIFEST, data)
+    assert summary == "Of 5 cases 2 failed and 1 lack evidence. Most often: rate (2)."
     assert headline(MANIFEST) == ("failed", "Failed", "2 failed, 1 lack evidence")
     broken = MANIFEST | {"verdict": "", "message": "the volume is full"}
     assert (headline(broken)[1], sentence(broken, data)) == ("No verdict", "the volume is full")

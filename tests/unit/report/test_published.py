@@ -24,9 +24,9 @@ from tests.unit.bagpipe.jobs import make_job, make_row
 from tests.unit.report.publishing import publish, versions
 
 
-def told_in_short(folder: Path) -> list[dict[str, Any]]:
-    told = json.loads((folder / "comparison.json").read_text())
-    return [in_short(comparison) for comparison in told["comparisons"]]
+def short_comparisons(folder: Path) -> list[dict[str, Any]]:
+    stored = json.loads((folder / "comparison.json").read_text())
+    return [in_short(comparison) for comparison in stored["comparisons"]]
 
 
 def test_every_form_holds_every_case(tmp_path: Path) -> None:
@@ -60,11 +60,11 @@ def test_variants_are_compared(tmp_path: Path) -> None:
     folder = publish(
         tmp_path, versions(failing={3}), variants=[{"name": "released"}, {"name": "pr-812"}]
     )
-    told = json.loads((folder / "comparison.json").read_text())
-    [comparison] = told["comparisons"]
+    stored = json.loads((folder / "comparison.json").read_text())
+    [comparison] = stored["comparisons"]
     assert (comparison["variant"], comparison["verdict"]) == ("pr-812", "worse")
     assert [case["case"] for case in comparison["regressed"]] == ["a-0003-pr-812"]
-    assert told_in_short(folder) == [
+    assert short_comparisons(folder) == [
         {"variant": "pr-812", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}
     ]
 
@@ -81,7 +81,7 @@ def test_an_earlier_job_is_the_baseline(tmp_path: Path) -> None:
     assert comparison["regressed"] == [{"case": "a-1", "to": "failed", "reason": ""}]
 
 
-def test_cases_of_the_earlier_job_that_are_missing_are_told(tmp_path: Path) -> None:
+def test_missing_cases_of_the_earlier_job_are_reported(tmp_path: Path) -> None:
     first = publish(tmp_path, [make_row(f"a-{n}", fragment=f"a-{n}") for n in range(3)])
     uri = f"pvc://results/{first.relative_to(tmp_path)}"
     now = [make_row("a-0", fragment="a-0")]
@@ -89,11 +89,11 @@ def test_cases_of_the_earlier_job_that_are_missing_are_told(tmp_path: Path) -> N
     page = (second / "report.html").read_text()
     assert "2 regressed (2 missing) of 1 cases; 2 missing" in page
     assert "Missing, which the baseline has: 2" in page
-    # A comparison of before this was told is drawn as well.
-    told = json.loads((second / "comparison.json").read_text())
-    del told["comparisons"][0]["missing"]
+    # A comparison that was stored before this field existed is drawn as well.
+    stored = json.loads((second / "comparison.json").read_text())
+    del stored["comparisons"][0]["missing"]
     manifest = json.loads((second / "manifest.json").read_text())
-    assert b"2 regressed (2 missing)" in Report(None, "").html(manifest, told["comparisons"])
+    assert b"2 regressed (2 missing)" in Report(None, "").html(manifest, stored["comparisons"])
 
 
 def test_of_an_earlier_job_with_variants_its_first_one_counts(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_of_an_earlier_job_with_variants_its_first_one_counts(tmp_path: Path) ->
     assert [case["case"] for case in comparison["regressed"]] == ["a-0003-pr-812"]
 
 
-def test_a_baseline_that_is_not_there_is_told_before_anything_runs(tmp_path: Path) -> None:
+def test_a_missing_baseline_is_reported_before_anything_runs(tmp_path: Path) -> None:
     storage = Storage({"results": str(tmp_path)})
     with pytest.raises(StorageError, match=r"write status\.results of a finished job"):
         check_baseline("pvc://results/none", storage)

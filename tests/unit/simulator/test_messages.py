@@ -34,23 +34,23 @@ def check_header(header: Any, frame: str) -> None:
 
 def test_odometry() -> None:
     pose = Pose(1.5, -2.5, math.pi / 3, 20.0, 0.25, 0.125)
-    told = read(messages.ODOMETRY, messages.odometry(NUMBER, TIME, pose))
-    check_header(told.header, "map")
-    assert told.child_frame_id == "base_link"
-    where, turned = told.pose.pose.position, told.pose.pose.orientation
+    decoded = read(messages.ODOMETRY, messages.odometry(NUMBER, TIME, pose))
+    check_header(decoded.header, "map")
+    assert decoded.child_frame_id == "base_link"
+    where, turned = decoded.pose.pose.position, decoded.pose.pose.orientation
     assert (where.x, where.y, where.z) == (1.5, -2.5, 0.0)
     assert (turned.z, turned.w) == pytest.approx((0.5, math.sqrt(3) / 2))
-    motion = told.twist.twist
+    motion = decoded.twist.twist
     assert (motion.linear.x, motion.linear.y, motion.angular.z) == (20.0, 0.25, 0.125)
-    assert len(told.pose.covariance) == len(told.twist.covariance) == 36
+    assert len(decoded.pose.covariance) == len(decoded.twist.covariance) == 36
 
 
 def test_poses() -> None:
     bodies = [Body(1, 2, 0, 4, 2), Body(-3, 4, math.pi, 4, 2)]
-    told = read(messages.POSES, messages.poses(NUMBER, TIME, bodies))
-    check_header(told.header, "map")
-    assert [(p.position.x, p.position.y) for p in told.poses] == [(1, 2), (-3, 4)]
-    assert told.poses[1].orientation.z == pytest.approx(1)
+    decoded = read(messages.POSES, messages.poses(NUMBER, TIME, bodies))
+    check_header(decoded.header, "map")
+    assert [(p.position.x, p.position.y) for p in decoded.poses] == [(1, 2), (-3, 4)]
+    assert decoded.poses[1].orientation.z == pytest.approx(1)
     assert read(messages.POSES, messages.poses(NUMBER, TIME, [])).poses == []
 
 
@@ -62,14 +62,14 @@ def test_flags_and_lights() -> None:
 
 def test_a_cloud() -> None:
     points = np.array([[1, 2, 0], [3, 4, 0]], dtype="<f4").tobytes()
-    told = read(messages.CLOUD, messages.cloud(NUMBER, TIME, points))
-    check_header(told.header, "base_link")
-    assert (told.height, told.width, told.point_step, told.row_step) == (1, 2, 12, 24)
-    assert [(f.name, f.offset, f.datatype) for f in told.fields] == [
+    decoded = read(messages.CLOUD, messages.cloud(NUMBER, TIME, points))
+    check_header(decoded.header, "base_link")
+    assert (decoded.height, decoded.width, decoded.point_step, decoded.row_step) == (1, 2, 12, 24)
+    assert [(f.name, f.offset, f.datatype) for f in decoded.fields] == [
         ("x", 0, 7), ("y", 4, 7), ("z", 8, 7),
     ]  # fmt: skip
-    assert bytes(told.data) == points
-    assert told.is_dense
+    assert bytes(decoded.data) == points
+    assert decoded.is_dense
 
 
 def test_the_scene_has_its_lanes_stop_lines_and_barriers() -> None:

@@ -35,7 +35,7 @@ def due(case: Case, folder: Path, *moments: float) -> list[list[str]]:
     """The texts that are due at these seconds of the drive."""
     topics = RecordedTopics(case, Storage({"recordings": str(folder)}))
     found = [topics.due(START + round(moment * SECOND)) for moment in moments]
-    return [[f"{topic} {data[4:].decode()}" for topic, data in heard] for heard in found]
+    return [[f"{topic} {data[4:].decode()}" for topic, data in messages] for messages in found]
 
 
 def test_a_message_is_due_in_the_first_moment_that_is_not_before_it(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_several_recordings_are_one_stream(tmp_path: Path) -> None:
     assert {part.at for part in case.parts} == {START}
 
 
-def test_the_world_says_what_was_recorded_first_and_the_agent_is_told_of_its_topics(
+def test_the_world_sends_recorded_messages_first_and_names_their_topics(
     tmp_path: Path,
 ) -> None:
     write_bag(tmp_path / "a.bag", steady("/a", 5, 100_000_000))
@@ -79,8 +79,8 @@ def test_the_world_says_what_was_recorded_first_and_the_agent_is_told_of_its_top
     (case,) = cases_of(spec, tmp_path)
     assert spec.source.simulator is not None
     drive = Drive(case, spec, spec.source.simulator, Storage({"recordings": str(tmp_path)}))
-    told = {each["topic"]: each["recorded"] for each in drive.described["publications"]}
-    assert told == {
+    described = {each["topic"]: each["recorded"] for each in drive.described["publications"]}
+    assert described == {
         "/ego/collision": True, "/scene": True, "/obstacles": True, "/ego/odom": True, "/a": False,
     }  # fmt: skip
     names = [each["topic"] for each in drive.described["publications"]]
@@ -113,9 +113,9 @@ def test_a_topic_that_the_recording_lacks_is_named(tmp_path: Path) -> None:
     write_bag(tmp_path / "a.bag", steady("/a", 5, SECOND))
     spec = recorded({"bag": BAG, "topics": ["/a", "/b"]})
     made = plan(spec, Storage({"recordings": str(tmp_path)}))
-    (told,) = made.unplanned
-    assert (made.cases, told.id, told.reason) == ([], "drive", "NoMatchingTopics")
-    assert "the topics /b are not in the bag; it has /a" in told.message
+    (fault,) = made.unplanned
+    assert (made.cases, fault.id, fault.reason) == ([], "drive", "NoMatchingTopics")
+    assert "the topics /b are not in the bag; it has /a" in fault.message
 
 
 def test_one_topic_of_two_types_is_refused(tmp_path: Path) -> None:

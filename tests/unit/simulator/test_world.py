@@ -1,4 +1,4 @@
-"""The world's turns: what is said when, what is obeyed, and when it gives up."""
+"""The world's turns: what is published when, what is obeyed, and when it gives up."""
 
 import struct
 from typing import Any
@@ -90,7 +90,7 @@ def test_a_stack_that_falls_silent_is_given_up_and_one_that_may_is_not() -> None
         assert patient.step(NOTHING) is not None
 
 
-def test_an_answer_is_only_missed_where_its_trigger_was_said() -> None:
+def test_an_answer_is_only_missed_where_its_trigger_was_published() -> None:
     rare = world(Steering(frozenset({"/points"}), required=True), "10s", lidar={"every": 10})
     for _ in range(100):
         assert rare.step(NOTHING) is not None

@@ -16,8 +16,8 @@ DOCS = ROOT / "docs"
 _PARSER = MarkdownIt("commonmark").enable("table")
 # What makes a browser ask for something, by element.
 _ASSETS = {"script": "src", "img": "src", "iframe": "src", "source": "src", "link": "href"}
-# Links of the head that are told and not loaded.
-_TOLD = {"canonical", "next", "prev", "index", "search"}
+# Links of the head that are only named and not loaded.
+_NAMED = {"canonical", "next", "prev", "index", "search"}
 
 
 def pages_of_docs() -> list[Path]:
@@ -75,7 +75,7 @@ class Page(HTMLParser):
         self.anchors |= {named[name] for name in ("id", "name") if name in named}
         if tag == "a" and "href" in named:
             self.links.append(unquote(named["href"]))
-        elif tag in _ASSETS and _ASSETS[tag] in named and named.get("rel") not in _TOLD:
+        elif tag in _ASSETS and _ASSETS[tag] in named and named.get("rel") not in _NAMED:
             self.assets.append(named[_ASSETS[tag]])
 
     def target(self, link: str) -> tuple[Path, str]:

@@ -1,4 +1,4 @@
-"""What is told of the tests' times is what they took, and each test has its lane."""
+"""The reported times of the tests are those that they took, and each test has its lane."""
 
 import json
 import os

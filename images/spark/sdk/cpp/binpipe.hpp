@@ -46,7 +46,7 @@ class Pipe;
 class Record {
  public:
   std::string name;
-  std::optional<std::uint64_t> size;  // nothing: only the end of the record tells
+  std::optional<std::uint64_t> size;  // empty: known at the end of the record only
   Fields fields;
 
   // The next piece, at most 1 MiB, valid until the next call; empty at the record's end.

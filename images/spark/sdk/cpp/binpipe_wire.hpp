@@ -21,7 +21,7 @@ class Error : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-// Bytes in a record's fields, to tell them from text.
+// Bytes in a record's fields, as opposed to text.
 struct Bytes {
   std::string data;
   bool operator==(const Bytes& other) const { return data == other.data; }

@@ -14,7 +14,7 @@ _CAUSES = {"MachineBusy": "MessagesLost"}
 
 @dataclass(frozen=True)
 class Allowed:
-    """An end or a loss of the stack that the job's faultPolicy allows; it is told all the same."""
+    """An end or a loss of the stack that the job's faultPolicy allows; it is still reported."""
 
     cause: str
     message: str

@@ -63,7 +63,7 @@ class SequencePart(Piece):
 
 
 class RecordedTopics(Piece):
-    """`source.simulator.recorded[]`: recorded topics that are heard during a simulated drive."""
+    """`source.simulator.recorded[]`: recorded topics that are played during a simulated drive."""
 
     topics: Annotated[list[Name], AfterValidator(each_once)] = Field(min_length=1, max_length=100)
 

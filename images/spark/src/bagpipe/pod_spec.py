@@ -29,7 +29,7 @@ SPEC_CONFIG = ConfigDict(
 
 
 class SpecModel(BaseModel):
-    """A part of what is said of pods."""
+    """A part of the settings of pods."""
 
     model_config = SPEC_CONFIG
 

@@ -1,4 +1,4 @@
-"""What is read off a row of results, each fact in one place for all who tell it. Pure."""
+"""What is read off a row of results, each fact in one place for all who report it. Pure."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 Row = Mapping[str, Any]
 
 OUTCOMES = ("passed", "failed", "invalid", "errored")
-# Reasons by which the stack, or a part of it, ended or began anew where it should not have.
+# Reasons by which the stack, or a part of it, ended or restarted where it should not have.
 CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"})
 LOSSES = frozenset({"MessagesLost"})
 # What a job counts of its rows, beside how many were planned and are running.
@@ -26,7 +26,7 @@ def discarded_runs(row: Row) -> list[dict[str, Any]]:
 
 
 def run_words(run: Mapping[str, Any]) -> str:
-    """A discarded run in one line, for all who tell it."""
+    """A discarded run in one line, for all who report it."""
     seconds = run.get("seconds")
     after = f" after {seconds:.1f} s" if isinstance(seconds, int | float) else ""
     message = f": {run['message']}" if run.get("message") else ""
@@ -59,7 +59,7 @@ def tally(row: Row) -> dict[str, int]:
 
 
 # In the order in which a reader wants to know them; crashes and losses are among the others.
-_TOLD = (
+_LABELS = (
     ("failed", "failed"), ("regressed", "regressed"), ("crashed", "crashed"),
     ("lost", "lost messages"), ("invalid", "lack evidence"), ("errored", "errored"),
 )  # fmt: skip
@@ -67,12 +67,12 @@ _TOLD = (
 
 def verdict_words(verdict: str, counts: Mapping[str, int]) -> str:
     """The verdict with all that speaks against it, for a page, a table and a terminal alike."""
-    told = [f"{counts[word]:,} {said}" for word, said in _TOLD if counts.get(word)]
-    return f"{verdict or 'No verdict'}{': ' if told else ''}{', '.join(told)}"
+    counted = [f"{counts[word]:,} {label}" for word, label in _LABELS if counts.get(word)]
+    return f"{verdict or 'No verdict'}{': ' if counted else ''}{', '.join(counted)}"
 
 
 def counts_of(manifest: Mapping[str, Any]) -> dict[str, int]:
-    """A manifest's counts with all that a job counts today; an earlier one said `retried`."""
+    """A manifest's counts with all that a job counts today; an earlier one has `retried`."""
     counts = dict(manifest["counts"])
     earlier = counts.pop("retried", 0)
     return dict.fromkeys((*TALLIES, "regressed"), 0) | {"discarded": earlier} | counts

@@ -361,12 +361,12 @@ class SimulationJobSpec(_Model):
                 " the simulated car is steered: write for example {trigger:"
                 f" {simulator.topics.odometry}, answer: {simulator.topics.control}}}"
             )
-        heard = simulator.topics.spoken + simulator.recorded_topics
+        published = simulator.topics.spoken + simulator.recorded_topics
         for step in self.playback.steps:
-            if step.trigger not in heard:
+            if step.trigger not in published:
                 raise ValueError(
                     f"the step's trigger {step.trigger} is no topic of the simulator: it has"
-                    f" {', '.join(heard)}"
+                    f" {', '.join(published)}"
                 )
         if self.stack.remap or any(variant.remap for variant in self.variants):
             raise ValueError(
@@ -406,7 +406,7 @@ class EarlierResults(_Model):
 
 
 class JobFile(_Model):
-    """job.json: what the operator tells the driver, and all that the driver knows."""
+    """job.json: what the operator passes to the driver, and all that the driver knows."""
 
     name: str
     namespace: str

@@ -37,7 +37,7 @@ _CREDENTIAL = re.compile(
 
 def _known_uri(uri: str) -> str:
     if _CREDENTIAL.search(uri):
-        # The URI itself is not repeated: what is said here ends up in a status and in logs.
+        # The URI itself is not repeated: this message ends up in a status and in logs.
         raise ValueError(
             "a URI must hold no credential: put it into a Secret and write that Secret's name in"
             " storage.secrets"

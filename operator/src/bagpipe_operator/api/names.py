@@ -80,7 +80,7 @@ def stack_container(number: int) -> str:
 
 
 def metrics_port_name(number: int) -> str:
-    """What the port is called on which the agent beside image `number` tells its metrics."""
+    """The name of the port on which the agent beside image `number` serves its metrics."""
     return "metrics" if number == 0 else f"metrics-{number}"
 
 

@@ -71,13 +71,13 @@ def _is_one(condition: Json) -> bool:
     return isinstance(condition.get("type"), str) and isinstance(condition.get("status"), str)
 
 
-def _condition(told: Json) -> Json:
-    texts = {key: _text(told.get(key)) or "" for key in ("reason", "message")}
-    since = told.get("lastTransitionTime")
-    seen = whole(told.get("observedGeneration"))
+def _condition(written: Json) -> Json:
+    texts = {key: _text(written.get(key)) or "" for key in ("reason", "message")}
+    since = written.get("lastTransitionTime")
+    seen = whole(written.get("observedGeneration"))
     generation = {} if seen is None else {"observedGeneration": seen}
     since = since if moment(since) else _EPOCH
-    kept = {"type": told["type"], "status": told["status"], "lastTransitionTime": since}
+    kept = {"type": written["type"], "status": written["status"], "lastTransitionTime": since}
     return kept | texts | generation
 
 
@@ -141,6 +141,6 @@ _FIELDS: dict[str, Reading] = {
 
 def status(value: object) -> Json:
     """The fields of a job's or a schedule's status that are what they should be, and no other."""
-    told = mapping(value)
-    read = {key: reading(told[key]) for key, reading in _FIELDS.items() if key in told}
+    written = mapping(value)
+    read = {key: reading(written[key]) for key, reading in _FIELDS.items() if key in written}
     return {key: value for key, value in read.items() if value is not None}

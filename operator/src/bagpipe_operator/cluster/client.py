@@ -303,9 +303,11 @@ class KubernetesApi:
 def _refusal(status: int, text: str) -> ApiError:
     """The API server explains itself in a Status object; proxies in front of it do not."""
     try:
-        said = loads(text)
+        answer = loads(text)
     except ValueError:
         return ApiError(status, "Unknown", text[:500])
-    if not isinstance(said, dict):
+    if not isinstance(answer, dict):
         return ApiError(status, "Unknown", text[:500])
-    return ApiError(status, str(said.get("reason") or ""), str(said.get("message") or text[:500]))
+    return ApiError(
+        status, str(answer.get("reason") or ""), str(answer.get("message") or text[:500])
+    )

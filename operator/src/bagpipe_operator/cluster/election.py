@@ -62,7 +62,7 @@ class Election:
     _sighting: Sighting = field(default_factory=Sighting)
     _answered: float = float("-inf")
     _fault: str = ""
-    _led: bool = False  # as last told
+    _led: bool = False  # as last reported
 
     async def run(self) -> None:
         """Campaigns until cancelled."""

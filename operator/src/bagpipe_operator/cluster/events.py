@@ -21,7 +21,7 @@ LONGEST_NOTE = 1024
 
 @dataclass(frozen=True)
 class Note:
-    """One thing to tell."""
+    """One thing to report."""
 
     type: str
     reason: str

@@ -119,7 +119,7 @@ class JobMetrics(Metrics):
         self._count_jobs()
 
     def _count_jobs(self) -> None:
-        told = {
+        texts = {
             milestones.ACCEPTED: "From a job's creation (or resumption) to its first driver's pod.",
             milestones.PLANNED: "From the driver's pod to the plan of the cases.",
             milestones.RUNNING: "From the plan (or the driver's start) to the first case's begin.",
@@ -130,7 +130,7 @@ class JobMetrics(Metrics):
                 f"bagpipe_job_{name}_seconds", f"{text} Right to within a second.",
                 buckets=LIFE_BUCKETS, registry=self.registry,
             )
-            for name, text in told.items()
+            for name, text in texts.items()
         }  # fmt: skip
         self._ended = Counter(
             "bagpipe_jobs_ended",

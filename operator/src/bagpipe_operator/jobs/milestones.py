@@ -69,9 +69,9 @@ def _newly(old: dict[str, str], new: dict[str, str]) -> set[str]:
 
 
 def _resumed(status: Json) -> str | None:
-    said = conditions.find(status.get("conditions") or [], conditions.SUSPENDED)
-    resumed = said is not None and said["reason"] in reasons.GOES_ON
-    return str(said["lastTransitionTime"]) if said is not None and resumed else None
+    found = conditions.find(status.get("conditions") or [], conditions.SUSPENDED)
+    resumed = found is not None and found["reason"] in reasons.GOES_ON
+    return str(found["lastTransitionTime"]) if found is not None and resumed else None
 
 
 def _latest(*moments: str | None) -> str | None:

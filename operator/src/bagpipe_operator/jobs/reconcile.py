@@ -1,4 +1,4 @@
-"""The loop's body: look at one job, decide, write its status once, tell what changed.
+"""The loop's body: look at one job, decide, write its status once, report what changed.
 
 Level-triggered: it is right whenever and however often it is called.
 """
@@ -18,6 +18,7 @@ from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
+from bagpipe_operator.jobs.event_recorder import EventRecorder
 from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.pods.children import create_children
@@ -28,10 +29,9 @@ from bagpipe_operator.jobs.policies.places import living, needs_stop
 from bagpipe_operator.jobs.policies.replacement import pausing
 from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
 from bagpipe_operator.jobs.policies.stuck import fatal
-from bagpipe_operator.jobs.policies.suspend import is_told
+from bagpipe_operator.jobs.policies.suspend import is_reported
 from bagpipe_operator.jobs.policies.ttl import expired
 from bagpipe_operator.jobs.status import acknowledged, decide
-from bagpipe_operator.jobs.teller import Teller
 from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.troubles.lookout import Lookout
 from bagpipe_operator.jobs.troubles.refusals import Refusals
@@ -80,10 +80,10 @@ class Reconciler:
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     # Jobs as they were before a write that was not answered: it may have happened.
     _unanswered: dict[str, JobView] = field(default_factory=dict)
-    _teller: Teller = field(init=False)
+    _recorder: EventRecorder = field(init=False)
 
     def __post_init__(self) -> None:
-        self._teller = Teller(self.api)
+        self._recorder = EventRecorder(self.api)
         self.begin_to_lead()
 
     def begin_to_lead(self) -> None:
@@ -97,7 +97,7 @@ class Reconciler:
         self._unanswered.clear()
         if self.queueing is not None:
             self.queueing.begin_to_lead()
-        self._teller.begin_to_lead(job.uid for job in self.view.jobs())
+        self._recorder.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
         """Brings one job forward; raises ApiError when it should be tried again."""
@@ -105,14 +105,14 @@ class Reconciler:
         if job is None or job.deleting:
             self._forget(uid)  # its children go by their ownerReferences
             self._unanswered.pop(uid, None)
-            self._teller.forget(uid)
+            self._recorder.forget(uid)
             if self.queueing is not None:
                 self.queueing.gone(uid)
             return
         before = self._unanswered.get(uid)
         if before is not None and before.resource_version != job.resource_version:
             self._written(before, job)
-        await self._teller.meet(job, self.now())
+        await self._recorder.meet(job, self.now())
         if not job.finished:
             job = await self._advance(job)
         else:
@@ -121,7 +121,7 @@ class Reconciler:
             await self._stop_leftovers(job)
             self._forget(uid)
         if job is not None:
-            await self._teller.tell(job, self.now())
+            await self._recorder.write(job, self.now())
         if job is not None and self.queueing is not None:
             await self.queueing.settle(job)
         if job is not None and job.finished and expired(job, self.now()):
@@ -158,18 +158,18 @@ class Reconciler:
             halt = await self.queueing.halt(job)
         attempt = int(job.status.get("attempt") or 1)
         if halt is None and job.suspended:
-            return Observation(job, attempt)  # it is said first that there may be pods again
+            return Observation(job, attempt)  # the status first states that there may be pods again
         if halt is None and job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
             return await self._resumed(job, attempt)
         driver = self.view.driver(job.uid, attempt)
         refusal: Refusal | None = None
         ending: Ending | None = None
-        if driver is None and (job.status.get("driver") or (halt and not is_told(job))):
+        if driver is None and (job.status.get("driver") or (halt and not is_reported(job))):
             driver, ending = await self._look_for(job, attempt, at_once=halt is not None)
         elif driver is None and halt is None and not pausing(job, self.now()):
             driver, refusal, ending = await self._start(job, attempt)
         if driver is not None:
-            seen, driver = driver, await self._refreshed_if_unheard(driver)
+            seen, driver = driver, await self._refreshed_if_silent(driver)
             if driver is None:
                 ending = lost_driver(job.namespace, seen.name, seen)
         progress = None
@@ -293,23 +293,23 @@ class Reconciler:
         return driver, None
 
     async def _account_of(self, driver: PodView) -> Progress | None:
-        """What this driver says; what the one before it said is not its account."""
+        """The account of this driver; what the one before it reported is not its account."""
         if self._asked.get(driver.job_uid) != driver.uid:
             self._forget_driver(driver.job_uid)
         self._asked[driver.job_uid] = driver.uid
         whose = (driver.job_uid, driver.attempt)
         return await self.drivers.read(driver.uid, driver.ip, whose)
 
-    async def _refreshed_if_unheard(self, driver: PodView) -> PodView | None:
-        """The driver as it is now if nothing was heard of it for long; None when it is gone."""
+    async def _refreshed_if_silent(self, driver: PodView) -> PodView | None:
+        """The driver as it is now if it was silent for long; None when it is gone."""
         self._missing.forget(driver.job_uid)
-        if driver.ended or not self._is_unheard(driver):
+        if driver.ended or not self._is_silent(driver):
             return driver
         live = await self._refreshed(driver)
         self._rounds.forget(driver.job_uid)
         return live
 
-    def _is_unheard(self, driver: PodView) -> bool:
+    def _is_silent(self, driver: PodView) -> bool:
         if not serves(driver):
             return self._rounds.due(driver)
         self._rounds.forget(driver.job_uid)
@@ -333,7 +333,7 @@ class Reconciler:
             raise
 
     async def _write(self, job: JobView, status: Json) -> JobView | None:
-        """Writes what changed, then tells it; the job as it is now, None when it is gone."""
+        """Writes what changed, then reports it; the job as it is now, None when it is gone."""
         changed = {key: value for key, value in status.items() if job.status.get(key) != value}
         changed |= {key: None for key in job.status if key not in status}
         if not changed:
@@ -355,13 +355,13 @@ class Reconciler:
         return now
 
     def _written(self, before: JobView, now: JobView) -> None:
-        """Counts what a write has changed, and keeps it to be told."""
+        """Counts what a write has changed, and keeps it to be reported."""
         self._unanswered.pop(now.uid, None)
         self.counted(before, now)
         notes = transitions.transitions(
             before.status.get("conditions") or [], now.status.get("conditions") or []
         )
-        self._teller.add(now, notes)
+        self._recorder.add(now, notes)
 
     async def _reread(self, job: JobView) -> None:
         """The watch is behind: takes the job from the API server itself."""
@@ -407,7 +407,7 @@ class Reconciler:
             self._forget(job.uid)
 
     async def _delete(self, pod: PodView) -> None:
-        """Deletes a pod; one that went while the watch began anew is told by nobody else."""
+        """Deletes a pod; if it went while the watch was being restarted, no event reports it."""
         if not await self.api.delete_pod(pod.namespace, pod.name, pod.uid):
             self.view.drop_pod(pod)
 

@@ -69,10 +69,10 @@ def acknowledged(job: JobView) -> Json:
 
     One that ended under an earlier release has the condition Passed from here on.
     """
-    told = verdict.completed(job.status)
+    completed = verdict.completed(job.status)
     if job.status.get("observedGeneration") == job.generation:
-        return job.status | {"conditions": told}
-    seen = [condition | {"observedGeneration": job.generation} for condition in told]
+        return job.status | {"conditions": completed}
+    seen = [condition | {"observedGeneration": job.generation} for condition in completed]
     return job.status | {"observedGeneration": job.generation, "conditions": seen}
 
 
@@ -187,7 +187,7 @@ def _replaced(seen: Observation, ending: Ending, now: datetime) -> Json:
 
 def _phase(seen: Observation) -> str:
     if seen.driver is None:
-        # Not created yet, or out of sight for a moment: what was said stays said.
+        # Not created yet, or out of sight for a moment: the phase stays as it was.
         before = str(seen.job.status.get("phase") or "Pending")
         return "Pending" if before == conditions.SUSPENDED else before
     if seen.driver.phase == "Pending":
@@ -237,8 +237,8 @@ def _running(seen: Observation, phase: str) -> Condition:
     trouble = next(iter(seen.troubles), None)
     if phase == "Running" and seen.executor_runs:
         warning = seen.progress.warning if seen.progress else ""
-        told = ["Cases are running.", trouble.message if trouble else "", warning]
-        message = " ".join(part for part in told if part)
+        texts = ["Cases are running.", trouble.message if trouble else "", warning]
+        message = " ".join(part for part in texts if part)
         # Cases run, and still somebody should look: the reason is what `kubectl get` shows.
         reason = trouble.reason if trouble else reasons.CASES_RUNNING
         return Condition(conditions.RUNNING, True, reason, message)
@@ -246,7 +246,7 @@ def _running(seen: Observation, phase: str) -> Condition:
         return Condition(conditions.RUNNING, False, trouble.reason, trouble.message)
     before = conditions.find(seen.job.status.get("conditions") or [], conditions.RUNNING)
     if phase != "Running" and before and before.get("reason") in reasons.DRIVER_ENDS:
-        # The next driver is not at work yet: what ended the one before stays said.
+        # The next driver is not at work yet: the status keeps what ended the one before.
         return Condition(conditions.RUNNING, False, before["reason"], before["message"])
     reason, message = _waiting_for(seen, phase)
     return Condition(conditions.RUNNING, reason == reasons.CASES_RUNNING, reason, message)
@@ -255,8 +255,8 @@ def _running(seen: Observation, phase: str) -> Condition:
 def _waiting_for(seen: Observation, phase: str) -> tuple[str, str]:
     """What a job without trouble and without a running executor is at."""
     if phase == "Planning":
-        said = seen.progress.message if seen.progress else ""
-        return reasons.PLANNING, said or "The driver is planning the cases."
+        message = seen.progress.message if seen.progress else ""
+        return reasons.PLANNING, message or "The driver is planning the cases."
     if phase != "Running":
         return reasons.DRIVER_PENDING, "The driver's pod has not started yet."
     before = conditions.find(seen.job.status.get("conditions") or [], conditions.RUNNING)

@@ -1,7 +1,7 @@
 """Time as a source of work: visits every job that time may bring forward, or to its removal.
 
 And every job whose last visit failed, whatever it is in: a job that has ended, or that rests, may
-have an Event untold or a pod undeleted, and nothing else would ever ask for it.
+have an unwritten Event or an undeleted pod, and nothing else would ever ask for it.
 """
 
 import asyncio
@@ -21,7 +21,7 @@ from bagpipe_operator.runtime.queue import WorkQueue
 class Sweeper:
     """Asks every `period_seconds` for the jobs that are due.
 
-    Its pulse tells that the loop lives.
+    Its pulse shows that the loop is alive.
     """
 
     view: View

@@ -10,37 +10,37 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.events import NORMAL, WARNING, Note, event
 from bagpipe_operator.jobs.view import JobView
 
-# Reasons of Accepted that are no trouble; the last two are told by the condition Suspended.
+# Reasons of Accepted that are no trouble; the last two are reported by the condition Suspended.
 _QUIET = frozenset({reasons.IN_PROGRESS, reasons.JOB_SUSPENDED, reasons.QUEUED})
-# Well below the hour after which the API server forgets an Event, and with it that it was told.
-RETOLD_SECONDS = 600.0
+# Well below the hour after which the API server forgets an Event, and with it that it was written.
+RECENT_SECONDS = 600.0
 
 
 def transitions(old: Iterable[Json], new: Iterable[Json]) -> list[Note]:
-    """What is worth telling of the way from the old conditions to the new."""
+    """The Events to write for the change from the old conditions to the new."""
     before = list(old)
     notes: list[Note] = []
     changed = [c for c in new if not _same(conditions.find(before, c["type"]), c)]
-    # Of two that say the same the end is told: the other one may have been told before it.
+    # Of two that say the same the end is reported: the other one may have been reported before it.
     ends = {c["reason"] for c in changed if c["type"] in conditions.ENDS and c["status"] == "True"}
     for condition in changed:
         type_, reason = _worth(condition), condition["reason"]
-        told = any(note.reason == reason for note in notes)
-        told = told or (reason in ends and condition["type"] not in conditions.ENDS)
-        if type_ is not None and not told:
+        reported = any(note.reason == reason for note in notes)
+        reported = reported or (reason in ends and condition["type"] not in conditions.ENDS)
+        if type_ is not None and not reported:
             mark = f"{condition['type']} {condition['status']} {condition['lastTransitionTime']}"
             notes.append(Note(type_, reason, condition["message"], mark))
     return notes
 
 
 def recent(written: Iterable[Json], now: datetime) -> list[Note]:
-    """What a status says of the last RETOLD_SECONDS: its writer may have died before telling it."""
+    """The Events of a status' last RECENT_SECONDS: its writer may have died before writing them."""
     # A moment to come is one of a clock that was ahead, by seconds or by far.
     fresh = [
         condition
         for condition in written
         if abs((now - datetime.fromisoformat(condition["lastTransitionTime"])).total_seconds())
-        < RETOLD_SECONDS
+        < RECENT_SECONDS
     ]
     return transitions([], fresh)
 
@@ -68,7 +68,7 @@ def _worth(condition: Json) -> str | None:
         case conditions.SUSPENDED if not true:
             return NORMAL if condition["reason"] in reasons.GOES_ON else None
         case kind:
-            # Complete and Failed have told what Passed says.
+            # Complete and Failed have reported what Passed says.
             return NORMAL if true and kind != conditions.PASSED else None
 
 
@@ -81,7 +81,7 @@ def marked(job: JobView, note: Note) -> Note:
     """The note of one transition with a mark that is always the same.
 
     Of a trouble that comes and goes while cases run on (the condition stays True) the first is
-    told. A driver's end is announced, and then happens: one Event for each driver.
+    reported. A driver's end is announced, and then happens: one Event for each driver.
     """
     if not note.mark.startswith(conditions.RUNNING):
         return note

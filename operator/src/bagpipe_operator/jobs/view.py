@@ -62,7 +62,7 @@ class PodView:
     node: str = ""  # empty until the scheduler has found one
     claims: tuple[str, ...] = ()  # PersistentVolumeClaims that it mounts
     disruption: Disruption | None = None
-    node_silent: bool = False  # Kubernetes has not heard of the node, whatever the pod is doing
+    node_silent: bool = False  # the node does not report, whatever the pod is doing
 
     @property
     def deleting(self) -> bool:
@@ -75,7 +75,7 @@ class PodView:
         return self.phase in {"Succeeded", "Failed"}
 
     def container(self, name: str) -> ContainerView | None:
-        """The container of that name, init containers included; None before the kubelet told."""
+        """The container of that name, init containers included; None before the kubelet reports."""
         return next((c for c in self.containers if c.name == name), None)
 
     @classmethod
@@ -139,7 +139,7 @@ def _node_silent(status: Json) -> bool:
     """Whether the node controller, and not the kubelet, has called the pod not ready.
 
     A kubelet derives Ready from ContainersReady; the controller changes only Ready, and does so
-    for the pods of a node that it has not heard of. No right to read nodes is needed to see it.
+    for the pods of a node that does not report. No right to read nodes is needed to see it.
     """
     states = {c.get("type"): c.get("status") for c in status.get("conditions") or []}
     return states.get("Ready") == "False" and states.get("ContainersReady") == "True"
@@ -239,7 +239,7 @@ _OF_UNFINISHED = _OF_ENDED | {
     "suspend", "startDeadline", "activeDeadline", "backoffLimit", "managedBy", "resumeFrom",
     "queueName",
 }  # fmt: skip
-# Spark deletes an executor as soon as it has ended; the last ones tell why.
+# Spark deletes an executor as soon as it has ended; the last ones show why.
 MOST_GONE_PODS = 10
 
 
@@ -324,7 +324,7 @@ class View:
         return list(self._jobs)
 
     def forget(self, job_uid: str) -> None:
-        """Forgets a job that is gone, and its pods; those that are there still are told again."""
+        """Forgets a job that is gone, and its pods; those that still exist are reported again."""
         self.drop_job(job_uid)
         self._pods.pop(job_uid, None)
 
@@ -333,7 +333,7 @@ class View:
         return tuple(self._gone.get(job_uid, ()))
 
     def put_pod(self, pod: PodView) -> bool:
-        """Keeps a pod unless something newer of that name is known; says whether it tells news.
+        """Keeps a pod unless something newer of that name is known; returns whether it is news.
 
         The answer to our own POST or GET may be ahead of the watch, which then still delivers the
         end of a namesake: taken for this pod's, it would end a healthy driver.

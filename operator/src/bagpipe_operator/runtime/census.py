@@ -1,4 +1,4 @@
-"""Forgets jobs and schedules whose deletion no watch has told: they went between two watches.
+"""Forgets jobs and schedules whose deletion no watch has reported: they went between two watches.
 
 One that ended, rests or is stalled is visited by nothing else, and would stay in memory and in the
 gauges.

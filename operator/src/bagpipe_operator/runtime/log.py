@@ -43,8 +43,8 @@ class _Lines(JsonFormatter):
         """Adds the job or schedule; of kopf's own extras only what names an object."""
         super().add_fields(log_data, record, message_dict)
         kopf_s = {key: log_data.pop(key, None) for key in ("k8s_ref", "k8s_skip", "settings")}
-        told = kopf_s["k8s_ref"] or {}
-        log_data |= {key: told[key] for key in ("namespace", "name") if told.get(key)}
+        found = kopf_s["k8s_ref"] or {}
+        log_data |= {key: found[key] for key in ("namespace", "name") if found.get(key)}
         log_data |= _about.get() or {}
 
 

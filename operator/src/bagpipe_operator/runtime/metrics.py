@@ -28,7 +28,7 @@ class Metrics:
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
         info = Gauge(
-            "bagpipe_operator_info", "1; the label tells the operator's release.", ["version"],
+            "bagpipe_operator_info", "1; the label is the operator's release.", ["version"],
             registry=self.registry,
         )  # fmt: skip
         info.labels(version=RELEASE).set(1)

@@ -1,7 +1,7 @@
 """Since when something has been seen without a break, per job.
 
 Kubelets say what is wrong but not since when, so the operator remembers it; after a restart of
-the operator the time starts anew, which only ever delays a failure.
+the operator the time starts at zero again, which only ever delays a failure.
 """
 
 from collections.abc import Hashable, Iterable

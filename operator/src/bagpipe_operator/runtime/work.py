@@ -30,8 +30,8 @@ async def work(
     `called` gives the namespace and name of a key, which is a UID, for the log; `passed_on` says
     that another queue has taken a key.
 
-    Without leadership keys are dropped: whoever begins to lead asks for all jobs anew. A write that
-    the fence stopped although the lead has been renewed since is a fault like any other.
+    Without leadership keys are dropped: a new leader asks for all jobs again. A write that the
+    fence stopped although the lead has been renewed since is a fault like any other.
     """
     while True:
         key = await queue.get()

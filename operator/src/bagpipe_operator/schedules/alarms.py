@@ -14,7 +14,7 @@ PERIOD_SECONDS = 0.5
 
 @dataclass
 class Alarms:
-    """One alarm per schedule, by UID; it stays set until it is set anew or forgotten."""
+    """One alarm per schedule, by UID; it stays set until it is set again or forgotten."""
 
     queue: WorkQueue
     now: Callable[[], datetime]

@@ -108,7 +108,7 @@ def _with_due_run(schedule: ScheduleView, seen: Decision, run: datetime, now: da
     policy = schedule.spec.get("concurrencyPolicy") or "Allow"
     if policy == "Forbid" and seen.active:
         if deadline is not None and seen.wake is not None:
-            # Just after the deadline the run is told as missed.
+            # Just after the deadline the run is reported as missed.
             seen = replace(seen, wake=min(seen.wake, deadline + timedelta(seconds=1)))
         return replace(seen, verdict=Verdict.WAIT)
     replaced = seen.active if policy == "Replace" else ()
@@ -139,7 +139,7 @@ def _last_run(
 
 
 def written_run(schedule: ScheduleView) -> datetime | None:
-    """The last run that the schedule's status tells of."""
+    """The last run that the schedule's status names."""
     return readings.moment(schedule.status.get("lastScheduleTime"))
 
 

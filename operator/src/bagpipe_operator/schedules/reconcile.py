@@ -1,4 +1,4 @@
-"""The loop's body for schedules: look, decide, start what is due, write the status once, tell.
+"""The loop's body for schedules: look, decide, start what is due, write the status once, report.
 
 Level-triggered: it is right whenever and however often it is called, and by whomever: a run's job
 has one name, so that a second operator meets AlreadyExists.
@@ -15,8 +15,8 @@ from typing import Protocol
 from bagpipe_operator.api import names, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.event_backlog import Creator
 from bagpipe_operator.cluster.events import Note
-from bagpipe_operator.cluster.untold import Creator
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -29,7 +29,7 @@ from bagpipe_operator.schedules.zones import Zones
 logger = logging.getLogger(__name__)
 
 # A run that waits for a job asks this often whether it is still there: a deletion that falls
-# between two watches is told by nobody.
+# between two watches is reported by no event.
 LIST_EVERY = timedelta(seconds=30)
 # An API server that answers late writes late; older ones it has given up.
 MOST_UNANSWERED = 3
@@ -59,7 +59,7 @@ class ScheduleApi(Creator, Protocol):
 
 @dataclass(frozen=True)
 class _Write:
-    """What a write would have changed and told that was not answered.
+    """What a write that was not answered would have changed and reported.
 
     It may have happened, or happen as long as the schedule has the version that was decided on.
     """
@@ -85,10 +85,10 @@ class ScheduleReconciler:
     _unanswered: dict[str, list[_Write]] = field(default_factory=dict)
     _zones: Zones = field(default_factory=Zones)
     _large: asyncio.Lock = field(default_factory=asyncio.Lock)
-    _teller: events.Teller = field(init=False)
+    _recorder: events.EventRecorder = field(init=False)
 
     def __post_init__(self) -> None:
-        self._teller = events.Teller(self.api)
+        self._recorder = events.EventRecorder(self.api)
 
     async def reconcile(self, uid: str) -> None:
         """Brings one schedule forward; raises ApiError when it should be tried again."""
@@ -113,7 +113,7 @@ class ScheduleReconciler:
         await self._write(schedule, outcome, now)
         for job in decision.surplus:
             await self._delete(job)
-        again = await self._teller.tell(schedule, now)
+        again = await self._recorder.write(schedule, now)
         if outcome.refused is not None:
             # The queue's growing pauses apply until the run is started, or the next one is due.
             raise ApiError(422, outcome.refused.reason, outcome.refused.message)
@@ -129,7 +129,7 @@ class ScheduleReconciler:
             self.alarms.set(uid, None)
             self._listed.pop(uid, None)  # its jobs go by their ownerReferences
             self._unanswered.pop(uid, None)
-            self._teller.forget(uid)
+            self._recorder.forget(uid)
             return None
         self.alarms.set(uid, now)  # stands when a call below fails, so that it is tried again
         return await self._settled(schedule) if uid in self._unanswered else schedule
@@ -230,7 +230,7 @@ class ScheduleReconciler:
         self.view.drop_job(job)
 
     async def _write(self, schedule: ScheduleView, outcome: Outcome, now: datetime) -> None:
-        """Writes what changed, and keeps what is to be told of it."""
+        """Writes what changed, and keeps it to be reported."""
         status = status_of(schedule, outcome, now)
         old = schedule.status
         changed = {key: value for key, value in status.items() if old.get(key) != value}
@@ -258,17 +258,17 @@ class ScheduleReconciler:
         self._unanswered.pop(schedule.uid)
         current = ScheduleView.from_object(written)
         self.view.put_schedule(current)
-        self._teller.add(current, notes)
+        self._recorder.add(current, notes)
 
     async def _settled(self, schedule: ScheduleView) -> ScheduleView | None:
-        """The schedule as it is after a write without an answer, which is told if it happened."""
+        """The schedule as it is after a write without an answer, reported if it happened."""
         live = await self._reread(schedule)
         writes = self._unanswered.pop(schedule.uid)
         if live is None:
             return None
         happened = next((write for write in writes if write.is_in(live.status)), None)
         if happened is not None:
-            self._teller.add(live, happened.notes)
+            self._recorder.add(live, happened.notes)
         elif live.resource_version == writes[-1].version:
             self._unanswered[schedule.uid] = writes
         return live

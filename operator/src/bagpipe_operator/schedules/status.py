@@ -66,7 +66,7 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
 
 
 def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note]:
-    """What is worth telling of the way from the status before to the one of the outcome."""
+    """The Events to write for the change from the status before to that of the outcome."""
     old = before.status.get("conditions") or []
     notes = _of_earlier_starts(before, outcome)
     for condition in _conditions(before, outcome, now):
@@ -76,8 +76,8 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note
             status, condition.reason,
         )  # fmt: skip
         begun = condition.type == ON_TIME and (outcome.started or _unwritten(outcome.decision))
-        if begun or (not same and _is_told(condition, known)):
-            # A run that was told as missed may be started all the same, by a longer deadline.
+        if begun or (not same and _is_reported(condition, known)):
+            # A run that was reported as missed may be started all the same, by a longer deadline.
             what = _START if begun else f"{condition.type} {status}"
             mark = f"{what} {_moment(condition, outcome.decision, now)}"
             notes.append(Note(_worth(condition), condition.reason, condition.message, mark))
@@ -85,13 +85,13 @@ def notes_of(before: ScheduleView, outcome: Outcome, now: datetime) -> list[Note
 
 
 def _of_earlier_starts(before: ScheduleView, outcome: Outcome) -> list[Note]:
-    """Of jobs that no status has told of before another run was due; OnTime tells the latest."""
+    """Of jobs that no status named before another run was due; OnTime reports the latest."""
     decision = outcome.decision
     if decision.last_run is None or not decision.unwritten:
         return []
     written = written_run(before) or before.created
-    told = decision.last_run if decision.run is None else None
-    runs = [job.run for job in outcome.jobs if job.run is not None and job.run != told]
+    reported = decision.last_run if decision.run is None else None
+    runs = [job.run for job in outcome.jobs if job.run is not None and job.run != reported]
     return [
         Note(
             NORMAL,
@@ -109,7 +109,7 @@ def _words_of_start(schedule: ScheduleView, run: datetime) -> str:
 
 
 def _moment(condition: Condition, decision: Decision, now: datetime) -> str:
-    """What a transition is told once of: a run, or a moment in the schedule's own life."""
+    """What a transition is reported once for: a run, or a moment in the schedule's own life."""
     run = decision.run or decision.last_run
     return conditions.timestamp(run if condition.type == ON_TIME and run is not None else now)
 
@@ -121,7 +121,7 @@ def _worth(condition: Condition) -> str:
     return WARNING if trouble and condition.reason != reasons.JOB_ACTIVE else NORMAL
 
 
-def _is_told(condition: Condition, known: Json | None) -> bool:
+def _is_reported(condition: Condition, known: Json | None) -> bool:
     match condition.type:
         case "Stalled":
             return bool(condition.status)
@@ -153,10 +153,10 @@ def _conditions(schedule: ScheduleView, outcome: Outcome, now: datetime) -> list
 
 
 def _on_time(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Condition:
-    """How the latest run that was due went; it stays said until the next one is due."""
+    """How the latest run that was due went; the condition holds until the next one is due."""
     decision = outcome.decision
     if decision.run is None:
-        return _told_late(schedule, decision) or _as_before(schedule)
+        return _reported_late(schedule, decision) or _as_before(schedule)
     run = conditions.timestamp(decision.run)
     if outcome.refused is not None:
         words = f"The run of {run} could not be started: {outcome.refused.message}"
@@ -201,7 +201,7 @@ def _unwritten(decision: Decision) -> bool:
     return decision.run is None and decision.unwritten
 
 
-def _told_late(schedule: ScheduleView, decision: Decision) -> Condition | None:
+def _reported_late(schedule: ScheduleView, decision: Decision) -> Condition | None:
     """A job was created, and the status could not be written: this write makes up for it."""
     if not _unwritten(decision) or decision.last_run is None:
         return None

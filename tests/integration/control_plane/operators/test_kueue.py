@@ -1,6 +1,6 @@
 """Whole jobs in a Kueue queue, on a real API server, with the chart's rights.
 
-Kueue itself is a fake, said to be one: it can't be built from what this project may fetch. Its CRDs
+Kueue itself is a declared fake: it can't be built from what this project may fetch. Its CRDs
 here have its names and keep every field, and the test writes into a Workload's status what a real
 one was seen to write (docs/limits.md says with which it was tried by hand).
 """
@@ -97,15 +97,15 @@ class Queue:
         wait_until(there, PATIENCE, f"{job} has no Workload")
         return found[0]
 
-    def told(self, job: str, type_: str) -> str:
+    def stated(self, job: str, type_: str) -> str:
         """A condition of the job's Workload as status/reason; empty before it is written."""
         conditions = (self.workload(job).get("status") or {}).get("conditions", [])
-        said = [f"{c['status']}/{c['reason']}" for c in conditions if c["type"] == type_]
-        return said[0] if said else ""
+        found = [f"{c['status']}/{c['reason']}" for c in conditions if c["type"] == type_]
+        return found[0] if found else ""
 
-    def await_told(self, job: str, type_: str, expected: str) -> None:
+    def await_reported(self, job: str, type_: str, expected: str) -> None:
         wait_until(
-            lambda: self.told(job, type_) == expected, PATIENCE, f"{type_} is not {expected}"
+            lambda: self.stated(job, type_) == expected, PATIENCE, f"{type_} is not {expected}"
         )
 
     def admit(self, job: str) -> None:
@@ -113,7 +113,7 @@ class Queue:
             {"name": each["name"], "count": each["count"], "flavors": {"cpu": "spot"}}
             for each in self.workload(job)["spec"]["podSets"]
         ]
-        self._tell(
+        self._write(
             job,
             {"QuotaReserved": ("True", "QuotaReserved"), "Admitted": ("True", "Admitted"),
              "Evicted": ("False", "QuotaReserved")},
@@ -121,16 +121,16 @@ class Queue:
         )  # fmt: skip
 
     def evict(self, job: str) -> None:
-        self._tell(job, {"Evicted": ("True", "Preempted")}, {})
+        self._write(job, {"Evicted": ("True", "Preempted")}, {})
 
-    def _tell(self, job: str, conditions: dict[str, tuple[str, str]], status: Object) -> None:
+    def _write(self, job: str, conditions: dict[str, tuple[str, str]], status: Object) -> None:
         workload = self.workload(job)
         before = (workload.get("status") or {}).get("conditions", [])
         kept = [each for each in before if each["type"] not in conditions]
         new = [
-            {"type": type_, "status": told, "reason": reason, "message": "as a test wants it",
+            {"type": type_, "status": true, "reason": reason, "message": "as a test wants it",
              "lastTransitionTime": SINCE}
-            for type_, (told, reason) in conditions.items()
+            for type_, (true, reason) in conditions.items()
         ]  # fmt: skip
         path = f"{self._path}/{workload['metadata']['name']}/status"
         self._admin.merge(path, {"status": {"conditions": [*kept, *new]} | status})
@@ -162,13 +162,13 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
 ) -> None:
     world, queue = Jobs(admin, namespace), Queue(admin, namespace)
     world.create("lane", queueName="nightly", spark={"executors": 3})
-    world.await_told("lane", "Suspended", "True/Queued")
+    world.await_reported("lane", "Suspended", "True/Queued")
     sets = queue.workload("lane")["spec"]["podSets"]
     assert [(each["name"], each["count"]) for each in sets] == [("driver", 1), ("executors", 3)]
     assert world.pods() == []
 
     queue.admit("lane")
-    world.await_told("lane", "Suspended", "False/Admitted")
+    world.await_reported("lane", "Suspended", "False/Admitted")
     world.await_pods("lane-1-driver")
     pod = admin.get(core(namespace, "pods", "lane-1-driver"))
     assert pod["spec"]["nodeSelector"] == {"pool": "spot"}
@@ -177,13 +177,13 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
     # On a node it takes its time to go.
     kubelet.bind(namespace, "lane-1-driver")
     queue.evict("lane")
-    world.await_told("lane", "Suspended", "False/Suspending")
-    assert queue.told("lane", "QuotaReserved") == "True/QuotaReserved"
+    world.await_reported("lane", "Suspended", "False/Suspending")
+    assert queue.stated("lane", "QuotaReserved") == "True/QuotaReserved"
     kubelet.remove(namespace, "lane-1-driver")
-    queue.await_told("lane", "QuotaReserved", "False/Pending")
-    assert queue.told("lane", "Requeued") == "True/Preempted"
-    assert queue.told("lane", "Admitted") == "False/NoReservation"
-    world.await_told("lane", "Suspended", "True/Queued")
+    queue.await_reported("lane", "QuotaReserved", "False/Pending")
+    assert queue.stated("lane", "Requeued") == "True/Preempted"
+    assert queue.stated("lane", "Admitted") == "False/NoReservation"
+    world.await_reported("lane", "Suspended", "True/Queued")
 
     # Killed between admission and the next driver, it is as if nothing had been.
     operator.kill()
@@ -191,7 +191,7 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
     operator.start()
     world.await_pods("lane-2-driver")
     kubelet.end(namespace, "lane-2-driver", 0, account("Complete", verdict="Passed"))
-    queue.await_told("lane", "Finished", "True/Succeeded")
+    queue.await_reported("lane", "Finished", "True/Succeeded")
     assert world.get("lane")["status"]["lostDrivers"] == 0
 
 
@@ -205,12 +205,12 @@ def test_who_suspends_a_queued_job_takes_it_out_of_the_queue(admin: Client, name
     assert queue.workload("lane")["spec"]["priority"] == 700
     first = queue.workload("lane")["metadata"]["uid"]
     world.edit("lane", suspend=True)
-    world.await_told("lane", "Suspended", "True/JobSuspended")
+    world.await_reported("lane", "Suspended", "True/JobSuspended")
     path = f"{KUEUE}/namespaces/{namespace}/workloads"
     wait_until(lambda: admin.items(path) == [], PATIENCE, "its Workload stays")
     world.edit("lane", suspend=False)
     assert queue.workload("lane")["metadata"]["uid"] != first
-    world.await_told("lane", "Suspended", "True/Queued")
+    world.await_reported("lane", "Suspended", "True/Queued")
 
 
 def test_an_operator_that_wants_kueue_waits_for_it_and_says_so(
@@ -218,7 +218,7 @@ def test_an_operator_that_wants_kueue_waits_for_it_and_says_so(
 ) -> None:
     process = operator_process(start=False, BAGPIPE_KUEUE="true")
     process.server.start()
-    said = "what the operator watches can't be watched yet: 403"
-    wait_until(lambda: said in process.said(), PATIENCE, "it does not say what it misses")
+    found = "what the operator watches can't be watched yet: 403"
+    wait_until(lambda: found in process.logged(), PATIENCE, "it does not say what it misses")
     assert process.ask("/readyz")[0] == 503
-    assert "workloads" in process.said()
+    assert "workloads" in process.logged()

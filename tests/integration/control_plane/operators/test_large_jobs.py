@@ -61,8 +61,8 @@ def test_jobs_of_a_megabyte_that_wait_fit_the_memory_limit_and_their_neighbour_r
     configs = f"{core(namespace, 'configmaps')}?labelSelector={UID_LABEL}"
     wait_until(lambda: bool(admin.items(configs)), PATIENCE, "the neighbour was not begun")
     (config,) = admin.items(configs)
-    told = json.loads(config["data"]["job.json"])["spec"]["stack"]["parameters"]
-    assert told == neighbour["spec"]["stack"]["parameters"]
+    parameters = json.loads(config["data"]["job.json"])["spec"]["stack"]["parameters"]
+    assert parameters == neighbour["spec"]["stack"]["parameters"]
     # An edit goes through the watch, whole.
     events = 'bagpipe_watch_events_total{kind="SimulationJob"}'
     before = operator.metric(events) or 0

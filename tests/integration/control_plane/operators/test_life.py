@@ -32,23 +32,25 @@ class Jobs:
         return self.admin.get(jobs(self.namespace, name))
 
     @staticmethod
-    def told_in(status: Object, type_: str) -> str:
+    def stated_in(status: Object, type_: str) -> str:
         """`status/reason` of a condition; empty before it is written."""
         for condition in status.get("conditions", []):
             if condition["type"] == type_:
                 return f"{condition['status']}/{condition['reason']}"
         return ""
 
-    def await_told(self, name: str, type_: str, expected: str, seconds: float = SECONDS) -> Object:
+    def await_reported(
+        self, name: str, type_: str, expected: str, seconds: float = SECONDS
+    ) -> Object:
         """The status that says so."""
         found: Object = {}
 
-        def told() -> bool:
+        def is_reported() -> bool:
             found.clear()
             found.update(self.get(name).get("status", {}))
-            return self.told_in(found, type_) == expected
+            return self.stated_in(found, type_) == expected
 
-        wait_until(told, seconds, f"{type_} of {name} did not become {expected}")
+        wait_until(is_reported, seconds, f"{type_} of {name} did not become {expected}")
         return found
 
     def pods(self) -> list[str]:
@@ -107,7 +109,7 @@ def test_suspend_before_any_pod_and_while_running(
 ) -> None:
     operator = operator_process()
     world.create("rests", suspend=True, backoffLimit=0)
-    status = world.await_told("rests", "Suspended", "True/JobSuspended")
+    status = world.await_reported("rests", "Suspended", "True/JobSuspended")
     assert (status["phase"], world.pods()) == ("Suspended", [])
     assert "startTime" not in status
     world.edit("rests", suspend=False)
@@ -115,24 +117,24 @@ def test_suspend_before_any_pod_and_while_running(
     kubelet.bind(world.namespace, "rests-1-driver")
     kubelet.run(world.namespace, "rests-1-driver")
     world.edit("rests", suspend=True)
-    world.await_told("rests", "Suspended", "False/Suspending")
+    world.await_reported("rests", "Suspended", "False/Suspending")
     status = world.get("rests")["status"]
     assert status["observedGeneration"] == 3
     operator.kill()  # while the pod ends
     kubelet.end(world.namespace, "rests-1-driver", 143, account("Running"))
     kubelet.remove(world.namespace, "rests-1-driver")
     operator.start()
-    status = world.await_told("rests", "Suspended", "True/JobSuspended")
+    status = world.await_reported("rests", "Suspended", "True/JobSuspended")
     assert (status["attempt"], status["lostDrivers"], world.pods()) == (2, 0, [])
     world.edit("rests", suspend=False)
     world.await_pods("rests-2-driver")
-    status = world.await_told("rests", "Suspended", "False/JobResumed")
+    status = world.await_reported("rests", "Suspended", "False/JobResumed")
     assert "startTime" in status
-    world.await_told("rests", "Accepted", "True/DriverCreated")
+    world.await_reported("rests", "Accepted", "True/DriverCreated")
     twice = ["DriverCreated", "JobResumed", "JobSuspended"]
     wait_until(
         lambda: world.events("rests") == sorted(twice * 2), SECONDS,
-        f"not every transition was told: {world.events('rests')}",
+        f"not every transition was reported: {world.events('rests')}",
     )  # fmt: skip
 
 
@@ -142,7 +144,7 @@ def test_jobs_are_found_by_who_runs_them_and_by_their_queue(
     operator_process()
     world.create("away", managedBy="kueue.x-k8s.io/multikueue", queueName="nightly")
     world.create("here", managedBy="sim.bagpipe.io/operator")
-    world.await_told("here", "Accepted", "True/DriverCreated")
+    world.await_reported("here", "Accepted", "True/DriverCreated")
     for field, name in (
         ("spec.managedBy=kueue.x-k8s.io/multikueue", "away"),
         ("spec.queueName=nightly", "away"),
@@ -165,11 +167,11 @@ def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
     world.create("stuck", startDeadline="3s")
     world.create("done", ttlAfterFinished="1s")
     for name in ("late", "stuck", "done"):
-        status = world.await_told(name, "Accepted", "True/DriverCreated")
+        status = world.await_reported(name, "Accepted", "True/DriverCreated")
         assert status["driver"] == f"{name}-1-driver"
-    late = world.await_told("late", "Failed", "True/DeadlineExceeded")
+    late = world.await_reported("late", "Failed", "True/DeadlineExceeded")
     assert late["completionTime"] > late["startTime"]
-    world.await_told("stuck", "Failed", "True/StartDeadlineExceeded")
+    world.await_reported("stuck", "Failed", "True/StartDeadlineExceeded")
     world.await_pods("done-1-driver")
     operator.kill()
     kubelet.end(world.namespace, "done-1-driver", 0, account("Complete", verdict="Passed"))
@@ -179,9 +181,9 @@ def test_deadlines_and_removal_also_of_what_ended_while_the_operator_was_down(
         "the job was not removed",
     )  # fmt: skip
     world.await_pods()
-    told = "DeadlineExceeded"
-    wait_until(lambda: told in world.events("late"), SECONDS, "the deadline's Event is missing")
-    assert world.events("late").count(told) == 1
+    reason = "DeadlineExceeded"
+    wait_until(lambda: reason in world.events("late"), SECONDS, "the deadline's Event is missing")
+    assert world.events("late").count(reason) == 1
     edited = world.edit("late", ttlAfterFinished="3600s")["metadata"]["generation"]
     wait_until(
         lambda: world.get("late")["status"]["observedGeneration"] == edited, SECONDS,
@@ -200,18 +202,20 @@ def test_a_job_goes_on_from_another(
     operator_process()
     world.create("first")
     world.await_pods("first-1-driver")
-    told = account("Failed", reason="CasesErrored", cases={"planned": 4, "passed": 3, "errored": 1})
-    kubelet.end(world.namespace, "first-1-driver", 1, told)
-    world.await_told("first", "Failed", "True/CasesErrored")
+    failed = account(
+        "Failed", reason="CasesErrored", cases={"planned": 4, "passed": 3, "errored": 1}
+    )
+    kubelet.end(world.namespace, "first-1-driver", 1, failed)
+    world.await_reported("first", "Failed", "True/CasesErrored")
     world.create("second", resumeFrom="first")
-    status = world.await_told("second", "Accepted", "True/DriverCreated")
+    status = world.await_reported("second", "Accepted", "True/DriverCreated")
     assert status["resumedFrom"] == {"job": "first", "results": "pvc://results/lane/x", "cases": 4}
     pod = world.admin.get(core(world.namespace, "pods", "second-1-driver"))
     (mounted,) = [v["configMap"]["name"] for v in pod["spec"]["volumes"] if v["name"] == "config"]
     config = world.admin.get(core(world.namespace, "configmaps", mounted))
     assert '"results": "pvc://results/lane/x"' in config["data"]["job.json"]
     world.create("third", resumeFrom="nobody")
-    status = world.await_told("third", "Failed", "True/ResumeRefused")
+    status = world.await_reported("third", "Failed", "True/ResumeRefused")
     assert {"startTime", "completionTime"} <= set(status)
 
 
@@ -222,7 +226,7 @@ def test_a_lost_driver_is_replaced_after_ten_seconds(
     world.create("lost")
     world.await_pods("lost-1-driver")
     kubelet.end(world.namespace, "lost-1-driver", 137)
-    status = world.await_told("lost", "Running", "False/DriverFailed")
+    status = world.await_reported("lost", "Running", "False/DriverFailed")
     assert (status["lostDrivers"], status["driver"]) == (1, "")
     world.await_pods("lost-1-driver", "lost-2-driver")
     assert world.get("lost")["status"]["startTime"] < status["nextAttemptTime"]

@@ -47,7 +47,7 @@ def test_nothing_blocks_the_loop(
     wait_until(
         lambda: admin.get(path).get("status", {}).get("nextScheduleTime", "").endswith("23:00:00Z"),
         PATIENCE,
-        "the schedule's next run is not told",
+        "the schedule's next run is not reported",
     )
     with fake_driver(account()) as driver:
         kubelet.run(namespace, "a-1-driver", ip=driver.ip)
@@ -61,10 +61,10 @@ def test_nothing_blocks_the_loop(
         lambda: operator.metric('bagpipe_jobs{phase="Complete"}') == 0, PATIENCE, "still there"
     )
     assert operator.terminate() == 0
-    assert [line for line in operator.said().splitlines() if line.startswith("BLOCKS")] == []
+    assert [line for line in operator.logged().splitlines() if line.startswith("BLOCKS")] == []
 
 
-def test_what_blocks_a_loop_would_be_told() -> None:
+def test_what_blocks_a_loop_would_be_reported() -> None:
     program = (
         "import asyncio, sys, time, runpy, socket, bagpipe_operator.main as m\n"
         "async def blocking():\n"
@@ -78,8 +78,8 @@ def test_what_blocks_a_loop_would_be_told() -> None:
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
     )
-    told = [line.split()[1] for line in done.stderr.splitlines() if line.startswith("BLOCKS")]
-    assert told == ["open", "time.sleep", "socket.getaddrinfo"]
+    blocking = [line.split()[1] for line in done.stderr.splitlines() if line.startswith("BLOCKS")]
+    assert blocking == ["open", "time.sleep", "socket.getaddrinfo"]
 
 
 @asynccontextmanager
@@ -115,7 +115,7 @@ async def test_a_late_end_of_a_namesake_does_not_end_a_healthy_driver(
     admin: Client, namespace: str, kubelet: FakeKubelet, installation: Installation
 ) -> None:
     """The first operator died between pod and status, somebody deleted the pod, the second made
-    it anew; the watch then tells the second all that happened to the first pod.
+    it again; the watch then reports to the second all that happened to the first pod.
     """
     create_jobs(admin, namespace, ["x"])
     unwritten = admin.get(jobs(namespace, "x"))
@@ -143,7 +143,7 @@ async def test_a_late_end_of_a_namesake_does_not_end_a_healthy_driver(
     assert (status["phase"], status["attempt"], status["driver"]) == ("Pending", 1, "x-1-driver")
 
 
-async def test_a_driver_that_the_watch_has_not_told_is_looked_for_before_it_is_lost(
+async def test_a_driver_that_the_watch_has_not_reported_is_looked_for_before_it_is_lost(
     admin: Client, namespace: str, kubelet: FakeKubelet, installation: Installation
 ) -> None:
     create_jobs(admin, namespace, ["x"])

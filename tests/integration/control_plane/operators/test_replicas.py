@@ -70,7 +70,7 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
     waited = (moment(admin.get(lease)["spec"]["acquireTime"]) - renewed).total_seconds()
     assert waited > Settings.lease_seconds - 0.5, "it did not wait for the Lease's end"
     print(f"took over {took:.1f} s after the kill; had {len(before)} of {len(NAMES)} drivers")
-    if "no answer in time" not in standby.said():
+    if "no answer in time" not in standby.logged():
         assert took - stalls.seconds < TAKEOVER_SECONDS
 
     wanted = {(name, 1) for name in NAMES}
@@ -83,9 +83,9 @@ def test_the_leader_is_killed_in_the_middle_of_its_work(
         kubelet.end(namespace, f"{name}-1-driver", 0, account("Complete", verdict="Passed"))
     await_phase(admin, namespace, "Complete", len(NAMES))
     assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
-    told = [e["involvedObject"]["name"] for e in admin.items(core(namespace, "events"))
+    events = [e["involvedObject"]["name"] for e in admin.items(core(namespace, "events"))
             if e["reason"] == "DriverCreated"]  # fmt: skip
-    assert len(told) == len(set(told)), "an Event was told twice"
+    assert len(events) == len(set(events)), "an Event was written twice"
 
 
 def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
@@ -102,7 +102,7 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
     await_phase(admin, namespace, "Pending", 2)
     first.resume()
     wait_until(lambda: not leads(first), PATIENCE, "the old leader believes in its Lease")
-    wait_until(lambda: "does not lead any more" in first.said(), PATIENCE, "it did not step back")
+    wait_until(lambda: "does not lead any more" in first.logged(), PATIENCE, "it did not step back")
     create_jobs(admin, namespace, ["c"])
     await_phase(admin, namespace, "Pending", 3)
     assert leads(second)
@@ -113,7 +113,7 @@ def test_a_leader_that_stood_still_finds_another_and_writes_nothing(
 
 
 @pytest.mark.usefixtures("bound_claims")
-def test_a_replica_that_leads_a_second_time_begins_anew(
+def test_a_replica_that_leads_a_second_time_starts_from_nothing(
     admin: Client,
     namespace: str,
     installation: Installation,
@@ -153,20 +153,20 @@ def test_a_replica_that_leads_a_second_time_begins_anew(
 
     assert children(admin, namespace)["configmaps"] == ["a-1", "b-1", "c-1"]
     assert {s["attempt"] for s in statuses(admin, namespace).values()} == {1}
-    told = [e["involvedObject"]["name"] for e in admin.items(core(namespace, "events"))
+    events = [e["involvedObject"]["name"] for e in admin.items(core(namespace, "events"))
             if e["reason"] == "DriverCreated"]  # fmt: skip
-    assert sorted(told) == ["a", "b", "c"]
+    assert sorted(events) == ["a", "b", "c"]
     assert lease["spec"]["leaseTransitions"] == 2
 
 
 def await_reason(admin: Client, namespace: str, name: str, reason: str) -> None:
     """Waits until a job's condition Running has a reason."""
 
-    def told() -> bool:
-        said = statuses(admin, namespace)[name].get("conditions") or []
-        return any(c["type"] == "Running" and c["reason"] == reason for c in said)
+    def is_reported() -> bool:
+        conditions = statuses(admin, namespace)[name].get("conditions") or []
+        return any(c["type"] == "Running" and c["reason"] == reason for c in conditions)
 
-    wait_until(told, PATIENCE, f"{name} did not become {reason}")
+    wait_until(is_reported, PATIENCE, f"{name} did not become {reason}")
 
 
 def complete_job(admin: Client, namespace: str, kubelet: FakeKubelet, name: str) -> None:
@@ -198,7 +198,7 @@ def test_a_leader_that_is_asked_to_end_gives_the_lease_back(
         began = time.monotonic()
         await_lead(standby)  # its next look is 6 s away, the Lease's end at least 24 s
         took = time.monotonic() - began
-    assert "gave the Lease" in leader.said()
+    assert "gave the Lease" in leader.logged()
     assert took - stalls.seconds < 20
     spec = admin.get(installation.lease)["spec"]
     assert spec["leaseTransitions"] == 1
@@ -215,12 +215,12 @@ def test_a_replica_without_the_right_to_the_lease_is_not_ready(
 ) -> None:
     operator = operator_process(start=False, BAGPIPE_LEASE_NAMESPACE="default")
     operator.server.start()
-    said = 'User "system:serviceaccount:'
+    refused = 'User "system:serviceaccount:'
 
-    def told() -> bool:
+    def is_reported() -> bool:
         status, text = operator.ask("/readyz")
         return status == 503 and "the Lease default/bagpipe-operator can't be used: 403" in text
 
-    wait_until(told, PATIENCE, operator.said())
-    assert said in operator.ask("/readyz")[1]
+    wait_until(is_reported, PATIENCE, operator.logged())
+    assert refused in operator.ask("/readyz")[1]
     assert operator.ask("/livez") == (200, "ok\n")

@@ -87,14 +87,14 @@ class Bench:
 
     def end(self, name: str, how: str = "Complete") -> None:
         """Says of a job what the job's own part of the operator would say."""
-        told = {
+        ended = {
             "type": how,
             "status": "True",
             "reason": "AllCasesRan",
             "message": "It has ended.",
             "lastTransitionTime": "2026-11-20T04:00:00Z",
         }
-        status = {"conditions": [told], "completionTime": "2026-11-20T04:00:00Z"}
+        status = {"conditions": [ended], "completionTime": "2026-11-20T04:00:00Z"}
         self.admin.merge(jobs(self.namespace, name) + "/status", {"status": status})
 
     async def until(self, done: Callable[[], object], what: str) -> None:
@@ -165,7 +165,7 @@ async def test_a_job_is_made_at_its_time_and_goes_with_its_schedule(
         bench.clock = run
         await bench.until(lambda: bench.names, "no job")
         name = f"nightly-{int(run.timestamp()) // 60}"
-        await bench.until(lambda: bench.status.get("active") == [name], "the job is not told")
+        await bench.until(lambda: bench.status.get("active") == [name], "the job is not reported")
         await bench.until(lambda: bench.events() == ["JobStarted"], "no event")
     assert bench.names == [name]
     job = bench.admin.get(jobs(bench.namespace, name))
@@ -208,7 +208,7 @@ async def test_forbid_waits_and_replace_does_not(bench: Bench, operator: Callabl
         bench.end(first)
         await bench.until(lambda: len(bench.names) == 2, "the run that waited has no job")
         second = bench.names[-1]
-        await bench.until(lambda: bench.status["active"] == [second], "it is not told")
+        await bench.until(lambda: bench.status["active"] == [second], "it is not reported")
         bench.admin.merge(
             schedules(bench.namespace, "nightly"), {"spec": {"concurrencyPolicy": "Replace"}}
         )

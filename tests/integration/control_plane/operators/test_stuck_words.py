@@ -37,12 +37,12 @@ def await_reason(
     """The condition's message once it has the reason."""
     found: Object = {}
 
-    def told() -> bool:
+    def is_reported() -> bool:
         found.clear()
         found.update(condition(admin, namespace, name, kind))
         return found.get("reason") == reason
 
-    wait_until(told, PATIENCE, f"{name} did not become {reason}")
+    wait_until(is_reported, PATIENCE, f"{name} did not become {reason}")
     return str(found["message"])
 
 
@@ -55,12 +55,12 @@ def await_pod(admin: Client, namespace: str, name: str) -> Object:
 def warnings(admin: Client, namespace: str, reason: str) -> int:
     """How many Warnings of a reason there are, once there is one: it comes after the status."""
 
-    def told() -> int:
+    def count() -> int:
         found = admin.items(core(namespace, "events"))
         return sum(e["reason"] == reason and e["type"] == "Warning" for e in found)
 
-    wait_until(lambda: told() > 0, PATIENCE, f"there is no Event of {reason}")
-    return told()
+    wait_until(lambda: count() > 0, PATIENCE, f"there is no Event of {reason}")
+    return count()
 
 
 def test_no_quota_for_executors(
@@ -143,21 +143,21 @@ def test_a_volume_that_does_not_mount(
     admin.create(jobs(namespace), a_job("x"))
     pod = await_pod(admin, namespace, "x-1-driver")
     node = kubelet.bind(namespace, "x-1-driver")
-    for uid, said in ((pod["metadata"]["uid"], "timed out"), ("another", "not this one")):
-        admin.create(core(namespace, "events"), mount_failed(namespace, uid, said))
+    for uid, text in ((pod["metadata"]["uid"], "timed out"), ("another", "not this one")):
+        admin.create(core(namespace, "events"), mount_failed(namespace, uid, text))
     message = await_reason(admin, namespace, "x", "VolumeNotMounted")
     assert message.endswith(f"on node {node}: timed out.")
     assert warnings(admin, namespace, "VolumeNotMounted") == 1
 
 
-def mount_failed(namespace: str, uid: str, said: str) -> Object:
+def mount_failed(namespace: str, uid: str, text: str) -> Object:
     moment = time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
     about = {"kind": "Pod", "namespace": namespace, "name": "x-1-driver", "uid": uid}
     return {
         "metadata": {"generateName": "x-1-driver.", "namespace": namespace},
         "involvedObject": about,
         "reason": "FailedMount",
-        "message": said,
+        "message": text,
         "type": "Warning",
         "firstTimestamp": moment,
         "lastTimestamp": moment,
@@ -218,7 +218,7 @@ def test_every_transition_once_under_an_operator_that_is_killed(
 
     def killed() -> None:
         wait_until(lambda: not operator.server.alive, PATIENCE, "there was no such write")
-        assert operator.ended() == -signal.SIGKILL, operator.said()[-2000:]
+        assert operator.ended() == -signal.SIGKILL, operator.logged()[-2000:]
         operator.kill()
 
     begun_to_die_at("DriverCreated")

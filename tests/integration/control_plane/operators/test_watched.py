@@ -35,7 +35,7 @@ def elsewhere(admin: Client) -> Iterator[str]:
 def by_default(
     control_plane: ControlPlane, tmp_path: Path, namespace: str
 ) -> Iterator[Installation]:
-    """A release that was told of its namespace of jobs, and of nothing else."""
+    """A release that knows its namespace of jobs, and no other."""
     values = [f'jobNamespaces=["{namespace}"]']
     with installed(control_plane, tmp_path, values, watched=namespace) as release:
         yield release
@@ -82,7 +82,7 @@ def test_a_namespace_is_made_ready_without_touching_the_release(
     assert of_account(admin, elsewhere, "bagpipe-executor", elsewhere) == set()
 
 
-def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
+def test_cluster_wide_a_job_without_accounts_names_what_is_missing(
     admin: Client, elsewhere: str, operator_process: StartOperator
 ) -> None:
     process = operator_process(BAGPIPE_LOG_FORMAT="json")
@@ -92,8 +92,8 @@ def test_cluster_wide_a_job_without_accounts_is_told_what_is_missing(
         found = admin.get(jobs(elsewhere, "lost")).get("status", {}).get("conditions", [])
         return [c["reason"] for c in found if c["type"] == "Accepted"]
 
-    wait_until(lambda: bool(refused()), PATIENCE, "the operator said nothing of the job")
+    wait_until(lambda: bool(refused()), PATIENCE, "the operator reported nothing about the job")
     assert refused() == ["ServiceAccountMissing"]
     assert admin.items(core(elsewhere, "pods")) == []
-    said = [json.loads(line) for line in process.said().splitlines()]
-    assert "watching all namespaces" in {line["message"] for line in said}
+    lines = [json.loads(line) for line in process.logged().splitlines()]
+    assert "watching all namespaces" in {line["message"] for line in lines}

@@ -1,4 +1,4 @@
-"""The operator, told on by Python's audit events when its event loop's thread blocks.
+"""The operator, whose audit events show when its event loop's thread blocks.
 
 Run in the place of `bagpipe-operator`. Files, processes, names and connections of the thread that
 runs the loop are logged as `BLOCKS <event>` with the place that asked for them. Allowed is what
@@ -39,7 +39,7 @@ def blocks(event: str, arguments: tuple[object, ...]) -> bool:
     return not connecting or getattr(arguments[0], "gettimeout", lambda: None)() != 0
 
 
-def tell(event: str, arguments: tuple[object, ...]) -> None:
+def report(event: str, arguments: tuple[object, ...]) -> None:
     """The audit hook. It opens nothing itself: its descriptor is there already."""
     if not blocks(event, arguments):
         return
@@ -60,5 +60,5 @@ def sleep(seconds: SupportsIndex | float) -> None:
 
 if __name__ == "__main__":
     time.sleep = sleep
-    sys.addaudithook(tell)
+    sys.addaudithook(report)
     main()

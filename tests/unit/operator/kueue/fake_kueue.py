@@ -1,4 +1,4 @@
-"""A fake Kueue, said to be one: it admits, evicts and refuses when it is told to.
+"""A declared fake of Kueue: it admits, evicts and refuses when the test says so.
 
 It writes the conditions as a real one (kueue.x-k8s.io/v1beta2) was seen to write them.
 """
@@ -60,23 +60,23 @@ class FakeKueueApi(FakeApi):
         self.put("workloads", workload)
         return copy.deepcopy(workload)
 
-    def tell(
+    def report(
         self, name: str, conditions: dict[str, tuple[str, str, str]], **status: object
     ) -> Json:
         """Kueue writes conditions, each (status, reason, message), and other fields."""
         found = self._found("workloads", name)
-        told = {c["type"]: c for c in (found.get("status") or {}).get("conditions") or []}
+        old = {c["type"]: c for c in (found.get("status") or {}).get("conditions") or []}
         for type_, (true, reason, message) in conditions.items():
-            told[type_] = {
+            old[type_] = {
                 "type": type_, "status": true, "reason": reason, "message": message,
                 "lastTransitionTime": SINCE,
             }  # fmt: skip
-        found["status"] = (found.get("status") or {}) | status | {"conditions": [*told.values()]}
+        found["status"] = (found.get("status") or {}) | status | {"conditions": [*old.values()]}
         return self._kept(found)
 
 
 class QueueWorld(World):
-    """A job in the queue nightly, and a watch of Workloads that delivers when it is told to."""
+    """A job in the queue nightly, and a watch of Workloads that delivers when the test says so."""
 
     api: FakeKueueApi
 
@@ -109,8 +109,8 @@ class QueueWorld(World):
 
     def condition(self, type_: str) -> str:
         """A condition of the Workload as status/reason."""
-        told = self.workload()["status"]["conditions"]
-        found = next(c for c in told if c["type"] == type_)
+        reported = self.workload()["status"]["conditions"]
+        found = next(c for c in reported if c["type"] == type_)
         return f"{found['status']}/{found['reason']}"
 
     def edit(self, **spec: object) -> None:
@@ -151,8 +151,8 @@ class QueueWorld(World):
         await self.reconcile()
 
     def _deliver(self, conditions: dict[str, tuple[str, str, str]], **status: object) -> None:
-        told = self.api.tell(self.name, conditions, **status)
-        self.workloads.put(WorkloadView.from_object(told))
+        reported = self.api.report(self.name, conditions, **status)
+        self.workloads.put(WorkloadView.from_object(reported))
 
     def flavor(self, name: str = "default", **spec: object) -> None:
         """A ResourceFlavor."""

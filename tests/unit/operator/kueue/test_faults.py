@@ -38,7 +38,7 @@ async def test_what_was_refused_before_another_led_stops_nothing() -> None:
     assert world.reason("Running") == "True/CasesRunning"
 
 
-async def test_who_suspends_a_refused_job_has_it_asked_for_anew() -> None:
+async def test_who_suspends_a_refused_job_has_it_asked_for_again() -> None:
     world = QueueWorld()
     world.api.fail("create workloads", REFUSED)
     await world.reconcile()
@@ -50,7 +50,7 @@ async def test_who_suspends_a_refused_job_has_it_asked_for_anew() -> None:
     assert world.reason("Suspended") == "True/Queued"
 
 
-async def test_the_workload_of_a_job_that_went_unheard_is_forgotten() -> None:
+async def test_the_workload_of_a_job_whose_deletion_was_not_reported_is_forgotten() -> None:
     world = await queued()
     seen = WorkloadView.from_object(world.workload())
     world.view.forget(UID)
@@ -68,7 +68,7 @@ def reserved(world: QueueWorld) -> str:
     return str(spark["resources"]["requests"]["cpu"])
 
 
-async def test_a_job_that_grew_while_it_was_stopped_is_admitted_anew() -> None:
+async def test_a_job_that_grew_while_it_was_stopped_is_admitted_again() -> None:
     """It was resumed before its pods were gone, so it never left the queue."""
     world = await running()
     world.edit(suspend=True)
@@ -79,7 +79,7 @@ async def test_a_job_that_grew_while_it_was_stopped_is_admitted_anew() -> None:
         world.api.objects.pop(("pods", pod.name), None)
     await world.reconcile()
     await world.reconcile()
-    with pytest.raises(ApiError, match="anew"):
+    with pytest.raises(ApiError, match="again"):
         await world.reconcile()
     await world.reconcile()
 
@@ -105,11 +105,11 @@ async def test_a_job_that_was_edited_unseen_waits_with_its_new_size() -> None:
     assert reserved(world) == "64"
 
 
-async def test_an_eviction_that_no_watch_told_lets_no_driver_begin() -> None:
+async def test_an_eviction_that_no_watch_reported_lets_no_driver_begin() -> None:
     world = await queued()
     world.flavor()
     await world.admit()
-    world.api.tell(world.name, {"Evicted": ("True", "Preempted", "for what matters more")})
+    world.api.report(world.name, {"Evicted": ("True", "Preempted", "for what matters more")})
     with pytest.raises(ApiError, match="409"):
         await world.reconcile()
     await world.reconcile()
@@ -119,7 +119,7 @@ async def test_an_eviction_that_no_watch_told_lets_no_driver_begin() -> None:
 
 
 @pytest.mark.parametrize("how", ["finished", "deleted"])
-async def test_a_workload_that_goes_is_not_said_to_wait_for_checks(how: str) -> None:
+async def test_a_workload_that_goes_is_not_reported_to_wait_for_checks(how: str) -> None:
     world = await running()
     if how == "deleted":  # and a finalizer, such as that of --cascade=foreground, keeps it
         gone = world.workload()
@@ -130,13 +130,13 @@ async def test_a_workload_that_goes_is_not_said_to_wait_for_checks(how: str) -> 
     await world.reconcile()
 
     assert world.message("Running") == (
-        "The job waits in the queue nightly of Kueue anew: its Workload was ended or deleted, "
+        "The job waits in the queue nightly of Kueue again: its Workload was ended or deleted, "
         "another follows when it is gone. 2 pods are being stopped; what is done is kept."
     )
 
 
 async def test_a_workload_that_was_deactivated_while_it_waited_says_so() -> None:
-    """Kueue leaves what it said of the quota before."""
+    """Kueue leaves its earlier condition about the quota."""
     world = await queued()
     await world.put_off()
     world._deliver({"Evicted": ("True", "Deactivated", "The workload is deactivated")})
@@ -159,7 +159,7 @@ async def test_tolerations_that_are_none_end_the_job_with_a_sentence(tolerations
     assert "its queue's flavors can't be used" in world.message("Failed")
 
 
-async def test_a_flavor_that_can_t_be_read_is_told_and_asked_for_again() -> None:
+async def test_a_flavor_that_can_t_be_read_is_reported_and_asked_for_again() -> None:
     world = await queued()
     await world.admit()
     await world.reconcile()

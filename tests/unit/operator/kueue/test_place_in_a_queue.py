@@ -1,4 +1,4 @@
-"""One job and its Workload: what is asked for it, when, and what Kueue is told."""
+"""One job and its Workload: what is asked for it, when, and what is reported to Kueue."""
 
 from typing import Any
 
@@ -40,7 +40,7 @@ def in_state(*conditions: Json, **spec: Any) -> JobView:
 
 
 class Place:
-    """A job's place, with a Kueue that does what the test says and a watch that tells at once."""
+    """A job's place, with a Kueue that the test moves and a watch that delivers at once."""
 
     def __init__(self) -> None:
         self.api, self.clock, self.workloads = FakeKueueApi(), Clock(), Workloads()
@@ -73,10 +73,10 @@ class Place:
         [name] = self.api.named("workloads")
         return name
 
-    def tell(self, conditions: dict[str, tuple[str, str, str]], **status: object) -> None:
-        """Kueue writes, and the watch tells."""
-        told = self.api.tell(self.name, conditions, **status)
-        self.workloads.put(WorkloadView.from_object(told))
+    def report(self, conditions: dict[str, tuple[str, str, str]], **status: object) -> None:
+        """Kueue writes, and the watch delivers."""
+        reported = self.api.report(self.name, conditions, **status)
+        self.workloads.put(WorkloadView.from_object(reported))
 
     def seen(self) -> WorkloadView:
         found = self.workloads.find("lanes", self.name)
@@ -85,7 +85,7 @@ class Place:
 
     def admit(self) -> None:
         flavors = [{"name": "driver", "flavors": {"cpu": "spot"}}]
-        self.tell(ADMITTED, admission={"podSetAssignments": flavors})
+        self.report(ADMITTED, admission={"podSetAssignments": flavors})
 
 
 async def queued() -> Place:
@@ -122,20 +122,22 @@ async def test_a_workload_that_the_watch_has_lost_is_asked_for_at_once() -> None
 
 async def test_an_admitted_job_waits_for_nothing() -> None:
     place = await queued()
-    place.tell(RESERVED)
+    place.report(RESERVED)
     assert await place.halt() is not None
-    place.tell(ADMITTED)
+    place.report(ADMITTED)
     assert await place.halt() is None
 
 
 @pytest.mark.parametrize(
-    ("status", "said"),
+    ("status", "text"),
     [(status, "no") for status in (400, 403, 404, 413, 422)] + [(500, "failed calling webhook")],
 )
-async def test_a_refused_workload_is_told_and_asked_for_again_later(status: int, said: str) -> None:
+async def test_a_refused_workload_is_reported_and_asked_for_again_later(
+    status: int, text: str
+) -> None:
     place = Place()
-    place.api.fail("create workloads", ApiError(status, "", said))
-    refused = ("QueueRefused", f"Its Workload can't be created: {said}")
+    place.api.fail("create workloads", ApiError(status, "", text))
+    refused = ("QueueRefused", f"Its Workload can't be created: {text}")
     assert await place.halt() == refused
     assert await place.calls(after=29.5) == []
     assert await place.halt(after=0.4) == refused
@@ -168,7 +170,7 @@ async def test_an_edit_that_changes_sizes_asks_for_another_place() -> None:
     assert await place.calls(after=30) == ["get workloads", "delete workload"]
     assert await place.calls() == ["get workloads", "create workloads"]
     # What it has quota for it keeps until its driver is to be created.
-    place.tell(RESERVED)
+    place.report(RESERVED)
     place.job = queued_job().with_executors(6).view()
     assert await place.calls(after=30) == ["get workloads"]
 
@@ -207,7 +209,7 @@ async def test_a_flavor_that_can_t_be_read_keeps_the_job_from_its_start(status: 
         await place.placed()
 
 
-async def test_a_flavor_that_no_pod_can_have_is_told_as_such() -> None:
+async def test_a_flavor_that_no_pod_can_have_is_reported_as_such() -> None:
     place = await queued()
     place.admit()
     place.api.put("flavors", {"metadata": {"name": "spot"}, "spec": {"tolerations": 5}})
@@ -220,7 +222,7 @@ async def test_no_driver_begins_with_an_admission_that_was_taken_back() -> None:
     with pytest.raises(ApiError, match="409 Conflict: the queue has taken"):
         await place.placed()
     place.admit()
-    place.api.tell(place.name, EVICTED)  # and no watch has told
+    place.api.report(place.name, EVICTED)  # and no watch has reported
     with pytest.raises(ApiError, match="409 Conflict: the queue has taken"):
         await place.placed()
     del place.api.objects["workloads", place.name]
@@ -237,16 +239,16 @@ async def test_no_driver_begins_with_an_admission_of_other_sizes() -> None:
     assert place.api.named("workloads") == []
 
 
-async def test_the_end_of_a_job_is_told_once() -> None:
+async def test_the_end_of_a_job_is_reported_once() -> None:
     place = await queued()
-    place.tell(ADMITTED)
+    place.report(ADMITTED)
     done = in_state(condition("Complete"))
     assert await place.settled(done) == ["patch workload"]
     assert place.seen().holds("Finished")
     assert await place.settled(done) == []
 
 
-async def test_of_a_job_without_a_workload_kueue_is_told_nothing() -> None:
+async def test_a_job_without_a_workload_reports_nothing_to_kueue() -> None:
     place = Place()
     assert await place.settled(in_state(condition("Complete"))) == []
     await place.halt()
@@ -273,7 +275,7 @@ async def test_what_a_job_without_pods_gives_back(
     kueue: dict[str, tuple[str, str, str]], suspend: bool, calls: list[str]
 ) -> None:
     place = await queued()
-    place.tell(kueue)
+    place.report(kueue)
     assert await place.settled(in_state(SUSPENDED, suspend=suspend)) == calls
 
 
@@ -287,7 +289,7 @@ async def test_a_job_that_waits_in_its_queue_is_remembered_and_one_that_is_over_
 
 async def test_a_job_that_is_to_be_suspended_keeps_its_place_until_its_pods_are_gone() -> None:
     place = await queued()
-    place.tell(RESERVED | EVICTED)
+    place.report(RESERVED | EVICTED)
     assert await place.settled(in_state(suspend=True)) == []
 
 
@@ -304,18 +306,18 @@ RUNS = condition("Running")
         ([], ADMITTED, []),
     ],
 )
-async def test_kueue_is_told_when_the_cases_of_an_admitted_job_run(
+async def test_kueue_is_informed_when_the_cases_of_an_admitted_job_run(
     conditions: list[Json], kueue: dict[str, tuple[str, str, str]], calls: list[str]
 ) -> None:
     place = await queued()
-    place.tell(kueue)
+    place.report(kueue)
     assert await place.settled(in_state(*conditions)) == calls
 
 
-async def test_a_workload_that_was_written_meanwhile_is_read_and_told_again() -> None:
+async def test_a_workload_that_was_written_meanwhile_is_read_and_patched_again() -> None:
     place = await queued()
-    place.tell(ADMITTED)
-    place.api.tell(place.name, {"Other": ("True", "Other", "")})  # and no watch has told
+    place.report(ADMITTED)
+    place.api.report(place.name, {"Other": ("True", "Other", "")})  # and no watch has reported
     done = in_state(condition("Complete"))
     with pytest.raises(ApiError, match="modified"):
         await place.settled(done)
@@ -324,9 +326,9 @@ async def test_a_workload_that_was_written_meanwhile_is_read_and_told_again() ->
 
 
 @pytest.mark.parametrize(("status", "known"), [(404, False), (500, True)])
-async def test_a_workload_that_is_gone_is_told_nothing_more(status: int, known: bool) -> None:
+async def test_a_workload_that_is_gone_receives_nothing_more(status: int, known: bool) -> None:
     place = await queued()
-    place.tell(ADMITTED)
+    place.report(ADMITTED)
     place.api.fail("patch workload", ApiError(status, "", "no"))
     with pytest.raises(ApiError, match="no"):
         await place.settled(in_state(condition("Complete")))

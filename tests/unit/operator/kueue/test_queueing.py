@@ -71,7 +71,7 @@ async def test_its_workload_asks_for_all_pods_at_once() -> None:
     assert (owner["uid"], owner["controller"]) == ("uid-of-x", True)
 
 
-async def test_limits_are_what_is_asked_for_where_requests_are_not_said() -> None:
+async def test_limits_are_what_is_asked_for_where_requests_are_not_set() -> None:
     """A LimitRange's default requests would count else, and the pods would take more."""
     resources = {"requests": {"cpu": "1"}, "limits": {"cpu": "2", "memory": "4Gi"}}
     world = await queued(QueueWorld(make_job("x").with_spec("stack.resources", resources)))
@@ -134,7 +134,7 @@ async def test_what_an_admission_check_adds_is_on_the_pods_of_its_set() -> None:
         "labels": {"reserved": "yes"},
     }
     checks = [{"name": "capacity", "state": "Ready", "podSetUpdates": [update]}]
-    world.api.tell(world.name, {}, admissionChecks=checks)
+    world.api.report(world.name, {}, admissionChecks=checks)
     await world.admit()
     await world.reconcile()
 
@@ -157,7 +157,7 @@ async def test_quota_without_the_checks_is_no_admission() -> None:
     )
 
 
-async def test_kueue_is_told_once_that_the_pods_are_ready() -> None:
+async def test_kueue_is_informed_once_that_the_pods_are_ready() -> None:
     world = await running()
     await world.reconcile()
     await world.reconcile()
@@ -229,15 +229,15 @@ async def test_a_preempted_job_that_has_no_pods_yet_gets_none() -> None:
 
 async def test_the_workload_of_an_ended_job_is_finished() -> None:
     world = await running()
-    said = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
-    world.deliver(make_driver("x").ended(0, said))
+    text = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
+    world.deliver(make_driver("x").ended(0, text))
     await world.reconcile()
 
     assert world.status()["phase"] == "Complete"
     assert world.condition("Finished") == "True/Succeeded"
-    told = world.api.calls.count("patch workload")
+    reported = world.api.calls.count("patch workload")
     await world.reconcile()
-    assert world.api.calls.count("patch workload") == told
+    assert world.api.calls.count("patch workload") == reported
 
 
 async def test_that_of_a_failed_job_is_finished_too() -> None:
@@ -299,7 +299,7 @@ async def test_a_workload_that_somebody_finishes_is_replaced() -> None:
     assert "status" not in world.workload()
 
 
-async def test_a_deletion_that_no_watch_told_is_found() -> None:
+async def test_a_deletion_that_no_watch_reported_is_found() -> None:
     world = await running()
     del world.api.objects["workloads", world.name]
     await world.reconcile()
@@ -348,7 +348,7 @@ async def test_a_workload_of_somebody_else_admits_nobody() -> None:
     )
 
 
-async def test_a_workload_that_is_refused_is_told_and_asked_for_again() -> None:
+async def test_a_workload_that_is_refused_is_reported_and_asked_for_again() -> None:
     world = QueueWorld()
     world.api.fail("create workloads", ApiError(403, "Forbidden", "the webhook says no"))
     await world.reconcile()
@@ -391,11 +391,11 @@ async def test_priorities(
     assert spec["priorityClassRef"] == {"group": group, "kind": kind, "name": "high"}
 
 
-async def test_a_conflict_is_read_anew_and_told_again() -> None:
+async def test_a_conflict_is_read_again_and_reported_again() -> None:
     world = await running()
-    world.api.tell(world.name, {"Other": ("True", "Other", "somebody wrote in between")})
-    said = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
-    world.deliver(make_driver("x").ended(0, said))
+    world.api.report(world.name, {"Other": ("True", "Other", "somebody wrote in between")})
+    text = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
+    world.deliver(make_driver("x").ended(0, text))
     with pytest.raises(ApiError, match="409"):
         await world.reconcile()
     await world.reconcile()
@@ -407,8 +407,8 @@ async def test_a_conflict_is_read_anew_and_told_again() -> None:
 async def test_an_answer_that_is_lost_harms_nothing() -> None:
     world = await running()
     world.api.lost.add("patch workload")
-    said = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
-    world.deliver(make_driver("x").ended(0, said))
+    text = account("Complete", verdict="Passed", cases={"planned": 4, "passed": 4})
+    world.deliver(make_driver("x").ended(0, text))
     with pytest.raises(ApiError, match="lost"):
         await world.reconcile()
     with pytest.raises(ApiError, match="409"):

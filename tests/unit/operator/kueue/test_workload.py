@@ -1,4 +1,4 @@
-"""What a Workload says of its job, and what its job tells it, each by one state of the two."""
+"""What a Workload says of its job, and what its job writes into it, by one state of the two."""
 
 from typing import Any
 
@@ -10,17 +10,17 @@ from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
 from tests.unit.operator.builders import START, make_job
 
 # A condition as type, status, reason and message.
-Told = tuple[str, str, str, str]
-SHORT: Told = ("QuotaReserved", "False", "Pending", "insufficient quota.")
-RESERVED: Told = ("QuotaReserved", "True", "QuotaReserved", "Quota reserved in ClusterQueue lab")
-PREEMPTED: Told = ("Evicted", "True", "Preempted", "for what matters more")
-GIVEN_UP: Told = ("Evicted", "True", "DeactivatedDueToRequeuingLimitExceeded", "too often.")
+Stated = tuple[str, str, str, str]
+SHORT: Stated = ("QuotaReserved", "False", "Pending", "insufficient quota.")
+RESERVED: Stated = ("QuotaReserved", "True", "QuotaReserved", "Quota reserved in ClusterQueue lab")
+PREEMPTED: Stated = ("Evicted", "True", "Preempted", "for what matters more")
+GIVEN_UP: Stated = ("Evicted", "True", "DeactivatedDueToRequeuingLimitExceeded", "too often.")
 LONG_AGO = "2026-11-20T03:00:00Z"
 NOW = "2026-11-20T04:00:00Z"
 
 
-def make_workload(*conditions: Told, deleting: bool = False) -> WorkloadView:
-    told = [
+def make_workload(*conditions: Stated, deleting: bool = False) -> WorkloadView:
+    stated = [
         {"type": type_, "status": status, "reason": reason, "message": message,
          "lastTransitionTime": LONG_AGO}
         for type_, status, reason, message in conditions
@@ -28,10 +28,10 @@ def make_workload(*conditions: Told, deleting: bool = False) -> WorkloadView:
     meta: Json = {"name": "w", "namespace": "lanes", "uid": "uid-of-w", "generation": 3}
     if deleting:
         meta["deletionTimestamp"] = NOW
-    return WorkloadView.from_object({"metadata": meta, "status": {"conditions": told}})
+    return WorkloadView.from_object({"metadata": meta, "status": {"conditions": stated}})
 
 
-def told(patch: Json) -> list[tuple[str, str, str, str, str]]:
+def reported(patch: Json) -> list[tuple[str, str, str, str, str]]:
     return [
         (c["type"], c["status"], c["reason"], c["message"], c["lastTransitionTime"])
         for c in patch["conditions"]
@@ -39,7 +39,7 @@ def told(patch: Json) -> list[tuple[str, str, str, str, str]]:
 
 
 def test_another_release_finds_the_workload_of_the_one_before() -> None:
-    """Else an upgrade would put every job into its queue anew."""
+    """Else an upgrade would put every job into its queue again."""
     job = make_job("x").with_executors(3).view()
     assert workload.name_of(job) == "simulationjob-x-29c8838fae"
     assert workload.made_of(job) == "4b7cf58572c1155f"
@@ -51,8 +51,8 @@ def test_another_release_finds_the_workload_of_the_one_before() -> None:
     assert workload.made_of(edited.view()) == workload.made_of(job)
 
 
-ANEW = " anew: its Workload was ended or deleted, another follows when it is gone."
-FINISHED: Told = ("Finished", "True", "Succeeded", "or so somebody says")
+AGAIN = " again: its Workload was ended or deleted, another follows when it is gone."
+FINISHED: Stated = ("Finished", "True", "Succeeded", "or so somebody says")
 
 
 @pytest.mark.parametrize(
@@ -60,13 +60,13 @@ FINISHED: Told = ("Finished", "True", "Succeeded", "or so somebody says")
     [
         ([], ", which has not looked at it yet."),
         ([("Finished", "False", "", "")], ", which has not looked at it yet."),
-        ([FINISHED, SHORT], ANEW),
+        ([FINISHED, SHORT], AGAIN),
         ([SHORT], ": insufficient quota."),
         ([GIVEN_UP, SHORT],
          ", which has given it up: too often. Delete its Workload to queue it again."),
         # It was given up once, and somebody has activated it again.
         ([("Evicted", "False", *GIVEN_UP[2:]), SHORT], ": insufficient quota."),
-        # What it was short of before stays said beside the deactivation.
+        # What it was short of before stays message beside the deactivation.
         ([("Evicted", "True", "Deactivated", "it is deactivated"), SHORT], ": it is deactivated."),
         ([("Evicted", "True", "Deactivated", ""), SHORT], ": insufficient quota."),
         ([("Evicted", "False", "Deactivated", "it was"), SHORT], ": insufficient quota."),
@@ -77,14 +77,14 @@ FINISHED: Told = ("Finished", "True", "Succeeded", "or so somebody says")
         ([("Evicted", "False", "Preempted", "it was")], ", which has not looked at it yet."),
     ],
 )  # fmt: skip
-def test_why_a_job_waits_is_what_kueue_said_last(conditions: list[Told], why: str) -> None:
-    said = workload.waits_for(make_workload(*conditions), "nightly")
-    assert said == f"The job waits in the queue nightly of Kueue{why}"
+def test_why_a_job_waits_is_what_kueue_wrote_last(conditions: list[Stated], why: str) -> None:
+    message = workload.waits_for(make_workload(*conditions), "nightly")
+    assert message == f"The job waits in the queue nightly of Kueue{why}"
 
 
 def test_a_job_whose_workload_is_being_deleted_waits_for_another() -> None:
-    said = workload.waits_for(make_workload(RESERVED, deleting=True), "nightly")
-    assert said == f"The job waits in the queue nightly of Kueue{ANEW}"
+    message = workload.waits_for(make_workload(RESERVED, deleting=True), "nightly")
+    assert message == f"The job waits in the queue nightly of Kueue{AGAIN}"
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_a_job_whose_workload_is_being_deleted_waits_for_another() -> None:
     [([PREEMPTED, RESERVED], True), ([PREEMPTED, SHORT], False), ([RESERVED], False), ([], False)],
 )
 def test_what_was_evicted_and_has_its_quota_gives_it_back(
-    conditions: list[Told], must_be: bool
+    conditions: list[Stated], must_be: bool
 ) -> None:
     assert workload.must_be_released(make_workload(*conditions)) is must_be
 
@@ -103,12 +103,12 @@ def test_what_was_evicted_and_has_its_quota_gives_it_back(
 )
 def test_quota_is_given_back_with_the_eviction_s_own_words(reason: str, requeued: str) -> None:
     why = "for what matters more"
-    other: Told = ("Other", "True", "Other", "somebody else's")
-    ready: Told = ("PodsReady", "False", "Old", "old")
+    other: Stated = ("Other", "True", "Other", "somebody else's")
+    ready: Stated = ("PodsReady", "False", "Old", "old")
     patch = workload.released(
         make_workload(other, ("Evicted", "True", reason, why), RESERVED, ready), START
     )
-    assert told(patch) == [
+    assert reported(patch) == [
         (*other, LONG_AGO),
         ("Evicted", "True", reason, why, LONG_AGO),
         ("QuotaReserved", "False", "Pending", why, NOW),
@@ -120,8 +120,8 @@ def test_quota_is_given_back_with_the_eviction_s_own_words(reason: str, requeued
     assert {c["observedGeneration"] for c in patch["conditions"][2:]} == {3}
 
 
-def test_pods_that_run_are_told_beside_what_kueue_said() -> None:
-    assert told(workload.ready(make_workload(RESERVED), START)) == [
+def test_pods_that_run_are_reported_beside_kueue_s_conditions() -> None:
+    assert reported(workload.ready(make_workload(RESERVED), START)) == [
         (*RESERVED, LONG_AGO),
         ("PodsReady", "True", "Started", "The job's cases run.", NOW),
     ]
@@ -148,4 +148,4 @@ def test_an_ended_job_s_workload_is_finished_with_the_job_s_words(
 ) -> None:
     job = make_job("x").with_status(conditions=conditions).view()
     patch = workload.finished(make_workload(RESERVED), job, START)
-    assert told(patch) == [(*RESERVED, LONG_AGO), ("Finished", "True", reason, message, NOW)]
+    assert reported(patch) == [(*RESERVED, LONG_AGO), ("Finished", "True", reason, message, NOW)]

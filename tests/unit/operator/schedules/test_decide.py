@@ -33,7 +33,7 @@ def view_of(written: int | None, spec: dict[str, Any]) -> ScheduleView:
 def decided(
     now: datetime, *jobs: ScheduledJob, written: int | None = None, **spec: Any
 ) -> Decision:
-    """The decision about a schedule of which the status tells of the run `written`."""
+    """The decision about a schedule whose status names the run `written`."""
     schedule = view_of(written, spec)
     return decide(schedule, jobs, now, read_zone(time_zone_of(schedule)))
 
@@ -50,7 +50,7 @@ def test_a_run_is_due_at_its_very_moment() -> None:
     )
 
 
-def test_a_run_that_the_status_tells_of_is_not_due_again() -> None:
+def test_a_run_that_the_status_names_is_not_due_again() -> None:
     assert decided(minute(5) + 59 * SECOND, written=5) == Decision(
         Verdict.NOTHING_DUE, last_run=minute(5), next_run=minute(6), wake=minute(6)
     )
@@ -73,10 +73,10 @@ def test_missed_runs_are_counted_up_to_one_more_than_a_hundred(missed: int, due:
         ((2, 3), 3, None, 1),
         ((3,), 4, 4, 2),
         ((2, 3), 4, 4, 1),
-        ((1, 3), 5, 5, 3),  # that of 04:01 is told of already
+        ((1, 3), 5, 5, 3),  # that of 04:01 is in the status already
     ],
 )
-def test_runs_that_have_jobs_were_not_missed_though_no_status_tells_of_them(
+def test_runs_that_have_jobs_were_not_missed_though_no_status_names_them(
     jobs: tuple[int, ...], now: int, run: int | None, due: int
 ) -> None:
     found = decided(minute(now) + 20 * SECOND, *[job(count) for count in jobs], written=1)
@@ -84,7 +84,7 @@ def test_runs_that_have_jobs_were_not_missed_though_no_status_tells_of_them(
     assert (found.last_run, found.unwritten, found.due) == (minute(3), True, due)
 
 
-def test_jobs_of_runs_that_are_told_of_or_still_to_come_take_nothing_from_the_missed() -> None:
+def test_jobs_of_runs_that_are_written_or_still_to_come_take_nothing_from_the_missed() -> None:
     found = decided(minute(5), job(1), job(2), job(9), written=3)
     assert (found.run, found.due) == (minute(5), 2)
 
@@ -163,8 +163,8 @@ def test_what_becomes_of_active_jobs_when_a_run_is_due() -> None:
     active, ended = job(1), job(2, "Complete")
     allowed = decided(minute(3), active, ended)
     assert (allowed.verdict, allowed.active, allowed.replaced) == (Verdict.START, (active,), ())
-    unsaid = decided(minute(3), active, ended, concurrencyPolicy=None)
-    assert (unsaid.verdict, unsaid.replaced) == (Verdict.START, ())
+    default = decided(minute(3), active, ended, concurrencyPolicy=None)
+    assert (default.verdict, default.replaced) == (Verdict.START, ())
     replaced = decided(minute(3), active, ended, concurrencyPolicy="Replace")
     assert (replaced.verdict, replaced.replaced) == (Verdict.START, (active,))
     forbidden = decided(minute(3), active, ended, concurrencyPolicy="Forbid")
@@ -177,7 +177,7 @@ def test_what_becomes_of_active_jobs_when_a_run_is_due() -> None:
     ("deadline", "wake"),
     [(None, minute(120)), ("60s", minute(61) + SECOND), ("2h", minute(120))],
 )
-def test_a_run_that_waits_is_told_as_missed_a_second_after_its_deadline(
+def test_a_run_that_waits_is_reported_as_missed_a_second_after_its_deadline(
     deadline: str | None, wake: datetime
 ) -> None:
     found = decided(

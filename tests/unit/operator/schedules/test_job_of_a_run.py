@@ -7,7 +7,7 @@ from bagpipe_operator.schedules.job import name_taken, refusal_of
 
 
 @pytest.mark.parametrize(
-    ("status", "said", "reason"),
+    ("status", "text", "reason"),
     [
         (403, "exceeded quota: jobs", "QuotaExceeded"),
         (400, "unknown field", "CreationRefused"),
@@ -23,15 +23,15 @@ from bagpipe_operator.schedules.job import name_taken, refusal_of
     ],
 )
 def test_a_job_that_is_not_taken_is_refused_or_the_fault_passes(
-    status: int, said: str, reason: str | None
+    status: int, text: str, reason: str | None
 ) -> None:
-    refused = refusal_of(ApiError(status, "", said), "nightly-29")
+    refused = refusal_of(ApiError(status, "", text), "nightly-29")
     assert (refused and refused.reason) == reason
     if refused is not None:
-        assert said in refused.message
+        assert text in refused.message
 
 
-def test_a_name_that_is_taken_is_told_with_what_to_do() -> None:
+def test_a_name_that_is_taken_is_reported_with_what_to_do() -> None:
     refused = name_taken("nightly-29", "lanes")
     assert refused.reason == "NameTaken"
     assert refused.message == (

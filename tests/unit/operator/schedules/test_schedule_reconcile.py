@@ -1,4 +1,4 @@
-"""Schedules over a fake API server and a fake clock: what is started when, and what is told."""
+"""Schedules over a fake API server and a fake clock: what is started when, and what is reported."""
 
 import asyncio
 import copy
@@ -34,7 +34,7 @@ async def test_before_the_first_run_only_the_status_is_written() -> None:
     assert world.condition("Stalled") == ("False", "Scheduled")
     assert world.condition("Suspended") == ("False", "NotSuspended")
     assert world.condition("OnTime") == ("True", "NoRunYet")
-    assert world.told() == []
+    assert world.events() == []
     world.api.calls.clear()
     await world.at(0, 50)
     assert world.api.calls == []
@@ -50,7 +50,7 @@ async def test_a_run_makes_one_job_however_often_it_is_looked_at() -> None:
     assert world.status["nextScheduleTime"] == "2026-11-20T04:02:00Z"
     assert (world.status["activeCount"], world.status["active"]) == (1, [name_of(1)])
     assert world.condition("OnTime") == ("True", "JobStarted")
-    assert world.told() == ["Normal/JobStarted"]
+    assert world.events() == ["Normal/JobStarted"]
     assert world.api.calls == ["list", "list", "get", f"create {name_of(1)}", "patch", "event"]
 
 
@@ -88,14 +88,14 @@ async def test_of_missed_runs_the_latest_is_made_up_for() -> None:
     assert world.names == [name_of(1), name_of(7)]
     assert world.condition("OnTime") == ("False", "MissedStart")
     assert "5 runs were missed" in world.message("OnTime")
-    assert world.told() == ["Normal/JobStarted", "Warning/MissedStart"]
+    assert world.events() == ["Normal/JobStarted", "Warning/MissedStart"]
     await world.at(8)
     assert world.condition("OnTime") == ("True", "JobStarted")
 
 
 @pytest.mark.parametrize("later", [7, 8])
 @pytest.mark.parametrize("call", ["create", "patch"])
-async def test_missed_runs_are_told_also_where_the_start_had_no_answer(
+async def test_missed_runs_are_reported_also_where_the_start_had_no_answer(
     call: str, later: int
 ) -> None:
     """The job is found afterwards, by this operator or the next one."""
@@ -113,11 +113,11 @@ async def test_missed_runs_are_told_also_where_the_start_had_no_answer(
     assert world.condition("OnTime") == ("False", "MissedStart")
     assert "5 runs were missed" in world.message("OnTime")
     started = ["Normal/JobStarted"] * (later - 6)
-    assert world.told() == [*started, "Warning/MissedStart"]
+    assert world.events() == [*started, "Warning/MissedStart"]
 
 
 @pytest.mark.parametrize(("gap", "reason"), [(100, "MissedStart"), (101, "TooManyMissedStarts")])
-async def test_a_hundred_missed_runs_are_told_apart(gap: int, reason: str) -> None:
+async def test_a_hundred_missed_runs_and_more_have_different_reasons(gap: int, reason: str) -> None:
     world = World()
     await world.at(1)
     await world.at(1 + gap)
@@ -141,7 +141,11 @@ async def test_a_clock_that_is_set_back_stops_no_schedule() -> None:
     assert world.alarms.ring() == 1
     await world.at(3)
     assert world.names == [name_of(1), name_of(3), name_of(1441)]
-    assert world.told() == ["Normal/JobStarted", "Warning/TooManyMissedStarts", "Normal/JobStarted"]
+    assert world.events() == [
+        "Normal/JobStarted",
+        "Warning/TooManyMissedStarts",
+        "Normal/JobStarted",
+    ]
 
 
 async def test_a_schedule_that_rests_after_a_fault_is_visited_by_a_clock_that_was_set_back() -> (
@@ -201,7 +205,7 @@ async def test_a_replica_whose_clock_is_behind_starts_no_run_again() -> None:
     assert world.status["lastScheduleTime"] == "2026-11-20T04:01:00Z"
     await world.at(1, 1)
     assert world.names == [name_of(1)]
-    assert world.told() == ["Normal/JobStarted"]
+    assert world.events() == ["Normal/JobStarted"]
 
 
 async def test_after_its_deadline_a_run_is_missed() -> None:
@@ -212,7 +216,7 @@ async def test_after_its_deadline_a_run_is_missed() -> None:
     assert "within startingDeadline (20s)" in world.message("OnTime")
     for seconds in (22, 40):
         await world.at(60, seconds)
-    assert world.told() == ["Warning/MissedStart"]
+    assert world.events() == ["Warning/MissedStart"]
     assert "lastScheduleTime" not in world.status
     await world.at(120, 20)
     assert world.names == [name_of(120)]
@@ -226,7 +230,7 @@ async def test_a_run_whose_job_was_made_without_an_answer_is_not_missed() -> Non
         await world.at(60, 20)
     await world.at(60, 21)
     assert world.condition("OnTime") == ("True", "JobStarted")
-    assert (world.names, world.told()) == ([name_of(60)], ["Normal/JobStarted"])
+    assert (world.names, world.events()) == ([name_of(60)], ["Normal/JobStarted"])
 
 
 async def test_forbid_waits_for_the_active_job_and_starts_the_latest() -> None:
@@ -236,7 +240,7 @@ async def test_forbid_waits_for_the_active_job_and_starts_the_latest() -> None:
         await world.at(count)
     assert world.names == [name_of(1)]
     assert world.condition("OnTime") == ("False", "JobActive")
-    assert world.told() == ["Normal/JobStarted", "Normal/JobActive"]
+    assert world.events() == ["Normal/JobStarted", "Normal/JobActive"]
     world.end(name_of(1))
     await world.at(4, 30)
     assert world.names == [name_of(1), name_of(4)]
@@ -347,8 +351,8 @@ async def test_a_name_that_is_taken_replaces_nothing() -> None:
 async def test_a_webhook_that_can_t_be_tried_keeps_no_run_from_its_start() -> None:
     world = World(concurrencyPolicy="Replace")
     await world.at(1)
-    said = 'admission webhook "jobs.example" does not support dry run'
-    world.api.fail(f"try {name_of(2)}", ApiError(400, "BadRequest", said))
+    text = 'admission webhook "jobs.example" does not support dry run'
+    world.api.fail(f"try {name_of(2)}", ApiError(400, "BadRequest", text))
     await world.at(2)
     assert world.names == [name_of(2)]
 
@@ -370,8 +374,8 @@ async def test_while_suspended_nothing_runs_and_afterwards_the_latest() -> None:
     world.change(suspend=False)
     await world.at(6, 10)
     assert world.names == [name_of(6)]
-    assert world.told()[0] == "Normal/SuspendedBySpec"
-    assert "Normal/NotSuspended" in world.told()
+    assert world.events()[0] == "Normal/SuspendedBySpec"
+    assert "Normal/NotSuspended" in world.events()
     world.change(suspend=True)
     await world.at(6, 20)
     assert "nextScheduleTime" not in world.status
@@ -406,7 +410,7 @@ async def test_a_job_that_was_made_and_not_written_down_is_not_made_again() -> N
     assert world.api.calls.count(f"create {name_of(1)}") == 1
     assert world.status["lastScheduleTime"] == "2026-11-20T04:01:00Z"
     assert world.condition("OnTime") == ("True", "JobStarted")
-    assert world.told() == ["Normal/JobStarted"]
+    assert world.events() == ["Normal/JobStarted"]
 
 
 async def test_a_second_operator_that_comes_late_finds_the_job_made() -> None:
@@ -426,7 +430,7 @@ async def test_a_second_operator_that_comes_late_finds_the_job_made() -> None:
 
 
 async def test_a_stale_schedule_starts_nothing() -> None:
-    """The user suspended it, and the watch has not said so yet."""
+    """The user suspended it, and the watch has not delivered that yet."""
     world = World()
     await world.at(0, 45)
     stale = world.view.schedule(UID)
@@ -439,7 +443,7 @@ async def test_a_stale_schedule_starts_nothing() -> None:
     assert world.condition("Suspended") == ("True", "SuspendedBySpec")
 
 
-async def test_a_refused_job_is_told_and_tried_again() -> None:
+async def test_a_refused_job_is_reported_and_tried_again() -> None:
     world = World(schedule="0 * * * *")
     refusal = ApiError(403, "Forbidden", "exceeded quota: count/simulationjobs=1")
     world.api.fail(f"create {name_of(60)}", refusal, refusal)
@@ -452,20 +456,20 @@ async def test_a_refused_job_is_told_and_tried_again() -> None:
     await world.at(60, 90)
     assert world.names == [name_of(60)]
     assert "90 s late" in world.message("OnTime")
-    assert world.told() == ["Warning/QuotaExceeded", "Normal/JobStarted"]
+    assert world.events() == ["Warning/QuotaExceeded", "Normal/JobStarted"]
 
 
-async def test_a_webhook_that_is_down_is_told() -> None:
+async def test_a_webhook_that_is_down_is_reported() -> None:
     world = World(schedule="0 * * * *")
-    said = 'Internal error occurred: failed calling webhook "jobs.example": no endpoints available'
-    world.api.fail(f"create {name_of(60)}", ApiError(500, "InternalError", said))
+    text = 'Internal error occurred: failed calling webhook "jobs.example": no endpoints available'
+    world.api.fail(f"create {name_of(60)}", ApiError(500, "InternalError", text))
     with pytest.raises(ApiError, match=r"jobs\.example"):
         await world.at(60)
     assert world.condition("OnTime") == ("False", "CreationRefused")
     assert 'webhook "jobs.example"' in world.message("OnTime")
     await world.at(60, 5)
     assert world.names == [name_of(60)]
-    assert world.told() == ["Warning/CreationRefused", "Normal/JobStarted"]
+    assert world.events() == ["Warning/CreationRefused", "Normal/JobStarted"]
 
 
 async def test_a_job_of_somebody_else_s_is_left_alone() -> None:
@@ -492,7 +496,7 @@ async def test_what_can_t_be_understood_is_stalled_until_it_is_changed(
     assert world.condition("Ready") == ("False", reason)
     assert world.condition("Stalled") == ("True", reason)
     assert "nextScheduleTime" not in world.status
-    assert world.told() == [f"Warning/{reason}"]
+    assert world.events() == [f"Warning/{reason}"]
     world.clock = minute(10_000)
     assert world.alarms.ring() == 0
     world.change(schedule="* * * * *", timeZone="Europe/Berlin")
@@ -511,7 +515,7 @@ async def test_a_deleted_schedule_is_left_to_the_garbage_collector() -> None:
     assert world.alarms.ring() == 0
 
 
-async def test_a_conflict_is_read_anew_and_nothing_is_made_twice() -> None:
+async def test_a_conflict_is_read_again_and_nothing_is_made_twice() -> None:
     world = World()
     world.api.fail("patch", ApiError(409, "Conflict", "modified"))
     with pytest.raises(ApiError):

@@ -25,12 +25,12 @@ def schedule(
     *conditions: tuple[str, str, str], status: Json | None = None, **spec: Any
 ) -> ScheduleView:
     """One whose status has conditions, each (type, status, reason), and other fields."""
-    told = [
+    reported = [
         {"type": type_, "status": true, "reason": reason, "message": "As it was.",
          "lastTransitionTime": timestamp(minute(0))}
         for type_, true, reason in conditions
     ]  # fmt: skip
-    made = make_schedule(**spec) | {"status": {"conditions": told} | (status or {})}
+    made = make_schedule(**spec) | {"status": {"conditions": reported} | (status or {})}
     return ScheduleView.from_object(made)
 
 
@@ -59,7 +59,7 @@ def on_time(
 
 
 def notes(before: ScheduleView, result: Outcome) -> list[tuple[str, str, str]]:
-    """Type, reason and mark of what is told."""
+    """Type, reason and mark of what is reported."""
     return [(n.type, n.reason, n.mark) for n in notes_of(before, result, NOW)]
 
 
@@ -128,13 +128,13 @@ def test_a_start_that_is_a_minute_late_says_so(seconds: float, end: str) -> None
          "At least 100 runs were missed, as after a long suspension."),
     ],
 )  # fmt: skip
-def test_a_start_tells_of_the_runs_that_were_missed_before_it(
+def test_a_start_reports_the_runs_that_were_missed_before_it(
     due: int, reason: str, missed: str
 ) -> None:
-    told = ("False", reason, f"{words(5)}. {missed}")
-    assert on_time(started(5, due=due)) == told
+    reported = ("False", reason, f"{words(5)}. {missed}")
+    assert on_time(started(5, due=due)) == reported
     late = outcome(job(5), last_run=minute(5), unwritten=True, due=due)
-    assert on_time(late) == told
+    assert on_time(late) == reported
 
 
 def test_a_start_names_ten_of_the_jobs_that_it_replaces() -> None:
@@ -145,7 +145,7 @@ def test_a_start_names_ten_of_the_jobs_that_it_replaces() -> None:
     )  # fmt: skip
 
 
-def test_what_kept_a_run_from_its_start_is_said() -> None:
+def test_what_kept_a_run_from_its_start_is_reported() -> None:
     run = timestamp(minute(5))
     refused = outcome(
         verdict=Verdict.START, run=minute(5), due=1,
@@ -176,7 +176,7 @@ def test_a_run_after_its_deadline_is_missed_itself(due: int, missed: str) -> Non
     assert on_time(late, before=schedule(startingDeadline="20s"))[2] == f"{run} {missed}"
 
 
-def test_until_another_run_is_due_what_was_said_of_the_last_one_stays() -> None:
+def test_until_another_run_is_due_the_condition_of_the_last_one_stays() -> None:
     assert on_time(outcome()) == ("True", "NoRunYet", "No run has been due yet.")
     for status, reason in (("True", "JobReplaced"), ("False", "MissedStart")):
         before = schedule(("OnTime", status, reason))
@@ -184,7 +184,7 @@ def test_until_another_run_is_due_what_was_said_of_the_last_one_stays() -> None:
         assert found == (status, reason, "As it was.")
 
 
-def test_a_start_that_no_status_tells_of_is_told_afterwards() -> None:
+def test_a_start_that_no_status_names_is_reported_afterwards() -> None:
     result = outcome(job(4), last_run=minute(4), unwritten=True, due=1)
     before = schedule(("OnTime", "True", "JobStarted"))
     assert on_time(result, before=before) == ("True", "JobStarted", f"{words(4)}.")
@@ -192,11 +192,11 @@ def test_a_start_that_no_status_tells_of_is_told_afterwards() -> None:
     assert notes(before, result) == [("Normal", "JobStarted", mark)]
 
 
-def test_a_fresh_schedule_has_nothing_to_tell() -> None:
+def test_a_fresh_schedule_has_nothing_to_report() -> None:
     assert notes(schedule(), outcome()) == []
 
 
-def test_every_start_is_told_and_each_once() -> None:
+def test_every_start_is_reported_and_each_once() -> None:
     before = schedule(("OnTime", "True", "JobStarted"))
     mark = f"Start {timestamp(minute(5))}"
     assert notes(before, started(5)) == [("Normal", "JobStarted", mark)]
@@ -204,10 +204,10 @@ def test_every_start_is_told_and_each_once() -> None:
     assert notes(before, outcome(job(5), last_run=minute(5))) == []
 
 
-def test_suspending_is_told_and_so_is_going_on() -> None:
+def test_suspending_is_reported_and_so_is_going_on() -> None:
     suspended, mark = schedule(suspend=True), timestamp(NOW)
-    told = [("Normal", "SuspendedBySpec", f"Suspended True {mark}")]
-    assert notes(suspended, outcome()) == told
+    reported = [("Normal", "SuspendedBySpec", f"Suspended True {mark}")]
+    assert notes(suspended, outcome()) == reported
     again = schedule(("Suspended", "True", "SuspendedBySpec"), suspend=True)
     assert notes(again, outcome()) == []
     assert notes(schedule(("Suspended", "True", "SuspendedBySpec")), started(5)) == [
@@ -226,7 +226,7 @@ def test_a_schedule_that_is_understood_is_ready_since_it_was() -> None:
     assert since["Stalled"] == ("False", "Scheduled", timestamp(NOW))
 
 
-def test_a_schedule_that_is_not_understood_is_told_once_and_its_mending_is_not() -> None:
+def test_a_schedule_that_is_not_understood_is_reported_once_and_its_correction_is_not() -> None:
     unusable = outcome(unusable=UnusableScheduleError("InvalidSchedule", "It says no time."))
     conditions = {
         c["type"]: (c["status"], c["reason"], c["message"])
@@ -241,7 +241,7 @@ def test_a_schedule_that_is_not_understood_is_told_once_and_its_mending_is_not()
     assert notes(before, outcome()) == []
 
 
-def test_what_keeps_a_run_is_told_when_it_begins_and_marked_by_the_run() -> None:
+def test_what_keeps_a_run_is_reported_when_it_begins_and_marked_by_the_run() -> None:
     waits = outcome(verdict=Verdict.WAIT, run=minute(5), active=(job(4),))
     mark = f"OnTime False {timestamp(minute(5))}"
     assert notes(schedule(), waits) == [("Normal", "JobActive", mark)]
@@ -252,7 +252,7 @@ def test_what_keeps_a_run_is_told_when_it_begins_and_marked_by_the_run() -> None
     ]
 
 
-def test_starts_that_no_status_tells_of_are_told_before_the_latest() -> None:
+def test_starts_that_no_status_names_are_reported_before_the_latest() -> None:
     before = schedule(status={"lastScheduleTime": timestamp(minute(1))})
     by_hand = ScheduledJob.from_object(make_job("nightly-by-hand"))
     jobs = [job(count) for count in (1, 2, 3, 4, 9)]
@@ -269,7 +269,7 @@ def test_starts_that_no_status_tells_of_are_told_before_the_latest() -> None:
     assert notes(before, known) == []
 
 
-def test_of_a_schedule_without_a_last_run_no_job_from_before_it_is_told() -> None:
+def test_a_schedule_without_a_last_run_reports_no_job_from_before_it() -> None:
     jobs = [job(count) for count in (0, 1, 2)]
     found = outcome(*jobs, last_run=minute(2), unwritten=True, due=1)
     assert [mark for _, _, mark in notes(schedule(), found)] == [

@@ -67,7 +67,7 @@ def test_what_was_before_does_not_come_back(watcher: ScheduleWatch) -> None:
 def test_a_list_that_was_read_before_a_job_s_end_does_not_take_it_back(
     watcher: ScheduleWatch,
 ) -> None:
-    """Nothing would tell the end again: a weekly schedule would call it active for days."""
+    """Nothing would report the end again: a weekly schedule would call it active for days."""
     ended, begun, other = make_job(name_of(1), "Complete"), make_job(name_of(1)), make_job("o")
     ended["metadata"]["resourceVersion"], begun["metadata"]["resourceVersion"] = "1000", "999"
     watcher.job_event({"type": "MODIFIED", "object": ended})

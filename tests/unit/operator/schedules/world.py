@@ -1,4 +1,4 @@
-"""A schedule, its operator and a fake API server, with a clock that moves when it is told to."""
+"""A schedule, its operator and a fake API server, with a clock that the test moves."""
 
 # ruff: noqa: ARG002 - the fake has the real signatures and knows one namespace
 
@@ -82,7 +82,7 @@ class FakeApi:
 
     schedule: Json | None
     jobs: dict[str, Json] = field(default_factory=dict)
-    told: list[Json] = field(default_factory=list)
+    written_events: list[Json] = field(default_factory=list)
     calls: list[str] = field(default_factory=list)
     faults: dict[str, list[ApiError]] = field(default_factory=dict)
     lost: dict[str, bool] = field(default_factory=dict)  # answers that don't arrive
@@ -93,9 +93,9 @@ class FakeApi:
 
     async def create(self, resource: str, manifest: Json) -> Json:
         self._called("event")
-        if any(event["metadata"] == manifest["metadata"] for event in self.told):
+        if any(event["metadata"] == manifest["metadata"] for event in self.written_events):
             raise ApiError(409, "AlreadyExists", "it already exists")
-        self.told.append(manifest)
+        self.written_events.append(manifest)
         self._answers("event")
         return manifest
 
@@ -225,6 +225,6 @@ class World:
         """What a scrape would get."""
         return generate_latest(self.registry).decode()
 
-    def told(self) -> list[str]:
+    def events(self) -> list[str]:
         """The Events so far, as `Type/Reason`."""
-        return [f"{event['type']}/{event['reason']}" for event in self.api.told]
+        return [f"{event['type']}/{event['reason']}" for event in self.api.written_events]

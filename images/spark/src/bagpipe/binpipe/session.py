@@ -16,7 +16,7 @@ Field = str | int | bytes
 
 
 class Record:
-    """One input record. `size` is bytes, None where only the end of the record will tell.
+    """One input record. `size` is bytes, None where it is known at the end only.
 
     Its bytes are read once, in order, before the next record is asked for.
     """
@@ -99,8 +99,8 @@ class Pipe:
             while os.read(read, MAX_PAYLOAD_BYTES):
                 pass
         finally:
-            # In this order: the worker takes the end of from_program as leave to begin anew, and
-            # its next session must not find this one's end of to_program open.
+            # In this order: at the end of from_program the worker may begin the next session,
+            # which must not find this one's end of to_program open.
             os.close(read)
             if write >= 0:
                 os.close(write)

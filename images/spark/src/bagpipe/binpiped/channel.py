@@ -46,7 +46,7 @@ class Channel(Protocol):
     def reopen_read(self) -> bool:
         """Whether an end of the stream was an earlier session's and reading can go on."""
 
-    def hear(self) -> None:
+    def read_stderr(self) -> None:
         """Read what there is on stderr."""
 
     def await_exit(self, deadline: float) -> None:
@@ -133,7 +133,7 @@ class StartedProgram:
         """Its stdout ends once."""
         return False
 
-    def hear(self) -> None:
+    def read_stderr(self) -> None:
         """Keep the last lines of stderr."""
         try:
             data = os.read(self.stderr, 65536)
@@ -159,7 +159,7 @@ class StartedProgram:
             self._await(time.monotonic() + _EXIT_SECONDS / 5)
         status = self._process.poll()
         self._kill()
-        self._hear_all()
+        self._drain_stderr()
         ending = "was killed" if status is None else _ending(status)
         return BinPipedError(
             reason,
@@ -189,7 +189,7 @@ class StartedProgram:
                     poller.register(self.stderr, select.POLLIN)
                 ready = dict(poller.poll(int(left * 1000) + 1))
                 if self.stderr in ready:
-                    self.hear()
+                    self.read_stderr()
                 if pidfd in ready:
                     break
         finally:
@@ -202,11 +202,11 @@ class StartedProgram:
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait(_EXIT_SECONDS)
 
-    def _hear_all(self) -> None:
+    def _drain_stderr(self) -> None:
         for _ in range(64):
             if self.stderr < 0 or not select.select([self.stderr], [], [], 0)[0]:
                 return
-            self.hear()
+            self.read_stderr()
 
 
 class ServedFifos:
@@ -229,7 +229,7 @@ class ServedFifos:
         self.read = self._ends.read
         return True
 
-    def hear(self) -> None:
+    def read_stderr(self) -> None:
         """Its stderr belongs to whoever started it."""
 
     def await_exit(self, deadline: float) -> None:

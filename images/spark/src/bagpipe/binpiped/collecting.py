@@ -34,7 +34,7 @@ def weight(record: Record) -> int:
 def collect(
     spark: SparkContext, planned: RDD[Descriptor], run: PartitionRun, max_bytes: int
 ) -> list[Record]:
-    """All records, after a pass that keeps them on the executors' disks and tells their bytes.
+    """All records, after a pass that keeps them on the executors' disks and measures them.
 
     The program runs once. Of a partition that is above the budget alone, and of a record that is
     larger than a slice, only the sizes are kept. Raises CollectTooLargeError.
@@ -123,7 +123,7 @@ def _refuse_above(sums: list[_Sum], max_bytes: int, slice_bytes: int) -> None:
 
 
 def _heap_bytes(spark: SparkContext) -> int:
-    virtual_machine = spark._jvm  # noqa: SLF001  Spark tells its heap in no other way
+    virtual_machine = spark._jvm  # noqa: SLF001  the only way to its heap's size
     if virtual_machine is None:
         return _HEAP_SHARE * _SLICE_BYTES
     return int(virtual_machine.java.lang.Runtime.getRuntime().maxMemory())

@@ -94,7 +94,7 @@ class _Pump:
         while receiver.end is None:
             ready = self._wait()
             if channel.stderr >= 0 and channel.stderr in ready:
-                channel.hear()
+                channel.read_stderr()
             if self._sender.active and channel.write in ready:
                 self._send()
             if channel.read in ready or self._sender.peer_gone:
@@ -191,7 +191,7 @@ class _Pump:
         while time.monotonic() < limit:
             ready = self._wait(limit)
             if self._channel.stderr in ready:
-                self._channel.hear()
+                self._channel.read_stderr()
             if self._channel.read not in ready:
                 continue
             if os.read(self._channel.read, 1):

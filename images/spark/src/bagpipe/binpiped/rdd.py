@@ -36,7 +36,7 @@ Element = TypeVar("Element")
 class BinPipedRDD:
     """Records that user logic makes of binary files; nothing runs before an action asks.
 
-    Each action runs the program anew, as every RDD does: `records().persist()` keeps results.
+    Each action runs the program again, as every RDD does: `records().persist()` keeps results.
     """
 
     def __init__(

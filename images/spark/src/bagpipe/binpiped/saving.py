@@ -74,7 +74,7 @@ def save(planned: RDD[Descriptor], run: PartitionRun, uri: str) -> Manifest:
         rows: list[SavedRecord] = planned.mapPartitionsWithIndex(store).collect()
     except Exception:
         jobs.await_tasks()
-        # What failed is to be told, not that its traces stay: whoever commits here removes them.
+        # Raise the failure, not that files of it remain: the next commit here removes them.
         with contextlib.suppress(StorageError):
             _remove(run.storage, uri, ours)
         # A run that has committed since then removed this one's files while it wrote them.

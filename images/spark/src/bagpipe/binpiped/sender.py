@@ -45,7 +45,7 @@ class Sender:
         except BlockingIOError:
             return False
         except BrokenPipeError:
-            # Why the program left is told by its ABORT, its exit or the end of its stream.
+            # The program's ABORT, its exit or the end of its stream gives the reason.
             self.active = False
             self.peer_gone = True
             return False

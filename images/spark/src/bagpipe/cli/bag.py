@@ -15,7 +15,7 @@ from bagpipe.cli.places import (
     RefusedError,
     folders,
     output_option,
-    told,
+    print_as,
     uri_of,
     volume_option,
 )
@@ -71,7 +71,7 @@ _compression_option = click.option(
     type=click.Choice(["none", "lz4", "bz2"]),
     default="none",
     show_default=True,
-    help="Of chunks that are written anew; whole chunks stay as they are.",
+    help="Of chunks that are rewritten; whole chunks stay as they are.",
 )
 
 
@@ -100,7 +100,7 @@ def info_command(bag: str, volumes: tuple[str, ...], budget: int, output: str) -
     bagpipe bag info s3://fleet/2026-11/drive.bag --output json | jq '.topics[].topic'
     """
     found = _done(lambda: _bag(bag, volumes, budget).described())
-    _tell(found, output, _show_info)
+    _print(found, output, _show_info)
 
 
 @bag_group.command("slice")
@@ -134,7 +134,7 @@ def slice_command(bag: str, target: str, output: str, **given: Any) -> None:
         made = file.part(start, end, given["topics"], given["compression"])
         return _written(made, target, uri, file.storage)
 
-    _tell(_done(done), output, _show_written)
+    _print(_done(done), output, _show_written)
 
 
 @bag_group.command("merge")
@@ -163,7 +163,7 @@ def merge_command(bags: tuple[str, ...], target: str, output: str, **given: Any)
             made = native().merge(read, compression=given["compression"])
         return _written(made, target, uri, files[0].storage)
 
-    _tell(_done(done), output, _show_written)
+    _print(_done(done), output, _show_written)
 
 
 @bag_group.command("check")
@@ -183,7 +183,7 @@ def check_command(
     bagpipe bag check recordings/*.bag
     """
     found = [_checked(bag, volumes, budget) for bag in bags]
-    _tell(found, output, _show_checked)
+    _print(found, output, _show_checked)
     states = {each["state"] for each in found}
     raise SystemExit(2 if "unreadable" in states else 1 if "damaged" in states else 0)
 
@@ -241,11 +241,11 @@ def _written(made: Any, target: str, uri: str, storage: Storage) -> dict[str, An
     }
 
 
-def _tell(found: Any, output: str, show: Callable[[Any, Console], None]) -> None:
+def _print(found: Any, output: str, show: Callable[[Any, Console], None]) -> None:
     if output == "table":
         show(found, Console(emoji=False))
     else:
-        told(found, output)
+        print_as(found, output)
 
 
 def _show_info(found: dict[str, Any], console: Console) -> None:

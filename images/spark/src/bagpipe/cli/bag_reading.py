@@ -173,8 +173,8 @@ def _of_tail(tail: BagTail, compressions: list[str] | None) -> dict[str, Any]:
 def _of_memory(bag: "MemoryBag") -> dict[str, Any]:
     counts = Counter(connection.id for connection, _, _ in bag.messages())
     topics = [(resolve(each.topic), each.type, counts[each.id]) for each in bag.connections]
-    told = _described(bag.start, bag.end, bag.chunk_count, bag.compressions, topics)
-    return told | {"damage": damage_of(bag)}
+    described = _described(bag.start, bag.end, bag.chunk_count, bag.compressions, topics)
+    return described | {"damage": damage_of(bag)}
 
 
 def _described(

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
-from bagpipe.cli.places import RefusedError, folders, output_option, told, volume_option
+from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
 from bagpipe.compare.compare import compare
 from bagpipe.compare.gate import CAUSES, Cause, objections
 from bagpipe.report.stored import StoredResults
@@ -58,7 +58,7 @@ def compare_command(
     Each is job/NAME for a job in the cluster (NAME alone after -n), a URI as in status.results, or
     a folder of this machine. Cases are the same if they have the same fragment, values and seed.
     The exit status is 1 if a variant of AFTER is worse or lacks cases of BEFORE, and 2 if no case
-    could be compared. What is allowed is told all the same.
+    could be compared. What is allowed is reported all the same.
 
     \b
     bagpipe compare job/nightly-41 job/nightly-42 -n robots
@@ -74,7 +74,7 @@ def compare_command(
         for comparison in found:
             _show(comparison, Console(emoji=False))
     else:
-        told(found, output)
+        print_as(found, output)
     causes = {cause for cause in CAUSES if allow[cause]}
     against = [each for one in found for each in objections(one, causes)]
     for each in against:

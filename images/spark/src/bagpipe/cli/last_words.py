@@ -1,4 +1,4 @@
-"""How the program ends when something happens that no verb foresaw."""
+"""How the program ends on an error that no verb handles."""
 
 import os
 import sys
@@ -9,7 +9,7 @@ import click
 
 # A shell's status of a program that Ctrl-C ended.
 _INTERRUPTED = 130
-_UNFORESEEN = 2
+_UNEXPECTED = 2
 _TRACEBACK = "BAGPIPE_TRACEBACK"
 
 
@@ -29,7 +29,7 @@ class LastWords(click.Group):
             wanted = bool(os.environ.get(_TRACEBACK))
             if wanted:
                 traceback.print_exc()
-            said = f"{type(error).__name__}: {error}".removesuffix(": ")
+            text = f"{type(error).__name__}: {error}".removesuffix(": ")
             where = "" if wanted else f"; {_TRACEBACK}=1 shows where"
-            click.echo(f"Error: nobody foresaw this, please report it: {said}{where}", err=True)
-            raise SystemExit(_UNFORESEEN) from error
+            click.echo(f"Error: unexpected fault, please report it: {text}{where}", err=True)
+            raise SystemExit(_UNEXPECTED) from error

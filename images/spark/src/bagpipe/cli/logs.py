@@ -14,7 +14,7 @@ from bagpipe.cli.cluster.pieces import (
 )
 from bagpipe.cli.cluster.place import Place, job_names, place_options
 from bagpipe.cli.cluster.state import JobState, Json
-from bagpipe.cli.places import folders, output_option, results_at, told, volume_option
+from bagpipe.cli.places import folders, output_option, print_as, results_at, volume_option
 from bagpipe.driver.journal import Journal
 from bagpipe.engine_fields import DEFAULT_ENGINE
 from bagpipe.report.stored import StoredResults
@@ -47,8 +47,9 @@ def logs_command(
 
     Of a case that has ended, the results keep how it ended and the last lines of the stack's stdout
     and stderr (50 lines or 8 KiB of each). If they can't be read from here, and for what the agent
-    said, the logs of the executors' pods are searched for the case's lines; these go with the pods,
-    at the latest when the job ends. Each piece says where it comes from, or why it is not there.
+    wrote, the logs of the executors' pods are searched for the case's lines; these go with the
+    pods, at the latest when the job ends. Each piece says where it comes from, or why it is
+    missing.
 
     The exit status is 0 if there was anything to show, else 2.
 
@@ -106,7 +107,7 @@ def _row(stored: StoredResults, case: str) -> tuple[Json | None, str]:
 
 def _show(pieces: list[Piece], output: str) -> None:
     if output != "table":
-        told([piece.as_json() for piece in pieces], output)
+        print_as([piece.as_json() for piece in pieces], output)
         return
     for piece in pieces:
         source = f" ({piece.source})" if piece.source else ""

@@ -10,9 +10,9 @@ from bagpipe.row_facts import OUTCOMES
 _WINDOW_SECONDS = 60.0
 
 
-def done_of(told: dict[str, Any]) -> int:
+def done_of(progress: dict[str, Any]) -> int:
     """The cases that have ended, of a driver's /progress."""
-    return sum(told["cases"][outcome] for outcome in OUTCOMES)
+    return sum(progress["cases"][outcome] for outcome in OUTCOMES)
 
 
 @dataclass
@@ -36,10 +36,10 @@ class Pace:
         return (last - first) / (end - begin) if end > begin else 0.0
 
 
-def line(told: dict[str, Any], pace: Pace) -> str:
+def line(progress: dict[str, Any], pace: Pace) -> str:
     """A driver's /progress for people: how much is done, how fast, and how long it will take."""
-    cases, done = told["cases"], done_of(told)
-    if told["phase"] == "Planning":
+    cases, done = progress["cases"], done_of(progress)
+    if progress["phase"] == "Planning":
         return "planning: reading the recordings' indexes"
     counts = ", ".join(f"{cases[outcome]} {outcome}" for outcome in OUTCOMES if cases[outcome])
     parts = [f"{done} of {cases['planned']} cases" + (f" ({counts})" if counts else "")]
@@ -50,8 +50,8 @@ def line(told: dict[str, Any], pace: Pace) -> str:
         parts.append(_rate(pace.rate))
         if left:
             parts.append(f"about {_duration(left / pace.rate)} left")
-    if told["warning"]:
-        parts.append(told["warning"])
+    if progress["warning"]:
+        parts.append(progress["warning"])
     return ", ".join(parts)
 
 

@@ -79,7 +79,7 @@ def file_uri(path: Path) -> str:
     return f"file://{path.resolve()}"
 
 
-def told(found: Any, output: str) -> None:
+def print_as(found: Any, output: str) -> None:
     """Writes data to stdout, as `output` says: json or yaml."""
     if output == "json":
         click.echo(json.dumps(found, indent=1))

@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bagpipe.cli.manifest import ManifestError, read_job
-from bagpipe.cli.places import RefusedError, folders, told, volume_option
+from bagpipe.cli.places import RefusedError, folders, print_as, volume_option
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
@@ -55,7 +55,7 @@ def plan_command(manifest: Path, volumes: tuple[str, ...], output: str) -> None:
     if output == "table":
         _show(description, Console(emoji=False))
     else:
-        told(description, output)
+        print_as(description, output)
     if description["unplanned"]:
         raise SystemExit(2)
 

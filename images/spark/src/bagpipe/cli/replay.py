@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
-from bagpipe.cli.places import RefusedError, folders, output_option, told, volume_option
+from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
 from bagpipe.engine.chosen import engine_of
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.pipe.session import SessionError
@@ -98,7 +98,7 @@ def replay_command(
     if output == "table":
         _show(row, again, target)
     else:
-        told(again, output)
+        print_as(again, output)
     raise SystemExit({"passed": 0, "errored": 2}.get(again["outcome"], 1))
 
 

@@ -1,4 +1,4 @@
-"""`bagpipe report`: the page of a job's results, made anew."""
+"""`bagpipe report`: the page of a job's results, made again."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from bagpipe.cli.places import (
     file_uri,
     folders,
     output_option,
-    told,
+    print_as,
     volume_option,
 )
 from bagpipe.report.html import Report
@@ -39,8 +39,8 @@ def report_command(
 
     RESULTS is job/NAME for a job in the cluster (NAME alone after -n), the URI in the job's
     status.results, or a folder of this machine. Every job leaves such a page as report.html
-    already; this makes it anew, for example with a newer version. With --output json or yaml stdout
-    gets the page's uri and its length in bytes; the page is HTML always.
+    already; this makes it again, for example with a newer version. With --output json or yaml
+    stdout gets the page's uri and its length in bytes; the page is HTML always.
 
     \b
     bagpipe report job/nightly -n robots
@@ -61,4 +61,4 @@ def report_command(
     if output == "table":
         click.echo(f"{page}: {len(made):,} bytes")
     else:
-        told({"uri": file_uri(page), "bytes": len(made)}, output)
+        print_as({"uri": file_uri(page), "bytes": len(made)}, output)

@@ -14,8 +14,8 @@ from bagpipe.cli.places import (
     RefusedError,
     folders,
     output_option,
+    print_as,
     status_of,
-    told,
     volume_option,
 )
 from bagpipe.report.junit import kept, write_junit
@@ -68,16 +68,16 @@ def results_command(
             _write_junit(stored, junit)
     except StorageError as error:
         raise RefusedError(str(error)) from error
-    tell(found, output)
+    print_results(found, output)
     raise SystemExit(status_of(found))
 
 
-def tell(found: dict[str, Any], output: str) -> None:
+def print_results(found: dict[str, Any], output: str) -> None:
     """Write what `describe` gives to stdout, as table, json or yaml."""
     if output == "table":
         _show(found, Console(emoji=False))
     else:
-        told(found, output)
+        print_as(found, output)
 
 
 def describe(stored: StoredResults, failed: bool) -> dict[str, Any]:
@@ -125,9 +125,9 @@ def _show(found: dict[str, Any], console: Console) -> None:
     console.print(escape(str(found["message"])), highlight=False)
     if runs := found["counts"]["discarded"]:
         why = found["provenance"].get("discarded") or {}
-        told = ", ".join(f"{count} {reason}" for reason, count in why.items())
+        reasons = ", ".join(f"{count} {reason}" for reason, count in why.items())
         noun = "1 run does" if runs == 1 else f"{runs:,} runs do"
-        console.print(escape(f"{noun} not count: {told or 'executors were lost'}"),
+        console.print(escape(f"{noun} not count: {reasons or 'executors were lost'}"),
                       highlight=False)  # fmt: skip
     for comparison in found["comparisons"]:
         name = comparison["variant"] or "this job"

@@ -23,7 +23,7 @@ from bagpipe.cli.places import (
     status_of,
     volume_option,
 )
-from bagpipe.cli.results import describe, tell
+from bagpipe.cli.results import describe, print_results
 from bagpipe.cli.running import RunError, run_here
 from bagpipe.cli.showing import Showing
 from bagpipe.matrix.faults import MatrixError
@@ -107,13 +107,13 @@ def run_command(manifest: Path, **given: Any) -> None:
     """
     wanted = Wanted(**given)
     try:
-        told = _run(manifest, wanted)
+        found = _run(manifest, wanted)
     except (ManifestError, MatrixError, StorageError, ReplayError, RunError) as error:
         raise RefusedError(str(error)) from error
     except KeyboardInterrupt:
         raise RefusedError("interrupted before a case ran") from None
-    tell(told, wanted.output)
-    raise SystemExit(status_of(told))
+    print_results(found, wanted.output)
+    raise SystemExit(status_of(found))
 
 
 def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
@@ -143,10 +143,11 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
         annotations=marks["annotations"],
     )
     with Showing(console, slots) as showing:
-        told = run_here(job, agent, slots, wanted.cases, folder, showing.show)
+        progress = run_here(job, agent, slots, wanted.cases, folder, showing.show)
     results = results_at(str(folder), {})
     if not (folder / "manifest.json").exists():
-        raise RunError(f"{told['reason']}: {told['message']} ({folder / 'driver.log'} says more)")
+        message = f"{progress['reason']}: {progress['message']}"
+        raise RunError(f"{message} ({folder / 'driver.log'} has details)")
     console.print(escape(f"{folder} has report.html, results.jsonl and more"), soft_wrap=True)
     return {"results": str(folder.resolve())} | describe(results, failed=False)
 
@@ -193,7 +194,7 @@ def _prepare(folder: Path, wanted: Wanted) -> None:
         if journal.is_dir() and any(journal.iterdir()) and not wanted.resume:
             raise RunError(
                 f"{folder} has an interrupted run: --resume goes on with it (its cases are not run"
-                " again, whatever has changed in the stack), --replace begins anew"
+                " again, whatever has changed in the stack), --replace starts over"
             )
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -214,7 +215,7 @@ def _is_a_run_s(folder: Path) -> bool:
 
 
 def _others(folder: Path) -> str:
-    """Files and filled folders that bear the names of a run's, whose logs are no loss."""
+    """Files and filled folders named as a run's are, but for logs, which are no loss."""
     found = [name for name in _FILES if name not in _LOGS and (folder / name).exists()]
     found += [n for n in _FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
     return ", ".join(found)

@@ -28,7 +28,7 @@ _LINE_BYTES = 1 << 20
 # The phases of a driver's account after which there is no other.
 ENDED = ("Complete", "Failed")
 
-Told = dict[str, Any]
+ProgressReport = dict[str, Any]
 
 
 class RunError(Exception):
@@ -44,8 +44,8 @@ class Ending:
 
     def __enter__(self) -> "Ending":
         # What is ignored stays so: nohup lets a run outlive its terminal.
-        heard = [number for number in _SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
-        self._before = {number: signal.signal(number, self._note) for number in heard}
+        wanted = [number for number in _SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+        self._before = {number: signal.signal(number, self._note) for number in wanted}
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -62,8 +62,8 @@ def run_here(
     slots: int,
     wanted: Sequence[str],
     logs: Path,
-    show: Callable[[Told], None],
-) -> Told:
+    show: Callable[[ProgressReport], None],
+) -> ProgressReport:
     """Run a job on this machine; `show` gets where it is, the last time when it has ended.
 
     The processes' words go to agent.log and driver.log in `logs`. Raises ReplayError where the
@@ -80,12 +80,12 @@ def run_here(
             serving_agent(agent, shared, logs / "agent.log", slots),
             _driver(command, logs / "driver.log") as driver,
         ):
-            told = _followed(driver, ending, show)
-    if ending.count and (told is None or told["phase"] not in ENDED):
-        raise RunError(f"interrupted{_done(told)}; --resume goes on with the other cases")
-    if told is None or driver.returncode not in _ENDED_OF_ITSELF:
+            progress = _followed(driver, ending, show)
+    if ending.count and (progress is None or progress["phase"] not in ENDED):
+        raise RunError(f"interrupted{_done(progress)}; --resume goes on with the other cases")
+    if progress is None or driver.returncode not in _ENDED_OF_ITSELF:
         raise RunError(_died(driver.returncode, logs / "driver.log"))
-    return told
+    return progress
 
 
 @contextlib.contextmanager
@@ -114,33 +114,33 @@ def _driver(command: list[str], log: Path) -> Iterator["subprocess.Popen[bytes]"
 
 
 def _followed(
-    driver: "subprocess.Popen[bytes]", ending: Ending, show: Callable[[Told], None]
-) -> Told | None:
-    """What the driver said last, once it has closed its stdout; None if it said nothing."""
+    driver: "subprocess.Popen[bytes]", ending: Ending, show: Callable[[ProgressReport], None]
+) -> ProgressReport | None:
+    """The driver's last report, once it has closed its stdout; None if there is none."""
     stream = driver.stdout
     assert stream is not None  # noqa: S101  it is a pipe
-    rest, told = b"", None
+    rest, progress = b"", None
     asked_at: float | None = None
     while True:
         if select.select([stream], [], [], _GLANCE_SECONDS)[0]:
             data = os.read(stream.fileno(), _LINE_BYTES)
             if not data:
-                return told
+                return progress
             *lines, rest = (rest + data).split(b"\n")
-            told = json.loads(lines[-1]) if lines else told
-        if told is not None:
-            show(told)
+            progress = json.loads(lines[-1]) if lines else progress
+        if progress is not None:
+            show(progress)
         if ending.count and asked_at is None:
             asked_at = time.monotonic()
             driver.terminate()
         if asked_at and (ending.count > 1 or time.monotonic() - asked_at > _END_SECONDS):
             os.killpg(driver.pid, signal.SIGKILL)
-            return told
+            return progress
 
 
-def _done(told: Told | None) -> str:
-    cases = told["cases"]["planned"] if told else 0
-    return f" after {done_of(told)} of {cases} cases" if told and cases else ""
+def _done(progress: ProgressReport | None) -> str:
+    cases = progress["cases"]["planned"] if progress else 0
+    return f" after {done_of(progress)} of {cases} cases" if progress and cases else ""
 
 
 def _died(status: int, log: Path) -> str:

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from bagpipe.cli.pace import Pace, done_of, line
-from bagpipe.cli.running import ENDED, Told
+from bagpipe.cli.running import ENDED, ProgressReport
 
 _LINE_SECONDS = 5.0
 
@@ -35,17 +35,17 @@ class Showing:
     def __exit__(self, *_error: object) -> None:
         self._status.stop()
 
-    def show(self, told: Told) -> None:
+    def show(self, progress: ProgressReport) -> None:
         """The driver's account of this moment."""
         now = self._clock()
         # Not while the results are written: the rate would fall, though every case is done.
-        if told["phase"] == "Running":
-            self._pace.look(now, done_of(told))
-        text = line(told, self._pace)
+        if progress["phase"] == "Running":
+            self._pace.look(now, done_of(progress))
+        text = line(progress, self._pace)
         if self._console.is_terminal:
             self._status.update(escape(text))
             return
         before, at = self._shown
-        if text != before and (now - at >= _LINE_SECONDS or told["phase"] in ENDED):
+        if text != before and (now - at >= _LINE_SECONDS or progress["phase"] in ENDED):
             self._shown = (text, now)
             self._console.print(text, markup=False, highlight=False, soft_wrap=True)

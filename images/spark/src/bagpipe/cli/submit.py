@@ -10,9 +10,9 @@ from rich.markup import escape
 from bagpipe.cli.cluster.hints import again
 from bagpipe.cli.cluster.place import Place, place_options
 from bagpipe.cli.cluster.state import JobState
-from bagpipe.cli.cluster.watching import followed, tell_end, timeout_option
+from bagpipe.cli.cluster.watching import followed, show_end, timeout_option
 from bagpipe.cli.manifest import ManifestError, read_object
-from bagpipe.cli.places import RefusedError, output_option, told
+from bagpipe.cli.places import RefusedError, output_option, print_as
 
 
 @click.command("submit")
@@ -66,13 +66,13 @@ def submit_command(
             f"{others} other objects of {manifest} were not created: kubectl apply -f {manifest}",
             err=True,
         )
-    _tell_created(made, dry_run, wait, progress)
+    _show_created(made, dry_run, wait, progress)
     if not wait:
         if output != "table":
-            told(made, output)
+            print_as(made, output)
         return
     state = followed(cluster, made["metadata"]["name"], timeout, progress)
-    _tell_end(state, output, progress)
+    _print_end(state, output, progress)
 
 
 def _job(manifest: Path) -> tuple[dict[str, Any], int]:
@@ -104,7 +104,7 @@ def _call(job: dict[str, Any], name: str | None, generate: bool) -> None:
         raise RefusedError("metadata.name is missing: write it, or give --name")
 
 
-def _tell_created(made: dict[str, Any], dry_run: bool, wait: bool, console: Console) -> None:
+def _show_created(made: dict[str, Any], dry_run: bool, wait: bool, console: Console) -> None:
     name, namespace = made["metadata"]["name"], made["metadata"]["namespace"]
     if dry_run:
         text = f"job {name} would be created in namespace {namespace}; nothing is kept (dry run)"
@@ -119,9 +119,9 @@ def _tell_created(made: dict[str, Any], dry_run: bool, wait: bool, console: Cons
             console.print(f"  {hint}", highlight=False, soft_wrap=True)
 
 
-def _tell_end(state: JobState, output: str, console: Console) -> None:
+def _print_end(state: JobState, output: str, console: Console) -> None:
     if output == "table":
-        tell_end(state, console)
+        show_end(state, console)
     else:
-        told(state.as_json(), output)
+        print_as(state.as_json(), output)
     raise SystemExit(state.exit_status)

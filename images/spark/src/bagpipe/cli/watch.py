@@ -4,8 +4,8 @@ import click
 from rich.console import Console
 
 from bagpipe.cli.cluster.place import Place, job_names, place_options
-from bagpipe.cli.cluster.watching import followed, tell_end, timeout_option
-from bagpipe.cli.places import output_option, told
+from bagpipe.cli.cluster.watching import followed, show_end, timeout_option
+from bagpipe.cli.places import output_option, print_as
 
 
 @click.command("watch")
@@ -16,7 +16,7 @@ from bagpipe.cli.places import output_option, told
 def watch_command(name: str, place: Place, timeout: float, output: str) -> None:
     """Follow a job in the cluster to its end.
 
-    A terminal shows one block that is drawn anew: counts, cases per minute, the time that is left
+    A terminal shows one block that is redrawn: counts, cases per minute, the time that is left
     at this rate, and what a stuck job waits for. Otherwise a line is written for each change. With
     --output json or yaml the lines go to stderr, and stdout gets the job's last state.
 
@@ -30,7 +30,7 @@ def watch_command(name: str, place: Place, timeout: float, output: str) -> None:
     console = Console(stderr=output != "table", emoji=False)
     state = followed(place.cluster(), name.removeprefix("job/"), timeout, console)
     if output == "table":
-        tell_end(state, console)
+        show_end(state, console)
     else:
-        told(state.as_json(), output)
+        print_as(state.as_json(), output)
     raise SystemExit(state.exit_status)

@@ -130,27 +130,27 @@ def _verdict(
         word: [one.name for one in criteria if one.verdict == word and one.pairs]
         for word in ("worse", "better", "unknown")
     }
-    said = _cases_in_words(counts, became)
+    message = _cases_in_words(counts, became)
     for word, names in by_word.items():
         if names:
-            said += f"; {'not to be told' if word == 'unknown' else word} in {', '.join(names)}"
+            message += f"; {'undecided' if word == 'unknown' else word} in {', '.join(names)}"
     alone = [f"{counts[word]} {word}" for word in ("missing", "new") if counts[word]]
-    said += f"; {', '.join(alone)}" if alone else ""
+    message += f"; {', '.join(alone)}" if alone else ""
     if counts["regressed"] or by_word["worse"]:
-        return "worse", said
+        return "worse", message
     if not any(counts[word] for word in ("fixed", "flaky", "same")):
         lone = f"; {', '.join(alone)}" if alone else ""
         return "unknown", f"no case of both could be compared{lone}"
-    return ("better" if counts["fixed"] or by_word["better"] else "same"), said
+    return ("better" if counts["fixed"] or by_word["better"] else "same"), message
 
 
 def _cases_in_words(counts: Mapping[str, int], became: Mapping[str, int]) -> str:
-    told = []
+    words = []
     for word in ("regressed", "fixed", "flaky", "unknown"):
         if counts[word]:
-            told.append(f"{counts[word]} {word}")
+            words.append(f"{counts[word]} {word}")
             if word == "regressed" and set(became) != {"failed"}:
                 now = ", ".join(f"{became[to]} {to}" for to in _BECAME if became[to])
-                told[-1] += f" ({now})"
+                words[-1] += f" ({now})"
     both = sum(counts[word] for word in _WORDS) - became.get("missing", 0)
-    return f"{', '.join(told) or 'no case changed'} of {both} cases"
+    return f"{', '.join(words) or 'no case changed'} of {both} cases"

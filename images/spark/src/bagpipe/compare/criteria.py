@@ -1,4 +1,4 @@
-"""Figures of two versions, criterion by criterion: better, worse, the same, or not to be told.
+"""Figures of two versions, criterion by criterion: better, worse, the same or undecided.
 
 The recording is the unit: fragments of one recording, scenarios of one fragment and rounds of one
 case share its luck, and are averaged first. Of the 5 % of comparisons of a version with itself
@@ -121,9 +121,11 @@ def judged(all_measured: Sequence[Measured]) -> list[CriterionComparison]:
     better = _sides([test.chance_below() for test in tests.values()], least, BETTER_LEVEL)
     sides = dict(zip(tests, zip(worse, better, strict=True), strict=True))
     return [
-        _told(one, tests[at], *sides[at], needed if len(one.baseline) < enough else 0)
+        _decided(one, tests[at], *sides[at], needed if len(one.baseline) < enough else 0)
         if at in tests
-        else _untold(one, "not every figure is a finite number" if one.pairs else "no pair has it")
+        else _undecided(
+            one, "not every figure is a finite number" if one.pairs else "no pair has it"
+        )
         for at, one in enumerate(all_measured)
     ]
 
@@ -150,35 +152,35 @@ def _sides(chances: Sequence[float], least: Sequence[float], level: float) -> li
     return sides
 
 
-def _told(
+def _decided(
     one: Measured, test: SignFlips, worse: _Side, better: _Side, needed: int
 ) -> CriterionComparison:
-    """`needed` are the recordings that would tell, where there are too few; else 0."""
+    """`needed` is how many recordings a decision takes where there are too few, else 0."""
     recordings = len(one.baseline)
     difference = fmean(one.variant) - fmean(one.baseline)
     chance = min(1.0, worse.chance * LEVEL / WORSE_LEVEL, better.chance * LEVEL / BETTER_LEVEL)
-    said = f"{difference:+.4g} {one.unit}".strip() + f" in {_counted(one)}"
+    message = f"{difference:+.4g} {one.unit}".strip() + f" in {_counted(one)}"
     low, high = test.ends(worse.tail, better.tail)
     if one.sign < 0:
         low, high = (None if end is None else -end for end in (high, low))
     verdict: Word = "same"
     if not test.differing:
-        said = f"no figure differs in {_counted(one)}"
+        message = f"no figure differs in {_counted(one)}"
     elif worse.chance <= WORSE_LEVEL:
         verdict = "worse"
     elif better.chance <= BETTER_LEVEL:
         verdict = "better"
     elif needed:
-        return _untold(one, f"{said}: {needed} recordings are needed to tell that from chance")
+        return _undecided(one, f"{message}: {needed} recordings are needed to rule out chance")
     if test.differing:
-        said += f" ({_interval(low, high)}chance {chance:.2g})"
+        message += f" ({_interval(low, high)}chance {chance:.2g})"
     return CriterionComparison(
         one.name, verdict, one.pairs, recordings, fmean(one.baseline), fmean(one.variant),
-        difference, low, high, _effect(one), chance, one.unit, said,
+        difference, low, high, _effect(one), chance, one.unit, message,
     )  # fmt: skip
 
 
-def _untold(one: Measured, why: str) -> CriterionComparison:
+def _undecided(one: Measured, why: str) -> CriterionComparison:
     baseline = variant = difference = None
     if one.pairs and one.finite:
         baseline, variant = fmean(one.baseline), fmean(one.variant)

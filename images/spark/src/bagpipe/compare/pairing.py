@@ -11,7 +11,7 @@ from bagpipe.compare.delivery import FIGURES, delivery
 Row = Mapping[str, Any]
 Key = tuple[str, str, int]
 
-# The share of a case's rounds that passed: many cases may each lose too few to be told alone.
+# The share of a case's rounds that passed: each of many cases may lose too few to be significant.
 ROUNDS = "rounds: passed"
 
 
@@ -88,7 +88,7 @@ class Versions:
 def key_of(row: Row) -> Key:
     """What makes two rows the same case of two versions; names of jobs and variants are not in it.
 
-    An earlier job's fragments bear the names of its bags, as this one's do.
+    An earlier job's fragments are named after its bags, as this one's are.
     """
     values = json.dumps(row.get("values") or {}, sort_keys=True)
     return (str(row.get("fragment") or row["case"]), values, int(row.get("seed") or 0))

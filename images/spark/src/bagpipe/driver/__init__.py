@@ -1,1 +1,1 @@
-"""The Spark driver of one job: plan, schedule, collect, commit, tell."""
+"""The Spark driver of one job: plan, schedule, collect, commit, report."""

@@ -41,7 +41,8 @@ from bagpipe.storage import Storage, StorageError
 
 PROGRESS_PORT = 8080
 _TERMINATION_LOG = Path("/dev/termination-log")
-# What a shell says of a process that SIGTERM ended; the account tells that it was in order.
+# A shell's status of a process that SIGTERM ended; the termination message says that this was an
+# orderly end.
 _INTERRUPTED_STATUS = 128 + signal.SIGTERM
 # Neither 0 nor 1, which are the ends of a job: this one has not ended.
 _SPARK_GONE_STATUS = os.EX_TEMPFAIL
@@ -224,7 +225,7 @@ def _run_the_rest(place: Cluster, job: JobFile, planned: Plan, keeper: Keeper) -
 
 
 def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: Progress) -> bool:
-    """Another driver has committed: finish what it may have left, and say what it said."""
+    """Another driver has committed: finish what it may have left, and report its result."""
     log.info("attempt %s of this job has committed; nothing is run", manifest["attempt"])
     progress.adopt(manifest)
     if not results.is_published(journal):
@@ -237,7 +238,7 @@ def _unfinished(results: Results, journal: Journal, progress: Progress) -> bool:
     try:
         manifest = results.committed()
     except StorageError as error:
-        # Said beside the reason why the work stopped, which stays the job's.
+        # Logged only: the job's reason stays the one for which the work stopped.
         log.warning("could not look for another driver's manifest: %s", error)
         return False
     return manifest is not None and _adopted(results, manifest, journal, progress)

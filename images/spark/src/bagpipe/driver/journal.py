@@ -25,7 +25,7 @@ class Journal:
     storage: Storage
     results: str
     attempt: int
-    # Tells this driver from any other of the same job, of the same attempt too.
+    # Unique to this driver, also among those of the same attempt.
     driver: str = field(default_factory=lambda: uuid.uuid4().hex[:12])
     _written: int = 0
 

@@ -1,7 +1,7 @@
 """Keeping rows while Spark works: counted, journaled, and watched for a reason to stop.
 
-Spark hands rows over as tasks end; a thread of the driver takes them from there. All that can
-go wrong with storage is met here with patience, and a job that can't go on is told to Spark.
+Spark hands rows over as tasks end; a thread of the driver takes them from there. Faults
+of storage are retried here, and Spark is stopped where a job can't go on.
 """
 
 import logging
@@ -36,7 +36,7 @@ class Stop:
     final: bool = False
 
 
-_INTERRUPTION = Stop(INTERRUPTED, "the driver's pod was told to end")
+_INTERRUPTION = Stop(INTERRUPTED, "the driver's pod received SIGTERM")
 
 
 def segment_seconds(elapsed: float) -> float:
@@ -47,7 +47,7 @@ def segment_seconds(elapsed: float) -> float:
     return min(30.0, max(1.0, elapsed / 100))
 
 
-def said(row: Row) -> str:
+def outcome_line(row: Row) -> str:
     """How a case ended, in the line of the driver's log that `bagpipe logs` looks for."""
     outcome = f"{row['outcome']} {row.get('reason') or ''}".strip()
     seconds = row.get("seconds") or 0.0
@@ -70,7 +70,7 @@ class Keeper:
     _begun: float = -1.0
     _flushed: float = 0.0
     _failing_since: float | None = None
-    _told_to_end: bool = False
+    _interrupted: bool = False
     _fenced: float = 0.0
 
     def resume(self, planned: Plan) -> None:
@@ -92,7 +92,7 @@ class Keeper:
             if self.rows.add(row):
                 self.progress.add(row)
                 self.counted(row)
-                log.info("%s", said(row))
+                log.info("%s", outcome_line(row))
                 self._unwritten.append(row)
         if self.max_failed is not None and self.progress.failed() > self.max_failed:
             self._end(
@@ -127,7 +127,7 @@ class Keeper:
 
     def interrupt(self) -> None:
         """The pod is being ended: no further case is run, and what is done is journaled."""
-        self._told_to_end = True
+        self._interrupted = True
         if self.stop is None:
             self.stop = _INTERRUPTION
 
@@ -141,7 +141,7 @@ class Keeper:
             self._flush(self.clock())
         while self._unwritten and (self.stop is None or self.stop.final):
             self._flush(self.clock())
-            if self._unwritten and self._told_to_end:
+            if self._unwritten and self._interrupted:
                 self.stop = _INTERRUPTION
             elif self._unwritten:
                 pause.wait(1.0)
@@ -176,7 +176,7 @@ class Keeper:
     def _give_up(self, message: str) -> None:
         """The journal can't be kept, which ends the job also where its cases had stopped it.
 
-        That they did is said after it. A stop that left the rest to another driver stays.
+        The message then names both. A stop that left the rest to another driver stays.
         """
         stopped = self.stop
         if stopped is not None and stopped.final:
@@ -238,7 +238,7 @@ class Keeping:
             self._cancel()
 
     def _cancel_until_ended(self) -> None:
-        """Without a keeper a job would run on, its rows kept by nobody and its signals unheard."""
+        """Without a keeper a job would run on, its rows unwritten and its signals ignored."""
         while not self._ended.is_set():
             try:
                 self._cancel()

@@ -91,14 +91,14 @@ def _end(jvm: "subprocess.Popen[bytes]") -> None:
         jvm.wait()
 
 
-class Telling:
-    """Writes where the job is, twice a second and at its end: `with Telling(...)` around it."""
+class ProgressLines:
+    """Writes the job's progress to a stream, twice a second and at the end of the `with` block."""
 
     def __init__(self, progress: Progress, stream: TextIO) -> None:
         self._progress = progress
         self._stream = stream
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="telling", daemon=True)
+        self._thread = threading.Thread(target=self._work, name="progress-lines", daemon=True)
 
     def __enter__(self) -> None:
         self._thread.start()
@@ -106,13 +106,13 @@ class Telling:
     def __exit__(self, *_error: object) -> None:
         self._ended.set()
         self._thread.join()
-        self._tell()
+        self._write()
 
     def _work(self) -> None:
-        while self._tell() and not self._ended.wait(_LOOK_SECONDS):
+        while self._write() and not self._ended.wait(_LOOK_SECONDS):
             pass
 
-    def _tell(self) -> bool:
+    def _write(self) -> bool:
         try:
             self._stream.write(json.dumps(self._progress.snapshot()) + "\n")
             self._stream.flush()
@@ -142,16 +142,16 @@ def main(arguments: list[str] | None = None) -> int:
     interruption = Interruption()
     signal.signal(signal.SIGTERM, interruption)
     place = ThisMachine(options.shared, options.slots, options.cases)
-    with _own_stdout() as stdout, Telling(progress, stdout):
+    with _own_stdout() as stdout, ProgressLines(progress, stdout):
         complete = ended(progress, lambda: run(job, progress, interruption, place=place))
     return 0 if complete else 1
 
 
 def _own_stdout() -> TextIO:
     """Stdout for this module alone: what Spark and its children write there goes to stderr."""
-    told = os.fdopen(os.dup(sys.stdout.fileno()), "w")
+    stdout = os.fdopen(os.dup(sys.stdout.fileno()), "w")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    return told
+    return stdout
 
 
 if __name__ == "__main__":

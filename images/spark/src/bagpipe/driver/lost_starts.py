@@ -31,18 +31,18 @@ def with_evidence(rows: Iterable[Row], failed: Callable[[int], list[Task]]) -> l
     `failed` gives the failed tasks of a stage.
     """
     tasks: dict[int, list[Task]] = {}
-    told: list[Row] = []
+    kept: list[Row] = []
     for row in rows:
         if "task" not in row:
-            told.append(row)
+            kept.append(row)
             continue
         stage, index = row["task"]
         if stage not in tasks:
             tasks[stage] = sorted(failed(stage), key=lambda task: task["attempt"])
         starts = [_start(task) for task in tasks[stage] if task["index"] == index]
         rest = {key: value for key, value in row.items() if key != "task"}
-        told.append(rest | {"evidence": {"starts": starts[-_MOST_STARTS:]}})
-    return told
+        kept.append(rest | {"evidence": {"starts": starts[-_MOST_STARTS:]}})
+    return kept
 
 
 def failed_tasks(spark: SparkContext, stage: int) -> list[Task]:
@@ -56,7 +56,7 @@ def failed_tasks(spark: SparkContext, stage: int) -> list[Task]:
         listed = status_store(spark).taskList(stage, 0, 0, _MOST_TASKS, nothing, False, failed)
         found: list[Task] = as_json(spark, listed)
     except (Py4JError, AttributeError, OSError) as error:
-        log.warning("Spark does not tell why starts of a case were lost: %s", error)
+        log.warning("Spark does not report why starts of a case were lost: %s", error)
         return []
     return found
 

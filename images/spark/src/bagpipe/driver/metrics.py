@@ -1,5 +1,5 @@
 """The driver's metrics, from the rows of its cases. The process is one job's, so no metric but
-`bagpipe_job_info` has a label of the job: Prometheus tells drivers apart by their address.
+`bagpipe_job_info` has a label of the job: Prometheus distinguishes drivers by their address.
 """
 
 import logging
@@ -78,7 +78,7 @@ class DriverMetrics:
         ProcessCollector(registry=self.registry)
         info = Gauge(
             "bagpipe_job_info",
-            "1; the labels tell the job of this driver. Join other metrics of the driver with it "
+            "1; the labels name the job of this driver. Join other metrics of the driver with it "
             "by `instance`.",
             ["job_namespace", "job_name", "job_uid", "attempt", "engine", "mode"],
             registry=self.registry,

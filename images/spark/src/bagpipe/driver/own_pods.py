@@ -46,9 +46,9 @@ class Seen:
                 for container in spec.get(kind) or []
             }
             for kind in ("initContainerStatuses", "containerStatuses"):
-                for told in status.get(kind) or []:
-                    if digest := told.get("imageID"):
-                        key = (told["name"], asked.get(told["name"], ""), _plain(digest))
+                for container in status.get(kind) or []:
+                    if digest := container.get("imageID"):
+                        key = (container["name"], asked.get(container["name"], ""), _plain(digest))
                         self._pods.setdefault(key, set()).add(name)
 
     def images(self) -> list[dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""How far a job is: counted from rows, told as JSON to the operator and to the termination log."""
+"""How far a job is: counted from rows, reported as JSON to the operator and the termination log."""
 
 import json
 import threading
@@ -15,7 +15,7 @@ from bagpipe.run.case_run import Row
 Phase = Literal["Planning", "Running", "Complete", "Failed"]
 MAX_FAILURES = 5
 _MAX_MESSAGE = 300
-# Of the first failure, which the job's own message tells: the operator takes 1,000 letters.
+# Of the first failure, which the job's own message quotes: the operator takes 1,000 letters.
 _MAX_FIRST = 800
 
 
@@ -54,7 +54,7 @@ class Progress:
             self.message = f"{self.planned} cases planned"
 
     def warn(self, message: str) -> None:
-        """Tell a trouble that may pass; empty when it has."""
+        """Report a trouble that may pass; an empty message when it has."""
         with self._lock:
             self.warning = shortened(message, _MAX_MESSAGE)
 
@@ -64,7 +64,7 @@ class Progress:
             return self._outcomes["failed"] + self._outcomes["errored"]
 
     def adopt(self, manifest: dict[str, Any]) -> None:
-        """Tell what another driver of this job has committed."""
+        """Report what another driver of this job has committed."""
         with self._lock:
             self.phase, self.verdict = manifest["phase"], manifest["verdict"]
             self.reason, self.message = manifest["reason"], manifest["message"]
@@ -133,7 +133,7 @@ class Progress:
         """The pod is being ended: the job has not, and another driver may go on."""
         with self._lock:
             self.running, self.reason = 0, "Interrupted"
-            self.message = "the driver's pod was told to end; what is done is in the journal"
+            self.message = "the driver's pod received SIGTERM; what is done is in the journal"
 
     def lose(self, message: str) -> None:
         """Spark is gone: the job has not ended, and another driver may go on."""
@@ -174,7 +174,7 @@ class Progress:
             }
 
     def termination_message(self) -> str:
-        """The snapshot in at most 4,096 bytes: Kubernetes cuts more, and cut JSON tells nothing."""
+        """The snapshot in at most 4,096 bytes: Kubernetes cuts more, and cut JSON can't be read."""
         snapshot = self.snapshot()
         for part in ("failures", "comparisons"):
             while len(text := json.dumps(snapshot)) > 4096 and snapshot[part]:
@@ -191,8 +191,8 @@ class Progress:
         if not self._failures:
             self._first = shortened(message, _MAX_FIRST)
         if len(self._failures) < MAX_FAILURES:
-            told = shortened(message, _MAX_MESSAGE)
-            self._failures.append({"case": case[:100], "reason": reason, "message": told})
+            short = shortened(message, _MAX_MESSAGE)
+            self._failures.append({"case": case[:100], "reason": reason, "message": short})
 
     def _why_failed(self, errored: int, missing: int) -> tuple[str, str]:
         if not self._failures:
@@ -218,15 +218,15 @@ class Progress:
         if self._outcomes["invalid"]:
             return "Invalid", "Invalid", why
         if self._compared.reason:
-            said = self._compared.message[: 2 * _MAX_MESSAGE]
-            return "Invalid", self._compared.reason, f"; {said}"
+            message = self._compared.message[: 2 * _MAX_MESSAGE]
+            return "Invalid", self._compared.reason, f"; {message}"
         return ("Invalid", "NothingCompared", why) if against else ("Passed", "", "")
 
 
 def shortened(message: str, most: int) -> str:
     """A message in at most that many letters, with its beginning and its end.
 
-    What went wrong is said first and what to do last; lists are in the middle.
+    A message begins with what went wrong and ends with what to do; lists are in the middle.
     """
     if len(message) <= most or most < 20:
         return message[:most]

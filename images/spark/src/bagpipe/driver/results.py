@@ -68,7 +68,7 @@ class Results:
     ) -> Manifest:
         """Put the manifest, unless another driver has; the one that is there then is returned.
 
-        Whose it is, its `driver` tells: not the answer to the put, which may be an earlier try's.
+        Its `driver` names the writer: the answer to the put may be an earlier try's.
         """
         progress.finish()
         snapshot = progress.snapshot()
@@ -130,11 +130,11 @@ class Results:
             return
         entries = manifest["cases"]
         counted = {_key(entry) for entry in entries}
-        # Another version's driver may have told less of a row.
-        told = entries[0].keys() if entries else set()
+        # Another version's driver may have stored less of a row.
+        stored = entries[0].keys() if entries else set()
         with self.storage.create(uri) as file:
             for row in rows():
-                entry = {name: of for name, of in _manifest_entry(row).items() if name in told}
+                entry = {name: of for name, of in _manifest_entry(row).items() if name in stored}
                 if (key := _key(entry)) in counted:
                     counted.remove(key)
                     file.write(json.dumps({"schema": CASE_SCHEMA} | row).encode() + b"\n")
@@ -164,10 +164,10 @@ class Results:
 
 
 def _key(entry: Mapping[str, Any]) -> tuple[str, str]:
-    """A case, and all that its entry in the manifest tells of the row that counts.
+    """A case, and all that its entry in the manifest holds of the row that counts.
 
-    What it recorded is unique to an attempt; where it recorded nothing, the rest tells it from
-    another driver's row of the case.
+    What it recorded is unique to an attempt; where it recorded nothing, the rest distinguishes
+    it from another driver's row of the case.
     """
     return entry.get("case", ""), json.dumps(entry, sort_keys=True)
 

@@ -70,8 +70,8 @@ def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper
 def _is_gone(spark: SparkContext) -> bool:
     """Whether Spark can run no further case.
 
-    What its end raises tells that poorly: a call that it cut off is a plain Py4JError, and one
-    that comes later finds nobody who listens.
+    The error that its end raises doesn't show it: a call that is cut off is a plain Py4JError,
+    and a later one is refused the connection.
     """
     try:
         # pyspark offers no public way to its JVM.
@@ -121,6 +121,6 @@ def active_tasks(spark: SparkContext) -> int:
         tracker = spark.statusTracker()
         stages = [tracker.getStageInfo(stage) for stage in tracker.getActiveStageIds()]
     except (Py4JError, OSError) as error:
-        log.debug("Spark does not tell what runs: %s", error)
+        log.debug("Spark does not report what runs: %s", error)
         return 0
     return sum(stage.numActiveTasks for stage in stages if stage is not None)

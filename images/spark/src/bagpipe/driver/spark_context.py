@@ -22,8 +22,8 @@ _LEAST_HEAP_MEBIBYTES = 512
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
 # So many cases were measured; a job of more may earn it.
 _FEW_CASES = 3_000
-# Made with the image (images/spark/class_archive.py). A JVM that can't take what it is told to take
-# has not even Java's own archive, so none is told in vain.
+# Made with the image (images/spark/class_archive.py). A JVM that can't use the archive that it
+# is given uses not even Java's own, so only one that can is given it.
 CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
 # Above it a JVM's references are longer than those in an archive.
 _ARCHIVED_HEAP_MEBIBYTES = 32 << 10
@@ -150,8 +150,8 @@ def _endurance() -> dict[str, str]:
         "spark.kubernetes.executor.enablePollingWithResourceVersion": "true",
         "spark.kubernetes.executor.deleteOnTermination": "true",
         # Past this Spark ends its own process and the job with it, and a pod that quota refuses
-        # counts too. What bounds failures is the quarantine of each case, and what is told of
-        # executors that don't come is the operator's; so Spark has none (the largest integer).
+        # counts too. What bounds failures is the quarantine of each case, and the operator
+        # reports executors that don't come; so Spark has no limit (the largest integer).
         "spark.executor.maxNumFailures": str((1 << 31) - 1),
         # Spark keeps the time of each failure for so long.
         "spark.executor.failuresValidityInterval": "1h",

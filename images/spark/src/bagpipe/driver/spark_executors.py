@@ -16,7 +16,7 @@ from pyspark import SparkContext
 
 from bagpipe.driver.spark_json import as_json, status_store
 
-# A JVM that is busy must not cost the scrape all the other figures: the last answer is told then.
+# A JVM that is busy must not cost the scrape all the other figures: it gets the last answer then.
 _PATIENCE_SECONDS = 1.0
 
 log = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ _FIELDS: list[tuple[str, str, type[GaugeMetricFamily] | type[CounterMetricFamily
      GaugeMetricFamily, "diskUsed", 1),
 ]  # fmt: skip
 
-# name, help, Spark's name among the peaks that an executor tells with its heartbeats
+# name, help, Spark's name among the peaks that an executor reports with its heartbeats
 _PEAKS = [
     ("spark_executor_jvm_heap_peak_bytes", "The most heap that the executor's JVM has used.",
      "JVMHeapMemory"),
@@ -106,16 +106,16 @@ class SparkExecutors(Collector):
         while True:
             self._asked.wait()
             self._asked.clear()
-            self._last = _told_by_spark()
+            self._last = _asked_of_spark()
             self._answered.set()
 
 
-def _told_by_spark() -> list[dict[str, Any]]:
+def _asked_of_spark() -> list[dict[str, Any]]:
     spark: Any = SparkContext._active_spark_context  # noqa: SLF001
     try:
         found: list[dict[str, Any]] = as_json(spark, status_store(spark).executorList(True))
     except (Py4JError, AttributeError, OSError) as error:
         # Spark is being started or stopped: a scrape of that moment goes without its figures.
-        log.debug("Spark tells nothing of its executors: %s", error)
+        log.debug("Spark reports nothing of its executors: %s", error)
         return []
     return found

@@ -15,7 +15,7 @@ from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.fields import number_at
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.motion import closest
-from bagpipe.evaluate.window import heard, samples
+from bagpipe.evaluate.window import messages_of, samples
 from bagpipe.texts import duration_seconds
 
 # 200 points are some 3 KB of a row, which passes through the driver.
@@ -64,31 +64,31 @@ def _value(point: tuple[int, float]) -> float:
     return point[1]
 
 
-_Told = tuple[str, str, float | None, float | None, Course]
+_Plotted = tuple[str, str, float | None, float | None, Course]
 
 
-def _bounds(wanted: Any, evidence: Evidence) -> _Told:
-    answers = samples(heard(wanted.topic, evidence), evidence)
+def _bounds(wanted: Any, evidence: Evidence) -> _Plotted:
+    answers = samples(messages_of(wanted.topic, evidence), evidence)
     course = [(sample.time, number_at(sample.message, wanted.field)) for sample in answers]
     return f"{wanted.topic} {wanted.field}", "", wanted.min, wanted.max, course
 
 
-def _rate(wanted: Any, evidence: Evidence) -> _Told:
-    pairs = itertools.pairwise(each.time for each in heard(wanted.topic, evidence).inside)
+def _rate(wanted: Any, evidence: Evidence) -> _Plotted:
+    pairs = itertools.pairwise(each.time for each in messages_of(wanted.topic, evidence).inside)
     course = [(after, 1e9 / (after - before)) for before, after in pairs if after > before]
     return f"{wanted.topic}, 1 / time since the last", "Hz", wanted.min, wanted.max, course
 
 
-def _latency(wanted: Any, evidence: Evidence) -> _Told:
+def _latency(wanted: Any, evidence: Evidence) -> _Plotted:
     course = [
         (each.time, (each.time - each.stamp) / 1e9)
-        for each in heard(wanted.topic, evidence).answers
+        for each in messages_of(wanted.topic, evidence).answers
         if each.stamp is not None
     ]
     return f"{wanted.topic}, stamp to receipt", "s", None, duration_seconds(wanted.max), course
 
 
-def _error(wanted: Any, evidence: Evidence) -> _Told:
+def _error(wanted: Any, evidence: Evidence) -> _Plotted:
     fields = ", ".join(wanted.fields)
     return (
         f"{wanted.topic} {fields} off the truth",
@@ -99,9 +99,9 @@ def _error(wanted: Any, evidence: Evidence) -> _Told:
     )
 
 
-def _final_pose(wanted: Any, evidence: Evidence) -> _Told:
+def _final_pose(wanted: Any, evidence: Evidence) -> _Plotted:
     course = []
-    for sample in samples(heard(wanted.topic, evidence), evidence):
+    for sample in samples(messages_of(wanted.topic, evidence), evidence):
         pose = pose_of(sample.message)
         if pose is not None:
             distance = math.dist(wanted.position[:2], (float(pose[0].x), float(pose[0].y)))
@@ -109,12 +109,12 @@ def _final_pose(wanted: Any, evidence: Evidence) -> _Told:
     return f"{wanted.topic}, distance from the goal", "m", None, wanted.max_distance, course
 
 
-def _separation(wanted: Any, evidence: Evidence) -> _Told:
+def _separation(wanted: Any, evidence: Evidence) -> _Plotted:
     label = f"{wanted.ego}, distance to the nearest of {wanted.obstacles}"
     return label, "m", wanted.min_distance, None, closest(wanted, evidence)
 
 
-_COURSES: dict[str, Callable[[Any, Evidence], _Told]] = {
+_COURSES: dict[str, Callable[[Any, Evidence], _Plotted]] = {
     "bounds": _bounds,
     "rate": _rate,
     "latency": _latency,

@@ -9,19 +9,26 @@ from bagpipe.evaluate.evidence import Evidence, Received
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Latency, Presence, Rate
-from bagpipe.evaluate.window import Heard, backward, heard, over_window, spread, times_of
+from bagpipe.evaluate.window import (
+    TopicMessages,
+    backward,
+    messages_of,
+    over_window,
+    spread,
+    times_of,
+)
 from bagpipe.texts import duration_seconds
 
-_SAY_LESS = "look at when they came, or lower minCoverage"
+_REMEDY = "look at when they came, or lower minCoverage"
 
 
 def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
     """Counts messages; none is an answer here, and no lack of evidence.
 
-    Where no stamp tells what a message after the window's end answers, it counts as one that is
+    Where no stamp shows what a message after the window's end answers, it counts as one that is
     late, and the most must have come in the window.
     """
-    found = heard(wanted.topic, evidence)
+    found = messages_of(wanted.topic, evidence)
     least = found.answers + (found.others if found.clock == "receipt" else [])
     own = _own(least)
     count = len(own) if len(own) < wanted.min else len(least)
@@ -33,11 +40,11 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
     )
     late = len(least) - len(found.answers)
     share = 1.0 if not least else len(found.answers) / len(least)
-    said = f"the whole window, and {late} of {len(least)} messages after its end"
+    covered = f"the whole window, and {late} of {len(least)} messages after its end"
     return covering(
         _with_limits(finding, wanted),
         share,
-        said if late else "the whole window",
+        covered if late else "the whole window",
         found.clock,
         wanted.min_coverage,
         lasting=True,
@@ -61,8 +68,8 @@ def _repeated(messages: Sequence[Received], own: set[object]) -> str:
 
 
 def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
-    """Messages per second. Raises NoEvidenceError for a window that is too short to tell."""
-    found = heard(wanted.topic, evidence)
+    """Messages per second. Raises NoEvidenceError for a window that is too short."""
+    found = messages_of(wanted.topic, evidence)
     if evidence.seconds <= 0:
         raise NoEvidenceError("the case's window has no length")
     counted = _counted(found, evidence)
@@ -79,21 +86,21 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
         Finding(name, "rate", "passed", figure, "Hz", direction="higher"),
         wanted.min,
         wanted.max,
-        f"on {wanted.topic}{_repeated(counted, own)}{_unheard(found)}",
+        f"on {wanted.topic}{_repeated(counted, own)}{_more_after(found)}",
     )
     if wanted.over == "worst":
         return covering(finding, 1.0, "the whole window", "receipt", 0.0)
     usual = (evidence.end - evidence.start) / max(1, len(own))
     share: float | None = spread(times_of(found), evidence, wanted.min_coverage, usual)
-    said = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
+    covered = f"{len(own)} messages without a longer silence in {share:.0%} of the window"
     if found.latching or (found.clock == "receipt" and not evidence.paced):
-        share, said = over_window(found, evidence, wanted.min_coverage)
+        share, covered = over_window(found, evidence, wanted.min_coverage)
     return covering(
-        finding, share, said, found.clock, wanted.min_coverage, lasting=True, remedy=_SAY_LESS
+        finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
 
 
-def _counted(found: Heard, evidence: Evidence) -> list[Received]:
+def _counted(found: TopicMessages, evidence: Evidence) -> list[Received]:
     """The window's messages by receipt or by stamp, whichever are more.
 
     A slow stack answers in the window what belongs to the lead-in, and after it what belongs to
@@ -105,14 +112,14 @@ def _counted(found: Heard, evidence: Evidence) -> list[Received]:
     return stamped if len(stamped) > len(found.inside) else found.inside
 
 
-def _unheard(found: Heard) -> str:
+def _more_after(found: TopicMessages) -> str:
     return f", {len(found.others)} more after the window's end" if found.others else ""
 
 
 def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
     """Seconds from stamp to receipt. Raises NoEvidenceError where no stamp can be believed."""
     evidence.recorded.samples(wanted.topic)  # what can't be decoded is no evidence
-    found = heard(wanted.topic, evidence)
+    found = messages_of(wanted.topic, evidence)
     if found.fault:
         raise NoEvidenceError(found.fault)
     if found.clock != "header":
@@ -127,14 +134,14 @@ def latency(name: str, wanted: Latency, evidence: Evidence) -> Finding:
         duration_seconds(wanted.max),
         f"at percentile {wanted.percentile:g} of {len(delays)} messages on {wanted.topic}",
     )
-    share, said = over_window(found, evidence, wanted.min_coverage)
+    share, covered = over_window(found, evidence, wanted.min_coverage)
     return covering(
         finding,
         share,
-        said,
+        covered,
         "header",
         wanted.min_coverage,
-        remedy=backward(found.answers) or _SAY_LESS,
+        remedy=backward(found.answers) or _REMEDY,
     )
 
 

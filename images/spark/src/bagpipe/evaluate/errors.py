@@ -10,9 +10,9 @@ from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.matching import Matched, Pair, matched
 from bagpipe.evaluate.model import Error, FinalPose
-from bagpipe.evaluate.window import Heard, heard, samples
+from bagpipe.evaluate.window import TopicMessages, messages_of, samples
 
-# Fewer pairs say nothing of a course; one pair is enough for its end.
+# Fewer pairs are no evidence of the errors over time; one pair is enough for the last error.
 _LEAST_PAIRS = 2
 # How far the length of a heading's quaternion may be from 1.
 _QUATERNION = 0.1
@@ -21,9 +21,9 @@ _QUATERNION = 0.1
 def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     """RMSE, greatest or last distance. Raises NoEvidenceError where too little can be compared."""
     found = matched(name, wanted, evidence)
-    share, said = _coverage(wanted, found)
+    share, covered = _coverage(wanted, found)
     if found.odd is not None:
-        return covering(found.odd, share, said, found.clock, 0.0)
+        return covering(found.odd, share, covered, found.clock, 0.0)
     if len(found.pairs) < (1 if wanted.metric == "final" else _LEAST_PAIRS):
         raise NoEvidenceError(
             f"{len(found.pairs)} of {found.answers} messages on {wanted.topic} have a truth within"
@@ -38,7 +38,7 @@ def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     return covering(
         finding,
         share,
-        said,
+        covered,
         found.clock,
         wanted.min_coverage,
         lasting=wanted.metric == "max",
@@ -80,11 +80,11 @@ def _coverage(wanted: Error, found: Matched) -> tuple[float, str]:
         last = max((at + 1 for at, near in enumerate(found.answered) if near), default=0)
         return last / of_truth, f"the end: the last answer is at sample {last} of {of_truth}"
     near = sum(found.answered)
-    said = (
+    covered = (
         f"{near} of {of_truth} samples of the truth, which have an answer within"
         f" {wanted.stamp_tolerance}"
     )
-    return near / of_truth, said
+    return near / of_truth, covered
 
 
 def distances_of(wanted: Error, evidence: Evidence) -> list[tuple[int, float]]:
@@ -94,7 +94,7 @@ def distances_of(wanted: Error, evidence: Evidence) -> list[tuple[int, float]]:
 
 def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
     """Metres from where the last pose must be. Raises NoEvidenceError for a type without a pose."""
-    found = heard(wanted.topic, evidence)
+    found = messages_of(wanted.topic, evidence)
     last, at = _last(found, samples(found, evidence))
     pose = pose_of(last.message)
     if pose is None:
@@ -103,11 +103,11 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
             " Odometry and TransformStamped have one"
         )
     finding = _pose_odd(name, wanted, pose, at, evidence) or _off(name, wanted, pose)
-    # Latched or not: a goal that was said before the first input is no place that was reached.
+    # Latched or not: a goal that was published before the first input is no place that was reached.
     share = 1.0 - (evidence.end - at) / max(1, evidence.end - evidence.start)
     if share < wanted.min_coverage:
-        silent = evidence.heard_between(at, evidence.end)
-        share = 1.0 - silent / max(1, evidence.heard_between(evidence.start, evidence.end))
+        silent = evidence.input_time_between(at, evidence.end)
+        share = 1.0 - silent / max(1, evidence.input_time_between(evidence.start, evidence.end))
     return covering(
         finding,
         min(1.0, max(0.0, share)),
@@ -118,7 +118,7 @@ def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:
     )
 
 
-def _last(found: Heard, answers: list[Sample]) -> tuple[Sample, int]:
+def _last(found: TopicMessages, answers: list[Sample]) -> tuple[Sample, int]:
     """The last pose and its time, by the topic's clock."""
     if found.clock == "receipt":
         return answers[-1], answers[-1].time

@@ -1,6 +1,6 @@
 """What a case left behind, as the criteria see it: messages of a topic, decoded when asked for.
 
-Which of them belong to the case's window is told by window.py.
+window.py decides which of them belong to the case's window.
 """
 
 import itertools
@@ -223,7 +223,7 @@ class Evidence:
         edges = itertools.pairwise([0, *cuts, len(times)])
         return [(times[first], times[last - 1]) for first, last in edges if last > first]
 
-    def heard_between(self, start: int, end: int) -> int:
+    def input_time_between(self, start: int, end: int) -> int:
         """How long inputs came between two times, in ns: a recording may have gaps, in which nobody
         can be expected to answer.
         """

@@ -51,7 +51,7 @@ class NoEvidenceError(Exception):
 def covering(
     finding: Finding,
     share: float | None,
-    said: str,
+    covered: str,
     clock: Clock,
     least: float,
     *,
@@ -64,13 +64,13 @@ def covering(
     stays failed, however little else was seen.
     """
     part = None if share is None else round(share, 4)
-    finding = replace(finding, coverage=part, covered=said, clock=clock)
+    finding = replace(finding, coverage=part, covered=covered, clock=clock)
     if share is None or share >= least - 1e-9 or finding.outcome == "invalid":
         return finding
     if finding.outcome == "failed" and (lasting or finding.instead):
         return replace(finding, instead=finding.instead or "invalid")
     message = (
-        f"judged on {said}, which is {share:.0%}, and at least {least:.0%} are needed"
+        f"judged on {covered}, which is {share:.0%}, and at least {least:.0%} are needed"
         f"{f': {remedy}' if remedy else ''}; {finding.message}"
     )
     return replace(finding, outcome="invalid", message=message)
@@ -100,6 +100,6 @@ def verdict(findings: Sequence[Finding]) -> tuple[Outcome, str, str]:
     for outcome, reason in (("failed", "CriterionFailed"), ("invalid", "NotEnoughEvidence")):
         found = [f for f in findings if f.outcome == outcome]
         if found:
-            said = "; ".join(f"{f.name}: {f.message}" for f in found)
-            return ("failed" if outcome == "failed" else "invalid"), reason, said[:2000]
+            message = "; ".join(f"{f.name}: {f.message}" for f in found)
+            return ("failed" if outcome == "failed" else "invalid"), reason, message[:2000]
     return "passed", "", ""

@@ -58,8 +58,8 @@ def _found(criterion: Criterion, evidence: Evidence) -> Finding:
         finding = Finding(criterion.name, kind, "invalid", message=str(lack))
     except Exception as fault:  # a doubt about one criterion must not hide the others
         log.exception("criterion %s", criterion.name)
-        said = f"{type(fault).__name__}: {fault}"
-        finding = Finding(criterion.name, kind, "invalid", message=f"could not be judged: {said}")
+        text = f"{type(fault).__name__}: {fault}"
+        finding = Finding(criterion.name, kind, "invalid", message=f"could not be judged: {text}")
     if criterion.expect_failure:
         return as_expected(finding)
     if finding.outcome == "failed":

@@ -11,7 +11,7 @@ from bagpipe.evaluate.evidence import Evidence, Sample
 from bagpipe.evaluate.fields import no_number, number_at, turned
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError
 from bagpipe.evaluate.model import Error
-from bagpipe.evaluate.window import begin_of, credible, frames_differ, heard, samples
+from bagpipe.evaluate.window import begin_of, credible, frames_differ, messages_of, samples
 from bagpipe.texts import duration_seconds
 
 # In a gap of the truth, of so many usual steps or more, it may have been anywhere.
@@ -49,7 +49,7 @@ class Matched:
 def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     """Raises NoEvidenceError for stamps that can't be true, and for a truth that is no number."""
     most = int(duration_seconds(wanted.stamp_tolerance) * 1e9)
-    found = heard(wanted.topic, evidence, most)
+    found = messages_of(wanted.topic, evidence, most)
     answers = samples(found, evidence)
     truth = _truth(wanted, evidence)
     apart = frames_differ(answers, truth, wanted.topic, wanted.truth or "the truth")
@@ -110,7 +110,7 @@ def _truth(wanted: Error, evidence: Evidence) -> list[Sample]:
     if wanted.recording:
         found = evidence.source.samples(topic)
     else:
-        found = samples(heard(topic, evidence), evidence)
+        found = samples(messages_of(topic, evidence), evidence)
     where = "the recording's" if wanted.recording else "the truth's"
     fields = wanted.truth_fields or wanted.fields
     odd = no_number(

@@ -74,7 +74,7 @@ class _Bounded(_Model):
 
 
 class Presence(_Model):
-    """How many messages are recorded on a topic; at least one if nothing else is said."""
+    """How many messages are recorded on a topic; at least one by default."""
 
     topic: Topic
     min: int = Field(default=1, ge=0)

@@ -10,7 +10,7 @@ from bagpipe.evaluate.fields import no_number
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Separation
-from bagpipe.evaluate.window import frames_differ, heard, samples
+from bagpipe.evaluate.window import frames_differ, messages_of, samples
 from bagpipe.texts import duration_seconds
 
 Point = tuple[float, float]
@@ -29,7 +29,7 @@ def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
         met.clock,
         wanted.min_coverage,
         lasting=True,
-        remedy="raise maxAge if they are said less often, or lower minCoverage",
+        remedy="raise maxAge if they are published less often, or lower minCoverage",
     )
 
 
@@ -87,12 +87,13 @@ class Met:
 
 
 def _met(wanted: Separation, evidence: Evidence) -> Met:
-    heard_ego, heard_obstacles = heard(wanted.ego, evidence), heard(wanted.obstacles, evidence)
-    ego, obstacles = samples(heard_ego, evidence), samples(heard_obstacles, evidence)
+    ego_messages = messages_of(wanted.ego, evidence)
+    obstacle_messages = messages_of(wanted.obstacles, evidence)
+    ego, obstacles = samples(ego_messages, evidence), samples(obstacle_messages, evidence)
     apart = frames_differ(ego, obstacles, wanted.ego, wanted.obstacles)
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
-    stamped = heard_ego.clock == heard_obstacles.clock == "header"
+    stamped = ego_messages.clock == obstacle_messages.clock == "header"
     course = sorted((_when(sample, stamped), _ego_at(sample, wanted.ego)) for sample in ego)
     scenes = sorted(
         (_when(sample, stamped), _points(sample, wanted.obstacles)) for sample in obstacles
@@ -140,8 +141,8 @@ def _share(times: list[int], age: int, least: float, evidence: Evidence) -> floa
     unknown = [(before + age, after) for before, after in gaps if before + age < after]
     share = 1.0 - sum(after - before for before, after in unknown) / length
     if share < least:
-        length = evidence.heard_between(evidence.start, evidence.end) or length
-        share = 1.0 - sum(evidence.heard_between(*each) for each in unknown) / length
+        length = evidence.input_time_between(evidence.start, evidence.end) or length
+        share = 1.0 - sum(evidence.input_time_between(*each) for each in unknown) / length
     return share
 
 

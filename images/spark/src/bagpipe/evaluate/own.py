@@ -55,11 +55,11 @@ def _request(wanted: OwnEvaluator, evidence: Evidence, scratch: Path) -> dict[st
 
 
 def _answered(command: list[str], request: str, wanted: OwnEvaluator) -> dict[str, Any]:
-    with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as errors:
+    with tempfile.TemporaryFile() as output, tempfile.TemporaryFile() as errors:
         with subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
-            stdout=said,
+            stdout=output,
             stderr=errors,
             env={"PATH": os.environ.get("PATH", os.defpath)},
             start_new_session=True,
@@ -72,14 +72,14 @@ def _answered(command: list[str], request: str, wanted: OwnEvaluator) -> dict[st
                 ) from late
             finally:
                 _end(process)
-        said.seek(0)
-        text = said.read(_LONGEST_ANSWER + 1)
+        output.seek(0)
+        text = output.read(_LONGEST_ANSWER + 1)
         if process.returncode != 0:
             errors.seek(max(0, errors.seek(0, os.SEEK_END) - 2000))
             last = errors.read().decode(errors="replace").strip().splitlines()
             raise NoEvidenceError(
                 f"{wanted.file} ended with status {process.returncode}:"
-                f" {last[-1] if last else 'it said nothing'}"
+                f" {last[-1] if last else 'its stderr is empty'}"
             )
     try:
         answer = json.loads(text)
@@ -129,12 +129,14 @@ def _finding(name: str, answer: dict[str, Any]) -> Finding:
 
 def _judged(finding: Finding, answer: dict[str, Any], wanted: OwnEvaluator) -> Finding:
     share = _number(answer, "coverage")
-    said = _text(answer, "covered", 200)
+    covered = _text(answer, "covered", 200)
     if share is None:
-        return covering(finding, None, said, "none", 0.0)
+        return covering(finding, None, covered, "none", 0.0)
     if not 0 <= share <= 1:
         raise NoEvidenceError(f"the evaluator's coverage is {share:g}: return a share from 0 to 1")
-    return covering(finding, share, said or "what the evaluator says", "none", wanted.min_coverage)
+    return covering(
+        finding, share, covered or "what the evaluator says", "none", wanted.min_coverage
+    )
 
 
 def _text(answer: dict[str, Any], key: str, most: int) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bagpipe.evaluate.evidence import Evidence, Recording, Sample
-from bagpipe.evaluate.window import heard, samples
+from bagpipe.evaluate.window import messages_of, samples
 
 _MOST_FILE_BYTES = 1 << 30
 
@@ -45,7 +45,7 @@ class CaseToJudge:
         """(time in ns, message) of a topic that belong to the case's window; none is an empty
         list. Of what came after the window's end it is what is stamped in it.
         """
-        found = heard(topic, self._evidence)
+        found = messages_of(topic, self._evidence)
         return samples(found, self._evidence) if found.answers else []
 
 

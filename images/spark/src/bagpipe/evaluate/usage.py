@@ -16,12 +16,12 @@ _SUFFIXES = {
 def resources(name: str, wanted: Resources, evidence: Evidence) -> Finding:
     """CPU share or peak memory. Raises NoEvidenceError where the agent has measured nothing."""
     usage: dict[str, Any] = (evidence.result.get("stack") or {}).get("usage") or {}
-    share, said = _measured(usage, evidence)
+    share, covered = _measured(usage, evidence)
     finding = _used(name, wanted, usage)
     return covering(
         finding,
         share,
-        said,
+        covered,
         "none",
         wanted.min_coverage,
         # A peak stays one; what is used in a part says nothing of the whole.

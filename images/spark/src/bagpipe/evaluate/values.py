@@ -8,14 +8,14 @@ from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded, limits
 from bagpipe.evaluate.model import Expression, FieldBounds
 from bagpipe.evaluate.reads import number_below, paths_of
-from bagpipe.evaluate.window import Heard, heard, over_window, samples
+from bagpipe.evaluate.window import TopicMessages, messages_of, over_window, samples
 from bagpipe.expressions import Expression as Compiled
 from bagpipe.expressions import ExpressionError, UnknownNamesError
 
 
 def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
     """The value that is furthest out. Raises NoEvidenceError for a field that is not there."""
-    found = heard(wanted.topic, evidence)
+    found = messages_of(wanted.topic, evidence)
     numbers = [
         (sample.time, number_at(sample.message, wanted.field))
         for sample in samples(found, evidence)
@@ -35,11 +35,11 @@ def bounds(name: str, wanted: FieldBounds, evidence: Evidence) -> Finding:
 
 
 def _covering(
-    finding: Finding, found: Heard, evidence: Evidence, least: float, *, lasting: bool
+    finding: Finding, found: TopicMessages, evidence: Evidence, least: float, *, lasting: bool
 ) -> Finding:
-    share, said = over_window(found, evidence, least)
+    share, covered = over_window(found, evidence, least)
     remedy = "of a topic that is silent on purpose lower minCoverage"
-    return covering(finding, share, said, found.clock, least, lasting=lasting, remedy=remedy)
+    return covering(finding, share, covered, found.clock, least, lasting=lasting, remedy=remedy)
 
 
 def _excess(value: float, least: float | None, most: float | None) -> float:
@@ -50,9 +50,9 @@ def _excess(value: float, least: float | None, most: float | None) -> float:
 
 
 def expression(name: str, wanted: Expression, evidence: Evidence) -> Finding:
-    """The share of messages for which it holds. Raises NoEvidenceError where it can't be told."""
+    """The share of messages for which it holds. Raises NoEvidenceError where that is unknown."""
     program = compiled(wanted.holds)
-    found = heard(wanted.topic, evidence)
+    found = messages_of(wanted.topic, evidence)
     answers = [(s.time, as_map(s.message)) for s in samples(found, evidence)]
     finding = _odd(name, wanted, answers, evidence.start)
     if finding is None:

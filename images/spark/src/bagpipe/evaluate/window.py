@@ -1,7 +1,7 @@
 """Which messages belong to a case's window, by which clock, and how much of it they cover.
 
 The recorder goes on after the window's end, until the stack has answered. What comes then belongs
-to the input that it answers, which its stamp tells, or to nobody.
+to the input that it answers, which its stamp names, or to none.
 """
 
 import itertools
@@ -23,7 +23,7 @@ _DAY = 86_400 * _SECOND
 
 
 @dataclass(frozen=True)
-class Heard:
+class TopicMessages:
     """The messages of one topic. `fault` says what is wrong with their stamps.
 
     With the clock `header` all of them have stamps that can be true.
@@ -47,7 +47,7 @@ class Heard:
         return bool(self.answers) and all(each.connection.latching for each in self.answers)
 
 
-def heard(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> Heard:
+def messages_of(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> TopicMessages:
     """The messages of a recorded topic; none is an empty answer.
 
     `ahead` is how many ns a stamp may be later than its message's receipt.
@@ -57,7 +57,7 @@ def heard(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> Heard:
     after = [each for each in received if each.time >= evidence.end]
     fault = stamp_fault(topic, received, evidence, ahead)
     if fault or not received or any(each.stamp is None for each in received):
-        return Heard(topic, inside, [], after, "receipt", fault)
+        return TopicMessages(topic, inside, [], after, "receipt", fault)
     # Without a lead-in there is nothing else that an older stamp could belong to.
     begin = evidence.start if evidence.led_in else evidence.start - _LONGEST_BEFORE
     known = {each.stamp for each in inside}
@@ -68,10 +68,10 @@ def heard(topic: str, evidence: Evidence, ahead: int = ROUNDING) -> Heard:
             known.add(each.stamp)
         else:
             others.append(each)
-    return Heard(topic, inside, late, others, "header", "")
+    return TopicMessages(topic, inside, late, others, "header", "")
 
 
-def samples(found: Heard, evidence: Evidence) -> list[Sample]:
+def samples(found: TopicMessages, evidence: Evidence) -> list[Sample]:
     """The decoded messages that belong to the window, in the order of their receipt.
 
     Raises NoEvidenceError where there is none or one can't be decoded.
@@ -84,7 +84,7 @@ def samples(found: Heard, evidence: Evidence) -> list[Sample]:
         raise NoEvidenceError(
             f"no message on {found.topic} belongs to the case's window: all {len(received)} came"
             f" after its end, {'with stamps outside of it' if found.clock == 'header' else ''}"
-            f"{'' if found.clock == 'header' else 'and no stamp tells what they answer'}"
+            f"{'' if found.clock == 'header' else 'and no stamp shows what they answer'}"
         )
     return chosen
 
@@ -150,14 +150,14 @@ def backward(received: Sequence[Received]) -> str:
 def frames_differ(
     answers: Sequence[Sample], others: Sequence[Sample], topic: str, other: str
 ) -> str:
-    """A sentence where messages are said in several frames, or in another one than those that they
+    """A sentence where messages are in several frames, or in another one than those that they
     are compared with; nothing where these have no header, or name none.
     """
     ours, theirs = _frames(answers), _frames(others)
     if not theirs - {""} or not ours or (ours == theirs and len(ours) == 1):
         return ""
     return (
-        f"{topic} is said in {_named(ours)} and {other} in {_named(theirs)}: figures of"
+        f"{topic} is in {_named(ours)} and {other} in {_named(theirs)}: figures of"
         " two frames can't be compared; transform one of them, or write anyFrame: true if they"
         " are the same"
     )
@@ -175,7 +175,7 @@ def _named(frames: set[str]) -> str:
     return f"the frame {shown}" if names != ["no frame"] else "no frame"
 
 
-def times_of(found: Heard) -> list[int]:
+def times_of(found: TopicMessages) -> list[int]:
     """When the messages are, by the topic's clock."""
     if found.clock == "header":
         return [each.stamp or 0 for each in found.answers]
@@ -199,12 +199,12 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
     silences = [(evidence.start, inside[0]), *between, (inside[-1], evidence.end)]
     longest = max(after - before for before, after in silences)
     if 1.0 - (longest - usual) / length < least:
-        longest = max(evidence.heard_between(before, after) for before, after in silences)
-        length = evidence.heard_between(evidence.start, evidence.end) or length
+        longest = max(evidence.input_time_between(before, after) for before, after in silences)
+        length = evidence.input_time_between(evidence.start, evidence.end) or length
     return 1.0 - min(1.0, max(0.0, longest - usual - ROUNDING) / length)
 
 
-def over_window(found: Heard, evidence: Evidence, least: float) -> tuple[float | None, str]:
+def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple[float | None, str]:
     """How much of the window a topic's messages speak for, as a share and in words."""
     times = times_of(found)
     if found.latching and times:
@@ -212,11 +212,11 @@ def over_window(found: Heard, evidence: Evidence, least: float) -> tuple[float |
         share = min(1.0, max(0.0, held / max(1, evidence.end - evidence.start)))
         return share, f"{len(times)} latched messages, in force for {share:.0%} of the window"
     if found.clock == "receipt" and not evidence.paced:
-        # Bag time runs ahead of the stack: when a message came tells nothing of what it covers.
+        # Bag time runs ahead of the stack: when a message came does not show what it covers.
         return None, f"{len(times)} messages, whose times mode max leaves open"
     share = spread(times, evidence, least)
-    said = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
-    return share, said
+    covered = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
+    return share, covered
 
 
 def _since(time: int, evidence: Evidence) -> str:

@@ -118,7 +118,7 @@ class Decoder:
     """Frames out of a stream that arrives in pieces of any size.
 
     Holds one buffer that grows to two frames at most. Bytes come in by `feed`, or without a copy
-    by reading into `space()` and telling `received` how many there were. The rest of a large DATA
+    by reading into `space()` and passing their number to `received`. The rest of a large DATA
     frame, of which `missing` bytes are still to come, may instead be given to `rest` as it is.
     """
 

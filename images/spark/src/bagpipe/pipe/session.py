@@ -145,7 +145,7 @@ def _await_either(ends: Ends, sender: "_Sender", seconds: float) -> tuple[bool, 
     poller = select.poll()
     poller.register(ends.read, select.POLLIN)
     if not sender.peer_gone:
-        # Without POLLOUT the hang-up of the other side is still told.
+        # Without POLLOUT the hang-up of the other side is still reported.
         poller.register(ends.write, select.POLLOUT if sender.active else 0)
     events = dict(poller.poll(0 if sender.peer_gone else int(seconds * 1000) + 1))
     return ends.read in events, ends.write in events
@@ -198,7 +198,7 @@ class _Sender:
         except BlockingIOError:
             return
         except BrokenPipeError:
-            # Why the agent left is told by its ABORT or the end of its stream, read next.
+            # The agent's ABORT or the end of its stream, read next, gives the reason.
             self.active = False
             self.peer_gone = True
 

@@ -35,7 +35,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Crossing:
-    """Every condition of a job with the part of a case's name that tells it from the others."""
+    """Every condition of a job with the part of a case's name that distinguishes it."""
 
     named: list[tuple[str, Conditions]]
     expansion: Expansion | None = None
@@ -76,7 +76,7 @@ def _scenarios(
 
 
 def _rounds(count: int) -> list[tuple[str, int]]:
-    """What tells the cases of one fragment apart; of one width, so that names sort by round."""
+    """Suffixes of the cases of one fragment; of one width, so that names sort by round."""
     if count == 1:
         return [("", 0)]
     digits = len(str(count - 1))

@@ -45,7 +45,7 @@ def cut(
     """The fragments of a bag for `topics` (resolved names; empty: all); times in ns.
 
     Empty where the bag has no message on any of the topics. A chunk that was open during a gap
-    reaches over windows that it has no message in: `read` lets its index records tell. Raises
+    reaches over windows that it has no message in: `read` gets at its index records. Raises
     ValueError for a length of less than a nanosecond.
     """
     if length < 1:
@@ -92,14 +92,14 @@ def near(tail: BagTail, wanted: set[int], start: int, end: int) -> list[Chunk]:
 
 
 class _Recorded:
-    """When messages of some connections were recorded, as far as a bag's indexes tell."""
+    """When messages of some connections were recorded, as far as a bag's indexes show."""
 
     def __init__(self, chunks: list[Chunk], wanted: set[int], read: Read | None) -> None:
         self._chunks, self._wanted, self._read = chunks, wanted, read
         self._times: dict[int, list[int] | None] = {}
 
     def between(self, start: int, end: int) -> bool:
-        """Whether a time t with start <= t < end has a message; True where nothing can tell."""
+        """Whether a time t with start <= t < end has a message; True where that is unknown."""
         return any(self._surely(chunk, start, end) for chunk in self._near(start, end)) or any(
             self._maybe(chunk, start, end) for chunk in self._near(start, end)
         )

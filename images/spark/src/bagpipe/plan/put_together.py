@@ -38,9 +38,9 @@ def put_together(
                 planned[key] = error
         found = planned[key]
         if isinstance(found, PartError):
-            # Once, as a broken bag of source.bags is told once and not for each condition.
-            told = Unplanned(name + suffix, found.bag, found.reason, str(found))
-            unplanned.setdefault(told.message, told)
+            # Once, as a broken bag of source.bags is reported once and not for each condition.
+            fault = Unplanned(name + suffix, found.bag, found.reason, str(found))
+            unplanned.setdefault(fault.message, fault)
         else:
             case = dataclasses.replace(found, id=name + suffix, fragment=name, conditions=condition)
             cases.append(case)

@@ -10,10 +10,10 @@ from typing import Any
 
 Row = Mapping[str, Any]
 
-# More causes than this tell nobody anything; the others stand together, by reason.
+# Nobody reads more causes than this; the others stand together, by reason.
 MOST_CAUSES = 40
 _EXAMPLE_CHARACTERS = 300
-# But for the number of a signal and an exit status, which tell one crash from another.
+# But for the number of a signal and an exit status, which distinguish one crash from another.
 _VARYING = re.compile(
     r"0x[0-9a-f]+|\b[0-9a-f]{8,}\b|(?<!status )(?<!signal )(?<!\d)[-+]?\d[\d.,_]*(?:e[-+]?\d+)?",
     re.IGNORECASE,

@@ -1,4 +1,4 @@
-"""The cases that a reader will ask about: chosen among those that did not pass, told in full."""
+"""The cases that a reader will ask about: chosen among those that did not pass, shown in full."""
 
 import itertools
 from collections.abc import Collection, Mapping
@@ -9,7 +9,7 @@ from bagpipe.row_facts import discarded_runs, run_words
 Row = Mapping[str, Any]
 
 MOST_DETAILS = 50
-# Kinds of trouble that are told apart; what differs beyond that many is not chosen.
+# Kinds of trouble that are distinguished; what differs beyond that many is not chosen.
 _MOST_GROUPS = 50
 _STDERR_LINES = 40
 _LINE_CHARACTERS = 500

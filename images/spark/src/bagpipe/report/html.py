@@ -41,7 +41,7 @@ class Report:
         results: str,
         comparisons: Sequence[Mapping[str, Any]] = (),
     ) -> None:
-        """`comparisons` may be given before the rows, so that what regressed is told in full."""
+        """`comparisons` may be given before the rows, so that what regressed is shown in full."""
         self._spec = spec
         self._results = results
         self._regressed = regressed_cases(comparisons)
@@ -61,7 +61,7 @@ class Report:
         self, manifest: Mapping[str, Any], comparisons: Sequence[Mapping[str, Any]] = ()
     ) -> bytes:
         """The page, from what was added alone: nothing is read for it."""
-        data = self._columns.as_json() | {"details": self._told(), "replay": self._replay()}
+        data = self._columns.as_json() | {"details": self._in_full(), "replay": self._replay()}
         counted = dict(manifest) | {"counts": _counted(manifest, comparisons)}
         data["causes"] = self._causes.as_json(data["cases"]["case"])
         data["regressed"] = regressed_cases(comparisons)
@@ -77,11 +77,11 @@ class Report:
             stack_seconds=self._seconds,
         )
 
-    def _told(self) -> dict[str, dict[str, Any]]:
+    def _in_full(self) -> dict[str, dict[str, Any]]:
         return {str(row["case"]): detail_of(row) for row in self._details.rows()}
 
     def _replay(self) -> dict[str, Any]:
-        """What `bagpipe replay` has to be told: the results, and the claims to stand in for."""
+        """What `bagpipe replay` has to be given: the results, and the claims to stand in for."""
         uris = [self._results, *(self._spec.source.uris if self._spec else [])]
         claims = [uri.removeprefix("pvc://").split("/")[0] for uri in uris if uri[:6] == "pvc://"]
         return {"results": self._results, "claims": list(dict.fromkeys(claims))}

@@ -39,7 +39,7 @@ def write_junit(file: IO[bytes], manifest: Mapping[str, Any], rows: Iterable[Row
     """All cases, as `kept` gives them; those of each variant together."""
     job = str(manifest["job"]["name"])
     ordered = sorted(rows, key=lambda row: str(row.get("variant") or ""))
-    # Where the results come from is said of every suite: readers of one suite see no other.
+    # Every suite names where the results come from: readers of one suite see no other.
     facts = [*facts_of(manifest), ("discarded runs", str(manifest["counts"]["discarded"]))]
     _write(file, f'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name={_quoted(job)}>\n')
     for suite, cases in itertools.groupby(ordered, lambda row: str(row.get("variant") or job)):
@@ -78,8 +78,8 @@ def _case(row: Row, job: str) -> Iterator[str]:
 
 
 def _properties(facts: Iterable[tuple[str, str]]) -> str:
-    told = [f"<property name={_quoted(name)} value={_quoted(value)}/>" for name, value in facts]
-    return f"<properties>{''.join(told)}</properties>"
+    found = [f"<property name={_quoted(name)} value={_quoted(value)}/>" for name, value in facts]
+    return f"<properties>{''.join(found)}</properties>"
 
 
 def _verdict(row: Row) -> str:

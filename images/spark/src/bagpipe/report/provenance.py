@@ -6,19 +6,19 @@ from typing import Any
 
 def facts_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
     """What is known of where the results come from, in the order in which it is read."""
-    told = manifest.get("provenance") or {}
+    given = manifest.get("provenance") or {}
     facts = [
-        *((f"label {name}", value) for name, value in (told.get("labels") or {}).items()),
-        *((name, value) for name, value in (told.get("annotations") or {}).items()),
-        ("began", told.get("began")),
-        ("ended", told.get("ended")),
-        ("seconds", told.get("seconds")),
-        ("bagpipe", told.get("bagpipe")),
-        ("agent", ", ".join(told.get("agents") or [])),
-        *((f"image {image['container']}", _image(image)) for image in told.get("images") or []),
-        *(("machine", _machine(machine)) for machine in told.get("machines") or []),
-        ("seeds", ", ".join(str(seed) for seed in told.get("seeds") or [])),
-        *((f"discarded {why}", n) for why, n in (told.get("discarded") or {}).items()),
+        *((f"label {name}", value) for name, value in (given.get("labels") or {}).items()),
+        *((name, value) for name, value in (given.get("annotations") or {}).items()),
+        ("began", given.get("began")),
+        ("ended", given.get("ended")),
+        ("seconds", given.get("seconds")),
+        ("bagpipe", given.get("bagpipe")),
+        ("agent", ", ".join(given.get("agents") or [])),
+        *((f"image {image['container']}", _image(image)) for image in given.get("images") or []),
+        *(("machine", _machine(machine)) for machine in given.get("machines") or []),
+        ("seeds", ", ".join(str(seed) for seed in given.get("seeds") or [])),
+        *((f"discarded {why}", n) for why, n in (given.get("discarded") or {}).items()),
     ]
     return [(str(name), str(value)) for name, value in facts if value not in (None, "")]
 

@@ -31,15 +31,15 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
         return f"All {planned:,} cases passed." if planned != 1 else "The one case passed."
     if not manifest["verdict"]:
         return str(manifest["message"])
-    told = [
+    counted = [
         f"{counts[outcome]:,} {word}"
         for outcome, word in (("failed", "failed"), ("invalid", "lack evidence"))
         if counts[outcome]
     ]
     # A job may fail by its comparison alone.
-    said = f"Of {planned:,} cases {' and '.join(told) or 'none failed'}."
+    sentence = f"Of {planned:,} cases {' and '.join(counted) or 'none failed'}."
     causes = _causes(data)
-    return f"{said} Most often: {causes}." if causes else said
+    return f"{sentence} Most often: {causes}." if causes else sentence
 
 
 def _causes(data: Mapping[str, Any]) -> str:

@@ -49,7 +49,7 @@ _RECORD_BYTES = 1 << 30
 _REASONS: list[tuple[type[Exception], str]] = [
     (SlotUnavailableError, "SlotUnavailable"),
     (StorageError, "StorageFailed"),
-    # The pipes and locks of the shared volume: an agent that starts anew makes them again.
+    # The pipes and locks of the shared volume: an agent that restarts makes them again.
     (OSError, "SlotUnavailable"),
 ]
 
@@ -158,11 +158,11 @@ def _throw_away(row: Row, context: RunContext) -> None:
 
 
 def _discarded(row: Row, seconds: float) -> Row:
-    """A run that does not count, as the row of its case tells of it."""
+    """A run that does not count, as the row of its case describes it."""
     result = row["result"] or {}
     measured = {key: result[key] for key in ("ledger", "machine") if result.get(key)}
-    told = {"reason": row["reason"], "message": row["message"], "seconds": round(seconds, 3)}
-    return told | measured
+    discarded = {"reason": row["reason"], "message": row["message"], "seconds": round(seconds, 3)}
+    return discarded | measured
 
 
 def _unproved(row: Row, context: RunContext) -> Row:
@@ -249,16 +249,16 @@ def _judged(played: Played) -> Row:
 
 
 def _answered(
-    case: Case, context: RunContext, said: InputFile | Turns, sink: Sink | Sinks
+    case: Case, context: RunContext, inputs: InputFile | Turns, sink: Sink | Sinks
 ) -> Answer:
     meeting = time.monotonic() + _MEETING_SECONDS
     with lease(_shared(case, context), meeting) as slot, open_ends(slot, meeting) as ends:
         deadline = time.monotonic() + _case_seconds(context.spec) + _GRACE_SECONDS
         described = case_map(case, context)
-        if isinstance(said, InputFile):
-            return run_session(ends, described, [said], sink, deadline)
-        described["simulator"] = said.described
-        return run_turns(ends, described, said, sink, deadline)
+        if isinstance(inputs, InputFile):
+            return run_session(ends, described, [inputs], sink, deadline)
+        described["simulator"] = inputs.described
+        return run_turns(ends, described, inputs, sink, deadline)
 
 
 def _shared(case: Case, context: RunContext) -> Path:

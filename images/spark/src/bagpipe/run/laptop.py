@@ -38,7 +38,7 @@ def local_spec(spec: SimulationJobSpec) -> SimulationJobSpec:
 
 
 def planned_case(row: Row, spec: SimulationJobSpec, storage: Storage) -> Case:
-    """The case that a row tells of, cut anew from its own recording.
+    """The case that a row describes, cut again from its own recording.
 
     Raises ReplayError where the recording has no such window (any more), StorageError where it
     can't be read.
@@ -51,9 +51,9 @@ def planned_case(row: Row, spec: SimulationJobSpec, storage: Storage) -> Case:
     for case in planned.cases:
         window = [case.window.lead_in_start, case.window.start, case.window.end]
         conditions = case.conditions
-        told = (conditions.variant, conditions.values, conditions.seed, conditions.round)
+        planned_as = (conditions.variant, conditions.values, conditions.seed, conditions.round)
         wanted = (row["variant"], row["values"], row["seed"], row["round"])
-        if window == row["window"] and told == wanted:
+        if window == row["window"] and planned_as == wanted:
             return dataclasses.replace(case, id=row["case"])
     why = "; ".join(bag.message for bag in planned.unplanned)
     raise ReplayError(
@@ -127,7 +127,7 @@ def _await_ready(agent: str, shared: Path, process: "subprocess.Popen[bytes]", l
     while subprocess.run(ready, capture_output=True, check=False, timeout=10).returncode:
         if process.poll() is not None or time.monotonic() > deadline:
             last = log.read_text(errors="replace").strip().splitlines()[-5:]
-            raise ReplayError(f"the agent did not start; it said: {' '.join(last) or 'nothing'}")
+            raise ReplayError(f"the agent did not start; it wrote: {' '.join(last) or 'nothing'}")
         pause.wait(0.05)
 
 

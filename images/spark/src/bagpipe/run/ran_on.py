@@ -16,12 +16,12 @@ _MODEL_KEYS = ("model name", "Model", "Hardware", "cpu model")
 def ran_on() -> dict[str, Any]:
     """Host (in a cluster the pod), processor, architecture, kernel, and how many processors."""
     try:
-        told = _CPU_INFO.read_text(errors="replace")
+        cpu_info = _CPU_INFO.read_text(errors="replace")
     except OSError:
-        told = ""
+        cpu_info = ""
     return {
         "host": socket.gethostname(),
-        "cpu": cpu_model(told),
+        "cpu": cpu_model(cpu_info),
         "arch": platform.machine(),
         "kernel": platform.release(),
         "cpus": os.cpu_count() or 0,

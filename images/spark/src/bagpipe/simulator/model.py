@@ -116,7 +116,7 @@ class Simulator(BaseModel):
 
     @property
     def recorded_topics(self) -> list[str]:
-        """What is heard out of recordings."""
+        """The topics that are played from recordings."""
         return [topic for piece in self.recorded for topic in piece.topics]
 
     @property

@@ -35,7 +35,7 @@ class Steering:
 
 
 class Beside(Protocol):
-    """What else is heard during the drive."""
+    """What else is published during the drive."""
 
     @property
     def publications(self) -> list[Publication]:
@@ -97,10 +97,10 @@ class World:
 
     def _obey(self, answer: dict[str, Any]) -> None:
         control = self._simulator.topics.control
-        heard = [(kind, data) for topic, kind, data in answer["messages"] if topic == control]
-        for kind, data in heard:
+        commands = [(kind, data) for topic, kind, data in answer["messages"] if topic == control]
+        for kind, data in commands:
             self._wish = wish(control, kind, data)
-        if heard:
+        if commands:
             self._unanswered = 0
         elif self._due and self._steering.required:
             self._unanswered += 1
@@ -133,7 +133,7 @@ class World:
         return [course.at(seconds) for course in self._courses] + self._barriers
 
     def _speak(self) -> list[tuple[str, bytes]]:
-        """What is said at this moment, in the order in which it goes out."""
+        """What is published at this moment, in the order in which it goes out."""
         number, time, seconds = self._number, self._time(self._number), self._seconds()
         names, pose, others = self._simulator.topics, self.car.pose, self._others(seconds)
         if not number:

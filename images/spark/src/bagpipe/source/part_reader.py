@@ -19,7 +19,7 @@ MOST_BYTES = 1 << 30
 
 
 @dataclass(frozen=True)
-class Heard:
+class PartMessage:
     """A message of a part: its connection in the part's bag, its time in the case in ns, its
     bytes with their headers' stamps moved, and as they were recorded.
     """
@@ -53,8 +53,8 @@ class PartReader:
         wanted = self._part.topics
         return [c for c in self._bag.connections if not wanted or resolve(c.topic) in wanted]
 
-    def latched(self) -> list[Heard]:
-        """What each latching publisher said last before the part, at the part's start."""
+    def latched(self) -> list[PartMessage]:
+        """What each latching publisher sent last before the part, at the part's start."""
         start = self._part.window.lead_in_start
         last: dict[tuple[str, str], tuple[Any, int, memoryview]] = {}
         topics = sorted({c.topic for c in self.connections if c.latching})
@@ -63,14 +63,14 @@ class PartReader:
                 if found[0].latching:
                     last[publisher(found[0])] = found
         in_order = sorted(last.values(), key=lambda found: found[1])
-        return [self._heard(connection, start, raw) for connection, _, raw in in_order]
+        return [self._message(connection, start, raw) for connection, _, raw in in_order]
 
-    def messages(self) -> Iterator[Heard]:
+    def messages(self) -> Iterator[PartMessage]:
         """The lead-in and the window, in the bag's order. Raises SessionError."""
         window = self._part.window
         topics = sorted({connection.topic for connection in self.connections})
         for connection, time, raw in self._messages(topics, window.lead_in_start, window.end):
-            yield self._heard(connection, time, raw)
+            yield self._message(connection, time, raw)
 
     def _messages(
         self, topics: list[str], start: int, end: int
@@ -82,7 +82,7 @@ class PartReader:
         if (damage := self._bag.damage) is not None:
             raise _unreadable(self._part, f"expected {damage.description}")
 
-    def _heard(self, connection: Any, time: int, raw: memoryview) -> Heard:
+    def _message(self, connection: Any, time: int, raw: memoryview) -> PartMessage:
         recorded = bytes(raw)
         try:
             data = moved(connection.type, connection.definition, recorded, self._part.shift)
@@ -92,7 +92,7 @@ class PartReader:
                 f"{connection.topic} at {time / 1e9:.3f} s can't be moved in time: {error}. Leave"
                 " the topic out",
             ) from error
-        return Heard(connection, time + self._part.shift, data, recorded)
+        return PartMessage(connection, time + self._part.shift, data, recorded)
 
 
 def publisher(connection: Any) -> tuple[str, str]:

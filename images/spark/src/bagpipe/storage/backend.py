@@ -42,7 +42,7 @@ class Backend(Protocol):
 
     A method asks once. It raises TransientError where asking again may help, else
     FileNotFoundError, ChangedError or another OSError with a sentence or an errno. No sentence
-    holds what a server or a library said freely: that may quote a credential.
+    quotes free text of a server or a library: that may hold a credential.
     """
 
     # How many ranges of one file are asked for at the same time, and the bytes between two

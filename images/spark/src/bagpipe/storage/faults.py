@@ -11,7 +11,7 @@ class StorageError(Exception):
 
     @property
     def may_pass(self) -> bool:
-        """Whether storage did not answer, also when asked again, rather than said no."""
+        """Whether storage did not answer, also when asked again, rather than refused."""
         cause = self.__cause__
         while cause is not None and not isinstance(cause, TransientError):
             cause = cause.__cause__
@@ -23,7 +23,7 @@ class StorageUnfitError(StorageError):
 
 
 @contextmanager
-def told(uri: str, done: str) -> Iterator[None]:
+def storage_errors(uri: str, done: str) -> Iterator[None]:
     """Turn a backend's errors into StorageError: `uri` can't be `done` ("read", "written")."""
     try:
         yield

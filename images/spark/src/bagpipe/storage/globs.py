@@ -19,7 +19,7 @@ def fixed_folder(pattern: str) -> str:
 
 
 def matcher(pattern: str) -> Callable[[str], object]:
-    """Tells whether a whole path matches: `*` and `?` within a folder, `**` across folders."""
+    """Whether a whole path matches, as a function: `*` within a folder, `**` across folders."""
     # Slow to load, and of no use where only whole files are read.
     from fsspec.utils import glob_translate  # noqa: PLC0415
 

@@ -41,7 +41,7 @@ class HdfsBackend:
             url += ":8020"  # Hadoop's own default; its configuration may know a group's name
         self._client = self._ask(lambda: hdfs_native.Client(url, limits))
         # Writers whose rename was sent and whose answer was lost.
-        self._unheard: set[str] = set()
+        self._unconfirmed: set[str] = set()
 
     def stat(self, path: str) -> Stat:
         """Size and version of a file; FileNotFoundError where there is none."""
@@ -83,16 +83,16 @@ class HdfsBackend:
     def put_once(self, path: str, data: bytes, writer: str) -> bool:
         """Create a whole file by a rename, which HDFS refuses where the name is taken."""
         part = _part(f"/{path}", writer)
-        if writer in self._unheard and not _is_there(self._client, self._seconds, part):
-            self._unheard.discard(writer)
+        if writer in self._unconfirmed and not _is_there(self._client, self._seconds, part):
+            self._unconfirmed.discard(writer)
             return True
-        if writer not in self._unheard:
+        if writer not in self._unconfirmed:
             sink = HdfsSink(self._client, self._patience, f"/{path}", writer)
             sink.write(data)
             sink.close()
-        self._unheard.add(writer)
+        self._unconfirmed.add(writer)
         won = self._renamed(part, f"/{path}")
-        self._unheard.discard(writer)
+        self._unconfirmed.discard(writer)
         if not won:
             self.remove(part.lstrip("/"))
         return won
@@ -137,7 +137,7 @@ class HdfsSink:
         self._path = path
         self._part: str | None = _part(path, writer)
         # A rename was sent and its answer was lost.
-        self._unheard = False
+        self._unconfirmed = False
         options = hdfs_native.WriteOptions(overwrite=True, create_parent=True)
         self._file: hdfs_native.FileWriter | None = within(
             self._seconds, lambda: client.create(_part(path, writer), options)
@@ -168,11 +168,11 @@ class HdfsSink:
 
         Nobody else knows the name of the part.
         """
-        if self._unheard and not _is_there(self._client, self._seconds, part):
+        if self._unconfirmed and not _is_there(self._client, self._seconds, part):
             if _is_there(self._client, self._seconds, self._path):
                 return
             raise FileNotFoundError("it vanished while it was renamed")
-        self._unheard = True
+        self._unconfirmed = True
         within(self._seconds, lambda: self._client.rename(part, self._path, True))
 
     def abandon(self) -> None:

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 from bagpipe.storage.backend import Backend
 from bagpipe.storage.environment import take_over_secrets
-from bagpipe.storage.faults import StorageError, told
+from bagpipe.storage.faults import StorageError, storage_errors
 from bagpipe.storage.local import LocalBackend
 from bagpipe.storage.retries import Patience
 from bagpipe.storage.servers import check_server
@@ -29,7 +29,7 @@ def locate(uri: str, volumes: dict[str, str], patience: Patience) -> tuple[Backe
     if scheme == "file":
         return LocalBackend("/"), rest
     if scheme in _OBJECTS or scheme == "hdfs":
-        with told(uri, "used"):
+        with storage_errors(uri, "used"):
             return _remote(scheme, authority, patience, os.getpid()), path
     raise StorageError(
         f"{uri} has no known scheme: write pvc://, file://, s3://, hdfs://, gs://, az:// or https://"

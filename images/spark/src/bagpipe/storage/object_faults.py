@@ -65,14 +65,14 @@ def translated(error: exceptions.BaseError) -> OSError:
     """The error to raise for one of obstore's."""
     text = str(error)
     status, code = _found(_STATUS, text), _found(_CODE, text)
-    said = " ".join(part for part in (status, code) if part)
+    reply = " ".join(part for part in (status, code) if part)
     if isinstance(error, _DENIED) or status in {"401", "403"}:
-        return OSError(REFUSED.format(detail=f" ({said})" if said else ""))
+        return OSError(REFUSED.format(detail=f" ({reply})" if reply else ""))
     if _METADATA.search(text):
         # A new pod's identity may take a moment to be there.
         return TransientError(NO_CREDENTIAL)
     if status:
-        return _answered(status, code, said)
+        return _answered(status, code, reply)
     return _broken(error, text)
 
 
@@ -88,12 +88,12 @@ def _broken(error: exceptions.BaseError, text: str) -> OSError:
     return OSError(f"the storage library refused ({type(error).__name__}): check the URI")
 
 
-def _answered(status: str, code: str, said: str) -> OSError:
+def _answered(status: str, code: str, reply: str) -> OSError:
     if status in _BUSY or code in _BUSY_CODES:
-        return TransientError(f"the server answered {said}")
+        return TransientError(f"the server answered {reply}")
     if status == "404":
-        return FileNotFoundError(f"the server answered {said}")
-    return OSError(f"the server answered {said}: check the URI, the endpoint and the region")
+        return FileNotFoundError(f"the server answered {reply}")
+    return OSError(f"the server answered {reply}: check the URI, the endpoint and the region")
 
 
 def _not_found(text: str) -> str:

@@ -64,7 +64,7 @@ class ObjectBackend:
                 for chunk in answer.stream(min_chunk_size=_CHUNK_BYTES):
                     data += memoryview(chunk)
             except Exception:
-                # What came is kept; only an answer without a byte tells why.
+                # What came is kept; only an answer without a byte raises.
                 if not data:
                     raise
             return bytes(data)
@@ -118,8 +118,7 @@ class ObjectBackend:
     def _is_of(self, path: str, data: bytes, writer: str) -> bool:
         """Whether the object under a name that is taken is the one that this writer put.
 
-        A server that keeps no metadata leaves the content to tell, which in a manifest names its
-        driver.
+        Where a server keeps no metadata the content decides, which in a manifest names its driver.
         """
         try:
             found = obstore.get(self._store, path)

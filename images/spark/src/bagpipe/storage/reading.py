@@ -6,7 +6,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 from bagpipe.storage.backend import Backend, Stat, TransientError
-from bagpipe.storage.faults import StorageError, told
+from bagpipe.storage.faults import StorageError, storage_errors
 from bagpipe.storage.retries import Attempts, Clock, Patience
 
 # Times `Backend.parallel`, 8 for remote storage: a reader holds at most 32 MiB.
@@ -87,7 +87,7 @@ class OpenFile:
                 )
         local = self._backend.parallel == 1
         asked = requests(ranges, piece_bytes if local else REQUEST_BYTES, self._backend.gap_bytes)
-        with told(self.uri, "read"):
+        with storage_errors(self.uri, "read"):
             answers = self._in_turn(asked) if local else self._ahead(asked)
             for request, data in answers:
                 for begin, length in request.parts:

@@ -30,12 +30,12 @@ def check_server(scheme: str, authority: str, environment: Mapping[str, str]) ->
     The sentences name variables and not their values, which may be a Secret's.
     """
     entries = read_hosts(environment.get(VARIABLE, ""))
-    for kind, server, whence in _servers(scheme, authority, environment):
+    for kind, server, origin in _servers(scheme, authority, environment):
         if SERVER.fullmatch(server) is None:
-            raise OSError(f"{whence} names no server: write a host, and a port if it has one")
+            raise OSError(f"{origin} names no server: write a host, and a port if it has one")
         if not allows(entries, kind, server):
             raise PermissionError(
-                f"{whence} leads to a server that this installation does not allow: use another,"
+                f"{origin} leads to a server that this installation does not allow: use another,"
                 " or ask an administrator to add it to storage.allowedHosts of the Helm chart"
             )
 
@@ -54,8 +54,8 @@ def _servers(
         return [_of_url(environment[name], name) for name in endpoints]
     if scheme == "s3":
         return [
-            ("https", f"s3.{label}.amazonaws.com", whence)
-            for label, whence in regions or [("us-east-1", "the bucket")]
+            ("https", f"s3.{label}.amazonaws.com", origin)
+            for label, origin in regions or [("us-east-1", "the bucket")]
         ]
     if scheme == "gs":
         return [_of_google(environment.get(_GOOGLE_KEY, ""))]
@@ -89,16 +89,16 @@ def _of_google(key: str) -> tuple[str, str, str]:
     return "https", "storage.googleapis.com", "the bucket"
 
 
-def _of_url(url: str, whence: str) -> tuple[str, str, str]:
+def _of_url(url: str, origin: str) -> tuple[str, str, str]:
     # A Secret's value often ends with a line's end, which libraries leave out.
     found = _URL.fullmatch(url.strip(" \t\r\n"))
     if found is None:
-        raise OSError(f"{whence} is no URL: write http:// or https://, and a server")
-    return found["scheme"], found["server"], whence
+        raise OSError(f"{origin} is no URL: write http:// or https://, and a server")
+    return found["scheme"], found["server"], origin
 
 
-def _label(text: str, whence: str) -> str:
+def _label(text: str, origin: str) -> str:
     """A part of a host's name; with a dot, slash or @ in it the host would be another."""
     if _LABEL.fullmatch(text) is None:
-        raise OSError(f"{whence} holds more than letters, digits and hyphens: write the name alone")
+        raise OSError(f"{origin} holds more than letters, digits and hyphens: write the name alone")
     return text

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from bagpipe.storage.backend import Sink, Stat
-from bagpipe.storage.faults import StorageError, StorageUnfitError, told
+from bagpipe.storage.faults import StorageError, StorageUnfitError, storage_errors
 from bagpipe.storage.globs import is_pattern
 from bagpipe.storage.kinds import locate, restore
 from bagpipe.storage.reading import OpenFile
@@ -38,14 +38,14 @@ class Storage:
         if not is_pattern(pattern):
             return [pattern] if self.exists(pattern) else []
         backend, path = locate(pattern, self.volumes, self.patience)
-        with told(pattern, "read"):
+        with storage_errors(pattern, "read"):
             found = self._asked(lambda: backend.glob(path))
         return sorted(restore(pattern, name, self.volumes) for name in found)
 
     def exists(self, uri: str) -> bool:
         """Whether there is a file (not a folder) of that name."""
         backend, path = locate(uri, self.volumes, self.patience)
-        with told(uri, "read"):
+        with storage_errors(uri, "read"):
             try:
                 self._asked(lambda: backend.stat(path))
             except FileNotFoundError:
@@ -58,7 +58,7 @@ class Storage:
         With a `version` from an earlier look: also refuses a file that changed since.
         """
         backend, path = locate(uri, self.volumes, self.patience)
-        with told(uri, "read"):
+        with storage_errors(uri, "read"):
             stat = self._asked(lambda: backend.stat(path))
         if version and stat.version != version:
             raise StorageError(
@@ -105,14 +105,14 @@ class Storage:
         What the block raises passes unchanged.
         """
         backend, path = locate(uri, self.volumes, self.patience)
-        with told(uri, "written"):
+        with storage_errors(uri, "written"):
             sink = self._asked(lambda: backend.create(path))
         try:
             yield NewFile(uri, sink)
-            with told(uri, "written"):
+            with storage_errors(uri, "written"):
                 sink.commit()
         finally:
-            with told(uri, "written"):
+            with storage_errors(uri, "written"):
                 sink.abandon()
 
     def put_once(self, uri: str, data: bytes) -> bool:
@@ -123,7 +123,7 @@ class Storage:
         """
         backend, path = locate(uri, self.volumes, self.patience)
         writer = uuid.uuid4().hex
-        with told(uri, "written"):
+        with storage_errors(uri, "written"):
             return self._asked(lambda: backend.put_once(path, data, writer))
 
     def check_put_once(self, folder: str) -> None:
@@ -156,13 +156,13 @@ class Storage:
         On volumes and HDFS, writers that died may have left names that end in `.part`.
         """
         backend, path = locate(folder, self.volumes, self.patience)
-        with told(folder, "read"):
+        with storage_errors(folder, "read"):
             return sorted(self._asked(lambda: backend.names(path)))
 
     def remove(self, uri: str) -> None:
         """Remove a file that may be gone already."""
         backend, path = locate(uri, self.volumes, self.patience)
-        with told(uri, "removed"):
+        with storage_errors(uri, "removed"):
             self._asked(lambda: backend.remove(path))
 
     def _asked(self, ask: Callable[[], T]) -> T:
@@ -178,5 +178,5 @@ class NewFile:
 
     def write(self, data: bytes) -> None:
         """Append. Raises StorageError, for example on a full volume."""
-        with told(self.uri, "written"):
+        with storage_errors(self.uri, "written"):
             self._sink.write(data)

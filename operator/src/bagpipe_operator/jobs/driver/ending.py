@@ -75,7 +75,7 @@ def _of_exit(driver: PodView, container: ContainerView, code: int) -> Ending:
 
 
 def _crashed(container: ContainerView, progress: Progress) -> bool:
-    """Whether the account tells only what lack of memory did: the kernel ended Spark's JVM."""
+    """Whether the account shows only the lack of memory: the kernel ended Spark's JVM."""
     return container.reason == "OOMKilled" and progress.reason == reasons.DRIVER_FAILED
 
 
@@ -129,14 +129,14 @@ def _without_account(
 
 def _of_pod(driver: PodView) -> Ending:
     """A pod that the node ended as a whole: evicted, or lost with its node."""
-    said = f" {driver.message}" if driver.message else ""
+    text = f" {driver.message}" if driver.message else ""
     if driver.disruption is not None:
         return _disrupted(driver, driver.disruption)
     if driver.reason == "Evicted":
         return Ending(
             False,
             reasons.DRIVER_EVICTED,
-            f"The driver's pod {driver.name} was evicted.{said}",
+            f"The driver's pod {driver.name} was evicted.{text}",
             advice=_AGAIN,
             lost=True,
         )
@@ -144,7 +144,7 @@ def _of_pod(driver: PodView) -> Ending:
         False,
         reasons.DRIVER_LOST,
         f"The driver's pod {driver.name} ended as {driver.phase} ({driver.reason or 'no reason'})."
-        f"{said}",
+        f"{text}",
         advice=_AGAIN,
         lost=True,
     )
@@ -153,11 +153,11 @@ def _of_pod(driver: PodView) -> Ending:
 def _disrupted(driver: PodView, disruption: Disruption) -> Ending:
     by = EVICTIONS.get(disruption.reason)
     what = f"was evicted {by}" if by else f"was taken away ({disruption.reason})"
-    said = f" {driver.message or disruption.message}".rstrip()
+    text = f" {driver.message or disruption.message}".rstrip()
     return Ending(
         False,
         reasons.DRIVER_EVICTED if by else reasons.DRIVER_LOST,
-        f"The driver's pod {driver.name} {what}.{said}",
+        f"The driver's pod {driver.name} {what}.{text}",
         advice=_AGAIN,
         lost=True,
         voluntary=disruption.reason in VOLUNTARY,

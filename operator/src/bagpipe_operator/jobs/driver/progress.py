@@ -201,7 +201,7 @@ class ProgressReader:
                 body = await read_bounded(response.content, LONGEST_ANSWER)
                 return parse(body) if response.status == 200 else None
         except (aiohttp.ClientError, TimeoutError, ValueError) as error:
-            # A driver that still starts answers nothing; the pod's own state tells what matters.
+            # A driver that still starts answers nothing; the pod's own state shows what matters.
             logger.debug("no progress from %s: %s", ip, error)
             return None
 

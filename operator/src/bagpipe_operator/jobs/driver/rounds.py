@@ -1,7 +1,8 @@
 """When a driver that can't be asked yet is looked for: the watch may have lost its end.
 
-A pod that goes while a watch begins anew goes untold. A driver that serves its progress is missed
-by its silence; one that waits for its place or its image is looked for in rounds.
+The deletion of a pod while a watch is being restarted is not reported. When a driver that serves
+its progress is gone, its silence shows it; one that waits for its node or its image is looked for
+in rounds.
 """
 
 from collections.abc import Callable

@@ -64,7 +64,7 @@ def _pod(pod: PodSettings, updates: Iterable[Json]) -> PodSettings:
 
 
 def _tolerations(update: Json) -> list[Toleration]:
-    said = update.get("tolerations") or []
-    if not isinstance(said, list):
+    found = update.get("tolerations") or []
+    if not isinstance(found, list):
         raise ValueError("tolerations is no list")  # noqa: TRY004 - a stranger's text, no bug of ours
-    return [Toleration.model_validate(each) for each in said]
+    return [Toleration.model_validate(each) for each in found]

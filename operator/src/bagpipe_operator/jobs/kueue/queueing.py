@@ -70,7 +70,7 @@ class Queueing:
         self._share = FairShare(LOOK_EVERY_SECONDS)
         self._asked: dict[str, float] = {}
         self._fitting: dict[str, int] = {}  # generations of jobs that their Workloads fit
-        # Jobs without a Workload; None where a driver's creation tells what is wrong
+        # Jobs without a Workload; None where a driver's creation shows what is wrong
         self._refused: dict[str, Halt | None] = {}
 
     async def halt(self, job: JobView) -> Halt | None:
@@ -85,8 +85,10 @@ class Queueing:
             return self._refused[job.uid]
         seen = self._of(job)
         if seen is None or not seen.admitted:
-            said = f"The job is put into the queue {queue} of Kueue."
-            return Halt(reasons.QUEUED, said if seen is None else workload.waits_for(seen, queue))
+            message = f"The job is put into the queue {queue} of Kueue."
+            return Halt(
+                reasons.QUEUED, message if seen is None else workload.waits_for(seen, queue)
+            )
         return None
 
     async def placed(self, job: JobView, spec: SimulationJobSpec) -> SimulationJobSpec | Refusal:
@@ -103,7 +105,7 @@ class Queueing:
         seen = self._of(job)
         if seen is not None and seen.made_of != workload.made_of(job):
             await self._replace(seen)
-            raise ApiError(409, "Conflict", "the job was edited: it is put into its queue anew")
+            raise ApiError(409, "Conflict", "the job was edited: it is put into its queue again")
         if seen is None or not seen.admitted:
             raise ApiError(409, "Conflict", "the queue has taken its admission back just now")
         flavors = {}
@@ -121,7 +123,7 @@ class Queueing:
             raise UnusableSpecError(f"its queue's flavors can't be used: {error}") from None
 
     async def settle(self, job: JobView) -> None:
-        """Tells Kueue what has become of a job, as its status says: it is written by now."""
+        """Reports to Kueue what has become of a job: its status states it already."""
         if job.finished or (job.suspended and job.spec.get("suspend")):
             self.forget(job.uid)
         seen = self._of(job)
@@ -130,13 +132,13 @@ class Queueing:
         over = seen.holds(workload_view.FINISHED)
         if job.finished:
             if not over:
-                await self._tell(seen, workload.finished(seen, job, self._now()))
+                await self._report(seen, workload.finished(seen, job, self._now()))
         elif job.suspended and (over or job.spec.get("suspend")):
             await self._replace(seen)
         elif job.suspended and workload.must_be_released(seen):
-            await self._tell(seen, workload.released(seen, self._now()))
+            await self._report(seen, workload.released(seen, self._now()))
         elif seen.admitted and _runs(job) and not seen.holds(workload_view.PODS_READY):
-            await self._tell(seen, workload.ready(seen, self._now()))
+            await self._report(seen, workload.ready(seen, self._now()))
 
     def gone(self, uid: str) -> None:
         """There is no such job any more; its Workload may have gone without a word, too."""
@@ -240,10 +242,10 @@ class Queueing:
     def _refuse(self, job: JobView, message: str) -> None:
         self._refused[job.uid] = Halt(reasons.QUEUE_REFUSED, message)
 
-    async def _tell(self, seen: WorkloadView, status: Json) -> None:
+    async def _report(self, seen: WorkloadView, status: Json) -> None:
         patch = {"metadata": {"resourceVersion": seen.resource_version}, "status": status}
         try:
-            told = await self._api.patch_workload_status(seen.namespace, seen.name, patch)
+            written = await self._api.patch_workload_status(seen.namespace, seen.name, patch)
         except ApiError as error:
             if error.status == 404:
                 self._workloads.drop(seen)
@@ -251,7 +253,7 @@ class Queueing:
                 found = await self._api.get_workload(seen.namespace, seen.name)
                 self._workloads.put(WorkloadView.from_object(found))
             raise
-        self._workloads.put(WorkloadView.from_object(told))
+        self._workloads.put(WorkloadView.from_object(written))
 
 
 def _unread(flavor: str, error: ApiError) -> Refusal:
@@ -263,5 +265,5 @@ def _unread(flavor: str, error: ApiError) -> Refusal:
 
 
 def _runs(job: JobView) -> bool:
-    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
-    return told is not None and told["status"] == "True"
+    running = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
+    return running is not None and running["status"] == "True"

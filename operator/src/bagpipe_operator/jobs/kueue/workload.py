@@ -96,7 +96,7 @@ def _pod_set(name: str, count: int, pod: Json) -> Json:
 
 
 def _container(container: Json) -> Json:
-    """What a container takes. The API server would take its limits for requests that are not said.
+    """What a container takes. The API server would take its limits for requests that are missing.
 
     Kueue would take those of a LimitRange instead, which may be less.
     """
@@ -110,18 +110,18 @@ def waits_for(workload: WorkloadView, queue: object) -> str:
     """Why a job has no pods although nobody has suspended it."""
     where = f"The job waits in the queue {queue} of Kueue"
     if workload.deleting or workload.holds(workload_view.FINISHED):
-        return f"{where} anew: its Workload was ended or deleted, another follows when it is gone."
+        return f"{where} again: its Workload was ended or deleted, another follows when it is gone."
     evicted = workload.condition(workload_view.EVICTED) or {}
     reason = evicted.get("reason", "") if workload.holds(workload_view.EVICTED) else ""
     why = str(evicted.get("message", "")).rstrip(".")
     if reason.startswith(_FOR_GOOD):
         return f"{where}, which has given it up: {why}. Delete its Workload to queue it again."
     if reason == _DEACTIVATED and why:
-        return f"{where}: {why}."  # what it was short of before stays said beside it
+        return f"{where}: {why}."  # the reason for which it waited before may still be there
     for type_, wanted in ((workload_view.QUOTA_RESERVED, "False"), (workload_view.EVICTED, "True")):
-        said = workload.condition(type_)
-        if said is not None and said["status"] == wanted and said["message"]:
-            return f"{where}: {said['message'].rstrip('.')}."
+        found = workload.condition(type_)
+        if found is not None and found["status"] == wanted and found["message"]:
+            return f"{where}: {found['message'].rstrip('.')}."
     if workload.holds(workload_view.QUOTA_RESERVED):
         return f"{where}: it has its quota, and the queue's admission checks are not done."
     return f"{where}, which has not looked at it yet."
@@ -136,7 +136,7 @@ def released(workload: WorkloadView, now: datetime) -> Json:
     """The patch of its status by which an evicted Workload gives its quota back."""
     evicted = workload.condition(workload_view.EVICTED) or {}
     why, message = str(evicted.get("reason") or "Evicted"), str(evicted.get("message") or "")
-    told = [
+    changed = [
         conditions.Condition(workload_view.QUOTA_RESERVED, False, "Pending", message),
         conditions.Condition(
             workload_view.ADMITTED, False, "NoReservation", "The workload has no reservation"
@@ -146,21 +146,23 @@ def released(workload: WorkloadView, now: datetime) -> Json:
             workload_view.PODS_READY, False, "WaitForStart", "The job's pods are gone."
         ),
     ]
-    return _patch(workload, told, now) | {"admission": None}
+    return _patch(workload, changed, now) | {"admission": None}
 
 
 def ready(workload: WorkloadView, now: datetime) -> Json:
     """The patch of its status by which Kueue learns that the job's cases run."""
-    told = conditions.Condition(workload_view.PODS_READY, True, "Started", "The job's cases run.")
-    return _patch(workload, [told], now)
+    running = conditions.Condition(
+        workload_view.PODS_READY, True, "Started", "The job's cases run."
+    )
+    return _patch(workload, [running], now)
 
 
 def finished(workload: WorkloadView, job: JobView, now: datetime) -> Json:
     """The patch of its status by which the Workload of an ended job gives its quota back."""
-    told = job.status.get("conditions") or []
-    failed = conditions.find(told, conditions.FAILED)
+    written = job.status.get("conditions") or []
+    failed = conditions.find(written, conditions.FAILED)
     end = failed if failed and failed["status"] == "True" else None
-    end = end or conditions.find(told, conditions.COMPLETE) or {}
+    end = end or conditions.find(written, conditions.COMPLETE) or {}
     reason = "Failed" if end is failed else "Succeeded"
     message = str(end.get("message") or "The job has ended.")
     return _patch(
@@ -168,9 +170,9 @@ def finished(workload: WorkloadView, job: JobView, now: datetime) -> Json:
     )
 
 
-def _patch(workload: WorkloadView, told: list[conditions.Condition], now: datetime) -> Json:
+def _patch(workload: WorkloadView, changed: list[conditions.Condition], now: datetime) -> Json:
     """A status with these conditions among the others."""
-    types = {each.type for each in told}
+    types = {each.type for each in changed}
     kept = [each for each in workload.conditions if each["type"] not in types]
-    new = conditions.merged(workload.conditions, told, workload.generation, now)
+    new = conditions.merged(workload.conditions, changed, workload.generation, now)
     return {"conditions": [*kept, *new]}

@@ -1,7 +1,7 @@
 """The executors' pod template, which the driver hands to Spark. Pure.
 
 Spark fills in its own container (image, arguments, resources), the name, the owner and the
-restart policy; the rest of the pod is said here.
+restart policy; this module defines the rest of the pod.
 """
 
 from bagpipe.spec import SimulationJobSpec, shared_folder, stack_images

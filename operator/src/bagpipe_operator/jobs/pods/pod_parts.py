@@ -73,7 +73,7 @@ TOKEN_MOUNT: Json = {
 
 
 def plain(model: BaseModel) -> Json:
-    """A part of the spec as Kubernetes writes it, without what was not said."""
+    """A part of the spec as Kubernetes writes it, without the fields that are not set."""
     return model.model_dump(mode="json", by_alias=True, exclude_none=True)
 
 
@@ -104,9 +104,9 @@ def placement(pod: PodSettings, labels: dict[str, str]) -> Json:
         "imagePullSecrets": [plain(secret) for secret in pod.image_pull_secrets],
         "resourceClaims": [plain(claim) for claim in pod.resource_claims],
     }
-    said = {key: value for key, value in found.items() if value}
+    stated = {key: value for key, value in found.items() if value}
     tolerations = [plain(toleration) for toleration in pod.tolerations]
-    return {"tolerations": [*LOST_NODE_TOLERATIONS, *tolerations], **said}
+    return {"tolerations": [*LOST_NODE_TOLERATIONS, *tolerations], **stated}
 
 
 def restricted(fixed_users: bool) -> Json:
@@ -155,7 +155,7 @@ def stack_security(security: StackSecurity, fixed_users: bool) -> Json:
     if not as_the_image_says(security) and (fixed_users or security.run_as_user is not None):
         user = STACK_UID if security.run_as_user is None else security.run_as_user
         found |= {"runAsUser": user, "runAsGroup": user}
-    said = plain(security)
+    stated = plain(security)
     if security.capabilities.drop is None:
-        del said["capabilities"]
-    return found | said
+        del stated["capabilities"]
+    return found | stated

@@ -59,7 +59,7 @@ def secret_environment(spec: SimulationJobSpec) -> list[Json]:
 
     A key `AWS_REGION` arrives under the prefix, and bagpipe.storage takes over those names
     that it knows: a Secret must not set LD_PRELOAD or PYTHONPATH beside the driver's rights.
-    A Secret that is missing keeps the container from starting, which the job's status tells.
+    A Secret that is missing keeps the container from starting, which the job's status reports.
     """
     return [
         {"prefix": f"{SECRET_PREFIX}{index}_", "secretRef": {"name": name}}

@@ -23,12 +23,12 @@ def late_start(job: JobView, now: datetime) -> Halt | None:
     return Halt(reasons.START_DEADLINE_EXCEEDED, message, final=True)
 
 
-def told_late(job: JobView) -> Halt | None:
-    """The halt for which a late job's pods are being stopped; what held it up was said then."""
-    told = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
-    if told is None or told["reason"] not in _DEADLINES:
+def reported_late(job: JobView) -> Halt | None:
+    """The halt for which a late job's pods are being stopped, with the delay's cause as written."""
+    running = conditions.find(job.status.get("conditions") or [], conditions.RUNNING)
+    if running is None or running["reason"] not in _DEADLINES:
         return None
-    return Halt(told["reason"], _STOPPING.sub("", str(told["message"])), final=True)
+    return Halt(running["reason"], _STOPPING.sub("", str(running["message"])), final=True)
 
 
 def late_end(job: JobView, now: datetime) -> Halt | None:
@@ -45,11 +45,11 @@ def late_end(job: JobView, now: datetime) -> Halt | None:
 
 def _held_up_by(job: JobView) -> str:
     """What the conditions say that the job waits for."""
-    told = job.status.get("conditions") or []
+    written = job.status.get("conditions") or []
     for type_ in (conditions.ACCEPTED, conditions.RUNNING):
-        said = conditions.find(told, type_)
-        if said is not None and said["status"] == "False":
-            return str(said["message"])
+        found = conditions.find(written, type_)
+        if found is not None and found["status"] == "False":
+            return str(found["message"])
     return "Its executors run, and none has begun a case."
 
 

@@ -5,7 +5,7 @@ from datetime import datetime
 from bagpipe_operator.api import reasons
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.observation import Halt
-from bagpipe_operator.jobs.policies.deadlines import late_end, late_start, told_late
+from bagpipe_operator.jobs.policies.deadlines import late_end, late_start, reported_late
 from bagpipe_operator.jobs.policies.suspend import suspension
 from bagpipe_operator.jobs.view import JobView
 
@@ -13,11 +13,11 @@ from bagpipe_operator.jobs.view import JobView
 def halt_of(job: JobView, now: datetime) -> Halt | None:
     """Why the job may have no pods at this moment, if so.
 
-    What has begun is brought to its end, also when a suspension was taken back meanwhile, a
-    deadline moved, or the clock set back: the driver has been told to stop and must not be counted
+    What has begun is completed, also when a suspension was withdrawn meanwhile, a deadline changed,
+    or the clock set back: the driver has been asked to stop and must not be counted
     as lost.
     """
-    return suspension(job) or told_late(job) or late_start(job, now) or late_end(job, now)
+    return suspension(job) or reported_late(job) or late_start(job, now) or late_end(job, now)
 
 
 def halt_as_seen(
@@ -31,7 +31,7 @@ def halt_as_seen(
     """
     if halt is None or halt.reason != reasons.START_DEADLINE_EXCEEDED:
         return halt
-    if told_late(job) is not None:
+    if reported_late(job) is not None:
         return halt  # its pods are being stopped
     begun = progress.cases.begun if progress else running
     return late_end(job, now) if begun else halt

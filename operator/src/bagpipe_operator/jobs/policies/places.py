@@ -7,7 +7,7 @@ from bagpipe_operator.api import names
 from bagpipe_operator.jobs.driver.ending import overdue
 from bagpipe_operator.jobs.view import PodView
 
-# A native sidecar, or a mesh that is told to, ends within seconds after the driver.
+# A native sidecar, or a mesh set to end with its pod, ends within seconds after the driver.
 LINGER_SECONDS = 30.0
 # The kubelet's word for a container that its runtime knows no more: no moment of its end, no log.
 _LOST_CONTAINER = "ContainerStatusUnknown"

@@ -1,6 +1,6 @@
 """The condition Passed: whether the software under test may go on, for gates that wait. Pure.
 
-Complete says that a job could be run; Passed, that its verdict is Passed. It is told from the
+Complete means that a job could be run; Passed, that its verdict is Passed. It follows from the
 status alone, so a job that ended under a release without it gets the same one.
 """
 
@@ -14,7 +14,7 @@ NOT_ENDED = Condition(conditions.PASSED, None, reasons.NOT_ENDED, "The job has n
 def passed(status: Json, complete: bool, reason: str, message: str, why: str = "") -> Condition:
     """Whether an ended job passed; `reason` and `message` are those of its end.
 
-    `why` is the driver's word for its verdict, where it said one.
+    `why` is the driver's word for its verdict, where it gave one.
     """
     if not complete:
         return Condition(conditions.PASSED, False, reason, message)
@@ -26,21 +26,21 @@ def passed(status: Json, complete: bool, reason: str, message: str, why: str = "
 
 def _why(status: Json, verdict: str) -> str:
     if not verdict:
-        return reasons.NO_VERDICT  # of a driver that told none
+        return reasons.NO_VERDICT  # the driver reported none
     # With no case that failed, it is the comparison with the baseline that is against it.
     by_comparison = verdict == "Failed" and not (status.get("cases") or {}).get("failed")
     return reasons.REGRESSED if by_comparison else verdict
 
 
 def completed(status: Json) -> list[Json]:
-    """An ended job's conditions with Passed among them; what was told of it stays as it is."""
-    told: list[Json] = list(status.get("conditions") or [])
-    if conditions.find(told, conditions.PASSED) is not None:
-        return told
-    end = next((c for c in told if c["type"] in conditions.ENDS and c["status"] == "True"), None)
+    """An ended job's conditions with Passed among them; the other conditions stay as they are."""
+    written: list[Json] = list(status.get("conditions") or [])
+    if conditions.find(written, conditions.PASSED) is not None:
+        return written
+    end = next((c for c in written if c["type"] in conditions.ENDS and c["status"] == "True"), None)
     if end is None:
-        return told
+        return written
     complete = end["type"] == conditions.COMPLETE
     new = passed(status, complete, str(end.get("reason") or ""), str(end.get("message") or ""))
     since = status.get("completionTime") or end["lastTransitionTime"]
-    return [*told, conditions.written(new, int(end.get("observedGeneration") or 0), str(since))]
+    return [*written, conditions.written(new, int(end.get("observedGeneration") or 0), str(since))]

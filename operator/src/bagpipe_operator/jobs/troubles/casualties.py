@@ -1,6 +1,6 @@
 """Executors that were ended from outside: for lack of memory, by an eviction, with their node.
 
-Pure. Spark replaces such an executor within seconds, so its end is told for a minute after it,
+Pure. Spark replaces such an executor within seconds, so its end is reported for a minute after it,
 also when its pod is gone already.
 """
 
@@ -11,7 +11,7 @@ from bagpipe_operator.api import names, reasons
 from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
 from bagpipe_operator.jobs.view import ContainerView, PodView
 
-TOLD_SECONDS = 60.0
+REPORTED_SECONDS = 60.0
 
 # Kubernetes' reasons of the condition DisruptionTarget that mean an eviction, in words.
 EVICTIONS = {
@@ -115,4 +115,4 @@ def _evicted(pod: PodView, what: str) -> Trouble:
 
 def _recent(at: datetime | None, now: datetime) -> bool:
     # Clocks of nodes differ by seconds, so a moment to come is recent too.
-    return at is None or (now - at).total_seconds() < TOLD_SECONDS
+    return at is None or (now - at).total_seconds() < REPORTED_SECONDS

@@ -67,10 +67,10 @@ def troubles(
     """
     pods = list(pods)
     ended = casualties(pods, gone, now)
-    told = {(t.pod, t.container) for t in ended}
+    explained = {(t.pod, t.container) for t in ended}
     found = [t for pod in pods if not (pod.deleting or pod.ended) for t in _of_pod(pod)]
     # A container that restarts for lack of memory "does not start" too; its cause says more.
-    found = [*looked_up, *(t for t in found if (t.pod, t.container) not in told), *ended]
+    found = [*looked_up, *(t for t in found if (t.pod, t.container) not in explained), *ended]
     # Where one executor has the stack running, the image exists: another node may yet get it.
     if any(_stack_runs(pod) for pod in pods):
         found = [t.passing() if t.container else t for t in found]
@@ -104,41 +104,41 @@ def _of_scheduling(pod: PodView) -> Trouble:
 
 def _of_waiting(pod: PodView, container: ContainerView) -> list[Trouble]:
     why = container.waiting_reason
-    said = sentence(container.message or why)
+    reported = sentence(container.message or why)
     if why in _IMAGE:
-        return [of_image(pod, container, why, said)]
+        return [of_image(pod, container, why, reported)]
     if why in _START:
         message = (
             f"Container {container.name} (image {container.image}) in pod {pod.name} does not "
-            f"start ({why}): {said}"
+            f"start ({why}): {reported}"
         )
-        trouble = of_missing(pod, said, message, container.name)
+        trouble = of_missing(pod, reported, message, container.name)
         return [
             trouble or Trouble(reasons.CONTAINER_NOT_STARTING, pod.name, message, container.name)
         ]
     return []
 
 
-def of_image(pod: PodView, container: ContainerView, why: str, said: str) -> Trouble:
+def of_image(pod: PodView, container: ContainerView, why: str, reported: str) -> Trouble:
     """The trouble of an image that the node can't have; `why` is the kubelet's word for it."""
     known = names.CONTAINER_STACK if names.is_stack(container.name) else container.name
     reason = _IMAGE_REASONS.get((pod.role, known), reasons.CONTAINER_NOT_STARTING)
     message = (
         f"Image {container.image} of container {container.name} in pod {pod.name} can't be "
-        f"had ({why}): {said} {_advice(container.name)}"
+        f"had ({why}): {reported} {_advice(container.name)}"
     )
     return Trouble(reason, pod.name, message, container.name)
 
 
-def of_missing(pod: PodView, said: str, message: str, container: str = "") -> Trouble | None:
+def of_missing(pod: PodView, reported: str, message: str, container: str = "") -> Trouble | None:
     """The trouble of a Secret or ConfigMap that somebody says is not there; None for other words.
 
     Whoever asks for it may be a container's environment or a volume.
     """
-    for kind, (words, reason, whence) in _MISSING.items():
-        found = words.search(said)
+    for kind, (words, reason, hint) in _MISSING.items():
+        found = words.search(reported)
         if found:
-            advice = f" Create {kind} {found[1]} in namespace {pod.namespace}{whence}"
+            advice = f" Create {kind} {found[1]} in namespace {pod.namespace}{hint}"
             return Trouble(reason, pod.name, message + advice, container)
     return None
 

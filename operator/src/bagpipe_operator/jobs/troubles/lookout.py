@@ -42,7 +42,7 @@ class _Found:
 
 @dataclass
 class Lookout:
-    """What it found last is told until it looks again, or until no pod waits any more."""
+    """Its last finding holds until it looks again, or until no pod waits any more."""
 
     api: Api
     settings: Settings
@@ -97,8 +97,8 @@ class Lookout:
     async def _of_pod(self, pod: PodView) -> list[Trouble]:
         try:
             if pending.awaits_its_node(pod):
-                told = pending.of_events(pod, await self.api.events_of(pod.namespace, pod.uid))
-                return [told] if told else []
+                found = pending.of_events(pod, await self.api.events_of(pod.namespace, pod.uid))
+                return [found] if found else []
             return [
                 t for claim in pod.claims[:MOST_CLAIMS] if (t := await self._of_claim(pod, claim))
             ]
@@ -130,11 +130,11 @@ class Lookout:
             spec = read_spec(job)
             await self.api.try_create("pods", executor_trial(job, spec, attempt, self.settings))
         except UnusableSpecError:
-            return []  # it is told where the driver is created
+            return []  # it is reported where the driver is created
         except ApiError as error:
             alone = not any(p.role == names.ROLE_EXECUTOR for p in pods)
-            told = pending.refused_executor(
+            found = pending.refused_executor(
                 job.name, job.namespace, error.status, error.message, alone
             )
-            return [told] if told else []
+            return [found] if found else []
         return []

@@ -42,7 +42,7 @@ def awaits_its_node(pod: PodView) -> bool:
 
 
 def of_events(pod: PodView, events: Iterable[Json]) -> Trouble | None:
-    """The trouble that the latest Event tells; None once a container of the pod was begun with."""
+    """The trouble that the latest Event reports; None once a container of the pod was started."""
     relevant = [
         e for e in events if e.get("reason") in _MOUNT | _SANDBOX | _STARTING or _says_pull(e)
     ]
@@ -50,27 +50,27 @@ def of_events(pod: PodView, events: Iterable[Json]) -> Trouble | None:
     last = max(relevant, key=lambda e: (last_seen(e), _says_pull(e)), default=None)
     if last is None or last["reason"] in _STARTING:
         return None
-    said = sentence(last.get("message") or "")
+    reported = sentence(last.get("message") or "")
     if _says_pull(last):
-        return _of_pull(pod, last, said)
+        return _of_pull(pod, last, reported)
     if last["reason"] in _SANDBOX:
-        message = f"Node {pod.node} can't set up pod {pod.name} ({last['reason']}): {said}"
+        message = f"Node {pod.node} can't set up pod {pod.name} ({last['reason']}): {reported}"
         return Trouble(reasons.CONTAINER_NOT_STARTING, pod.name, message, lasting=False)
-    message = f"A volume of pod {pod.name} does not mount on node {pod.node}: {said}"
-    missing = of_missing(pod, said, message)
+    message = f"A volume of pod {pod.name} does not mount on node {pod.node}: {reported}"
+    missing = of_missing(pod, reported, message)
     return missing or Trouble(reasons.VOLUME_NOT_MOUNTED, pod.name, message, lasting=False)
 
 
 def _says_pull(event: Json) -> bool:
-    said = event.get("message") or ""
-    return event.get("reason") == "Failed" and _PULL.match(said) is not None
+    reported = event.get("message") or ""
+    return event.get("reason") == "Failed" and _PULL.match(reported) is not None
 
 
-def _of_pull(pod: PodView, event: Json, said: str) -> Trouble | None:
-    """The trouble that the pod's status will tell too, with the same key."""
+def _of_pull(pod: PodView, event: Json, reported: str) -> Trouble | None:
+    """The trouble that the pod's status will report too, with the same key."""
     found = _CONTAINER.search((event.get("involvedObject") or {}).get("fieldPath") or "")
     container = pod.container(found[1]) if found else None
-    return of_image(pod, container, "ErrImagePull", said) if container else None
+    return of_image(pod, container, "ErrImagePull", reported) if container else None
 
 
 def of_claim(
@@ -88,16 +88,16 @@ def of_claim(
     if phase == "Bound":
         return None
     last = max(events, key=last_seen, default=None)
-    said = sentence(last.get("message") or "") if last else "Nobody has said why."
+    reported = sentence(last.get("message") or "") if last else "No Event states why."
     message = (
         f"Pod {pod.name} waits for PersistentVolumeClaim {claim}, which is {phase} and not bound "
-        f"to a volume: {said} It starts as soon as the claim is bound."
+        f"to a volume: {reported} It starts as soon as the claim is bound."
     )
     return Trouble(reasons.VOLUME_PENDING, pod.name, message, lasting=phase == "Lost")
 
 
 def last_seen(event: Json) -> datetime:
-    """When an Event was last told, by whichever of the two ways it was written."""
+    """When an Event was last reported, in whichever of the two formats it was written."""
     series = event.get("series") or {}
     text = (
         series.get("lastObservedTime")
@@ -109,7 +109,7 @@ def last_seen(event: Json) -> datetime:
 
 
 def refused_executor(
-    job: str, namespace: str, status: int, said: str, alone: bool
+    job: str, namespace: str, status: int, reported: str, alone: bool
 ) -> Trouble | None:
     """What it means that the API server would not let Spark create an executor now.
 
@@ -117,13 +117,13 @@ def refused_executor(
     a fault of the question itself.
     """
     pod = f"{job}'s executors"
-    if status == 403 and "exceeded quota" in said:
+    if status == 403 and "exceeded quota" in reported:
         message = (
-            f"The namespace's quota has no room for more executors: {sentence(said)} "
+            f"The namespace's quota has no room for more executors: {sentence(reported)} "
             "They start as soon as it has; or lower spec.spark.executors or their resources."
         )
         return Trouble(reasons.QUOTA_EXCEEDED, pod, message, lasting=False)
-    if status not in {403, 422} or "being terminated" in said:
+    if status not in {403, 422} or "being terminated" in reported:
         return None
-    message = f"Namespace {namespace} refuses the executors' pods: {sentence(said)}"
+    message = f"Namespace {namespace} refuses the executors' pods: {sentence(reported)}"
     return Trouble(reasons.EXECUTORS_REFUSED, pod, message, lasting=alone)

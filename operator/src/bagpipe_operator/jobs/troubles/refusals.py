@@ -50,7 +50,7 @@ class Refusals:
         return uid in self._held
 
     def keep(self, job: JobView, attempt: int, refusal: Refusal) -> None:
-        """The API server has just said no."""
+        """The API server has just refused a pod."""
         now, what = self.monotonic(), (attempt, job.generation)
         held = self._held.get(job.uid)
         same = held is not None and held.what == what and held.refusal.key == refusal.key

@@ -1,1 +1,1 @@
-"""What the program does in a cluster: jobs as the API server tells them, and how they are shown."""
+"""What the program does in a cluster: jobs as the API server has them, and how they are shown."""

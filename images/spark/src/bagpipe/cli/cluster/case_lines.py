@@ -17,7 +17,7 @@ from bagpipe.engine_fields import engine_names, fields_of
 _LINE = re.compile(r"^\[slot (\d+)(?: case ([^\] ]+)(?: ([^\]]+))?)?\] ?(.*)$")
 
 
-class Said(NamedTuple):
+class LogLine(NamedTuple):
     """One line: by the stack or by the agent, in which case (empty: in none), without its mark."""
 
     by: str
@@ -25,24 +25,24 @@ class Said(NamedTuple):
     text: str
 
 
-def said(lines: Iterable[str], engine: str) -> Iterator[Said]:
-    """Every line with who said it; what a slot says between two lines of a case belongs to it."""
+def log_lines(lines: Iterable[str], engine: str) -> Iterator[LogLine]:
+    """Every line with its writer; what a slot writes between two lines of a case belongs to it."""
     unmarked = _writer_without_mark(engine)
     at: dict[str, str] = {}
     for line in lines:
         found = _LINE.match(line)
         if found is None:
-            yield Said("agent", "", line)
+            yield LogLine("agent", "", line)
             continue
         slot, case, program, text = found.groups()
         if case is None:
-            yield Said("agent", at.get(slot, ""), text)
+            yield LogLine("agent", at.get(slot, ""), text)
             continue
         at[slot] = case
         if (program or unmarked) == "stack":
-            yield Said("stack", case, text)
+            yield LogLine("stack", case, text)
         else:
-            yield Said("agent", case, f"{program}: {text}" if program else text)
+            yield LogLine("agent", case, f"{program}: {text}" if program else text)
 
 
 def _writer_without_mark(engine: str) -> str:
@@ -51,14 +51,14 @@ def _writer_without_mark(engine: str) -> str:
 
 
 def of_case(log: str, case: str, by: str, engine: str) -> list[str]:
-    """What the stack or the agent said in one case."""
-    return [s.text for s in said(log.splitlines(), engine) if s.case == case and s.by == by]
+    """What the stack or the agent wrote in one case."""
+    return [s.text for s in log_lines(log.splitlines(), engine) if s.case == case and s.by == by]
 
 
 def of_all(log: str, by: str, engine: str) -> list[str]:
-    """What the stack or the agent said, each line with its case."""
+    """What the stack or the agent wrote, each line with its case."""
     return [
         f"[{s.case}] {s.text}" if s.case else s.text
-        for s in said(log.splitlines(), engine)
+        for s in log_lines(log.splitlines(), engine)
         if s.by == by
     ]

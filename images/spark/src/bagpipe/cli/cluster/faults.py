@@ -47,8 +47,8 @@ def refused(status: int, reason: str, body: str, asked: Asked) -> ClusterError:
 
     `status` is HTTP's, 0 where no connection came about; `body` a Status object or plain text.
     """
-    told = _status_object(body)
-    message = str(told.get("message") or body.strip() or reason)
+    status_object = _status_object(body)
+    message = str(status_object.get("message") or body.strip() or reason)
     if status == 0:
         return ClusterError(
             f"no secure connection to the cluster of context {asked.context}: {reason}. Is its"
@@ -63,14 +63,15 @@ def refused(status: int, reason: str, body: str, asked: Asked) -> ClusterError:
     elif status == 403:
         text = _forbidden(message, asked)
     elif status == 404:
-        text = _missing(told, asked)
+        text = _missing(status_object, asked)
     elif status == 409 and asked.verb == "create":
         text = (
             f"{asked.what} is there already in namespace {asked.namespace}: give another name with"
             " --name, or let --generate-name make one for each run"
         )
     elif status in (400, 422):
-        text = f"{asked.what} is refused:\n" + "\n".join(f"  {s}" for s in refusals(told, message))
+        found = refusals(status_object, message)
+        text = f"{asked.what} is refused:\n" + "\n".join(f"  {s}" for s in found)
     else:
         text = f"the API server answered {status} when it was asked to {asked.verb} {asked.what}:"
         text = f"{text} {message}. Try again"
@@ -86,7 +87,7 @@ def unreachable(error: Exception, asked: Asked) -> ClusterError:
     )
 
 
-def refusals(told: dict[str, Any], message: str) -> list[str]:
+def refusals(status_object: dict[str, Any], message: str) -> list[str]:
     """Each fault of a manifest as a sentence of its own: the field, and what to write."""
     unknown = _UNKNOWN_FIELD.findall(message)
     if unknown:
@@ -96,7 +97,7 @@ def refusals(told: dict[str, Any], message: str) -> list[str]:
             else f"{field}: this field is there twice: leave one out"
             for kind, field in dict.fromkeys(unknown)
         ]
-    causes = (told.get("details") or {}).get("causes") or []
+    causes = (status_object.get("details") or {}).get("causes") or []
     found = [
         f"{cause.get('field') or 'the job'}: {plain(str(cause.get('message', '')))}"
         for cause in causes
@@ -136,8 +137,8 @@ def _forbidden(message: str, asked: Asked) -> str:
     )
 
 
-def _missing(told: dict[str, Any], asked: Asked) -> str:
-    kind = (told.get("details") or {}).get("kind")
+def _missing(status_object: dict[str, Any], asked: Asked) -> str:
+    kind = (status_object.get("details") or {}).get("kind")
     if kind == "namespaces":
         return no_namespace(asked)
     if asked.resource == "simulationjobs" and not kind:
@@ -159,12 +160,12 @@ def no_namespace(asked: Asked) -> str:
 
 def no_job(asked: Asked, near: list[str], others: int) -> str:
     """The sentence for a job that is not there; `near` are names that look like it."""
-    said = f"there is no job {asked.name} in namespace {asked.namespace}"
+    missing = f"there is no job {asked.name} in namespace {asked.namespace}"
     if near:
-        return f"{said}: did you mean {' or '.join(near)}?"
+        return f"{missing}: did you mean {' or '.join(near)}?"
     if others:
-        return f"{said}: `{_listing(asked)}` lists those there are"
-    return f"{said}, and no other: is it in another namespace (-n)?"
+        return f"{missing}: `{_listing(asked)}` lists those there are"
+    return f"{missing}, and no other: is it in another namespace (-n)?"
 
 
 def _listing(asked: Asked) -> str:
@@ -173,10 +174,10 @@ def _listing(asked: Asked) -> str:
 
 def _status_object(body: str) -> dict[str, Any]:
     try:
-        told = json.loads(body)
+        status_object = json.loads(body)
     except ValueError:
         return {}
-    return told if isinstance(told, dict) else {}
+    return status_object if isinstance(status_object, dict) else {}
 
 
 def _short(error: Exception) -> str:

@@ -19,7 +19,7 @@ class Pace:
     _looks: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=_MOST_LOOKS))
 
     def began(self, second: float) -> None:
-        """The first case began then, before anybody watched; told before any look."""
+        """The first case began then, before anybody watched; call it before any look."""
         if not self._looks:
             self._looks.append((second, 0))
 
@@ -32,7 +32,7 @@ class Pace:
             self._looks.popleft()
 
     def per_second(self, now: float) -> float | None:
-        """Cases per second; None as long as nothing can be said."""
+        """Cases per second; None as long as it is unknown."""
         if not self._looks:
             return None
         (since, before), (_, done) = self._looks[0], self._looks[-1]

@@ -83,7 +83,7 @@ def driver_log(cluster: Pods, state: JobState, tail: int, case: str | None) -> P
 def executor_logs(
     cluster: Pods, state: JobState, of: str, tail: int, case: str | None, engine: str
 ) -> list[Piece]:
-    """The executors' containers: Spark's, or what stack or agent said, of one case or of all."""
+    """The executors' containers: Spark's, or what stack or agent wrote, of one case or of all."""
     try:
         pods = cluster.pods(state.uid, EXECUTOR)
     except ClusterError as error:
@@ -131,7 +131,7 @@ def _one(cluster: Pods, pod: str, container: str, of: str, tail: int, chosen: An
 
 
 def _runs(cluster: Pods, pod: str, containers: list[str], case: str, engine: str) -> bool:
-    """Whether the pod's stack containers have said anything of a case."""
+    """Whether the pod's stack containers have logged anything of a case."""
     for container in containers:
         try:
             log = cluster.log(pod, container, _MOST_LINES, _MOST_BYTES)

@@ -1,4 +1,4 @@
-"""How a job's progress looks: one line per change, or one block that is drawn anew."""
+"""How a job's progress looks: one line per change, or one block that is redrawn."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from bagpipe.cli.cluster.state import Counts, JobState
 
 _COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
 _PHASES = {"Complete": "green", "Failed": "red", "Suspended": "yellow"}
-# Nothing to be said: the job goes its way.
+# Not shown: the job takes its ordinary way.
 _ORDINARY = frozenset({"CasesRunning", "Planning", "DriverPending", "InProgress"})
 _MOST_FAILURES = 3
 # Of each, what is not 0; in a terminal's block the first ones always.
@@ -57,8 +57,8 @@ def block(seen: Seen, now: float) -> RenderableType:
     if state.message:
         lines.append(Text(f"{state.reason}: {state.message}", style=_weight(state)))
     for failure in state.failures[-_MOST_FAILURES:]:
-        said = f"{failure.get('case')}: {failure.get('reason')}: {failure.get('message')}"
-        lines.append(Text(f"  {said}", style="red", overflow="ellipsis", no_wrap=True))
+        text = f"{failure.get('case')}: {failure.get('reason')}: {failure.get('message')}"
+        lines.append(Text(f"  {text}", style="red", overflow="ellipsis", no_wrap=True))
     return Group(*lines)
 
 
@@ -74,8 +74,8 @@ def _bar(cases: Counts) -> RenderableType:
 
 
 def _counts(cases: Counts) -> str:
-    told = [f"{getattr(cases, word)} {word}" for word in _WORDS if getattr(cases, word)]
-    return ", ".join(told) or "none has ended"
+    counts = [f"{getattr(cases, word)} {word}" for word in _WORDS if getattr(cases, word)]
+    return ", ".join(counts) or "none has ended"
 
 
 def _coloured(cases: Counts) -> Text:

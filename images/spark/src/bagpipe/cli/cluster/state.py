@@ -60,7 +60,7 @@ class JobState:
         """What a SimulationJob says of itself; one that nobody has looked at yet is Pending."""
         status = job.get("status") or {}
         conditions = {c["type"]: c for c in status.get("conditions") or []}
-        reason, message = _said(conditions)
+        reason, message = _reason(conditions)
         counts = status.get("cases") or {}
         return cls(
             name=job["metadata"]["name"],
@@ -87,13 +87,13 @@ class JobState:
 
     def as_json(self) -> Json:
         """For --output json and yaml."""
-        told = asdict(self)
-        del told["first_case"], told["completed"]
-        told["completionTime"] = self.completed.isoformat() if self.completed else None
-        return told
+        found = asdict(self)
+        del found["first_case"], found["completed"]
+        found["completionTime"] = self.completed.isoformat() if self.completed else None
+        return found
 
 
-def _said(conditions: dict[str, Json]) -> tuple[str, str]:
+def _reason(conditions: dict[str, Json]) -> tuple[str, str]:
     """The reason and the sentence that matter now, of the six conditions."""
     for kind in ("Complete", "Failed", "Suspended"):
         if _true(conditions, kind):

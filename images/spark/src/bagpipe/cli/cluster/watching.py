@@ -69,11 +69,11 @@ class Watcher:
             self._pace.look(now, state.cases.done)
         self._seen = Seen(state, self._pace, self._begun, now)
         if not self._console.is_terminal:
-            self._tell(self._seen)
+            self._print_line(self._seen)
 
     @contextlib.contextmanager
     def drawing(self) -> Iterator[None]:
-        """While this lasts the block is drawn anew, also when nothing changes but the time."""
+        """While this lasts the block is redrawn, also when nothing changes but the time."""
         if not self._console.is_terminal:
             yield
             return
@@ -84,12 +84,12 @@ class Watcher:
         ):
             yield
 
-    def _tell(self, seen: Seen) -> None:
+    def _print_line(self, seen: Seen) -> None:
         clock = datetime.now().astimezone().strftime("%H:%M:%S")
-        told = line(seen, "")
-        if told != self._line:  # what changed may be something that no line says
-            self._line = told
-            self._console.print(escape(clock + told), highlight=False, soft_wrap=True)
+        text = line(seen, "")
+        if text != self._line:  # what changed may be something that no line says
+            self._line = text
+            self._console.print(escape(clock + text), highlight=False, soft_wrap=True)
 
 
 def followed(source: Source, name: str, seconds: float, console: Console) -> JobState:
@@ -111,7 +111,7 @@ def followed(source: Source, name: str, seconds: float, console: Console) -> Job
     return last
 
 
-def tell_end(state: JobState, console: Console) -> None:
+def show_end(state: JobState, console: Console) -> None:
     """What became of a job, and what can be done next."""
     colour = {"Passed": "green", "Invalid": "yellow"}.get(state.verdict, "red")
     why = state.message if state.verdict else f"{state.reason}: {state.message}"

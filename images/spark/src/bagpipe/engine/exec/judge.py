@@ -29,10 +29,10 @@ def judge_program(result: dict[str, Any], policy: FaultPolicy = _NO_POLICY) -> J
     if stack["exit_status"] != 0:
         message = f"the program's exit status is {stack['exit_status']}"
         raise SessionError("StackCrashed", message, stack.get("stderr"))
-    return first_that_counts(ends(result), policy, _said(result))
+    return first_that_counts(ends(result), policy, _by_result(result))
 
 
-def _said(result: dict[str, Any]) -> Judgement:
+def _by_result(result: dict[str, Any]) -> Judgement:
     """The verdict by what the program gave back."""
     program = result.get("program")
     # A RESULT without a word and files without a byte are what a program gives that did nothing.

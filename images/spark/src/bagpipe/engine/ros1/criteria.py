@@ -29,8 +29,8 @@ def judged_by_criteria(
         return judgement, []
     truths = {topic for criterion in spec.evaluate for topic in topics_of(criterion)[1]}
     evidence = Evidence(
-        # To the end of the drain: what of it belongs to the window is told by each criterion's
-        # clock (bagpipe.evaluate.window).
+        # To the end of the drain: each criterion's clock decides what of it belongs to the
+        # window (bagpipe.evaluate.window).
         recorded=Recording(
             lambda: storage.read_all(recorded, _MOST_RECORDED_BYTES), case.window.start, None
         ),

@@ -13,7 +13,7 @@ _NO_POLICY = FaultPolicy([])
 def judge(
     result: dict[str, Any], policy: FaultPolicy = _NO_POLICY, mode: str = "realtime"
 ) -> Judgement:
-    """Judge a RESULT map: how the stack ended, what it lost, and whether anything was said.
+    """Judge a RESULT map: how the stack ended, what it lost, and whether it published anything.
 
     Ends come first, since a node that has crashed receives nothing more.
     """

@@ -14,7 +14,7 @@ _EXPLAINED = 0.5
 # After the last input a node that was only kept from its messages takes the rest of them soon.
 _SOON_SECONDS = 2.0
 # A sentence names a few nodes; the ledger has all.
-_MOST_TOLD = 5
+_MOST_NAMED = 5
 
 
 @dataclass(frozen=True)
@@ -37,11 +37,11 @@ class Loss:
     @property
     def sentence(self) -> str:
         """What was lost, where."""
-        told = (
+        text = (
             f"{self.node} processed {self.received} of {self.sent} messages on {self.topic},"
             f" {self.dropped} dropped"
         )
-        return told if self.queue is None else f"{told}, {self.queue} in its queue"
+        return text if self.queue is None else f"{text}, {self.queue} in its queue"
 
 
 def losses(result: Mapping[str, Any]) -> Iterator[Loss]:
@@ -85,14 +85,14 @@ def _nodes(result: Mapping[str, Any]) -> set[str]:
 def why(loss: Loss, result: Mapping[str, Any]) -> str:
     """What was measured of the machine, in parentheses; empty where nothing was."""
     machine = result.get("machine") or {}
-    told = [machine["message"]] if machine.get("message") else []
+    parts = [machine["message"]] if machine.get("message") else []
     if machine.get("busy") and loss.waited is not None:
-        told.append(f"{loss.node} itself waited {loss.waited:.2f} s for a processor")
-    return f" ({'; '.join(told)})" if told else ""
+        parts.append(f"{loss.node} itself waited {loss.waited:.2f} s for a processor")
+    return f" ({'; '.join(parts)})" if parts else ""
 
 
-def others(found: Sequence[Loss], told: Loss) -> str:
+def others(found: Sequence[Loss], named: Loss) -> str:
     """The other losses, in short; empty where there is none."""
-    rest = [f"{loss.node} {loss.dropped} on {loss.topic}" for loss in found if loss is not told]
-    more = f" and {len(rest) - _MOST_TOLD} more" if len(rest) > _MOST_TOLD else ""
-    return f"; also lost: {', '.join(rest[:_MOST_TOLD])}{more}" if rest else ""
+    rest = [f"{loss.node} {loss.dropped} on {loss.topic}" for loss in found if loss is not named]
+    more = f" and {len(rest) - _MOST_NAMED} more" if len(rest) > _MOST_NAMED else ""
+    return f"; also lost: {', '.join(rest[:_MOST_NAMED])}{more}" if rest else ""

@@ -10,7 +10,7 @@ const WORST_FIRST = ["F", "E", "I", "P"];
 const word = (column, at) => column.values[column.at[at]];
 const outcomeOf = (at) => OUTCOMES[CASES.outcome[at]];
 
-// What cases can be told apart by: the matrix' variables first, then what every job has.
+// What cases can be distinguished by: the matrix' variables first, then what every job has.
 const DIMENSIONS = [
   ...DATA.variables,
   ...["variant", "fragment", "seed", "round"].map((name) => ({ name, ...CASES[name] })),
@@ -21,7 +21,7 @@ const VARIANTS = CASES.variant.values;
 function valuesOf(at) {
   return DATA.variables
     .filter((variable) => word(variable, at) !== null)
-    .map((variable) => `${variable.name}=${said(word(variable, at))}`)
+    .map((variable) => `${variable.name}=${asText(word(variable, at))}`)
     .join(" ");
 }
 

@@ -26,7 +26,7 @@ function caseParts(at) {
   if (discarded.length) parts.push(el("h4", {}, "Runs that do not count"), el("pre", {}, discarded.join("\n")));
   if (detail) parts.push(...detailParts(detail));
   else if (CASES.outcome[at] !== "P") {
-    parts.push(el("p", { class: "note" }, "Its ledger, timings and output are not in this page, which tells"
+    parts.push(el("p", { class: "note" }, "Its ledger, timings and output are not in this page, which shows"
       + ` ${Object.keys(DATA.details).length} cases in full: they are in its line of results.jsonl.`));
   }
   parts.push(el("h4", {}, "Run this case again on a laptop"), command(replayCommand(name)));

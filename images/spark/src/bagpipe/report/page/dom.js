@@ -29,4 +29,4 @@ function figure(value, unit) {
   return unit ? `${text} ${unit}` : text;
 }
 
-const said = (value) => typeof value === "string" ? value : JSON.stringify(value);
+const asText = (value) => typeof value === "string" ? value : JSON.stringify(value);

@@ -1,4 +1,4 @@
-// Which cases are shown. Every part of the page sets filters here and is told of changes.
+// Which cases are shown. Every part of the page sets filters here and is notified of changes.
 
 const filters = { text: "", outcome: "", variant: "", criterion: "", criterionOutcome: "", cause: "", fields: new Map() };
 const listeners = [];

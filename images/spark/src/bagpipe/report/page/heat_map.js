@@ -41,9 +41,9 @@ function drawHeat(rowNumber, columnChoice) {
   const fields = counted(row, column);
   const across = column ? ordered(column) : [0];
   const head = el("tr", {}, el("td", {}), across.map((value) =>
-    el("th", { scope: "col" }, column ? said(column.values[value]) : "all cases")));
+    el("th", { scope: "col" }, column ? asText(column.values[value]) : "all cases")));
   const lines = ordered(row).map((value) => el("tr", {},
-    el("th", { scope: "row" }, said(row.values[value])),
+    el("th", { scope: "row" }, asText(row.values[value])),
     across.map((other) => el("td", {}, field(fields.get(`${value} ${other}`), {
       rowNumber, row, value, columnNumber: column ? Number(columnChoice) : null, column, other,
     })))));
@@ -55,13 +55,13 @@ function field(counts, place) {
   if (!counts) return el("div", { class: "empty", title: "no such case" });
   const all = counts.P + counts.F + counts.I + counts.E;
   const worst = OUTCOMES[WORST_FIRST.find((letter) => counts[letter] > 0)];
-  const named = `${place.row.name} ${said(place.row.values[place.value])}`
-    + (place.column ? `, ${place.column.name} ${said(place.column.values[place.other])}` : "");
-  const told = WORST_FIRST.filter((letter) => counts[letter]).map((letter) => `${counts[letter]} ${OUTCOMES[letter]}`).join(", ");
+  const named = `${place.row.name} ${asText(place.row.values[place.value])}`
+    + (place.column ? `, ${place.column.name} ${asText(place.column.values[place.other])}` : "");
+  const countsText = WORST_FIRST.filter((letter) => counts[letter]).map((letter) => `${counts[letter]} ${OUTCOMES[letter]}`).join(", ");
   const wanted = new Map([[place.rowNumber, place.value]]);
   if (place.column) wanted.set(place.columnNumber, place.other);
   return el("button", {
-    type: "button", class: 2 * counts.P < all ? `${worst} mostly` : worst, "aria-pressed": "false", "aria-label": `${named}: ${told}`, title: `${named}: ${told}`,
+    type: "button", class: 2 * counts.P < all ? `${worst} mostly` : worst, "aria-pressed": "false", "aria-label": `${named}: ${countsText}`, title: `${named}: ${countsText}`,
     "data-field": [...wanted].join(";"),
     onclick: (event) => {
       const pressed = event.currentTarget.getAttribute("aria-pressed") === "true";

@@ -24,7 +24,7 @@ function controls() {
     variant.value = filters.variant;
     criterion.value = filters.criterion;
     const fields = [...filters.fields].map(([dimension, value]) =>
-      el("span", { class: "chip word" }, `${DIMENSIONS[dimension].name}: ${said(DIMENSIONS[dimension].values[value])}`));
+      el("span", { class: "chip word" }, `${DIMENSIONS[dimension].name}: ${asText(DIMENSIONS[dimension].values[value])}`));
     if (filters.criterionOutcome && filters.criterionOutcome !== "F") {
       fields.push(el("span", { class: "chip word" }, `criterion ${OUTCOMES[filters.criterionOutcome]}`));
     }

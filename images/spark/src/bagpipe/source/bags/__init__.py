@@ -41,7 +41,7 @@ class Bags(JobSource):
         return posixpath.basename(case.bag)
 
     def input_times(self, case: Case, storage: Storage) -> Callable[[], list[int]]:
-        """Told by the bag's indexes."""
+        """Read from the bag's indexes."""
 
         def read() -> list[int]:
             file = storage.open(case.bag)
@@ -60,7 +60,7 @@ class Bags(JobSource):
         return self.spec.model_copy(update={"bags": [uri]})
 
     def begin(self, case: Case, storage: Storage, _written: Path) -> int:
-        """Told by the bag's index."""
+        """Read from the bag's index."""
         file = storage.open(case.bag)
         starts = {offset for offset, _ in case.ranges}
         chunks = read_tail(file.read, file.size).chunks

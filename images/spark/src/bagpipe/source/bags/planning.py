@@ -50,13 +50,13 @@ def _fragments_of(uri: str, name: str, spec: Source, storage: Storage) -> list[C
 
 
 def _without_messages(tail: BagTail, topics: list[str]) -> str:
-    """A publisher is in the bag's index even if it never said anything."""
+    """A publisher is in the bag's index even if it never published anything."""
     named = {connection.id: connection.topic for connection in tail.connections}
-    said = {named.get(each, "") for chunk in tail.chunks for each in holding(chunk)} - {""}
+    published = {named.get(each, "") for chunk in tail.chunks for each in holding(chunk)} - {""}
     what = f"none of the topics {', '.join(topics)} is in the bag"
     if silent := [topic for topic in topics if topic in named.values()]:
         what = f"{', '.join(silent)} is in the bag without a message"
-    return f"{what}; it has {', '.join(sorted(said)[:10])}"
+    return f"{what}; it has {', '.join(sorted(published)[:10])}"
 
 
 def _connection_ranges(tail: BagTail) -> list[tuple[int, int]]:

@@ -1,4 +1,4 @@
-"""When a case's inputs were recorded, as its recording's indexes tell without reading them."""
+"""When a case's inputs were recorded, read from its recording's indexes alone."""
 
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times
 from bagpipe.plan.fragments import near

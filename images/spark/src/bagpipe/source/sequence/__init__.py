@@ -35,7 +35,7 @@ class Sequence(JobSource):
         return f"{case.bag}.bag"
 
     def input_times(self, case: Case, storage: Storage) -> Callable[[], list[int]]:
-        """Told by the sequence itself."""
+        """Taken from the sequence itself."""
 
         def read() -> list[int]:
             bag = _bag(case, storage)

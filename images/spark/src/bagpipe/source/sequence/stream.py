@@ -6,7 +6,7 @@ import bagpipe
 from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.pipe.session import InputFile, SessionError
 from bagpipe.plan.case import Case
-from bagpipe.source.part_reader import MOST_BYTES, Heard, PartReader, publisher
+from bagpipe.source.part_reader import MOST_BYTES, PartMessage, PartReader, publisher
 from bagpipe.storage import Storage
 
 
@@ -14,21 +14,21 @@ def sequence_bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
     """The case's parts one after the other as one bag, in the case's time.
 
     A part begins with the latched messages that were in force at its start, if the sequence has
-    not said the same before; those of the first part lie 1 ns before the lead-in, where they count
+    not sent the same before; those of the first part lie 1 ns before the lead-in, where they count
     as latched and not as played. Raises SessionError and StorageError.
     """
     writer = bagpipe.MemoryBag.writer(byte_budget=MOST_BYTES)
     in_force: dict[tuple[str, str], bytes] = {}
     for number, part in enumerate(case.parts):
         reader = PartReader(part, storage)
-        for heard in reader.latched():
-            if in_force.get(publisher(heard.connection)) != heard.recorded:
-                _write(writer, heard, heard.time if number else max(0, heard.time - 1))
-                in_force[publisher(heard.connection)] = heard.recorded
-        for heard in reader.messages():
-            _write(writer, heard, heard.time)
-            if heard.connection.latching:
-                in_force[publisher(heard.connection)] = heard.recorded
+        for message in reader.latched():
+            if in_force.get(publisher(message.connection)) != message.recorded:
+                _write(writer, message, message.time if number else max(0, message.time - 1))
+                in_force[publisher(message.connection)] = message.recorded
+        for message in reader.messages():
+            _write(writer, message, message.time)
+            if message.connection.latching:
+                in_force[publisher(message.connection)] = message.recorded
     return writer.finish()
 
 
@@ -41,13 +41,13 @@ def sequence_file(case: Case, storage: Storage, name: str) -> InputFile:
     )
 
 
-def _write(writer: Any, heard: Heard, time: int) -> None:
-    connection = heard.connection
+def _write(writer: Any, message: PartMessage, time: int) -> None:
+    connection = message.connection
     try:
         writer.write(
             connection.topic,
             time,
-            heard.data,
+            message.data,
             type=connection.type,
             md5sum=connection.md5sum,
             definition=connection.definition,

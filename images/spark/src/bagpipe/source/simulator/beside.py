@@ -8,12 +8,12 @@ from bagpipe.pipe.session import SessionError
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import Publication
-from bagpipe.source.part_reader import Heard, PartReader
+from bagpipe.source.part_reader import PartMessage, PartReader
 from bagpipe.storage import Storage
 
 
 class RecordedTopics:
-    """The parts of a case, heard at the same time as its simulator.
+    """The parts of a case, played at the same time as its simulator.
 
     A message is due in the first moment that is not before it. Raises SessionError, also where a
     topic was recorded with two types, and StorageError.
@@ -22,18 +22,18 @@ class RecordedTopics:
     def __init__(self, case: Case, storage: Storage) -> None:
         readers = [PartReader(part, storage) for part in case.parts]
         self.publications = _publications([c for each in readers for c in each.connections])
-        self._latched = [heard for reader in readers for heard in reader.latched()]
+        self._latched = [each for reader in readers for each in reader.latched()]
         by_time = [reader.messages() for reader in readers]
-        self._coming: Iterator[Heard] = heapq.merge(*by_time, key=lambda heard: heard.time)
-        self._next: Heard | None = next(self._coming, None)
+        self._coming: Iterator[PartMessage] = heapq.merge(*by_time, key=lambda each: each.time)
+        self._next: PartMessage | None = next(self._coming, None)
 
     def due(self, time: int) -> list[tuple[str, bytes]]:
-        """What is heard at `time`, in ns of the case's time: topics and serialised messages."""
-        heard, self._latched = self._latched, []
+        """What is due at `time`, in ns of the case's time: topics and serialised messages."""
+        due, self._latched = self._latched, []
         while self._next is not None and self._next.time <= time:
-            heard.append(self._next)
+            due.append(self._next)
             self._next = next(self._coming, None)
-        return [(resolve(each.connection.topic), each.data) for each in heard]
+        return [(resolve(each.connection.topic), each.data) for each in due]
 
 
 def _publications(connections: list[Any]) -> list[Publication]:

@@ -12,28 +12,28 @@ from bagpipe_operator.cluster.events import Note, Subject
 logger = logging.getLogger(__name__)
 
 # An object's transitions that wait for an API server which takes no Events.
-MOST_UNTOLD = 20
+MOST_NOTES = 20
 # 401: our token is being renewed, or the API server can't check it; all other calls wait too.
 _TRANSIENT = frozenset({0, 401, 429, 500, 502, 503, 504})
 
 
 class Creator(Protocol):
-    """What telling needs of an API server."""
+    """What writing Events needs of an API server."""
 
     async def create(self, resource: str, manifest: Json) -> Json:
         """Creates a core/v1 object in its namespace; raises ApiError."""
 
 
 @dataclass
-class Untold:
-    """What is to be told of each object, by its UID."""
+class EventBacklog:
+    """The Events to be written, by the UID of the object that they are about."""
 
     api: Creator
     _notes: dict[str, list[Note]] = field(default_factory=dict)
 
     def add(self, uid: str, notes: Iterable[Note]) -> None:
-        """Keeps what is to be told."""
-        kept = [*self._notes.get(uid, ()), *notes][-MOST_UNTOLD:]
+        """Keeps Events to be written."""
+        kept = [*self._notes.get(uid, ()), *notes][-MOST_NOTES:]
         if kept:
             self._notes[uid] = kept
 
@@ -48,7 +48,7 @@ class Untold:
                 conflict = error.status == 409 and not error.name_is_taken
                 if error.status in _TRANSIENT or conflict:
                     raise
-                if not error.name_is_taken:  # else it was told before, or its answer was lost
+                if not error.name_is_taken:  # else it was written before, or its answer was lost
                     logger.warning(
                         "%s/%s: the event %s was not written: %s",
                         about.namespace, about.name, notes[0].reason, error,
@@ -61,5 +61,5 @@ class Untold:
         self._notes = {uid: self._notes[uid] for uid in known if uid in self._notes}
 
     def forget(self, uid: str) -> None:
-        """The object is gone, or all is told."""
+        """The object is gone, or all its Events are written."""
         self._notes.pop(uid, None)
