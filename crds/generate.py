@@ -29,7 +29,7 @@ REFERENCE = HERE.parent / "docs" / "reference"
 # Around the job's spec in simulationschedules.yaml.
 BEGIN = "# Generated from simulationjobs.yaml: do not edit up to the end.\n"
 END = "# The end of what is generated.\n"
-# Before the names of the engines: the end of what is said of stack.engine.
+# Before the names of the engines: the end of the description of stack.engine.
 ENUM = """\
 so that any other simulator can take the place of ROS.
                     enum: ["""
