@@ -3,7 +3,9 @@ and what the worker's model forbids, the agent refuses.
 """
 
 import copy
+import functools
 import json
+import operator
 import subprocess
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -205,6 +207,12 @@ def changed(path: tuple[Any, ...], *value: Json) -> Json:
     return case
 
 
+def replacements(path: tuple[Any, ...]) -> list[Json]:
+    """Other values; for a map also the list of its values, which serde takes for a struct."""
+    value = functools.reduce(operator.getitem, path, FULL)
+    return [*VALUES, list(value.values())] if isinstance(value, dict) else VALUES
+
+
 def is_valid(case: Json) -> bool:
     try:
         valid_case(case)
@@ -217,7 +225,8 @@ def test_what_one_end_refuses_the_other_refuses(agent_binary: Path) -> None:
     assert is_valid(FULL)
     paths = list(places(FULL, SCHEMA))
     assert len(paths) > 50
-    mutations = [(path, *value) for path in paths for value in [(), *((v,) for v in VALUES)]]
+    mutations = [(path, value) for path in paths for value in replacements(path)]
+    mutations += [(path,) for path in paths]
     mutated = [changed(path, *value) for path, *value in mutations]
     verdicts = [is_valid(case) for case in mutated]
     assert verdicts.count(False) > 500
