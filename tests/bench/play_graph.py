@@ -172,7 +172,7 @@ def agent() -> Path:
         "RUSTFLAGS": "-C target-feature=+crt-static",
     }
     command += ["--target", target, "--quiet"]
-    subprocess.run(command, check=True, cwd=ROOT / "images" / "ros", env=environment)
+    subprocess.run(command, check=True, cwd=ROOT / "images/agent", env=environment)
     return folder / target / "release" / "bagpipe-agent"
 
 
