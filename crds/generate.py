@@ -5,7 +5,8 @@
 
 The chart has a copy and not a symbolic link, since a chart must work when it is packaged alone,
 and Helm warns about links with every command. A SimulationSchedule holds a whole job's spec, which
-is written once, in simulationjobs.yaml, and put into its CRD here.
+is written once, in simulationjobs.yaml, and put into its CRD here. What follows from the engines
+that are installed is put into simulationjobs.yaml itself.
 """
 
 import re
@@ -17,6 +18,8 @@ from typing import Any
 
 import yaml
 
+from bagpipe.engine_fields import EngineFields, engine_names, fields_of
+
 HERE = Path(__file__).resolve().parent
 JOBS = HERE / "simulationjobs.yaml"
 SCHEDULES = HERE / "simulationschedules.yaml"
@@ -26,6 +29,10 @@ REFERENCE = HERE.parent / "docs" / "reference"
 # Around the job's spec in simulationschedules.yaml.
 BEGIN = "# Generated from simulationjobs.yaml: do not edit up to the end.\n"
 END = "# The end of what is generated.\n"
+# Before the names of the engines: the end of the description of stack.engine.
+ENUM = """\
+so that any other simulator can take the place of ROS.
+                    enum: ["""
 
 Schema = dict[str, Any]
 
@@ -139,6 +146,42 @@ def schema_of(crd: Schema) -> Schema:
     return schema
 
 
+def with_engines(text: str, engines: dict[str, EngineFields]) -> str:
+    """The CRD of jobs with the engines that there are, and what they take, in its rules.
+
+    What an engine refuses beyond that is refused by the operator.
+    """
+    files = [name for name, fields in engines.items() if "files" in fields.sources]
+    simulated = [name for name, fields in engines.items() if "simulator" in fields.sources]
+    unrecorded = [name for name, fields in engines.items() if "record" not in fields.needed]
+    named = "has(self.stack.engine) && "
+    for before, names, after in (
+        (f'"!has(self.source.files) || ({named}', one_of(files), ')"'),
+        ('"source.files are for stack.engine: ', " or ".join(files), ", which reads"),
+        ('"!has(self.source.simulator) || !has(self.stack.engine) || ', one_of(simulated), '"'),
+        (f'"has(self.record) || ({named}', one_of(unrecorded), ')"'),
+        ('"record is missing, and only stack.engine: ', " or ".join(unrecorded), " goes without"),
+        (ENUM, ", ".join(engines), "]"),
+    ):
+        text = between(text, before, names, after)
+    return text
+
+
+def one_of(engines: list[str]) -> str:
+    """A condition in CEL."""
+    if len(engines) == 1:
+        return f"self.stack.engine == '{engines[0]}'"
+    return f"self.stack.engine in {engines}"
+
+
+def between(text: str, before: str, new: str, after: str) -> str:
+    """The text with this part of one line replaced; raises SystemExit unless it is there once."""
+    head, *tails = text.split(before)
+    if len(tails) != 1 or after not in tails[0].partition("\n")[0]:
+        raise SystemExit(f"{JOBS.name}: generate.py looks for one line with {before}...{after}")
+    return head + before + new + tails[0][tails[0].index(after) :]
+
+
 def with_job_spec(text: str, jobs: Schema) -> str:
     """The CRD of schedules with a job's spec as it is now; raises SystemExit without marks."""
     if text.count(BEGIN) != 1 or text.count(END) != 1:
@@ -188,10 +231,11 @@ def reference(crd: Schema, more: str, shortened: str = "") -> str:
 
 def derived() -> dict[Path, str]:
     """What each derived file should hold."""
-    text = JOBS.read_text()
+    text = with_engines(JOBS.read_text(), {name: fields_of(name) for name in engine_names()})
     jobs = yaml.safe_load(text)
     schedules = with_job_spec(SCHEDULES.read_text(), jobs)
     return {
+        JOBS: text,
         CHART_FILES / JOBS.name: text,
         SCHEDULES: schedules,
         CHART_FILES / SCHEDULES.name: schedules,

@@ -121,7 +121,7 @@ def _lines(figures: Figures, variant: str) -> Iterator[dict[str, Any]]:
             name = f"{recording}-{number}"
             yield {
                 "case": f"{name}-{variant}", "fragment": name, "variant": variant,
-                "bag": f"{recording}.bag", "outcome": "passed",
+                "bag": f"pvc://r/{recording}.bag", "outcome": "passed",
                 "criteria": [
                     {"name": f"c{at}", "figure": figure, "direction": "lower"}
                     for at, figure in enumerate(criteria)

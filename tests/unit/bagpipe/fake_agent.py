@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType
+from tests.waiting import PATIENCE
 
 # How the first frame of every session begins.
 HELLO = b"BPIP\x01\x01\x00\x00"
@@ -161,7 +162,7 @@ class FakeAgent:
         # Nobody may have opened the other end yet, which a read would take for its end.
         poll = select.poll()
         poll.register(self._incoming, select.POLLIN)
-        assert poll.poll(20_000), "no worker within 20 s"
+        assert poll.poll(PATIENCE * 1000), f"no worker within {PATIENCE:g} s"
 
     def open_outgoing(self) -> int:
         self._outgoing = os.open(self._folder / "from-agent", os.O_WRONLY)

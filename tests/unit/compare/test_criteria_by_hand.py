@@ -162,9 +162,9 @@ def test_a_pair_counts_where_both_versions_have_the_figure() -> None:
 def test_a_recording_s_figure_is_the_mean_of_its_pairs_means() -> None:
     rows = []
     for fragment, bag, before, after in (
-        (0, "a", (1.0, 3.0), (5.0, 7.0)),  # 2 and 6
-        (1, "a", (4.0, 4.0), (4.0, 4.0)),
-        (2, "b", (9.0, 9.0), (1.0, 2.0)),
+        (0, "pvc://r/a", (1.0, 3.0), (5.0, 7.0)),  # 2 and 6
+        (1, "pvc://r/a", (4.0, 4.0), (4.0, 4.0)),
+        (2, "pvc://r/b", (9.0, 9.0), (1.0, 2.0)),
     ):
         for variant, figures in (("released", before), ("pr-812", after)):
             rows += [

@@ -63,7 +63,7 @@ def test_the_same_case_is_the_same_fragment_values_and_seed() -> None:
 @pytest.mark.parametrize(
     ("played", "recording"),
     [
-        ({"bag": "a.bag"}, "a.bag"),
+        ({"bag": "pvc://r/a.bag"}, "pvc://r/a.bag"),
         ({"bag": "sequence", "parts": [{"bag": "b"}, {"bag": "a"}, {"bag": "b"}]}, "a+b"),
         ({"bag": "simulator", "seed": 7, "values": {"rain": 1}}, 'f {"rain": 1}'),
         ({"bag": "sequence", "parts": []}, "f {}"),

@@ -16,6 +16,7 @@ from pydantic import (
     model_validator,
 )
 
+from bagpipe.engine_fields import DEFAULT_ENGINE, engine_names, fields_of, refusal
 from bagpipe.evaluate.model import Criterion, topics_of
 from bagpipe.faults import FaultRule
 from bagpipe.matrix.model import Matrix
@@ -47,6 +48,7 @@ from bagpipe.topic_patterns import records
 # Where the operator mounts the ConfigMaps of users' evaluators, in the executors alone.
 EVALUATORS_PATH = "/etc/bagpipe/evaluators"
 DEFAULT_BACKOFF_LIMIT = 3
+SOURCE_KINDS = ("bags", "sequence", "files", "simulator")
 
 
 class _Model(BaseModel):
@@ -73,6 +75,11 @@ class Source(_Model):
     fragment: Fragment = Fragment()
 
     @property
+    def kind(self) -> str:
+        """Which one of them is written."""
+        return next(kind for kind in SOURCE_KINDS if getattr(self, kind))
+
+    @property
     def uris(self) -> list[str]:
         """The bags or the files, or what the pieces are of, whose names may hold templates."""
         pieces = [*self.sequence, *(self.simulator.recorded if self.simulator else [])]
@@ -80,9 +87,7 @@ class Source(_Model):
 
     @model_validator(mode="after")
     def _one_of_them(self) -> Self:
-        if [bool(self.bags), bool(self.sequence), bool(self.files), bool(self.simulator)].count(
-            True
-        ) != 1:
+        if [bool(getattr(self, kind)) for kind in SOURCE_KINDS].count(True) != 1:
             raise ValueError(
                 "write one of source.bags, source.sequence and source.files, with at least one URI,"
                 " or source.simulator"
@@ -126,12 +131,21 @@ class EnvironmentVariable(PlainVariable):
         return self
 
 
+def _installed(engine: str) -> str:
+    if engine not in engine_names():
+        raise ValueError(
+            f"stack.engine is {engine!r}, and the engines here are {', '.join(engine_names())}:"
+            " write one of them"
+        )
+    return engine
+
+
 class Stack(_Model):
     """The software under test: an unmodified image and how its nodes are started."""
 
     image: str = Field(pattern=r"^\S+$")
     command: list[str] = Field(min_length=1)
-    engine: Literal["ros1", "exec"] = "ros1"
+    engine: Annotated[str, AfterValidator(_installed)] = DEFAULT_ENGINE
     env: Annotated[list[EnvironmentVariable], AfterValidator(_variables_once)] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
@@ -334,7 +348,7 @@ class SimulationJobSpec(_Model):
         simulator = self.source.simulator
         if simulator is None:
             return self
-        if self.stack.engine != "ros1":
+        if self.source.kind not in fields_of(self.stack.engine).sources:
             raise ValueError("source.simulator speaks ROS 1: leave out stack.engine")
         if self.playback.mode != "lockstep":
             raise ValueError(
@@ -369,29 +383,9 @@ class SimulationJobSpec(_Model):
 
     @model_validator(mode="after")
     def _engine_s_own_fields(self) -> Self:
-        if self.stack.engine == "ros1":
-            if self.record is None:
-                raise ValueError("record is missing: write for example record: {topics: [/tf]}")
-            if self.source.files:
-                raise ValueError("source.files need stack.engine: exec: write source.bags")
-            return self
-        if self.evaluate:
-            raise ValueError(
-                "evaluate has no meaning with stack.engine: exec, whose program judges itself:"
-                " leave it out"
-            )
-        if self.record is not None:
-            raise ValueError("record has no meaning with stack.engine: exec: leave it out")
-        if self.stack.parameters or self.stack.remap:
-            raise ValueError(
-                "stack.parameters and stack.remap have no meaning with stack.engine: exec:"
-                " write stack.env or words of stack.command"
-            )
-        if self.playback.mode != "realtime" or self.playback.rate != 1.0 or self.playback.wait_for:
-            raise ValueError(
-                "playback.mode, steps, rate and waitFor have no meaning with stack.engine: exec:"
-                " write only playback.caseTimeout"
-            )
+        refused = refusal(self, self.stack.engine, self.source.kind)
+        if refused is not None:
+            raise ValueError(refused)
         return self
 
 

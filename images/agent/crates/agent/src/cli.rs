@@ -84,6 +84,9 @@ pub enum Verb {
     Reindex(reindex::Options),
     /// Read every record of a bag and say whether it is whole.
     Check(check::Options),
+    /// Print the cases of HELLO frames from stdin as JSON, as the agent reads them; for tests.
+    #[command(hide = true)]
+    Hello,
     /// One slot's process; started by `serve`.
     #[command(hide = true)]
     Slot {

@@ -16,6 +16,7 @@ from bagpipe.cli.cluster.place import Place, job_names, place_options
 from bagpipe.cli.cluster.state import JobState, Json
 from bagpipe.cli.places import folders, output_option, print_as, results_at, volume_option
 from bagpipe.driver.journal import Journal
+from bagpipe.engine_fields import DEFAULT_ENGINE
 from bagpipe.report.stored import StoredResults
 from bagpipe.storage import StorageError
 
@@ -62,7 +63,7 @@ def logs_command(
     cluster = place.cluster()
     job = cluster.job(name.removeprefix("job/"))
     state = JobState.of(job)
-    engine = str(((job.get("spec") or {}).get("stack") or {}).get("engine") or "ros1")
+    engine = str(((job.get("spec") or {}).get("stack") or {}).get("engine") or DEFAULT_ENGINE)
     pieces: list[Piece] = []
     wanted = [of] if of else [DRIVER] if case is None else [STACK, AGENT]
     if case is not None and STACK in wanted:

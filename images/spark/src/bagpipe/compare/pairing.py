@@ -14,9 +14,6 @@ Key = tuple[str, str, int]
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
 ROUNDS = "rounds: passed"
 
-# What stands in a row's `bag` where no single recording was played.
-_NO_RECORDING = frozenset({"", "simulator", "sequence"})
-
 
 @dataclass
 class Rounds:
@@ -106,7 +103,7 @@ def recording_of(row: Row) -> str:
     if parts:
         return "+".join(parts)
     bag = str(row.get("bag") or "")
-    if bag not in _NO_RECORDING:
+    if "://" in bag:  # where no single recording was played, it is a word of the source's
         return bag
     fragment, values, _ = key_of(row)
     return f"{fragment} {values}"

@@ -1,12 +1,12 @@
-"""The one place that asks which engine a job has."""
+"""The object of the engine that a job names, in its folder's module `engine`."""
+
+import importlib
 
 from bagpipe.engine.engine import Engine
-from bagpipe.engine.exec import Exec
-from bagpipe.engine.ros1 import Ros1
-
-ENGINES: dict[str, Engine] = {"ros1": Ros1(), "exec": Exec()}
+from bagpipe.engine_fields import engine_modules
 
 
 def engine_of(name: str) -> Engine:
     """The engine that `stack.engine` names."""
-    return ENGINES[name]
+    engine: Engine = importlib.import_module(f"{engine_modules()[name]}.engine").ENGINE
+    return engine

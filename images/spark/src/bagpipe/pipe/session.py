@@ -9,7 +9,7 @@ import select
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
@@ -92,7 +92,11 @@ class Sinks(Protocol):
 
 
 def run_session(
-    ends: Ends, case: dict[str, Any], files: list[InputFile], sink: Sink | Sinks, deadline: float
+    ends: Ends,
+    case: Mapping[str, object],
+    files: list[InputFile],
+    sink: Sink | Sinks,
+    deadline: float,
 ) -> Answer:
     """Feed one case and receive its answer; recorded bytes are written to `sink` as they come.
 
@@ -106,7 +110,7 @@ def run_session(
 
 
 def run_turns(
-    ends: Ends, case: dict[str, Any], partner: Partner, sink: Sink | Sinks, deadline: float
+    ends: Ends, case: Mapping[str, object], partner: Partner, sink: Sink | Sinks, deadline: float
 ) -> Answer:
     """Let a simulator and the stack take turns; otherwise as `run_session`."""
     session = uuid.uuid4().hex
@@ -200,7 +204,7 @@ class _Sender:
 
 
 def _outgoing(
-    session: str, case: dict[str, Any], files: list[InputFile]
+    session: str, case: Mapping[str, object], files: list[InputFile]
 ) -> Iterator[bytes | memoryview]:
     encoder = Encoder()
     yield _hello(encoder, session, case)
@@ -216,7 +220,7 @@ def _outgoing(
 
 
 def _turns(
-    session: str, case: dict[str, Any], partner: Partner, answers: deque[dict[str, Any]]
+    session: str, case: Mapping[str, object], partner: Partner, answers: deque[dict[str, Any]]
 ) -> Iterator[bytes | memoryview | None]:
     """The frames of a simulator; None while the agent has its turn."""
     encoder = Encoder()
@@ -242,7 +246,7 @@ def _turns(
     yield encoder.encode_fields(FrameType.END, end)
 
 
-def _hello(encoder: Encoder, session: str, case: dict[str, Any]) -> bytes:
+def _hello(encoder: Encoder, session: str, case: Mapping[str, object]) -> bytes:
     software = f"bagpipe {bagpipe.__version__}"
     hello = {"session": session, "protocol": PROTOCOL, "software": software, "case": case}
     return encoder.encode_fields(FrameType.HELLO, hello)

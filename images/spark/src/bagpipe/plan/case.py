@@ -16,7 +16,8 @@ class Case:
     `bag_version` is the mark that the file `bag` had when it was planned. `connections` are
     (offset, length) ranges of its CONNECTION records, `ranges` those of its chunks, in bytes.
     Cases of one `fragment` differ in their conditions alone. A case that is put together of
-    `parts` reads these and no `bag`; its `bag_version` is the mark of them all.
+    `parts` reads these and no `bag`; its `bag_version` is the mark of them all. `bag` is a URI, or
+    a word without `://` where the source has no single recording.
     """
 
     id: str

@@ -17,7 +17,9 @@ from typing import Any
 
 from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine_fields import fields_of
 from bagpipe.faults import FAILURES, FaultPolicy
+from bagpipe.pipe.hello_case import HelloCase
 from bagpipe.pipe.session import (
     Answer,
     InputFile,
@@ -273,14 +275,14 @@ def _case_seconds(spec: SimulationJobSpec) -> float:
     return duration_seconds(spec.playback.case_timeout)
 
 
-def case_map(case: Case, context: RunContext) -> dict[str, Any]:
+def case_map(case: Case, context: RunContext) -> HelloCase:
     """The case as HELLO carries it."""
     spec = context.spec
     stack = stack_of(spec, case.conditions)
     return {
         "id": case.id,
         "job": context.job,
-        "engine": spec.stack.engine,
+        "engine": fields_of(spec.stack.engine).agent,
         "source": case.bag,
         "window": {
             "lead_in_start": case.window.lead_in_start,
@@ -299,7 +301,13 @@ def case_map(case: Case, context: RunContext) -> dict[str, Any]:
             "mode": spec.playback.mode,
             "rate": spec.playback.rate,
             "steps": [
-                step.model_dump() | {"deadline": duration_seconds(step.deadline)}
+                {
+                    "trigger": step.trigger,
+                    "answer": step.answer,
+                    "deadline": duration_seconds(step.deadline),
+                    "by": step.by,
+                    "optional": step.optional,
+                }
                 for step in spec.playback.steps
             ],
             "wait_for": spec.playback.wait_for,

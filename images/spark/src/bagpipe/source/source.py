@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 import bagpipe
 from bagpipe.judgement import Judgement
+from bagpipe.pipe.hello_case import HelloSimulator
 from bagpipe.pipe.session import InputFile, Partner
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
@@ -22,7 +23,7 @@ class Turns(Partner, Protocol):
     """A partner that makes a case's input while the stack answers it."""
 
     @property
-    def described(self) -> dict[str, Any]:
+    def described(self) -> HelloSimulator:
         """What HELLO says of it, as `simulator`."""
 
 

@@ -2,39 +2,56 @@
 
 pub(crate) mod failure;
 pub(crate) mod folder;
+mod maps;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
 
 use rmpv::Value;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
-/// What to replay, into what, and for how long at most.
-#[derive(Debug, Clone, Deserialize)]
+use crate::case::maps::{AsMap, as_map, as_maps, as_some_map};
+
+/// What to replay, into what, and for how long at most: docs/reference/hello-case.json, with which
+/// tests/integration/test_hello_case.py compares it.
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Case {
     pub id: String,
     #[serde(default)]
-    pub engine: Engine,
+    pub job: String,
+    /// What runs it, by name.
+    #[serde(default, deserialize_with = "some")]
+    pub engine: Option<String>,
+    /// The URI of what is played.
+    #[serde(default)]
+    pub source: String,
+    #[serde(deserialize_with = "as_map")]
     pub window: Window,
     /// Topics to play; empty: all of the bag's.
     #[serde(default)]
     pub topics: Vec<String>,
+    #[serde(deserialize_with = "as_map")]
     pub stack: Stack,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "as_map")]
     pub playback: Playback,
     /// What a simulator speaks on, in place of a bag.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "as_some_map", skip_serializing_if = "Option::is_none")]
     pub simulator: Option<Simulator>,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "as_map")]
     pub record: Record,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "as_map")]
     pub deadlines: Deadlines,
-    #[serde(default)]
+    #[serde(default, deserialize_with = "as_map")]
     pub faults: Faults,
 }
 
+/// What may be left out, but not be nil.
+fn some<'de, D: serde::Deserializer<'de>>(value: D) -> Result<Option<String>, D::Error> {
+    String::deserialize(value).map(Some)
+}
+
 /// What the job thinks of its stack's faults.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
 #[serde(default)]
 pub struct Faults {
     /// Causes that end nothing.
@@ -42,14 +59,15 @@ pub struct Faults {
 }
 
 /// A simulator at the worker's end of the pipe.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Simulator {
     /// By these places STEP names its topics.
+    #[serde(deserialize_with = "as_maps")]
     pub publications: Vec<Advertised>,
 }
 
 /// A topic that a simulator speaks on.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Advertised {
     pub topic: String,
     #[serde(rename = "type")]
@@ -67,31 +85,8 @@ fn yes() -> bool {
     true
 }
 
-/// What runs the case.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
-pub enum Engine {
-    /// A rosmaster, a player and a recorder around the stack's nodes.
-    #[default]
-    Ros1,
-    /// The user's program alone, fed on stdin.
-    Exec,
-}
-
-impl TryFrom<String> for Engine {
-    type Error = String;
-
-    fn try_from(name: String) -> Result<Self, String> {
-        match name.as_str() {
-            "ros1" => Ok(Self::Ros1),
-            "exec" => Ok(Self::Exec),
-            _ => Err(format!("engine is {name:?}, not ros1 or exec")),
-        }
-    }
-}
-
 /// Nanoseconds of bag time.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, Serialize)]
 pub struct Window {
     pub lead_in_start: u64,
     pub start: u64,
@@ -99,7 +94,7 @@ pub struct Window {
 }
 
 /// The software under test.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Stack {
     pub command: Vec<String>,
     #[serde(default)]
@@ -110,8 +105,8 @@ pub struct Stack {
     pub remap: BTreeMap<String, String>,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", rename_all = "lowercase")]
 pub enum Mode {
     #[default]
     Realtime,
@@ -132,19 +127,20 @@ impl TryFrom<String> for Mode {
     }
 }
 
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(default)]
 pub struct Playback {
     pub mode: Mode,
     pub rate: f64,
     /// What to wait for in lock-step.
+    #[serde(deserialize_with = "as_maps")]
     pub steps: Vec<Step>,
     /// Nodes that must have subscribed to a played topic before the first message.
     pub wait_for: Vec<String>,
 }
 
 /// An input, and the answer that the next one waits for.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 pub struct Step {
     pub trigger: String,
     pub answer: String,
@@ -156,8 +152,8 @@ pub struct Step {
     pub optional: bool,
 }
 
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
-#[serde(try_from = "String")]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", rename_all = "lowercase")]
 pub enum By {
     #[default]
     Count,
@@ -182,7 +178,7 @@ impl Default for Playback {
     }
 }
 
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(default)]
 pub struct Record {
     /// Regular expressions that match whole topic names.
@@ -197,7 +193,7 @@ impl Default for Record {
 }
 
 /// Seconds that each part of the case may take.
-#[derive(Debug, Clone, Copy, Deserialize)]
+#[derive(Debug, Clone, Copy, Deserialize, Serialize)]
 #[serde(default)]
 pub struct Deadlines {
     /// Until the rosmaster answers.
@@ -229,7 +225,7 @@ impl Case {
                         fifo= of bin_piped is for a program that serves records"
                 .to_owned());
         }
-        let case: Self = rmpv::ext::from_value(value)
+        let AsMap(case): AsMap<Self> = rmpv::ext::from_value(value)
             .map_err(|error| format!("the case in HELLO cannot be understood: {error}"))?;
         if case.stack.command.first().is_none_or(String::is_empty) {
             return Err(format!("case {}: stack.command is empty", case.id));
@@ -306,7 +302,7 @@ mod tests {
         assert_eq!(case.record.byte_budget, 1 << 30);
         assert_eq!(case.window.end, u64::MAX);
         assert!(!case.use_sim_time());
-        assert_eq!(case.engine, Engine::Ros1);
+        assert_eq!(case.engine, None);
     }
 
     #[test]
@@ -339,10 +335,6 @@ mod tests {
         let never = map(&[("start", f64::INFINITY.into())]);
         let endless = Case::from_value(minimal(vec!["x".into()], never)).unwrap_err();
         assert_eq!(endless, "case a: deadlines.start is inf, not 0 to 2678400 seconds");
-        let Value::Map(mut other) = minimal(vec!["x".into()], map(&[])) else { panic!() };
-        other.push(("engine".into(), "ros2".into()));
-        let other = Case::from_value(Value::Map(other)).unwrap_err();
-        assert!(other.contains("engine is \"ros2\", not ros1 or exec"), "{other}");
         assert!(Case::from_value(7.into()).unwrap_err().starts_with("the case in HELLO"));
         assert!(Case::from_value(Value::Nil).unwrap_err().starts_with("HELLO has no case"));
     }

@@ -1,13 +1,12 @@
 //! One session: HELLO, the bag, the case, and its answer.
 
-use std::cell::{Cell, RefCell};
+use std::cell::RefCell;
 use std::fs::File;
 use std::io::Read;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use bagpipe_rosbag::{ChunkedFile, MemoryChunkedFile};
 use bagpipe_wire::{
     Abort, AgentHello, Duplex, FileHeader, FrameType, MAX_PAYLOAD, Next, PROTOCOL, PipeError,
     WorkerHello, fifo, from_map, to_map,
@@ -15,18 +14,14 @@ use bagpipe_wire::{
 use rmpv::Value;
 
 use crate::case::failure::Failure;
-use crate::case::folder::CaseFolder;
-use crate::case::{Case, Engine, seconds};
-use crate::engine::exec::{ExecOutcome, ExecRunner};
-use crate::engine::ros1::feed::{receive_bag, receive_bag_on_disk};
-use crate::engine::ros1::on_disk::{OnDisk, failed};
-use crate::engine::ros1::outcome::{Outcome, Timings};
-use crate::engine::ros1::{Input, Runner};
+use crate::case::{Case, seconds};
+use crate::engine;
+use crate::engine::on_disk::OnDisk;
+use crate::engine::task::{Answer, Recording, Task};
 use crate::metrics::SlotFigures;
 use crate::serve::layout::SlotFolder;
 use crate::serve::watchdog::Watchdog;
 use crate::stack::processes::Children;
-use crate::stack::{Ros, Surroundings};
 
 /// A worker that opened the pipe writes HELLO at once.
 const HELLO: Duration = Duration::from_secs(10);
@@ -38,13 +33,6 @@ const ANSWER: Duration = Duration::from_secs(30);
 const CLOSE: Duration = Duration::from_secs(30);
 /// What the watchdog allows beyond all other deadlines.
 const GRACE: Duration = Duration::from_secs(15);
-
-/// A finished recording.
-enum Recording {
-    InMemory(Vec<u8>),
-    /// With its length.
-    OnDisk(File, u64),
-}
 
 /// A slot's lasting state.
 pub struct Slot<'a> {
@@ -104,25 +92,38 @@ impl Slot<'_> {
         };
         self.send(&mut link.borrow_mut(), FrameType::Hello, &map(&answer)?)?;
         let case = Case::from_value(hello.case.clone()).map_err(Failure::protocol)?;
+        let engine = engine::chosen(case.engine.as_deref()).map_err(Failure::protocol)?;
         let deadline = begun + seconds(case.deadlines.case);
         let beyond = GRACE + seconds(case.deadlines.stop);
-        if case.engine == Engine::Exec {
-            let outcome = {
-                let _watchdog = Watchdog::start(self.number, deadline, beyond);
-                self.run_program(link, &case, (session, hello.case), deadline)?
-            };
-            // Its files went out as they came; their description comes last.
-            let mut link = link.borrow_mut();
-            self.send(&mut link, FrameType::Result, &map(&outcome)?)?;
-            let end = link.encoder().end();
-            return self.send(&mut link, FrameType::End, &map(&end)?);
-        }
-        let (outcome, recording) = {
+        let answer = {
             let _watchdog = Watchdog::start(self.number, deadline, beyond);
-            self.run(link, &case, deadline)?
+            (engine.run)(&self.task(link, &case, (session, hello.case), deadline))?
         };
-        self.figures.proved(&outcome.ledger);
-        self.send_outcome(&mut link.borrow_mut(), &case, &outcome, recording)
+        self.send_answer(&mut link.borrow_mut(), &case, answer)
+    }
+
+    fn task<'a>(
+        &'a self,
+        link: &'a RefCell<Duplex>,
+        case: &'a Case,
+        (session, described): (&'a str, Value),
+        deadline: Instant,
+    ) -> Task<'a> {
+        Task {
+            case,
+            described,
+            session,
+            link,
+            deadline,
+            stop: self.stop,
+            slot: self.number,
+            port: self.port,
+            memory_budget: self.memory_budget,
+            on_disk: self.on_disk.as_ref(),
+            folder: self.folder.path(),
+            meter: &self.figures.meter,
+            children: &self.children,
+        }
     }
 
     fn receive_hello(
@@ -162,102 +163,24 @@ impl Slot<'_> {
         Ok((hello, begun))
     }
 
-    fn run(
-        &self,
-        link: &RefCell<Duplex>,
-        case: &Case,
-        deadline: Instant,
-    ) -> Result<(Outcome, Recording), Failure> {
-        let begun = Instant::now();
-        let (budget, stopping) = (self.memory_budget, || self.stopping());
-        if let Some(simulator) = &case.simulator {
-            let input = Input::<MemoryChunkedFile>::Simulator(simulator);
-            let (outcome, bytes) = self.run_on(link, (case, deadline), &input, begun)?;
-            return Ok((outcome, Recording::InMemory(bytes)));
+    fn send_answer(&self, link: &mut Duplex, case: &Case, answer: Answer) -> Result<(), Failure> {
+        if let Some(ledger) = &answer.ledger {
+            self.figures.proved(ledger);
         }
-        if let Some(disk) = &self.on_disk {
-            let until: (Instant, &dyn Fn() -> bool) = (deadline, &stopping);
-            let (header, bag) = receive_bag_on_disk(&mut link.borrow_mut(), budget, until, disk)?;
-            let path = disk.recording()?;
-            let input = Input::Bag(&header, &bag);
-            let (outcome, _) = self.run_on(link, (case, deadline), &input, begun)?;
-            disk.settle(&path)?;
-            let file = File::open(&path).map_err(|error| failed(&path, &error))?;
-            let length = file.metadata().map_err(|error| failed(&path, &error))?.len();
-            return Ok((outcome, Recording::OnDisk(file, length)));
+        self.send(link, FrameType::Result, &answer.result)?;
+        if let Some(recording) = answer.recording {
+            self.send_recording(link, case, recording)?;
         }
-        let (header, bag) = receive_bag(&mut link.borrow_mut(), budget, deadline, &stopping)?;
-        let input = Input::Bag(&header, &bag);
-        let (outcome, bytes) = self.run_on(link, (case, deadline), &input, begun)?;
-        Ok((outcome, Recording::InMemory(bytes)))
+        let end = link.encoder().end();
+        self.send(link, FrameType::End, &map(&end)?)
     }
 
-    /// Runs a case whose input is there; the recording, where it is kept in memory.
-    fn run_on<F: ChunkedFile>(
-        &self,
-        link: &RefCell<Duplex>,
-        (case, deadline): (&Case, Instant),
-        input: &Input<'_, F>,
-        begun: Instant,
-    ) -> Result<(Outcome, Vec<u8>), Failure> {
-        let timings = Timings { assemble: begun.elapsed().as_secs_f64(), ..Timings::default() };
-        let folder = CaseFolder::make(self.number, self.folder.path())
-            .map_err(|message| Failure::new("Internal", message))?;
-        let master_uri = format!("http://127.0.0.1:{}", self.port);
-        let runner = Runner {
-            port: self.port,
-            record_to: self.on_disk.as_ref().map(OnDisk::recording).transpose()?,
-            case,
-            master_uri: &master_uri,
-            surroundings: Surroundings {
-                environment: &case.stack.environment,
-                ros: Some(Ros { master_uri: &master_uri, folder: folder.path() }),
-                label: format!("slot {} case {}", self.number, case.id),
-            },
-            deadline,
-            stop: self.stop,
-            link,
-            meter: &self.figures.meter,
-            children: &self.children,
-            course: RefCell::default(),
-            roll: RefCell::default(),
-            glanced: Cell::new(None),
-        };
-        runner.run(input, timings)
-    }
-
-    fn run_program(
-        &self,
-        link: &RefCell<Duplex>,
-        case: &Case,
-        (session, described): (&str, Value),
-        deadline: Instant,
-    ) -> Result<ExecOutcome, Failure> {
-        let runner = ExecRunner {
-            case,
-            session,
-            described,
-            surroundings: Surroundings {
-                environment: &case.stack.environment,
-                ros: None,
-                label: format!("slot {} case {}", self.number, case.id),
-            },
-            deadline,
-            stop: self.stop,
-            link,
-            children: &self.children,
-        };
-        runner.run()
-    }
-
-    fn send_outcome(
+    fn send_recording(
         &self,
         link: &mut Duplex,
         case: &Case,
-        outcome: &Outcome,
         recording: Recording,
     ) -> Result<(), Failure> {
-        self.send(link, FrameType::Result, &map(outcome)?)?;
         let name = format!("{}.bag", case.id);
         let size = match &recording {
             Recording::InMemory(bytes) => bytes.len() as u64,
@@ -270,11 +193,10 @@ impl Slot<'_> {
                 for piece in bytes.chunks(MAX_PAYLOAD) {
                     self.send(link, FrameType::Data, piece)?;
                 }
+                Ok(())
             }
-            Recording::OnDisk(file, _) => self.send_file(link, &file)?,
+            Recording::OnDisk(file, _) => self.send_file(link, &file),
         }
-        let end = link.encoder().end();
-        self.send(link, FrameType::End, &map(&end)?)
     }
 
     fn send_file(&self, link: &mut Duplex, file: &File) -> Result<(), Failure> {

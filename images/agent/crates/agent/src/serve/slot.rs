@@ -10,7 +10,7 @@ use bagpipe_wire::fifo::{self, Readiness};
 use bagpipe_wire::{Duplex, Next};
 use rustix::process::{Signal, set_child_subreaper, set_parent_process_death_signal};
 
-use crate::engine::ros1::on_disk::OnDisk;
+use crate::engine::on_disk::OnDisk;
 use crate::metrics::{Reporter, SlotFigures};
 use crate::serve::layout::Shared;
 use crate::serve::options::ServeOptions;

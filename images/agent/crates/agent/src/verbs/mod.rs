@@ -4,6 +4,7 @@ pub(crate) mod bagfile;
 pub(crate) mod check;
 pub(crate) mod delivery_table;
 pub(crate) mod graph_options;
+pub(crate) mod hello;
 pub(crate) mod info;
 pub(crate) mod install;
 pub(crate) mod merge;

@@ -4,13 +4,15 @@ The agent writes there what the stack's processes say and what it has to say its
 
     [slot 1 case drive-0003 stack] loading the map
     [slot 1 case drive-0003 rosmaster] started
-    [slot 1 case drive-0003] the agent, or with the engine exec the program
+    [slot 1 case drive-0003] the agent, or the stack where its engine says so
     [slot 1] StackExited: the agent of what its slot is at
 """
 
 import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
+
+from bagpipe.engine_fields import engine_names, fields_of
 
 _LINE = re.compile(r"^\[slot (\d+)(?: case ([^\] ]+)(?: ([^\]]+))?)?\] ?(.*)$")
 
@@ -25,6 +27,7 @@ class LogLine(NamedTuple):
 
 def log_lines(lines: Iterable[str], engine: str) -> Iterator[LogLine]:
     """Every line with its writer; what a slot writes between two lines of a case belongs to it."""
+    unmarked = _writer_without_mark(engine)
     at: dict[str, str] = {}
     for line in lines:
         found = _LINE.match(line)
@@ -36,10 +39,15 @@ def log_lines(lines: Iterable[str], engine: str) -> Iterator[LogLine]:
             yield LogLine("agent", at.get(slot, ""), text)
             continue
         at[slot] = case
-        if program == "stack" or (program is None and engine == "exec"):
+        if (program or unmarked) == "stack":
             yield LogLine("stack", case, text)
         else:
             yield LogLine("agent", case, f"{program}: {text}" if program else text)
+
+
+def _writer_without_mark(engine: str) -> str:
+    # The cluster may have engines that are not installed where its logs are read.
+    return fields_of(engine).unmarked_lines if engine in engine_names() else "agent"
 
 
 def of_case(log: str, case: str, by: str, engine: str) -> list[str]:

@@ -1,8 +1,8 @@
 """A simulated drive in place of a recording: the worker's half of its turns with the stack."""
 
-import dataclasses
 from typing import Any
 
+from bagpipe.pipe.hello_case import HelloSimulator
 from bagpipe.pipe.session import SessionError
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import ControlError
@@ -35,13 +35,21 @@ class Drive:
         }
 
     @property
-    def described(self) -> dict[str, Any]:
+    def described(self) -> HelloSimulator:
         """The case's `simulator` in HELLO."""
-        listed = [
-            dataclasses.asdict(each) | {"recorded": self._recorded[each.topic]}
-            for each in self._world.publications
-        ]
-        return {"publications": listed}
+        return {
+            "publications": [
+                {
+                    "topic": each.topic,
+                    "type": each.type,
+                    "md5sum": each.md5sum,
+                    "definition": each.definition,
+                    "latching": each.latching,
+                    "recorded": self._recorded[each.topic],
+                }
+                for each in self._world.publications
+            ]
+        }
 
     def step(self, answer: dict[str, Any], /) -> dict[str, Any] | None:
         """The next moment. Raises SessionError where the stack does not steer."""

@@ -4,6 +4,7 @@
 //! Nothing is assembled: a frame goes on as soon as the other side takes it, so a case of any
 //! size needs the memory of a few frames.
 
+pub(crate) mod entry;
 mod input;
 mod output;
 mod pump;

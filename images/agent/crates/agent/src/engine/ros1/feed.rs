@@ -7,7 +7,7 @@ use bagpipe_rosbag::{Bag, BagError, ChunkedFile, DiskChunkedFile, Limits, Memory
 use bagpipe_wire::{Duplex, End, FileHeader, FrameType, from_map};
 
 use crate::case::failure::Failure;
-use crate::engine::ros1::on_disk::{OnDisk, failed};
+use crate::engine::on_disk::{OnDisk, failed};
 
 /// Receives FILE, its DATA and END into memory, and opens the bag. Memory grows with what
 /// really comes, and never past `budget`.

@@ -1,8 +1,8 @@
 //! One case: rosmaster, parameters, the user's command, play and record, and the end of all
 //! that was started.
 
+pub(crate) mod entry;
 pub(crate) mod feed;
-pub(crate) mod on_disk;
 pub(crate) mod outcome;
 pub(crate) mod parameters;
 pub(crate) mod rosmaster;

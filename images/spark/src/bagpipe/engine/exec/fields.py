@@ -1,0 +1,25 @@
+"""What `stack.engine: exec` reads of a spec."""
+
+from bagpipe.engine_fields import EngineFields
+
+FIELDS = EngineFields(
+    agent="exec",
+    # The program's stderr is all that its container's log has of it.
+    unmarked_lines="stack",
+    sources=("bags", "sequence", "files"),
+    meaningless={
+        ("evaluate",): (
+            "evaluate has no meaning with stack.engine: exec, whose program judges itself:"
+            " leave it out"
+        ),
+        ("record",): "record has no meaning with stack.engine: exec: leave it out",
+        ("stack.parameters", "stack.remap"): (
+            "stack.parameters and stack.remap have no meaning with stack.engine: exec:"
+            " write stack.env or words of stack.command"
+        ),
+        ("playback.mode", "playback.rate", "playback.wait_for"): (
+            "playback.mode, steps, rate and waitFor have no meaning with stack.engine: exec:"
+            " write only playback.caseTimeout"
+        ),
+    },
+)

@@ -1,0 +1,10 @@
+"""What `stack.engine: ros1` reads of a spec."""
+
+from bagpipe.engine_fields import EngineFields
+
+FIELDS = EngineFields(
+    agent="ros1",
+    unmarked_lines="agent",
+    sources=("bags", "sequence", "simulator"),
+    needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
+)

@@ -1,0 +1,112 @@
+"""An engine is one folder: tests/toy_engine on Python's path, of which nothing else knows."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tests.unit.bagpipe.bags import steady, write_bag
+
+ROOT = Path(__file__).parents[3]
+TOY = ROOT / "tests/toy_engine"
+SECOND = 1_000_000_000
+SPEC = {
+    "source": {"bags": ["pvc://recordings/*.bag"], "fragment": {"length": "4s"}},
+    "stack": {"engine": "loopback", "image": "any", "command": ["cat"]},
+    "record": {"topics": ["/out"]},
+    "output": {"uri": "pvc://results/r"},
+}
+DERIVED = """
+import json, sys
+sys.path.insert(0, "crds")
+from generate import derived
+print(json.dumps({str(path): text for path, text in derived().items()}))
+"""
+REFUSED = """
+import json, sys
+from pydantic import ValidationError
+from bagpipe.spec import SimulationJobSpec
+try:
+    SimulationJobSpec.model_validate(json.loads(sys.argv[1]))
+except ValidationError as error:
+    print(error.errors()[0]["msg"])
+"""
+UNMARKED = """
+from bagpipe.cli.cluster.case_lines import of_case
+print(of_case("[slot 1 case a] starting", "a", "stack", "loopback"))
+"""
+
+
+def python(*words: str, path: tuple[Path, ...] = (TOY,)) -> "subprocess.CompletedProcess[str]":
+    """Python with folders on its path besides ours."""
+    places = [*map(str, path), str(ROOT / "images/spark/src"), str(ROOT / "operator/src")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(places)}
+    return subprocess.run(
+        [sys.executable, *words], cwd=ROOT, env=environment, capture_output=True, text=True,
+        timeout=120, check=False,
+    )  # fmt: skip
+
+
+def refusal(changed: dict[str, Any], *, path: tuple[Path, ...] = (TOY,)) -> str:
+    done = python("-c", REFUSED, json.dumps(SPEC | changed), path=path)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.removeprefix("Value error, ").strip()
+
+
+def test_the_crd_gets_its_name_and_nothing_else() -> None:
+    done = python("-c", DERIVED)
+    assert done.returncode == 0, done.stderr
+    derived = json.loads(done.stdout)
+    jobs = derived.pop(str(ROOT / "crds/simulationjobs.yaml"))
+    committed = (ROOT / "crds/simulationjobs.yaml").read_text()
+    assert jobs != committed
+    assert jobs.replace("enum: [ros1, exec, loopback]", "enum: [ros1, exec]") == committed
+    for path, text in derived.items():
+        added = set(text.splitlines()) - set(Path(path).read_text().splitlines())
+        assert len(added) <= 1, path
+        assert all("loopback" in line for line in added), path
+
+
+def test_its_spec_is_accepted_and_what_it_declares_meaningless_is_refused() -> None:
+    assert refusal({}) == ""
+    criterion = {"name": "some", "presence": {"topic": "/out", "min": 1}}
+    assert refusal({"evaluate": [criterion]}).startswith("evaluate has no meaning with stack.engi")
+    assert refusal({"playback": {"mode": "max"}}).startswith("playback.mode and rate have no mean")
+    assert refusal({"record": None}).startswith("record is missing: write for example")
+    assert refusal({"source": {"files": ["pvc://a/b"]}}) == (
+        "source.files need stack.engine: exec: write source.bags"
+    )
+
+
+def test_an_engine_that_is_not_there_is_refused_with_those_that_are() -> None:
+    unknown = {"stack": SPEC["stack"] | {"engine": "ros2"}}  # type: ignore[operator]
+    here = "stack.engine is {}, and the engines here are {}: write one of them"
+    assert refusal(unknown) == here.format("'ros2'", "ros1, exec, loopback")
+    assert refusal({}, path=()) == here.format("'loopback'", "ros1, exec")
+
+
+def test_two_engines_of_one_name_are_refused(tmp_path: Path) -> None:
+    second = tmp_path / "bagpipe_engines/exec"
+    second.mkdir(parents=True)
+    (second / "__init__.py").touch()
+    done = python("-c", REFUSED, json.dumps(SPEC), path=(TOY, tmp_path))
+    assert "bagpipe.engine.exec and bagpipe_engines.exec are engines of one name" in done.stderr
+
+
+def test_its_cases_are_planned(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 80, SECOND // 10))
+    job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"}
+    manifest = tmp_path / "job.yaml"
+    manifest.write_text(yaml.safe_dump(job | {"metadata": {"name": "toy"}, "spec": SPEC}))
+    volume = ("--volume", f"recordings={tmp_path}")
+    done = python("-m", "bagpipe.cli", "plan", str(manifest), *volume, "--output", "json")
+    assert done.returncode == 0, done.stderr
+    assert '"a-0001"' in done.stdout
+
+
+def test_its_log_s_unmarked_lines_are_whose_it_says() -> None:
+    assert python("-c", UNMARKED).stdout == "['starting']\n"
