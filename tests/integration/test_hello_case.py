@@ -225,8 +225,8 @@ def test_what_one_end_refuses_the_other_refuses(agent_binary: Path) -> None:
     assert is_valid(FULL)
     paths = list(places(FULL, SCHEMA))
     assert len(paths) > 50
-    mutations = [(path, value) for path in paths for value in replacements(path)]
-    mutations += [(path,) for path in paths]
+    replaced = [(path, value) for path in paths for value in replacements(path)]
+    mutations: list[tuple[Any, ...]] = [*replaced, *((path,) for path in paths)]
     mutated = [changed(path, *value) for path, *value in mutations]
     verdicts = [is_valid(case) for case in mutated]
     assert verdicts.count(False) > 500
