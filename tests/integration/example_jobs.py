@@ -65,6 +65,9 @@ def _staged(folder: Path) -> Path:
     folder.mkdir()
     command = "import sys, pathlib, context; context.stage_example_nodes(pathlib.Path(sys.argv[1]))"
     subprocess.run(
-        [sys.executable, "-c", command, str(folder)], cwd=ROOT / "images", check=True, timeout=60
+        [sys.executable, "-c", command, str(folder)],
+        cwd=ROOT / "images/build",
+        check=True,
+        timeout=60,
     )
     return folder / "nodes"
