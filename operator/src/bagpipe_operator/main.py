@@ -15,6 +15,7 @@ import kopf
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
+from bagpipe.engine_fields import EnginesError, load_engines
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.election import Election, new_identity
 from bagpipe_operator.cluster.fence import Fence
@@ -57,8 +58,9 @@ def main() -> None:
         level = os.environ.get("BAGPIPE_LOG_LEVEL", "INFO")
         log.set_up(level, os.environ.get("BAGPIPE_LOG_FORMAT", "text"), sys.stderr)
         settings = Settings.from_environment(os.environ)
+        load_engines()
         asyncio.run(run(settings))
-    except SettingError as error:
+    except (SettingError, EnginesError) as error:
         sys.exit(f"bagpipe-operator: {error}")
     except ApiError as error:
         sys.exit(f"bagpipe-operator: the API server can't be used: {error}")

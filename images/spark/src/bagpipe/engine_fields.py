@@ -72,6 +72,15 @@ def fields_of(name: str) -> EngineFields:
     return fields
 
 
+def load_engines() -> None:
+    """Reads each engine's fields from disk, once: for a process whose event loop must not wait.
+
+    Raises EnginesError, and what importing a module raises.
+    """
+    for name in engine_names():
+        fields_of(name)
+
+
 def refusal(spec: BaseModel, engine: str, source: str) -> str | None:
     """Why an engine can't run a spec with this kind of source; None where it can."""
     fields = fields_of(engine)
