@@ -9,11 +9,13 @@
 #![forbid(unsafe_code)]
 
 mod answers;
+mod batch;
 mod clock;
 mod discovery;
 mod drain;
 mod error;
-mod laps;
+mod graph_recording;
+
 mod ledger;
 mod lockstep;
 mod machine;
@@ -29,14 +31,14 @@ mod plan;
 mod play;
 mod processes;
 mod prove;
-mod record;
+
 mod recorder;
 #[cfg(test)]
 mod rehearsal;
 mod replay;
 mod request;
 mod rostime;
-mod run;
+
 mod settle;
 mod simulate;
 mod spacing;
@@ -49,6 +51,7 @@ mod watch;
 mod world;
 
 pub use error::ReplayError;
+pub use graph_recording::{Keep, RecordRequest, RecordedLive, record};
 pub use machine::Machine;
 pub use meter::{Meter, Reading, WAIT_BOUNDS};
 pub use outcome::{
@@ -57,7 +60,6 @@ pub use outcome::{
 };
 pub use pause::{Pause, Resumed};
 pub use processes::descendants;
-pub use record::{Keep, RecordRequest, RecordedLive, record};
 pub use replay::{replay, replay_together, simulate};
 pub use request::{AnswerBy, CLOCK_RATE, ReplayRequest, StartWhen, Step, Window};
 pub use stage::{Cancellation, Mode, Progress, Stage};

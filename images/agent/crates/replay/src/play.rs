@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros1::{Node, Publication, Share};
 
+use crate::batch::Batch;
 use crate::clock::{BagClock, Schedule};
 use crate::outcome::StepReport;
 use crate::outlet::Outlet;
 use crate::pause::Pause;
 use crate::plan::{Plan, Route};
 use crate::rostime::{clock_frame, clock_topic};
-use crate::run::Run;
 use crate::spacing::Spacing;
 use crate::step::Stepper;
 use crate::watch::Watch;
@@ -248,46 +248,47 @@ impl<'a, O: Outlet> Player<'a, O> {
         watch: &mut Watch<'_>,
     ) -> Result<Option<u64>, ReplayError> {
         let plan = self.plan;
-        let mut run = Run::default();
+        let mut batch = Batch::default();
         let mut last = None;
         for place in range {
             let Some(message) = plan.bare_message(place) else { continue };
-            if !run.takes(message.connection, message.frame.len()) {
-                self.send_run(&run, share, watch)?;
-                run.clear();
+            if !batch.takes(message.connection, message.frame.len()) {
+                self.send_batch(&batch, share, watch)?;
+                batch.clear();
             }
-            run.add(message.connection, message.frame);
-            run.time = message.time;
+            batch.add(message.connection, message.frame);
+            batch.time = message.time;
             last = Some(message.time);
         }
-        self.send_run(&run, share, watch)?;
+        self.send_batch(&batch, share, watch)?;
         Ok(last)
     }
 
-    fn send_run(
+    fn send_batch(
         &mut self,
-        run: &Run<'_>,
+        batch: &Batch<'_>,
         share: Share,
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
         watch.check()?;
-        let (Some(frame), Some(route)) = (run.frames.last(), self.plan.route(run.connection))
+        let (Some(frame), Some(route)) = (batch.frames.last(), self.plan.route(batch.connection))
         else {
             return Ok(());
         };
-        // What answers the run is not older than any message of it.
-        self.clock.stand(run.time);
-        let messages = run.frames.len() as u64;
+        // What answers the batch is not older than any message of it.
+        self.clock.stand(batch.time);
+        let messages = batch.frames.len() as u64;
         for &at in &route.topics {
             let topic = &self.publications[at];
             if route.latching {
                 topic.latch(&route.caller_id, share, frame);
             }
-            run.go_out(&**topic, share, &mut || watch.must_stop())
+            batch
+                .go_out(&**topic, share, &mut || watch.must_stop())
                 .map_err(|error| watch.failed(error))?;
             self.count(at, share, messages, watch);
         }
-        watch.reached = run.time;
+        watch.reached = batch.time;
         Ok(())
     }
 

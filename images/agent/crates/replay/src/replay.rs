@@ -15,7 +15,6 @@ use crate::answers::Answers;
 use crate::clock::BagClock;
 use crate::discovery::Discovery;
 use crate::drain::{Drain, PAUSE};
-use crate::laps::Laps;
 use crate::ledger::{ledger, present};
 use crate::lockstep::Lockstep;
 use crate::machine::{Foreign, Gauge};
@@ -29,7 +28,7 @@ use crate::recorder::{Recorder, Room};
 use crate::simulate::Turns;
 use crate::step::Stepper;
 use crate::subscribe::wait_for_stack;
-use crate::time::Time;
+use crate::time::{Stopwatch, Time};
 use crate::watch::Watch;
 use crate::world::World;
 use crate::{Cancellation, Mode, Progress, ReplayError, ReplayRequest, Stage};
@@ -168,7 +167,7 @@ fn perform(
     watch: &mut Watch<'_>,
 ) -> Result<Replayed, ReplayError> {
     let &Scene { node, plan, request, recorder, clock } = scene;
-    let mut laps = Laps::start(watch.now());
+    let mut stopwatch = Stopwatch::start(watch.now());
     watch.enter(Stage::Subscribe);
     let mut discovery = Discovery::start(node, &request.record_topics, watch.time())?;
     discovery.listen_for(&lockstep, recorder)?;
@@ -183,7 +182,7 @@ fn perform(
     rounds.ask();
     let foreign = Foreign::new(Mutex::new(pids.values().copied().collect()));
     let mut processes = Processes::meet(pids.values().copied().collect());
-    let subscribe = laps.lap(watch.now());
+    let subscribe = stopwatch.lap(watch.now());
 
     let window = request.window;
     let (lead_in, gauge, waiting, pace) = std::thread::scope(|scope| {
@@ -191,7 +190,7 @@ fn perform(
         let _ends = EndOnDrop(&rounds);
         watch.enter(Stage::LeadIn);
         warm_up(&rounds, &mut player, plan, request, watch)?;
-        let lead_in = laps.lap(watch.now());
+        let lead_in = stopwatch.lap(watch.now());
         watch.enter(Stage::Play);
         clock.stand(window.start);
         let (gauge, waiting) = (Gauge::start(&foreign), Waiting::begin(&pids));
@@ -207,7 +206,7 @@ fn perform(
         };
         Ok::<_, ReplayError>((lead_in, gauge, waiting, pace))
     })?;
-    let play = laps.lap(watch.now());
+    let play = stopwatch.lap(watch.now());
 
     watch.enter(Stage::Drain);
     let there = present(player.publications());
@@ -216,7 +215,7 @@ fn perform(
     drain.prove(&mut proof, &mut player, watch)?;
     let waited = waiting.seconds();
     drain.listen(&mut proof, &mut processes, &mut player, watch)?;
-    let timings = Timings { subscribe, lead_in, play, drain: laps.lap(watch.now()) };
+    let timings = Timings { subscribe, lead_in, play, drain: stopwatch.lap(watch.now()) };
     let ledger = conclude(&player, &mut proof, &there, &waited);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     let machine = Some(gauge.finish(playback.late_max_seconds));

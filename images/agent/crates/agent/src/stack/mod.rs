@@ -24,7 +24,7 @@ use crate::stack::command::{ENTRYPOINT, NotRunnable, not_started, prepare};
 use crate::stack::end::StackEnd;
 use crate::stack::processes::Children;
 use crate::stack::tail::Tail;
-use crate::stack::usage::{Meter, Sampled};
+use crate::stack::usage::{Sampled, UsageSampler};
 use crate::stack::witness::{ProcessEnd, Witness};
 
 /// How long a stack may take to stop when the agent itself must end within 5 s.
@@ -34,7 +34,7 @@ pub const HURRY: Duration = Duration::from_secs(2);
 #[derive(Debug)]
 pub struct Program {
     pub pid: Pid,
-    meter: Option<Meter>,
+    usage: Option<UsageSampler>,
     witness: Option<Witness>,
     stdout: Option<Tail>,
     stderr: Option<Tail>,
@@ -100,7 +100,7 @@ impl Surroundings<'_> {
         let prefix = format!("[{} {name}]", self.label);
         let stdout = child.stdout.take().map(|stream| Tail::follow(stream, prefix.clone()));
         let stderr = child.stderr.take().map(|stream| Tail::follow(stream, prefix));
-        Ok(Program { pid, meter: None, witness: None, stdout, stderr })
+        Ok(Program { pid, usage: None, witness: None, stdout, stderr })
     }
 
     /// Starts the command with our ends of its stdin and stdout, which do not block.
@@ -124,7 +124,7 @@ impl Surroundings<'_> {
                 .and_then(|flags| fcntl_setfl(end, flags | OFlags::NONBLOCK))
                 .map_err(|error| NotRunnable(format!("its pipes cannot be used: {error}")))?;
         }
-        Ok((Program { pid, meter: None, witness: None, stdout: None, stderr }, stdin, stdout))
+        Ok((Program { pid, usage: None, witness: None, stdout: None, stderr }, stdin, stdout))
     }
 
     fn spawn(
@@ -157,7 +157,7 @@ impl Program {
     /// `spared` processes do not count.
     pub fn measure(&mut self, spared: &[Pid]) {
         self.witness = Witness::start(spared);
-        self.meter = Some(Meter::start(spared));
+        self.usage = Some(UsageSampler::start(spared));
     }
 
     /// The last lines on stderr so far.
@@ -178,7 +178,7 @@ impl Program {
         // What it says when it is asked to end is not why something ended before.
         let last_words = self.stderr().pop();
         let asked = Instant::now();
-        let sampled = self.meter.take().map(|meter| meter.stop_sampling(spared));
+        let sampled = self.usage.take().map(|usage| usage.stop_sampling(spared));
         let killed = children.stop(Some(self.pid), spared, patience)?;
         if killed > 0 {
             eprintln!("[{label}] {killed} processes did not end within {patience:?}: killed");

@@ -33,7 +33,7 @@ pub struct Usage {
 
 /// A measurement that goes on.
 #[derive(Debug)]
-pub struct Meter {
+pub struct UsageSampler {
     begun: Instant,
     cpu_before: f64,
     /// Dropped, it ends the sampler.
@@ -41,7 +41,7 @@ pub struct Meter {
     sampler: Option<JoinHandle<u64>>,
 }
 
-impl Meter {
+impl UsageSampler {
     /// Measures what is below this process, but not the `spared` processes and theirs.
     pub fn start(spared: &[Pid]) -> Self {
         let (enough, asked) = channel();

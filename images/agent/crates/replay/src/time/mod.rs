@@ -67,3 +67,19 @@ impl Time {
         }
     }
 }
+
+/// Seconds of consecutive parts.
+pub(crate) struct Stopwatch(Instant);
+
+impl Stopwatch {
+    pub(crate) fn start(now: Instant) -> Self {
+        Self(now)
+    }
+
+    /// Seconds since the last lap.
+    pub(crate) fn lap(&mut self, now: Instant) -> f64 {
+        let lap = now.duration_since(self.0).as_secs_f64();
+        self.0 = now;
+        lap
+    }
+}

@@ -5,8 +5,8 @@ use bagpipe_ros1::{SendError, Share};
 use crate::outlet::{Cancelled, Outlet};
 
 /// Messages that go out in one system call at most, and their bytes: at full speed.
-const RUN: usize = 1024;
-const RUN_BYTES: usize = 1 << 20;
+const BATCH: usize = 1024;
+const BATCH_BYTES: usize = 1 << 20;
 /// What the slowest subscriber may have left unread before it is waited for, at full speed:
 /// bytes and messages, whichever is less.
 const WINDOW_BYTES: u64 = 16 << 20;
@@ -14,7 +14,7 @@ const WINDOW_MESSAGES: u64 = 16_384;
 
 /// Consecutive messages of one connection.
 #[derive(Default)]
-pub(crate) struct Run<'a> {
+pub(crate) struct Batch<'a> {
     pub(crate) connection: u32,
     pub(crate) frames: Vec<&'a [u8]>,
     bytes: usize,
@@ -22,10 +22,10 @@ pub(crate) struct Run<'a> {
     pub(crate) time: u64,
 }
 
-impl<'a> Run<'a> {
+impl<'a> Batch<'a> {
     /// Whether a frame may join.
     pub(crate) fn takes(&self, connection: u32, bytes: usize) -> bool {
-        let room = self.frames.len() < RUN && self.bytes + bytes <= RUN_BYTES;
+        let room = self.frames.len() < BATCH && self.bytes + bytes <= BATCH_BYTES;
         self.frames.is_empty() || (self.connection == connection && room)
     }
 
@@ -53,7 +53,7 @@ impl<'a> Run<'a> {
         outlet.send(share, &self.frames, cancelled)
     }
 
-    /// The bytes that may be unread; as many messages of this run's size are not more than allowed.
+    /// The bytes that may be unread; as many messages of this batch's size are not more than allowed.
     fn window(&self) -> u64 {
         let messages = self.frames.len().max(1) as u64;
         WINDOW_BYTES.min(WINDOW_MESSAGES * self.bytes as u64 / messages)
@@ -114,15 +114,15 @@ mod tests {
     /// Plays so many frames of one size.
     fn played(outlet: &Idle, messages: usize, size: usize) -> Result<(), SendError> {
         let frame = vec![0; size];
-        let mut run = Run::default();
+        let mut batch = Batch::default();
         for _ in 0..messages {
-            if !run.takes(1, size) {
-                run.go_out(outlet, Share::Counted, &mut || false)?;
-                run.clear();
+            if !batch.takes(1, size) {
+                batch.go_out(outlet, Share::Counted, &mut || false)?;
+                batch.clear();
             }
-            run.add(1, &frame);
+            batch.add(1, &frame);
         }
-        run.go_out(outlet, Share::Counted, &mut || false)
+        batch.go_out(outlet, Share::Counted, &mut || false)
     }
 
     // Promise: window-of-max
@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn large_messages_wait_once_16_mib_are_unread_and_never_before() {
         let idle = Idle::default();
-        // Four frames of 256 KiB are a run.
+        // Four frames of 256 KiB are a batch.
         played(&idle, 64 + 4, 256 << 10).unwrap();
         assert_eq!(*idle.waited_for.borrow(), 0);
         played(&idle, 400, 256 << 10).unwrap();
@@ -162,9 +162,9 @@ mod tests {
         let idle = Idle::default();
         played(&idle, 16_384 + 1_024, 24).unwrap();
         let frame = [0; 24];
-        let mut run = Run::default();
-        run.add(1, &frame);
-        let asked = run.go_out(&idle, Share::Counted, &mut || true);
+        let mut batch = Batch::default();
+        batch.add(1, &frame);
+        let asked = batch.go_out(&idle, Share::Counted, &mut || true);
         assert_eq!(asked, Err(SendError::Cancelled));
         assert_eq!(idle.unread.borrow().len(), 16_384 + 1_024);
     }
@@ -172,16 +172,16 @@ mod tests {
     #[test]
     fn a_run_holds_1024_messages_and_a_mebibyte_of_one_connection() {
         let small = [0; 8];
-        let mut run = Run::default();
+        let mut batch = Batch::default();
         for _ in 0..1_024 {
-            assert!(run.takes(1, small.len()));
-            run.add(1, &small);
+            assert!(batch.takes(1, small.len()));
+            batch.add(1, &small);
         }
-        assert!(!run.takes(1, small.len()));
-        run.clear();
+        assert!(!batch.takes(1, small.len()));
+        batch.clear();
         let half = vec![0; 512 << 10];
-        run.add(1, &half);
-        assert!(run.takes(1, half.len()) && !run.takes(1, half.len() + 1));
-        assert!(!run.takes(2, 8));
+        batch.add(1, &half);
+        assert!(batch.takes(1, half.len()) && !batch.takes(1, half.len() + 1));
+        assert!(!batch.takes(2, 8));
     }
 }
