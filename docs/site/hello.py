@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from bagpipe.pipe.hello_case import Schema, hello_case_schema
+from bagpipe.wire.hello_case import Schema, hello_case_schema
 from docs.site.generated import keep
 
 REFERENCE = Path(__file__).parents[1] / "reference"

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from pyspark import SparkConf, SparkContext
 
-from bagpipe.driver import simulate as simulate_module
+from bagpipe.driver import cases_on_spark
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
@@ -134,9 +134,9 @@ def run(workers: int, cases: int, images: int) -> Fleet:
             spark(f"local-cluster[{workers},1,640]") as context,
         ):
             _wait_for_executors(context, workers)
-            _simulate(context, folder, "warm")
+            _run_cases(context, folder, "warm")
             begun = time.monotonic()
-            rows = _simulate(context, folder, "drive")
+            rows = _run_cases(context, folder, "drive")
             seconds = time.monotonic() - begun
     return Fleet(
         seconds,
@@ -151,7 +151,7 @@ def compile_detector(program: Path) -> None:
     subprocess.run([*compiler, str(DETECTOR), "-o", str(program)], check=True)
 
 
-def _simulate(context: SparkContext, folder: Path, kind: str) -> list[Row]:
+def _run_cases(context: SparkContext, folder: Path, kind: str) -> list[Row]:
     spec = SimulationJobSpec.model_validate(
         {
             "source": {"files": [f"file://{folder}/recordings/{kind}/*"]},
@@ -171,7 +171,7 @@ def _simulate(context: SparkContext, folder: Path, kind: str) -> list[Row]:
         progress = Progress(results)
         progress.begin(len(planned.cases))
         keeper = Keeper(progress, rows, Journal(storage, results, 1))
-        simulate_module.simulate(context, planned.cases, run_context, keeper)
+        cases_on_spark.run_cases(context, planned.cases, run_context, keeper)
         keeper.finish(threading.Event())
         found = list(rows.rows())
     wrong = [row for row in found if row["outcome"] != "passed"]
@@ -221,7 +221,7 @@ def _cases(count: int) -> list[Case]:
 
 def _schedule(count: int) -> Planned:
     # What the tasks run is looked up there by name.
-    vars(simulate_module)["run_case"] = _nothing
+    vars(cases_on_spark)["run_case"] = _nothing
     folder = tempfile.mkdtemp(prefix="bagpipe-scale-")
     spec = SimulationJobSpec.model_validate(
         {
@@ -242,7 +242,7 @@ def _schedule(count: int) -> Planned:
         begun = time.monotonic()
         keeper = Keeper(progress, rows, Journal(Storage({}), f"file://{folder}/results", 1))
         run_context = RunContext("bench/schedule", spec, {}, f"file://{folder}/results")
-        simulate_module.simulate(context, _cases(count), run_context, keeper)
+        cases_on_spark.run_cases(context, _cases(count), run_context, keeper)
         keeper.finish(threading.Event())
         seconds = time.monotonic() - begun
         ended.set()

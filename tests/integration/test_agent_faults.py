@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from bagpipe.pipe.frames import Encoder, FrameType
-from bagpipe.pipe.session import SessionError, run_session
-from bagpipe.pipe.slot import lease, open_ends
 from bagpipe.run.case_run import Row, RunContext, case_map, run_case
 from bagpipe.source.bags.stream import fragment_file
 from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import Encoder, FrameType
+from bagpipe.wire.session import SessionError, run_session
+from bagpipe.wire.slot import lease, open_ends
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording, spec_with, stepped
 

@@ -15,9 +15,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bagpipe.pipe.frames import Encoder
-from bagpipe.pipe.hello_case import hello_case_schema, valid_case
-from bagpipe.pipe.session import _hello
+from bagpipe.wire.frames import Encoder
+from bagpipe.wire.hello_case import hello_case_schema, valid_case
+from bagpipe.wire.session import _hello
 
 pytestmark = pytest.mark.integration
 

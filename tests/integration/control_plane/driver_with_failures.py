@@ -20,20 +20,20 @@ from typing import Any
 
 from pyspark import SparkConf, SparkContext
 
+from bagpipe.driver.cases_on_spark import run_cases
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
 from bagpipe.driver.row_file import RowFile
-from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import QUICK_JVM
-from bagpipe.pipe.frames import FrameType
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import RunContext
 from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import FrameType
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import RESULT, FakeAgent, Script, aborting, make_slot
 from tests.unit.bagpipe.jobs import make_job
@@ -155,7 +155,7 @@ def main(folder: Path, namespace: str, *addresses: str) -> None:
     agent.start()
     for number in itertools.count():
         for each in served:
-            simulate(spark, each.batch(number), each.context, each.keeper)
+            run_cases(spark, each.batch(number), each.context, each.keeper)
 
 
 if __name__ == "__main__":

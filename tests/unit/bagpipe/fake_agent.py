@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Self
 
-from bagpipe.pipe.frames import Decoder, Encoder, Frame, FrameType
+from bagpipe.wire.frames import Decoder, Encoder, Frame, FrameType
 from tests.waiting import PATIENCE
 
 # How the first frame of every session begins.

@@ -17,9 +17,9 @@ from bagpipe.binpiped.logic import Command, Deadlines, Fifos, Logic, Slots
 from bagpipe.binpiped.partition import PartitionRun
 from bagpipe.binpiped.planning import Descriptor, bag_fragments, pack, partitions_for, whole_files
 from bagpipe.binpiped.record import InputRecord
-from bagpipe.pipe.frames import Encoder, FrameType
 from bagpipe.plan.bag_tail import MAGIC
 from bagpipe.storage import Storage, StorageError
+from bagpipe.wire.frames import Encoder, FrameType
 from tests.binpipe_conformance import DEADLINES, record
 from tests.unit.bagpipe.bags import Recorded, write_bag
 from tests.unit.bagpipe.fake_agent import make_slot

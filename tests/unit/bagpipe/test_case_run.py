@@ -11,8 +11,6 @@ from typing import Any
 import pytest
 
 from bagpipe.engine.ros1.judge import judge
-from bagpipe.pipe.frames import FrameType
-from bagpipe.pipe.session import Answer, SessionError
 from bagpipe.plan.case import Case
 from bagpipe.run import attempts as attempts_module
 from bagpipe.run import case_run
@@ -25,6 +23,8 @@ from bagpipe.storage.backend import TransientError
 from bagpipe.storage.faults import storage_errors
 from bagpipe.storage.local import LocalSink
 from bagpipe.storage.retries import Clock, persistently
+from bagpipe.wire.frames import FrameType
+from bagpipe.wire.session import Answer, SessionError
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import (
     RESULT,

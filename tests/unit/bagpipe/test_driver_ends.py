@@ -11,11 +11,11 @@ import pytest
 from py4j.protocol import Py4JError, Py4JNetworkError
 
 from bagpipe.driver import __main__ as driver
+from bagpipe.driver.cases_on_spark import active_tasks, run_cases
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
-from bagpipe.driver.simulate import active_tasks, simulate
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan
@@ -67,9 +67,9 @@ class Place(driver.Cluster):
     def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002  the base class's signature
         return Plan(CASES, [])
 
-    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+    def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
         context = RunContext("lab/drive", job.spec, job.volumes, "pvc://results/r")
-        simulate(self._spark, cases, context, keeper)
+        run_cases(self._spark, cases, context, keeper)
 
 
 def refused() -> bool:
@@ -135,9 +135,9 @@ def test_a_jvm_that_goes_after_sigterm_is_no_trouble(tmp_path: Path) -> None:
             return self
 
     class InterruptedPlace(Place):
-        def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+        def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
             keepers.append(keeper)
-            super().simulate(job, cases, keeper)
+            super().run_cases(job, cases, keeper)
 
     keepers: list[Keeper] = []
     spark = Interrupted(ConnectionRefusedError(111, "Connection refused"), refused)

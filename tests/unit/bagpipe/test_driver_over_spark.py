@@ -14,14 +14,14 @@ import pytest
 from pyspark import SparkConf, SparkContext
 
 from bagpipe.driver import __main__ as driver
-from bagpipe.driver import simulate as simulate_module
+from bagpipe.driver import cases_on_spark
+from bagpipe.driver.cases_on_spark import run_cases
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
 from bagpipe.driver.row_file import RowFile
-from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import QUICK_JVM
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext
@@ -92,7 +92,7 @@ def test_sparks_executors_are_reported_by_its_own_figures(
 
     before = completed()
     with FakeAgent(world.slot, *[well_behaved()] * 6):
-        simulate(spark, world.cases, world.context, keeper)
+        run_cases(spark, world.cases, world.context, keeper)
     assert completed() - before == 6
     assert (value("spark_executor_storage_memory_max_bytes", {"executor": "driver"}) or 0) > 1e6
     assert value("spark_executor_tasks_max", {"executor": "driver"}) == 2
@@ -114,7 +114,7 @@ def test_sparks_executors_are_reported_by_its_own_figures(
 def test_cases_over_spark_come_back_once_each(spark: SparkContext, world: World) -> None:
     keeper = world.keeper()
     with FakeAgent(world.slot, *[well_behaved()] * 6):
-        simulate(spark, world.cases, world.context, keeper)
+        run_cases(spark, world.cases, world.context, keeper)
     rows = list(world.rows.rows())
     assert [each["case"] for each in rows] == [f"{name}-0000" for name in "abcdef"]
     assert {each["outcome"] for each in rows} == {"passed"}
@@ -128,8 +128,8 @@ def test_what_a_worker_loaded_is_no_garbage_to_look_for_after_each_case(
     def counts(case: Case, _context: RunContext, _starts: int) -> Row:
         return make_row(case.id) | {"attempts": len(gc.get_objects())}
 
-    monkeypatch.setattr(simulate_module, "run_case", counts)
-    simulate(spark, world.cases, world.context, world.keeper())
+    monkeypatch.setattr(cases_on_spark, "run_case", counts)
+    run_cases(spark, world.cases, world.context, world.keeper())
     # More than 200,000 objects of modules are there, unless they are frozen.
     assert max(row["attempts"] for row in world.rows.rows()) < 20_000
 
@@ -142,7 +142,7 @@ def test_every_round_is_run_counted_and_recorded_as_a_case_of_its_own(
     context = dataclasses.replace(world.context, spec=spec)
     keeper = world.keeper()
     with FakeAgent(world.slot, *[well_behaved()] * 3):
-        simulate(spark, planned, context, keeper)
+        run_cases(spark, planned, context, keeper)
     rows = list(world.rows.rows())
     assert [each["case"] for each in rows] == ["a-0000-r0", "a-0000-r1", "a-0000-r2"]
     assert len({each["recorded"] for each in rows}) == 3
@@ -157,10 +157,10 @@ def test_a_job_is_stopped_before_its_other_cases_run(
         return {"case": case.id, "outcome": "errored", "reason": "X", "message": "", "attempts": 1,
                 "recorded": None, "result": None}  # fmt: skip
 
-    monkeypatch.setattr(simulate_module, "run_case", fails)
+    monkeypatch.setattr(cases_on_spark, "run_case", fails)
     keeper = world.keeper(max_failed=0)
     many = [dataclasses.replace(world.cases[0], id=f"case-{n}") for n in range(2000)]
-    simulate(spark, many, world.context, keeper)
+    run_cases(spark, many, world.context, keeper)
     assert keeper.stop is not None
     assert keeper.stop.reason == "TooManyFailedCases"
     # 2,000 cases of 50 ms on two processors would take 50 s; it is looked twice a second.
@@ -185,10 +185,10 @@ def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
 
         many = [dataclasses.replace(cases[0], id=f"case-{n}") for n in range(2000)]
         threading.Thread(target=interrupt, daemon=True).start()
-        simulate(spark, many, world.context, keeper)
+        run_cases(spark, many, world.context, keeper)
 
-    monkeypatch.setattr(simulate_module, "run_case", passes)
-    monkeypatch.setattr(driver, "_simulate", shares)
+    monkeypatch.setattr(cases_on_spark, "run_case", passes)
+    monkeypatch.setattr(driver, "_run_cases", shares)
     interruption, progress = driver.Interruption(), Progress(world.results.folder)
     before = signal.signal(signal.SIGTERM, interruption)
     try:
@@ -222,9 +222,9 @@ def test_a_case_that_takes_its_executors_with_it_is_quarantined(
         (marks / f"{case.id}.{len(list(marks.iterdir()))}").touch()
         os._exit(137)
 
-    monkeypatch.setattr(simulate_module, "run_case", dies)
+    monkeypatch.setattr(cases_on_spark, "run_case", dies)
     keeper = world.keeper()
-    simulate(spark, world.cases[:1], world.context, keeper)
+    run_cases(spark, world.cases[:1], world.context, keeper)
     (row,) = world.rows.rows()
     assert (row["outcome"], row["reason"]) == ("errored", "ExecutorLost")
     # It was started as often as the row says, and no start of it ended.
@@ -255,9 +255,9 @@ def test_a_row_says_how_often_its_case_was_started_before_it_ended(
         discarded = [{"reason": "MachineBusy", "message": "busy", "seconds": 1.0}]
         return make_row(case.id, attempts=2, discarded=discarded, starts=starts)
 
-    monkeypatch.setattr(simulate_module, "run_case", dies_twice)
+    monkeypatch.setattr(cases_on_spark, "run_case", dies_twice)
     keeper = world.keeper()
-    simulate(spark, world.cases[:1], world.context, keeper)
+    run_cases(spark, world.cases[:1], world.context, keeper)
     (row,) = world.rows.rows()
     assert (row["starts"], row["attempts"]) == (3, 2)
     assert [run["reason"] for run in row["discarded"]] == ["MachineBusy"]
@@ -294,10 +294,10 @@ def test_a_successor_runs_only_what_is_left(
 ) -> None:
     def shares(_job: object, cases: list[Case], keeper: Keeper, _seen: object) -> None:
         ran.append([case.id for case in cases])
-        simulate(spark, cases, world.context, keeper)
+        run_cases(spark, cases, world.context, keeper)
 
     ran: list[list[str]] = []
-    monkeypatch.setattr(driver, "_simulate", shares)
+    monkeypatch.setattr(driver, "_run_cases", shares)
     done = world.cases[:4]
     world.journal.append(
         [

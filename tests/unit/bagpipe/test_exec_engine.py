@@ -17,8 +17,6 @@ from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.exec.judge import judge_program
 from bagpipe.engine.exec.outputs import Outputs
 from bagpipe.judgement import Judgement
-from bagpipe.pipe.frames import FrameType
-from bagpipe.pipe.session import InputFile, SessionError
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.row_facts import recorded_names
@@ -27,6 +25,8 @@ from bagpipe.run.laptop import write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import FrameType
+from bagpipe.wire.session import InputFile, SessionError
 from tests.unit.bagpipe.fake_agent import FakeAgent, Script, aborting, make_slot
 from tests.unit.bagpipe.jobs import make_job, make_spec
 

@@ -4,10 +4,10 @@ from typing import Any
 
 import pytest
 
-from bagpipe.pipe.hello_case import hello_case_schema, valid_case
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.run.case_run import RunContext, case_map
+from bagpipe.wire.hello_case import hello_case_schema, valid_case
 from docs.site import hello
 from tests.unit.bagpipe.jobs import make_spec
 

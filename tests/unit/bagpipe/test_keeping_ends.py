@@ -125,7 +125,7 @@ class OneFails(driver.Cluster):
     def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002  the base class's signature
         return Plan([case("a"), case("b")], [])
 
-    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:  # noqa: ARG002
+    def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:  # noqa: ARG002
         keeper.take([ran("a", "failed")])
 
 
@@ -151,8 +151,8 @@ def test_a_storage_that_fails_later_does_not_hide_why_the_work_stopped(
     monkeypatch.setattr("bagpipe.driver.keep.PATIENCE_SECONDS", 0.0)
     place = OneFails()
 
-    def simulate(job: JobFile, cases: list[Case], keeper: Keeper) -> None:
-        OneFails.simulate(place, job, cases, keeper)
+    def run_cases(job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+        OneFails.run_cases(place, job, cases, keeper)
 
         # From now on nothing can be read either.
         def gone(*_arguments: object) -> None:
@@ -160,7 +160,7 @@ def test_a_storage_that_fails_later_does_not_hide_why_the_work_stopped(
 
         monkeypatch.setattr(Storage, "exists", gone)
 
-    monkeypatch.setattr(place, "simulate", simulate)
+    monkeypatch.setattr(place, "run_cases", run_cases)
     progress = Progress(world.results.folder)
     assert not driver.ended(progress, lambda: driver.run(world.job, progress, place=place))
     snapshot = progress.snapshot()

@@ -13,7 +13,6 @@ from bagpipe import MemoryBag
 from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.ros1.by_hand import play_command
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.pipe.session import InputFile, SessionError
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import is_of, lost_row
 from bagpipe.run.laptop import planned_case, write_fragment
@@ -22,6 +21,7 @@ from bagpipe.source.planning import plan
 from bagpipe.source.sequence.stream import sequence_bag, sequence_file
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
+from bagpipe.wire.session import InputFile, SessionError
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 from tests.unit.bagpipe.jobs import make_spec
 

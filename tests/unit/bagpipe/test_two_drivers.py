@@ -39,7 +39,7 @@ class Place(driver.Cluster):
     def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002  the base class's signature
         return Plan([case("a"), case("b")], [])
 
-    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:  # noqa: ARG002
+    def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:  # noqa: ARG002
         number = self._door.program
         for each in cases:
             if each.id == "b":

@@ -10,7 +10,7 @@ SELDOM = {"cel", "matplotlib", "omegaconf", "pandas", "prompt_toolkit", "scipy",
 
 
 @pytest.mark.parametrize(
-    "module", ["bagpipe.driver.local", "bagpipe.driver.simulate", "bagpipe.run.case_run"]
+    "module", ["bagpipe.driver.local", "bagpipe.driver.cases_on_spark", "bagpipe.run.case_run"]
 )
 def test_what_few_jobs_use_is_not_loaded_by_all(module: str) -> None:
     code = f"import sys, {module}; print(*sorted({SELDOM!r} & set(sys.modules)))"

@@ -1,4 +1,4 @@
-"""Pieces of logs: which lines belong to a case, where they come from, and why there are none."""
+"""Parts of logs: which lines belong to a case, where they come from, and why there are none."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 
 from bagpipe.cli.cluster.case_lines import of_all, of_case
 from bagpipe.cli.cluster.faults import ClusterError
-from bagpipe.cli.cluster.pieces import driver_log, executor_logs, kept
+from bagpipe.cli.cluster.pod_logs import driver_log, executor_logs, kept
 from bagpipe.cli.cluster.state import JobState
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
@@ -97,14 +97,14 @@ def test_a_silent_stack_is_reported_as_silent() -> None:
 
 def test_the_lines_of_a_case_come_from_the_executor_that_ran_it() -> None:
     pods = FakePods({("e-1", "stack"): "[slot 0 case a-9 stack] x", ("e-2", "stack"): LOG})
-    (piece,) = executor_logs(pods, STATE, "stack", 1, "a-1", "ros1")
-    assert (piece.source, piece.lines) == ("pod e-2, container stack", ["crashed"])
+    (part,) = executor_logs(pods, STATE, "stack", 1, "a-1", "ros1")
+    assert (part.source, part.lines) == ("pod e-2, container stack", ["crashed"])
 
 
 def test_every_image_of_the_variants_is_searched() -> None:
     pods = FakePods({("e-1", "agent"): LOG, ("e-1", "stack"): "", ("e-1", "stack-1"): LOG})
-    (piece,) = executor_logs(pods, STATE, "stack", 9, "a-1", "ros1")
-    assert piece.source == "pod e-1, container stack-1"
+    (part,) = executor_logs(pods, STATE, "stack", 9, "a-1", "ros1")
+    assert part.source == "pod e-1, container stack-1"
 
 
 def test_spark_s_log_of_a_case_is_that_of_its_executor() -> None:
@@ -114,8 +114,8 @@ def test_spark_s_log_of_a_case_is_that_of_its_executor() -> None:
             ("e-2", "stack"): LOG, ("e-2", "spark"): "one\ntwo",
         }
     )  # fmt: skip
-    (piece,) = executor_logs(pods, STATE, "executor", 1, "a-1", "ros1")
-    assert (piece.source, piece.lines) == ("pod e-2, container spark", ["two"])
+    (part,) = executor_logs(pods, STATE, "executor", 1, "a-1", "ros1")
+    assert (part.source, part.lines) == ("pod e-2, container spark", ["two"])
     assert len(executor_logs(pods, STATE, "executor", 9, None, "ros1")) == 2
 
 
@@ -129,9 +129,9 @@ def test_spark_s_log_of_a_case_is_that_of_its_executor() -> None:
     ],
 )
 def test_why_there_are_no_lines(pods: FakePods, state: JobState, sentence: str) -> None:
-    (piece,) = executor_logs(pods, state, "stack", 9, "a-7", "ros1")
-    assert piece.lines == []
-    assert sentence in piece.missing
+    (part,) = executor_logs(pods, state, "stack", 9, "a-7", "ros1")
+    assert part.lines == []
+    assert sentence in part.missing
 
 
 def test_the_driver_s_log() -> None:

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from bagpipe.pipe.session import SessionError
 from bagpipe.plan.case import Case
 from bagpipe.simulator.model import START
 from bagpipe.source.planning import plan
@@ -14,6 +13,7 @@ from bagpipe.source.simulator.beside import RecordedTopics
 from bagpipe.source.simulator.drive import Drive
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
+from bagpipe.wire.session import SessionError
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 from tests.unit.simulator.test_job import EXAMPLE, STEP, job
 

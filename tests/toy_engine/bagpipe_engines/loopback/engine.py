@@ -8,12 +8,12 @@ from pathlib import Path
 from bagpipe.engine.engine import Attempt, Played
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
-from bagpipe.pipe.session import Answer, InputFile, Sink, Sinks
 from bagpipe.plan.case import Case
 from bagpipe.plan.variant import stack_of
 from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
+from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
 
 
 class Counter:

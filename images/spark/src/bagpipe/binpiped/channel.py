@@ -16,7 +16,7 @@ from typing import IO, Protocol
 
 from bagpipe.binpiped.failure import BinPipedError
 from bagpipe.binpiped.logic import Command, Fifos, Logic, Slots
-from bagpipe.pipe.slot import Ends, FifoPair, SlotUnavailableError, lease, lease_file, open_ends
+from bagpipe.wire.slot import Ends, FifoPair, SlotUnavailableError, lease, lease_file, open_ends
 
 PIPE_BYTES = 1 << 20
 # What is kept of stderr for the error: whole lines, the last ones.

@@ -16,7 +16,7 @@ from bagpipe.binpiped.logic import Deadlines, Logic
 from bagpipe.binpiped.receiver import GaveUpError, Receiver
 from bagpipe.binpiped.record import InputRecord, OutputHead
 from bagpipe.binpiped.sender import Sender
-from bagpipe.pipe.frames import ProtocolError
+from bagpipe.wire.frames import ProtocolError
 
 # A child that inherited the program's stdout may hold it open; nobody waits for that.
 SILENCE_SECONDS = 10.0

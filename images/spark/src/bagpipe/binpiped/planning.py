@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagpipe.binpiped.record import Fields, InputRecord
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.fragments import cut
 from bagpipe.storage import Stat, Storage, StorageError
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
 # A partition of this many bytes is work for some seconds and little to repeat.
 PARTITION_BYTES = 128 << 20

@@ -5,8 +5,8 @@ from typing import Any
 
 from bagpipe.binpiped.record import OutputHead, fields_fault
 from bagpipe.binpiped.sender import PROTOCOL
-from bagpipe.pipe.frames import Decoder, Frame, FrameType, ProtocolError
-from bagpipe.pipe.greeting import Greeting
+from bagpipe.wire.frames import Decoder, Frame, FrameType, ProtocolError
+from bagpipe.wire.greeting import Greeting
 
 
 class GaveUpError(Exception):

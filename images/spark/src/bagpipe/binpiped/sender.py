@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import bagpipe
 from bagpipe.binpiped.record import InputRecord
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES, Encoder, FrameType
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES, Encoder, FrameType
 
 PROTOCOL = 1
 # One writev carries small frames together; the kernel takes 1,024 pieces at most.

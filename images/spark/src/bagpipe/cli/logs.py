@@ -2,17 +2,17 @@
 
 import click
 
-from bagpipe.cli.cluster.pieces import (
+from bagpipe.cli.cluster.place import Place, job_names, place_options
+from bagpipe.cli.cluster.pod_logs import (
     AGENT,
     DRIVER,
     EXECUTOR,
     STACK,
-    Piece,
+    LogPart,
     driver_log,
     executor_logs,
     kept,
 )
-from bagpipe.cli.cluster.place import Place, job_names, place_options
 from bagpipe.cli.cluster.state import JobState, Json
 from bagpipe.cli.places import folders, output_option, print_as, results_at, volume_option
 from bagpipe.driver.journal import Journal
@@ -35,7 +35,7 @@ from bagpipe.storage import StorageError
     type=click.IntRange(1, 20_000),
     default=200,
     show_default=True,
-    help="At most so many lines of each piece, the last ones.",
+    help="At most so many lines of each part, the last ones.",
 )
 @volume_option
 @output_option
@@ -48,7 +48,7 @@ def logs_command(
     Of a case that has ended, the results keep how it ended and the last lines of the stack's stdout
     and stderr (50 lines or 8 KiB of each). If they can't be read from here, and for what the agent
     wrote, the logs of the executors' pods are searched for the case's lines; these go with the
-    pods, at the latest when the job ends. Each piece says where it comes from, or why it is
+    pods, at the latest when the job ends. Each part says where it comes from, or why it is
     missing.
 
     The exit status is 0 if there was anything to show, else 2.
@@ -64,32 +64,32 @@ def logs_command(
     job = cluster.job(name.removeprefix("job/"))
     state = JobState.of(job)
     engine = str(((job.get("spec") or {}).get("stack") or {}).get("engine") or DEFAULT_ENGINE)
-    pieces: list[Piece] = []
+    parts: list[LogPart] = []
     wanted = [of] if of else [DRIVER] if case is None else [STACK, AGENT]
     if case is not None and STACK in wanted:
-        pieces = _kept(state, case, volumes)
-        if any(piece.of.startswith(STACK) and not piece.missing for piece in pieces):
+        parts = _kept(state, case, volumes)
+        if any(part.of.startswith(STACK) and not part.missing for part in parts):
             wanted.remove(STACK)
     for each in wanted:
         if each == DRIVER:
-            pieces.append(driver_log(cluster, state, tail, case))
+            parts.append(driver_log(cluster, state, tail, case))
         else:
-            pieces += executor_logs(cluster, state, each, tail, case, engine)
-    _show(pieces, output)
-    raise SystemExit(0 if any(piece.lines for piece in pieces) else 2)
+            parts += executor_logs(cluster, state, each, tail, case, engine)
+    _show(parts, output)
+    raise SystemExit(0 if any(part.lines for part in parts) else 2)
 
 
-def _kept(state: JobState, case: str, volumes: tuple[str, ...]) -> list[Piece]:
+def _kept(state: JobState, case: str, volumes: tuple[str, ...]) -> list[LogPart]:
     """What the results keep of a case, or why nothing of them can be shown."""
     if not state.results:
-        return [Piece("outcome", "", missing="the job has no results yet")]
+        return [LogPart("outcome", "", missing="the job has no results yet")]
     try:
         stored = results_at(state.results, folders(volumes))
         row, where = _row(stored, case)
     except StorageError as error:
-        return [Piece("outcome", state.results, missing=str(error))]
+        return [LogPart("outcome", state.results, missing=str(error))]
     if row is None:
-        return [Piece("outcome", where, missing=f"case {case} has not ended, or there is none")]
+        return [LogPart("outcome", where, missing=f"case {case} has not ended, or there is none")]
     return kept(row, where)
 
 
@@ -105,14 +105,14 @@ def _row(stored: StoredResults, case: str) -> tuple[Json | None, str]:
     return next((row for row in rows if row["case"] == case), None), f"{stored.uri}/journal"
 
 
-def _show(pieces: list[Piece], output: str) -> None:
+def _show(parts: list[LogPart], output: str) -> None:
     if output != "table":
-        print_as([piece.as_json() for piece in pieces], output)
+        print_as([part.as_json() for part in parts], output)
         return
-    for piece in pieces:
-        source = f" ({piece.source})" if piece.source else ""
-        click.secho(f"== {piece.of}{source}", bold=True)
-        for line in piece.lines:
+    for part in parts:
+        source = f" ({part.source})" if part.source else ""
+        click.secho(f"== {part.of}{source}", bold=True)
+        for line in part.lines:
             click.echo(line)
-        if not piece.lines:
-            click.echo(f"   {piece.missing or 'nothing was written'}")
+        if not part.lines:
+            click.echo(f"   {part.missing or 'nothing was written'}")

@@ -15,7 +15,6 @@ from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
 from bagpipe.engine.chosen import engine_of
 from bagpipe.matrix.faults import MatrixError
-from bagpipe.pipe.session import SessionError
 from bagpipe.plan.case import Case
 from bagpipe.report.stored import StoredResults
 from bagpipe.run.case_run import Row, RunContext, run_case
@@ -29,6 +28,7 @@ from bagpipe.run.laptop import (
 from bagpipe.source.chosen import source_of
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
+from bagpipe.wire.session import SessionError
 
 
 @click.command("replay")

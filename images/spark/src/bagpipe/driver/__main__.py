@@ -16,6 +16,7 @@ from types import FrameType
 from pyspark import SparkConf, SparkContext
 
 from bagpipe.driver.baseline import check_baseline
+from bagpipe.driver.cases_on_spark import SparkGoneError, run_cases
 from bagpipe.driver.chosen import NoCaseError
 from bagpipe.driver.comparing import compared
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
@@ -28,7 +29,6 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import serve_progress
 from bagpipe.driver.results import Manifest, Results, results_uri
 from bagpipe.driver.row_file import RowFile
-from bagpipe.driver.simulate import SparkGoneError, simulate
 from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
 from bagpipe.evaluate.judge import faults
 from bagpipe.matrix.faults import MatrixError
@@ -136,9 +136,9 @@ class Cluster:
         """The cases that are to run. Raises MatrixError and NoCaseError."""
         return plan(job.spec, storage)
 
-    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+    def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
         """Run the cases; their rows go to the keeper."""
-        _simulate(job, cases, keeper, self.seen)
+        _run_cases(job, cases, keeper, self.seen)
 
 
 def run(
@@ -148,7 +148,7 @@ def run(
     counted: Callable[[Row], None] = lambda _row: None,
     place: Cluster | None = None,
 ) -> bool:
-    """Plan, simulate what the journal does not have, and commit; True when the job is Complete.
+    """Plan, run what the journal does not have, and commit; True when the job is Complete.
 
     Raises CannotResumeError, StorageError, SparkGoneError, and SystemExit after an interruption.
     """
@@ -219,7 +219,7 @@ def _run_the_rest(place: Cluster, job: JobFile, planned: Plan, keeper: Keeper) -
     log.info("%d cases were done before, %d are to run", len(keeper.rows), len(left))
     try:
         if left and keeper.stop is None:
-            place.simulate(job, left, keeper)
+            place.run_cases(job, left, keeper)
     finally:
         keeper.finish(threading.Event())
 
@@ -244,7 +244,7 @@ def _unfinished(results: Results, journal: Journal, progress: Progress) -> bool:
     return manifest is not None and _adopted(results, manifest, journal, progress)
 
 
-def _simulate(job: JobFile, cases: list[Case], keeper: Keeper, seen: Seen) -> None:
+def _run_cases(job: JobFile, cases: list[Case], keeper: Keeper, seen: Seen) -> None:
     pod = DriverPod(
         name=os.environ["BAGPIPE_POD_NAME"],
         namespace=os.environ["BAGPIPE_NAMESPACE"],
@@ -262,7 +262,7 @@ def _simulate(job: JobFile, cases: list[Case], keeper: Keeper, seen: Seen) -> No
     spark = SparkContext(conf=SparkConf().setAll(list(settings.items())))
     try:
         with Looking(partial(pods_of, pod.namespace, job.uid), seen):
-            simulate(spark, cases, context, keeper)
+            run_cases(spark, cases, context, keeper)
     finally:
         spark.stop()
 

@@ -21,11 +21,11 @@ from pyspark import SparkConf, SparkContext
 from pyspark.java_gateway import launch_gateway
 
 from bagpipe.driver.__main__ import Cluster, Interruption, ended, run
+from bagpipe.driver.cases_on_spark import run_cases
 from bagpipe.driver.chosen import chosen
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import results_uri
-from bagpipe.driver.simulate import simulate
 from bagpipe.driver.spark_context import local_settings
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Plan
@@ -53,7 +53,7 @@ class ThisMachine(Cluster):
         """The job's cases, as far as they are wanted."""
         return chosen(super().planned(job, storage), self._wanted)
 
-    def simulate(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
+    def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
         """Run the cases; Spark is gone when this returns."""
         # Spark's workers are to be this very Python, whatever PATH says.
         os.environ["PYSPARK_PYTHON"] = sys.executable
@@ -71,7 +71,7 @@ class ThisMachine(Cluster):
         try:
             spark = SparkContext(conf=conf, gateway=gateway)
             try:
-                simulate(spark, cases, context, keeper)
+                run_cases(spark, cases, context, keeper)
             finally:
                 spark.stop()
         finally:

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from bagpipe.judgement import Judgement
-from bagpipe.pipe.session import Answer, InputFile, Sink, Sinks
 from bagpipe.plan.case import Case
 from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
+from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
 
 
 @dataclass(frozen=True)

@@ -19,17 +19,6 @@ from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.engine import Attempt, Played
 from bagpipe.engine_fields import fields_of
 from bagpipe.faults import FAILURES, FaultPolicy
-from bagpipe.pipe.hello_case import HelloCase
-from bagpipe.pipe.session import (
-    Answer,
-    InputFile,
-    SessionError,
-    Sink,
-    Sinks,
-    run_session,
-    run_turns,
-)
-from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Unplanned
 from bagpipe.plan.variant import image_of, stack_of
@@ -39,6 +28,17 @@ from bagpipe.source.source import Turns
 from bagpipe.spec import SimulationJobSpec, shared_folder
 from bagpipe.storage import Storage, StorageError
 from bagpipe.texts import duration_seconds
+from bagpipe.wire.hello_case import HelloCase
+from bagpipe.wire.session import (
+    Answer,
+    InputFile,
+    SessionError,
+    Sink,
+    Sinks,
+    run_session,
+    run_turns,
+)
+from bagpipe.wire.slot import SlotUnavailableError, lease, open_ends
 
 # The agent ends a case at its deadline; the worker allows this much more for the answer.
 _GRACE_SECONDS = 30.0

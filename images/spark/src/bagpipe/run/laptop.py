@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from bagpipe.pipe.session import InputFile
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row
 from bagpipe.run.master_ports import NoPortsError, master_ports
@@ -21,6 +20,7 @@ from bagpipe.source.planning import plan
 from bagpipe.source.source import JobSource
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
+from bagpipe.wire.session import InputFile
 
 _READY_SECONDS = 20.0
 _END_SECONDS = 15.0

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import bagpipe
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
-from bagpipe.pipe.session import SessionError
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.parts import Part
 from bagpipe.source.stamps import StampError, moved
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.session import SessionError
 
 # Of a part's bytes as they are stored, of its uncompressed chunks, and of a whole sequence.
 MOST_BYTES = 1 << 30

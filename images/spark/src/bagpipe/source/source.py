@@ -10,13 +10,13 @@ from typing import Any, Protocol
 
 import bagpipe
 from bagpipe.judgement import Judgement
-from bagpipe.pipe.hello_case import HelloSimulator
-from bagpipe.pipe.session import InputFile, Partner
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
 from bagpipe.spec import Source
 from bagpipe.storage import Storage
+from bagpipe.wire.hello_case import HelloSimulator
+from bagpipe.wire.session import InputFile, Partner
 
 
 class Turns(Partner, Protocol):

@@ -8,11 +8,11 @@ from bagpipe.engine.engine import Attempt, Played
 from bagpipe.engine.exec.judge import judge_program
 from bagpipe.engine.exec.outputs import collected
 from bagpipe.faults import FaultPolicy
-from bagpipe.pipe.session import Answer, InputFile, Sink, Sinks
 from bagpipe.plan.case import Case
 from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
+from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
 
 
 class Exec:

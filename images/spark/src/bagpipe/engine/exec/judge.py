@@ -7,7 +7,7 @@ from typing import Any
 from bagpipe.engine.exec.outputs import REASON
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
-from bagpipe.pipe.session import SessionError
+from bagpipe.wire.session import SessionError
 
 _MAX_MESSAGE = 2000
 _NO_POLICY = FaultPolicy([])

@@ -8,8 +8,8 @@ import contextlib
 import posixpath
 from collections.abc import Iterator
 
-from bagpipe.pipe.session import SessionError
 from bagpipe.storage import NewFile, Storage
+from bagpipe.wire.session import SessionError
 
 _MAX_FILES = 1000
 _MAX_NAME_BYTES = 255

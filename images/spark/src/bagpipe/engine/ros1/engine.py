@@ -11,12 +11,12 @@ from bagpipe.engine.ros1.by_hand import play_command
 from bagpipe.engine.ros1.criteria import judged_by_criteria
 from bagpipe.engine.ros1.judge import judge
 from bagpipe.faults import FaultPolicy
-from bagpipe.pipe.session import Answer, InputFile, Sink, Sinks
 from bagpipe.plan.case import Case
 from bagpipe.plan.variant import stack_of
 from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
+from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
 
 
 class Ros1:

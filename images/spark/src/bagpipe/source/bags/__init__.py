@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bagpipe.pipe.session import InputFile
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
@@ -18,6 +17,7 @@ from bagpipe.source.expanding import expanded
 from bagpipe.source.source import JobSource
 from bagpipe.spec import Source
 from bagpipe.storage import Storage
+from bagpipe.wire.session import InputFile
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator
 
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
-from bagpipe.pipe.session import InputFile
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.case import Case
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.session import InputFile
 
 
 def fragment_file(case: Case, storage: Storage) -> InputFile:

@@ -2,12 +2,12 @@
 
 import io
 
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
 from bagpipe.plan.bag_head import unindexed_head
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import near
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
 
 def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:

@@ -4,8 +4,6 @@ import posixpath
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
-from bagpipe.pipe.session import InputFile
 from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
@@ -14,6 +12,8 @@ from bagpipe.source.files.planning import file_cases
 from bagpipe.source.source import JobSource
 from bagpipe.spec import Source
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.session import InputFile
 
 
 @dataclass(frozen=True)

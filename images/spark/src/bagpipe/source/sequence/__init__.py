@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import bagpipe
-from bagpipe.pipe.session import InputFile
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
@@ -12,6 +11,7 @@ from bagpipe.source.sequence.planning import sequences
 from bagpipe.source.source import JobSource
 from bagpipe.spec import Source
 from bagpipe.storage import Storage
+from bagpipe.wire.session import InputFile
 
 
 @dataclass(frozen=True)

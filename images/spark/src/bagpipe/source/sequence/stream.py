@@ -3,11 +3,11 @@
 from typing import Any
 
 import bagpipe
-from bagpipe.pipe.frames import MAX_PAYLOAD_BYTES
-from bagpipe.pipe.session import InputFile, SessionError
 from bagpipe.plan.case import Case
 from bagpipe.source.part_reader import MOST_BYTES, PartMessage, PartReader, publisher
 from bagpipe.storage import Storage
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.session import InputFile, SessionError
 
 
 def sequence_bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":

@@ -4,12 +4,12 @@ import heapq
 from collections.abc import Iterator
 from typing import Any
 
-from bagpipe.pipe.session import SessionError
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import Publication
 from bagpipe.source.part_reader import PartMessage, PartReader
 from bagpipe.storage import Storage
+from bagpipe.wire.session import SessionError
 
 
 class RecordedTopics:

@@ -2,8 +2,6 @@
 
 from typing import Any
 
-from bagpipe.pipe.hello_case import HelloSimulator
-from bagpipe.pipe.session import SessionError
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import ControlError
 from bagpipe.simulator.model import Simulator
@@ -13,6 +11,8 @@ from bagpipe.source.simulator.planning import scenario_of
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from bagpipe.topic_patterns import records
+from bagpipe.wire.hello_case import HelloSimulator
+from bagpipe.wire.session import SessionError
 
 
 class Drive:

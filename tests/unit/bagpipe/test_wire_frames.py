@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagpipe.pipe.frames import Decoder, Encoder, FrameType, ProtocolError
+from bagpipe.wire.frames import Decoder, Encoder, FrameType, ProtocolError
 
 VECTORS = json.loads(
     (Path(__file__).parents[3] / "docs/reference/binpipe-vectors.json").read_text()

@@ -3,7 +3,7 @@
 docs/reference/binpipe.md, "After a session that broke off".
 """
 
-from bagpipe.pipe.frames import (
+from bagpipe.wire.frames import (
     HEADER_BYTES,
     MAGIC,
     MAX_PAYLOAD_BYTES,

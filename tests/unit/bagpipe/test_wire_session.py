@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from bagpipe.pipe import session as session_module
-from bagpipe.pipe.frames import Encoder, FrameType
-from bagpipe.pipe.session import Answer, InputFile, SessionError, run_session
-from bagpipe.pipe.slot import SlotUnavailableError, lease, open_ends
+from bagpipe.wire import session as session_module
+from bagpipe.wire.frames import Encoder, FrameType
+from bagpipe.wire.session import Answer, InputFile, SessionError, run_session
+from bagpipe.wire.slot import SlotUnavailableError, lease, open_ends
 from tests.unit.bagpipe.fake_agent import (
     RESULT,
     FakeAgent,

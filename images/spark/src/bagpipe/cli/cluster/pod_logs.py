@@ -1,4 +1,4 @@
-"""Pieces of logs, each with where it comes from or why it is not there."""
+"""Parts of logs, each with where it comes from or why it is not there."""
 
 import re
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ class Pods(Protocol):
 
 
 @dataclass(frozen=True)
-class Piece:
+class LogPart:
     """Lines of `of`, from `source`; or no line, and why."""
 
     of: str
@@ -42,33 +42,33 @@ class Piece:
         return {"of": self.of, "from": self.source, "lines": self.lines, "missing": self.missing}
 
 
-def kept(row: Json, where: str) -> list[Piece]:
+def kept(row: Json, where: str) -> list[LogPart]:
     """What the results keep of one case: how it ended, the stack's last lines, starts lost."""
     ended = [f"{row['outcome']} {row.get('reason') or ''}".strip()]
     ended += [str(row["message"])] if row.get("message") else []
-    pieces = [Piece("outcome", where, ended)]
+    parts = [LogPart("outcome", where, ended)]
     stack = (row.get("result") or {}).get("stack") or {}
     for stream in ("stdout", "stderr"):
         lines = stack.get(stream) or (row.get("stderr") if stream == "stderr" else None) or []
         if lines:
-            pieces.append(Piece(f"stack {stream}", f"{where}, the last lines", list(lines)))
+            parts.append(LogPart(f"stack {stream}", f"{where}, the last lines", list(lines)))
     lost = (row.get("evidence") or {}).get("starts") or []
     if lost:
-        pieces.append(Piece("lost starts", where, [lost_start(start) for start in lost]))
-    if len(pieces) == 1:
-        pieces.append(Piece(STACK, where, missing="the stack wrote nothing in this case"))
-    return pieces
+        parts.append(LogPart("lost starts", where, [lost_start(start) for start in lost]))
+    if len(parts) == 1:
+        parts.append(LogPart(STACK, where, missing="the stack wrote nothing in this case"))
+    return parts
 
 
-def driver_log(cluster: Pods, state: JobState, tail: int, case: str | None) -> Piece:
+def driver_log(cluster: Pods, state: JobState, tail: int, case: str | None) -> LogPart:
     """The driver's log, or its lines that name a case."""
     if not state.driver:
-        return Piece(DRIVER, "", missing=f"the job has no driver: {state.message}")
+        return LogPart(DRIVER, "", missing=f"the job has no driver: {state.message}")
     source = f"pod {state.driver}, container driver"
     try:
         lines = cluster.log(state.driver, "driver", _lines(tail, case), _MOST_BYTES).splitlines()
     except ClusterError as error:
-        return Piece(DRIVER, source, missing=error.message)
+        return LogPart(DRIVER, source, missing=error.message)
     if case is not None:
         lines = [line for line in lines if _names(line, case)]
         if not lines:
@@ -76,36 +76,36 @@ def driver_log(cluster: Pods, state: JobState, tail: int, case: str | None) -> P
                 f"no line of the last {_MOST_LINES:,} names {case}: leave out the case to see the"
                 " whole log"
             )
-            return Piece(DRIVER, source, missing=missing)
-    return Piece(DRIVER, source, lines[-tail:], "" if lines else "it has written nothing yet")
+            return LogPart(DRIVER, source, missing=missing)
+    return LogPart(DRIVER, source, lines[-tail:], "" if lines else "it has written nothing yet")
 
 
 def executor_logs(
     cluster: Pods, state: JobState, of: str, tail: int, case: str | None, engine: str
-) -> list[Piece]:
+) -> list[LogPart]:
     """The executors' containers: Spark's, or what stack or agent wrote, of one case or of all."""
     try:
         pods = cluster.pods(state.uid, EXECUTOR)
     except ClusterError as error:
-        return [Piece(of, "", missing=error.message)]
+        return [LogPart(of, "", missing=error.message)]
     if not pods:
-        return [Piece(of, "", missing=_no_executors(state))]
-    found = list(_pieces(cluster, pods[:_MOST_EXECUTORS], of, tail, case, engine))
-    with_lines = [piece for piece in found if piece.lines]
+        return [LogPart(of, "", missing=_no_executors(state))]
+    found = list(_log_parts(cluster, pods[:_MOST_EXECUTORS], of, tail, case, engine))
+    with_lines = [part for part in found if part.lines]
     if with_lines or case is None:
         return with_lines or found
-    faults = [piece for piece in found if piece.missing]
+    faults = [part for part in found if part.missing]
     asked = f"{min(len(pods), _MOST_EXECUTORS)} of {len(pods)} executors"
     missing = (
         f"the last {_MOST_LINES:,} lines of {asked} have none of case {case}: it has not begun, or"
         " its executor is gone"
     )
-    return faults or [Piece(of, asked, missing=missing)]
+    return faults or [LogPart(of, asked, missing=missing)]
 
 
-def _pieces(
+def _log_parts(
     cluster: Pods, pods: list[Json], of: str, tail: int, case: str | None, engine: str
-) -> Iterator[Piece]:
+) -> Iterator[LogPart]:
     for pod in pods:
         name = pod["metadata"]["name"]
         stacks = _stack_containers(pod)
@@ -121,13 +121,13 @@ def _pieces(
             )  # fmt: skip
 
 
-def _one(cluster: Pods, pod: str, container: str, of: str, tail: int, chosen: Any) -> Piece:
+def _one(cluster: Pods, pod: str, container: str, of: str, tail: int, chosen: Any) -> LogPart:
     source = f"pod {pod}, container {container}"
     try:
         log = cluster.log(pod, container, _MOST_LINES, _MOST_BYTES)
     except ClusterError as error:
-        return Piece(of, source, missing=error.message)
-    return Piece(of, source, chosen(log)[-tail:])
+        return LogPart(of, source, missing=error.message)
+    return LogPart(of, source, chosen(log)[-tail:])
 
 
 def _runs(cluster: Pods, pod: str, containers: list[str], case: str, engine: str) -> bool:

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from bagpipe.pipe.frames import Decoder, Frame, FrameType
-from bagpipe.pipe.session import Answer, SessionError, run_session, run_turns
-from bagpipe.pipe.slot import lease, open_ends
+from bagpipe.wire.frames import Decoder, Frame, FrameType
+from bagpipe.wire.session import Answer, SessionError, run_session, run_turns
+from bagpipe.wire.slot import lease, open_ends
 from tests.unit.bagpipe.fake_agent import FakeAgent, Script, make_slot
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
 import bagpipe
-from bagpipe.pipe.frames import (
+from bagpipe.wire.frames import (
     MAX_PAYLOAD_BYTES,
     Decoder,
     Encoder,
@@ -22,8 +22,8 @@ from bagpipe.pipe.frames import (
     FrameType,
     ProtocolError,
 )
-from bagpipe.pipe.greeting import Greeting
-from bagpipe.pipe.slot import Ends
+from bagpipe.wire.greeting import Greeting
+from bagpipe.wire.slot import Ends
 
 PROTOCOL = 1
 # Longer than an agent needs to end the case of a worker that died before us.

@@ -50,7 +50,7 @@ def settle_worker() -> None:
     gc.freeze()
 
 
-def simulate(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
+def run_cases(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
     """Run all cases, one task each; their rows go to the keeper, which may end the work early.
 
     Raises SparkGoneError where nothing of the job is at fault, so that another driver may go on.
