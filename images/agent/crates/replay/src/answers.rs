@@ -4,10 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use bagpipe_ros1::Incoming;
+use bagpipe_graph::Incoming;
 
 use crate::pairing::Pairing;
-use crate::stamp::{has_header, stamp};
 use crate::time::Time;
 use crate::world::LatestMessage;
 
@@ -68,7 +67,7 @@ impl Answers {
         if let Some(latest) = &self.latest {
             let message = LatestMessage {
                 topic: incoming.topic.to_owned(),
-                datatype: incoming.header.text("type").to_owned(),
+                datatype: incoming.publisher.datatype.clone(),
                 data: incoming.data.to_vec(),
             };
             let mut latest = latest.lock().unwrap_or_else(PoisonError::into_inner);
@@ -77,13 +76,12 @@ impl Answers {
         let mut all = self.received.lock().unwrap_or_else(PoisonError::into_inner);
         let received = &mut all[place];
         received.count += 1;
-        let publisher = incoming.header.text("callerid");
+        let publisher = incoming.publisher.node.as_deref().unwrap_or_default();
         if !received.publishers.contains(publisher) {
             received.publishers.insert(publisher.to_owned());
         }
         if let Some(pairing) = &mut received.pairing {
-            let headed = has_header(incoming.header.text("message_definition"));
-            match stamp(incoming.data).filter(|_| headed) {
+            match incoming.publisher.read_stamp.and_then(|read| read(incoming.data)) {
                 Some(stamp) => pairing.receive(stamp),
                 None => received.unstamped = true,
             }

@@ -1,8 +1,6 @@
 //! Consecutive messages that go out together, at full speed.
 
-use bagpipe_ros1::{SendError, Share};
-
-use crate::outlet::{Cancelled, Outlet};
+use bagpipe_graph::{Cancelled, Outlet, SendError, Share};
 
 /// Messages that go out in one system call at most, and their bytes: at full speed.
 const BATCH: usize = 1024;
@@ -45,7 +43,7 @@ impl<'a> Batch<'a> {
     /// Goes out as soon as the slowest subscriber has read enough of what went before.
     pub(crate) fn go_out(
         &self,
-        outlet: &impl Outlet,
+        outlet: &(impl Outlet + ?Sized),
         share: Share,
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {

@@ -1,10 +1,10 @@
 //! Which topics are to be recorded, and which nodes are in the graph, as the master reports it.
 
 use std::collections::BTreeSet;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Node, Publication, RosError, SystemState};
+use bagpipe_graph::{GraphError, Node, Publication, Seen, SystemState};
 use regex::Regex;
 
 use crate::ReplayError;
@@ -20,7 +20,7 @@ const GONE: Duration = Duration::from_secs(5);
 
 /// Which topics to record, and the search for them.
 pub(crate) struct Discovery<'a> {
-    pub(crate) node: &'a Node,
+    pub(crate) node: &'a dyn Node,
     patterns: Vec<Regex>,
     /// Topics whose publishers must be there before the play begins.
     pub(crate) expected: Vec<String>,
@@ -40,14 +40,14 @@ struct MasterSeen {
 impl<'a> Discovery<'a> {
     /// Subscribes to the plain names at once; the patterns need [`Discovery::look`].
     pub(crate) fn start(
-        node: &'a Node,
+        node: &'a dyn Node,
         record: &[String],
         time: &'a Time,
     ) -> Result<Discovery<'a>, ReplayError> {
         let mut patterns = Vec::new();
         for text in record {
             if is_plain(text) {
-                node.subscribe(&resolved(text)).map_err(ReplayError::RosMasterFailed)?;
+                node.subscribe(&resolved(text)).map_err(ReplayError::GraphFailed)?;
             } else {
                 patterns.push(whole(text)?);
             }
@@ -67,7 +67,7 @@ impl<'a> Discovery<'a> {
             if !named && !self.patterns.iter().any(|pattern| pattern.is_match(answer)) {
                 recorder.only_listen_to(answer);
             }
-            self.node.subscribe(answer).map_err(ReplayError::RosMasterFailed)?;
+            self.node.subscribe(answer).map_err(ReplayError::GraphFailed)?;
         }
         self.expected = lockstep.required().map(str::to_owned).collect();
         Ok(())
@@ -85,14 +85,13 @@ impl<'a> Discovery<'a> {
     /// # Errors
     /// The master has failed for a while; a passing failure answers `None`.
     pub(crate) fn look(&self) -> Result<Option<SystemState>, ReplayError> {
-        let looked = self.node.master().get_system_state().and_then(|state| {
-            let again = self.node.register_missing(&state)?;
-            self.subscribe_to_matches(&state)?;
-            Ok((state, again))
+        let looked = self.node.look().and_then(|seen| {
+            self.subscribe_to_matches(&seen.state)?;
+            Ok(seen)
         });
         let mut master = self.master.lock().unwrap_or_else(|e| e.into_inner());
         match looked {
-            Ok((state, again)) => {
+            Ok(Seen { state, again }) => {
                 *master = MasterSeen { silent: None, again: master.again + again };
                 Ok(Some(state))
             }
@@ -100,7 +99,7 @@ impl<'a> Discovery<'a> {
                 let now = self.time.now();
                 let since = *master.silent.get_or_insert(now);
                 if now.duration_since(since) >= GONE {
-                    return Err(ReplayError::RosMasterFailed(error));
+                    return Err(ReplayError::GraphFailed(error));
                 }
                 Ok(None)
             }
@@ -118,15 +117,10 @@ impl<'a> Discovery<'a> {
     /// A warning for the user if the master was restarted.
     pub(crate) fn restarted(&self) -> Option<String> {
         let again = self.master.lock().unwrap_or_else(|e| e.into_inner()).again;
-        (again > 0).then(|| {
-            format!(
-                "the ROS master was restarted: {again} registrations were made again, and \
-                 nodes that came before that were found late"
-            )
-        })
+        (again > 0).then(|| self.node.restarted(again))
     }
 
-    fn subscribe_to_matches(&self, state: &SystemState) -> Result<(), RosError> {
+    fn subscribe_to_matches(&self, state: &SystemState) -> Result<(), GraphError> {
         for (topic, publishers) in &state.publishers {
             let others = publishers.iter().any(|node| node != self.node.name());
             if others && self.patterns.iter().any(|pattern| pattern.is_match(topic)) {
@@ -145,7 +139,7 @@ impl<'a> Discovery<'a> {
     }
 }
 
-pub(crate) fn open_subscribers(publication: &Publication) -> BTreeSet<String> {
+pub(crate) fn open_subscribers(publication: &Arc<dyn Publication>) -> BTreeSet<String> {
     let links = publication.subscribers().into_iter().filter(|link| link.open);
     links.map(|link| link.node).collect()
 }

@@ -8,9 +8,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Node, Publication};
+use bagpipe_graph::{Node, Outlet, Publication};
 
-use crate::outlet::Outlet;
 use crate::patience::Patience;
 use crate::play::Player;
 use crate::processes::{Processes, Rest};
@@ -34,7 +33,7 @@ const SWEEP: Duration = Duration::from_secs(1);
 
 /// After the last message.
 pub(crate) struct Drain<'a> {
-    pub(crate) node: &'a Node,
+    pub(crate) node: &'a dyn Node,
     pub(crate) request: &'a ReplayRequest,
     pub(crate) recorder: &'a Recorder,
     pub(crate) since: Instant,
@@ -81,7 +80,7 @@ impl Drain<'_> {
 
     /// Until nothing has come for long enough since `begun`, and nobody works by what `look`
     /// returns; its argument is whether a message was received since the previous call.
-    pub(crate) fn await_quiet<O: Outlet>(
+    pub(crate) fn await_quiet<O: Outlet + ?Sized>(
         &self,
         begun: Instant,
         mut look: impl FnMut(bool) -> Rest,
@@ -133,7 +132,7 @@ fn stood_still(pause: Duration) -> Duration {
 fn work(
     proof: &mut Proof,
     processes: &mut Processes,
-    topics: &[Arc<Publication>],
+    topics: &[Arc<dyn Publication>],
     received: bool,
 ) -> Rest {
     proof.see(topics);

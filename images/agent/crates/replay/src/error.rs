@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use bagpipe_ros1::RosError;
+use bagpipe_graph::GraphError;
 use bagpipe_rosbag::BagError;
 
 use crate::Cancellation;
@@ -62,9 +62,9 @@ pub enum ReplayError {
         /// Type and md5sum of the other.
         second: String,
     },
-    /// The master does not answer.
-    #[error("the ROS master failed: {0}")]
-    RosMasterFailed(#[source] RosError),
+    /// The graph does not answer, such as its master.
+    #[error("{0}")]
+    GraphFailed(#[source] GraphError),
     /// The request makes no sense.
     #[error("{0}")]
     BadRequest(String),
@@ -87,7 +87,7 @@ impl ReplayError {
             ReplayError::RecorderBudgetExceeded(_) => "RecorderBudgetExceeded",
             ReplayError::CaseDeadlineExceeded { .. } => "CaseDeadlineExceeded",
             ReplayError::BagUnreadable { .. } | ReplayError::TwoTypes { .. } => "BagUnreadable",
-            ReplayError::RosMasterFailed(_) => "RosMasterFailed",
+            ReplayError::GraphFailed(error) => error.reason,
             ReplayError::BadRequest(_) => "ProtocolError",
             ReplayError::Cancelled(_) => "Terminated",
             ReplayError::Internal(_) => "Internal",

@@ -5,7 +5,7 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use bagpipe_ros1::{Incoming, MAX_MESSAGE, Node, NodeOptions, RosError, Sink, SystemState};
+use bagpipe_graph::{GraphError, Incoming, Middleware, Node, NodeOptions, Seen, Sink, SystemState};
 use bagpipe_rosbag::{BagWriter, Compression, WriterOptions};
 use regex::Regex;
 
@@ -26,8 +26,8 @@ const FAILURES: u32 = 50;
 /// A recording to be made.
 #[derive(Clone, Debug)]
 pub struct RecordRequest {
-    /// The master, such as `http://127.0.0.1:11311`.
-    pub master_uri: String,
+    /// Whose graph is recorded.
+    pub middleware: Arc<dyn Middleware>,
     /// Regular expressions that a topic's whole name must match; empty: every topic.
     pub topics: Vec<String>,
     /// Topics whose whole names match this are left out.
@@ -79,22 +79,23 @@ pub fn record(
     let tape = Tape::new(request, keep);
     let options = NodeOptions {
         name: format!("/bagpipe_recorder_{}", std::process::id()),
-        master_uri: request.master_uri.clone(),
         call_deadline: CALL,
         stall: CALL,
-        max_message: MAX_MESSAGE,
+        max_message: usize::MAX,
     };
-    let node =
-        Node::start(options, Box::new(tape.clone())).map_err(ReplayError::RosMasterFailed)?;
+    let node = request
+        .middleware
+        .join(options, Box::new(tape.clone()))
+        .map_err(ReplayError::GraphFailed)?;
     let begun = Instant::now();
     let (mut failures, mut again) = (0, 0);
-    choice.subscribe(&node).map_err(ReplayError::RosMasterFailed)?;
+    choice.subscribe(&*node).map_err(ReplayError::GraphFailed)?;
     let mut looked = Instant::now();
     while !(stop() || tape.is_over() || request.duration.is_some_and(|d| begun.elapsed() >= d)) {
         if looked.elapsed() >= LOOK {
             looked = Instant::now();
             // While a master is away, messages of known publishers are received.
-            match choice.subscribe(&node) {
+            match choice.subscribe(&*node) {
                 Ok(made) => (failures, again) = (0, again + made),
                 Err(_) => failures += 1,
             }
@@ -137,9 +138,8 @@ impl Choice {
 
     /// Subscribes to what is new; how many subscriptions had to be registered again with a
     /// restarted master.
-    fn subscribe(&self, node: &Node) -> Result<u64, RosError> {
-        let state = node.master().get_system_state()?;
-        let again = node.register_missing(&state)?;
+    fn subscribe(&self, node: &dyn Node) -> Result<u64, GraphError> {
+        let Seen { state, again } = node.look()?;
         let known: BTreeSet<String> = node.subscribed_topics().into_iter().collect();
         for topic in state.publishers.keys() {
             if !known.contains(topic) && self.takes(topic, &state) {

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use bagpipe_ros1::{LinkState, Publication};
+use bagpipe_graph::{LinkState, Publication};
 
 use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic, Strength};
 use crate::play::Played;
@@ -12,7 +12,7 @@ use crate::prove::{Known, Proof};
 /// Adds up. `present` are the connections that existed when the last message was played;
 /// whoever came later could not have received anything and is no subscriber of the case.
 pub(crate) fn ledger(
-    topics: &[Arc<Publication>],
+    topics: &[Arc<dyn Publication>],
     played: &[Played],
     present: &[BTreeSet<u64>],
     proof: &Proof,
@@ -56,8 +56,9 @@ impl Ledger {
 }
 
 /// The connections of each topic.
-pub(crate) fn present(topics: &[Arc<Publication>]) -> Vec<BTreeSet<u64>> {
-    let ids = |topic: &Arc<Publication>| topic.subscribers().iter().map(|link| link.id).collect();
+pub(crate) fn present(topics: &[Arc<dyn Publication>]) -> Vec<BTreeSet<u64>> {
+    let ids =
+        |topic: &Arc<dyn Publication>| topic.subscribers().iter().map(|link| link.id).collect();
     topics.iter().map(ids).collect()
 }
 

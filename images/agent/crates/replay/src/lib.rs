@@ -1,9 +1,11 @@
-//! Plays a window of a bag through the nodes of a ROS 1 graph, records what they answer
+//! Plays a window of a bag through the nodes of a graph, records what they answer
 //! into a bag in memory, and proves what was delivered.
 //!
 //! The order of things is the guarantee: the recorder is connected before the first
 //! input is released; every input waits for the slowest subscriber; the subscribers are
 //! asked what they received while their connections still stand.
+//!
+//! Which middleware makes the graph stands in the request (`bagpipe-graph`).
 //!
 //! Not for: starting the stack or its master (the agent does), or judging the recording.
 #![forbid(unsafe_code)]
@@ -23,7 +25,6 @@ mod meter;
 mod names;
 mod ordered;
 mod outcome;
-mod outlet;
 mod pairing;
 mod patience;
 mod pause;
@@ -37,13 +38,11 @@ mod recorder;
 mod rehearsal;
 mod replay;
 mod request;
-mod rostime;
 
 mod settle;
 mod simulate;
 mod spacing;
 mod stage;
-mod stamp;
 mod step;
 mod subscribe;
 mod time;

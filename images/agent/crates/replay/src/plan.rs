@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
-use bagpipe_ros1::TopicInfo;
+use bagpipe_graph::TopicInfo;
 use bagpipe_rosbag::{Bag, ChunkedFile, Connection, Message, Timeline};
 
 use crate::names::resolved;

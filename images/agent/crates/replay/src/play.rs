@@ -5,15 +5,13 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Node, Publication, Share};
+use bagpipe_graph::{Middleware, Node, Outlet, Publication, Share};
 
 use crate::batch::Batch;
 use crate::clock::{BagClock, Schedule};
 use crate::outcome::StepReport;
-use crate::outlet::Outlet;
 use crate::pause::Pause;
 use crate::plan::{Plan, Route};
-use crate::rostime::{clock_frame, clock_topic};
 use crate::spacing::Spacing;
 use crate::step::Stepper;
 use crate::watch::Watch;
@@ -25,11 +23,12 @@ const ASK: Duration = Duration::from_millis(10);
 const STEPPED: u64 = u64::MAX;
 
 /// Plays a plan into outlets, which are a node's publications.
-pub(crate) struct Player<'a, O = Publication> {
+pub(crate) struct Player<'a, O: ?Sized = dyn Publication> {
     plan: &'a Plan<'a>,
     publications: Vec<Arc<O>>,
     /// /clock, if simulated time is wanted.
     clock_topic: Option<Arc<O>>,
+    middleware: Arc<dyn Middleware>,
     clock: &'a BagClock,
     mode: Mode,
     rate: f64,
@@ -65,15 +64,15 @@ pub(crate) struct Pace {
 impl<'a> Player<'a> {
     /// Advertises the plan's topics.
     pub(crate) fn advertise(
-        node: &Node,
+        node: &dyn Node,
         plan: &'a Plan<'a>,
         clock: &'a BagClock,
         request: &ReplayRequest,
         stepper: Option<Stepper<'a>>,
     ) -> Result<Player<'a>, ReplayError> {
-        let failed = ReplayError::RosMasterFailed;
+        let failed = ReplayError::GraphFailed;
         let clock_topic = if request.use_sim_time {
-            Some(node.advertise(clock_topic()).map_err(failed)?)
+            Some(node.advertise(request.middleware.clock_topic()).map_err(failed)?)
         } else {
             None
         };
@@ -84,12 +83,12 @@ impl<'a> Player<'a> {
     }
 
     /// Everything advertised, /clock included.
-    pub(crate) fn advertised(&self) -> impl Iterator<Item = &Arc<Publication>> {
+    pub(crate) fn advertised(&self) -> impl Iterator<Item = &Arc<dyn Publication>> {
         self.publications.iter().chain(&self.clock_topic)
     }
 }
 
-impl<'a, O: Outlet> Player<'a, O> {
+impl<'a, O: Outlet + ?Sized> Player<'a, O> {
     /// Plays the plan's topics into these outlets, in its order, and /clock into the other one.
     pub(crate) fn new(
         plan: &'a Plan<'a>,
@@ -102,6 +101,7 @@ impl<'a, O: Outlet> Player<'a, O> {
             plan,
             publications,
             clock_topic,
+            middleware: Arc::clone(&request.middleware),
             clock,
             mode: request.mode,
             rate: request.rate,
@@ -336,7 +336,7 @@ impl<'a, O: Outlet> Player<'a, O> {
     fn tick(&mut self, time: u64, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
         let Some(topic) = &self.clock_topic else { return Ok(()) };
         self.last_tick = time;
-        let frame = clock_frame(time);
+        let frame = self.middleware.clock_frame(time);
         topic.latch("", Share::LeadIn, &frame);
         let sent = topic.send(Share::LeadIn, &[&frame], &mut || watch.must_stop());
         sent.map_err(|error| watch.failed(error))?;

@@ -3,8 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use bagpipe_ros1::audit::{Audit, Received};
-use bagpipe_ros1::{FarEnd, LinkState, Publication};
+use bagpipe_graph::{Audit, FarEnd, LinkState, Publication, Received};
 
 use crate::outcome::Strength;
 use crate::patience::{Patience, Round, Settled};
@@ -16,7 +15,7 @@ type Key = (usize, u64);
 
 /// What is known of every subscriber's connection.
 pub(crate) struct Proof {
-    audit: Audit,
+    audit: Box<dyn Audit>,
     known: BTreeMap<Key, Known>,
     /// The nodes' processes, as far as they name them.
     pids: BTreeMap<String, i32>,
@@ -51,7 +50,7 @@ pub(crate) enum Place {
 }
 
 impl Proof {
-    pub(crate) fn new(audit: Audit) -> Proof {
+    pub(crate) fn new(audit: Box<dyn Audit>) -> Proof {
         Proof { audit, known: BTreeMap::new(), pids: BTreeMap::new() }
     }
 
@@ -77,7 +76,7 @@ impl Proof {
 
     /// Asks every node with an open connection once. A node that does not answer keeps its
     /// last figures: what can't be proved will count as lost.
-    pub(crate) fn ask(&mut self, topics: &[Arc<Publication>]) {
+    pub(crate) fn ask(&mut self, topics: &[Arc<dyn Publication>]) {
         let mut links: BTreeMap<String, BTreeMap<String, Key>> = BTreeMap::new();
         let seen = self.see(topics);
         for (at, publication) in topics.iter().enumerate() {
@@ -104,7 +103,7 @@ impl Proof {
     }
 
     /// Looks where the subscribers are, without asking them. What had been sent to each.
-    pub(crate) fn see(&mut self, topics: &[Arc<Publication>]) -> BTreeMap<Key, u64> {
+    pub(crate) fn see(&mut self, topics: &[Arc<dyn Publication>]) -> BTreeMap<Key, u64> {
         let sent = sent(topics);
         let ends: Vec<Vec<FarEnd>> = topics.iter().map(|topic| topic.far_ends()).collect();
         let mut looks = BTreeMap::new();
@@ -138,7 +137,7 @@ impl Proof {
 
     /// Whether a subscriber is seen to be on its way to more than it has counted, or in a
     /// callback.
-    pub(crate) fn busy(&self, topics: &[Arc<Publication>]) -> bool {
+    pub(crate) fn busy(&self, topics: &[Arc<dyn Publication>]) -> bool {
         self.open(topics).iter().any(|(known, _)| known.busy())
     }
 
@@ -146,7 +145,7 @@ impl Proof {
     /// out, or `pause` (which may also sleep between two rounds) says so.
     pub(crate) fn settle<E>(
         &mut self,
-        topics: &[Arc<Publication>],
+        topics: &[Arc<dyn Publication>],
         patience: &Patience,
         time: &Time,
         pause: impl FnMut() -> Result<bool, E>,
@@ -163,7 +162,7 @@ impl Proof {
     /// more. Otherwise all of the lead-in is taken as received, so that what was lost of it
     /// counts as lost: figures that have merely stood still for a while prove nothing, since a
     /// first callback may take its time.
-    pub(crate) fn end_lead_in(&mut self, topics: &[Arc<Publication>]) {
+    pub(crate) fn end_lead_in(&mut self, topics: &[Arc<dyn Publication>]) {
         for (at, publication) in topics.iter().enumerate() {
             for link in publication.subscribers() {
                 let known = self.known.entry((at, link.id)).or_default();
@@ -173,7 +172,7 @@ impl Proof {
     }
 
     /// Whether no open connection's figures can change, and the figures.
-    fn figures(&self, topics: &[Arc<Publication>]) -> (bool, Vec<Option<Received>>) {
+    fn figures(&self, topics: &[Arc<dyn Publication>]) -> (bool, Vec<Option<Received>>) {
         let open = self.open(topics);
         let complete = open
             .iter()
@@ -182,7 +181,7 @@ impl Proof {
     }
 
     /// What is known of every open connection.
-    fn open(&self, topics: &[Arc<Publication>]) -> Vec<(Known, LinkState)> {
+    fn open(&self, topics: &[Arc<dyn Publication>]) -> Vec<(Known, LinkState)> {
         let links = topics.iter().enumerate().flat_map(|(at, publication)| {
             let links = publication.subscribers().into_iter().filter(|link| link.open);
             links.map(move |link| (at, link))
@@ -192,7 +191,7 @@ impl Proof {
 }
 
 /// What was sent to every open connection.
-fn sent(topics: &[Arc<Publication>]) -> BTreeMap<Key, u64> {
+fn sent(topics: &[Arc<dyn Publication>]) -> BTreeMap<Key, u64> {
     let all = topics.iter().enumerate().flat_map(|(at, publication)| {
         let links = publication.subscribers().into_iter().filter(|link| link.open);
         links.map(move |link| ((at, link.id), link.lead_in + link.counted))

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Incoming, Sink};
+use bagpipe_graph::{Incoming, Sink};
 use bagpipe_rosbag::{BagError, BagWriter, Compression, Connection, WriterOptions};
 
 use crate::ReplayError;
@@ -46,7 +46,7 @@ struct State {
     file: Option<File>,
     /// In lock-step: what waits to be written in an order of its own.
     hold: Option<Hold>,
-    /// By TCPROS connection, what [`Hold`] needs to know of it.
+    /// By the graph's connection, what [`Hold`] needs to know of it.
     publishers: HashMap<u64, Arc<Connection>>,
     /// Topics that are received for the sake of a step and not recorded.
     unrecorded: BTreeSet<String>,
@@ -55,7 +55,7 @@ struct State {
     latched: BTreeMap<(String, String), (Connection, Vec<u8>)>,
     /// Connections of the bag by topic, publisher and md5sum.
     connections: HashMap<(String, String, String), u32>,
-    /// Connections of the bag by TCPROS connection.
+    /// Connections of the bag by the graph's connection.
     links: HashMap<u64, u32>,
     topics: BTreeMap<String, RecordedTopic>,
     bytes: u64,
@@ -214,8 +214,8 @@ impl Recorder {
             return;
         }
         if !state.counting {
-            if incoming.header.latching() {
-                let caller = incoming.header.text("callerid").to_owned();
+            if incoming.publisher.latching {
+                let caller = incoming.publisher.node.clone().unwrap_or_default();
                 let mut connection = connection_of(incoming);
                 if state.hold.is_some() {
                     connection.caller_id = connection.caller_id.as_deref().map(settled_name);
@@ -329,15 +329,15 @@ impl Sink for Recorder {
 }
 
 pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
-    let header = incoming.header;
+    let publisher = incoming.publisher;
     Connection {
         id: 0,
         topic: incoming.topic.to_owned(),
-        datatype: header.text("type").to_owned(),
-        md5sum: header.text("md5sum").to_owned(),
-        definition: header.text("message_definition").to_owned(),
-        caller_id: header.get("callerid").map(str::to_owned),
-        latching: header.latching(),
+        datatype: publisher.datatype.clone(),
+        md5sum: publisher.md5sum.clone(),
+        definition: publisher.definition.clone(),
+        caller_id: publisher.node.clone(),
+        latching: publisher.latching,
     }
 }
 

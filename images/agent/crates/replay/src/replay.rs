@@ -7,8 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use bagpipe_ros1::{MAX_MESSAGE, Node, NodeOptions, Publication, Share};
-use bagpipe_ros1::{TopicInfo, audit::Audit};
+use bagpipe_graph::{Node, NodeOptions, Publication, Share, TopicInfo};
 use bagpipe_rosbag::{Bag, ChunkedFile};
 
 use crate::answers::Answers;
@@ -104,7 +103,8 @@ fn carry_out(
     let clock = Arc::new(BagClock::new(Time::Machine, request.window.lead_in_start, limit));
     let ordered = request.mode == Mode::Lockstep;
     let steps = if ordered { request.steps.as_slice() } else { &[] };
-    let lockstep = Lockstep::new(steps, &plan.topics)?.metered(&request.meter);
+    let lockstep =
+        Lockstep::new(steps, &plan.topics, &*request.middleware)?.metered(&request.meter);
     let answers = Answers::new(lockstep.awaited());
     let answers = Arc::new(if world.is_some() { answers.keeping() } else { answers });
     let file = request.record_to.as_deref().map(recording_file).transpose()?;
@@ -113,10 +113,11 @@ fn carry_out(
     if plan.is_empty() && world.is_none() {
         return finish(&recorder, Replayed::default());
     }
-    let node = Node::start(node_options(request), Box::new(recorder.clone()))
-        .map_err(ReplayError::RosMasterFailed)?;
+    let sink = Box::new(recorder.clone());
+    let node =
+        request.middleware.join(node_options(request), sink).map_err(ReplayError::GraphFailed)?;
     let mut watch = Watch::new(request, &recorder, &clock, progress, cancelled);
-    let scene = Scene { node: &node, plan, request, recorder: &recorder, clock: &clock };
+    let scene = Scene { node: &*node, plan, request, recorder: &recorder, clock: &clock };
     let outcome = perform(&scene, (lockstep, answers), world, &mut watch)?;
     drop(node);
     if let Some(failure) = recorder.failure() {
@@ -143,16 +144,15 @@ pub(crate) fn node_options(request: &ReplayRequest) -> NodeOptions {
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
     NodeOptions {
         name: format!("/bagpipe_player_{}_{number}", std::process::id()),
-        master_uri: request.master_uri.clone(),
         call_deadline: CALL,
         stall: request.drain_deadline,
-        max_message: usize::try_from(request.byte_budget).unwrap_or(MAX_MESSAGE),
+        max_message: usize::try_from(request.byte_budget).unwrap_or(usize::MAX),
     }
 }
 
 /// What a replay works with.
 struct Scene<'a> {
-    node: &'a Node,
+    node: &'a dyn Node,
     plan: &'a Plan<'a>,
     request: &'a ReplayRequest,
     recorder: &'a Recorder,
@@ -224,10 +224,10 @@ fn perform(
 
 /// Learns which nodes there are, and which processes are theirs.
 fn meet(
-    node: &Node,
+    node: &dyn Node,
     discovery: &Discovery<'_>,
 ) -> Result<(Proof, BTreeMap<String, i32>), ReplayError> {
-    let mut proof = Proof::new(Audit::new(node.master().clone(), node.slave_uri(), ASK));
+    let mut proof = Proof::new(node.audit(ASK));
     let pids = proof.meet(&discovery.others()?);
     Ok((proof, pids))
 }
@@ -305,13 +305,13 @@ fn take_answers(player: &Player<'_>, proof: &mut Proof) {
 /// something is known of those that leave early, and new topics are sought.
 struct Rounds {
     proof: Mutex<Proof>,
-    topics: Vec<Arc<Publication>>,
+    topics: Vec<Arc<dyn Publication>>,
     over: Mutex<bool>,
     end: Condvar,
 }
 
 impl Rounds {
-    fn new(proof: Proof, topics: Vec<Arc<Publication>>) -> Rounds {
+    fn new(proof: Proof, topics: Vec<Arc<dyn Publication>>) -> Rounds {
         Rounds { proof: Mutex::new(proof), topics, over: Mutex::new(false), end: Condvar::new() }
     }
 

@@ -5,6 +5,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use bagpipe_graph::Middleware;
+
 use crate::{Meter, Mode, Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
@@ -58,8 +60,8 @@ impl AnswerBy {
 /// A replay to be done.
 #[derive(Clone, Debug)]
 pub struct ReplayRequest {
-    /// The master, such as `http://127.0.0.1:11311`.
-    pub master_uri: String,
+    /// Whose graph it is played into.
+    pub middleware: Arc<dyn Middleware>,
     /// Which messages.
     pub window: Window,
     /// Recorded topics to play; empty: all of the bag.

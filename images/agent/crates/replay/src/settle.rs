@@ -4,8 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::SystemState;
-use bagpipe_ros1::audit::Audit;
+use bagpipe_graph::{Audit, SystemState};
 
 use crate::ReplayError;
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};
@@ -34,7 +33,7 @@ pub(crate) fn settle(
 ) -> Result<(), ReplayError> {
     let deadline = watch.now() + SETTLE;
     let node = discovery.node;
-    let mut audit = Audit::new(node.master().clone(), node.slave_uri(), ASK);
+    let mut audit = node.audit(ASK);
     let mut inner = Inner::default();
     let mut starting = Starting::below(at_rest_below);
     let mut last = SystemState::default();
@@ -51,7 +50,7 @@ pub(crate) fn settle(
                 && subscribed
                 && begun(&state, &discovery.expected)
                 && discovery.has_every_publisher(&state)
-                && inner.stand(&promised(&state, name), &mut audit, deadline, watch.time())
+                && inner.stand(&promised(&state, name), audit.as_mut(), deadline, watch.time())
             {
                 return Ok(());
             }
@@ -110,7 +109,7 @@ impl Inner {
     fn stand(
         &mut self,
         promised: &BTreeMap<String, BTreeSet<Link>>,
-        audit: &mut Audit,
+        audit: &mut dyn Audit,
         deadline: Instant,
         time: &Time,
     ) -> bool {

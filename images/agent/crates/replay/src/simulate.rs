@@ -9,12 +9,11 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use bagpipe_ros1::{Share, TopicInfo};
+use bagpipe_graph::{Outlet, Share, TopicInfo};
 use bagpipe_rosbag::Connection;
 
 use crate::ReplayError;
 use crate::answers::Answers;
-use crate::outlet::Outlet;
 use crate::play::{Pace, Player};
 use crate::recorder::Recorder;
 use crate::watch::Watch;
@@ -55,7 +54,7 @@ impl<'a> Turns<'a> {
     }
 
     /// Takes turns until the world ends.
-    pub(crate) fn play<O: Outlet>(
+    pub(crate) fn play<O: Outlet + ?Sized>(
         mut self,
         player: &mut Player<'_, O>,
         watch: &mut Watch<'_>,
@@ -81,7 +80,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    fn show<O: Outlet>(
+    fn show<O: Outlet + ?Sized>(
         &mut self,
         moment: &Moment,
         player: &mut Player<'_, O>,

@@ -4,13 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::{Node, Share};
+use bagpipe_graph::{Node, Outlet, Share};
 
 use crate::ReplayError;
 use crate::answers::Answers;
 use crate::lockstep::{Due, Lockstep};
 use crate::outcome::StepReport;
-use crate::outlet::Outlet;
 use crate::recorder::Recorder;
 use crate::watch::Watch;
 
@@ -19,7 +18,7 @@ const SWEEP: Duration = Duration::from_millis(100);
 
 /// The player's side of a lock-step play.
 pub(crate) struct Stepper<'a> {
-    node: &'a Node,
+    node: &'a dyn Node,
     lockstep: Lockstep,
     answers: Arc<Answers>,
     recorder: &'a Recorder,
@@ -29,7 +28,7 @@ pub(crate) struct Stepper<'a> {
 
 impl<'a> Stepper<'a> {
     pub(crate) fn new(
-        node: &'a Node,
+        node: &'a dyn Node,
         lockstep: Lockstep,
         answers: Arc<Answers>,
         recorder: &'a Recorder,
@@ -42,7 +41,7 @@ impl<'a> Stepper<'a> {
     /// has been set. roscpp sets it on another thread, which nobody can see from outside.
     pub(crate) fn settle_clock(
         &self,
-        topic: &impl Outlet,
+        topic: &(impl Outlet + ?Sized),
         frame: &[u8],
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
@@ -82,7 +81,7 @@ impl<'a> Stepper<'a> {
     pub(crate) fn complete(
         &mut self,
         (dues, released): (Vec<Due>, Instant),
-        topic: &impl Outlet,
+        topic: &(impl Outlet + ?Sized),
         watch: &mut Watch<'_>,
     ) -> Result<(), ReplayError> {
         let time = watch.time();
@@ -104,6 +103,6 @@ impl<'a> Stepper<'a> {
 }
 
 /// Waits until every subscriber has read everything from its socket.
-fn await_read(topic: &impl Outlet, watch: &mut Watch<'_>) -> Result<(), ReplayError> {
+fn await_read(topic: &(impl Outlet + ?Sized), watch: &mut Watch<'_>) -> Result<(), ReplayError> {
     topic.await_unread(0, &mut || watch.must_stop()).map_err(|error| watch.failed(error))
 }

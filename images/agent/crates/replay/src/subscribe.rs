@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::Publication;
+use bagpipe_graph::Publication;
 
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};
 use crate::names::resolved;
@@ -70,7 +70,7 @@ pub(crate) fn wait_for_stack(
 }
 
 /// What the request wants to wait for and is not there, in words.
-fn absent(topics: &[Arc<Publication>], request: &ReplayRequest) -> Vec<String> {
+fn absent(topics: &[Arc<dyn Publication>], request: &ReplayRequest) -> Vec<String> {
     let connected: Vec<(&str, BTreeSet<String>)> =
         topics.iter().map(|topic| (topic.info().topic.as_str(), open_subscribers(topic))).collect();
     let nodes = request.start.nodes.iter().map(|node| resolved(node));
@@ -107,7 +107,12 @@ impl Waiting {
         Waiting { required, any, links: 0, since: now }
     }
 
-    fn is_over(&mut self, topics: &[Arc<Publication>], now: Instant, deadline: Instant) -> bool {
+    fn is_over(
+        &mut self,
+        topics: &[Arc<dyn Publication>],
+        now: Instant,
+        deadline: Instant,
+    ) -> bool {
         if !self.any {
             return self.missing(topics).is_empty();
         }
@@ -119,7 +124,7 @@ impl Waiting {
     }
 
     /// The required topics that nobody subscribes to.
-    fn missing(&self, topics: &[Arc<Publication>]) -> Vec<String> {
+    fn missing(&self, topics: &[Arc<dyn Publication>]) -> Vec<String> {
         let required = self.required.iter().map(|at| &topics[*at]);
         let missing = required.filter(|publication| open_subscribers(publication).is_empty());
         missing.map(|publication| publication.info().topic.clone()).collect()

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::SendError;
+use bagpipe_graph::SendError;
 
 use crate::clock::BagClock;
 use crate::meter::{Seen, Tally};

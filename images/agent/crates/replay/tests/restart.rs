@@ -106,7 +106,7 @@ fn await_recorder(graph: &Graph) {
 
 fn record_request(graph: &Graph) -> RecordRequest {
     RecordRequest {
-        master_uri: graph.uri.clone(),
+        middleware: Arc::new(bagpipe_ros1::Ros1 { master_uri: graph.uri.clone() }),
         topics: vec!["/words".to_owned(), "/answer".to_owned()],
         exclude: None,
         node: None,

@@ -14,29 +14,14 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
+use bagpipe_graph::{Audit as Questions, GraphError, Received};
+
 use crate::master::Master;
 use crate::xmlrpc::Client;
 use crate::{RosError, Value};
 
-/// What a node says of one of its links.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Received {
-    /// Messages counted by the node: read from the socket (roscpp) or taken for the
-    /// callback (rospy).
-    pub messages: u64,
-    /// Messages that its queues threw away; `None` if the node does not count them.
-    pub drops: Option<u64>,
-}
-
-impl Received {
-    /// Messages that reached the callback, or a queue in front of it.
-    pub fn reached(&self) -> u64 {
-        self.messages.saturating_sub(self.drops.unwrap_or(0))
-    }
-}
-
 /// Asks the subscribers of one publisher.
-pub struct Audit {
+pub(crate) struct Audit {
     master: Master,
     publisher: String,
     deadline: Duration,
@@ -51,20 +36,29 @@ struct Asked {
 
 impl Audit {
     /// `publisher` is the slave URI of the publishing node.
-    pub fn new(master: Master, publisher: &str, deadline: Duration) -> Audit {
+    pub(crate) fn new(master: Master, publisher: &str, deadline: Duration) -> Audit {
         Audit { master, publisher: publisher.to_owned(), deadline, nodes: BTreeMap::new() }
     }
 
-    /// What `node` has received from the publisher, by topic. A topic of which it knows
-    /// nothing is absent.
-    ///
-    /// # Errors
-    /// The node is not registered, does not answer, or answers in another form.
-    pub fn ask(
+    fn asked(&mut self, node: &str) -> Result<&mut Asked, RosError> {
+        if !self.nodes.contains_key(node) {
+            let uri = self.master.lookup_node(node)?;
+            let client = Client::new(&uri, self.deadline)?;
+            self.nodes.insert(node.to_owned(), Asked { client, ours: BTreeMap::new() });
+        }
+        self.nodes.get_mut(node).ok_or_else(|| RosError::BadUri {
+            uri: node.to_owned(),
+            why: "the node is not known".to_owned(),
+        })
+    }
+}
+
+impl Questions for Audit {
+    fn ask(
         &mut self,
         node: &str,
         topics: &[String],
-    ) -> Result<BTreeMap<String, Received>, RosError> {
+    ) -> Result<BTreeMap<String, Received>, GraphError> {
         let caller = self.master.caller().to_owned();
         let publisher = self.publisher.clone();
         let asked = self.asked(node)?;
@@ -91,38 +85,18 @@ impl Audit {
         Ok(found)
     }
 
-    /// The process of a node, by its own word.
-    ///
-    /// # Errors
-    /// As [`Audit::ask`].
-    pub fn pid(&mut self, node: &str) -> Result<i32, RosError> {
+    fn pid(&mut self, node: &str) -> Result<i32, GraphError> {
         let caller = self.master.caller().to_owned();
         let client = &mut self.asked(node)?.client;
         let pid = client.call("getPid", &[caller.as_str().into()])?;
         let pid = pid.as_int().and_then(|pid| i32::try_from(pid).ok()).filter(|pid| *pid > 0);
-        pid.ok_or_else(|| client.bad_answer("getPid", "expected a process's number"))
+        Ok(pid.ok_or_else(|| client.bad_answer("getPid", "expected a process's number"))?)
     }
 
-    /// The connections that `node` publishes into, as pairs of topic and subscriber.
-    ///
-    /// # Errors
-    /// As [`Audit::ask`].
-    pub fn subscribers(&mut self, node: &str) -> Result<BTreeSet<(String, String)>, RosError> {
+    fn subscribers(&mut self, node: &str) -> Result<BTreeSet<(String, String)>, GraphError> {
         let caller = self.master.caller().to_owned();
         let info = self.asked(node)?.client.call("getBusInfo", &[caller.as_str().into()])?;
         Ok(outgoing(&info))
-    }
-
-    fn asked(&mut self, node: &str) -> Result<&mut Asked, RosError> {
-        if !self.nodes.contains_key(node) {
-            let uri = self.master.lookup_node(node)?;
-            let client = Client::new(&uri, self.deadline)?;
-            self.nodes.insert(node.to_owned(), Asked { client, ours: BTreeMap::new() });
-        }
-        self.nodes.get_mut(node).ok_or_else(|| RosError::BadUri {
-            uri: node.to_owned(),
-            why: "the node is not known".to_owned(),
-        })
     }
 }
 

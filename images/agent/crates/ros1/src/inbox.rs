@@ -10,44 +10,22 @@ use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use bagpipe_graph::{Incoming, Publisher, Sink};
 use rustix::event::{PollFd, PollFlags};
 
 use crate::RosError;
 use crate::frames::{Frame, Frames};
-use crate::header::ConnectionHeader;
 use crate::sockets::{Waker, lock, wait};
 
 /// What one connection may hand over before the next one has its turn, in bytes.
 const TURN: usize = 1 << 20;
-
-/// A received message.
-pub struct Incoming<'a> {
-    /// The topic, as subscribed.
-    pub topic: &'a str,
-    /// The publisher's connection header: type, md5sum, message_definition, callerid, latching.
-    pub header: &'a ConnectionHeader,
-    /// The connection, a number that is never used again.
-    pub link: u64,
-    /// The serialised message, without the length.
-    pub data: &'a [u8],
-}
-
-/// Takes messages in, on the inbox's thread.
-pub trait Sink: Send {
-    /// A whole message.
-    fn message(&mut self, incoming: Incoming<'_>);
-    /// A part of a message, of which more is to come.
-    fn part(&mut self) {}
-    /// A message longer than accepted was announced; its connection is closed.
-    fn too_large(&mut self, topic: &str, length: u64);
-}
 
 /// A connection that has shaken hands.
 pub(crate) struct InLink {
     pub(crate) id: u64,
     pub(crate) topic: Arc<str>,
     pub(crate) uri: String,
-    pub(crate) header: ConnectionHeader,
+    pub(crate) publisher: Publisher,
     pub(crate) stream: TcpStream,
     pub(crate) counts: Arc<Counts>,
 }
@@ -210,7 +188,7 @@ impl Stream {
 
     /// Hands whole messages to the sink; `false` if a message is larger than accepted.
     fn hand_over(&mut self, sink: &mut dyn Sink, max_message: usize) -> bool {
-        let InLink { topic, header, id, counts, .. } = &self.link;
+        let InLink { topic, publisher, id, counts, .. } = &self.link;
         loop {
             let data = match self.frames.next(max_message) {
                 Frame::Whole(data) => data,
@@ -224,7 +202,7 @@ impl Stream {
                     return false;
                 }
             };
-            sink.message(Incoming { topic, header, link: *id, data });
+            sink.message(Incoming { topic, publisher, link: *id, data });
             counts.messages.fetch_add(1, Ordering::Relaxed);
             counts.bytes.fetch_add(data.len() as u64, Ordering::Relaxed);
         }

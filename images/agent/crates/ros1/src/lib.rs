@@ -4,12 +4,14 @@
 //! [TCPROS] and the [connection header]. It is made for a player and a recorder that
 //! must be able to *prove* what they delivered:
 //!
-//! - a [`Publication`] never drops: it writes frames that its caller borrows (a TCPROS
+//! - a publication never drops: it writes frames that its caller borrows (a TCPROS
 //!   frame is `u32` little-endian length and body) and waits for the slowest subscriber,
 //!   up to a deadline;
 //! - a [`Node`]'s subscriptions deliver every frame to one sink on one thread; while the
 //!   sink is busy TCP holds the publishers back;
-//! - [`audit::Audit`] asks the subscribing nodes what they received, over `getBusStats`.
+//! - an audit asks the subscribing nodes what they received, over `getBusStats`.
+//!
+//! [`Ros1`] puts it behind the seam of `bagpipe-graph`, whose words it uses.
 //!
 //! It is not a general client library: no services, no UDPROS, no message classes.
 //! [`Pages`] is not ROS: a small web server over the HTTP of the slave API.
@@ -19,7 +21,8 @@
 //! [TCPROS]: https://wiki.ros.org/ROS/TCPROS
 //! [connection header]: https://wiki.ros.org/ROS/Connection%20Header
 
-pub mod audit;
+mod audit;
+mod clock;
 mod error;
 mod frames;
 #[cfg(feature = "fuzzing")]
@@ -30,23 +33,23 @@ mod http;
 mod inbox;
 mod listener;
 mod master;
+mod middleware;
 mod node;
 mod pages;
 mod peer_queue;
 mod publisher;
 mod slave;
 mod sockets;
+mod stamp;
 mod subscriber;
 mod value;
 mod xmlrpc;
 
 pub use error::RosError;
-pub use header::ConnectionHeader;
-pub use inbox::{Incoming, Sink};
-pub use master::{Master, SystemState};
-pub use node::{Node, NodeOptions};
+pub use master::Master;
+pub use middleware::Ros1;
+pub use node::Node;
 pub use pages::{Page, Pages};
-pub use publisher::{FarEnd, LinkState, Publication, SendError, Share, TopicInfo};
 pub use value::Value;
 
 /// The largest message accepted, in bytes. roscpp refuses anything above as well.

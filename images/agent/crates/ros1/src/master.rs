@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use bagpipe_graph::SystemState;
+
 use crate::xmlrpc::Client;
 use crate::{RosError, Value};
 
@@ -12,15 +14,6 @@ pub struct Master {
     client: Client,
     caller: String,
     deadline: Duration,
-}
-
-/// Who publishes and who subscribes: topic name to node names.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct SystemState {
-    /// Publishing nodes by topic.
-    pub publishers: BTreeMap<String, Vec<String>>,
-    /// Subscribing nodes by topic.
-    pub subscribers: BTreeMap<String, Vec<String>>,
 }
 
 impl Master {

@@ -8,11 +8,17 @@ use std::sync::{Arc, Condvar, Mutex, OnceLock};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+use bagpipe_graph::{
+    GraphError, Node as GraphNode, NodeOptions, Publication as Advertised, Seen, Sink, SystemState,
+    TopicInfo,
+};
+
+use crate::audit::Audit;
 use crate::header::ConnectionHeader;
-use crate::inbox::{Inbox, Sink};
+use crate::inbox::Inbox;
 use crate::listener::Listener;
-use crate::master::{Master, SystemState};
-use crate::publisher::{Publication, TopicInfo};
+use crate::master::Master;
+use crate::publisher::Publication;
 use crate::sockets::lock;
 use crate::subscriber::{self, ReadLink, Subscription};
 use crate::{RosError, hosts, http, slave};
@@ -22,21 +28,6 @@ const CONNECTORS: usize = 4;
 
 /// Connections that each of a node's ports serves at once.
 const MAX_SERVED: usize = 256;
-
-/// How a node is made.
-#[derive(Clone, Debug)]
-pub struct NodeOptions {
-    /// Its name, such as `/bagpipe_player_17`; unique in its graph.
-    pub name: String,
-    /// The master's URI.
-    pub master_uri: String,
-    /// The deadline of every call and handshake.
-    pub call_deadline: Duration,
-    /// How long a subscriber may take no byte before a send fails.
-    pub stall: Duration,
-    /// The largest message accepted from a publisher, in bytes; at most [`crate::MAX_MESSAGE`].
-    pub max_message: usize,
-}
 
 /// A node; dropping it takes its registrations back and ends its threads.
 pub struct Node {
@@ -72,8 +63,12 @@ impl Node {
     /// # Errors
     /// The master's URI is unusable or a socket or thread can't be had. The master itself
     /// is not called yet.
-    pub fn start(options: NodeOptions, sink: Box<dyn Sink>) -> Result<Node, RosError> {
-        let (host, port) = hosts::split_uri(&options.master_uri)?;
+    pub fn start(
+        master_uri: &str,
+        options: NodeOptions,
+        sink: Box<dyn Sink>,
+    ) -> Result<Node, RosError> {
+        let (host, port) = hosts::split_uri(master_uri)?;
         let ip = hosts::local_address_towards(host, port)?;
         let publications: Arc<Publications> = Arc::default();
         let data = Listener::start("tcpros", (ip, 0).into(), MAX_SERVED, {
@@ -83,7 +78,7 @@ impl Node {
         })?;
         let (connect, jobs) = channel();
         let graph = Arc::new(Graph {
-            master: Master::new(&options.master_uri, &options.name, options.call_deadline)?,
+            master: Master::new(master_uri, &options.name, options.call_deadline)?,
             name: options.name,
             data_address: data.address(),
             slave_uri: OnceLock::new(),
@@ -130,11 +125,6 @@ impl Node {
         Ok(())
     }
 
-    /// Its name in the graph.
-    pub fn name(&self) -> &str {
-        &self.graph.name
-    }
-
     /// Its master.
     pub fn master(&self) -> &Master {
         &self.graph.master
@@ -145,11 +135,37 @@ impl Node {
         self.graph.slave_uri()
     }
 
-    /// Advertises a topic: subscribers may connect from now on.
-    ///
-    /// # Errors
-    /// The master does not answer or refuses.
-    pub fn advertise(&self, info: TopicInfo) -> Result<Arc<Publication>, RosError> {
+    /// Registers again what the master's state lacks of ours, as that of a restarted master does.
+    /// Returns the number of registrations made.
+    fn register_missing(&self, state: &SystemState) -> Result<u64, RosError> {
+        let lacks = |nodes: Option<&Vec<String>>| {
+            nodes.is_none_or(|nodes| !nodes.contains(&self.graph.name))
+        };
+        let mut made = 0;
+        for publication in self.graph.publications() {
+            let info = publication.info();
+            if lacks(state.publishers.get(&info.topic)) {
+                self.master().register_publisher(&info.topic, &info.datatype, self.slave_uri())?;
+                made += 1;
+            }
+        }
+        for topic in self.graph.subscribed_topics() {
+            if lacks(state.subscribers.get(&topic)) {
+                let uris = self.master().register_subscriber(&topic, "*", self.slave_uri())?;
+                self.graph.update_publishers(&topic, uris);
+                made += 1;
+            }
+        }
+        Ok(made)
+    }
+}
+
+impl GraphNode for Node {
+    fn name(&self) -> &str {
+        &self.graph.name
+    }
+
+    fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Advertised>, GraphError> {
         let (topic, datatype) = (info.topic.clone(), info.datatype.clone());
         let publication = Arc::new(Publication::new(info, self.graph.stall));
         lock(&self.graph.publications).insert(topic.clone(), Arc::clone(&publication));
@@ -157,12 +173,7 @@ impl Node {
         Ok(publication)
     }
 
-    /// Subscribes to a topic of any type; publishers are connected to in the background.
-    /// Subscribing again changes nothing. Our own publications are never received.
-    ///
-    /// # Errors
-    /// The master does not answer or refuses.
-    pub fn subscribe(&self, topic: &str) -> Result<(), RosError> {
+    fn subscribe(&self, topic: &str) -> Result<(), GraphError> {
         let new = {
             let mut subscriptions = lock(&self.graph.subscriptions);
             let new = !subscriptions.contains_key(topic);
@@ -176,47 +187,33 @@ impl Node {
         Ok(())
     }
 
-    /// Registers again what the master's state lacks of ours, as that of a restarted master does.
-    /// Open connections are left as they are. Returns the number of registrations made.
-    ///
-    /// # Errors
-    /// The master does not answer or refuses; the rest is left for the next time.
-    pub fn register_missing(&self, state: &SystemState) -> Result<u64, RosError> {
-        let lacks = |nodes: Option<&Vec<String>>| {
-            nodes.is_none_or(|nodes| !nodes.contains(&self.graph.name))
-        };
-        let mut made = 0;
-        for publication in self.graph.publications() {
-            let info = publication.info();
-            if lacks(state.publishers.get(&info.topic)) {
-                self.master().register_publisher(&info.topic, &info.datatype, self.slave_uri())?;
-                made += 1;
-            }
-        }
-        for topic in self.subscribed_topics() {
-            if lacks(state.subscribers.get(&topic)) {
-                let uris = self.master().register_subscriber(&topic, "*", self.slave_uri())?;
-                self.graph.update_publishers(&topic, uris);
-                made += 1;
-            }
-        }
-        Ok(made)
+    fn look(&self) -> Result<Seen, GraphError> {
+        let state = self.master().get_system_state()?;
+        let again = self.register_missing(&state)?;
+        Ok(Seen { state, again })
     }
 
-    /// The topics subscribed to.
-    pub fn subscribed_topics(&self) -> Vec<String> {
+    fn restarted(&self, again: u64) -> String {
+        format!(
+            "the ROS master was restarted: {again} registrations were made again, and \
+             nodes that came before that were found late"
+        )
+    }
+
+    fn subscribed_topics(&self) -> Vec<String> {
         self.graph.subscribed_topics()
     }
 
-    /// Waits until everything that lies in our sockets now has been handed to the sink, at
-    /// most for `limit`.
-    pub fn sweep(&self, limit: Duration) {
+    fn publishers_of(&self, topic: &str) -> usize {
+        lock(&self.graph.subscriptions).get(topic).map_or(0, |s| s.connections())
+    }
+
+    fn sweep(&self, limit: Duration) {
         self.inbox.sweep(limit);
     }
 
-    /// How many publishers of a topic we read from.
-    pub fn publishers_of(&self, topic: &str) -> usize {
-        lock(&self.graph.subscriptions).get(topic).map_or(0, |s| s.connections())
+    fn audit(&self, deadline: Duration) -> Box<dyn bagpipe_graph::Audit> {
+        Box::new(Audit::new(self.master().clone(), self.slave_uri(), deadline))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Publishing over TCPROS without ever dropping a message.
 //!
 //! A frame is what TCPROS puts on the wire for a message: `u32` little-endian length and
-//! the serialised message. [`Publication::send`] writes the caller's own memory to every
+//! the serialised message. [`Outlet::send`] writes the caller's own memory to every
 //! subscriber's socket and waits for the slowest; nothing is copied and nothing is queued
 //! here, so what was sent is either in a socket or received.
 
@@ -10,6 +10,10 @@ use std::io::{ErrorKind, IoSlice, Write};
 use std::net::TcpStream;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+
+use bagpipe_graph::{
+    Cancelled, FarEnd, LinkState, Outlet, Publication as Advertised, SendError, Share, TopicInfo,
+};
 
 use crate::header::ConnectionHeader;
 use crate::peer_queue;
@@ -24,74 +28,6 @@ const YIELDS: u32 = 20;
 const NAP: Duration = Duration::from_micros(50);
 /// The longest wait between two looks at `cancelled`.
 const LOOK: Duration = Duration::from_millis(20);
-
-/// What a publisher says about its topic.
-#[derive(Clone, Debug, Default)]
-pub struct TopicInfo {
-    /// Resolved name, with its leading slash.
-    pub topic: String,
-    /// Message type, such as `sensor_msgs/JointState`.
-    pub datatype: String,
-    /// MD5 sum of the message definition, 32 hex digits.
-    pub md5sum: String,
-    /// Full text of the message definition.
-    pub definition: String,
-    /// Whether late subscribers get the last message.
-    pub latching: bool,
-}
-
-/// Which part of a case a message belongs to; the ledger counts them apart.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Share {
-    /// Warm-up before the window, and latched messages in force at its start.
-    LeadIn,
-    /// The window itself.
-    Counted,
-}
-
-/// Why a frame could not be sent.
-#[derive(Debug, PartialEq)]
-pub enum SendError {
-    /// A subscriber took no byte for the whole stall limit.
-    Stalled {
-        /// The subscribing node.
-        node: String,
-        /// The topic.
-        topic: String,
-        /// How long it took nothing.
-        waited: Duration,
-    },
-    /// `cancelled` returned true.
-    Cancelled,
-}
-
-/// One subscriber's connection, as seen from here.
-#[derive(Clone, Debug, PartialEq)]
-pub struct LinkState {
-    /// Distinguishes connections of the same node.
-    pub id: u64,
-    /// The subscriber's node name (its `callerid`).
-    pub node: String,
-    /// Lead-in messages written to its socket.
-    pub lead_in: u64,
-    /// Counted messages written to its socket.
-    pub counted: u64,
-    /// Bytes of the counted messages, without the length prefixes.
-    pub counted_bytes: u64,
-    /// Whether the connection still stands.
-    pub open: bool,
-}
-
-/// What the kernel knows of one subscriber's connection.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FarEnd {
-    /// The connection, as in [`LinkState`].
-    pub id: u64,
-    /// Bytes that the subscriber has not read, in our socket or in its own.
-    pub unread: u64,
-    /// The number of its socket, if it is on this machine.
-    pub inode: Option<u32>,
-}
 
 struct Link {
     state: LinkState,
@@ -120,124 +56,16 @@ impl Publication {
         Publication { info, stall, links: Mutex::default() }
     }
 
-    /// What was advertised.
-    pub fn info(&self) -> &TopicInfo {
-        &self.info
-    }
-
-    /// Writes frames, in order, to every open subscriber. A subscriber that has closed its
-    /// connection is marked and skipped.
-    ///
-    /// # Errors
-    /// [`SendError::Stalled`] when a subscriber takes no byte for the stall limit;
-    /// [`SendError::Cancelled`] when `cancelled`, asked at least every 20 ms while waiting,
-    /// says so. Either may leave part of a frame in a socket: the case is over then.
-    pub fn send(
-        &self,
-        share: Share,
-        frames: &[&[u8]],
-        cancelled: &mut dyn FnMut() -> bool,
-    ) -> Result<(), SendError> {
-        let mut links = lock(&self.links);
-        for link in links.all.iter_mut().filter(|link| link.state.open) {
-            self.send_to(link, share, frames, cancelled)?;
-        }
-        Ok(())
-    }
-
-    /// Keeps a frame as the last one of `publisher`, for subscribers yet to come.
-    pub fn latch(&self, publisher: &str, share: Share, frame: &[u8]) {
-        lock(&self.links).latched.insert(publisher.to_owned(), (share, frame.into()));
-    }
-
-    /// Every subscriber that ever connected, also those that have left.
-    pub fn subscribers(&self) -> Vec<LinkState> {
-        let mut links = lock(&self.links);
-        for link in links.all.iter_mut().filter(|link| link.state.open) {
-            link.state.open = !peer_has_closed(&link.stream);
-        }
-        links.all.iter().map(|link| link.state.clone()).collect()
-    }
-
-    /// Bytes in our sockets that the subscribers' kernels have not yet acknowledged.
-    pub fn unsent(&self) -> u64 {
-        let links = lock(&self.links);
-        let open = links.all.iter().filter(|link| link.state.open);
-        open.map(|link| unsent(&link.stream).unwrap_or(0)).sum()
-    }
-
     /// Bytes that the slowest subscriber has not read: in our sockets, or in its own where it is
     /// on this machine.
-    pub fn unread(&self) -> u64 {
+    fn unread(&self) -> u64 {
         let links = lock(&self.links);
         let open = links.all.iter().filter(|link| link.state.open);
         open.map(Link::unread).max().unwrap_or(0)
     }
 
-    /// The other end of every open connection.
-    pub fn far_ends(&self) -> Vec<FarEnd> {
-        let links = lock(&self.links);
-        links.all.iter().filter(|link| link.state.open).map(Link::far_end).collect()
-    }
-
-    /// Waits until every subscriber has read everything that was sent. For subscribers on
-    /// other machines: until their kernels have it.
-    ///
-    /// # Errors
-    /// As [`Publication::send`].
-    pub fn await_read(&self, cancelled: &mut dyn FnMut() -> bool) -> Result<(), SendError> {
-        self.await_unread(0, cancelled)
-    }
-
-    /// Waits until no more than `window` bytes of what was sent are unread.
-    ///
-    /// # Errors
-    /// As [`Publication::send`].
-    pub fn await_unread(
-        &self,
-        window: u64,
-        cancelled: &mut dyn FnMut() -> bool,
-    ) -> Result<(), SendError> {
-        let (mut before, mut progress, mut looks) = (u64::MAX, Instant::now(), 0);
-        loop {
-            let left = self.unread();
-            if left <= window {
-                return Ok(());
-            }
-            if left != before {
-                (before, progress) = (left, Instant::now());
-            }
-            let waited = progress.elapsed();
-            if waited >= self.stall {
-                // Whoever has left since has nothing more to read.
-                let links = self.subscribers();
-                let open = links.into_iter().find(|link| link.open);
-                let Some(LinkState { node, .. }) = open else { return Ok(()) };
-                return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
-            }
-            if cancelled() {
-                return Err(SendError::Cancelled);
-            }
-            looks += 1;
-            if looks < YIELDS {
-                std::thread::yield_now();
-            } else {
-                if looks % YIELDS == 0 {
-                    // Marks the connections that were closed with bytes in them.
-                    self.subscribers();
-                }
-                std::thread::sleep(NAP);
-            }
-        }
-    }
-
-    /// Subscribers that were refused, as sentences: they wanted another type.
-    pub fn refused(&self) -> Vec<String> {
-        lock(&self.links).refused.clone()
-    }
-
     /// Answers a subscriber's header and takes it in. The latched messages go out first,
-    /// under the same lock as [`Publication::send`], so that no message overtakes them.
+    /// under the same lock as [`Outlet::send`], so that no message overtakes them.
     pub(crate) fn welcome(
         &self,
         node_name: &str,
@@ -306,7 +134,7 @@ impl Publication {
         link: &mut Link,
         share: Share,
         frames: &[&[u8]],
-        cancelled: &mut dyn FnMut() -> bool,
+        cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
         let mut unsent = frames;
         let mut offset = 0;
@@ -336,8 +164,94 @@ impl Publication {
                 break;
             }
         }
-        link.state.count(share, &frames[..frames.len() - unsent.len()]);
+        count(&mut link.state, share, &frames[..frames.len() - unsent.len()]);
         Ok(())
+    }
+}
+
+impl Outlet for Publication {
+    fn topic(&self) -> &str {
+        &self.info.topic
+    }
+
+    fn latch(&self, publisher: &str, share: Share, frame: &[u8]) {
+        lock(&self.links).latched.insert(publisher.to_owned(), (share, frame.into()));
+    }
+
+    fn send(
+        &self,
+        share: Share,
+        frames: &[&[u8]],
+        cancelled: Cancelled<'_>,
+    ) -> Result<(), SendError> {
+        let mut links = lock(&self.links);
+        for link in links.all.iter_mut().filter(|link| link.state.open) {
+            self.send_to(link, share, frames, cancelled)?;
+        }
+        Ok(())
+    }
+
+    fn await_unread(&self, window: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        let (mut before, mut progress, mut looks) = (u64::MAX, Instant::now(), 0);
+        loop {
+            let left = self.unread();
+            if left <= window {
+                return Ok(());
+            }
+            if left != before {
+                (before, progress) = (left, Instant::now());
+            }
+            let waited = progress.elapsed();
+            if waited >= self.stall {
+                // Whoever has left since has nothing more to read.
+                let links = self.subscribers();
+                let open = links.into_iter().find(|link| link.open);
+                let Some(LinkState { node, .. }) = open else { return Ok(()) };
+                return Err(SendError::Stalled { node, topic: self.info.topic.clone(), waited });
+            }
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+            looks += 1;
+            if looks < YIELDS {
+                std::thread::yield_now();
+            } else {
+                if looks % YIELDS == 0 {
+                    // Marks the connections that were closed with bytes in them.
+                    self.subscribers();
+                }
+                std::thread::sleep(NAP);
+            }
+        }
+    }
+}
+
+impl Advertised for Publication {
+    fn info(&self) -> &TopicInfo {
+        &self.info
+    }
+
+    fn subscribers(&self) -> Vec<LinkState> {
+        let mut links = lock(&self.links);
+        for link in links.all.iter_mut().filter(|link| link.state.open) {
+            link.state.open = !peer_has_closed(&link.stream);
+        }
+        links.all.iter().map(|link| link.state.clone()).collect()
+    }
+
+    fn unsent(&self) -> u64 {
+        let links = lock(&self.links);
+        let open = links.all.iter().filter(|link| link.state.open);
+        open.map(|link| unsent(&link.stream).unwrap_or(0)).sum()
+    }
+
+    fn far_ends(&self) -> Vec<FarEnd> {
+        let links = lock(&self.links);
+        links.all.iter().filter(|link| link.state.open).map(Link::far_end).collect()
+    }
+
+    fn refused(&self) -> Vec<String> {
+        lock(&self.links).refused.clone()
     }
 }
 
@@ -356,16 +270,15 @@ impl Link {
     }
 }
 
-impl LinkState {
-    fn count(&mut self, share: Share, frames: &[&[u8]]) {
-        let messages = frames.len() as u64;
-        match share {
-            Share::LeadIn => self.lead_in += messages,
-            Share::Counted => {
-                self.counted += messages;
-                let bytes = frames.iter().map(|frame| frame.len() as u64 - 4);
-                self.counted_bytes += bytes.sum::<u64>();
-            }
+/// Takes in that these frames have been written.
+fn count(state: &mut LinkState, share: Share, frames: &[&[u8]]) {
+    let messages = frames.len() as u64;
+    match share {
+        Share::LeadIn => state.lead_in += messages,
+        Share::Counted => {
+            state.counted += messages;
+            let bytes = frames.iter().map(|frame| frame.len() as u64 - 4);
+            state.counted_bytes += bytes.sum::<u64>();
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The Slave API (<https://wiki.ros.org/ROS/Slave_API>): what a node answers to others.
 
+use bagpipe_graph::Publication as _;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use dxr::{Fault, FaultResponse, MethodCall, MethodResponse};

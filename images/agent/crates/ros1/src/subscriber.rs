@@ -7,12 +7,14 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
+use bagpipe_graph::Publisher;
+
 use crate::header::ConnectionHeader;
 use crate::hosts;
 use crate::inbox::{Counts, InLink};
 use crate::sockets::lock;
 use crate::xmlrpc::Client;
-use crate::{RosError, Value};
+use crate::{RosError, Value, stamp};
 
 /// Attempts to connect to one publisher; a node may register before it listens.
 pub(crate) const ATTEMPTS: u32 = 4;
@@ -96,7 +98,20 @@ pub(crate) fn connect(
     })?;
     let id = NEXT.fetch_add(1, Ordering::Relaxed);
     let (topic, uri, counts) = (Arc::clone(topic), uri.to_owned(), Arc::default());
-    Ok(InLink { id, topic, uri, header, stream, counts })
+    Ok(InLink { id, topic, uri, publisher: introduced(&header), stream, counts })
+}
+
+/// What a publisher says of itself in its header.
+fn introduced(header: &ConnectionHeader) -> Publisher {
+    let definition = header.text("message_definition").to_owned();
+    Publisher {
+        node: header.get("callerid").map(str::to_owned),
+        datatype: header.text("type").to_owned(),
+        md5sum: header.text("md5sum").to_owned(),
+        latching: header.latching(),
+        read_stamp: stamp::reader(&definition),
+        definition,
+    }
 }
 
 fn request_topic(

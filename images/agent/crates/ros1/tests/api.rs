@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bagpipe_ros1::audit::Audit;
-use bagpipe_ros1::{Incoming, Master, Node, NodeOptions, RosError, Share, Sink, TopicInfo, Value};
+use bagpipe_graph::{Incoming, Node as _, NodeOptions, Share, Sink, TopicInfo};
+use bagpipe_ros1::{Master, Node, RosError, Value};
 use graph::{Graph, wait_until};
 
 const TMP: &str = env!("CARGO_TARGET_TMPDIR");
@@ -24,9 +24,9 @@ struct Kept {
 
 impl Sink for Kept {
     fn message(&mut self, incoming: Incoming<'_>) {
-        let caller = incoming.header.text("callerid").to_owned();
-        assert_eq!(incoming.header.text("type"), "std_msgs/String");
-        assert!(incoming.header.text("message_definition").contains("string data"));
+        let caller = incoming.publisher.node.clone().unwrap();
+        assert_eq!(incoming.publisher.datatype, "std_msgs/String");
+        assert!(incoming.publisher.definition.contains("string data"));
         let message = (incoming.topic.to_owned(), caller, incoming.data.to_vec());
         self.messages.lock().unwrap().push(message);
     }
@@ -40,12 +40,11 @@ fn start_node(graph: &Graph, name: &str, max_message: usize) -> (Node, Kept) {
     let kept = Kept::default();
     let options = NodeOptions {
         name: name.to_owned(),
-        master_uri: graph.uri.clone(),
         call_deadline: Duration::from_secs(5),
         stall: Duration::from_secs(5),
         max_message,
     };
-    (Node::start(options, Box::new(kept.clone())).unwrap(), kept)
+    (Node::start(&graph.uri, options, Box::new(kept.clone())).unwrap(), kept)
 }
 
 fn chatter(latching: bool) -> TopicInfo {
@@ -122,7 +121,7 @@ fn rostopic_receives_our_messages_and_we_receive_its_messages() {
     let links = publication.subscribers();
     assert_eq!((links[0].lead_in, links[0].counted, links[0].counted_bytes), (2, 2, 18));
     assert!(!echo.lines().iter().any(|line| line.contains("older")));
-    let mut audit = Audit::new(node.master().clone(), node.slave_uri(), Duration::from_secs(5));
+    let mut audit = node.audit(Duration::from_secs(5));
     let topics = ["/chatter".to_owned()];
     let received = audit.ask(&links[0].node, &topics).unwrap()["/chatter"];
     assert_eq!((received.messages, received.drops), (4, None));

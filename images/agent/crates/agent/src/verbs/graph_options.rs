@@ -4,15 +4,18 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use bagpipe_graph::Middleware;
+use bagpipe_ros1::Ros1;
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-/// The master's URI, as given or as ROS gives it.
-pub fn master_uri(given: Option<&str>) -> Result<String, String> {
-    let uri = given.map(str::to_owned).or_else(|| std::env::var("ROS_MASTER_URI").ok());
-    uri.filter(|uri| !uri.is_empty()).ok_or_else(|| {
+/// The graph of the master whose URI is given, or that ROS gives.
+pub fn graph(master_uri: Option<&str>) -> Result<Arc<dyn Middleware>, String> {
+    let uri = master_uri.map(str::to_owned).or_else(|| std::env::var("ROS_MASTER_URI").ok());
+    let master_uri = uri.filter(|uri| !uri.is_empty()).ok_or_else(|| {
         "which ROS master? Set ROS_MASTER_URI, such as http://localhost:11311, or --master"
             .to_owned()
-    })
+    })?;
+    Ok(Arc::new(Ros1 { master_uri }))
 }
 
 /// A flag that Ctrl-C and SIGTERM raise.

@@ -16,7 +16,7 @@ use clap::Args;
 
 use crate::verbs::bagfile::{Memory, loss, write};
 use crate::verbs::delivery_table::table;
-use crate::verbs::graph_options::{interrupted, master_uri, positive, seconds};
+use crate::verbs::graph_options::{graph, interrupted, positive, seconds};
 use crate::verbs::record::of_part;
 
 /// What a case may take when nobody says how long: a month.
@@ -225,7 +225,7 @@ impl PlayOptions {
             (false, true) => Mode::Realtime,
         };
         Ok(ReplayRequest {
-            master_uri: master_uri(self.master.as_deref())?,
+            middleware: graph(self.master.as_deref())?,
             window: Window { lead_in_start: start, start, end: end.min(rest) },
             topics: self.topics.clone(),
             remap: self.names(bags),

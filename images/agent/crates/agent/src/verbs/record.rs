@@ -10,7 +10,7 @@ use clap::Args;
 
 use crate::size::bytes;
 use crate::verbs::bagfile::write;
-use crate::verbs::graph_options::{interrupted, master_uri, seconds};
+use crate::verbs::graph_options::{graph, interrupted, seconds};
 
 /// The options of `record`.
 #[derive(Debug, Args)]
@@ -54,7 +54,7 @@ const SPLIT: u64 = 1 << 30;
 /// Records, and reports how much.
 pub fn record(options: &RecordOptions) -> Result<(), String> {
     let request = RecordRequest {
-        master_uri: master_uri(options.master.as_deref())?,
+        middleware: graph(options.master.as_deref())?,
         topics: options.topics.clone(),
         exclude: options.exclude.clone(),
         node: options.node.clone(),

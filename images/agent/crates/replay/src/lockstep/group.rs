@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use crate::AnswerBy;
 use crate::outcome::StepReport;
-use crate::stamp::stamp;
 
 #[derive(Debug)]
 pub(super) struct Group {
@@ -38,13 +37,17 @@ impl Group {
         Group { answer, by, inputs: Vec::new(), skippable: true, due: None, report }
     }
 
-    /// Takes an input in; if it is one of the group's, its deadline, and up to where an answer
-    /// is due now, if one is.
-    pub(super) fn take(&mut self, topic: usize, data: &[u8]) -> Option<(Duration, Option<u64>)> {
+    /// Takes an input in, with its stamp if it has one; if it is one of the group's, its deadline,
+    /// and up to where an answer is due now, if one is.
+    pub(super) fn take(
+        &mut self,
+        topic: usize,
+        stamp: Option<u64>,
+    ) -> Option<(Duration, Option<u64>)> {
         let input = self.inputs.iter_mut().find(|input| input.topic == topic)?;
         let deadline = input.deadline;
         input.messages += 1;
-        match (self.by, stamp(data)) {
+        match (self.by, stamp) {
             (AnswerBy::Count, _) => input.reached = Some(input.reached.unwrap_or(0) + 1),
             // Too short for its own definition: its answer can't be identified.
             (AnswerBy::Stamp, None) => return Some((deadline, None)),

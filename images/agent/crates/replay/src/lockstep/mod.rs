@@ -19,13 +19,12 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::TopicInfo;
+use bagpipe_graph::{Middleware, ReadStamp, TopicInfo};
 
 use crate::answers::{Answers, ReceivedAnswers};
 use crate::names::resolved;
 use crate::outcome::StepReport;
 use crate::pairing::{Pairing, Span};
-use crate::stamp::{has_header, stamp};
 use crate::time::Time;
 use crate::{AnswerBy, Meter, ReplayError, Step};
 use group::{Group, Input};
@@ -36,7 +35,8 @@ pub(crate) struct Lockstep {
     groups: Vec<Group>,
     /// The latest stamp of each published topic whose messages have one.
     stamps: Vec<Option<u64>>,
-    stamped: Vec<bool>,
+    /// How to read it, by topic.
+    readers: Vec<Option<ReadStamp>>,
     meter: Arc<Meter>,
 }
 
@@ -62,10 +62,16 @@ impl Lockstep {
     ///
     /// # Errors
     /// A trigger is not played, or has no stamp to go by; steps of one answer disagree.
-    pub(crate) fn new(steps: &[Step], topics: &[TopicInfo]) -> Result<Lockstep, ReplayError> {
+    pub(crate) fn new(
+        steps: &[Step],
+        topics: &[TopicInfo],
+        middleware: &dyn Middleware,
+    ) -> Result<Lockstep, ReplayError> {
+        let reader = |info: &TopicInfo| middleware.read_stamp(&info.definition);
+        let readers: Vec<Option<ReadStamp>> = topics.iter().map(reader).collect();
         let mut groups: Vec<Group> = Vec::new();
         for step in steps {
-            let input = input(step, topics)?;
+            let input = input(step, topics, &readers)?;
             let answer = resolved(&step.answer);
             let found = groups.iter().position(|group| group.answer == answer);
             let at = found.unwrap_or_else(|| {
@@ -83,8 +89,7 @@ impl Lockstep {
             group.skippable &= input.optional;
             group.inputs.push(input);
         }
-        let stamped: Vec<bool> = topics.iter().map(|info| has_header(&info.definition)).collect();
-        Ok(Lockstep { groups, stamps: vec![None; stamped.len()], stamped, meter: Arc::default() })
+        Ok(Lockstep { groups, stamps: vec![None; readers.len()], readers, meter: Arc::default() })
     }
 
     /// Reports its waits to `meter` too.
@@ -116,14 +121,15 @@ impl Lockstep {
         now: Option<u64>,
         answers: &Answers,
     ) -> Vec<Due> {
-        if self.stamped.get(topic).is_some_and(|stamped| *stamped) {
-            self.stamps[topic] = stamp(data).or(self.stamps[topic]);
+        let stamp = self.readers.get(topic).copied().flatten().and_then(|read| read(data));
+        if stamp.is_some() {
+            self.stamps[topic] = stamp;
         }
         // A stack may stamp what it says with the time of anything that it knows of.
         let known = self.stamps.iter().copied().max().flatten().max(now);
         let mut dues = Vec::new();
         for (at, group) in self.groups.iter_mut().enumerate() {
-            let Some((deadline, reached)) = group.take(topic, data) else { continue };
+            let Some((deadline, reached)) = group.take(topic, stamp) else { continue };
             let Some(from) = reached else { continue };
             let target = match group.by {
                 AnswerBy::Count => {
@@ -225,7 +231,11 @@ impl Lockstep {
     }
 }
 
-fn input(step: &Step, topics: &[TopicInfo]) -> Result<Input, ReplayError> {
+fn input(
+    step: &Step,
+    topics: &[TopicInfo],
+    readers: &[Option<ReadStamp>],
+) -> Result<Input, ReplayError> {
     let trigger = resolved(&step.trigger);
     let Some(topic) = topics.iter().position(|info| info.topic == trigger) else {
         let names: Vec<&str> = topics.iter().map(|info| info.topic.as_str()).collect();
@@ -234,7 +244,7 @@ fn input(step: &Step, topics: &[TopicInfo]) -> Result<Input, ReplayError> {
             if names.is_empty() { "nothing".to_owned() } else { names.join(", ") }
         )));
     };
-    if step.by == AnswerBy::Stamp && !has_header(&topics[topic].definition) {
+    if step.by == AnswerBy::Stamp && readers[topic].is_none() {
         return Err(no_stamp("trigger", &trigger));
     }
     Ok(Input {
@@ -278,6 +288,10 @@ mod tests {
         ]
     }
 
+    fn ros1() -> bagpipe_ros1::Ros1 {
+        bagpipe_ros1::Ros1 { master_uri: String::new() }
+    }
+
     fn step(trigger: &str, by: AnswerBy, optional: bool) -> Step {
         let (trigger, answer) = (trigger.to_owned(), "/out".to_owned());
         Step { trigger, answer, deadline: Duration::ZERO, by, optional }
@@ -289,7 +303,7 @@ mod tests {
 
     /// What each message of (topic, second) makes due.
     fn dues(steps: &[Step], messages: &[(usize, u32)]) -> Vec<Option<Target>> {
-        let mut lockstep = Lockstep::new(steps, &topics()).unwrap();
+        let mut lockstep = Lockstep::new(steps, &topics(), &ros1()).unwrap();
         let answers = Answers::new(lockstep.awaited());
         let one = |(topic, second): &(usize, u32)| {
             lockstep.release(*topic, &at(*second), None, &answers).first().map(|due| due.target)
@@ -348,7 +362,7 @@ mod tests {
     #[test]
     fn a_step_reports_the_answers_that_belong_to_no_input() {
         let steps = [step("/left", AnswerBy::Stamp, false)];
-        let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+        let mut lockstep = Lockstep::new(&steps, &topics(), &ros1()).unwrap();
         let answers = Answers::new(lockstep.awaited());
         for (input, stamp) in [(5, Some(4_000_000_000)), (6, None), (7, Some(7))] {
             let due = lockstep.release(0, &at(input), None, &answers)[0];
@@ -383,7 +397,7 @@ mod tests {
     #[test]
     fn a_late_answer_by_stamp_answers_nothing_that_follows_also_where_its_stamp_could() {
         let steps = [step("/left", AnswerBy::Stamp, false)];
-        let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+        let mut lockstep = Lockstep::new(&steps, &topics(), &ros1()).unwrap();
         let answers = Answers::new(lockstep.awaited());
         let mut turn = |input, stamps: &[u64]| answered(&mut lockstep, &answers, input, stamps);
         assert!(!turn((5, 5), &[]));
@@ -404,7 +418,7 @@ mod tests {
     fn only_a_topic_of_which_every_message_was_answered_was_called_back() {
         let answered = |messages: &[u32], counts: &[u32], by: AnswerBy| {
             let steps = [step("/left", by, false)];
-            let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+            let mut lockstep = Lockstep::new(&steps, &topics(), &ros1()).unwrap();
             let answers = Answers::new(lockstep.awaited());
             for (input, count) in messages.iter().zip(counts) {
                 let due = lockstep.release(0, &at(*input), None, &answers)[0];
@@ -428,7 +442,7 @@ mod tests {
     #[test]
     fn an_answer_may_carry_simulated_time() {
         let steps = [step("/left", AnswerBy::Stamp, false)];
-        let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+        let mut lockstep = Lockstep::new(&steps, &topics(), &ros1()).unwrap();
         let answers = Answers::new(lockstep.awaited());
         let due = lockstep.release(0, &at(5), Some(6 * SECOND), &answers)[0];
         assert_eq!(due.target, Target::Stamp(Span { from: 5 * SECOND, to: 6 * SECOND }));
@@ -446,7 +460,8 @@ mod tests {
 
     #[test]
     fn steps_that_make_no_sense_are_refused_with_a_sentence() {
-        let refuse = |steps: &[Step]| Lockstep::new(steps, &topics()).unwrap_err().to_string();
+        let refuse =
+            |steps: &[Step]| Lockstep::new(steps, &topics(), &ros1()).unwrap_err().to_string();
         let absent = refuse(&[step("/nowhere", AnswerBy::Count, false)]);
         assert_eq!(
             absent,
@@ -461,7 +476,7 @@ mod tests {
     fn an_answer_that_does_not_come_is_counted_and_no_error() {
         for (optional, no_output, skipped) in [(false, 1, 0), (true, 0, 1)] {
             let steps = [step("/x", AnswerBy::Count, optional)];
-            let mut lockstep = Lockstep::new(&steps, &topics()).unwrap();
+            let mut lockstep = Lockstep::new(&steps, &topics(), &ros1()).unwrap();
             let answers = Answers::new(lockstep.awaited());
             let due = lockstep.release(2, &[1], None, &answers)[0];
             lockstep.wait(due, Instant::now(), &answers, &Time::Machine, || Ok(())).unwrap();

@@ -51,7 +51,7 @@ fn the_case_s_deadline_holds_between_two_messages_that_are_far_apart() {
         watch.enter(Stage::Play);
         let schedule = player.schedule(0, watch.now());
         player
-            .play(plan.counted.clone(), schedule, bagpipe_ros1::Share::Counted, watch)
+            .play(plan.counted.clone(), schedule, bagpipe_graph::Share::Counted, watch)
             .unwrap_err()
     });
     assert_eq!(error.reason(), "CaseDeadlineExceeded");
@@ -132,7 +132,7 @@ fn progress_is_reported_when_a_stage_begins_and_every_half_second() {
     rehearsal.play(&bag_of_times(&[0, 250, 700, 1_300, 1_400]), |player, plan, watch| {
         watch.enter(Stage::Play);
         let schedule = player.schedule(0, watch.now());
-        player.play(plan.counted.clone(), schedule, bagpipe_ros1::Share::Counted, watch).unwrap();
+        player.play(plan.counted.clone(), schedule, bagpipe_graph::Share::Counted, watch).unwrap();
         watch.enter(Stage::Drain);
         watch.sleep(ms(600)).unwrap();
     });

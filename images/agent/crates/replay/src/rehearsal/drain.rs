@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use bagpipe_ros1::Node;
-use bagpipe_ros1::audit::Audit;
+use bagpipe_graph::Node;
 
 use super::realtime::bag_of_times;
 use super::{ByHand, MS, Mode, Rehearsal, ms, request, window};
@@ -25,7 +24,7 @@ impl Rehearsal {
     /// ended.
     fn listen(&self, seen: impl Fn(Duration) -> Rest) -> Result<Duration, ReplayError> {
         let node = self.node();
-        let drain = self.drain(&node);
+        let drain = self.drain(&*node);
         self.play(&bag_of_times(&[1_000]), |player, _, watch| {
             watch.enter(Stage::Drain);
             let look = |_| seen(self.by_hand.passed());
@@ -34,7 +33,7 @@ impl Rehearsal {
         Ok(self.by_hand.passed())
     }
 
-    fn drain<'a>(&'a self, node: &'a Node) -> Drain<'a> {
+    fn drain<'a>(&'a self, node: &'a dyn Node) -> Drain<'a> {
         let since = self.by_hand.moment(ms(0));
         Drain { node, request: &self.request, recorder: &self.recorder, since }
     }
@@ -108,7 +107,7 @@ fn each_look_is_given_whether_something_was_received_since_the_last() {
     let rehearsal = rehearsal();
     rehearsal.says(ms(120), "/answer");
     let node = rehearsal.node();
-    let drain = rehearsal.drain(&node);
+    let drain = rehearsal.drain(&*node);
     let mut looks = Vec::new();
     rehearsal.play(&bag_of_times(&[1_000]), |player, _, watch| {
         let look = |received| {
@@ -145,11 +144,11 @@ fn without_a_subscriber_all_is_proved_at_the_second_question() {
     let node = rehearsal.node();
     let plan = Plan::of_topics(Vec::new());
     let (clock, request) = (&rehearsal.clock, &rehearsal.request);
-    let mut player = Player::advertise(&node, &plan, clock, request, None).unwrap();
-    let audit = Audit::new(node.master().clone(), node.slave_uri(), ms(1));
+    let mut player = Player::advertise(&*node, &plan, clock, request, None).unwrap();
+    let audit = node.audit(ms(1));
     let mut proof = Proof::new(audit);
     let mut processes = Processes::meet(Default::default());
-    let drain = rehearsal.drain(&node);
+    let drain = rehearsal.drain(&*node);
     rehearsal.watched(|watch| {
         drain.prove(&mut proof, &mut player, watch).unwrap();
         assert_eq!(by_hand.passed(), ms(10));

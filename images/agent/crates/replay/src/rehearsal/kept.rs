@@ -3,10 +3,9 @@
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bagpipe_ros1::{SendError, Share};
+use bagpipe_graph::{Cancelled, Outlet, SendError, Share};
 
 use crate::clock::BagClock;
-use crate::outlet::{Cancelled, Outlet};
 use crate::time::ByHand;
 
 /// A message that went out.

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use bagpipe_ros1::Share;
+use bagpipe_graph::Share;
 
 use super::realtime::bag_of_times;
-use super::{AnswerBy, ByHand, MS, Mode, Rehearsal, ms, request, say, step, window};
+use super::{AnswerBy, ByHand, MS, Mode, Rehearsal, graph_of, ms, request, say, step, window};
 use crate::answers::Answers;
 use crate::lockstep::Lockstep;
 use crate::outcome::StepReport;
@@ -102,8 +102,13 @@ fn the_case_s_deadline_holds_while_an_answer_is_awaited() {
 fn a_wait_is_metered_to_the_nanosecond() {
     let by_hand = ByHand::new();
     let meter = Arc::new(Meter::default());
-    let topic = bagpipe_ros1::TopicInfo { topic: "/a".to_owned(), ..Default::default() };
-    let lockstep = Lockstep::new(&[step(AnswerBy::Count, ms(40))], &[topic]).unwrap();
+    let topic = bagpipe_graph::TopicInfo { topic: "/a".to_owned(), ..Default::default() };
+    let lockstep = Lockstep::new(
+        &[step(AnswerBy::Count, ms(40))],
+        &[topic],
+        &*graph_of("http://127.0.0.1:9/"),
+    )
+    .unwrap();
     let mut lockstep = lockstep.metered(&meter);
     let answers = Arc::new(Answers::new(lockstep.awaited()));
     for answered in [true, false] {
@@ -148,7 +153,7 @@ fn a_simulated_play_takes_what_the_world_and_the_answers_take() {
     rehearsal.answers_after([Some(20), None, Some(30)]);
     let (answers, recorder) = (&rehearsal.answers, &rehearsal.recorder);
     let mut world = Thinker(Arc::clone(&by_hand), 0);
-    let topics = [bagpipe_ros1::TopicInfo { topic: "/a".to_owned(), ..Default::default() }];
+    let topics = [bagpipe_graph::TopicInfo { topic: "/a".to_owned(), ..Default::default() }];
     let pace = rehearsal.play(&bag_of_times(&[0]), |player: &mut Player<'_, _>, _, watch| {
         Turns::new(&mut world, answers, recorder, &topics).play(player, watch).unwrap()
     });

@@ -16,7 +16,8 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
-use bagpipe_ros1::{ConnectionHeader, Incoming, Node, Sink};
+use bagpipe_graph::{Incoming, Middleware, Node, Publisher, Sink};
+use bagpipe_ros1::Ros1;
 use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 use crate::answers::Answers;
@@ -27,12 +28,12 @@ use crate::plan::Plan;
 use crate::play::Player;
 use crate::recorder::{Recorder, Room};
 use crate::replay::node_options;
-use crate::rostime::clock_topic;
 use crate::step::Stepper;
 use crate::time::ByHand;
 use crate::watch::Watch;
 use crate::{
-    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayRequest, StartWhen, Step, Window,
+    AnswerBy, CLOCK_RATE, Cancellation, Mode, Progress, ReplayError, ReplayRequest, StartWhen,
+    Step, Window,
 };
 use kept::{Kept, Log};
 
@@ -47,10 +48,15 @@ const fn window(start: u64, end: u64) -> Window {
     Window { lead_in_start: start * MS, start: start * MS, end: end * MS }
 }
 
+/// The graph of a master.
+fn graph_of(master_uri: &str) -> Arc<dyn Middleware> {
+    Arc::new(Ros1 { master_uri: master_uri.to_owned() })
+}
+
 /// A request in realtime for a window. Nobody answers as its master.
 fn request(by_hand: &ByHand, window: Window) -> ReplayRequest {
     ReplayRequest {
-        master_uri: "http://127.0.0.1:9/".to_owned(),
+        middleware: graph_of("http://127.0.0.1:9/"),
         window,
         topics: vec!["/a".to_owned(), "/b".to_owned()],
         remap: BTreeMap::new(),
@@ -133,19 +139,24 @@ impl Rehearsal {
         let plan = Plan::new(std::slice::from_ref(bag), &self.request).unwrap();
         let node = self.node();
         let stepper = (self.request.mode == Mode::Lockstep).then(|| {
-            let lockstep = Lockstep::new(&self.request.steps, &plan.topics).unwrap();
-            Stepper::new(&node, lockstep, Arc::clone(&self.answers), &self.recorder)
+            let lockstep = self.lockstep(&plan).unwrap();
+            Stepper::new(&*node, lockstep, Arc::clone(&self.answers), &self.recorder)
         });
         let outlets = plan.topics.iter().map(|info| self.log.outlet(&info.topic)).collect();
-        let clock = self.request.use_sim_time.then(|| self.log.outlet(&clock_topic().topic));
+        let clock = self.request.use_sim_time.then(|| self.log.outlet("/clock"));
         let outlets = (outlets, clock);
         let mut player = Player::new(&plan, &self.clock, &self.request, stepper, outlets);
         self.watched(|watch| act(&mut player, &plan, watch))
     }
 
     /// A node that has called nobody yet.
-    fn node(&self) -> Node {
-        Node::start(node_options(&self.request), Box::new(self.recorder.clone())).unwrap()
+    fn node(&self) -> Box<dyn Node> {
+        let sink = Box::new(self.recorder.clone());
+        self.request.middleware.join(node_options(&self.request), sink).unwrap()
+    }
+
+    fn lockstep(&self, plan: &Plan<'_>) -> Result<Lockstep, ReplayError> {
+        Lockstep::new(&self.request.steps, &plan.topics, &*self.request.middleware)
     }
 
     /// After so much time the stack says something.
@@ -163,6 +174,6 @@ impl Rehearsal {
 
 /// The stack says something now.
 fn say(recorder: &Recorder, topic: &str) {
-    let header = &ConnectionHeader::default();
-    recorder.clone().message(Incoming { topic, header, link: 1, data: &[0; 4] });
+    let publisher = &Publisher::default();
+    recorder.clone().message(Incoming { topic, publisher, link: 1, data: &[0; 4] });
 }

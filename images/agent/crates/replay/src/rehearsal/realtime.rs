@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use bagpipe_ros1::Share;
+use bagpipe_graph::Share;
 use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 use super::bags::{bag_of_words, words};

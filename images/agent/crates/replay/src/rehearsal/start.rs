@@ -3,12 +3,11 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use bagpipe_ros1::TopicInfo;
+use bagpipe_graph::TopicInfo;
 
 use super::master::LonelyMaster;
-use super::{ByHand, Rehearsal, ReplayRequest, ms, request, window};
+use super::{ByHand, Rehearsal, ReplayRequest, graph_of, ms, request, window};
 use crate::discovery::Discovery;
-use crate::lockstep::Lockstep;
 use crate::plan::Plan;
 use crate::play::Player;
 use crate::subscribe::wait_for_stack;
@@ -24,7 +23,7 @@ fn wait(
     let by_hand = ByHand::new();
     let mut request = request(&by_hand, window(0, 1));
     if let Some(master) = master {
-        request.master_uri.clone_from(&master.uri);
+        request.middleware = graph_of(&master.uri);
     }
     alter(&mut request, &by_hand);
     let rehearsal = Rehearsal::new(&by_hand, request);
@@ -33,10 +32,10 @@ fn wait(
     let plan = Plan::of_topics(topics.iter().map(info).collect());
     let ended = rehearsal.watched(|watch| {
         watch.enter(Stage::Subscribe);
-        let mut discovery = Discovery::start(&node, &[], watch.time())?;
-        let lockstep = Lockstep::new(&request.steps, &plan.topics)?;
+        let mut discovery = Discovery::start(&*node, &[], watch.time())?;
+        let lockstep = rehearsal.lockstep(&plan)?;
         discovery.listen_for(&lockstep, &rehearsal.recorder)?;
-        let mut player = Player::advertise(&node, &plan, clock, request, None)?;
+        let mut player = Player::advertise(&*node, &plan, clock, request, None)?;
         wait_for_stack(&discovery, &mut player, request, watch)
     });
     (ended, by_hand.passed())

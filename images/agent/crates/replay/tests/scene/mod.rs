@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use bagpipe_replay::{
     CLOCK_RATE, Mode, Progress, ReplayError, ReplayRequest, Replayed, StartWhen, Window, replay,
 };
+use bagpipe_ros1::Ros1;
 use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 #[allow(unused_imports)] // each test file uses its own part
@@ -37,7 +38,7 @@ pub fn pr2() -> Bag<MemoryChunkedFile> {
 pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
     let (first, last) = bag.time_range().unwrap_or((0, 0));
     ReplayRequest {
-        master_uri: master.to_owned(),
+        middleware: Arc::new(Ros1 { master_uri: master.to_owned() }),
         window: Window { lead_in_start: first, start: first, end: last + 1 },
         topics: Vec::new(),
         remap: BTreeMap::new(),

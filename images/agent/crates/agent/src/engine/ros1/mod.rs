@@ -18,6 +18,7 @@ use bagpipe_replay::{
     AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, Stage,
     StartWhen, Step, Window, replay, simulate,
 };
+use bagpipe_ros1::Ros1;
 use bagpipe_rosbag::{Bag, ChunkedFile};
 use bagpipe_wire::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 
@@ -164,7 +165,7 @@ impl Runner<'_> {
         let Case { window, topics, stack, playback, record, deadlines, .. } = self.case;
         let case::Window { lead_in_start, start, end } = *window;
         ReplayRequest {
-            master_uri: self.master_uri.to_owned(),
+            middleware: Arc::new(Ros1 { master_uri: self.master_uri.to_owned() }),
             window: Window { lead_in_start, start, end },
             topics: topics.clone(),
             remap: stack.remap.clone(),

@@ -4,8 +4,8 @@
 use std::cell::RefCell;
 use std::time::Instant;
 
+use bagpipe_graph::TopicInfo;
 use bagpipe_replay::{Cancellation, LatestMessage, Moment, ReplayError, World};
-use bagpipe_ros1::TopicInfo;
 use bagpipe_wire::{Duplex, End, FrameType, MAX_PAYLOAD, PipeError, from_map};
 use rmpv::Value;
 

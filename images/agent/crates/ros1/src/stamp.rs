@@ -1,7 +1,14 @@
 //! The stamp of messages that begin with a std_msgs/Header.
 
+use bagpipe_graph::ReadStamp;
+
+/// How to read the stamps of messages of this definition; `None` if they have none.
+pub(crate) fn reader(definition: &str) -> Option<ReadStamp> {
+    has_header(definition).then_some(stamp as ReadStamp)
+}
+
 /// Whether messages of this definition begin with a header: its first field is one.
-pub(crate) fn has_header(definition: &str) -> bool {
+fn has_header(definition: &str) -> bool {
     let fields = definition.lines().map(|line| line.split('#').next().unwrap_or(line).trim());
     let first = fields.take_while(|line| !line.starts_with("===")).find(|line| {
         // A constant takes no byte of the message.
@@ -13,7 +20,7 @@ pub(crate) fn has_header(definition: &str) -> bool {
 
 /// The stamp of a message that begins with a header, in nanoseconds. The header is `u32
 /// seq`, `u32 seconds`, `u32 nanoseconds`, `string frame_id`.
-pub(crate) fn stamp(data: &[u8]) -> Option<u64> {
+fn stamp(data: &[u8]) -> Option<u64> {
     let number = |at: usize| {
         let bytes = data.get(at..)?.first_chunk::<4>()?;
         Some(u64::from(u32::from_le_bytes(*bytes)))

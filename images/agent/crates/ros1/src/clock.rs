@@ -1,6 +1,6 @@
-//! ROS times on the wire, and the topic /clock.
+//! The topic /clock.
 
-use bagpipe_ros1::TopicInfo;
+use bagpipe_graph::TopicInfo;
 
 /// The type of /clock as ROS 1 ships it (rosgraph_msgs 1.11).
 pub(crate) fn clock_topic() -> TopicInfo {

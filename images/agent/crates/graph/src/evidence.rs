@@ -1,0 +1,49 @@
+//! What the subscribers say that they received.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::GraphError;
+
+/// What a node says of one of its links.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Received {
+    /// Messages counted by the node: read from the socket, or taken for the callback where it
+    /// does not count drops.
+    pub messages: u64,
+    /// Messages that its queues threw away; `None` if the node does not count them.
+    pub drops: Option<u64>,
+}
+
+impl Received {
+    /// Messages that reached the callback, or a queue in front of it.
+    pub fn reached(&self) -> u64 {
+        self.messages.saturating_sub(self.drops.unwrap_or(0))
+    }
+}
+
+/// Asks nodes, each within the deadline that it was made with. Figures may vanish with a link:
+/// ask while the connections stand.
+pub trait Audit: Send {
+    /// What `node` has received from us on these topics. A topic of which it knows nothing is
+    /// absent.
+    ///
+    /// # Errors
+    /// The node is not known, does not answer, or refuses.
+    fn ask(
+        &mut self,
+        node: &str,
+        topics: &[String],
+    ) -> Result<BTreeMap<String, Received>, GraphError>;
+
+    /// The process that a node runs in.
+    ///
+    /// # Errors
+    /// As [`Audit::ask`].
+    fn pid(&mut self, node: &str) -> Result<i32, GraphError>;
+
+    /// Topic and subscriber of each connection that a node sends over.
+    ///
+    /// # Errors
+    /// As [`Audit::ask`].
+    fn subscribers(&mut self, node: &str) -> Result<BTreeSet<(String, String)>, GraphError>;
+}

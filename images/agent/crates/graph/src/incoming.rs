@@ -1,0 +1,42 @@
+//! What is received, and who takes it in.
+
+use crate::ReadStamp;
+
+/// The publisher at the other end of a connection, as it introduced itself.
+#[derive(Clone, Debug, Default)]
+pub struct Publisher {
+    /// The node's name; `None` if it did not say.
+    pub node: Option<String>,
+    /// Message type, such as `sensor_msgs/JointState`.
+    pub datatype: String,
+    /// MD5 sum of the message definition, 32 hex digits.
+    pub md5sum: String,
+    /// Full text of the message definition.
+    pub definition: String,
+    /// Whether late subscribers get its last message.
+    pub latching: bool,
+    /// How to read the stamps of its messages; `None` if they have none.
+    pub read_stamp: Option<ReadStamp>,
+}
+
+/// A received message.
+pub struct Incoming<'a> {
+    /// The topic, as subscribed.
+    pub topic: &'a str,
+    /// Who sent it.
+    pub publisher: &'a Publisher,
+    /// The connection, a number that is never used again.
+    pub link: u64,
+    /// The serialised message, without the length.
+    pub data: &'a [u8],
+}
+
+/// Takes messages in, one after the other. While it works, publishers wait.
+pub trait Sink: Send {
+    /// A whole message.
+    fn message(&mut self, incoming: Incoming<'_>);
+    /// A part of a message, of which more is to come.
+    fn part(&mut self) {}
+    /// A message longer than accepted was announced; its connection is closed.
+    fn too_large(&mut self, topic: &str, length: u64);
+}

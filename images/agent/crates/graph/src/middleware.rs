@@ -1,0 +1,103 @@
+//! A middleware, and our node in its graph.
+
+use std::collections::BTreeMap;
+use std::fmt::Debug;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crate::{Audit, GraphError, Publication, Sink, TopicInfo};
+
+/// Reads the stamp of a serialised message, in nanoseconds; `None` if the message is too short.
+pub type ReadStamp = fn(&[u8]) -> Option<u64>;
+
+/// One graph of a middleware, and how its messages are written.
+pub trait Middleware: Debug + Send + Sync {
+    /// Makes a node whose received messages go to `sink`. The graph need not be there yet.
+    ///
+    /// # Errors
+    /// The graph's address is unusable, or a socket or thread can't be had.
+    fn join(&self, options: NodeOptions, sink: Box<dyn Sink>) -> Result<Box<dyn Node>, GraphError>;
+
+    /// How to read the stamps of messages of this definition; `None` if they have none.
+    fn read_stamp(&self, definition: &str) -> Option<ReadStamp>;
+
+    /// The topic of simulated time.
+    fn clock_topic(&self) -> TopicInfo;
+
+    /// The frame of a simulated time in nanoseconds.
+    fn clock_frame(&self, nanoseconds: u64) -> Vec<u8>;
+}
+
+/// How a node is made.
+#[derive(Clone, Debug)]
+pub struct NodeOptions {
+    /// Its name, such as `/bagpipe_player_17`; unique in its graph.
+    pub name: String,
+    /// The deadline of every call and handshake.
+    pub call_deadline: Duration,
+    /// How long a subscriber may take no byte before a send fails.
+    pub stall: Duration,
+    /// The largest message accepted from a publisher, in bytes; the middleware may have a lower
+    /// limit of its own.
+    pub max_message: usize,
+}
+
+/// Our node; dropping it takes it out of the graph and ends its threads.
+pub trait Node: Send + Sync {
+    /// Its name in the graph.
+    fn name(&self) -> &str;
+
+    /// Advertises a topic: subscribers may connect from now on.
+    ///
+    /// # Errors
+    /// The graph does not answer or refuses.
+    fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Publication>, GraphError>;
+
+    /// Subscribes to a topic of any type; publishers are connected to in the background.
+    /// Subscribing again changes nothing. Our own publications are never received.
+    ///
+    /// # Errors
+    /// The graph does not answer or refuses.
+    fn subscribe(&self, topic: &str) -> Result<(), GraphError>;
+
+    /// Looks who publishes and subscribes now, and registers again what the graph has lost of
+    /// ours. Open connections are left as they are.
+    ///
+    /// # Errors
+    /// The graph does not answer or refuses; the rest is left for the next time.
+    fn look(&self) -> Result<Seen, GraphError>;
+
+    /// What to tell a user whose graph lost so many of our registrations.
+    fn restarted(&self, again: u64) -> String;
+
+    /// The topics subscribed to.
+    fn subscribed_topics(&self) -> Vec<String>;
+
+    /// How many publishers of a topic we read from.
+    fn publishers_of(&self, topic: &str) -> usize;
+
+    /// Waits until everything that has reached us by now has been handed to the sink, at most
+    /// for `limit`.
+    fn sweep(&self, limit: Duration);
+
+    /// Questions to our subscribers, each answered within `deadline`.
+    fn audit(&self, deadline: Duration) -> Box<dyn Audit>;
+}
+
+/// The graph at a moment.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    /// Who publishes and subscribes.
+    pub state: SystemState,
+    /// Registrations of ours that had been lost and were made again.
+    pub again: u64,
+}
+
+/// Who publishes and who subscribes.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SystemState {
+    /// Publishing nodes by topic.
+    pub publishers: BTreeMap<String, Vec<String>>,
+    /// Subscribing nodes by topic.
+    pub subscribers: BTreeMap<String, Vec<String>>,
+}
