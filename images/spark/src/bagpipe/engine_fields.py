@@ -109,8 +109,13 @@ def _folders() -> Iterator[tuple[str, str]]:
 
 
 def _written(spec: BaseModel, path: str) -> bool:
-    """Whether a field has another value than its default."""
+    """Whether a field has another value than its default; below what is left out none has."""
     *parents, name = path.split(".")
-    model: BaseModel = functools.reduce(getattr, parents, spec)
+    model = spec
+    for parent in parents:
+        below: BaseModel | None = getattr(model, parent)
+        if below is None:
+            return False
+        model = below
     default = type(model).model_fields[name].get_default(call_default_factory=True)
     return bool(getattr(model, name) != default)
