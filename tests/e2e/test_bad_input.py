@@ -119,7 +119,8 @@ def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
 
 
 def test_a_stack_that_answers_nothing_is_invalid_and_not_passed(namespace: str) -> None:
-    listens = {"image": "bagpipe.local/ros:0.1.0", "command": ["rostopic", "echo", "/joint_states"]}
+    # It only counts: a slow listener would lose messages at full speed, which is a failure.
+    listens = {"image": "bagpipe.local/ros:0.1.0", "command": ["rostopic", "hz", "/joint_states"]}
     job = jobs.make_job("answers-nothing", playback={"mode": "max"}, **stack(**listens))
     with jobs.applied(namespace, job) as name:
         status = jobs.ended(namespace, name, 400)["status"]

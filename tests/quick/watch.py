@@ -12,8 +12,8 @@ from pathlib import Path
 from watchfiles import DefaultFilter, watch
 
 ROOT = Path(__file__).parents[2]
-# Cargo and the site write here while a check runs.
-IGNORED = (*DefaultFilter.ignore_dirs, "target", "build")
+# Cargo writes there while a check runs; a whole path, since a folder of sources may be called so.
+SAVED = DefaultFilter(ignore_paths=[ROOT / "images/agent/target"])
 FOLDERS = ("charts", "crds", "docs", "images", "operator", "tests")
 
 
@@ -25,7 +25,7 @@ def main() -> int:
     given = parser.parse_args()
     saved = watch(
         *(ROOT / folder for folder in FOLDERS),
-        watch_filter=DefaultFilter(ignore_dirs=IGNORED),
+        watch_filter=SAVED,
         raise_interrupt=False,
     )
     check_each(saved, [sys.executable, "-m", "tests.quick.run", "--since", given.since])

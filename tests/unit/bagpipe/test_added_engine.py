@@ -40,6 +40,29 @@ from bagpipe.cli.cluster.case_lines import of_case
 print(of_case("[slot 1 case a] starting", "a", "stack", "loopback"))
 """
 
+# Modules `fields` and `engine` of engines that can't be used, and why.
+DECLARES = (TOY / "bagpipe_engines/loopback/fields.py").read_text()
+BROKEN = {
+    "bare": ({}, "fields", "ModuleNotFoundError: No module named 'bagpipe_engines.bare.fields'"),
+    "empty": ({"fields": ""}, "fields", "AttributeError: module 'bagpipe_engines.empty.fields'"),
+    "needy": ({"fields": "import ros2"}, "fields", "ModuleNotFoundError: No module named 'ros2'"),
+    "raising": ({"fields": "1 / 0"}, "fields", "ZeroDivisionError: division by zero"),
+    "half": ({"fields": DECLARES}, "engine", "ModuleNotFoundError: No module named 'bagpipe_engin"),
+}
+LOADED = """
+import json
+from bagpipe.engine.chosen import engine_of
+from bagpipe.engine_fields import EnginesError, engine_names, fields_of
+stated = {}
+for name in engine_names():
+    try:
+        fields_of(name), engine_of(name)
+    except EnginesError as error:
+        stated[name] = str(error), type(error.__cause__).__name__
+print(json.dumps(stated))
+"""
+OPERATOR = "from bagpipe_operator.main import main; main()"
+
 
 def python(*words: str, path: tuple[Path, ...] = (TOY,)) -> "subprocess.CompletedProcess[str]":
     """Python with folders on its path besides ours."""
@@ -55,6 +78,15 @@ def refusal(changed: dict[str, Any], *, path: tuple[Path, ...] = (TOY,)) -> str:
     done = python("-c", REFUSED, json.dumps(SPEC | changed), path=path)
     assert done.returncode == 0, done.stderr
     return done.stdout.removeprefix("Value error, ").strip()
+
+
+def manifest(folder: Path, stack: object = SPEC["stack"]) -> Path:
+    """A job's file."""
+    job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"}
+    file = folder / "job.yaml"
+    spec = SPEC | {"stack": stack}
+    file.write_text(yaml.safe_dump(job | {"metadata": {"name": "toy"}, "spec": spec}))
+    return file
 
 
 def test_the_crd_gets_its_name_and_nothing_else() -> None:
@@ -97,13 +129,46 @@ def test_two_engines_of_one_name_are_refused(tmp_path: Path) -> None:
     assert "bagpipe.engine.exec and bagpipe_engines.exec are engines of one name" in done.stderr
 
 
+def broken(folder: Path, *names: str) -> Path:
+    """A place on Python's path with these engines."""
+    for name in names:
+        place = folder / "bagpipe_engines" / name
+        place.mkdir(parents=True)
+        for module, text in {"__init__": "", **BROKEN[name][0]}.items():
+            (place / f"{module}.py").write_text(text)
+    return folder
+
+
+def test_an_engine_that_can_t_be_loaded_is_named_with_the_cause(tmp_path: Path) -> None:
+    done = python("-c", LOADED, path=(TOY, broken(tmp_path, *BROKEN)))
+    assert done.returncode == 0, done.stderr
+    stated = json.loads(done.stdout)
+    assert stated.keys() == BROKEN.keys()
+    for name, (_, module, cause) in BROKEN.items():
+        sentence, raised_from = stated[name]
+        start = f"the engine's module bagpipe_engines.{name}.{module} can't be loaded ({cause}"
+        assert sentence.startswith(start)
+        assert sentence.endswith("): install the engine as a whole, or remove its folder")
+        assert raised_from == cause.partition(":")[0]
+
+
+def test_an_engine_that_can_t_be_loaded_is_a_sentence_of_each_program(tmp_path: Path) -> None:
+    path = (TOY, broken(tmp_path, "needy"))
+    stack = {"engine": "needy", "image": "any", "command": ["cat"]}
+    plan = python("-m", "bagpipe.cli", "plan", str(manifest(tmp_path, stack)), path=path)
+    assert (plan.returncode, plan.stdout) == (2, "")
+    assert plan.stderr.startswith("Error: the engine's module bagpipe_engines.needy.fields can't")
+    operator = python("-c", OPERATOR, path=path)
+    assert operator.returncode == 1
+    assert operator.stderr.startswith("bagpipe-operator: the engine's module bagpipe_engines.needy")
+    assert [text.count("\n") for text in (plan.stderr, operator.stderr)] == [1, 1]
+
+
 def test_its_cases_are_planned(tmp_path: Path) -> None:
     write_bag(tmp_path / "a.bag", steady("/scan", 80, SECOND // 10))
-    job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"}
-    manifest = tmp_path / "job.yaml"
-    manifest.write_text(yaml.safe_dump(job | {"metadata": {"name": "toy"}, "spec": SPEC}))
     volume = ("--volume", f"recordings={tmp_path}")
-    done = python("-m", "bagpipe.cli", "plan", str(manifest), *volume, "--output", "json")
+    job = str(manifest(tmp_path))
+    done = python("-m", "bagpipe.cli", "plan", job, *volume, "--output", "json")
     assert done.returncode == 0, done.stderr
     assert '"a-0001"' in done.stdout
 

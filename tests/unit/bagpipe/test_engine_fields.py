@@ -6,11 +6,13 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from bagpipe.engine_fields import EngineFields, engine_names, fields_of
+from bagpipe import engine_fields
+from bagpipe.engine_fields import EngineFields, engine_names, fields_of, refusal
 from bagpipe.spec import SOURCE_KINDS
 from tests.unit.bagpipe.jobs import make_spec
 from tests.unit.crds.test_crd import generator
@@ -79,6 +81,19 @@ def test_what_is_declared_is_in_the_spec(name: str) -> None:
         for part in path.split("."):
             assert part in type(model).model_fields, path  # type: ignore[attr-defined]
             model = getattr(model, part)
+
+
+def test_a_field_below_what_is_left_out_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual = EngineFields(agent="exec", unmarked_lines="stack", sources=("bags",))
+    needs = replace(usual, needed={"record.topics": "topics are missing"})
+    refuses = replace(usual, meaningless={("record.topics",): "topics have no meaning"})
+    recording = make_spec()
+    without = recording.model_copy(update={"record": None})
+    monkeypatch.setattr(engine_fields, "fields_of", {"a": needs, "b": refuses}.__getitem__)
+    assert refusal(without, "a", "bags") == "topics are missing"
+    assert refusal(without, "b", "bags") is None
+    assert refusal(recording, "a", "bags") is None
+    assert refusal(recording, "b", "bags") == "topics have no meaning"
 
 
 def test_a_spec_loads_nothing_that_runs_a_case() -> None:

@@ -4,8 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.quick.affected import Sources, affected, read
+from tests.quick.affected import LOADED, Sources, affected, read
 
+ROOT = Path(__file__).parents[3]
+ENGINE = "images/spark/src/bagpipe/engine"
 FILES = {
     "images/spark/src/bagpipe/__init__.py": "",
     "images/spark/src/bagpipe/texts.py": "import re",
@@ -65,6 +67,42 @@ def test_the_nearest_of_two_changes_counts(sources: Sources) -> None:
     assert affected(sources, changed)[Path("tests/unit/plan/test_cases.py")] == 1
 
 
-def test_this_project_s_own_tests_are_found() -> None:
-    found = affected(read(Path(__file__).parents[3]), [Path("tests/quick/affected.py")])
-    assert found[Path(__file__).relative_to(Path(__file__).parents[3])] == 1
+@pytest.fixture(scope="module")
+def project() -> Sources:
+    return read(ROOT)
+
+
+def test_this_project_s_own_tests_are_found(project: Sources) -> None:
+    found = affected(project, [Path("tests/quick/affected.py")])
+    assert found[Path(__file__).relative_to(ROOT)] == 1
+
+
+@pytest.mark.parametrize(
+    ("changed", "test"),
+    [
+        (f"{ENGINE}/exec/engine.py", "bagpipe/test_exec_engine.py"),
+        (f"{ENGINE}/ros1/engine.py", "bagpipe/test_case_run.py"),
+        (f"{ENGINE}/exec/fields.py", "bagpipe/test_spec.py"),
+        (f"{ENGINE}/exec/fields.py", "crds/test_crd.py"),
+        (f"{ENGINE}/exec/__init__.py", "bagpipe/test_spec.py"),
+        ("images/spark/src/bagpipe/engine_fields.py", "bagpipe/test_added_engine.py"),
+        ("tests/toy_engine/bagpipe_engines/loopback/engine.py", "bagpipe/test_added_engine.py"),
+        ("images/spark/src/bagpipe/cli/plan.py", "cli/test_plan.py"),
+        ("crds/generate.py", "crds/test_crd.py"),
+    ],
+)
+def test_what_is_loaded_by_its_name_is_followed_too(
+    project: Sources, changed: str, test: str
+) -> None:
+    assert Path("tests/unit", test) in affected(project, [Path(changed)])
+
+
+def test_whatever_loads_modules_by_their_names_says_which(project: Sources) -> None:
+    product = [path for path in project.texts if path.parts[0] in {"images", "operator"}]
+    loaders = {str(path) for path in product if "import_module(" in project.texts[path]}
+    assert loaders == {path for path in LOADED if Path(path) in product}
+
+
+@pytest.mark.parametrize("pattern", sorted({each for few in LOADED.values() for each in few}))
+def test_each_pattern_of_what_is_loaded_finds_a_file(project: Sources, pattern: str) -> None:
+    assert any(path.match(pattern) for path in project.texts)

@@ -3,9 +3,11 @@ import sys
 from pathlib import Path
 
 import pytest
+from watchfiles import Change
 
+from tests.quick.affected import read
 from tests.quick.one import one
-from tests.quick.watch import check_each
+from tests.quick.watch import SAVED, check_each
 
 ROOT = Path(__file__).parents[3]
 CARGO = ["cargo", "test", "--locked", "--workspace"]
@@ -44,3 +46,11 @@ def test_each_save_is_checked_once_and_the_first_check_waits_for_none(tmp_path: 
     assert log.read_text() == "x"
     check_each([{"a"}, {"b", "c"}], write)
     assert log.read_text() == "xxxx"
+
+
+def test_every_source_is_watched_and_nothing_that_a_check_writes() -> None:
+    sources = [*read(ROOT).texts, Path("images/agent/crates/wire/src/frame.rs")]
+    assert Path("images/build/build.py") in sources
+    assert [path for path in sources if not SAVED(Change.modified, str(ROOT / path))] == []
+    written = ("images/agent/target/debug/build/a.rs", "tests/__pycache__/hanging.pyc")
+    assert not any(SAVED(Change.modified, str(ROOT / name)) for name in written)

@@ -12,7 +12,7 @@ import importlib.util
 import pkgutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Self
 
 from pydantic import BaseModel
 
@@ -41,7 +41,15 @@ class EngineFields:
 
 
 class EnginesError(Exception):
-    """Two engines have one name."""
+    """The engines that are installed can't be used: two have one name, or one can't be loaded."""
+
+    @classmethod
+    def not_loaded(cls, module: str, cause: Exception) -> Self:
+        """The sentence for a module of an engine that can't be imported, or lacks its object."""
+        return cls(
+            f"the engine's module {module} can't be loaded ({type(cause).__name__}: {cause}):"
+            " install the engine as a whole, or remove its folder"
+        )
 
 
 @functools.cache
@@ -67,22 +75,29 @@ def engine_names() -> list[str]:
 
 @functools.cache
 def fields_of(name: str) -> EngineFields:
-    """What an engine declares; its name is one of `engine_names`."""
-    fields: EngineFields = importlib.import_module(f"{engine_modules()[name]}.fields").FIELDS
+    """What an engine declares; its name is one of `engine_names`. Raises EnginesError."""
+    module = f"{engine_modules()[name]}.fields"
+    try:
+        fields: EngineFields = importlib.import_module(module).FIELDS
+    except Exception as error:  # an added engine's code may raise anything
+        raise EnginesError.not_loaded(module, error) from error
     return fields
 
 
 def load_engines() -> None:
     """Reads each engine's fields from disk, once: for a process whose event loop must not wait.
 
-    Raises EnginesError, and what importing a module raises.
+    Raises EnginesError.
     """
     for name in engine_names():
         fields_of(name)
 
 
 def refusal(spec: BaseModel, engine: str, source: str) -> str | None:
-    """Why an engine can't run a spec with this kind of source; None where it can."""
+    """Why an engine can't run a spec with this kind of source; None where it can.
+
+    Raises EnginesError.
+    """
     fields = fields_of(engine)
     for path, sentence in fields.needed.items():
         if not _written(spec, path):
@@ -109,8 +124,13 @@ def _folders() -> Iterator[tuple[str, str]]:
 
 
 def _written(spec: BaseModel, path: str) -> bool:
-    """Whether a field has another value than its default."""
+    """Whether a field has another value than its default; below what is left out none has."""
     *parents, name = path.split(".")
-    model: BaseModel = functools.reduce(getattr, parents, spec)
+    model = spec
+    for parent in parents:
+        below: BaseModel | None = getattr(model, parent)
+        if below is None:
+            return False
+        model = below
     default = type(model).model_fields[name].get_default(call_default_factory=True)
     return bool(getattr(model, name) != default)

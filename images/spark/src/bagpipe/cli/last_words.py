@@ -9,7 +9,7 @@ import click
 
 # A shell's status of a program that Ctrl-C ended.
 _INTERRUPTED = 130
-_UNEXPECTED = 2
+_NOT_RUN = 2
 _TRACEBACK = "BAGPIPE_TRACEBACK"
 
 
@@ -29,7 +29,15 @@ class LastWords(click.Group):
             wanted = bool(os.environ.get(_TRACEBACK))
             if wanted:
                 traceback.print_exc()
-            text = f"{type(error).__name__}: {error}".removesuffix(": ")
             where = "" if wanted else f"; {_TRACEBACK}=1 shows where"
-            click.echo(f"Error: unexpected fault, please report it: {text}{where}", err=True)
-            raise SystemExit(_UNEXPECTED) from error
+            text = f"{type(error).__name__}: {error}".removesuffix(": ")
+            fault = f"unexpected fault, please report it: {text}{where}"
+            click.echo(f"Error: {error if _is_of_engines(error) else fault}", err=True)
+            raise SystemExit(_NOT_RUN) from error
+
+
+def _is_of_engines(error: Exception) -> bool:
+    """Whether it is the EnginesError of any verb that reads a spec."""
+    # Not imported: it is there if it was raised, and else the import may fail as the verb's did.
+    engines = sys.modules.get("bagpipe.engine_fields")
+    return engines is not None and isinstance(error, engines.EnginesError)

@@ -3,10 +3,14 @@
 import importlib
 
 from bagpipe.engine.engine import Engine
-from bagpipe.engine_fields import engine_modules
+from bagpipe.engine_fields import EnginesError, engine_modules
 
 
 def engine_of(name: str) -> Engine:
-    """The engine that `stack.engine` names."""
-    engine: Engine = importlib.import_module(f"{engine_modules()[name]}.engine").ENGINE
+    """The engine that `stack.engine` names. Raises EnginesError."""
+    module = f"{engine_modules()[name]}.engine"
+    try:
+        engine: Engine = importlib.import_module(module).ENGINE
+    except Exception as error:  # an added engine's code may raise anything
+        raise EnginesError.not_loaded(module, error) from error
     return engine
