@@ -1,7 +1,6 @@
 //! A middleware in memory behind the seam: the player needs no change for it, and its plays are
 //! proved as any other's.
 #![allow(clippy::unwrap_used)] // clippy does not see that these helpers are tests
-#[allow(dead_code)] // other tests use the rest
 #[path = "scene/bags.rs"]
 mod bags;
 
