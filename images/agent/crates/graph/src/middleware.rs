@@ -67,7 +67,7 @@ pub trait Node: Send + Sync {
     /// The graph does not answer or refuses; the rest is left for the next time.
     fn look(&self) -> Result<Seen, GraphError>;
 
-    /// What to tell a user whose graph lost so many of our registrations.
+    /// What to show a user whose graph lost so many of our registrations.
     fn restarted(&self, again: u64) -> String;
 
     /// The topics subscribed to.
