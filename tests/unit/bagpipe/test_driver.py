@@ -13,7 +13,6 @@ from bagpipe.driver.spark_context import (
     DriverPod,
     local_settings,
     memory_split,
-    quantity,
     spark_settings,
 )
 from bagpipe.plan.made import Unplanned
@@ -139,13 +138,6 @@ def test_progress_and_metrics_are_served() -> None:
     finally:
         server.shutdown()
         server.server_close()
-
-
-@pytest.mark.parametrize(
-    ("text", "value"), [("500m", 0.5), ("2", 2), ("1Gi", 2**30), ("1.5G", 1.5e9), ("64Mi", 2**26)]
-)
-def test_quantities(text: str, value: float) -> None:
-    assert quantity(text) == value
 
 
 def test_executor_memory_is_heap_and_overhead_of_what_was_asked_for() -> None:

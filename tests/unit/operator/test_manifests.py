@@ -6,7 +6,6 @@ import pytest
 
 from bagpipe_operator.api.nesting import DEEPEST
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.api.quantities import heap, memory_bytes
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_template
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, job_config, read_spec
@@ -269,23 +268,6 @@ def test_a_spec_that_can_not_be_run_names_the_place() -> None:
     job = make_job("x").with_spec("stack.parameters", {"a": 1}).view()
     with pytest.raises(UnusableSpecError, match=r"spec\.stack\.parameters.*write /a"):
         read_spec(job)
-
-
-@pytest.mark.parametrize(
-    ("memory", "jvm"),
-    [("896Mi", "512m"), ("1Gi", "512m"), ("4Gi", "2048m"), ("3000000000", "1430m")],
-)
-def test_the_heap_is_half_and_never_below_what_spark_takes(memory: str, jvm: str) -> None:
-    assert heap(memory) == jvm
-
-
-def test_quantities() -> None:
-    texts = ("1Gi", "1G", "512Mi", "1.5Gi", "100k")
-    assert [memory_bytes(t) for t in texts] == [
-        1073741824, 1000000000, 536870912, 1610612736, 100000,
-    ]  # fmt: skip
-    with pytest.raises(ValueError, match="write for example 1Gi"):
-        memory_bytes("1 GB")
 
 
 def test_what_is_nested_too_deep_to_be_read_whole_is_refused() -> None:

@@ -5,7 +5,6 @@ from datetime import UTC, datetime
 import pytest
 
 from bagpipe_operator.api import readings
-from bagpipe_operator.api.quantities import memory_bytes
 from bagpipe_operator.jobs.driver.progress import parse
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.policies.halt import halt_of
@@ -109,11 +108,6 @@ def test_a_size_that_no_heap_follows_from_is_refused(size: object) -> None:
     job = make_job("x").with_spec("spark.driver.resources", size)
     with pytest.raises(UnusableSpecError, match=r"spec\.spark\.driver\.resources"):
         read_spec(job.view())
-
-
-def test_no_quantity_is_infinite() -> None:
-    with pytest.raises(ValueError, match="no quantity of memory"):
-        memory_bytes("9" * 400)
 
 
 def test_an_account_of_more_cases_than_the_api_server_counts_is_none() -> None:

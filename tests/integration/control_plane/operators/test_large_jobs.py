@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from bagpipe.driver.spark_context import quantity
+from bagpipe.quantities import quantity
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
 from tests.integration.control_plane.observe import UID_LABEL, a_job

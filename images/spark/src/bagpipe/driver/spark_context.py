@@ -5,9 +5,9 @@ docs/running-on-kubernetes).
 """
 
 import math
-import re
 from dataclasses import dataclass
 
+from bagpipe.quantities import heap_mebibytes, memory_bytes, quantity
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.spec import JobFile, PodResources
 from bagpipe.texts import duration_seconds
@@ -15,8 +15,6 @@ from bagpipe.texts import duration_seconds
 EXECUTOR_TEMPLATE = "/etc/bagpipe/executor.yaml"
 _SERVICE_ACCOUNT = "/var/run/secrets/kubernetes.io/serviceaccount"
 _MEBIBYTE = 1 << 20
-# Spark refuses a heap below 450 MiB; the JVM's own and the Python workers' memory comes on top.
-_LEAST_HEAP_MEBIBYTES = 512
 # Cases run in Python and in the stack: a JVM that hands them on has ended before its second
 # compiler earns what that costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
@@ -29,11 +27,6 @@ CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
 _ARCHIVED_HEAP_MEBIBYTES = 32 << 10
 # A case that is quicker than that is not worth a copy, however slow it is beside the others.
 LEAST_STRAGGLER_SECONDS = 60
-_QUANTITY = re.compile(r"^(\d+(?:\.\d+)?)(Ki|Mi|Gi|Ti|k|M|G|T|m)?$")
-_FACTOR = {
-    None: 1.0, "m": 1e-3, "k": 1e3, "M": 1e6, "G": 1e9, "T": 1e12,
-    "Ki": 2.0**10, "Mi": 2.0**20, "Gi": 2.0**30, "Ti": 2.0**40,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -47,19 +40,10 @@ class DriverPod:
     has_archive: bool = False
 
 
-def quantity(text: str) -> float:
-    """A Kubernetes quantity as a number (bytes or cores). Raises ValueError."""
-    match = _QUANTITY.match(text)
-    if match is None:
-        raise ValueError(f"{text!r} is not a quantity: write for example 500m, 2, 512Mi or 1Gi")
-    return float(match[1]) * _FACTOR[match[2]]
-
-
 def memory_split(resources: PodResources) -> tuple[int, int]:
     """(heap, overhead) in MiB of an executor whose container may use `resources.memory`."""
-    total = int(quantity(resources.memory) / _MEBIBYTE)
-    heap = max(_LEAST_HEAP_MEBIBYTES, total // 2)
-    return heap, max(384, total - heap)
+    heap = heap_mebibytes(resources.memory)
+    return heap, max(384, memory_bytes(resources.memory) // _MEBIBYTE - heap)
 
 
 def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:

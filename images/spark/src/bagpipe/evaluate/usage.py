@@ -6,11 +6,7 @@ from bagpipe.evaluate.evidence import Evidence
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Resources
-
-_SUFFIXES = {
-    "": 1, "k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12,
-    "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40,
-}  # fmt: skip
+from bagpipe.quantities import memory_bytes
 
 
 def resources(name: str, wanted: Resources, evidence: Evidence) -> Finding:
@@ -65,12 +61,6 @@ def _used(name: str, wanted: Resources, usage: dict[str, Any]) -> Finding:
             direction="lower",
         ),
         None,
-        float(_bytes(wanted.max_memory or "0")),
+        float(memory_bytes(wanted.max_memory or "0")),
         "at most at one time",
     )  # fmt: skip
-
-
-def _bytes(quantity: str) -> int:
-    """Of a quantity that the model has let pass."""
-    number = quantity.rstrip("kKMGTi")
-    return int(float(number) * _SUFFIXES[quantity[len(number) :]])

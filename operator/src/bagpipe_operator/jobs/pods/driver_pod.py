@@ -1,9 +1,9 @@
 """The Spark driver's pod. Pure: a job and the settings in, a manifest out."""
 
+from bagpipe.quantities import heap_mebibytes
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.api.quantities import heap
 from bagpipe_operator.jobs.pods import pod_parts
 from bagpipe_operator.jobs.pods.volumes import (
     claim_mounts,
@@ -69,7 +69,7 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             _downward("BAGPIPE_POD_NAME", "metadata.name"),
             _downward("BAGPIPE_NAMESPACE", "metadata.namespace"),
             # pyspark starts the driver's JVM with this much; its own default knows no limit.
-            {"name": "SPARK_DRIVER_MEMORY", "value": heap(resources.memory)},
+            {"name": "SPARK_DRIVER_MEMORY", "value": f"{heap_mebibytes(resources.memory)}m"},
             # Else Spark takes the HADOOP_USER_NAME of a Secret, and writes it into executors' pods.
             {"name": "SPARK_USER", "value": SPARK_USER},
             *host_environment(settings),

@@ -5,11 +5,11 @@ import json
 import yaml
 from pydantic import ValidationError
 
+from bagpipe.quantities import heap_mebibytes
 from bagpipe.spec import SimulationJobSpec
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import DEEPEST, is_deep
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.api.quantities import heap
 from bagpipe_operator.api.readings import mapping
 from bagpipe_operator.jobs.pods.executor_template import executor_template
 from bagpipe_operator.jobs.pods.volumes import claim_paths
@@ -57,7 +57,7 @@ def _check_memory(spec: SimulationJobSpec) -> None:
     """Refuses what no heap can be reckoned from: a CRD of another release may let it pass."""
     for role, part in (("driver", spec.spark.driver), ("executor", spec.spark.executor)):
         try:
-            heap(part.resources.memory)
+            heap_mebibytes(part.resources.memory)
         except ValueError as error:
             raise UnusableSpecError(f"spec.spark.{role}.resources.memory: {error}") from None
 
