@@ -2,8 +2,8 @@
 
 use std::time::Duration;
 
+use bagpipe_log::RecordingError;
 use bagpipe_ros1::RosError;
-use bagpipe_rosbag::BagError;
 
 use crate::Cancellation;
 
@@ -48,7 +48,7 @@ pub enum ReplayError {
         bag: usize,
         /// Why.
         #[source]
-        error: BagError,
+        error: RecordingError,
     },
     /// The bag has one topic with two types, which no node can receive.
     #[error(

@@ -9,8 +9,8 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
+use bagpipe_log::Connection;
 use bagpipe_ros1::{Share, TopicInfo};
-use bagpipe_rosbag::Connection;
 
 use crate::ReplayError;
 use crate::answers::Answers;
