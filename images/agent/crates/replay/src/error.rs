@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use bagpipe_graph::GraphError;
-use bagpipe_rosbag::BagError;
+use bagpipe_log::RecordingError;
 
 use crate::Cancellation;
 
@@ -48,7 +48,7 @@ pub enum ReplayError {
         bag: usize,
         /// Why.
         #[source]
-        error: BagError,
+        error: RecordingError,
     },
     /// The bag has one topic with two types, which no node can receive.
     #[error(

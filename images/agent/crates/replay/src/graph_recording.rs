@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use bagpipe_graph::{GraphError, Incoming, Middleware, Node, NodeOptions, Seen, Sink, SystemState};
-use bagpipe_rosbag::{BagWriter, Compression, WriterOptions};
+use bagpipe_log::{RecordingFormat, RecordingWriter};
 use regex::Regex;
 
 use crate::ReplayError;
@@ -34,8 +34,8 @@ pub struct RecordRequest {
     pub exclude: Option<String>,
     /// Only topics that this node subscribes to.
     pub node: Option<String>,
-    /// How chunks are compressed.
-    pub compression: Compression,
+    /// How the bags are written.
+    pub record_as: Arc<dyn RecordingFormat>,
     /// A bag is handed over once its messages have so many bytes.
     pub split_bytes: u64,
     /// A bag is handed over once it spans this time.
@@ -157,12 +157,12 @@ struct Tape {
 }
 
 struct State {
-    options: WriterOptions,
+    format: Arc<dyn RecordingFormat>,
     split_bytes: u64,
     split_after: u64,
     limit: u64,
     keep: Keep,
-    writer: BagWriter,
+    writer: Box<dyn RecordingWriter>,
     /// Connections of the present bag by TCPROS connection.
     links: HashMap<u64, u32>,
     /// Bytes of the present bag's messages, and the time of its first one.
@@ -174,12 +174,10 @@ struct State {
 
 impl Tape {
     fn new(request: &RecordRequest, keep: Keep) -> Tape {
-        let options =
-            WriterOptions { compression: request.compression, ..WriterOptions::default() };
         let split_after = request.split_after.map_or(u128::MAX, |after| after.as_nanos());
         let state = State {
-            writer: BagWriter::new(options.clone()),
-            options,
+            writer: request.record_as.writer(None),
+            format: Arc::clone(&request.record_as),
             split_bytes: request.split_bytes,
             split_after: u64::try_from(split_after).unwrap_or(u64::MAX),
             limit: request.limit.unwrap_or(u64::MAX),
@@ -216,7 +214,7 @@ impl Tape {
 
 impl State {
     fn hand_over(&mut self) {
-        let writer = std::mem::replace(&mut self.writer, BagWriter::new(self.options.clone()));
+        let writer = std::mem::replace(&mut self.writer, self.format.writer(None));
         self.links.clear();
         self.bytes = 0;
         let finished = writer.finish().map_err(|error| error.to_string());

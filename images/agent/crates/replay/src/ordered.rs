@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use bagpipe_rosbag::Connection;
+use bagpipe_log::Connection;
 
 /// An output that is held.
 #[derive(Debug)]

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
 use bagpipe_graph::TopicInfo;
-use bagpipe_rosbag::{Bag, ChunkedFile, Connection, Message, Timeline};
+use bagpipe_log::{Connection, Message, Recording, Timeline};
 
 use crate::names::resolved;
 use crate::{ReplayError, ReplayRequest};
@@ -39,15 +39,15 @@ impl<'a> Plan<'a> {
     ///
     /// # Errors
     /// The bag can't be read, or a topic was recorded with two types.
-    pub(crate) fn new<F: ChunkedFile>(
-        bags: &'a [Bag<F>],
+    pub(crate) fn new(
+        bags: &[&'a dyn Recording],
         request: &ReplayRequest,
     ) -> Result<Plan<'a>, ReplayError> {
         let mut draft = Draft::new(request);
         let mut parts = Vec::with_capacity(bags.len());
         for (at, bag) in bags.iter().enumerate() {
-            let numbers = draft.add(bag, bags.len() == 1)?;
-            let timeline = bag.timeline(|connection| numbers.contains_key(&connection.id));
+            let numbers = draft.add(*bag, bags.len() == 1)?;
+            let timeline = bag.timeline(&|connection| numbers.contains_key(&connection.id));
             let unreadable = |error| ReplayError::BagUnreadable { bag: at, error };
             parts.push((timeline.map_err(unreadable)?, numbers));
         }
@@ -138,9 +138,9 @@ impl<'a> Draft<'a> {
 
     /// Takes a bag's connections in; answers the numbers that those to be played have in the
     /// play: their own ones if the bag is `alone`.
-    fn add<F: ChunkedFile>(
+    fn add(
         &mut self,
-        bag: &'a Bag<F>,
+        bag: &'a dyn Recording,
         alone: bool,
     ) -> Result<HashMap<u32, u32>, ReplayError> {
         let mut numbers = HashMap::new();

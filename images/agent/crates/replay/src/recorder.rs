@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Incoming, Sink};
-use bagpipe_rosbag::{BagError, BagWriter, Compression, Connection, WriterOptions};
+use bagpipe_log::{Connection, RecordingError, RecordingFormat, RecordingWriter};
 
 use crate::ReplayError;
 use crate::answers::Answers;
@@ -33,16 +33,18 @@ struct Shared {
     state: Mutex<State>,
 }
 
-/// What a recording may take, and where.
+/// What a recording may take, how it is written, and where.
 pub(crate) struct Room {
     /// The finished bag's largest size.
     pub(crate) bytes: u64,
+    pub(crate) format: Arc<dyn RecordingFormat>,
     /// An empty file that it goes into chunk by chunk; else it stays in memory.
     pub(crate) file: Option<File>,
 }
 
 struct State {
-    writer: BagWriter,
+    format: Arc<dyn RecordingFormat>,
+    writer: Box<dyn RecordingWriter>,
     file: Option<File>,
     /// In lock-step: what waits to be written in an order of its own.
     hold: Option<Hold>,
@@ -68,6 +70,17 @@ enum Failure {
     Other(String),
 }
 
+impl From<RecordingError> for Failure {
+    fn from(error: RecordingError) -> Failure {
+        match error {
+            RecordingError::OverBudget(_) => Failure::Budget(error.to_string()),
+            RecordingError::Unreadable(_) | RecordingError::Unwritten(_) => {
+                Failure::Other(error.to_string())
+            }
+        }
+    }
+}
+
 impl From<Failure> for ReplayError {
     fn from(failure: Failure) -> ReplayError {
         match failure {
@@ -85,14 +98,10 @@ impl Recorder {
         answers: Arc<Answers>,
         ordered: bool,
     ) -> Recorder {
-        let Room { bytes: byte_budget, file } = room;
-        let options = WriterOptions {
-            compression: Compression::Lz4,
-            byte_budget: Some(byte_budget),
-            ..WriterOptions::default()
-        };
+        let Room { bytes: byte_budget, format, file } = room;
         let state = State {
-            writer: BagWriter::new(options),
+            writer: format.writer(Some(byte_budget)),
+            format,
             file,
             hold: ordered.then(Hold::default),
             publishers: HashMap::new(),
@@ -186,7 +195,8 @@ impl Recorder {
         if let Some(failure) = state.failure.clone() {
             return Err(failure.into());
         }
-        let writer = std::mem::replace(&mut state.writer, BagWriter::new(WriterOptions::default()));
+        let unread = state.format.writer(None);
+        let writer = std::mem::replace(&mut state.writer, unread);
         state.counting = false;
         let recorded = Recorded {
             messages: writer.messages(),
@@ -198,13 +208,7 @@ impl Recorder {
             None => writer.finish(),
             Some(file) => writer.finish_spilled(file).map(|_| Vec::new()),
         };
-        let bag = finished.map_err(|error| match error {
-            BagError::BudgetExceeded { .. } => {
-                ReplayError::RecorderBudgetExceeded(error.to_string())
-            }
-            other => ReplayError::Internal(other.to_string()),
-        })?;
-        Ok((recorded, bag))
+        Ok((recorded, finished.map_err(Failure::from)?))
     }
 
     /// Keeps a message.
@@ -280,10 +284,7 @@ impl Recorder {
                 }
                 self.shared.messages.fetch_add(1, Ordering::Relaxed);
             }
-            Err(error @ BagError::BudgetExceeded { .. }) => {
-                state.failure = Some(Failure::Budget(error.to_string()));
-            }
-            Err(error) => state.failure = Some(Failure::Other(error.to_string())),
+            Err(error) => state.failure = Some(error.into()),
         }
     }
 }
@@ -343,11 +344,14 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
 
 #[cfg(test)]
 mod tests {
+    use bagpipe_rosbag::{Compression, WriterOptions};
+
     use super::*;
     use crate::time::Time;
 
     fn recorder(bytes: u64) -> Recorder {
-        let room = Room { bytes, file: None };
+        let options = WriterOptions::with_compression(Compression::Lz4);
+        let room = Room { bytes, format: Arc::new(options), file: None };
         Recorder::new(
             Arc::new(BagClock::new(Time::Machine, 0, u64::MAX)),
             room,

@@ -8,7 +8,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use bagpipe_graph::{Node, NodeOptions, Publication, Share, TopicInfo};
-use bagpipe_rosbag::{Bag, ChunkedFile};
+use bagpipe_log::Recording;
 
 use crate::answers::Answers;
 use crate::clock::BagClock;
@@ -47,13 +47,13 @@ const LEAD_IN_STABLE: Duration = Duration::from_millis(500);
 ///
 /// # Errors
 /// As that.
-pub fn replay<F: ChunkedFile>(
-    bag: &Bag<F>,
+pub fn replay(
+    bag: &dyn Recording,
     request: &ReplayRequest,
     progress: &mut dyn FnMut(Progress),
     cancelled: &dyn Fn() -> Option<Cancellation>,
 ) -> Result<Replayed, ReplayError> {
-    replay_together(std::slice::from_ref(bag), request, progress, cancelled)
+    replay_together(&[bag], request, progress, cancelled)
 }
 
 /// Plays bags as one timeline, records and proves. Messages of the same time keep the order of
@@ -63,8 +63,8 @@ pub fn replay<F: ChunkedFile>(
 ///
 /// # Errors
 /// See [`ReplayError`]; a window without messages is not an error.
-pub fn replay_together<F: ChunkedFile>(
-    bags: &[Bag<F>],
+pub fn replay_together(
+    bags: &[&dyn Recording],
     request: &ReplayRequest,
     progress: &mut dyn FnMut(Progress),
     cancelled: &dyn Fn() -> Option<Cancellation>,
@@ -108,7 +108,8 @@ fn carry_out(
     let answers = Answers::new(lockstep.awaited());
     let answers = Arc::new(if world.is_some() { answers.keeping() } else { answers });
     let file = request.record_to.as_deref().map(recording_file).transpose()?;
-    let room = Room { bytes: request.byte_budget, file };
+    let format = Arc::clone(&request.record_as);
+    let room = Room { bytes: request.byte_budget, format, file };
     let recorder = Recorder::new(Arc::clone(&clock), room, Arc::clone(&answers), ordered);
     if plan.is_empty() && world.is_none() {
         return finish(&recorder, Replayed::default());

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::Middleware;
+use bagpipe_log::RecordingFormat;
 
 use crate::{Meter, Mode, Pause, ReplayError};
 
@@ -77,6 +78,8 @@ pub struct ReplayRequest {
     pub rate: f64,
     /// Regular expressions that a topic's whole name must match to be recorded.
     pub record_topics: Vec<String>,
+    /// How the recording is written.
+    pub record_as: Arc<dyn RecordingFormat>,
     /// The recorded bag may not be larger, in bytes.
     pub byte_budget: u64,
     /// A new file that the recording is written to chunk by chunk, instead of being kept in

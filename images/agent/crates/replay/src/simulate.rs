@@ -10,7 +10,7 @@ use std::cell::RefCell;
 use std::sync::Arc;
 
 use bagpipe_graph::{Outlet, Share, TopicInfo};
-use bagpipe_rosbag::Connection;
+use bagpipe_log::Connection;
 
 use crate::ReplayError;
 use crate::answers::Answers;

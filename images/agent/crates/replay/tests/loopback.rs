@@ -211,6 +211,7 @@ fn played(middleware: Loopback, mode: Mode) -> Result<Replayed, ReplayError> {
         steps: if mode == Mode::Lockstep { vec![step] } else { Vec::new() },
         rate: 1.0,
         record_topics: vec!["/answer".to_owned()],
+        record_as: Arc::new(bags::in_lz4()),
         byte_budget: 1 << 20,
         record_to: None,
         subscribe_deadline: Duration::from_secs(20),

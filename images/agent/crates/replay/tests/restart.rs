@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use bagpipe_replay::{Pause, RecordRequest, RecordedLive, Replayed, record};
-use bagpipe_rosbag::{Bag, Compression, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, MemoryChunkedFile, WriterOptions};
 use graph::{Graph, Process, compile, wait_until};
 use scene::{TMP, bag_of_words, node, request, run, words};
 
@@ -110,7 +110,7 @@ fn record_request(graph: &Graph) -> RecordRequest {
         topics: vec!["/words".to_owned(), "/answer".to_owned()],
         exclude: None,
         node: None,
-        compression: Compression::None,
+        record_as: Arc::new(WriterOptions::default()),
         split_bytes: u64::MAX,
         split_after: None,
         duration: None,

@@ -6,6 +6,7 @@ mod scene;
 
 use std::collections::BTreeMap;
 
+use bagpipe_log::Recording;
 use bagpipe_replay::{Mode, Window, replay_together};
 use graph::{Graph, Process, wait_until};
 use scene::{TMP, bag_of_words, node, pr2, read_back, request, run, words};
@@ -155,7 +156,7 @@ fn several_bags_are_one_timeline_after_the_delay() {
     request.window = Window { lead_in_start: 900 * MS, start: 900 * MS, end: 2_000 * MS };
     request.topics = vec!["/a".to_owned(), "/map".to_owned()];
     request.start.delay = std::time::Duration::from_millis(700);
-    let bags = [front, rear];
+    let bags: [&dyn Recording; 2] = [&front, &rear];
     let replayed = replay_together(&bags, &request, &mut |_| (), &|| None).unwrap();
     wait_until("all are received", || received(&listener).len() == 8);
     let mut latched = received(&listener);

@@ -29,6 +29,7 @@ mod merge;
 mod messages;
 mod model;
 mod record;
+mod recording;
 mod reindex;
 mod scan;
 mod slice;
@@ -38,16 +39,17 @@ mod upgrade;
 mod writer;
 
 pub use bag::{Bag, Limits};
+pub use bagpipe_log::{Connection, Message, Place};
 pub use check::{Checked, check, check_limited};
 pub use compression::Compression;
 pub use error::BagError;
 pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
 pub use merge::merge;
 pub use messages::Messages;
-pub use model::{ChunkInfo, Connection, Loss, Message};
+pub use model::{ChunkInfo, Loss};
 pub use reindex::{Reindexed, reindex, reindex_limited};
 pub use slice::{Sliced, Window, slice};
-pub use timeline::{Place, Timeline, TimelineIter};
+pub use timeline::{Timeline, TimelineIter};
 pub use writer::{BagWriter, WriterOptions};
 
 /// The line that every bag 2.0 begins with.

@@ -1,11 +1,15 @@
 //! The messages of a bag one after the other, without ordering all of them first.
 
-use crate::timeline::{Timeline, Wanted};
+use std::mem;
+
+use bagpipe_log::Timeline;
+
+use crate::timeline::{Draft, Wanted};
 use crate::unpack::unpack;
 use crate::{Bag, BagError, ChunkedFile, Connection, Message};
 
-/// The messages of some connections by (time, chunk, offset), as in a [`Timeline`], borrowed
-/// from the bag. Only chunks whose times overlap are ordered together, so that a usual
+/// The messages of some connections by (time, chunk, offset), as in a [`crate::Timeline`],
+/// borrowed from the bag. Only chunks whose times overlap are ordered together, so that a usual
 /// recording takes the memory of a chunk's order, which the processor still has at hand when
 /// it gives the messages out.
 ///
@@ -41,11 +45,11 @@ impl<'a, F: ChunkedFile> Messages<'a, F> {
     #[cold]
     fn refill(&mut self) -> Option<Result<Message<'a>, BagError>> {
         while let Some(end) = self.ends.pop() {
-            self.last = self.run.last_time().unwrap_or(self.last);
-            self.run.clear();
+            let last = self.run.len().checked_sub(1).and_then(|place| self.run.time(place));
+            self.last = last.unwrap_or(self.last);
             self.given = 0;
             if let Err(error) = self.read_run(end) {
-                self.run.clear();
+                self.run = Timeline::default();
                 self.ends.clear();
                 return Some(Err(error));
             }
@@ -60,10 +64,11 @@ impl<'a, F: ChunkedFile> Messages<'a, F> {
     fn read_run(&mut self, end: usize) -> Result<(), BagError> {
         let run = &self.chunks[self.read..end];
         self.read = end;
+        let mut draft = Draft::in_place_of(mem::take(&mut self.run));
         for at in run {
-            self.run.add_next(self.bag, *at, &self.wanted)?;
+            draft.add_next(self.bag, *at, &self.wanted)?;
         }
-        self.run.order();
+        self.run = draft.order();
         // The runs were cut where, by the index, one ends before the next begins.
         match (self.run.time(0), run.first()) {
             (Some(time), Some(first)) if time < self.last => {

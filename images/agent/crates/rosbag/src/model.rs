@@ -1,38 +1,6 @@
-//! What a bag is made of, as its readers and writers see it.
+//! What of a bag other formats have not: its chunks, and what it lost.
 
 use crate::Compression;
-
-/// One publisher of one topic, as it was recorded.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Connection {
-    /// The number that the bag's messages refer to.
-    pub id: u32,
-    /// The topic's resolved name.
-    pub topic: String,
-    /// The message type, such as `sensor_msgs/Imu`.
-    pub datatype: String,
-    /// The type's MD5 sum, 32 hexadecimal digits.
-    pub md5sum: String,
-    /// The type's full definition.
-    pub definition: String,
-    /// The publishing node's name, where the recorder kept it.
-    pub caller_id: Option<String>,
-    /// True when the publisher latched its last message.
-    pub latching: bool,
-}
-
-/// One message, borrowed from the bag's own memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Message<'a> {
-    /// The id of its [`Connection`].
-    pub connection: u32,
-    /// When it was received by the recorder, in nanoseconds.
-    pub time: u64,
-    /// The serialised message.
-    pub data: &'a [u8],
-    /// The same with its length (u32, little-endian) before it: its TCPROS frame.
-    pub frame: &'a [u8],
-}
 
 /// Where a chunk lies and what it holds.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,27 +1,13 @@
 //! All messages of a bag in one order.
 
-use std::collections::HashMap;
-use std::ops::Range;
+use std::ops::{Deref, Range};
+
+use bagpipe_log::Place;
 
 use crate::chunk::{AHEAD, ChunkRecord, ChunkWalk, LEAST_MESSAGE, Usual};
 use crate::scan::unknown_connection;
 use crate::unpack::{chunk_bytes, unpack};
 use crate::{Bag, BagError, ChunkInfo, ChunkedFile, Connection, Message, Window, ahead};
-
-/// Where one message lies: 24 bytes, so that a bag of millions stays small.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
-    /// When it was received by the recorder, in nanoseconds.
-    pub time: u64,
-    /// Its chunk's place in [`Bag::chunks`].
-    pub chunk: u32,
-    /// Where its frame begins in the chunk's uncompressed data; its data begins 4 bytes on.
-    pub start: u32,
-    /// Where both end.
-    pub end: u32,
-    /// The id of its connection.
-    pub connection: u32,
-}
 
 /// The connections whose messages are asked for; looked up once for every message.
 #[derive(Debug)]
@@ -69,56 +55,52 @@ fn expected(chunk: &ChunkInfo, wanted: &Wanted) -> u64 {
     promised.min(u64::from(chunk.data_length.max(chunk.usable)) / LEAST_MESSAGE)
 }
 
-/// The messages of some connections by (time, chunk, offset), borrowed from the bag.
-#[derive(Debug, Default)]
-pub struct Timeline<'a> {
-    /// Each of the bag's chunks; those that hold nothing wanted are empty.
-    chunks: Vec<&'a [u8]>,
-    entries: Vec<Place>,
+/// All messages of the connections that `filter` keeps, without chunks that lie outside the
+/// window as a whole.
+pub(crate) fn ordered<F: ChunkedFile>(
+    bag: &Bag<F>,
+    window: Window,
+    filter: impl Fn(&Connection) -> bool,
+) -> Result<bagpipe_log::Timeline<'_>, BagError> {
+    let wanted = Wanted::new(bag.connections.iter().filter(|each| filter(each)));
+    let mut chunks = wanted.chunks(bag);
+    chunks.retain(|at| window.overlaps(&bag.chunks[*at]));
+    unpack(bag, &chunks);
+    let expected: u64 = chunks.iter().map(|at| expected(&bag.chunks[*at], &wanted)).sum();
+    let mut draft = Draft {
+        chunks: vec![&[]; bag.chunks.len()],
+        places: Vec::with_capacity(expected as usize),
+    };
+    for at in chunks {
+        draft.chunks[at] = draft.add_chunk(bag, at, at as u32, &wanted)?;
+    }
+    Ok(draft.order())
 }
 
-impl<'a> Timeline<'a> {
-    pub(crate) fn build<F: ChunkedFile>(
-        bag: &'a Bag<F>,
-        window: Window,
-        filter: impl Fn(&Connection) -> bool,
-    ) -> Result<Self, BagError> {
-        let wanted = Wanted::new(bag.connections.iter().filter(|each| filter(each)));
-        let mut chunks = wanted.chunks(bag);
-        chunks.retain(|at| window.overlaps(&bag.chunks[*at]));
-        unpack(bag, &chunks);
-        let expected: u64 = chunks.iter().map(|at| expected(&bag.chunks[*at], &wanted)).sum();
-        let mut timeline = Self {
-            chunks: vec![&[]; bag.chunks.len()],
-            entries: Vec::with_capacity(expected as usize),
-        };
-        for at in chunks {
-            timeline.chunks[at] = timeline.add_chunk(bag, at, at as u32, &wanted)?;
-        }
-        timeline.order();
-        Ok(timeline)
+/// A timeline while chunks are added to it: messages by (chunk, offset).
+#[derive(Debug)]
+pub(crate) struct Draft<'a> {
+    /// Each of the bag's chunks; those that hold nothing wanted are empty.
+    chunks: Vec<&'a [u8]>,
+    places: Vec<Place>,
+}
+
+impl<'a> Draft<'a> {
+    /// An empty one in the memory of a timeline that is over.
+    pub fn in_place_of(timeline: bagpipe_log::Timeline<'a>) -> Self {
+        let (mut chunks, mut places) = timeline.into_parts();
+        chunks.clear();
+        places.clear();
+        Self { chunks, places }
     }
 
-    /// Entries come by (chunk, offset); a stable sort by time alone keeps that order.
-    pub(crate) fn order(&mut self) {
-        if !self.entries.is_sorted_by_key(|entry| entry.time) {
-            self.entries.sort_by_key(|entry| entry.time);
-        }
-    }
-
-    /// Forgets all messages, and keeps the memory.
-    pub(crate) fn clear(&mut self) {
-        self.chunks.clear();
-        self.entries.clear();
-    }
-
-    /// The time of the last message in order.
-    pub(crate) fn last_time(&self) -> Option<u64> {
-        self.entries.last().map(|entry| entry.time)
+    /// All that was added, by (time, chunk, offset).
+    pub fn order(self) -> bagpipe_log::Timeline<'a> {
+        bagpipe_log::Timeline::new(self.chunks, self.places)
     }
 
     /// Adds the next chunk of a run, whose messages count chunks from the run's beginning.
-    pub(crate) fn add_next<F: ChunkedFile>(
+    pub fn add_next<F: ChunkedFile>(
         &mut self,
         bag: &'a Bag<F>,
         at: usize,
@@ -158,83 +140,56 @@ impl<'a> Timeline<'a> {
                 }
             };
             if wanted.has(connection) {
-                self.entries.push(Place { time, chunk: index, start, end, connection });
+                self.places.push(Place { time, chunk: index, start, end, connection });
             } else if !bag.by_id.contains_key(&connection) {
                 return Err(damaged(before, unknown_connection(connection)));
             }
         }
         Ok(bytes)
     }
+}
 
-    /// Several timelines as one; messages of the same time keep the order of the parts. Their
-    /// bytes stay where they are. Each part comes with the numbers that its connections have in
-    /// the whole, since every bag counts its own; a message of any other connection is left out.
-    pub fn join(parts: Vec<(Timeline<'a>, HashMap<u32, u32>)>) -> Self {
-        let mut whole = Self { chunks: Vec::new(), entries: Vec::new() };
-        for (part, numbers) in parts {
-            let before = whole.chunks.len() as u32;
-            whole.entries.extend(part.entries.into_iter().filter_map(|entry| {
-                let connection = *numbers.get(&entry.connection)?;
-                Some(Place { connection, chunk: before + entry.chunk, ..entry })
-            }));
-            whole.chunks.extend(part.chunks);
-        }
-        if !whole.entries.is_sorted_by_key(|entry| entry.time) {
-            whole.entries.sort_by_key(|entry| entry.time);
-        }
-        whole
-    }
+/// The messages of some connections by (time, chunk, offset), borrowed from the bag. Chunks are
+/// numbered by their places in [`Bag::chunks`].
+#[derive(Debug)]
+pub struct Timeline<'a> {
+    order: bagpipe_log::Timeline<'a>,
+}
 
-    /// How many messages there are.
-    pub fn len(&self) -> usize {
-        self.entries.len()
-    }
-
-    /// True when there is none.
-    pub fn is_empty(&self) -> bool {
-        self.entries.is_empty()
-    }
-
-    /// The message at that place in the order.
-    #[inline]
-    pub fn get(&self, index: usize) -> Option<Message<'a>> {
-        self.entries.get(index).map(|entry| self.message(entry))
-    }
-
-    /// Its time alone, in nanoseconds.
-    pub fn time(&self, index: usize) -> Option<u64> {
-        self.entries.get(index).map(|entry| entry.time)
-    }
-
-    /// The places of the messages with `start <= time < end`.
-    pub fn between(&self, start: u64, end: u64) -> Range<usize> {
-        let first = self.entries.partition_point(|entry| entry.time < start);
-        let last = self.entries.partition_point(|entry| entry.time < end);
-        first..last.max(first)
+impl<'a> Timeline<'a> {
+    pub(crate) fn build<F: ChunkedFile>(
+        bag: &'a Bag<F>,
+        window: Window,
+        filter: impl Fn(&Connection) -> bool,
+    ) -> Result<Self, BagError> {
+        Ok(Self { order: ordered(bag, window, filter)? })
     }
 
     /// All messages in order.
     pub fn iter(&self) -> TimelineIter<'_> {
-        TimelineIter { timeline: self, range: 0..self.entries.len() }
+        TimelineIter { order: &self.order, range: 0..self.order.len() }
     }
 
     /// Where each message lies, in order: for those who can't keep a borrow of the bag, and
     /// get the bytes by [`Bag::chunk_data`].
     pub fn into_places(self) -> Vec<Place> {
-        self.entries
-    }
-
-    #[inline]
-    fn message(&self, entry: &Place) -> Message<'a> {
-        let frame = &self.chunks[entry.chunk as usize][entry.start as usize..entry.end as usize];
-        Message { connection: entry.connection, time: entry.time, data: &frame[4..], frame }
+        self.order.into_parts().1
     }
 }
 
-/// Iterates over a [`Timeline`].
+impl<'a> Deref for Timeline<'a> {
+    type Target = bagpipe_log::Timeline<'a>;
+
+    #[inline]
+    fn deref(&self) -> &Self::Target {
+        &self.order
+    }
+}
+
+/// Iterates over a [`Timeline`], and asks memory for what comes later.
 #[derive(Debug, Clone)]
 pub struct TimelineIter<'a> {
-    timeline: &'a Timeline<'a>,
+    order: &'a bagpipe_log::Timeline<'a>,
     range: Range<usize>,
 }
 
@@ -244,10 +199,10 @@ impl<'a> Iterator for TimelineIter<'a> {
     #[inline]
     fn next(&mut self) -> Option<Message<'a>> {
         let at = self.range.next()?;
-        if let Some(later) = self.timeline.entries.get(at + AHEAD) {
-            ahead::ask(self.timeline.chunks[later.chunk as usize], later.start as usize, 4);
+        if let Some(later) = self.order.get(at + AHEAD) {
+            ahead::ask(later.frame, 0, 4);
         }
-        self.timeline.get(at)
+        self.order.get(at)
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {

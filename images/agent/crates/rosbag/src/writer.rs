@@ -31,6 +31,13 @@ impl Default for WriterOptions {
     }
 }
 
+impl WriterOptions {
+    /// The usual ones but for the compression.
+    pub fn with_compression(compression: Compression) -> Self {
+        Self { compression, ..Self::default() }
+    }
+}
+
 #[derive(Debug)]
 struct Written {
     connection: Connection,

@@ -91,7 +91,7 @@ impl Output {
             Packing::Lz4 => Compression::Lz4,
             Packing::Bz2 => Compression::Bz2,
         };
-        WriterOptions { compression, ..WriterOptions::default() }
+        WriterOptions::with_compression(compression)
     }
 
     /// Writes the bag under a passing name first: no reader sees half of it.

@@ -7,11 +7,12 @@ use std::sync::mpsc::{Receiver, TryRecvError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use bagpipe_log::Recording;
 use bagpipe_replay::{
     AnswerBy, Cancellation, Mode, Pause, Progress, ReplayError, ReplayRequest, Replayed, Resumed,
     StartWhen, Step, Window, replay_together,
 };
-use bagpipe_rosbag::{Bag, ChunkedFile, MemoryChunkedFile};
+use bagpipe_rosbag::{Bag, ChunkedFile, Compression, MemoryChunkedFile, WriterOptions};
 use clap::Args;
 
 use crate::verbs::bagfile::{Memory, loss, write};
@@ -176,7 +177,8 @@ impl PlayOptions {
         let request = self.request(bags)?;
         let cancelled = || interrupted.load(Ordering::Relaxed).then_some(Cancellation::Terminated);
         let mut silent = |_: Progress| ();
-        let played = replay_together(bags, &request, &mut silent, &cancelled);
+        let bags: Vec<&dyn Recording> = bags.iter().map(|bag| bag as &dyn Recording).collect();
+        let played = replay_together(&bags, &request, &mut silent, &cancelled);
         played.map_err(|error| match &error {
             ReplayError::Cancelled(_) => "interrupted".to_owned(),
             ReplayError::BagUnreadable { bag, .. } => match self.files.get(*bag) {
@@ -233,6 +235,7 @@ impl PlayOptions {
             steps: self.step.clone(),
             rate: self.rate,
             record_topics: self.record.clone(),
+            record_as: Arc::new(WriterOptions::with_compression(Compression::Lz4)),
             byte_budget: u64::MAX,
             record_to: None,
             subscribe_deadline: self.subscribe_timeout,

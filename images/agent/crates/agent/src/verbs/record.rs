@@ -1,11 +1,12 @@
 //! `record`: topics of any ROS 1 graph into bags.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use bagpipe_replay::RecordRequest;
-use bagpipe_rosbag::Compression;
+use bagpipe_rosbag::{Compression, WriterOptions};
 use clap::Args;
 
 use crate::size::bytes;
@@ -58,7 +59,7 @@ pub fn record(options: &RecordOptions) -> Result<(), String> {
         topics: options.topics.clone(),
         exclude: options.exclude.clone(),
         node: options.node.clone(),
-        compression: options.compression,
+        record_as: Arc::new(WriterOptions::with_compression(options.compression)),
         split_bytes: options.split_size.unwrap_or(SPLIT).max(1),
         split_after: options.split_duration,
         duration: options.duration,

@@ -5,6 +5,7 @@
 mod bags;
 mod deadlines;
 mod drain;
+mod formats;
 mod kept;
 mod lockstep;
 mod master;
@@ -17,8 +18,8 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use bagpipe_graph::{Incoming, Middleware, Node, Publisher, Sink};
+use bagpipe_log::Recording;
 use bagpipe_ros1::Ros1;
-use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 use crate::answers::Answers;
 use crate::clock::BagClock;
@@ -64,6 +65,7 @@ fn request(by_hand: &ByHand, window: Window) -> ReplayRequest {
         steps: Vec::new(),
         rate: 1.0,
         record_topics: Vec::new(),
+        record_as: Arc::new(bags::in_lz4()),
         byte_budget: 1 << 20,
         record_to: None,
         subscribe_deadline: ms(60_000),
@@ -105,7 +107,8 @@ impl Rehearsal {
             request.steps.iter().map(|s| (resolved(&s.answer), s.by == AnswerBy::Stamp)).collect();
         let answers = Answers::new(awaited.iter().map(|(topic, by)| (topic.as_str(), *by)));
         let answers = Arc::new(answers);
-        let room = Room { bytes: request.byte_budget, file: None };
+        let format = Arc::clone(&request.record_as);
+        let room = Room { bytes: request.byte_budget, format, file: None };
         let ordered = request.mode == Mode::Lockstep;
         let recorder = Recorder::new(Arc::clone(&clock), room, Arc::clone(&answers), ordered);
         Rehearsal {
@@ -133,10 +136,10 @@ impl Rehearsal {
     /// Lets a player of a bag act, whose outlets keep what goes out.
     fn play<R>(
         &self,
-        bag: &Bag<MemoryChunkedFile>,
+        bag: &dyn Recording,
         act: impl FnOnce(&mut Player<'_, Kept>, &Plan<'_>, &mut Watch<'_>) -> R,
     ) -> R {
-        let plan = Plan::new(std::slice::from_ref(bag), &self.request).unwrap();
+        let plan = Plan::new(&[bag], &self.request).unwrap();
         let node = self.node();
         let stepper = (self.request.mode == Mode::Lockstep).then(|| {
             let lockstep = self.lockstep(&plan).unwrap();

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use bagpipe_graph::Share;
+use bagpipe_log::Recording;
 use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 use super::bags::{bag_of_words, words};
@@ -24,7 +25,7 @@ pub(super) fn bag_of_times(times: &[u64]) -> Bag<MemoryChunkedFile> {
 
 impl Rehearsal {
     /// Plays the window, which begins now.
-    pub(super) fn play_window(&self, bag: &Bag<MemoryChunkedFile>) -> Pace {
+    pub(super) fn play_window(&self, bag: &dyn Recording) -> Pace {
         self.play(bag, |player, plan, watch| {
             let schedule = player.schedule(self.request.window.start, watch.now());
             player.play(plan.counted.clone(), schedule, Share::Counted, watch).unwrap()

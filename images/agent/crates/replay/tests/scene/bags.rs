@@ -1,7 +1,12 @@
 //! Small bags.
 #![allow(dead_code)] // each test file uses its own part
 
-use bagpipe_rosbag::{Bag, BagWriter, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_rosbag::{Bag, BagWriter, Compression, Connection, MemoryChunkedFile, WriterOptions};
+
+/// How the agent records.
+pub fn in_lz4() -> WriterOptions {
+    WriterOptions::with_compression(Compression::Lz4)
+}
 
 /// A std_msgs/String connection.
 pub fn words(topic: &str, caller_id: &str, latching: bool) -> Connection {

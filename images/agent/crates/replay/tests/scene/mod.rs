@@ -17,7 +17,7 @@ use bagpipe_ros1::Ros1;
 use bagpipe_rosbag::{Bag, MemoryChunkedFile};
 
 #[allow(unused_imports)] // each test file uses its own part
-pub use bags::{bag_of, bag_of_words, packed, words};
+pub use bags::{bag_of, bag_of_words, in_lz4, packed, words};
 
 /// Where compiled nodes and the graphs' folders lie.
 pub const TMP: &str = env!("CARGO_TARGET_TMPDIR");
@@ -46,6 +46,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         steps: Vec::new(),
         rate: 1.0,
         record_topics: Vec::new(),
+        record_as: Arc::new(in_lz4()),
         byte_budget: 1 << 30,
         record_to: None,
         subscribe_deadline: Duration::from_secs(60),

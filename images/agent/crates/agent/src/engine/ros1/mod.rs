@@ -19,7 +19,7 @@ use bagpipe_replay::{
     StartWhen, Step, Window, replay, simulate,
 };
 use bagpipe_ros1::Ros1;
-use bagpipe_rosbag::{Bag, ChunkedFile};
+use bagpipe_rosbag::{Bag, ChunkedFile, Compression, WriterOptions};
 use bagpipe_wire::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 
 use crate::case::failure::Failure;
@@ -177,6 +177,7 @@ impl Runner<'_> {
             steps: playback.steps.iter().map(step).collect(),
             rate: playback.rate,
             record_topics: record.topics.clone(),
+            record_as: Arc::new(WriterOptions::with_compression(Compression::Lz4)),
             byte_budget: record.byte_budget,
             record_to: self.record_to.clone(),
             subscribe_deadline: seconds(deadlines.subscribe),

@@ -1,0 +1,19 @@
+//! Recordings of any format: channels, messages and time; traits to read and to write one.
+//!
+//! Who plays or records knows [`Recording`], [`RecordingWriter`] and [`RecordingFormat`] alone;
+//! a crate for each format has types that are these.
+//!
+//! Not for: bytes of files, or compression, which belong to a format's own crate.
+#![forbid(unsafe_code)]
+
+mod error;
+mod model;
+mod reading;
+mod timeline;
+mod writing;
+
+pub use error::RecordingError;
+pub use model::{Connection, Message};
+pub use reading::Recording;
+pub use timeline::{Place, Timeline};
+pub use writing::{RecordingFormat, RecordingWriter};
