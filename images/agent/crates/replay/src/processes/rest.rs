@@ -55,9 +55,13 @@ impl Look {
     pub(crate) fn wanted_since(&self, earlier: &Look) -> BTreeMap<i32, f64> {
         let passed = self.at.saturating_sub(earlier.at).as_nanos() as f64;
         let mut wanted: BTreeMap<i32, f64> = BTreeMap::new();
-        for (thread, (demand, _)) in &self.threads {
-            let before = earlier.threads.get(thread).map_or(0, |(demand, _)| demand.nanoseconds);
+        for (thread, (demand, waits)) in &self.threads {
+            let before = earlier.threads.get(thread).map(|(demand, _)| *demand);
+            // The kernel adds the time of a wait for a processor once that is over.
+            let starved = *waits == Waits::Processor && before == Some(*demand);
+            let before = before.unwrap_or_default().nanoseconds;
             let grown = demand.nanoseconds.saturating_sub(before) as f64;
+            let grown = if starved { passed } else { grown };
             *wanted.entry(thread.0).or_default() += if passed > 0.0 { grown / passed } else { 0.0 };
         }
         wanted
@@ -147,6 +151,16 @@ mod tests {
         // A thread that is new counts from nothing.
         let new = look(200, &[(1, 1, 7, 1, Waits::Else), (1, 9, 40, 1, Waits::Else)]);
         assert_eq!(watch.look(new, false), Rest::Working);
+    }
+
+    // Promise: recording-ends-by-nodes
+    #[test]
+    fn who_gets_no_processor_between_two_looks_works() {
+        let at = |at, waits| look(at, &[(1, 1, 40, 3, waits)]);
+        let mut watch = Watch::new(&at(0, Waits::Else), at(100, Waits::Else));
+        watch.begin(at(200, Waits::Else));
+        assert_eq!(watch.look(at(250, Waits::Processor), false), Rest::Working);
+        assert_eq!(watch.look(at(300, Waits::Else), false), Rest::Still);
     }
 
     #[test]

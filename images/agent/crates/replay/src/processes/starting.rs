@@ -75,6 +75,12 @@ mod tests {
         // Process ids start from the beginning some time.
         assert!(!rested(&before, &look(100, &[(7, 50), (8, 20), (3, 0)])));
         assert!(rested(&before, &look(100, &[(7, 50)])));
+        // On a busy machine who works may get no processor all the while.
+        let mut starved = look(100, &[(7, 50), (8, 20)]);
+        starved.threads.get_mut(&(8, 8)).unwrap().1 = Waits::Processor;
+        assert!(!rested(&before, &starved));
+        starved.threads.get_mut(&(8, 8)).unwrap().0.nanoseconds += 1_000_000;
+        assert!(rested(&before, &starved));
     }
 
     #[test]

@@ -21,7 +21,9 @@ pub(crate) enum Waits {
     Bytes(u64),
     /// A time.
     Time,
-    /// It runs, or waits for something else.
+    /// A processor, unless it has one.
+    Processor,
+    /// Something else.
     Else,
 }
 
@@ -47,6 +49,9 @@ pub(crate) fn demand(schedstat: &str) -> Option<Demand> {
 pub(crate) fn waits(syscall: &str) -> Option<Waits> {
     let mut words = syscall.split_ascii_whitespace();
     let first = words.next()?;
+    if first == "running" {
+        return Some(Waits::Processor);
+    }
     let Ok(number) = first.parse::<u64>() else { return Some(Waits::Else) };
     if calls::SLEEP.contains(&number) {
         return Some(Waits::Time);
@@ -68,7 +73,7 @@ mod tests {
         let ran = Demand { nanoseconds: 1_500, waited: 500, turns: 7 };
         assert_eq!(demand("1000 500 7\n"), Some(ran));
         assert_eq!(demand("1000 500\n"), None);
-        assert_eq!(waits("running\n"), Some(Waits::Else));
+        assert_eq!(waits("running\n"), Some(Waits::Processor));
         assert_eq!(waits("-1 0x7ffd 0x7f08\n"), Some(Waits::Else));
         assert_eq!(waits(""), None);
     }
