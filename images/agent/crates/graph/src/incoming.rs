@@ -1,6 +1,7 @@
 //! What is received, and who takes it in.
 
-use crate::ReadStamp;
+/// Reads the stamp of a serialised message, in nanoseconds; `None` if the message is too short.
+pub type ReadStamp = fn(&[u8]) -> Option<u64>;
 
 /// The publisher at the other end of a connection, as it introduced itself.
 #[derive(Clone, Debug, Default)]

@@ -5,10 +5,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::{Audit, GraphError, Publication, Sink, TopicInfo};
-
-/// Reads the stamp of a serialised message, in nanoseconds; `None` if the message is too short.
-pub type ReadStamp = fn(&[u8]) -> Option<u64>;
+use crate::{Audit, GraphError, Publication, ReadStamp, Sink, TopicInfo};
 
 /// One graph of a middleware, and how its messages are written.
 pub trait Middleware: Debug + Send + Sync {
