@@ -249,7 +249,7 @@ fn cut(short: &Short, base: u64) -> Refusal {
     refused(Reason::Cut, sentence)
 }
 
-/// The fields of a header, of which the last of a name counts, as for ROS's own readers.
+/// The fields of a header, of which the last of a name counts.
 struct Header<'a>(Vec<Field<'a>>);
 
 impl<'a> Header<'a> {
