@@ -20,7 +20,9 @@ TOGETHER = {
     "ros1": [{"node", "slave"}],
 }  # fmt: skip
 # At the least so many edges were found, so that a source that is read wrongly is noticed.
-LEAST_EDGES = {"agent": 80, "graph": 5, "log": 5, "replay": 140, "ros1": 25, "rosbag": 60, "wire": 10}
+LEAST_EDGES = {
+    "agent": 80, "graph": 5, "log": 5, "replay": 140, "ros1": 25, "rosbag": 60, "wire": 10,
+}  # fmt: skip
 
 
 def joined(edges: Graph, groups: list[set[str]]) -> Graph:
