@@ -59,7 +59,7 @@ def test_what_reads_a_bag_says_how_to_get_the_module(
     assert (done.returncode, done.stdout) == (2, ""), done.stderr
     (sentence,) = done.stderr.splitlines()
     assert "needs the native module bagpipe_bag, which is not installed here" in sentence
-    assert "`make venv` builds it into .venv" in sentence
+    assert "`make wheels` in a checkout builds it for pip, `make venv` into .venv" in sentence
     assert "unexpected" not in sentence
 
 

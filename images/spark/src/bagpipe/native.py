@@ -4,7 +4,10 @@ import importlib
 from typing import Any
 
 _MODULE = "bagpipe_bag"
-_HOW = "the Spark image has it, and `make venv` builds it into .venv"
+_HOW = (
+    "`make wheels` in a checkout builds it for pip, `make venv` into .venv, and the Spark image"
+    " has it"
+)
 
 
 class NativeModuleError(ImportError):
