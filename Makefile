@@ -291,6 +291,10 @@ plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by defaul
 	$(STEP) "Packing the kubectl plugin" -- .venv/bin/python images/build/plugin.py \
 	  "$(or $(FOLDER),$(BAGPIPE_CACHE)/plugin)" $(if $(URI),--uri "$(URI)")
 
+.PHONY: wheels
+wheels: preflight venv ## Build what a laptop installs into FOLDER (the cache by default): bagpipe, its native module, the agent
+	$(STEP) "Building the wheels" -- .venv/bin/python images/build/wheels.py "$(or $(FOLDER),$(BAGPIPE_CACHE)/wheels)"
+
 .PHONY: up
 up: preflight tools
 	$(STEP) "Starting Kubernetes on this machine" --if-it-fails "'make down' cleans up; then try again." -- $(CLUSTER_PY) up $(if $(NODES),--nodes $(NODES))

@@ -16,7 +16,7 @@ step "mypy, the packages" mypy --package bagpipe --package bagpipe_operator
 step "mypy, the tests" mypy tests/unit tests/integration tests/toy_engine tests/liars tests/e2e tests/bench tests/fuzz tests/quick tests/mutation tests/promises \
   --exclude tests/bench/nodes --exclude tests/integration/nodes --exclude tests/liars/stacks
 step "mypy, the cluster" env -C tests/cluster mypy --config-file ../../pyproject.toml cluster.py step.py
-step "mypy, the images" env -C images/build mypy --config-file ../../pyproject.toml agent.py build.py module.py plugin.py ../spark/class_archive.py
+step "mypy, the images" env -C images/build mypy --config-file ../../pyproject.toml agent.py build.py module.py plugin.py wheels.py ../spark/class_archive.py
 step "mypy, the documentation's site" mypy docs/site charts/reference.py
 step "import-linter" lint-imports
 step "words" tests/words.sh

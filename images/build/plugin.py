@@ -2,8 +2,9 @@
 
     .venv/bin/python images/build/plugin.py FOLDER [--uri URI]
 
-The archive has a launcher for kubectl and one for its completion, bagpipe's wheel, and the pinned
-list of what the wheel needs. The same sources give the same bytes.
+The archive has a launcher for kubectl and one for its completion, bagpipe's wheel and its native
+module's for this machine's kind, and the pinned list of what they need. The same sources give the
+same bytes.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
-from context import EPOCH, ROOT, VERSION, BuildError, package, requirements
+from context import EPOCH, ROOT, VERSION, BuildError, memory_bag, package, requirements
+from lock import LockError
 
 NAME = "bagpipe"
 LAUNCHER = ROOT / "images/kubectl/kubectl-bagpipe"
@@ -33,7 +35,8 @@ logs, results, reports and comparisons.
 """
 CAVEATS = """\
 The first call installs the program's packages beside the plugin, with python3 (3.11 or later, with
-venv) and the package index that pip is configured for.
+venv) and the package index that pip is configured for. What reads recordings (plan, bag) needs the
+native module, which is in the archive for one kind of machine.
 """
 
 
@@ -79,6 +82,7 @@ def pack(folder: Path, uri: str = URI) -> tuple[Path, Path]:
     with tempfile.TemporaryDirectory() as scratch:
         package(ROOT / "images" / "spark", Path(scratch))
         (wheel,) = Path(scratch).glob(f"{NAME}-*.whl")
+        native = memory_bag(Path(scratch))
         needs = Path(scratch, "requirements.txt")
         requirements(NAME, needs, "cli", "jobs", "storage")
         packed = archive(
@@ -87,6 +91,7 @@ def pack(folder: Path, uri: str = URI) -> tuple[Path, Path]:
                 ("kubectl_complete-bagpipe", launcher, 0o755),
                 ("requirements.txt", needs.read_bytes(), 0o644),
                 (wheel.name, wheel.read_bytes(), 0o644),
+                (native.name, native.read_bytes(), 0o644),
                 ("LICENSE", (ROOT / "LICENSE").read_bytes(), 0o644),
             ]
         )
@@ -106,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         for path in pack(options.folder, options.uri):
             print(f"{path}: {path.stat().st_size:,} bytes")
-    except BuildError as error:
+    except (BuildError, LockError) as error:
         print(f"Packing the plugin failed. {error}", file=sys.stderr)
         return 1
     return 0

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from embedded import tools
 
+from tests.unit.bagpipe.bags import steady, write_bag
+
 ROOT = Path(__file__).parents[3]
 INSTALL_SECONDS = 300
 SECONDS = 60
@@ -38,7 +40,9 @@ def kubectl(environment: dict[str, str], *words: str, seconds: float = SECONDS) 
 # pip fetches and installs for half a minute.
 @pytest.mark.slow
 @pytest.mark.timeout(INSTALL_SECONDS + 3 * SECONDS)
-def test_kubectl_finds_installs_and_completes_the_plugin(environment: dict[str, str]) -> None:
+def test_kubectl_finds_installs_and_completes_the_plugin(
+    environment: dict[str, str], tmp_path: Path
+) -> None:
     # Before it is installed, Tab waits for nothing.
     assert "watch" not in kubectl(environment, "__complete", "bagpipe", "wat")[1]
     status, text = kubectl(environment, "bagpipe", "--version", seconds=INSTALL_SECONDS)
@@ -53,5 +57,10 @@ def test_kubectl_finds_installs_and_completes_the_plugin(environment: dict[str, 
         0,
         ["watch\tFollow a job in the cluster to its end.", ":4"],
     )
+    # It reads recordings, by the native module.
+    bag = tmp_path / "steady.bag"
+    write_bag(bag, steady("/scan", 10, 50_000_000))
+    status, text = kubectl(environment, "bagpipe", "bag", "info", str(bag))
+    assert (status, "/scan" in text) == (0, True), text
     status, text = kubectl(environment, "plugin", "list")
     assert "kubectl-bagpipe" in text

@@ -14,6 +14,7 @@ from rosbags.typesys import Stores, get_typestore
 
 import bagpipe
 from bagpipe import BagError, MemoryBag
+from bagpipe.native import NativeModuleError, native
 from tests.recording import MESSAGES, fetch
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 
@@ -221,11 +222,18 @@ def test_the_module_is_missing_in_one_sentence() -> None:
         check=False,
     )
     assert done.stderr.splitlines()[-1] == (
-        "ImportError: bagpipe.MemoryBag needs the native module bagpipe_bag, which is not "
-        "installed here: the Spark image has it, and `make venv` builds it into .venv"
+        "bagpipe.native.NativeModuleError: bagpipe.MemoryBag needs the native module "
+        "bagpipe_bag, which is not installed here: the Spark image has it, and `make venv` builds "
+        "it into .venv"
     )
     with pytest.raises(AttributeError, match="no attribute 'Bag'"):
         _ = bagpipe.Bag
+
+
+def test_a_module_that_is_too_old_is_named() -> None:
+    assert issubclass(NativeModuleError, ImportError)
+    with pytest.raises(NativeModuleError, match=r"needs a newer native module .*`make venv`"):
+        native("what_it_will_have_one_day", "reading a bag")
 
 
 def example(page: Path) -> Sequence[str]:

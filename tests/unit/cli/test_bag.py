@@ -290,7 +290,6 @@ def test_without_the_native_module_it_says_what_is_missing(
         raise ModuleNotFoundError
 
     monkeypatch.setattr("importlib.import_module", missing)
-    # Nothing but the tail is read of a bag with an index, and that is Python's own.
-    assert run("info", bag)[0] == 0
-    status, text = run("check", bag)
-    assert (status, "needs the native module bagpipe_bag" in text) == (2, True)
+    for verb in ("info", "check"):
+        status, text = run(verb, bag)
+        assert (status, "needs the native module bagpipe_bag" in text) == (2, True)

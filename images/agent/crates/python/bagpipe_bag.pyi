@@ -1,4 +1,6 @@
-"""The agent's bag in memory; use it as `bagpipe.MemoryBag`."""
+"""The agent's bag in memory; use it as `bagpipe.MemoryBag`. What parses a bag's tail is used by
+`bagpipe.plan.bag_tail`, which decides what is read.
+"""
 
 from collections.abc import Iterator, Sequence
 from os import PathLike
@@ -174,3 +176,35 @@ class MemoryBagWriter:
         """The most bytes that the bag, finished then, would have had at any time."""
     def finish(self) -> MemoryBag:
         """Writes the index and gives the bag; nothing can be written after that."""
+
+class TailError(ValueError):
+    """A bag can't be planned: `args` are a reason in CamelCase and a sentence."""
+
+# index_pos, conn_count, chunk_count
+_Head = tuple[int, int, int]
+# id, topic, type, caller id, latching, offset, length
+_Publisher = tuple[int, str, str, str, bool, int, int]
+# offset, end, start and end time in ns, messages for each connection
+_Span = tuple[int, int, int, int, dict[int, int]]
+
+# Each raises TailError; `base` and `offset` are where the bytes lie in the file.
+def parse_head(data: bytes, size: int) -> _Head:
+    """The file header record in the bytes with which a file of `size` bytes begins."""
+
+def parse_tail(data: bytes, head: _Head) -> tuple[list[_Publisher], list[_Span]]:
+    """All bytes of the file from index_pos on."""
+
+def chunk_compression(data: bytes, base: int) -> str:
+    """What the header of the CHUNK record names, with which the bytes begin."""
+
+def chunk_length(data: bytes, base: int) -> int | None:
+    """Bytes of the whole CHUNK record by its header; None where `data` ends too early to say."""
+
+def index_times(data: bytes, base: int) -> dict[int, list[int]]:
+    """Times in ns that INDEX records name, for each connection."""
+
+def split_record(data: bytes, at: int, base: int) -> tuple[dict[str, bytes], int, int]:
+    """Fields of the record at `at`, and where its data begins and ends in `data`."""
+
+def connection_fields(record: bytes, offset: int) -> dict[str, bytes]:
+    """What a CONNECTION record says of its publisher."""

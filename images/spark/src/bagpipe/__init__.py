@@ -8,6 +8,8 @@ So is what a Spark program uses, `bin_piped` and its kin: the operator and the S
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from bagpipe.native import native
+
 if TYPE_CHECKING:
     from bagpipe_bag import BagError, MemoryBag, MemoryBagWriter
 
@@ -31,12 +33,4 @@ def __getattr__(name: str) -> Any:
         return getattr(importlib.import_module(_ON_SPARK[name]), name)
     if name not in _NATIVE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
-        native = importlib.import_module("bagpipe_bag")
-    except ModuleNotFoundError as missing:
-        raise ImportError(
-            f"bagpipe.{name} needs the native module bagpipe_bag, which is not installed here: "
-            "the Spark image has it, and `make venv` builds it into .venv",
-            name="bagpipe_bag",
-        ) from missing
-    return getattr(native, name)
+    return native(name, f"bagpipe.{name}")

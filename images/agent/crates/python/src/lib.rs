@@ -1,4 +1,4 @@
-//! The agent's bag for Python: `bagpipe.MemoryBag`.
+//! The agent's bag for Python: `bagpipe.MemoryBag`, and what a planner needs of bags.
 //!
 //! Thin: each file gives one thing of the crate `bagpipe-rosbag` to Python. What takes long runs
 //! without Python's lock; what Python gets of messages are views of the bag's own memory, and
@@ -9,6 +9,7 @@ mod error;
 mod memory;
 mod messages;
 mod model;
+mod tail;
 mod view;
 mod writer;
 
@@ -25,6 +26,11 @@ mod bagpipe_bag {
     use crate::messages::Messages;
     #[pymodule_export]
     use crate::model::{Checked, Connection, Damage};
+    #[pymodule_export]
+    use crate::tail::{
+        TailError, chunk_compression, chunk_length, connection_fields, index_times, parse_head,
+        parse_tail, split_record,
+    };
     #[pymodule_export]
     use crate::writer::MemoryBagWriter;
 }

@@ -6,8 +6,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::file::ReadAhead;
 use crate::record::{
-    Fields, FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, connection,
-    read_bytes, time_at, u32_at, u64_at,
+    FieldDefect, Fields, FileRecord, OP_CHUNK, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER,
+    connection, read_bytes, time_at, u32_at, u64_at,
 };
 use crate::scan::scan;
 use crate::unpack::chunk_bytes;
@@ -316,7 +316,7 @@ fn read_chunk_info(
     record: &FileRecord<'_>,
     data: &[u8],
 ) -> Result<ChunkInfo, BagError> {
-    let fail = |defect| record.in_header(defect);
+    let fail = |defect: FieldDefect| record.in_header(defect.into());
     let (mut position, mut start, mut end) = (None, None, None);
     let mut fields = Fields::new(&record.header);
     while let Some((name, value)) = fields.next_field().map_err(fail)? {

@@ -7,6 +7,7 @@
 //!
 //! Beside that: [`slice`], [`merge`], [`reindex`] (which also writes bags of format 1.2 as 2.0)
 //! and [`check`]. Each has a twin whose memory is bounded by [`Limits`].
+//! [`tail`] says where what lies, of bytes that others have read.
 //!
 //! Not for: deserialising messages, or encrypted bags (refused with a sentence).
 //! Input is not trusted: every length is checked before it is believed, and errors name
@@ -33,6 +34,7 @@ mod recording;
 mod reindex;
 mod scan;
 mod slice;
+pub mod tail;
 mod timeline;
 mod unpack;
 mod upgrade;

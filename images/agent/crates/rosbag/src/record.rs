@@ -48,8 +48,54 @@ pub(crate) fn time_at(bytes: &[u8], at: usize) -> Option<u64> {
     Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds))
 }
 
+/// Why bytes that stand behind their own length are not all there.
+#[derive(Debug)]
+pub(crate) enum Short {
+    /// Not even the length is.
+    Length { at: usize },
+    /// The length at `at` demands more bytes than are left behind it.
+    Bytes { at: usize, needed: u32, left: usize },
+}
+
+impl Short {
+    pub fn at(&self) -> usize {
+        match self {
+            Self::Length { at } | Self::Bytes { at, .. } => *at,
+        }
+    }
+}
+
+/// The bytes behind the length that stands at `at`.
+pub(crate) fn sized(bytes: &[u8], at: usize) -> Result<&[u8], Short> {
+    let needed = u32_at(bytes, at).ok_or(Short::Length { at })?;
+    let behind = bytes.get(at + 4..).unwrap_or_default();
+    behind.get(..needed as usize).ok_or(Short::Bytes { at, needed, left: behind.len() })
+}
+
 /// A field's name and value.
-pub(crate) type Field<'a> = (&'a [u8], &'a [u8]);
+pub type Field<'a> = (&'a [u8], &'a [u8]);
+
+/// What is wrong with a record's header, for whoever has its own words for it.
+#[derive(Debug)]
+pub(crate) enum FieldDefect {
+    Short(Short),
+    /// A field without `=`.
+    Nameless {
+        at: usize,
+    },
+}
+
+impl From<FieldDefect> for Defect {
+    fn from(defect: FieldDefect) -> Self {
+        match defect {
+            FieldDefect::Short(Short::Length { at }) => Self::new(at, "a field's length"),
+            FieldDefect::Short(Short::Bytes { at, needed, left }) => {
+                Self::new(at, format!("a field of at most {left} bytes, found {needed}"))
+            }
+            FieldDefect::Nameless { at } => Self::new(at, "a field of the form name=value"),
+        }
+    }
+}
 
 /// Walks the fields of a record's header.
 pub(crate) struct Fields<'a> {
@@ -63,22 +109,15 @@ impl<'a> Fields<'a> {
     }
 
     /// The next field, its value's place included, or `None` at the end.
-    pub fn next_field(&mut self) -> Result<Option<Field<'a>>, Defect> {
+    pub fn next_field(&mut self) -> Result<Option<Field<'a>>, FieldDefect> {
         if self.at == self.bytes.len() {
             return Ok(None);
         }
         let at = self.at;
-        let bad = |what: &str| Defect::new(at, what);
-        let length = u32_at(self.bytes, at).ok_or_else(|| bad("a field's length"))? as usize;
-        let end = (at + 4).checked_add(length).ok_or_else(|| bad("a field's length"))?;
-        let field = self.bytes.get(at + 4..end).ok_or_else(|| {
-            bad(&format!("a field of at most {} bytes, found {length}", self.bytes.len() - at - 4))
-        })?;
-        let equals = field
-            .iter()
-            .position(|byte| *byte == b'=')
-            .ok_or_else(|| bad("a field of the form name=value"))?;
-        self.at = end;
+        let field = sized(self.bytes, at).map_err(FieldDefect::Short)?;
+        let equals =
+            field.iter().position(|byte| *byte == b'=').ok_or(FieldDefect::Nameless { at })?;
+        self.at = at + 4 + field.len();
         Ok(Some((&field[..equals], &field[equals + 1..])))
     }
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import click
 
+from bagpipe.native import NativeModuleError
+
 # A shell's status of a program that Ctrl-C ended.
 _INTERRUPTED = 130
 _NOT_RUN = 2
@@ -32,7 +34,8 @@ class LastWords(click.Group):
             where = "" if wanted else f"; {_TRACEBACK}=1 shows where"
             text = f"{type(error).__name__}: {error}".removesuffix(": ")
             fault = f"unexpected fault, please report it: {text}{where}"
-            click.echo(f"Error: {error if _is_of_engines(error) else fault}", err=True)
+            plain = _is_of_engines(error) or isinstance(error, NativeModuleError)
+            click.echo(f"Error: {error if plain else fault}", err=True)
             raise SystemExit(_NOT_RUN) from error
 
 

@@ -27,6 +27,7 @@ from bagpipe.cli.results import describe, print_results
 from bagpipe.cli.running import RunError, run_here
 from bagpipe.cli.showing import Showing
 from bagpipe.matrix.faults import MatrixError
+from bagpipe.native import NativeModuleError, native
 from bagpipe.run.laptop import ReplayError, own_environment
 from bagpipe.spec import Images, JobFile, SimulationJobSpec
 from bagpipe.storage import StorageError
@@ -167,6 +168,12 @@ def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -
             "PySpark is not installed: install bagpipe with its extra spark, as in"
             " pip install './images/spark[cli,spark,storage]'"
         )
+    # The driver would miss it only when Spark has started.
+    if spec.source.uris and not spec.source.files:
+        try:
+            native("TailError", "reading a bag")
+        except NativeModuleError as error:
+            lacking.append(str(error))
     if lacking or program is None:
         raise RunError("\n".join(lacking))
     return program
