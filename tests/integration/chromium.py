@@ -40,8 +40,8 @@ def logged(browser: webdriver.Chrome, kind: str) -> list[dict[str, Any]]:
 def requests(browser: webdriver.Chrome) -> list[str]:
     """Every URL that a page asked for since it was opened.
 
-    The browser's own first page, which may still load when ours is opened, asks for chrome:// alone,
-    which no page of a file or a server may.
+    The browser's own first page, which may still load when ours is opened, asks for chrome://
+    alone, which no page of a file or a server may.
     """
     events = [json.loads(entry["message"])["message"] for entry in logged(browser, "performance")]
     sent = [event for event in events if event["method"] == "Network.requestWillBeSent"]
