@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import platform
 import re
 import tarfile
 from pathlib import Path
@@ -14,6 +15,7 @@ import yaml
 FILES = {
     "LICENSE": 0o644,
     "bagpipe-0.1.0-py3-none-any.whl": 0o644,
+    f"bagpipe_bag-0.1.0-cp311-abi3-manylinux_2_34_{platform.machine()}.whl": 0o644,
     "kubectl-bagpipe": 0o755,
     "kubectl_complete-bagpipe": 0o755,
     "requirements.txt": 0o644,

@@ -27,6 +27,8 @@ LOADED: Mapping[str, tuple[str, ...]] = {
     f"{_SPARK}/engine_fields.py": (
         f"{_SPARK}/engine/*/__init__.py", f"{_SPARK}/engine/*/fields.py",
     ),
+    # Of another language.
+    f"{_SPARK}/native.py": (),
     "tests/unit/bagpipe/test_added_engine.py": (
         "tests/toy_engine/bagpipe_engines/*/*.py", f"{_SPARK}/engine_fields.py",
     ),

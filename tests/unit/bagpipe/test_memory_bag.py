@@ -223,8 +223,8 @@ def test_the_module_is_missing_in_one_sentence() -> None:
     )
     assert done.stderr.splitlines()[-1] == (
         "bagpipe.native.NativeModuleError: bagpipe.MemoryBag needs the native module "
-        "bagpipe_bag, which is not installed here: the Spark image has it, and `make venv` builds "
-        "it into .venv"
+        "bagpipe_bag, which is not installed here: `make wheels` in a checkout builds it for pip, "
+        "`make venv` into .venv, and the Spark image has it"
     )
     with pytest.raises(AttributeError, match="no attribute 'Bag'"):
         _ = bagpipe.Bag
