@@ -12,7 +12,7 @@ import importlib.util
 import pkgutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Self
+from typing import Any, Literal
 
 from pydantic import BaseModel
 
@@ -43,14 +43,6 @@ class EngineFields:
 class EnginesError(Exception):
     """The engines that are installed can't be used: two have one name, or one can't be loaded."""
 
-    @classmethod
-    def not_loaded(cls, module: str, cause: Exception) -> Self:
-        """The sentence for a module of an engine that can't be imported, or lacks its object."""
-        return cls(
-            f"the engine's module {module} can't be loaded ({type(cause).__name__}: {cause}):"
-            " install the engine as a whole, or remove its folder"
-        )
-
 
 @functools.cache
 def engine_modules() -> Mapping[str, str]:
@@ -76,12 +68,20 @@ def engine_names() -> list[str]:
 @functools.cache
 def fields_of(name: str) -> EngineFields:
     """What an engine declares; its name is one of `engine_names`. Raises EnginesError."""
-    module = f"{engine_modules()[name]}.fields"
-    try:
-        fields: EngineFields = importlib.import_module(module).FIELDS
-    except Exception as error:  # an added engine's code may raise anything
-        raise EnginesError.not_loaded(module, error) from error
+    fields: EngineFields = of_engine(name, "fields")
     return fields
+
+
+def of_engine(name: str, part: str) -> Any:
+    """The object of an engine that its module `part` names in capitals. Raises EnginesError."""
+    module = f"{engine_modules()[name]}.{part}"
+    try:
+        return getattr(importlib.import_module(module), part.upper())
+    except Exception as error:  # an added engine's code may raise anything
+        raise EnginesError(
+            f"the engine's module {module} can't be loaded ({type(error).__name__}: {error}):"
+            " install the engine as a whole, or remove its folder"
+        ) from error
 
 
 def load_engines() -> None:
