@@ -1,32 +1,14 @@
 //! Damaged input: never a panic, never a loss of what lies before the damage.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod sample;
+
 use bagpipe_rosbag::{
     Bag, BagError, BagWriter, Compression, Connection, Limits, MemoryChunkedFile, WriterOptions,
     check_limited, reindex_limited,
 };
 use proptest::prelude::*;
-
-fn sample(compression: Compression) -> Vec<u8> {
-    let options = WriterOptions { compression, chunk_threshold: 1500, byte_budget: None };
-    let mut writer = BagWriter::new(options);
-    for topic in ["/a", "/b"] {
-        writer.add_connection(&Connection {
-            id: 0,
-            topic: topic.to_owned(),
-            datatype: "std_msgs/String".to_owned(),
-            md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".to_owned(),
-            caller_id: None,
-            latching: false,
-        });
-    }
-    for number in 0..100u64 {
-        let data: Vec<u8> = (0..50 + number).map(|byte| (byte * 31 + number * 7) as u8).collect();
-        writer.write((number % 2) as u32, number * 1_000_000, &data).unwrap();
-    }
-    writer.finish().unwrap()
-}
+use sample::sample;
 
 fn scan(bytes: Vec<u8>) -> Result<Bag<MemoryChunkedFile>, BagError> {
     let limits = Limits { decompressed_bytes: 64 << 20 };

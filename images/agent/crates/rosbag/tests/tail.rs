@@ -1,35 +1,17 @@
 //! A bag's tail read from bytes: what `Bag` finds as well, and never a panic.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+mod sample;
+
 use bagpipe_rosbag::tail::{
     Head, Reason, Refusal, Tail, chunk_compression, chunk_length, connection_fields, index_times,
     parse_head, parse_tail, split_record,
 };
-use bagpipe_rosbag::{Bag, BagWriter, Compression, Connection, MemoryChunkedFile, WriterOptions};
+use bagpipe_rosbag::{Bag, Compression, MemoryChunkedFile};
 use proptest::prelude::*;
+use sample::sample;
 
 const ALL: [Compression; 3] = [Compression::None, Compression::Bz2, Compression::Lz4];
-
-fn sample(compression: Compression) -> Vec<u8> {
-    let options = WriterOptions { compression, chunk_threshold: 1500, byte_budget: None };
-    let mut writer = BagWriter::new(options);
-    for topic in ["/a", "/b"] {
-        writer.add_connection(&Connection {
-            id: 0,
-            topic: topic.to_owned(),
-            datatype: "std_msgs/String".to_owned(),
-            md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
-            definition: "string data\n".to_owned(),
-            caller_id: Some("/talker".to_owned()),
-            latching: topic == "/b",
-        });
-    }
-    for number in 0..100u64 {
-        let data: Vec<u8> = (0..50 + number).map(|byte| (byte * 31 + number * 7) as u8).collect();
-        writer.write((number % 2) as u32, number * 1_000_000, &data).unwrap();
-    }
-    writer.finish().unwrap()
-}
 
 fn read(bytes: &[u8]) -> Result<(Head, Tail), Refusal> {
     let head = parse_head(bytes, bytes.len() as u64)?;
