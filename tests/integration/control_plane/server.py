@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from embedded import builds
+from embedded.control_plane import SELDOM_COLLECTED
 
 from tests.integration.control_plane.client import Client, Object, core
 from tests.integration.storage.servers import Server
@@ -132,7 +133,9 @@ def prepare() -> ControlPlane:
     url = f"https://127.0.0.1:{ports[0]}"
     admin = Client(url, pki / "ca.crt", pki / "admin.crt", pki / "admin.key")
     servers = {
-        name: Server([*DIES_WITH_US, str(programs / name), *flags], folder / f"{name}.log")
+        name: Server(
+            [*DIES_WITH_US, str(programs / name), *flags], folder / f"{name}.log", SELDOM_COLLECTED
+        )
         for name, flags in json.loads(done.stdout).items()
     }
     return ControlPlane(folder, admin, servers)
