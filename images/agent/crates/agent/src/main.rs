@@ -6,6 +6,7 @@
 mod case;
 mod cli;
 mod engine;
+mod formats;
 mod metrics;
 mod serve;
 mod size;

@@ -31,3 +31,18 @@ pub struct Message<'a> {
     /// The same with its length (u32, little-endian) before it: its TCPROS frame.
     pub frame: &'a [u8],
 }
+
+/// What a damaged or truncated recording has lost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Loss {
+    /// Byte offset of the first damage in the file.
+    pub offset: u64,
+    /// Bytes that could not be used: unreadable ones, and ones that a record declares and
+    /// the file lacks.
+    pub bytes: u64,
+    /// Messages that are lost, where the records behind the damage still say how many there
+    /// were; `None` when nobody can know.
+    pub messages: Option<u64>,
+    /// What was expected there.
+    pub description: String,
+}

@@ -41,14 +41,14 @@ mod upgrade;
 mod writer;
 
 pub use bag::{Bag, Limits};
-pub use bagpipe_log::{Connection, Message, Place};
+pub use bagpipe_log::{Connection, Loss, Message, Place};
 pub use check::{Checked, check, check_limited};
 pub use compression::Compression;
 pub use error::BagError;
 pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
 pub use merge::merge;
 pub use messages::Messages;
-pub use model::{ChunkInfo, Loss};
+pub use model::ChunkInfo;
 pub use reindex::{Reindexed, reindex, reindex_limited};
 pub use slice::{Sliced, Window, slice};
 pub use timeline::{Timeline, TimelineIter};

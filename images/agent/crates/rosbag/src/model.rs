@@ -1,4 +1,4 @@
-//! What of a bag other formats have not: its chunks, and what it lost.
+//! What of a bag other formats have not: its chunks.
 
 use crate::Compression;
 
@@ -32,19 +32,4 @@ impl ChunkInfo {
     pub fn messages(&self) -> u64 {
         self.counts.iter().map(|(_, count)| u64::from(*count)).sum()
     }
-}
-
-/// What a damaged or truncated bag has lost.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Loss {
-    /// Byte offset of the first damage in the file.
-    pub offset: u64,
-    /// Bytes that could not be used: unreadable ones, and ones that a record declares and
-    /// the file lacks.
-    pub bytes: u64,
-    /// Messages that are lost, where the records behind the damage still say how many there
-    /// were; `None` when nobody can know.
-    pub messages: Option<u64>,
-    /// What was expected there.
-    pub description: String,
 }

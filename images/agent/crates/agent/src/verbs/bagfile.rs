@@ -3,11 +3,13 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use bagpipe_log::Loss;
 use bagpipe_rosbag::{
     Bag, BagError, ChunkedFile, Compression, DiskChunkedFile, Limits, WriterOptions,
 };
 use clap::{Args, ValueEnum};
 
+use crate::formats::Refused;
 use crate::size::bytes;
 
 /// Where the new bag goes, and how.
@@ -64,6 +66,12 @@ pub fn write(path: &Path, bytes: &[u8]) -> Result<(), String> {
         .map_err(|error| format!("{}: {error}", path.display()))
 }
 
+/// Why a recording could not be read, and what to do.
+pub fn refused(path: &Path, refused: &Refused) -> String {
+    let advice = if refused.over_memory { "; --memory-budget allows more" } else { "" };
+    format!("{}: {}{advice}", path.display(), refused.text)
+}
+
 /// Why a bag could not be read or made, and what to do.
 pub fn unreadable(path: &Path, error: &BagError) -> String {
     let advice = match error {
@@ -115,7 +123,7 @@ pub fn file(path: &Path) -> Result<DiskChunkedFile, String> {
 }
 
 /// What was lost, as a sentence.
-pub fn loss(loss: &bagpipe_rosbag::Loss) -> String {
+pub fn loss(loss: &Loss) -> String {
     let messages = match loss.messages {
         Some(count) => format!("{count} messages"),
         None => "nobody can say how many messages".to_owned(),

@@ -12,10 +12,11 @@ use bagpipe_replay::{
     AnswerBy, Cancellation, Mode, Pause, Progress, ReplayError, ReplayRequest, Replayed, Resumed,
     StartWhen, Step, Window, replay_together,
 };
-use bagpipe_rosbag::{Bag, ChunkedFile, Compression, MemoryChunkedFile, WriterOptions};
+use bagpipe_rosbag::{Compression, WriterOptions};
 use clap::Args;
 
-use crate::verbs::bagfile::{Memory, loss, write};
+use crate::formats::{self, Opened};
+use crate::verbs::bagfile::{Memory, loss, refused, write};
 use crate::verbs::delivery_table::table;
 use crate::verbs::graph_options::{graph, interrupted, positive, seconds};
 use crate::verbs::record::of_part;
@@ -107,7 +108,7 @@ pub struct PlayOptions {
 /// # Errors
 /// A sentence: something can't be read, played or written, or messages were lost.
 pub fn play(options: &PlayOptions) -> Result<(), String> {
-    let open = |path: &PathBuf| bag(path, options.memory);
+    let open = |path: &PathBuf| open(path, options.memory);
     let bags: Vec<_> = options.files.iter().map(open).collect::<Result<_, _>>()?;
     let interrupted = interrupted()?;
     let mut losses = Vec::new();
@@ -132,14 +133,15 @@ pub fn play(options: &PlayOptions) -> Result<(), String> {
     Err(format!("not every subscriber received every message: lost were {}", losses.join(", ")))
 }
 
-fn bag(path: &Path, memory: Memory) -> Result<Bag<MemoryChunkedFile>, String> {
+fn open(path: &Path, memory: Memory) -> Result<Opened, String> {
     let name = path.display();
     let bytes = std::fs::read(path).map_err(|error| format!("{name}: {error}"))?;
-    let bag = memory.open(path, MemoryChunkedFile::new(bytes))?;
-    if let Some(lost) = bag.loss() {
+    let opened =
+        formats::file(bytes, memory.memory_budget).map_err(|error| refused(path, &error))?;
+    if let Some(lost) = &opened.loss {
         eprintln!("{name}: {}; the rest is played", loss(lost));
     }
-    Ok(bag)
+    Ok(opened)
 }
 
 /// Goes on once a line has come on stdin, or its end.
@@ -169,15 +171,11 @@ fn enter() -> Resumed {
 
 impl PlayOptions {
     /// Everything once, with registrations of its own.
-    fn play_round<F: ChunkedFile>(
-        &self,
-        bags: &[Bag<F>],
-        interrupted: &AtomicBool,
-    ) -> Result<Replayed, String> {
+    fn play_round(&self, bags: &[Opened], interrupted: &AtomicBool) -> Result<Replayed, String> {
         let request = self.request(bags)?;
         let cancelled = || interrupted.load(Ordering::Relaxed).then_some(Cancellation::Terminated);
         let mut silent = |_: Progress| ();
-        let bags: Vec<&dyn Recording> = bags.iter().map(|bag| bag as &dyn Recording).collect();
+        let bags: Vec<&dyn Recording> = bags.iter().map(|bag| &*bag.recording).collect();
         let played = replay_together(&bags, &request, &mut silent, &cancelled);
         played.map_err(|error| match &error {
             ReplayError::Cancelled(_) => "interrupted".to_owned(),
@@ -213,8 +211,8 @@ impl PlayOptions {
         Ok(())
     }
 
-    fn request<F: ChunkedFile>(&self, bags: &[Bag<F>]) -> Result<ReplayRequest, String> {
-        let ranges: Vec<(u64, u64)> = bags.iter().filter_map(Bag::time_range).collect();
+    fn request(&self, bags: &[Opened]) -> Result<ReplayRequest, String> {
+        let ranges: Vec<(u64, u64)> = bags.iter().filter_map(|bag| bag.span).collect();
         let first = ranges.iter().map(|(first, _)| *first).min().unwrap_or(0);
         let last = ranges.iter().map(|(_, last)| *last).max().unwrap_or(0);
         let nanoseconds = |time: Duration| u64::try_from(time.as_nanos()).unwrap_or(u64::MAX);
@@ -256,12 +254,12 @@ impl PlayOptions {
     }
 
     /// The published name of each recorded topic that has another one.
-    fn names<F: ChunkedFile>(&self, bags: &[Bag<F>]) -> BTreeMap<String, String> {
+    fn names(&self, bags: &[Opened]) -> BTreeMap<String, String> {
         let slash = |name: &str| format!("/{}", name.trim_matches('/'));
         let renamed: BTreeMap<String, String> =
             self.remap.iter().map(|(old, new)| (slash(old), slash(new))).collect();
         let prefix = self.prefix.as_deref().map(slash).unwrap_or_default();
-        let connections = bags.iter().flat_map(Bag::connections);
+        let connections = bags.iter().flat_map(|bag| bag.recording.connections());
         let recorded = connections.map(|connection| slash(&connection.topic));
         let named = recorded.map(|old| {
             let new = renamed.get(&old).unwrap_or(&old);

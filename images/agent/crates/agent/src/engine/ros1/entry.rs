@@ -1,16 +1,14 @@
-//! How a slot runs a case of ROS 1 nodes: their input as a bag, in memory or on disk, or the
+//! How a slot runs a case of ROS 1 nodes: their input as a recording, in memory or on disk, or the
 //! worker's simulator.
 
 use std::cell::{Cell, RefCell};
 use std::fs::File;
 use std::time::Instant;
 
-use bagpipe_rosbag::{ChunkedFile, MemoryChunkedFile};
-
 use crate::case::failure::Failure;
 use crate::case::folder::CaseFolder;
 use crate::engine::on_disk::{OnDisk, failed};
-use crate::engine::ros1::feed::{receive_bag, receive_bag_on_disk};
+use crate::engine::ros1::feed::{receive, receive_on_disk};
 use crate::engine::ros1::outcome::{Outcome, Timings};
 use crate::engine::ros1::{Input, Runner};
 use crate::engine::task::{Answer, Engine, Recording, Task};
@@ -28,29 +26,30 @@ fn play(task: &Task<'_>) -> Result<(Outcome, Recording), Failure> {
     let begun = Instant::now();
     let (budget, stopping) = (task.memory_budget, || task.stopping());
     if let Some(simulator) = &task.case.simulator {
-        let input = Input::<MemoryChunkedFile>::Simulator(simulator);
-        let (outcome, bytes) = run_on(task, &input, begun)?;
+        let (outcome, bytes) = run_on(task, &Input::Simulator(simulator), begun)?;
         return Ok((outcome, Recording::InMemory(bytes)));
     }
     if let Some(disk) = task.on_disk {
         let until: (Instant, &dyn Fn() -> bool) = (task.deadline, &stopping);
-        let (header, bag) = receive_bag_on_disk(&mut task.link.borrow_mut(), budget, until, disk)?;
+        let (header, opened) = receive_on_disk(&mut task.link.borrow_mut(), budget, until, disk)?;
         let path = disk.recording()?;
-        let (outcome, _) = run_on(task, &Input::Bag(&header, &bag), begun)?;
+        let input = Input::Recording(&header, &*opened.recording);
+        let (outcome, _) = run_on(task, &input, begun)?;
         disk.settle(&path)?;
         let file = File::open(&path).map_err(|error| failed(&path, &error))?;
         let length = file.metadata().map_err(|error| failed(&path, &error))?.len();
         return Ok((outcome, Recording::OnDisk(file, length)));
     }
-    let (header, bag) = receive_bag(&mut task.link.borrow_mut(), budget, task.deadline, &stopping)?;
-    let (outcome, bytes) = run_on(task, &Input::Bag(&header, &bag), begun)?;
+    let (header, opened) = receive(&mut task.link.borrow_mut(), budget, task.deadline, &stopping)?;
+    let input = Input::Recording(&header, &*opened.recording);
+    let (outcome, bytes) = run_on(task, &input, begun)?;
     Ok((outcome, Recording::InMemory(bytes)))
 }
 
 /// Runs a case whose input is there; the recording, where it is kept in memory.
-fn run_on<F: ChunkedFile>(
+fn run_on(
     task: &Task<'_>,
-    input: &Input<'_, F>,
+    input: &Input<'_>,
     begun: Instant,
 ) -> Result<(Outcome, Vec<u8>), Failure> {
     let timings = Timings { assemble: begun.elapsed().as_secs_f64(), ..Timings::default() };

@@ -1,43 +1,43 @@
-//! Receiving a case's bag into memory; or into a file, which is measured beside it.
+//! Receiving a case's recording into memory; or into a file, which is measured beside it.
 
 use std::io::Write;
 use std::time::Instant;
 
-use bagpipe_rosbag::{Bag, BagError, ChunkedFile, DiskChunkedFile, Limits, MemoryChunkedFile};
 use bagpipe_wire::{Duplex, End, FileHeader, FrameType, from_map};
 
 use crate::case::failure::Failure;
 use crate::engine::on_disk::{OnDisk, failed};
+use crate::formats::{self, Opened, Refused};
 
-/// Receives FILE, its DATA and END into memory, and opens the bag. Memory grows with what
+/// Receives FILE, its DATA and END into memory, and opens the recording. Memory grows with what
 /// really comes, and never past `budget`.
-pub fn receive_bag(
+pub fn receive(
     link: &mut Duplex,
     budget: u64,
     deadline: Instant,
     stop: &dyn Fn() -> bool,
-) -> Result<(FileHeader, Bag<MemoryChunkedFile>), Failure> {
+) -> Result<(FileHeader, Opened), Failure> {
     let header = receive_header(link, budget, deadline, stop)?;
     let mut bytes = Vec::new();
     receive_data(link, &header, &mut bytes, deadline, stop)?;
-    let bag = opened(MemoryChunkedFile::new(bytes), &header, budget)?;
-    Ok((header, bag))
+    let opened = whole(formats::stream(bytes, budget - header.size), &header)?;
+    Ok((header, opened))
 }
 
 /// The same into a file.
-pub fn receive_bag_on_disk(
+pub fn receive_on_disk(
     link: &mut Duplex,
     budget: u64,
     (deadline, stop): (Instant, &dyn Fn() -> bool),
     disk: &OnDisk,
-) -> Result<(FileHeader, Bag<DiskChunkedFile>), Failure> {
+) -> Result<(FileHeader, Opened), Failure> {
     let header = receive_header(link, budget, deadline, stop)?;
     disk.write(|file| receive_data(link, &header, file, deadline, stop))?;
     let path = disk.input();
     disk.settle(&path)?;
-    let file = DiskChunkedFile::open(&path).map_err(|error| failed(&path, &error))?;
-    let bag = opened(file, &header, budget)?;
-    Ok((header, bag))
+    let stream = formats::stream_on_disk(&path, budget - header.size);
+    let opened = whole(stream.map_err(|error| failed(&path, &error))?, &header)?;
+    Ok((header, opened))
 }
 
 fn receive_header(
@@ -65,12 +65,10 @@ fn receive_header(
     Ok(header)
 }
 
-fn opened<F: ChunkedFile>(file: F, header: &FileHeader, budget: u64) -> Result<Bag<F>, Failure> {
-    let limits = Limits { decompressed_bytes: budget - header.size };
-    let bag =
-        Bag::open_unindexed_limited(file, limits).map_err(|error| unreadable(header, &error))?;
-    match bag.loss() {
-        None => Ok(bag),
+fn whole(opened: Result<Opened, Refused>, header: &FileHeader) -> Result<Opened, Failure> {
+    let opened = opened.map_err(|refused| unreadable(header, &refused))?;
+    match &opened.loss {
+        None => Ok(opened),
         Some(loss) => {
             let place = place(header, Some(loss.offset));
             let message =
@@ -125,17 +123,14 @@ fn check_end(link: &Duplex, header: &FileHeader, length: u64, claimed: End) -> R
     Ok(())
 }
 
-/// What is wrong with the bag, with the place in the user's own file.
-fn unreadable(header: &FileHeader, error: &BagError) -> Failure {
-    let place = place(header, error.offset());
-    let reason = match error {
-        BagError::MemoryLimit { .. } => "MemoryBudgetExceeded",
-        _ => "BagUnreadable",
-    };
+/// What is wrong with the recording, with the place in the user's own file.
+fn unreadable(header: &FileHeader, refused: &Refused) -> Failure {
+    let Refused { over_memory, offset, text } = refused;
+    let place = place(header, *offset);
+    let reason = if *over_memory { "MemoryBudgetExceeded" } else { "BagUnreadable" };
     // The place is the user's own; the error's is that of what was sent.
-    let text = error.to_string();
-    let own = error.offset().map(|offset| format!("byte {offset}: ")).unwrap_or_default();
-    Failure::new(reason, format!("{place}: {}", text.strip_prefix(&own).unwrap_or(&text)))
+    let own = offset.map(|offset| format!("byte {offset}: ")).unwrap_or_default();
+    Failure::new(reason, format!("{place}: {}", text.strip_prefix(&own).unwrap_or(text)))
 }
 
 fn place(header: &FileHeader, offset: Option<u64>) -> String {

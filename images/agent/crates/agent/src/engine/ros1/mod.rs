@@ -14,12 +14,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use bagpipe_log::Recording;
 use bagpipe_replay::{
     AnswerBy, CLOCK_RATE, Cancellation, Meter, Mode, Progress, ReplayRequest, Replayed, Stage,
     StartWhen, Step, Window, replay, simulate,
 };
 use bagpipe_ros1::Ros1;
-use bagpipe_rosbag::{Bag, ChunkedFile, Compression, WriterOptions};
+use bagpipe_rosbag::{Compression, WriterOptions};
 use bagpipe_wire::{Abort, Duplex, FileHeader, FrameType, Metric, to_map};
 
 use crate::case::failure::Failure;
@@ -57,9 +58,9 @@ pub struct Runner<'a> {
 }
 
 /// What the stack receives.
-pub enum Input<'a, F: ChunkedFile> {
-    /// A bag, with its sender's description of it.
-    Bag(&'a FileHeader, &'a Bag<F>),
+pub enum Input<'a> {
+    /// A recording, with its sender's description of it.
+    Recording(&'a FileHeader, &'a dyn Recording),
     /// The worker's simulator.
     Simulator(&'a Simulator),
 }
@@ -73,9 +74,9 @@ struct Programs {
 
 impl Runner<'_> {
     /// Runs the case; when it returns, nothing that it started is left.
-    pub fn run<F: ChunkedFile>(
+    pub fn run(
         &self,
-        input: &Input<'_, F>,
+        input: &Input<'_>,
         mut timings: Timings,
     ) -> Result<(Outcome, Vec<u8>), Failure> {
         let mut programs = Programs::default();
@@ -105,9 +106,9 @@ impl Runner<'_> {
         }
     }
 
-    fn play<F: ChunkedFile>(
+    fn play(
         &self,
-        input: &Input<'_, F>,
+        input: &Input<'_>,
         programs: &mut Programs,
         timings: &mut Timings,
     ) -> Result<Replayed, Failure> {
@@ -141,7 +142,9 @@ impl Runner<'_> {
         };
         let request = self.request();
         let played = match *input {
-            Input::Bag(_, bag) => replay(bag, &request, &mut progress, &cancelled),
+            Input::Recording(_, recording) => {
+                replay(recording, &request, &mut progress, &cancelled)
+            }
             Input::Simulator(simulator) => {
                 let mut world = PipeWorld {
                     link: self.link,
@@ -154,7 +157,7 @@ impl Runner<'_> {
         };
         played.map_err(|error| match (error.reason(), input) {
             ("Terminated", _) => silent(self.interruption().unwrap_or(Cancellation::PeerGone)),
-            ("BagUnreadable", Input::Bag(header, _)) => {
+            ("BagUnreadable", Input::Recording(header, _)) => {
                 Failure::new("BagUnreadable", format!("{}: {error}", header.name))
             }
             (reason, _) => Failure::new(reason, error.to_string()),
