@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import shutil
 import subprocess
@@ -16,6 +17,8 @@ from context import BASE, BuildError, Image, cache
 BUILD_SECONDS = 1800.0
 PULL_SECONDS = 90.0
 LABEL = "io.bagpipe.content"
+# Images without a name, of which the next build takes layers: six changes of all of them.
+KEPT_IMAGES = 24
 # Set by an interrupt, which only the main thread meets: then nothing more is begun.
 interrupted = threading.Event()
 # Before 23.0, as in Debian 12, Docker uses BuildKit only on request, and knows no secrets without.
@@ -214,6 +217,15 @@ class Buildah:
         remove_leftovers()
         if (self._root / "storage").is_dir():
             self._ask("rm", "--all")
+            self._forget()
+
+    def _forget(self) -> None:
+        """Remove what earlier builds left: each change of the code leaves some 4 GB behind."""
+        listed = json.loads(self._ask("images", "--json") or "[]")
+        nameless = [image for image in listed if not image.get("names")]
+        nameless.sort(key=lambda image: image["created"], reverse=True)
+        for image in nameless[KEPT_IMAGES:]:
+            self._ask("rmi", image["id"])
 
     def base(self) -> str:
         """The base's identity; fetched, or made by mmdebstrap where no registry answers."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from pathlib import Path
@@ -77,3 +78,22 @@ def test_what_an_interrupted_making_of_a_base_left_is_removed() -> None:
     (engines.temporary() / "mmdebstrap.a").mkdir()
     engines.Docker().release()
     assert list(engines.temporary().iterdir()) == []
+
+
+BUILDAH = """#!/bin/sh
+cd "$(dirname "$0")"
+while [ "${1#--}" != "$1" ]; do case "$1" in *=*) shift ;; *) shift 2 ;; esac; done
+case "$1" in images) cat images ;; rmi) echo "$2" >> calls ;; esac
+"""
+
+
+def test_buildah_keeps_so_many_nameless_images_and_all_that_have_a_name(folder: Path) -> None:
+    (folder / "buildah").write_text(BUILDAH)
+    (folder / "buildah").chmod(0o755)
+    (folder / "cache" / "buildah" / "storage").mkdir(parents=True)
+    most = engines.KEPT_IMAGES
+    nameless = [{"id": f"n{age}", "names": None, "created": 1000 - age} for age in range(most + 2)]
+    named = [{"id": "named", "names": ["bagpipe.local/spark"], "created": 1}]
+    (folder / "images").write_text(json.dumps([*reversed(nameless), *named]))
+    engines.Buildah().release()
+    assert calls(folder) == [f"n{most}", f"n{most + 1}"]
