@@ -25,7 +25,7 @@ def tail_with(chunks: list[tuple[float, float, dict[int, int]]], *topics: Connec
         Chunk(1000 * (n + 1), 1000 * (n + 2), int(start * SECOND), int(end * SECOND), counts)
         for n, (start, end, counts) in enumerate(chunks)
     ]
-    return BagTail(1000 * (len(chunks) + 2), list(topics), made)
+    return BagTail(1000 * (len(chunks) + 2), [], list(topics), made)
 
 
 SCAN = connection(0, "/scan")
@@ -53,7 +53,7 @@ def test_windows_are_adjacent_and_their_ranges_hold_their_chunks(
     for number, gap in enumerate(gaps):
         chunks.append(Chunk(1000 * (number + 1), 1000 * (number + 2), at, at + gap, {0: 1}))
         at += gap
-    fragments = cut(BagTail(10**6, [SCAN], chunks), ["/scan"], length, warm_up)
+    fragments = cut(BagTail(10**6, [], [SCAN], chunks), ["/scan"], length, warm_up)
     assert fragments[0].window.start == 0
     assert fragments[-1].window.end == at + 1
     for before, after in itertools.pairwise(fragments):
@@ -92,13 +92,13 @@ def test_a_cut_moves_by_a_quarter_of_the_length_at_most(boundaries: list[int], c
         Chunk(1000 * n, 1000 * n + 1000, start, end - 1, {0: 1})
         for n, (start, end) in enumerate(itertools.pairwise(times))
     ]
-    first, second = cut(BagTail(10**6, [SCAN], chunks), [], 4 * SECOND, 0)
+    first, second = cut(BagTail(10**6, [], [SCAN], chunks), [], 4 * SECOND, 0)
     assert (first.window.end, second.window.start) == (cut_at, cut_at)
 
 
 @pytest.mark.parametrize(("end", "ends"), [(5 * SECOND, [4, 5]), (5 * SECOND - 1, [5])])
 def test_a_remainder_of_a_quarter_of_the_length_is_a_fragment(end: int, ends: list[int]) -> None:
-    tail = BagTail(10**6, [SCAN], [Chunk(1000, 2000, 0, end - 1, {0: 9})])
+    tail = BagTail(10**6, [], [SCAN], [Chunk(1000, 2000, 0, end - 1, {0: 9})])
     fragments = cut(tail, [], 4 * SECOND, 0)
     assert [round(fragment.window.end / SECOND) for fragment in fragments] == ends
 
@@ -358,5 +358,5 @@ def test_a_length_that_never_ends_is_refused(length: int, chunks: int) -> None:
 
 
 def test_a_length_of_a_nanosecond_is_the_least() -> None:
-    tail = BagTail(10**6, [SCAN], [Chunk(1000, 2000, 0, 2, {0: 3})])
+    tail = BagTail(10**6, [], [SCAN], [Chunk(1000, 2000, 0, 2, {0: 3})])
     assert [(f.window.start, f.window.end) for f in cut(tail, [], 1, 0)] == [(0, 1), (1, 2), (2, 3)]

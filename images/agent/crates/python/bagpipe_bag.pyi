@@ -184,14 +184,17 @@ class TailError(ValueError):
 _Head = tuple[int, int, int]
 # id, topic, type, caller id, latching, offset, length
 _Publisher = tuple[int, str, str, str, bool, int, int]
-# offset, end, start and end time in ns, messages for each connection
-_Span = tuple[int, int, int, int, dict[int, int]]
+# offset, end, start and end time in ns, messages for each connection, where its index begins and how
+# it is compressed (None: its own record says that)
+_Span = tuple[int, int, int, int, dict[int, int], int | None, str | None]
+# (offset, length) of what precedes chunks
+_Index = tuple[list[tuple[int, int]], list[_Publisher], list[_Span]]
 
 # Each raises TailError; `base` and `offset` are where the bytes lie in the file.
 def parse_head(data: bytes, size: int) -> _Head:
     """The file header record in the bytes with which a file of `size` bytes begins."""
 
-def parse_tail(data: bytes, head: _Head) -> tuple[list[_Publisher], list[_Span]]:
+def bag_index(data: bytes, head: _Head) -> _Index:
     """All bytes of the file from index_pos on."""
 
 def chunk_compression(data: bytes, base: int) -> str:

@@ -1,4 +1,4 @@
-//! Recordings of any format: channels, messages and time; traits to read and to write one.
+//! Recordings of any format: channels, messages, time and index; traits to read and to write one.
 //!
 //! Who plays or records knows [`Recording`], [`RecordingWriter`] and [`RecordingFormat`] alone;
 //! a crate for each format has types that are these.
@@ -7,12 +7,14 @@
 #![forbid(unsafe_code)]
 
 mod error;
+mod index;
 mod model;
 mod reading;
 mod timeline;
 mod writing;
 
 pub use error::RecordingError;
+pub use index::{Index, Publisher, Reason, Refusal, Span};
 pub use model::{Connection, Loss, Message};
 pub use reading::Recording;
 pub use timeline::{Place, Timeline};

@@ -28,8 +28,8 @@ mod bagpipe_bag {
     use crate::model::{Checked, Connection, Damage};
     #[pymodule_export]
     use crate::tail::{
-        TailError, chunk_compression, chunk_length, connection_fields, index_times, parse_head,
-        parse_tail, split_record,
+        TailError, bag_index, chunk_compression, chunk_length, connection_fields, index_times,
+        parse_head, split_record,
     };
     #[pymodule_export]
     use crate::writer::MemoryBagWriter;

@@ -1,6 +1,7 @@
 //! What bytes of a bag say to a planner, which reads ranges of it from storage by itself.
 
-use bagpipe_rosbag::tail::{self, Head, Publisher, Refusal, Span};
+use bagpipe_log::{Index, Publisher, Refusal, Span};
+use bagpipe_rosbag::tail::{self, Head};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -21,8 +22,10 @@ fn raised(refusal: Refusal) -> PyErr {
 type HeadFields = (u64, u32, u32);
 /// (id, topic, type, caller id, latching, offset, length)
 type PublisherFields = (u32, String, String, String, bool, u64, u64);
-/// (offset, end, start time, end time, counts)
-type SpanFields<'py> = (u64, u64, u64, u64, Bound<'py, PyDict>);
+/// (offset, end, start time, end time, counts, index, compression)
+type SpanFields<'py> = (u64, u64, u64, u64, Bound<'py, PyDict>, Option<u64>, Option<String>);
+/// (declarations, connections, chunks)
+type IndexFields<'py> = (Vec<(u64, u64)>, Vec<PublisherFields>, Vec<SpanFields<'py>>);
 
 #[pyfunction]
 pub fn parse_head(data: PyBackedBytes, size: u64) -> PyResult<HeadFields> {
@@ -32,23 +35,26 @@ pub fn parse_head(data: PyBackedBytes, size: u64) -> PyResult<HeadFields> {
 }
 
 #[pyfunction]
-pub fn parse_tail<'py>(
+pub fn bag_index<'py>(
     py: Python<'py>,
     data: PyBackedBytes,
     head: HeadFields,
-) -> PyResult<(Vec<PublisherFields>, Vec<SpanFields<'py>>)> {
+) -> PyResult<IndexFields<'py>> {
     let (index_position, connections, chunks) = head;
     let head = Head { index_position, connections, chunks };
-    let found = py.detach(|| tail::parse_tail(&data, &head)).map_err(raised)?;
+    fields(py, py.detach(|| tail::parse_tail(&data, &head)).map_err(raised)?)
+}
+
+fn fields(py: Python<'_>, found: Index) -> PyResult<IndexFields<'_>> {
     let connections = found.connections.into_iter().map(|publisher| {
         let Publisher { id, topic, datatype, caller_id, latching, offset, length } = publisher;
         (id, topic, datatype, caller_id, latching, offset, length)
     });
     let chunks = found.chunks.into_iter().map(|span| {
-        let Span { offset, end, start_time, end_time, counts } = span;
-        Ok((offset, end, start_time, end_time, dict(py, counts)?))
+        let Span { offset, end, index, compression, start_time, end_time, counts } = span;
+        Ok((offset, end, start_time, end_time, dict(py, counts)?, index, compression))
     });
-    Ok((connections.collect(), chunks.collect::<PyResult<_>>()?))
+    Ok((found.declarations, connections.collect(), chunks.collect::<PyResult<_>>()?))
 }
 
 #[pyfunction]

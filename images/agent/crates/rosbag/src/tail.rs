@@ -6,6 +6,8 @@
 
 use std::collections::HashMap;
 
+use bagpipe_log::{Index, Publisher, Reason, Refusal, Span};
+
 use crate::MAGIC;
 use crate::record::{
     Field, FieldDefect, Fields, OP_CHUNK_INFO, OP_CONNECTION, OP_FILE_HEADER, OP_INDEX, Short,
@@ -15,41 +17,6 @@ use crate::record::{
 const MAX_TAIL_BYTES: u64 = 1 << 30;
 /// An INDEX record has a time and an offset for each message.
 const INDEX_ENTRY: usize = 12;
-
-/// Why a bag is not planned, in words that a job's status uses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reason {
-    /// It holds no message.
-    Empty,
-    /// Its bytes do not say what the format demands.
-    Unreadable,
-    /// Bytes are missing at its end.
-    Cut,
-    /// Its recorder was stopped before it wrote the index.
-    NotIndexed,
-}
-
-impl Reason {
-    /// The reason in CamelCase.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Empty => "BagEmpty",
-            Self::Unreadable => "BagUnreadable",
-            Self::Cut => "BagCut",
-            Self::NotIndexed => "BagNotIndexed",
-        }
-    }
-}
-
-/// A bag can't be planned; the sentence names the byte offset.
-#[derive(Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{sentence}")]
-pub struct Refusal {
-    /// The kind of it.
-    pub reason: Reason,
-    /// What stands where.
-    pub sentence: String,
-}
 
 fn refused(reason: Reason, sentence: impl Into<String>) -> Refusal {
     Refusal { reason, sentence: sentence.into() }
@@ -68,49 +35,6 @@ pub struct Head {
     pub connections: u32,
     /// How many chunks the tail must have.
     pub chunks: u32,
-}
-
-/// One recorded publisher of a topic, and where its record lies.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Publisher {
-    /// Its id in this bag.
-    pub id: u32,
-    /// As it was recorded, perhaps without the leading slash.
-    pub topic: String,
-    /// Such as `sensor_msgs/Imu`.
-    pub datatype: String,
-    /// The node's name; empty where it is not known.
-    pub caller_id: String,
-    /// Whether new subscribers get the last message.
-    pub latching: bool,
-    /// Byte offset of the CONNECTION record in the file.
-    pub offset: u64,
-    /// Bytes of the whole record.
-    pub length: u64,
-}
-
-/// Where a chunk and the INDEX records behind it lie, and what they hold.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Span {
-    /// Byte offset of the CHUNK record in the file.
-    pub offset: u64,
-    /// Where the next chunk, or the tail, begins.
-    pub end: u64,
-    /// Time of the earliest message, in nanoseconds.
-    pub start_time: u64,
-    /// Time of the latest message, in nanoseconds.
-    pub end_time: u64,
-    /// Messages for each connection id, each id once.
-    pub counts: Vec<(u32, u32)>,
-}
-
-/// A bag's connections as it lists them, and its chunks in the file's order.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Tail {
-    /// All of them.
-    pub connections: Vec<Publisher>,
-    /// All of them.
-    pub chunks: Vec<Span>,
 }
 
 /// Reads the file header record out of the bytes with which a file of `size` bytes begins. Its
@@ -149,7 +73,7 @@ pub fn parse_head(bytes: &[u8], size: u64) -> Result<Head, Refusal> {
 }
 
 /// Reads the tail, which is all bytes of the file from `head.index_position` on.
-pub fn parse_tail(bytes: &[u8], head: &Head) -> Result<Tail, Refusal> {
+pub fn parse_tail(bytes: &[u8], head: &Head) -> Result<Index, Refusal> {
     let base = head.index_position;
     let (mut connections, mut infos) = (Vec::new(), Vec::new());
     let mut records = Records { bytes, base, at: 0 };
@@ -178,7 +102,8 @@ pub fn parse_tail(bytes: &[u8], head: &Head) -> Result<Tail, Refusal> {
     if infos.iter().all(|info| info.counts.iter().all(|(_, count)| *count == 0)) {
         return Err(refused(Reason::Empty, "the bag holds no messages"));
     }
-    Ok(Tail { connections, chunks: in_order(infos, base)? })
+    let declarations = connections.iter().map(|each| (each.offset, each.length)).collect();
+    Ok(Index { declarations, connections, chunks: in_order(infos, base)? })
 }
 
 /// The compression that a CHUNK record's header names, empty where it names none. `bytes` begin
@@ -366,6 +291,8 @@ fn chunk_info(record: &Record<'_>) -> Result<Span, Refusal> {
     Ok(Span {
         offset: position,
         end: 0,
+        index: None,
+        compression: None,
         start_time: header.time("start_time", *offset)?,
         end_time: header.time("end_time", *offset)?,
         counts: counts(data),

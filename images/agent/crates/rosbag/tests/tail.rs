@@ -3,9 +3,10 @@
 
 mod sample;
 
+use bagpipe_log::{Index, Reason, Refusal};
 use bagpipe_rosbag::tail::{
-    Head, Reason, Refusal, Tail, chunk_compression, chunk_length, connection_fields, index_times,
-    parse_head, parse_tail, split_record,
+    Head, chunk_compression, chunk_length, connection_fields, index_times, parse_head, parse_tail,
+    split_record,
 };
 use bagpipe_rosbag::{Bag, Compression, MemoryChunkedFile};
 use proptest::prelude::*;
@@ -13,7 +14,7 @@ use sample::sample;
 
 const ALL: [Compression; 3] = [Compression::None, Compression::Bz2, Compression::Lz4];
 
-fn read(bytes: &[u8]) -> Result<(Head, Tail), Refusal> {
+fn read(bytes: &[u8]) -> Result<(Head, Index), Refusal> {
     let head = parse_head(bytes, bytes.len() as u64)?;
     let tail = parse_tail(&bytes[head.index_position as usize..], &head)?;
     Ok((head, tail))
@@ -40,6 +41,8 @@ fn it_is_what_the_bag_says() {
             assert!(times.iter().flat_map(|(_, all)| all).all(|at| *at <= chunk.end));
         }
         assert_eq!((head.connections, head.chunks as usize), (2, bag.chunks().len()));
+        let records = tail.connections.iter().map(|each| (each.offset, each.length));
+        assert_eq!(tail.declarations, records.collect::<Vec<_>>());
         assert_eq!(tail.chunks.last().unwrap().end, head.index_position);
         for (publisher, connection) in tail.connections.iter().zip(bag.connections()) {
             assert_eq!((publisher.id, &publisher.topic), (connection.id, &connection.topic));

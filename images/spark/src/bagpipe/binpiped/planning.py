@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagpipe.binpiped.record import Fields, InputRecord
-from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.fragments import cut
 from bagpipe.storage import Stat, Storage, StorageError
@@ -71,12 +71,12 @@ def bag_fragments(
             tail = read_tail(file.read, file.size)
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
-        connections = tuple((c.offset, c.length) for c in tail.connections)
+        head, declarations = head_before(tail.declarations), tuple(tail.declarations)
         for part in cut(tail, list(topics), int(seconds * _NANOSECONDS), 0):
             window: Fields = {"start": part.window.start, "end": part.window.end}
-            ranges = connections + tuple(part.ranges)
+            ranges = declarations + tuple(part.ranges)
             name = f"{uri}#{part.number}"
-            found.append(Descriptor(name, uri, ranges, unindexed_head(), window, file.version))
+            found.append(Descriptor(name, uri, ranges, head, window, file.version))
     return found
 
 

@@ -8,7 +8,7 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import bagpipe
-from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import BagError, BagTail, compression_of, read_tail, resolve
 from bagpipe.plan.fragments import Window, cut_one
 from bagpipe.storage import Storage
@@ -84,9 +84,9 @@ class BagFile:
             self._known(topics, {connection.topic for connection in tail.connections})
             until = last + 1 if end is None else min(first + end, last + 1)
             planned = cut_one(tail, list(topics), Window(first + start, first + start, until))
-            ranges = [(each.offset, each.length) for each in tail.connections] + planned.ranges
+            ranges = tail.declarations + planned.ranges
             self._bounded(sum(length for _, length in ranges), "cut a shorter part")
-            bag = self._opened(b"".join([unindexed_head(), *file.pieces(ranges, _PIECE_BYTES)]))
+            bag = self._opened(b"".join([head_before(ranges), *file.pieces(ranges, _PIECE_BYTES)]))
         self._reaches(start, last - first)
         until = last + 1 if end is None else first + end
         self._known(topics, {resolve(topic) for topic in bag.topics})

@@ -4,8 +4,17 @@ Format: bag 2.0, http://wiki.ros.org/Bags/Format/2.0.
 """
 
 import struct
+from collections.abc import Sequence
 
 from bagpipe.plan.bag_tail import MAGIC
+
+
+def head_before(ranges: Sequence[tuple[int, int]]) -> bytes:
+    """What precedes these (offset, length) ranges of a recording, so that they can be read.
+
+    Nothing, where they begin with the recording's own head; else that of a bag.
+    """
+    return b"" if ranges and ranges[0][0] == 0 else unindexed_head()
 
 
 def unindexed_head() -> bytes:

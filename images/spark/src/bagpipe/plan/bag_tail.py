@@ -45,20 +45,31 @@ class Connection:
 
 @dataclass(frozen=True)
 class Chunk:
-    """One chunk: bytes `offset` to `end` of the file; times in ns; messages per connection."""
+    """One chunk: bytes `offset` to `end` of the file; times in ns; messages per connection.
+
+    Its message index begins at byte `index`; that and its compression are None where the chunk's
+    own record must be asked.
+    """
 
     offset: int
     end: int
     start_time: int
     end_time: int
     counts: dict[int, int]
+    index: int | None = None
+    compression: str | None = None
 
 
 @dataclass(frozen=True)
 class BagTail:
-    """All that planning needs to know of a bag of `size` bytes."""
+    """All that planning needs to know of a bag of `size` bytes.
+
+    `declarations` are the (offset, length) ranges of what a reader of its chunks needs before them,
+    in bytes, in their order.
+    """
 
     size: int
+    declarations: list[tuple[int, int]]
     connections: list[Connection]
     chunks: list[Chunk]
 
@@ -78,16 +89,23 @@ def read_tail(read: Read, size: int) -> BagTail:
     found = _parsed("parse_head", head, size)
     index_position = found[0]
     tail = read(index_position, size - index_position)
-    connections, chunks = _parsed("parse_tail", tail, found)
+    return _tail(size, _parsed("bag_index", tail, found))
+
+
+def _tail(size: int, index: Any) -> BagTail:
+    declarations, connections, chunks = index
     return BagTail(
         size,
+        declarations,
         [Connection(number, resolve(topic), *rest) for number, topic, *rest in connections],
         [Chunk(*each) for each in chunks],
     )
 
 
 def compression_of(read: Read, chunk: Chunk) -> str:
-    """A chunk's compression (none, lz4 or bz2), from its header alone. Raises BagError."""
+    """A chunk's compression (such as none or lz4), from its header alone. Raises BagError."""
+    if chunk.compression is not None:
+        return chunk.compression
     data = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
     compression: str = _parsed("chunk_compression", data, chunk.offset)
     return compression

@@ -120,7 +120,7 @@ class PartPlanner:
             topics=topics,
             window=window,
             at=start,
-            connections=[(c.offset, c.length) for c in tail.connections],
+            connections=tail.declarations,
             ranges=found.ranges,
             messages=found.messages,
         )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import bagpipe
-from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.parts import Part
 from bagpipe.source.stamps import StampError, moved
@@ -38,8 +38,8 @@ class PartReader:
         if part.bytes > MOST_BYTES:
             raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
         data = io.BytesIO()
-        data.write(unindexed_head())
         ranges = part.connections + part.ranges
+        data.write(head_before(ranges))
         for piece in storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version):
             data.write(piece)
         try:

@@ -34,14 +34,13 @@ def _fragments_of(uri: str, name: str, spec: Source, storage: Storage) -> list[C
     fragments = cut(tail, spec.topics, length, warm_up, file.read)
     if not fragments:
         raise BagError("NoMatchingTopics", _without_messages(tail, spec.topics))
-    connections = _connection_ranges(tail)
     return [
         Case(
             id=f"{name}-{fragment.number:04d}",
             bag=uri,
             bag_version=file.version,
             window=fragment.window,
-            connections=connections,
+            connections=tail.declarations,
             ranges=fragment.ranges,
             messages=fragment.messages,
         )
@@ -57,10 +56,6 @@ def _without_messages(tail: BagTail, topics: list[str]) -> str:
     if silent := [topic for topic in topics if topic in named.values()]:
         what = f"{', '.join(silent)} is in the bag without a message"
     return f"{what}; it has {', '.join(sorted(published)[:10])}"
-
-
-def _connection_ranges(tail: BagTail) -> list[tuple[int, int]]:
-    return [(connection.offset, connection.length) for connection in tail.connections]
 
 
 def _names(bags: list[str]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.case import Case
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
@@ -11,8 +11,8 @@ from bagpipe.wire.session import InputFile
 
 def fragment_file(case: Case, storage: Storage) -> InputFile:
     """The case's input (docs/reference/binpipe.md, "The bytes of a fragment")."""
-    head = unindexed_head()
     sources = case.connections + case.ranges
+    head = head_before(sources)
     ranges = []
     at = len(head)
     for offset, length in sources:

@@ -2,7 +2,7 @@
 
 import io
 
-from bagpipe.plan.bag_head import unindexed_head
+from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import near
@@ -11,17 +11,16 @@ from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
 
 def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:
-    """The chunks with one of the topics in the case's window, as a bag without an index."""
+    """The chunks with one of the topics in the case's window, as a recording without an index."""
     file = storage.open(case.bag)
     tail = read_tail(file.read, file.size)
     wanted = {c.id for c in tail.connections if c.topic in topics}
-    ranges = [(c.offset, c.length) for c in tail.connections]
-    ranges += [
+    ranges = tail.declarations + [
         (chunk.offset, chunk.end - chunk.offset)
         for chunk in near(tail, wanted, case.window.start, case.window.end)
     ]
     bag = io.BytesIO()
-    bag.write(unindexed_head())
+    bag.write(head_before(ranges))
     for piece in storage.pieces(case.bag, ranges, MAX_PAYLOAD_BYTES, case.bag_version):
         bag.write(piece)
     return bag.getvalue()
