@@ -184,8 +184,8 @@ class TailError(ValueError):
 _Head = tuple[int, int, int]
 # id, topic, type, caller id, latching, offset, length
 _Publisher = tuple[int, str, str, str, bool, int, int]
-# offset, end, start and end time in ns, messages for each connection, where its index begins and how
-# it is compressed (None: its own record says that)
+# offset, end, start and end time in ns, messages for each connection, where its index begins and
+# how it is compressed (None: its own record says that)
 _Span = tuple[int, int, int, int, dict[int, int], int | None, str | None]
 # (offset, length) of what precedes chunks
 _Index = tuple[list[tuple[int, int]], list[_Publisher], list[_Span]]
