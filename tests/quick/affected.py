@@ -27,6 +27,14 @@ LOADED: Mapping[str, tuple[str, ...]] = {
     f"{_SPARK}/engine_fields.py": (
         f"{_SPARK}/engine/*/__init__.py", f"{_SPARK}/engine/*/fields.py",
     ),
+    f"{_SPARK}/source/chosen.py": (
+        f"{_SPARK}/source/*/__init__.py", f"{_SPARK}/source/*/source.py",
+    ),
+    f"{_SPARK}/source_fields.py": (
+        f"{_SPARK}/source/*/__init__.py", f"{_SPARK}/source/*/fields.py",
+    ),
+    # What it loads is said by those who ask it.
+    f"{_SPARK}/installed.py": (),
     # Of another language.
     f"{_SPARK}/native.py": (),
     "tests/unit/bagpipe/test_added_engine.py": (

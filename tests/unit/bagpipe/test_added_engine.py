@@ -52,12 +52,13 @@ BROKEN = {
 LOADED = """
 import json
 from bagpipe.engine.chosen import engine_of
-from bagpipe.engine_fields import EnginesError, engine_names, fields_of
+from bagpipe.engine_fields import engine_names, fields_of
+from bagpipe.installed import InstallationError
 stated = {}
 for name in engine_names():
     try:
         fields_of(name), engine_of(name)
-    except EnginesError as error:
+    except InstallationError as error:
         stated[name] = str(error), type(error.__cause__).__name__
 print(json.dumps(stated))
 """
