@@ -40,6 +40,9 @@ LOADED: Mapping[str, tuple[str, ...]] = {
     "tests/unit/bagpipe/test_added_engine.py": (
         "tests/toy_engine/bagpipe_engines/*/*.py", f"{_SPARK}/engine_fields.py",
     ),
+    "tests/unit/bagpipe/test_added_source.py": (
+        "tests/toy_source/bagpipe_sources/*/*.py", f"{_SPARK}/source_fields.py",
+    ),
     "tests/unit/crds/test_crd.py": ("crds/generate.py",),
 }  # fmt: skip
 # A change of these can break anything.

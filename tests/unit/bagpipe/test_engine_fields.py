@@ -100,8 +100,9 @@ def test_a_spec_loads_nothing_that_runs_a_case() -> None:
     code = (
         "import sys; from bagpipe.spec import SimulationJobSpec as S; S.model_validate({'source':"
         "{'files': ['pvc://a/b']}, 'stack': {'image': 'i', 'command': ['c'], 'engine': 'exec'},"
-        "'output': {'uri': 'pvc://a/o'}}); print(*sorted(m for m in sys.modules if m.startswith("
-        "('bagpipe.engine.', 'bagpipe.source.', 'bagpipe.wire', 'bagpipe.storage', 'bagpipe.run'))))"
+        "'output': {'uri': 'pvc://a/o'}}); print(*sorted(m for m in sys.modules if"
+        " m.startswith(('bagpipe.engine.', 'bagpipe.source.', 'bagpipe.wire', 'bagpipe.storage',"
+        " 'bagpipe.run'))))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True

@@ -94,6 +94,8 @@ def test_this_project_s_own_tests_are_found(project: Sources) -> None:
         (f"{SOURCE}/files/fields.py", "crds/test_crd.py"),
         (f"{SOURCE}/bags/__init__.py", "bagpipe/test_spec.py"),
         ("images/spark/src/bagpipe/installed.py", "bagpipe/test_spec.py"),
+        ("images/spark/src/bagpipe/source_fields.py", "bagpipe/test_added_source.py"),
+        ("tests/toy_source/bagpipe_sources/ticks/source.py", "bagpipe/test_added_source.py"),
         ("tests/toy_engine/bagpipe_engines/loopback/engine.py", "bagpipe/test_added_engine.py"),
         ("images/spark/src/bagpipe/cli/plan.py", "cli/test_plan.py"),
         ("crds/generate.py", "crds/test_crd.py"),

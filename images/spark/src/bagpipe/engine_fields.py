@@ -69,8 +69,8 @@ def refusal(spec: BaseModel, engine: str, source: str, taken_as: str) -> str | N
             return sentence
     if taken_as not in fields.sources:
         takers = [name for name in engine_names() if taken_as in fields_of(name).sources]
-        return (
-            f"source.{source} need stack.engine: {' or '.join(takers)}:"
-            f" write source.{fields.sources[0]}"
-        )
+        instead = f"write source.{fields.sources[0]}"
+        if not takers:
+            return f"no engine that is here takes source.{source}: {instead}"
+        return f"source.{source} need stack.engine: {' or '.join(takers)}: {instead}"
     return meaningless_in(spec, fields.meaningless)

@@ -100,9 +100,10 @@ def _key(name: str) -> type[BaseModel]:
     try:
         return create_model("Key", __base__=_Model, **key)
     except Exception as error:  # an added source's type may be anything
+        why = str(error).partition("\n")[0]
         raise InstallationError(
-            f"the type that the source {name!r} declares is none for pydantic"
-            f" ({type(error).__name__}: {error}): correct the source, or remove its folder"
+            f"the type that the source {name!r} declares is none for pydantic ({why}): correct the"
+            " source, or remove its folder"
         ) from error
 
 
