@@ -33,7 +33,7 @@ LOADED: Mapping[str, tuple[str, ...]] = {
     f"{_SPARK}/source_fields.py": (
         f"{_SPARK}/source/*/__init__.py", f"{_SPARK}/source/*/fields.py",
     ),
-    # What it loads is said by those who ask it.
+    # What it loads stands at those who ask it.
     f"{_SPARK}/installed.py": (),
     # Of another language.
     f"{_SPARK}/native.py": (),

@@ -9,7 +9,15 @@ import pytest
 import yaml
 
 from bagpipe import MemoryBag
-from tests.unit.bagpipe.test_added_engine import DERIVED, OPERATOR, REFUSED, ROOT, TOY, python
+from tests.unit.bagpipe.test_added_engine import (
+    COUNTED,
+    DERIVED,
+    OPERATOR,
+    REFUSED,
+    ROOT,
+    TOY,
+    python,
+)
 
 TICKS = ROOT / "tests/toy_source"
 SPEC: dict[str, Any] = {
@@ -57,7 +65,7 @@ def echo(agent):
     sent.append(b"".join(f.payload for f in agent.received if f.type is FrameType.DATA))
     outgoing = agent.open_outgoing()
     agent.greet(outgoing)
-    agent.finish(outgoing, sent[0], 30)
+    agent.finish(outgoing, sent[0], int(sys.argv[3]))
 with FakeAgent(make_slot(Path(shared)), echo) as agent:
     row = run_case(case, context)
 hello = agent.received[0].fields()["case"]
@@ -82,7 +90,7 @@ except InstallationError as error:
     print(error)
 """
 GOOD = (TICKS / "bagpipe_sources/ticks/fields.py").read_text()
-# Folders of sources that can't be used, their `fields` and what is said.
+# Folders of sources that can't be used, their `fields` and the sentence.
 BROKEN = {
     "bare": (None, "the source's module bagpipe_sources.bare.fields can't be loaded (ModuleNot"),
     "needy": ("import carla", "the source's module bagpipe_sources.needy.fields can't be loaded"),
@@ -217,24 +225,38 @@ def test_its_cases_are_planned(tmp_path: Path) -> None:
     assert case["seconds"] == pytest.approx(2.9)
 
 
-def test_its_case_is_sent_judged_and_found_again(tmp_path: Path) -> None:
-    heard = {"name": "heard", "presence": {"topic": "/ticks", "min": 30, "max": 30}}
-    silent = {"name": "silent", "presence": {"topic": "/ticks", "min": 31}}
-    outcomes = {}
-    for criterion in (heard, silent):
-        spec, shared = tmp_path / "spec", tmp_path / str(criterion["name"])
-        wanted = json.dumps(SPEC | {"evaluate": [criterion]})
-        assert python("-c", PICKLED, wanted, str(spec), path=(TICKS,)).returncode == 0
-        done = python("-c", SENT, str(spec), str(shared), path=(TICKS,))
-        assert done.returncode == 0, done.stderr
-        outcomes[criterion["name"]] = json.loads(done.stdout)
-    row, hello, sent, again = outcomes["heard"]
+def ran(folder: Path, least: int, answered: int) -> Any:
+    """The row, HELLO's case, the bag that was sent, and the case that is found again."""
+    criterion = {"name": "ticks", "presence": {"topic": "/ticks", "min": least}}
+    spec, shared = str(folder / "spec"), str(folder / "shared")
+    wanted = json.dumps(SPEC | {"evaluate": [criterion]})
+    assert python("-c", PICKLED, wanted, spec, path=(TICKS,)).returncode == 0
+    done = python("-c", SENT, spec, shared, str(answered), path=(TICKS,))
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_its_case_is_sent_passes_and_is_found_again(tmp_path: Path) -> None:
+    row, hello, sent, again = ran(tmp_path, 30, 30)
     assert (row["outcome"], row["attempts"], row["bag"]) == ("passed", 1, "ticks"), row
     assert (hello["source"], hello["engine"]) == ("ticks", "ros1")
     assert again == "ticks"
-
     messages = list(MemoryBag(base64.b64decode(sent)).messages())
     assert [int.from_bytes(raw, "little") for _, _, raw in messages] == list(range(30))
     assert [time for _, time, _ in messages] == [10**9 + n * 10**8 for n in range(30)]
-    row, *_ = outcomes["silent"]
-    assert (row["outcome"], row["reason"]) == ("failed", "CriterionFailed"), row
+
+
+@pytest.mark.parametrize(
+    ("least", "answered", "reason"), [(31, 30, "CriterionFailed"), (30, 29, "TicksMissing")]
+)
+def test_its_case_fails_by_a_criterion_or_by_its_own_judgement(
+    tmp_path: Path, least: int, answered: int, reason: str
+) -> None:
+    row, *_ = ran(tmp_path, least, answered)
+    assert (row["outcome"], row["reason"]) == ("failed", reason), row
+
+
+def test_its_own_reasons_are_counted_by_name() -> None:
+    done = python("-c", COUNTED, json.dumps(SPEC), path=(TICKS,))
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == [None, 1.0, 2.0]

@@ -43,6 +43,8 @@ class SourceFields:
     meaningless: Mapping[tuple[str, ...], str] = field(default_factory=dict)
     # Why it can't be played with the rest of a spec, which is given whole; None where it can.
     refusal: Callable[[Any], str | None] = _no_refusal
+    # Reasons of its own for a case that does not pass, which the driver's metrics count by name.
+    reasons: frozenset[str] = frozenset()
     # Of the key in the CRD; None of one that stands there by hand.
     schema: Mapping[str, Any] | None = None
     # Before whom it stands in sentences and in a spec that is written; of one place, by the name.

@@ -29,6 +29,7 @@ FIELDS = SourceFields(
     default=None,
     bags=False,
     taken_as="bags",
+    reasons=frozenset({"TicksMissing"}),
     meaningless={
         ("topics", "fragment"): (
             "source.topics and source.fragment select from bags: leave them out with source.ticks"

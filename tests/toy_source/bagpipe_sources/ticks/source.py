@@ -2,8 +2,10 @@
 
 import struct
 from collections.abc import Callable
+from typing import Any
 
 import bagpipe
+from bagpipe.judgement import Judgement
 from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import Window
@@ -20,7 +22,7 @@ _MD5_OF_UINT32 = "304a39449588c7f8ce2df6e8001c5fce"
 
 
 class Counter(JobSource):
-    """source.ticks: made anew for each case, of nothing that is stored."""
+    """source.ticks: made for each case, of nothing that is stored."""
 
     def plan(self, conditions: Crossing, _storage: Storage) -> Plan:
         """The ticks under every condition."""
@@ -49,6 +51,13 @@ class Counter(JobSource):
     def truth(self, _case: Case, _topics: set[str], _storage: Storage) -> bytes:
         """The ticks."""
         return self._bag()
+
+    def judge(self, result: dict[str, Any], judgement: Judgement) -> Judgement:
+        """As many messages must be recorded as there are ticks."""
+        recorded, count = result["recorded"]["messages"], self.spec.source.own.count
+        if judgement.outcome != "passed" or recorded >= count:
+            return judgement
+        return Judgement("failed", "TicksMissing", f"{recorded} messages for {count} ticks")
 
     def alone(self, _uri: str) -> Source:
         """They are the same at each replay."""
