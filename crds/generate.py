@@ -6,7 +6,7 @@
 The chart has a copy and not a symbolic link, since a chart must work when it is packaged alone,
 and Helm warns about links with every command. A SimulationSchedule holds a whole job's spec, which
 is written once, in simulationjobs.yaml, and put into its CRD here. What follows from the engines
-that are installed is put into simulationjobs.yaml itself.
+and the sources that are installed is put into simulationjobs.yaml itself.
 """
 
 import re
@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from bagpipe.engine_fields import EngineFields, engine_names, fields_of
+from bagpipe.source_fields import SourceFields, source_fields, source_names
 
 HERE = Path(__file__).resolve().parent
 JOBS = HERE / "simulationjobs.yaml"
@@ -29,6 +30,9 @@ REFERENCE = HERE.parent / "docs" / "reference"
 # Around the job's spec in simulationschedules.yaml.
 BEGIN = "# Generated from simulationjobs.yaml: do not edit up to the end.\n"
 END = "# The end of what is generated.\n"
+# Around the keys of added sources in simulationjobs.yaml.
+BEGIN_ADDED = "# Sources that are added, as generate.py writes them: do not edit up to the end.\n"
+END_ADDED = "# The end of what is added.\n"
 # Before the names of the engines: the end of the description of stack.engine.
 ENUM = """\
 so that any other simulator can take the place of ROS.
@@ -167,6 +171,26 @@ def with_engines(text: str, engines: dict[str, EngineFields]) -> str:
     return text
 
 
+def with_sources(text: str, sources: dict[str, SourceFields]) -> str:
+    """The CRD of jobs with the keys of the sources that there are, and the rule that one is there.
+
+    Raises SystemExit for a source of which neither the file nor its folder has a schema.
+    """
+    *most, last = sources
+    first, *others = (f"has(self.{name})" for name in sources)
+    for before, names, after in (
+        (f'- rule: "[{first}, ', ", ".join(others), "].exists_one("),
+        ('"source needs one of ', f"{', '.join(most)} and {last}", ": write for example bags"),
+    ):
+        text = between(text, before, names, after)
+    added = {name: dict(fields.schema) for name, fields in sources.items() if fields.schema}
+    text = marked(text, JOBS.name, BEGIN_ADDED, END_ADDED, added)
+    known = schema_of(yaml.safe_load(text))["properties"]["spec"]["properties"]["source"]
+    if lacking := [name for name in sources if name not in known["properties"]]:
+        raise SystemExit(f"source.{lacking[0]} has no schema: write one into its FIELDS")
+    return text
+
+
 def one_of(engines: list[str]) -> str:
     """A condition in CEL."""
     if len(engines) == 1:
@@ -183,18 +207,27 @@ def between(text: str, before: str, new: str, after: str) -> str:
 
 
 def with_job_spec(text: str, jobs: Schema) -> str:
-    """The CRD of schedules with a job's spec as it is now; raises SystemExit without marks."""
-    if text.count(BEGIN) != 1 or text.count(END) != 1:
-        raise SystemExit(f"{SCHEDULES.name}: put the marks of generate.py around jobTemplate.spec")
-    head, _, rest = text.partition(BEGIN)
-    indent = head.rpartition("\n")[2]
+    """The CRD of schedules with a job's spec as it is now. Raises SystemExit without marks."""
     spec = template_spec(schema_of(jobs)["properties"]["spec"])
     spec["description"] = "The spec of every job, as of a SimulationJob."
-    block = yaml.dump(
-        {"spec": spec}, Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True
+    return marked(text, SCHEDULES.name, BEGIN, END, {"spec": spec})
+
+
+def marked(text: str, name: str, begin: str, end: str, schemas: Schema) -> str:
+    """The text with these between the marks, as deep; raises SystemExit unless each is there once.
+
+    `name` is the file's.
+    """
+    if text.count(begin) != 1 or text.count(end) != 1:
+        raise SystemExit(f"{name}: write these marks of generate.py once:\n{begin}{end}")
+    head, _, rest = text.partition(begin)
+    indent = head.rpartition("\n")[2]
+    block = (
+        yaml.dump(schemas, Dumper=_Dumper, sort_keys=False, width=100, allow_unicode=True)
+        if schemas
+        else ""
     )
-    tail = rest.partition(END)[2]
-    return head + BEGIN + textwrap.indent(block, indent) + indent + END + tail
+    return head + begin + textwrap.indent(block, indent) + indent + end + rest.partition(end)[2]
 
 
 class _Dumper(yaml.SafeDumper):
@@ -232,6 +265,7 @@ def reference(crd: Schema, more: str, shortened: str = "") -> str:
 def derived() -> dict[Path, str]:
     """What each derived file should hold."""
     text = with_engines(JOBS.read_text(), {name: fields_of(name) for name in engine_names()})
+    text = with_sources(text, {name: source_fields(name) for name in source_names()})
     jobs = yaml.safe_load(text)
     schedules = with_job_spec(SCHEDULES.read_text(), jobs)
     return {

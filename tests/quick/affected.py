@@ -27,10 +27,21 @@ LOADED: Mapping[str, tuple[str, ...]] = {
     f"{_SPARK}/engine_fields.py": (
         f"{_SPARK}/engine/*/__init__.py", f"{_SPARK}/engine/*/fields.py",
     ),
+    f"{_SPARK}/source/chosen.py": (
+        f"{_SPARK}/source/*/__init__.py", f"{_SPARK}/source/*/source.py",
+    ),
+    f"{_SPARK}/source_fields.py": (
+        f"{_SPARK}/source/*/__init__.py", f"{_SPARK}/source/*/fields.py",
+    ),
+    # What it loads stands at those who ask it.
+    f"{_SPARK}/installed.py": (),
     # Of another language.
     f"{_SPARK}/native.py": (),
     "tests/unit/bagpipe/test_added_engine.py": (
         "tests/toy_engine/bagpipe_engines/*/*.py", f"{_SPARK}/engine_fields.py",
+    ),
+    "tests/unit/bagpipe/test_added_source.py": (
+        "tests/toy_source/bagpipe_sources/*/*.py", f"{_SPARK}/source_fields.py",
     ),
     "tests/unit/crds/test_crd.py": ("crds/generate.py",),
 }  # fmt: skip

@@ -15,7 +15,8 @@ import kopf
 from kubernetes.aio import config
 from kubernetes.aio.client import ApiClient, Configuration
 
-from bagpipe.engine_fields import EnginesError, load_engines
+from bagpipe.installed import InstallationError
+from bagpipe.spec import load_installed
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.election import Election, new_identity
 from bagpipe_operator.cluster.fence import Fence
@@ -58,9 +59,9 @@ def main() -> None:
         level = os.environ.get("BAGPIPE_LOG_LEVEL", "INFO")
         log.set_up(level, os.environ.get("BAGPIPE_LOG_FORMAT", "text"), sys.stderr)
         settings = Settings.from_environment(os.environ)
-        load_engines()
+        load_installed()
         asyncio.run(run(settings))
-    except (SettingError, EnginesError) as error:
+    except (SettingError, InstallationError) as error:
         sys.exit(f"bagpipe-operator: {error}")
     except ApiError as error:
         sys.exit(f"bagpipe-operator: the API server can't be used: {error}")

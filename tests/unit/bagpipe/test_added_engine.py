@@ -35,6 +35,20 @@ try:
 except ValidationError as error:
     print(error.errors()[0]["msg"])
 """
+COUNTED = """
+import json, sys
+from bagpipe.driver.metrics import DriverMetrics
+from bagpipe.driver.progress import Progress
+from tests.unit.bagpipe.jobs import make_job, make_row
+job = make_job({}, **json.loads(sys.argv[1]))
+metrics = DriverMetrics(Progress("pvc://results/r", slots=1), job)
+for reason in ("BytesMissing", "BytesMissing", "TicksMissing"):
+    metrics.count(make_row("a", "failed", reason))
+counted = lambda reason: metrics.registry.get_sample_value(
+    "bagpipe_case_faults_total", {"reason": reason}
+)
+print(json.dumps([counted(reason) for reason in ("BytesMissing", "TicksMissing", "Other")]))
+"""
 UNMARKED = """
 from bagpipe.cli.cluster.case_lines import of_case
 print(of_case("[slot 1 case a] starting", "a", "stack", "loopback"))
@@ -52,12 +66,13 @@ BROKEN = {
 LOADED = """
 import json
 from bagpipe.engine.chosen import engine_of
-from bagpipe.engine_fields import EnginesError, engine_names, fields_of
+from bagpipe.engine_fields import engine_names, fields_of
+from bagpipe.installed import InstallationError
 stated = {}
 for name in engine_names():
     try:
         fields_of(name), engine_of(name)
-    except EnginesError as error:
+    except InstallationError as error:
         stated[name] = str(error), type(error.__cause__).__name__
 print(json.dumps(stated))
 """
@@ -171,6 +186,15 @@ def test_its_cases_are_planned(tmp_path: Path) -> None:
     done = python("-m", "bagpipe.cli", "plan", job, *volume, "--output", "json")
     assert done.returncode == 0, done.stderr
     assert '"a-0001"' in done.stdout
+
+
+def test_its_own_reasons_are_counted_by_name() -> None:
+    done = python("-c", COUNTED, json.dumps(SPEC))
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout) == [2.0, None, 1.0]
+    usual = {"stack": SPEC["stack"] | {"engine": "ros1"}}  # type: ignore[operator]
+    done = python("-c", COUNTED, json.dumps(SPEC | usual))
+    assert json.loads(done.stdout) == [None, None, 3.0]
 
 
 def test_its_log_s_unmarked_lines_are_whose_it_says() -> None:

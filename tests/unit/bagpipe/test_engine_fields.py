@@ -13,7 +13,7 @@ import pytest
 
 from bagpipe import engine_fields
 from bagpipe.engine_fields import EngineFields, engine_names, fields_of, refusal
-from bagpipe.spec import SOURCE_KINDS
+from bagpipe.source_fields import source_names
 from tests.unit.bagpipe.jobs import make_spec
 from tests.unit.crds.test_crd import generator
 
@@ -74,7 +74,7 @@ def test_the_folders_are_the_engines_and_in_the_contract() -> None:
 @pytest.mark.parametrize("name", engine_names())
 def test_what_is_declared_is_in_the_spec(name: str) -> None:
     fields = fields_of(name)
-    assert set(fields.sources) <= set(SOURCE_KINDS)
+    assert set(fields.sources) <= set(source_names())
     paths = [*fields.needed, *(path for paths in fields.meaningless for path in paths)]
     for path in paths:
         model: object = make_spec()
@@ -90,23 +90,26 @@ def test_a_field_below_what_is_left_out_is_not_written(monkeypatch: pytest.Monke
     recording = make_spec()
     without = recording.model_copy(update={"record": None})
     monkeypatch.setattr(engine_fields, "fields_of", {"a": needs, "b": refuses}.__getitem__)
-    assert refusal(without, "a", "bags") == "topics are missing"
-    assert refusal(without, "b", "bags") is None
-    assert refusal(recording, "a", "bags") is None
-    assert refusal(recording, "b", "bags") == "topics have no meaning"
+    assert refusal(without, "a", "bags", "bags") == "topics are missing"
+    assert refusal(without, "b", "bags", "bags") is None
+    assert refusal(recording, "a", "bags", "bags") is None
+    assert refusal(recording, "b", "bags", "bags") == "topics have no meaning"
 
 
 def test_a_spec_loads_nothing_that_runs_a_case() -> None:
     code = (
         "import sys; from bagpipe.spec import SimulationJobSpec as S; S.model_validate({'source':"
         "{'files': ['pvc://a/b']}, 'stack': {'image': 'i', 'command': ['c'], 'engine': 'exec'},"
-        "'output': {'uri': 'pvc://a/o'}}); print(*sorted(m for m in sys.modules if m.startswith("
-        "('bagpipe.engine.', 'bagpipe.wire', 'bagpipe.storage', 'bagpipe.run'))))"
+        "'output': {'uri': 'pvc://a/o'}}); print(*sorted(m for m in sys.modules if"
+        " m.startswith(('bagpipe.engine.', 'bagpipe.source.', 'bagpipe.wire', 'bagpipe.storage',"
+        " 'bagpipe.run'))))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
-    fields = [f"bagpipe.engine.{name}{of}" for name in engine_names() for of in ("", ".fields")]
+    folders = [f"bagpipe.engine.{name}" for name in engine_names()]
+    folders += [f"bagpipe.source.{name}" for name in source_names()]
+    fields = [folder + of for folder in folders for of in ("", ".fields")]
     assert set(done.stdout.split()) <= set(fields)
     assert "bagpipe.engine.exec.fields" in done.stdout
 

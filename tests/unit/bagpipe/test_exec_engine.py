@@ -267,7 +267,7 @@ def test_one_case_for_each_file_and_a_sentence_for_what_is_missing(tmp_path: Pat
 
 def test_bags_go_to_a_program_as_fragments(context: RunContext) -> None:
     spec = make_spec(**EXEC | {"source": {"bags": ["pvc://recordings/*.bag"]}})
-    assert spec.source.files == []
+    assert spec.source.kind == "bags"
     case = Case("a-0000", "pvc://recordings/a.bag", "1-1", Window(1, 2, 3), [], [(0, 1)], 1)
     described = case_map(case, dataclasses.replace(context, spec=spec))
     file = engine_of("exec").input(source_of(spec), case, Storage(context.volumes))

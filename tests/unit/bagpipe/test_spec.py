@@ -94,7 +94,7 @@ def test_a_uri_with_a_credential_is_refused_without_repeating_it(uri: str) -> No
      "https://h.example:8443/x.bag", "file:///x"],
 )  # fmt: skip
 def test_all_schemes_are_known(uri: str) -> None:
-    assert make_spec(source={"bags": [uri]}).source.bags == [uri]
+    assert make_spec(source={"bags": [uri]}).source.own == [uri]
 
 
 def test_claims_are_read_only_unless_they_take_the_output() -> None:

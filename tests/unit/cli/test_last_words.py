@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
 from bagpipe.cli.last_words import LastWords
-from bagpipe.engine_fields import EnginesError
+from bagpipe.installed import InstallationError
 from bagpipe.native import NativeModuleError
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.report.publishing import publish
@@ -41,7 +41,7 @@ def test_an_unexpected_error_is_a_sentence_and_no_verdict(
         (KeyboardInterrupt(), 130, "interrupted\n"),
         (MemoryError(), 2, "MemoryError"),
         (NativeModuleError("build it"), 2, "Error: build it\n"),
-        (EnginesError("install it as a whole"), 2, "Error: install it as a whole\n"),
+        (InstallationError("install it as a whole"), 2, "Error: install it as a whole\n"),
         (click.UsageError("write it otherwise"), 2, "Error: write it otherwise"),
         (click.ClickException("no"), 1, "Error: no"),
         (click.exceptions.Exit(3), 3, ""),

@@ -72,6 +72,22 @@ def test_a_run_of_a_recording_is_refused_before_anything_starts(tmp_path: Path) 
     assert "reading a bag needs the native module bagpipe_bag" in done.stderr
 
 
+def test_a_run_of_files_misses_no_module(tmp_path: Path) -> None:
+    job = JOB.replace("[c]}", "[c], engine: exec}").replace("  record: {topics: [/out]}\n", "")
+    recordings = 'bags: ["pvc://recordings/*.bag"], topics: [/scan], fragment: {length: 3s}'
+    missed = {}
+    for kind in ("files", "bags"):
+        (tmp_path / "job.yaml").write_text(
+            job.replace(recordings, f'{kind}: ["pvc://recordings/*"]')
+        )
+        volume = ("--volume", f"recordings={tmp_path}")
+        done = run("run", str(tmp_path / "job.yaml"), *volume, "--agent", "no-such-agent")
+        assert done.returncode == 2
+        assert "there is no no-such-agent on this machine" in done.stderr
+        missed[kind] = "reading a bag needs the native module" in done.stderr
+    assert missed == {"files": False, "bags": True}
+
+
 @pytest.mark.parametrize("verb", ["results", "report"])
 def test_a_folder_without_results_is_reported_and_no_module_is_missed(
     verb: str, tmp_path: Path

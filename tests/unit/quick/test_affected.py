@@ -9,6 +9,7 @@ from tests.quick.affected import LOADED, Sources, affected, read
 
 ROOT = Path(__file__).parents[3]
 ENGINE = "images/spark/src/bagpipe/engine"
+SOURCE = "images/spark/src/bagpipe/source"
 FILES = {
     "images/spark/src/bagpipe/__init__.py": "",
     "images/spark/src/bagpipe/texts.py": "import re",
@@ -87,6 +88,14 @@ def test_this_project_s_own_tests_are_found(project: Sources) -> None:
         (f"{ENGINE}/exec/fields.py", "crds/test_crd.py"),
         (f"{ENGINE}/exec/__init__.py", "bagpipe/test_spec.py"),
         ("images/spark/src/bagpipe/engine_fields.py", "bagpipe/test_added_engine.py"),
+        (f"{SOURCE}/sequence/source.py", "bagpipe/test_sequences.py"),
+        (f"{SOURCE}/simulator/source.py", "simulator/test_job.py"),
+        (f"{SOURCE}/files/fields.py", "bagpipe/test_spec.py"),
+        (f"{SOURCE}/files/fields.py", "crds/test_crd.py"),
+        (f"{SOURCE}/bags/__init__.py", "bagpipe/test_spec.py"),
+        ("images/spark/src/bagpipe/installed.py", "bagpipe/test_spec.py"),
+        ("images/spark/src/bagpipe/source_fields.py", "bagpipe/test_added_source.py"),
+        ("tests/toy_source/bagpipe_sources/ticks/source.py", "bagpipe/test_added_source.py"),
         ("tests/toy_engine/bagpipe_engines/loopback/engine.py", "bagpipe/test_added_engine.py"),
         ("images/spark/src/bagpipe/cli/plan.py", "cli/test_plan.py"),
         ("crds/generate.py", "crds/test_crd.py"),
@@ -100,7 +109,7 @@ def test_what_is_loaded_by_its_name_is_followed_too(
 
 def test_whatever_loads_modules_by_their_names_says_which(project: Sources) -> None:
     product = [path for path in project.texts if path.parts[0] in {"images", "operator"}]
-    loads = re.compile(r"\b(import_module|of_engine)\(")
+    loads = re.compile(r"\b(import_module|of_engine|of_source)\(")
     loaders = {str(path) for path in product if loads.search(project.texts[path])}
     assert loaders == {path for path in LOADED if Path(path) in product}
 

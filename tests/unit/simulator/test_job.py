@@ -67,9 +67,8 @@ def test_the_plan_shows_what_is_left_out_and_why() -> None:
 
 def test_values_of_the_matrix_reach_the_scenario() -> None:
     spec = job()
-    assert spec.source.simulator is not None
     by_name = {case.id: case for case in plan(spec, Storage({})).cases}
-    scenario = scenario_of(spec.source.simulator, by_name["drive-s52"].conditions)
+    scenario = scenario_of(spec.source.own, by_name["drive-s52"].conditions)
     (actor,) = scenario.actors
     assert (actor.start.direction, actor.speed, actor.motion) == ("rear-right", "faster", "left")
     assert scenario.ego.speed == 20

@@ -77,8 +77,7 @@ def test_the_world_sends_recorded_messages_first_and_names_their_topics(
     write_bag(tmp_path / "a.bag", steady("/a", 5, 100_000_000))
     spec = recorded({"bag": BAG, "topics": ["/a"]}, record={"topics": ["/cmd"]})
     (case,) = cases_of(spec, tmp_path)
-    assert spec.source.simulator is not None
-    drive = Drive(case, spec, spec.source.simulator, Storage({"recordings": str(tmp_path)}))
+    drive = Drive(case, spec, spec.source.own, Storage({"recordings": str(tmp_path)}))
     described = {each["topic"]: each["recorded"] for each in drive.described["publications"]}
     assert described == {
         "/ego/collision": True, "/scene": True, "/obstacles": True, "/ego/odom": True, "/a": False,
@@ -91,7 +90,7 @@ def test_the_world_sends_recorded_messages_first_and_names_their_topics(
     ]  # fmt: skip
     also = spec.model_copy(update={"record": spec.record.model_copy(update={"topics": ["/.*"]})}) \
         if spec.record else spec  # fmt: skip
-    drive = Drive(case, also, spec.source.simulator, Storage({"recordings": str(tmp_path)}))
+    drive = Drive(case, also, spec.source.own, Storage({"recordings": str(tmp_path)}))
     assert {each["recorded"] for each in drive.described["publications"]} == {True}
 
 

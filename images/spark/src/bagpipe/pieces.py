@@ -4,7 +4,7 @@ Their texts may hold templates, which each case fills in with its values.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Self, TypeVar
 
 from pydantic import AfterValidator, BaseModel, Field, JsonValue, ValidationError, model_validator
@@ -66,6 +66,11 @@ class RecordedTopics(Piece):
     """`source.simulator.recorded[]`: recorded topics that are played during a simulated drive."""
 
     topics: Annotated[list[Name], AfterValidator(each_once)] = Field(min_length=1, max_length=100)
+
+
+def bags_of(pieces: Sequence[Piece]) -> list[str]:
+    """The URIs of the pieces' bags, each once."""
+    return list(dict.fromkeys(piece.bag for piece in pieces))
 
 
 def nanoseconds(offset: str) -> int:

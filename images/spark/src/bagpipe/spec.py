@@ -10,17 +10,17 @@ from typing import Annotated, Literal, Self, TypeVar
 from pydantic import (
     AfterValidator,
     BaseModel,
+    ConfigDict,
     Field,
     JsonValue,
     field_validator,
     model_validator,
 )
 
-from bagpipe.engine_fields import DEFAULT_ENGINE, engine_names, fields_of, refusal
+from bagpipe.engine_fields import DEFAULT_ENGINE, engine_names, load_engines, refusal
 from bagpipe.evaluate.model import Criterion, topics_of
 from bagpipe.faults import FaultRule
 from bagpipe.matrix.model import Matrix
-from bagpipe.pieces import SequencePart
 from bagpipe.pod_spec import (
     SPEC_CONFIG,
     EnvironmentSource,
@@ -31,7 +31,8 @@ from bagpipe.pod_spec import (
     StackSecurity,
     ValueSource,
 )
-from bagpipe.simulator.model import Simulator
+from bagpipe.source_fields import source_fields
+from bagpipe.source_spec import InstalledSource
 from bagpipe.texts import (
     BagUri,
     Duration,
@@ -48,58 +49,10 @@ from bagpipe.topic_patterns import records
 # Where the operator mounts the ConfigMaps of users' evaluators, in the executors alone.
 EVALUATORS_PATH = "/etc/bagpipe/evaluators"
 DEFAULT_BACKOFF_LIMIT = 3
-SOURCE_KINDS = ("bags", "sequence", "files", "simulator")
 
 
 class _Model(BaseModel):
     model_config = SPEC_CONFIG
-
-
-class Fragment(_Model):
-    """How a bag is cut: windows of about `length`, each led in by `warm_up` that does not count."""
-
-    length: PositiveDuration = "60s"
-    warm_up: Duration = "0s"
-
-
-class Source(_Model):
-    """Recordings to play, whole or as a sequence of pieces, files for a program of the exec
-    engine, or a simulated drive.
-    """
-
-    bags: list[BagUri] = []
-    sequence: list[SequencePart] = Field(default=[], max_length=100)
-    files: list[BagUri] = []
-    simulator: Simulator | None = None
-    topics: Annotated[list[Name], AfterValidator(each_once)] = []
-    fragment: Fragment = Fragment()
-
-    @property
-    def kind(self) -> str:
-        """Which one of them is written."""
-        return next(kind for kind in SOURCE_KINDS if getattr(self, kind))
-
-    @property
-    def uris(self) -> list[str]:
-        """The bags or the files, or what the pieces are of, whose names may hold templates."""
-        pieces = [*self.sequence, *(self.simulator.recorded if self.simulator else [])]
-        return self.bags or self.files or list(dict.fromkeys(piece.bag for piece in pieces))
-
-    @model_validator(mode="after")
-    def _one_of_them(self) -> Self:
-        if [bool(getattr(self, kind)) for kind in SOURCE_KINDS].count(True) != 1:
-            raise ValueError(
-                "write one of source.bags, source.sequence and source.files, with at least one URI,"
-                " or source.simulator"
-            )
-        if self.simulator and self.topics:
-            raise ValueError(
-                "source.topics select from bags: leave them out with source.simulator, whose own"
-                " names are in source.simulator.topics"
-            )
-        if self.files and self.topics:
-            raise ValueError("source.topics select from bags: leave them out with source.files")
-        return self
 
 
 class PlainVariable(_Model):
@@ -258,7 +211,10 @@ class StorageAccess(_Model):
 class SimulationJobSpec(_Model):
     """`spec` of a SimulationJob (crds/simulationjobs.yaml)."""
 
-    source: Source
+    # Built when it is first used: what is installed may be broken, and is read to build it.
+    model_config = ConfigDict(defer_build=True)
+
+    source: InstalledSource
     stack: Stack
     variants: list[Variant] = Field(default=[], max_length=16)
     matrix: Matrix | None = None
@@ -320,8 +276,7 @@ class SimulationJobSpec(_Model):
     def _criteria_read_what_is_recorded(self) -> Self:
         """A criterion over a topic that is never recorded could only ever be invalid."""
         patterns = list(self.record.topics) if self.record else []
-        if self.source.simulator:
-            patterns += self.source.simulator.topics.spoken
+        patterns += source_fields(self.source.kind).topics(self.source.own)
         for criterion in self.evaluate:
             for topic in topics_of(criterion)[0]:
                 if not any(records(pattern, topic) for pattern in patterns):
@@ -344,46 +299,17 @@ class SimulationJobSpec(_Model):
         return self
 
     @model_validator(mode="after")
-    def _a_simulator_is_steered(self) -> Self:
-        simulator = self.source.simulator
-        if simulator is None:
-            return self
-        if self.source.kind not in fields_of(self.stack.engine).sources:
-            raise ValueError("source.simulator speaks ROS 1: leave out stack.engine")
-        if self.playback.mode != "lockstep":
-            raise ValueError(
-                "source.simulator waits for the stack: write playback.mode: lockstep, and"
-                " playback.steps with the topics that it answers"
-            )
-        if simulator.topics.control not in {step.answer for step in self.playback.steps}:
-            raise ValueError(
-                f"no step of playback.steps has the answer {simulator.topics.control}, by which"
-                " the simulated car is steered: write for example {trigger:"
-                f" {simulator.topics.odometry}, answer: {simulator.topics.control}}}"
-            )
-        published = simulator.topics.spoken + simulator.recorded_topics
-        for step in self.playback.steps:
-            if step.trigger not in published:
-                raise ValueError(
-                    f"the step's trigger {step.trigger} is no topic of the simulator: it has"
-                    f" {', '.join(published)}"
-                )
-        if self.stack.remap or any(variant.remap for variant in self.variants):
-            raise ValueError(
-                "remap joins a stack's names to a recording's: with source.simulator write the"
-                " stack's names into source.simulator.topics"
-            )
-        if any(c.error and c.error.recording for c in self.evaluate):
-            raise ValueError(
-                "evaluate[].error.recording compares with a bag's own output, and"
-                " source.simulator has no bag: name a truth, such as"
-                f" {simulator.topics.odometry}"
-            )
+    def _source_s_own_rules(self) -> Self:
+        refused = source_fields(self.source.kind).refusal(self)
+        if refused is not None:
+            raise ValueError(refused)
         return self
 
     @model_validator(mode="after")
     def _engine_s_own_fields(self) -> Self:
-        refused = refusal(self, self.stack.engine, self.source.kind)
+        kind = self.source.kind
+        taken_as = source_fields(kind).taken_as or kind
+        refused = refusal(self, self.stack.engine, kind, taken_as)
         if refused is not None:
             raise ValueError(refused)
         return self
@@ -408,6 +334,8 @@ class EarlierResults(_Model):
 class JobFile(_Model):
     """job.json: what the operator passes to the driver, and all that the driver knows."""
 
+    model_config = ConfigDict(defer_build=True)
+
     name: str
     namespace: str
     uid: str
@@ -422,6 +350,16 @@ class JobFile(_Model):
     created: str = ""
     # Where the results are kept, if not below spec.output.uri: `bagpipe run` has a folder.
     results: str = ""
+
+
+def load_installed() -> None:
+    """Reads the fields of engines and sources from disk, once, and builds the models with them.
+
+    For a process whose event loop must not wait. Raises InstallationError.
+    """
+    load_engines()
+    SimulationJobSpec.model_rebuild()
+    JobFile.model_rebuild()
 
 
 def stack_images(spec: SimulationJobSpec) -> list[str]:

@@ -6,6 +6,7 @@ FIELDS = EngineFields(
     agent="exec",
     unmarked_lines="stack",
     sources=("bags",),
+    reasons=frozenset({"BytesMissing"}),
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     meaningless={
         ("evaluate",): (

@@ -34,13 +34,13 @@ class LastWords(click.Group):
             where = "" if wanted else f"; {_TRACEBACK}=1 shows where"
             text = f"{type(error).__name__}: {error}".removesuffix(": ")
             fault = f"unexpected fault, please report it: {text}{where}"
-            plain = _is_of_engines(error) or isinstance(error, NativeModuleError)
+            plain = _is_of_what_is_installed(error) or isinstance(error, NativeModuleError)
             click.echo(f"Error: {error if plain else fault}", err=True)
             raise SystemExit(_NOT_RUN) from error
 
 
-def _is_of_engines(error: Exception) -> bool:
-    """Whether it is the EnginesError of any verb that reads a spec."""
+def _is_of_what_is_installed(error: Exception) -> bool:
+    """Whether it is the InstallationError of any verb that reads a spec."""
     # Not imported: it is there if it was raised, and else the import may fail as the verb's did.
-    engines = sys.modules.get("bagpipe.engine_fields")
-    return engines is not None and isinstance(error, engines.EnginesError)
+    installed = sys.modules.get("bagpipe.installed")
+    return installed is not None and isinstance(error, installed.InstallationError)

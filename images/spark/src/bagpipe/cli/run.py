@@ -29,6 +29,7 @@ from bagpipe.cli.showing import Showing
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.native import NativeModuleError, native
 from bagpipe.run.laptop import ReplayError, own_environment
+from bagpipe.source_fields import source_fields
 from bagpipe.spec import Images, JobFile, SimulationJobSpec
 from bagpipe.storage import StorageError
 
@@ -169,7 +170,7 @@ def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -
             " pip install './images/spark[cli,spark,storage]'"
         )
     # The driver would miss it only when Spark has started.
-    if spec.source.uris and not spec.source.files:
+    if spec.source.uris and source_fields(spec.source.kind).bags:
         try:
             native("TailError", "reading a bag")
         except NativeModuleError as error:

@@ -12,10 +12,12 @@ from prometheus_client.registry import Collector
 
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.spark_executors import SparkExecutors
+from bagpipe.engine_fields import fields_of
 from bagpipe.row_facts import OUTCOMES, discarded_runs
 from bagpipe.run.attempts import REASONS
 from bagpipe.run.case_run import Row
-from bagpipe.spec import JobFile
+from bagpipe.source_fields import source_fields
+from bagpipe.spec import JobFile, SimulationJobSpec
 
 log = logging.getLogger(__name__)
 
@@ -66,11 +68,17 @@ class _ProgressCollector(Collector):
         )
 
 
+def _own_reasons(spec: SimulationJobSpec) -> frozenset[str]:
+    """Those that the job's engine and its source declare."""
+    return fields_of(spec.stack.engine).reasons | source_fields(spec.source.kind).reasons
+
+
 class DriverMetrics:
     """Counters, histograms and gauges of one driver, in a registry of their own."""
 
     def __init__(self, progress: Progress, job: JobFile) -> None:
         self.registry = CollectorRegistry()
+        self._reasons = REASONS | _own_reasons(job.spec)
         self._asks_for_a_rate = job.spec.playback.mode == "realtime"
         self.executors = SparkExecutors(job.spec.spark.executors)
         self.registry.register(_ProgressCollector(progress))
@@ -105,7 +113,7 @@ class DriverMetrics:
             "of the user's own program or evaluator is counted as Other.",
             "reason",
         )
-        for reason in (*sorted(REASONS), "Other"):
+        for reason in (*sorted(self._reasons), "Other"):
             self._faults.labels(reason)
         self._seconds = self._histogram(
             "bagpipe_case_seconds", "Time of a case with all its tries.", _SECONDS
@@ -190,7 +198,7 @@ class DriverMetrics:
         reasons = [run["reason"] for run in discarded_runs(row)]
         reasons += [row["reason"]] if row["reason"] else []
         for reason in reasons:
-            self._faults.labels(reason if reason in REASONS else "Other").inc()
+            self._faults.labels(reason if reason in self._reasons else "Other").inc()
         if "seconds" in row:
             self._seconds.observe(row["seconds"])
         try:

@@ -1,6 +1,6 @@
 """What runs a case's stack: one folder for each `stack.engine`.
 
-`chosen.engine_of` gives the one that a job names, found as `bagpipe.engine_fields` says. A folder's
+`chosen.engine_of` gives the one that a job names, found as `bagpipe.installed` says. A folder's
 `fields` is what the engine declares to the spec, its `engine` says what the agent is sent, keeps
 what comes back, and judges it (docs/tasks/add-an-engine.md).
 """

@@ -5,6 +5,6 @@ from bagpipe.engine_fields import of_engine
 
 
 def engine_of(name: str) -> Engine:
-    """The engine that `stack.engine` names. Raises EnginesError."""
+    """The engine that `stack.engine` names. Raises InstallationError."""
     engine: Engine = of_engine(name, "engine")
     return engine

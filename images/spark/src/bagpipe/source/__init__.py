@@ -1,6 +1,7 @@
 """Where a job's inputs come from: one folder for each kind of `source` in the spec.
 
-`chosen.source_of` gives the one that a job names, `planning.plan` its cases. A source plans, gives
-a case's input to the agent, and knows what its recordings hold. What still asks elsewhere which
-source it is stands in docs/limits.md.
+`chosen.source_of` gives the one that a job names, found as `bagpipe.installed` says, and
+`planning.plan` its cases. A folder's `fields` is what the source declares to the spec, its `source`
+plans, gives a case's input to the agent, and knows what its recordings hold
+(docs/tasks/add-an-engine.md).
 """

@@ -1,19 +1,11 @@
-"""The one place that asks which source a job has."""
+"""The object of the source that a job names, in its folder's module `source`."""
 
-from bagpipe.source.bags import Bags
-from bagpipe.source.files import Files
-from bagpipe.source.sequence import Sequence
-from bagpipe.source.simulator import Simulated
 from bagpipe.source.source import JobSource
+from bagpipe.source_fields import of_source
 from bagpipe.spec import SimulationJobSpec
 
 
 def source_of(spec: SimulationJobSpec) -> JobSource:
-    """The source that the job names; its spec has exactly one."""
-    if spec.source.simulator is not None:
-        return Simulated(spec, spec.source.simulator)
-    if spec.source.sequence:
-        return Sequence(spec.source)
-    if spec.source.files:
-        return Files(spec.source)
-    return Bags(spec.source)
+    """The source that the job names; its spec has exactly one. Raises InstallationError."""
+    made: JobSource = of_source(spec.source.kind, "source")(spec)
+    return made

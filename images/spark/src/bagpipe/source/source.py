@@ -5,6 +5,7 @@ What planning does not need is imported where it is used: `bagpipe plan` waits f
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -13,7 +14,8 @@ from bagpipe.judgement import Judgement
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
-from bagpipe.spec import Source
+from bagpipe.source_spec import Source
+from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from bagpipe.wire.hello_case import HelloSimulator
 from bagpipe.wire.session import InputFile, Partner
@@ -27,8 +29,11 @@ class Turns(Partner, Protocol):
         """What HELLO says of it, as `simulator`."""
 
 
+@dataclass(frozen=True)
 class JobSource(ABC):
-    """The source of one job."""
+    """The source of one job, made of its spec."""
+
+    spec: SimulationJobSpec
 
     @abstractmethod
     def plan(self, conditions: Crossing, storage: Storage, /) -> Plan:

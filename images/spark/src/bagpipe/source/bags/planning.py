@@ -8,7 +8,7 @@ from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import cut, holding
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.source.naming import stem
-from bagpipe.spec import Source
+from bagpipe.source_spec import Source
 from bagpipe.storage import Storage, StorageError
 from bagpipe.texts import duration_seconds
 

@@ -7,7 +7,7 @@ from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan
 from bagpipe.plan.parts import Part, PartPlanner, version_of
 from bagpipe.plan.put_together import put_together
-from bagpipe.spec import Source
+from bagpipe.source_spec import Source
 from bagpipe.storage import Storage
 from bagpipe.texts import duration_seconds
 
@@ -26,9 +26,7 @@ def sequences(source: Source, conditions: Crossing, storage: Storage) -> Plan:
     def parts_of(pieces: list[SequencePart]) -> list[Part]:
         return planner.sequence(pieces, source.topics, warm_up)
 
-    made = put_together(
-        conditions, source.sequence, SEQUENCE, "source.sequence", parts_of, _sequence
-    )
+    made = put_together(conditions, source.own, SEQUENCE, "source.sequence", parts_of, _sequence)
     return Plan.of(made.cases, made.unplanned)
 
 

@@ -1,0 +1,60 @@
+"""Pieces of recordings, one after the other, as one case."""
+
+from collections.abc import Callable
+
+import bagpipe
+from bagpipe.plan.case import Case
+from bagpipe.plan.conditions import Crossing
+from bagpipe.plan.made import Plan
+from bagpipe.source.sequence.planning import sequences
+from bagpipe.source.source import JobSource
+from bagpipe.source_spec import Source
+from bagpipe.storage import Storage
+from bagpipe.wire.session import InputFile
+
+
+class Sequence(JobSource):
+    """source.sequence: one case, put together before it is played."""
+
+    def plan(self, conditions: Crossing, storage: Storage) -> Plan:
+        """The sequence under every condition."""
+        return sequences(self.spec.source, conditions, storage)
+
+    def input(self, case: Case, storage: Storage) -> InputFile:
+        """The whole sequence as a bag."""
+        from bagpipe.source.sequence.stream import sequence_file  # noqa: PLC0415
+
+        return sequence_file(case, storage, case.bag)
+
+    def file_name(self, case: Case) -> str:
+        """A bag's name."""
+        return f"{case.bag}.bag"
+
+    def input_times(self, case: Case, storage: Storage) -> Callable[[], list[int]]:
+        """Taken from the sequence itself."""
+
+        def read() -> list[int]:
+            bag = _bag(case, storage)
+            topics = self.spec.source.topics
+            there = [topic for topic in bag.topics if not topics or topic in topics]
+            window = bag.messages(topics=there, start=case.window.start, end=case.window.end)
+            return [time for _, time, _ in window]
+
+        return read
+
+    def truth(self, case: Case, _topics: set[str], storage: Storage) -> bytes:
+        """The sequence whole."""
+        return _bag(case, storage).to_bytes()
+
+    def alone(self, _uri: str) -> Source:
+        """A sequence needs all of its recordings."""
+        return self.spec.source
+
+
+def _bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
+    from bagpipe.source.sequence.stream import sequence_bag  # noqa: PLC0415
+
+    return sequence_bag(case, storage)
+
+
+SOURCE = Sequence
