@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use crate::serve::options::ServeOptions;
 use crate::verbs::bagfile::Memory;
 use crate::verbs::check;
+use crate::verbs::maps::MapName;
 use crate::verbs::merge;
 use crate::verbs::play::PlayOptions;
 use crate::verbs::record::RecordOptions;
@@ -87,6 +88,9 @@ pub enum Verb {
     /// Print the cases of HELLO frames from stdin as JSON, as the agent reads them; for tests.
     #[command(hide = true)]
     Hello,
+    /// Write maps of the pipe from stdin again, as the agent's structs have them; for tests.
+    #[command(hide = true)]
+    Maps { of: MapName },
     /// One slot's process; started by `serve`.
     #[command(hide = true)]
     Slot {

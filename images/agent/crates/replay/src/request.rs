@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
+use serde::{Deserialize, Serialize};
 
 use crate::{Meter, Mode, Pause, ReplayError};
 
@@ -39,23 +40,14 @@ pub struct Step {
 }
 
 /// How the answer that is waited for is recognised.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum AnswerBy {
     /// One more message than there was.
     #[default]
     Count,
     /// A header stamp not before the input's own.
     Stamp,
-}
-
-impl AnswerBy {
-    /// Its name in cases and results.
-    pub fn name(self) -> &'static str {
-        match self {
-            AnswerBy::Count => "count",
-            AnswerBy::Stamp => "stamp",
-        }
-    }
 }
 
 /// A replay to be done.

@@ -21,7 +21,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Pid;
 
 use crate::stack::command::{ENTRYPOINT, NotRunnable, not_started, prepare};
-use crate::stack::end::StackEnd;
+use crate::stack::end::{EndedBy, StackEnd};
 use crate::stack::processes::Children;
 use crate::stack::tail::Tail;
 use crate::stack::usage::{Sampled, UsageSampler};
@@ -193,7 +193,7 @@ impl Program {
             signal: ended.and_then(|ended| ended.signal),
             stderr,
             stdout,
-            ended_by: if itself { "itself" } else { "agent" },
+            ended_by: if itself { EndedBy::Itself } else { EndedBy::Agent },
             usage,
             ended: Vec::new(),
             pid,

@@ -39,7 +39,9 @@ fn judged(ends: &[ProcessEnd], found: Option<Found>, begun: Instant) -> Vec<(Str
     let facts =
         Facts { command: Some((1, "roslaunch")), ends, nodes, course: &course, ..Facts::default() };
     let pairs = facts.evidence().into_iter();
-    pairs.map(|end| (end.cause.to_owned(), end.what.to_owned())).collect()
+    pairs
+        .map(|end| (end.cause.name().to_owned(), format!("{:?}", end.what).to_lowercase()))
+        .collect()
 }
 
 fn one(cause: &str, what: &str) -> Vec<(String, String)> {
@@ -124,7 +126,7 @@ fn one_that_leaves_after_the_last_input_may_be_slow_at_it() {
     let with = |stayed: bool, found: Found| {
         let nodes = vec![(Known { stayed, ..node(7) }, found)];
         let facts = Facts { after: &late, nodes, course: &course, ..Facts::default() };
-        facts.evidence().into_iter().map(|end| end.cause).collect::<Vec<_>>()
+        facts.evidence().into_iter().map(|end| end.cause.name()).collect::<Vec<_>>()
     };
     assert!(with(true, Found::Unregistered).is_empty());
     assert_eq!(with(false, Found::Unregistered), ["NodeGone"]);
