@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.engine.exec.judge import judge_program
 from bagpipe.engine.exec.outputs import collected
 from bagpipe.faults import FaultPolicy
@@ -32,9 +32,9 @@ class Exec:
             judgement = judge_program(answer.result, FaultPolicy(attempt.spec.fault_policy))
         return Played(judgement, outputs.names or None, answer)
 
-    def programs(self, stack: Stack) -> list[str]:
+    def programs(self, stack: Stack) -> list[Program]:
         """The program."""
-        return stack.command[:1]
+        return [own_program(stack)]
 
     def by_hand(
         self,

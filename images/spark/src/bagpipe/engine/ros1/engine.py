@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.engine.ros1.by_hand import play_command
 from bagpipe.engine.ros1.criteria import judged_by_criteria
 from bagpipe.engine.ros1.judge import judge
@@ -17,6 +17,8 @@ from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
 from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
+
+_SOURCED = "put its folder on PATH (such as by sourcing setup.bash)"
 
 
 class Ros1:
@@ -38,9 +40,9 @@ class Ros1:
         judgement, findings = judged_by_criteria(judgement, attempt, recorded, answer.result)
         return Played(judgement, name, answer, findings)
 
-    def programs(self, stack: Stack) -> list[str]:
+    def programs(self, stack: Stack) -> list[Program]:
         """The stack's command and the master."""
-        return [stack.command[0], "rosmaster"]
+        return [own_program(stack, _SOURCED), Program("rosmaster", "ROS needs", _SOURCED)]
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path
