@@ -7,9 +7,8 @@ use std::time::{Duration, Instant};
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
-use serde::{Deserialize, Serialize};
 
-use crate::{Meter, Mode, Pause, ReplayError};
+use crate::{AnswerBy, Meter, Mode, Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,17 +36,6 @@ pub struct Step {
     /// Whether the stack may skip the input: nothing waits for it, and its answer's absence
     /// is counted apart.
     pub optional: bool,
-}
-
-/// How the answer that is waited for is recognised.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum AnswerBy {
-    /// One more message than there was.
-    #[default]
-    Count,
-    /// A header stamp not before the input's own.
-    Stamp,
 }
 
 /// A replay to be done.
