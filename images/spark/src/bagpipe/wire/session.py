@@ -382,5 +382,5 @@ def _aborted(fields: dict[str, Any]) -> SessionError:
         if value is not None:
             message += f" ({kind} {value})"
     if stderr:
-        message += f"; its last words: {stderr[-1]}"
+        message += f"; its last line on stderr: {stderr[-1]}"
     return SessionError(fields["reason"], message, stderr)

@@ -39,7 +39,7 @@ pub struct StackEnd {
     pub after: Vec<ProcessEnd>,
     /// The last line of stderr before that.
     #[serde(skip)]
-    pub last_words: Option<String>,
+    pub last_line: Option<String>,
 }
 
 /// What goes wrong because something of the stack crashed before.
@@ -53,12 +53,12 @@ impl StackEnd {
         command: &[String],
         nodes: Vec<(Known, Found)>,
         course: &[Moment],
-        last_words: bool,
+        last_line: bool,
     ) {
         let command = command.first().map(|program| (self.pid, program.as_str()));
-        let last_words = self.last_words.as_deref().filter(|_| last_words);
+        let last_line = self.last_line.as_deref().filter(|_| last_line);
         let facts =
-            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_words };
+            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_line };
         self.ended = facts.evidence();
     }
 

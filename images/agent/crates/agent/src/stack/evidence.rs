@@ -80,7 +80,7 @@ pub struct Facts<'a> {
     pub nodes: Vec<(Known, Found)>,
     pub course: &'a [Moment],
     /// The last line of stderr.
-    pub last_words: Option<&'a str>,
+    pub last_line: Option<&'a str>,
 }
 
 impl Facts<'_> {
@@ -133,7 +133,7 @@ impl Facts<'_> {
             }
             (Found::Unregistered, _, _) if stayed => None,
             (_, Some(end), Some(_)) if !ours && self.had_everything(end.at) => None,
-            // Nobody knows how: one that took leave of the master did not crash.
+            // It is not known how: one that took leave of the master did not crash.
             (Found::Unregistered, Some(end), None) if self.had_everything(end.at) => None,
             _ => Some(Cause::NodeGone),
         }
@@ -173,7 +173,7 @@ impl Facts<'_> {
         };
         message += &match (ended, end) {
             (Some(ended), _) => how(ended),
-            (None, Some(_)) => "ended, and nobody knows how".to_owned(),
+            (None, Some(_)) => "ended, and it is not known how".to_owned(),
             (None, None) if cause == Cause::NodeRespawned => "was registered again".to_owned(),
             (None, None) => "left the ROS master".to_owned(),
         };
@@ -183,8 +183,8 @@ impl Facts<'_> {
         if cause == Cause::NodeRespawned {
             message += ", and another process has its name now";
         }
-        if let Some(words) = self.last_words {
-            message += &format!("; the stack's last words: {words}");
+        if let Some(line) = self.last_line {
+            message += &format!("; the stack's last line on stderr: {line}");
         }
         let (exit_status, signal) =
             (ended.and_then(|e| e.exit_status), ended.and_then(|e| e.signal));

@@ -176,7 +176,7 @@ impl Program {
     ) -> Result<StackEnd, String> {
         let itself = children.ended(self.pid).is_some();
         // What it says when it is asked to end is not why something ended before.
-        let last_words = self.stderr().pop();
+        let last_line = self.stderr().pop();
         let asked = Instant::now();
         let sampled = self.usage.take().map(|usage| usage.stop_sampling(spared));
         let killed = children.stop(Some(self.pid), spared, patience)?;
@@ -199,7 +199,7 @@ impl Program {
             pid,
             before,
             after,
-            last_words,
+            last_line,
         })
     }
 

@@ -116,7 +116,7 @@ impl ExecRunner<'_> {
         let pumped = self.greet(&mut pump.input).and_then(|()| pump.run());
         timings.run = begun.elapsed().as_secs_f64();
         let begun = Instant::now();
-        // The program's pipes stay open until it is gone: its last words are to be its own,
+        // The program's pipes stay open until it is gone: its last lines are to be its own,
         // and not about a pipe that broke.
         let patience = seconds(self.case.deadlines.stop);
         let hurry = self.stop.load(Ordering::Relaxed);

@@ -31,7 +31,7 @@ pub struct Entry {
 #[derive(Debug, Deserialize)]
 pub struct Announced {
     pub name: String,
-    /// None: nobody knows yet.
+    /// None: not known yet.
     pub size: Option<u64>,
 }
 

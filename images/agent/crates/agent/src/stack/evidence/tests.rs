@@ -134,7 +134,7 @@ fn one_that_leaves_after_the_last_input_may_be_slow_at_it() {
 }
 
 #[test]
-fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
+fn the_sentence_has_the_second_of_bag_time_and_the_last_line() {
     let begun = Instant::now();
     let ends = [end(7, begun + Duration::from_millis(7500), None, Some(11))];
     let course = course(begun);
@@ -142,7 +142,7 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
         ends: &ends,
         nodes: vec![(node(7), Found::Unregistered)],
         course: &course,
-        last_words: Some("boom"),
+        last_line: Some("boom"),
         ..Facts::default()
     };
     let reported = &facts.evidence()[0];
@@ -153,7 +153,7 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
     assert_eq!(
         reported.message,
         "the node /tracker was ended by signal 11 (SIGSEGV) at 4.5 s of the window; the stack's \
-         last words: boom"
+         last line on stderr: boom"
     );
     assert_eq!(facts.bag_seconds(begun + Duration::from_secs(2)), Some(-1.0));
 }
