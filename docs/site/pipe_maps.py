@@ -12,9 +12,9 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
+from bagpipe.engine.exec.result import ProgramResult
+from bagpipe.engine.ros1.result import ReplayResult
 from bagpipe.wire.hello_case import hello_case_schema
-from bagpipe.wire.maps.program import ProgramResult
-from bagpipe.wire.maps.replay import ReplayResult
 from bagpipe.wire.maps.session import (
     Abort,
     AgentHello,

@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
+from bagpipe.engine.exec.result import ProgramResult
+from bagpipe.engine.ros1.result import ReplayResult
 from bagpipe.wire.frames import Decoder, Encoder, FrameType
-from bagpipe.wire.maps.program import ProgramResult
-from bagpipe.wire.maps.replay import ReplayResult
 from bagpipe.wire.maps.session import (
     Abort,
     AgentHello,

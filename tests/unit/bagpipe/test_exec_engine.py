@@ -243,6 +243,13 @@ def test_an_answer_of_no_use_is_an_error(changed: dict[str, Any], reason: str, w
     assert refused.value.reason == reason
 
 
+def test_a_result_of_another_engine_keeps_nothing(run: Run, context: RunContext) -> None:
+    row, _ = run(*[giving({"a": b"1"}, engine="ros1")] * 3)  # it is worth another try
+    assert (row["outcome"], row["reason"]) == ("errored", "ProtocolError")
+    assert "RESULT from the agent has 'ros1' as engine" in row["message"]
+    assert kept(context) == {}
+
+
 def test_one_case_for_each_file_and_a_sentence_for_what_is_missing(tmp_path: Path) -> None:
     for name in ("a.json", "b c.json", "sub/a.json", "big.bin"):
         (tmp_path / name).parent.mkdir(exist_ok=True)

@@ -10,13 +10,22 @@ from typing import Any
 import pytest
 from pydantic import TypeAdapter
 
-from bagpipe.engine_fields import engine_names, fields_of
+from bagpipe.engine.exec.result import RESULT as PROGRAM_RESULT
+from bagpipe.engine.ros1.result import RESULT as REPLAY_RESULT
 from bagpipe.wire.frames import Decoder, FrameType
-from bagpipe.wire.maps.result import MODELS, check_result
+from bagpipe.wire.maps.result import RESULT as ANY_RESULT
 from bagpipe.wire.maps.session import FileToAgent, WorkerHello
-from bagpipe.wire.maps.shape import MapError
+from bagpipe.wire.maps.shape import MapError, check
 from bagpipe.wire.maps.turns import Step
-from bagpipe.wire.session import InputFile, SessionError, _outgoing, _turns, run_session
+from bagpipe.wire.session import (
+    Answer,
+    InputFile,
+    SessionError,
+    _outgoing,
+    _turns,
+    engine_result,
+    run_session,
+)
 from bagpipe.wire.slot import lease, open_ends
 from docs.site import pipe_maps
 from tests.unit.bagpipe.fake_agent import RESULT, STACK, FakeAgent, Script, make_slot
@@ -44,11 +53,10 @@ def changed(result: dict[str, Any], place: str, *value: Any) -> dict[str, Any]:
 
 
 def test_what_the_agent_sends_is_accepted_with_fields_of_a_later_version() -> None:
-    check_result("ros1", changed(RESULT, "ledger.topics.0.later", 7))
-    check_result(None, RESULT)
-    check_result("exec", PROGRAM | {"later": None})
-    # An agent of another's making: the worker needs no more than this of its RESULT.
-    check_result("another", {"stack": STACK})
+    check("RESULT", REPLAY_RESULT, changed(RESULT, "ledger.topics.0.later", 7))
+    check("RESULT", PROGRAM_RESULT, PROGRAM | {"later": None})
+    # Of an engine of another's making the worker needs no more than this.
+    check("RESULT", ANY_RESULT, {"stack": STACK})
 
 
 @pytest.mark.parametrize(
@@ -70,21 +78,18 @@ def test_what_the_agent_sends_is_accepted_with_fields_of_a_later_version() -> No
 )
 def test_the_sentence_names_the_field(place: str, value: tuple[Any, ...], words: str) -> None:
     with pytest.raises(MapError) as refused:
-        check_result("ros1", changed(RESULT, place, *value))
+        check("RESULT", REPLAY_RESULT, changed(RESULT, place, *value))
     assert words in str(refused.value)
 
 
-@pytest.mark.parametrize(("engine", "other"), [("ros1", PROGRAM), ("exec", RESULT)])
-def test_a_result_of_another_engine_is_refused(engine: str, other: dict[str, Any]) -> None:
-    with pytest.raises(MapError, match=r"has no (ledger|engine): use one release's images"):
-        check_result(engine, other)
-    for nothing in ({}, {"stack": None}):
-        with pytest.raises(MapError, match="stack"):
-            check_result("another", nothing)
-
-
-def test_each_engine_of_the_agent_has_a_result() -> None:
-    assert {fields_of(name).agent for name in engine_names()} == MODELS.keys()
+@pytest.mark.parametrize(("model", "other"), [(REPLAY_RESULT, PROGRAM), (PROGRAM_RESULT, RESULT)])
+def test_a_result_of_another_engine_is_refused(
+    model: TypeAdapter[Any], other: dict[str, Any]
+) -> None:
+    with pytest.raises(SessionError, match=r"has no (ledger|engine): use one release's") as refused:
+        engine_result(Answer(result=other), model)
+    assert refused.value.reason == "ProtocolError"
+    assert engine_result(Answer(result=RESULT), REPLAY_RESULT) is RESULT
 
 
 def sending(*frames: tuple[FrameType, dict[str, Any]], greet: bool = True) -> Script:

@@ -4,10 +4,10 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
+use crate::engine::maps::MapName;
 use crate::serve::options::ServeOptions;
 use crate::verbs::bagfile::Memory;
 use crate::verbs::check;
-use crate::verbs::maps::MapName;
 use crate::verbs::merge;
 use crate::verbs::play::PlayOptions;
 use crate::verbs::record::RecordOptions;

@@ -17,7 +17,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use crate::serve::{layout, slot};
-use crate::verbs::{check, hello, info, install, maps, merge, play, record, reindex, slice};
+use crate::verbs::{check, hello, info, install, merge, play, record, reindex, slice};
 
 fn main() -> ExitCode {
     let outcome = match cli::Cli::parse().verb {
@@ -32,7 +32,7 @@ fn main() -> ExitCode {
         cli::Verb::Reindex(options) => reindex::reindex(&options),
         cli::Verb::Check(options) => check::check(&options),
         cli::Verb::Hello => hello::hello(),
-        cli::Verb::Maps { of } => maps::maps(of),
+        cli::Verb::Maps { of } => engine::maps::maps(of),
         cli::Verb::Slot { slot, port, serve } => slot::run(&serve, slot, port),
     };
     match outcome {

@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
+from pydantic import TypeAdapter
+
 import bagpipe
 from bagpipe.wire.frames import (
     MAX_PAYLOAD_BYTES,
@@ -24,7 +26,7 @@ from bagpipe.wire.frames import (
 )
 from bagpipe.wire.greeting import Greeting
 from bagpipe.wire.maps import session as maps
-from bagpipe.wire.maps.result import check_result
+from bagpipe.wire.maps.result import RESULT
 from bagpipe.wire.maps.shape import MapError, check
 from bagpipe.wire.maps.turns import ANSWER
 from bagpipe.wire.slot import Ends
@@ -81,6 +83,15 @@ class Answer:
     finished: bool = False
 
 
+def engine_result(answer: Answer, model: TypeAdapter[Any]) -> dict[str, Any]:
+    """RESULT, compared with the model of the case's engine. Raises SessionError."""
+    try:
+        check("RESULT", model, answer.result)
+    except MapError as error:
+        raise SessionError("ProtocolError", str(error)) from error
+    return answer.result
+
+
 class Partner(Protocol):
     """A simulator that has its turn whenever the agent has answered."""
 
@@ -108,7 +119,7 @@ def run_session(
     `deadline` is on the monotonic clock, in seconds. Raises SessionError.
     """
     session = uuid.uuid4().hex
-    receiver = _Receiver(session, case.get("engine"), sink)
+    receiver = _Receiver(session, sink)
     receiver.answer.input_bytes = sum(file.size for file in files)
     return _exchange(ends, receiver, _Sender(_outgoing(session, case, files)), deadline)
 
@@ -125,7 +136,7 @@ def run_turns(
         answers.append(answer)
         sender.resume()
 
-    receiver = _Receiver(session, case.get("engine"), sink, answered)
+    receiver = _Receiver(session, sink, answered)
     return _exchange(ends, receiver, sender, deadline)
 
 
@@ -280,12 +291,10 @@ class _Receiver:
     def __init__(
         self,
         session: str,
-        engine: object,
         sink: Sink | Sinks,
         answered: Callable[[dict[str, Any]], None] | None = None,
     ) -> None:
         self.answer = Answer()
-        self._engine = engine
         self._answered = answered
         self._greeting = Greeting(session)
         self._greeted = False
@@ -336,7 +345,7 @@ class _Receiver:
                 raise ProtocolError(0, f"{frame.type.name} came, and no simulator has its turn")
 
     def _keep_result(self, fields: dict[str, Any]) -> None:
-        check_result(self._engine, fields)
+        check("RESULT", RESULT, fields)
         self.answer.result = fields
 
     def _begin_file(self, fields: dict[str, Any]) -> None:

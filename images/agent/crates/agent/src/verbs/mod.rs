@@ -7,7 +7,6 @@ pub(crate) mod graph_options;
 pub(crate) mod hello;
 pub(crate) mod info;
 pub(crate) mod install;
-pub(crate) mod maps;
 pub(crate) mod merge;
 pub(crate) mod play;
 pub(crate) mod record;

@@ -50,7 +50,7 @@ pub enum Exec {
     Exec,
 }
 
-/// The map of RESULT: bagpipe/wire/maps/program.py, with which tests compare it.
+/// The map of RESULT: bagpipe/engine/exec/result.py, with which tests compare it.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct ExecOutcome {
     pub engine: Exec,

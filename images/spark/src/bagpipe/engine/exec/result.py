@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict  # pydantic asks for it before Python 3.12
 
 from bagpipe.wire.maps.shape import Elapsed, Natural, open_map
@@ -45,3 +45,6 @@ class ProgramResult(TypedDict):
     # What is not JSON in it is the program's fault, which judging it shows.
     program: Annotated[Any, Field(description="The program's own RESULT; nil where it sent none.")]
     timings: Annotated[ProgramTimings, Field(description="Seconds of each part of the case.")]
+
+
+RESULT = TypeAdapter(ProgramResult)

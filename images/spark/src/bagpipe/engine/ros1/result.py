@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal, NotRequired
 
-from pydantic import Field
+from pydantic import Field, TypeAdapter
 from typing_extensions import TypedDict  # pydantic asks for it before Python 3.12
 
 from bagpipe.wire.maps.shape import Elapsed, Natural, Number, default, open_map
@@ -227,3 +227,6 @@ class ReplayResult(TypedDict):
             Field(description="How the machine was meanwhile; absent where nothing was played."),
         ]
     ]
+
+
+RESULT = TypeAdapter(ReplayResult)
