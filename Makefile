@@ -231,7 +231,7 @@ lint: venv tools ## Check style and types of everything
 .PHONY: docs
 docs: venv ## Build the documentation's site into build/docs; a dead link is an error
 	$(STEP) "Building the documentation" --if-it-fails "It says above which page has what fault." -- \
-	  bash -euc '.venv/bin/python -m tests.promises.page --check; .venv/bin/python -m docs.site.architecture --check; .venv/bin/python -m docs.site.hello --check; \
+	  bash -euc '.venv/bin/python -m tests.promises.page --check; .venv/bin/python -m docs.site.architecture --check; .venv/bin/python -m docs.site.pipe_maps --check; \
 	    .venv/bin/python -m docs.site.build build/docs'
 
 .PHONY: tools

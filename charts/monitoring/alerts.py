@@ -232,7 +232,7 @@ _DATA_PLANE = [
         "Its cases are run again, and end as errored when the tries are used up.",
         ("`kubectl logs` of the executor, container stack: `slot N ended with ...` says how.",
          "Signal 9 means memory: raise `stack.resources.limits.memory`, cut shorter fragments.",
-         "Exit status 70 is a case past its deadline, whose last words are before it."),
+         "Exit status 70 is a case past its deadline, whose last lines are before it."),
     ),
     Alert(
         "BagpipePipesSmall", "data-plane", "info",

@@ -47,7 +47,7 @@ def duration(seconds: float) -> str:
 
 
 def expectation(what: str, kept: Path) -> str:
-    """How long a step may take, in words; empty where nobody knows, or it is not worth a word."""
+    """How long a step may take, in words; empty where it is not known, or not worth a word."""
     try:
         last = float((kept / file_name(what)).read_text())
     except (OSError, ValueError):

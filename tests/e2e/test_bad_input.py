@@ -92,7 +92,7 @@ def test_the_job_fails_with_a_reason_and_a_sentence(
     k.await_that(f"an Event of {bad.reason}", is_described, 60)  # it comes after the status
 
 
-def test_a_crash_is_a_finding_with_the_stacks_last_words(
+def test_a_crash_is_a_finding_with_the_stacks_last_lines(
     ended: dict[str, k.Object], namespace: str
 ) -> None:
     status = ended[CRASHES.name]["status"]

@@ -34,7 +34,7 @@ impl Folder {
 fn main() -> Outcome {
     let root = std::env::args().nth(1).unwrap_or_else(|| "corpus".to_owned());
     let root = Path::new(&root);
-    for target in ["open", "scan", "parts"] {
+    for target in ["open", "scan", "parts", "tail"] {
         let folder = Folder::new(root, target)?;
         for compression in [Compression::None, Compression::Lz4, Compression::Bz2] {
             for messages in [0, 1, 8] {

@@ -62,7 +62,7 @@ def test_the_frame_has_the_same_records_as_typed_columns(spark: SparkSession, fi
     assert other.count() == 1
 
 
-def test_a_failure_reaches_the_driver_with_status_and_last_words(
+def test_a_failure_reaches_the_driver_with_status_and_last_lines(
     context: SparkContext, files: Path
 ) -> None:
     code = "import sys\nprint('no model at /weights', file=sys.stderr)\nsys.exit(9)"

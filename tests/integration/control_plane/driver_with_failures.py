@@ -51,13 +51,17 @@ def result(number: int, lockstep: bool) -> dict[str, Any]:
         lost = {"received": 2, "dropped": 1, "waited_seconds": 1.0}
         sent["ledger"]["topics"][0]["subscribers"][0] |= lost
         stood = {"stall_max_seconds": 0.0, "late_max_seconds": 0.0}
-        sent["machine"] = stood | {"busy": True, "message": "others had the processors"}
+        unknown = ("cpu_pressure_seconds", "throttled_seconds", "steal_seconds")
+        busy = {"busy": True, "message": "others had the processors"}
+        sent["machine"] = stood | dict.fromkeys(unknown) | busy
     parts = ("assemble", "master", "stack", "subscribe", "lead_in", "play")
-    sent["timings"] = dict.fromkeys(parts, 0.01)
+    sent["timings"] |= dict.fromkeys(parts, 0.01)
     sent["playback"] |= {"achieved_rate": 0.97, "played_seconds": 0.2, "late_max_seconds": 0.004}
     if lockstep:
-        answers = {"released": 5, "answered": 3, "no_output": 1, "skipped": 1}
-        sent["playback"]["steps"] = [answers | {"waited_seconds": 0.6, "slowest_seconds": 0.4}]
+        step = {"triggers": ["/scan"], "answer": "/out", "by": "count"}
+        answers = {"released": 5, "answered": 3, "no_output": 1, "skipped": 1, "unmatched": 0}
+        waited = {"waited_seconds": 0.6, "slowest_seconds": 0.4}
+        sent["playback"]["steps"] = [step | answers | waited]
     return sent
 
 

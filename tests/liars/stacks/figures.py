@@ -64,7 +64,7 @@ class NanEverywhere(Localiser):
 
 
 class NanHeading(Localiser):
-    """Where it is, is right; which way it looks, nobody knows."""
+    """Where it is, is right; which way it looks is not known."""
 
     def received(self, number, pose):
         answer = right(pose)

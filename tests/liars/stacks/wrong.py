@@ -52,7 +52,7 @@ class TextInPlace(Localiser):
 
 
 class WithoutHeader(Localiser):
-    """Nobody can say when it was measured."""
+    """It is not known when it was measured."""
 
     kind = Point
 

@@ -18,32 +18,30 @@ HELLO = b"BPIP\x01\x01\x00\x00"
 
 Script = Callable[["FakeAgent"], None]
 
+STACK: dict[str, Any] = {
+    "exit_status": None, "signal": 15, "stderr": [], "stdout": [], "ended_by": "agent",
+    "usage": None, "ended": [],
+}  # fmt: skip
 RESULT: dict[str, Any] = {
-    "stack": {"exit_status": None, "signal": 15, "stderr": [], "ended_by": "agent"},
+    "stack": STACK,
     "ledger": {
-        "sent": 3,
-        "lead_in": 1,
-        "received": 3,
-        "dropped": 0,
-        "topics": [
-            {
-                "topic": "/scan",
-                "type": "std_msgs/String",
-                "sent": 3,
-                "lead_in": 1,
-                "subscribers": [{"node": "/stack", "received": 3, "dropped": 0, "bytes": 48}],
-            }
-        ],
+        "sent": 3, "lead_in": 1, "received": 3, "dropped": 0, "strength": "received",
+        "topics": [{
+            "topic": "/scan", "type": "std_msgs/String", "sent": 3, "lead_in": 1,
+            "subscribers": [{
+                "node": "/stack", "received": 3, "dropped": 0, "bytes": 48,
+                "strength": "received", "queue": None, "waited_seconds": None,
+            }],
+        }],
     },
     "recorded": {"messages": 2, "bytes": 5, "high_water_bytes": 5, "topics": []},
     "playback": {
-        "asked_rate": 1.0,
-        "achieved_rate": 1.0,
-        "late_max_seconds": 0.0,
-        "played_seconds": 3.0,
+        "asked_rate": 1.0, "achieved_rate": 1.0, "late_max_seconds": 0.0, "played_seconds": 3.0,
     },
-    "timings": {},
-}
+    "timings": dict.fromkeys(
+        ("assemble", "master", "stack", "subscribe", "lead_in", "play", "drain", "stop"), 0.0
+    ),
+}  # fmt: skip
 
 
 def make_slot(shared: Path, name: str = "0") -> Path:

@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from tests.unit.bagpipe.bags import steady, write_bag
+from tests.unit.bagpipe.jobs import make_job
 
 ROOT = Path(__file__).parents[3]
 TOY = ROOT / "tests/toy_engine"
@@ -176,7 +177,15 @@ def test_an_engine_that_can_t_be_loaded_is_a_sentence_of_each_program(tmp_path: 
     operator = python("-c", OPERATOR, path=path)
     assert operator.returncode == 1
     assert operator.stderr.startswith("bagpipe-operator: the engine's module bagpipe_engines.needy")
-    assert [text.count("\n") for text in (plan.stderr, operator.stderr)] == [1, 1]
+    written = make_job({}).model_dump(mode="json", by_alias=True)
+    written["spec"]["stack"]["engine"] = "needy"
+    job = tmp_path / "job.json"
+    job.write_text(json.dumps(written))
+    driver = python("-m", "bagpipe.driver", "--job", str(job), path=path)
+    assert driver.returncode == 1
+    assert driver.stderr.startswith("bagpipe.driver: the engine's module bagpipe_engines.needy")
+    texts = (plan.stderr, operator.stderr, driver.stderr)
+    assert [text.count("\n") for text in texts] == [1, 1, 1]
 
 
 def test_its_cases_are_planned(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import FrameType
 from bagpipe.wire.session import InputFile, SessionError
-from tests.unit.bagpipe.fake_agent import FakeAgent, Script, aborting, make_slot
+from tests.unit.bagpipe.fake_agent import STACK, FakeAgent, Script, aborting, make_slot
 from tests.unit.bagpipe.jobs import make_job, make_spec
 
 EXEC: dict[str, Any] = {
@@ -37,14 +37,14 @@ EXEC: dict[str, Any] = {
 }
 RESULT: dict[str, Any] = {
     "engine": "exec",
-    "stack": {"exit_status": 0, "signal": None, "stderr": [], "ended_by": "itself"},
+    "stack": STACK | {"exit_status": 0, "signal": None, "ended_by": "itself"},
     "files": [],
     "bytes_in": 2,
     "bytes_out": 9,
     "records_in": 1,
     "records_out": 2,
     "program": None,
-    "timings": {},
+    "timings": {"stack": 0.1, "run": 0.2, "stop": 0.0},
 }
 Run = Callable[..., tuple[Row, FakeAgent]]
 
@@ -233,7 +233,6 @@ def test_nothing_at_all_is_no_evidence() -> None:
     [
         ({"program": {"gap": math.nan}}, "StackProtocolError", "is not JSON"),
         ({"program": {"image": b"png"}}, "StackProtocolError", "is not JSON"),
-        ({"engine": "ros1"}, "ProtocolError", "use one release's images together"),
         ({"stack": {"exit_status": 3}}, "StackCrashed", "exit status is 3"),
         ({"stack": {"exit_status": -9}}, "StackCrashed", "exit status is -9"),
     ],
@@ -242,6 +241,13 @@ def test_an_answer_of_no_use_is_an_error(changed: dict[str, Any], reason: str, w
     with pytest.raises(SessionError, match=words) as refused:
         judge_program(RESULT | changed)
     assert refused.value.reason == reason
+
+
+def test_a_result_of_another_engine_keeps_nothing(run: Run, context: RunContext) -> None:
+    row, _ = run(*[giving({"a": b"1"}, engine="ros1")] * 3)  # it is worth another try
+    assert (row["outcome"], row["reason"]) == ("errored", "ProtocolError")
+    assert "RESULT from the agent has 'ros1' as engine" in row["message"]
+    assert kept(context) == {}
 
 
 def test_one_case_for_each_file_and_a_sentence_for_what_is_missing(tmp_path: Path) -> None:

@@ -39,14 +39,16 @@ CRASH = {
     "bag_seconds": 12.3,
     "message": "/tracker was ended by signal 11 (SIGSEGV) at 12.3 s",
 }
-BUSY = {
+IDLE = {
+    "busy": False, "message": "no stall above 4 ms", "throttled_seconds": 0.0,
+    "stall_max_seconds": 0.0, "late_max_seconds": 0.0,
+    "cpu_pressure_seconds": None, "steal_seconds": None,
+}  # fmt: skip
+BUSY = IDLE | {
     "busy": True,
     "message": "the pod was throttled for 2.1 s",
     "throttled_seconds": 2.1,
-    "stall_max_seconds": 0.0,
-    "late_max_seconds": 0.0,
 }
-IDLE = {"busy": False, "message": "no stall above 4 ms", "throttled_seconds": 0.0}
 
 
 def policy(*rules: dict[str, Any]) -> FaultPolicy:
@@ -210,7 +212,7 @@ def test_a_machine_that_stays_busy_is_an_error_after_six_runs(
     assert row["evidence"] == {"ledger": lossy()["ledger"], "machine": BUSY}
 
 
-def test_a_crash_after_the_last_answer_keeps_its_recording_and_last_words(
+def test_a_crash_after_the_last_answer_keeps_its_recording_and_last_lines(
     run: Run, context: RunContext, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     row = run(ending_with(ended(), monkeypatch))

@@ -8,7 +8,6 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.run.case_run import RunContext, case_map
 from bagpipe.wire.hello_case import hello_case_schema, valid_case
-from docs.site import hello
 from tests.unit.bagpipe.jobs import make_spec
 
 Json = Any
@@ -54,7 +53,3 @@ def test_every_field_is_written_and_no_other() -> None:
 def test_what_has_another_shape_is_refused(changed: Json, words: str) -> None:
     with pytest.raises(ValueError, match=words):
         valid_case(written() | changed)
-
-
-def test_the_schema_and_the_table_are_up_to_date() -> None:
-    assert hello.main(["--check"]) == 0

@@ -66,7 +66,7 @@ def test_an_abort_while_the_worker_writes_keeps_its_reason_and_stderr(tmp_path: 
     failed = failure(tmp_path, aborting("StackExited", "it ended", ["hm", "boom"]))
     assert (failed.reason, str(failed), failed.stderr) == (
         "StackExited",
-        "it ended (exit status 3); its last words: boom",
+        "it ended (exit status 3); its last line on stderr: boom",
         ["hm", "boom"],
     )
 

@@ -80,8 +80,20 @@ def test_what_is_not_available_here_is_reported_with_a_remedy(
 def test_all_that_is_missing_is_reported_at_once(machine: Machine) -> None:
     sentences = refused(Machine({"PATH": "/nowhere"}, machine.entrypoint), {})
     assert ["claim recordings" in sentences[0], "starts run" in sentences[1]] == [True, True]
-    assert "ROS needs rosmaster, which is not found here" in sentences[2]
+    assert sentences[2] == (
+        "ROS needs rosmaster, which is not found here: put its folder on PATH (such as by sourcing"
+        " setup.bash), or run this inside of the stack's image"
+    )
     assert len(sentences) == 3
+
+
+def test_a_program_of_its_own_needs_no_ros(machine: Machine) -> None:
+    own = stack(command=["simulate"], engine="exec")
+    (only,) = refused(machine, source={"files": ["pvc://recordings/a"]}, stack=own, record=None)
+    assert only == (
+        "stack.command starts simulate, which is not found here: put its folder on PATH, or run"
+        " this inside of the stack's image"
+    )
 
 
 @pytest.mark.parametrize(

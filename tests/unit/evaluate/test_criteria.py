@@ -325,11 +325,11 @@ def test_a_failure_outweighs_a_doubt_and_a_doubt_a_pass() -> None:
     passed, failed, doubt = (
         Finding("a", "rate", "passed"),
         Finding("b", "rate", "failed", message="too slow"),
-        Finding("c", "rate", "invalid", message="nobody knows"),
+        Finding("c", "rate", "invalid", message="not measured"),
     )
     assert verdict([passed]) == ("passed", "", "")
     assert verdict([passed, doubt, failed]) == ("failed", "CriterionFailed", "b: too slow")
-    assert verdict([passed, doubt]) == ("invalid", "NotEnoughEvidence", "c: nobody knows")
+    assert verdict([passed, doubt]) == ("invalid", "NotEnoughEvidence", "c: not measured")
 
 
 @pytest.mark.parametrize(

@@ -196,7 +196,7 @@ async def test_a_renewal_whose_answer_was_lost_is_found_and_renewed(api: FakeLea
     await a.step()
     api.lose_answers = 1
     await a.step(after=1.8)
-    assert a.fence.remaining() == pytest.approx(4.2)  # not counted: nobody knows when it arrived
+    assert a.fence.remaining() == pytest.approx(4.2)  # not counted: it is not known when it arrived
     await a.step(after=RETRY_SECONDS)
     assert a.fence.remaining() == 6.0
     assert a.led == 1

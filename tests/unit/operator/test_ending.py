@@ -48,7 +48,7 @@ def test_without_an_account_the_end_names_exit_status_and_log() -> None:
         ending = ending_of(make_driver("x").ended(code, message).view())
         assert ending is not None
         assert (ending.complete, ending.reason) == (False, "DriverFailed")
-        assert ending.last_words == (
+        assert ending.final_message == (
             f"The driver's pod x-1-driver ended with exit status {code} and without an account of "
             "its cases. Read its log: kubectl logs -n lanes x-1-driver"
         )
@@ -66,7 +66,7 @@ def test_a_driver_that_lost_its_spark_is_lost_and_says_so() -> None:
     ending = ending_of(make_driver("x").ended(75, text).view())
     assert ending is not None
     assert (ending.complete, ending.lost, ending.reason) == (False, True, "DriverFailed")
-    assert ending.last_words == (
+    assert ending.final_message == (
         "The driver's pod x-1-driver ended before its job did: Spark's Java process is gone."
         " Read its log: kubectl logs -n lanes x-1-driver"
     )
@@ -80,7 +80,7 @@ def test_evicted_with_and_without_a_container_status() -> None:
         ending = ending_of(pod.evicted(text).view())
         assert ending is not None
         assert ending.reason == "DriverEvicted"
-        assert ending.last_words == (
+        assert ending.final_message == (
             f"The driver's pod x-1-driver was evicted. {text} Create the job again."
         )
 

@@ -48,7 +48,7 @@ async def test_a_lost_driver_is_replaced(reason: str) -> None:
     assert world.api.event_reasons().count(reason) == 1
 
 
-async def test_the_next_driver_is_not_given_the_last_words_of_the_one_before() -> None:
+async def test_the_next_driver_is_not_given_the_message_of_the_one_before() -> None:
     """The first serves its progress; the second runs, and its server is not up yet."""
 
     async def handler(_: web.Request) -> web.Response:

@@ -191,7 +191,7 @@ def test_a_comparison_that_can_t_be_made_costs_itself_alone(
     folder = publish(tmp_path, versions(failing=set()), variants=variants)
     assert not (folder / "comparison.json").exists()
     assert {name for name in FORMS if not (folder / name).exists()} == set()
-    # All cases passed, and still nobody knows what was asked: that is no Passed.
+    # All cases passed, and still it is not known what was asked: that is no Passed.
     manifest = json.loads((folder / "manifest.json").read_text())
     assert (manifest["phase"], manifest["counts"]["passed"]) == ("Complete", 12)
     assert (manifest["verdict"], manifest["verdictReason"]) == ("Invalid", "ComparisonFailed")

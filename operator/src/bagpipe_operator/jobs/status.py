@@ -56,7 +56,7 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
         status["completionTime"] = max(conditions.timestamp(now), str(status["startTime"]))
         status["cases"] = (status.get("cases") or {}) | {"running": 0}
         passed = verdict.passed(
-            status, ending.complete, ending.reason, ending.last_words,
+            status, ending.complete, ending.reason, ending.final_message,
             progress.verdict_reason if progress else "",
         )  # fmt: skip
         return _with(seen, status, [*_ended_conditions(seen, ending, progress), passed], now)
@@ -206,7 +206,7 @@ def _accepted(seen: Observation) -> Condition:
     if seen.refusal:
         return Condition(conditions.ACCEPTED, False, seen.refusal.reason, seen.refusal.message)
     if seen.ending:
-        return Condition(conditions.ACCEPTED, False, seen.ending.reason, seen.ending.last_words)
+        return Condition(conditions.ACCEPTED, False, seen.ending.reason, seen.ending.final_message)
     return Condition(
         conditions.ACCEPTED, False, reasons.IN_PROGRESS, "The driver's pod is not created yet."
     )
@@ -279,13 +279,15 @@ def _ended_conditions(
             conditions.COMPLETE,
             ending.complete,
             ending.reason if ending.complete else other,
-            ending.last_words if ending.complete else "The job failed: see the condition Failed.",
+            ending.final_message
+            if ending.complete
+            else "The job failed: see the condition Failed.",
         ),
         Condition(
             conditions.FAILED,
             not ending.complete,
             other if ending.complete else ending.reason,
-            "The job completed." if ending.complete else ending.last_words,
+            "The job completed." if ending.complete else ending.final_message,
         ),
         _not_suspended(seen),
     ]

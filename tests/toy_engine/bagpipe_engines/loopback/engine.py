@@ -5,7 +5,7 @@ import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
 from bagpipe.plan.case import Case
@@ -45,9 +45,9 @@ class Loopback:
         verdict = judge(answer.input_bytes, received.bytes)
         return Played(first_that_counts(ends(answer.result), policy, verdict), None, answer)
 
-    def programs(self, stack: Stack) -> list[str]:
+    def programs(self, stack: Stack) -> list[Program]:
         """The program."""
-        return stack.command[:1]
+        return [own_program(stack)]
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, _source: JobSource, _storage: Storage, bag: Path

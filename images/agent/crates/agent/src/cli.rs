@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Parser, Subcommand};
 
+use crate::engine::maps::MapName;
 use crate::serve::options::ServeOptions;
 use crate::verbs::bagfile::Memory;
 use crate::verbs::check;
@@ -87,6 +88,9 @@ pub enum Verb {
     /// Print the cases of HELLO frames from stdin as JSON, as the agent reads them; for tests.
     #[command(hide = true)]
     Hello,
+    /// Write maps of the pipe from stdin again, as the agent's structs have them; for tests.
+    #[command(hide = true)]
+    Maps { of: MapName },
     /// One slot's process; started by `serve`.
     #[command(hide = true)]
     Slot {

@@ -33,6 +33,7 @@ fn main() -> ExitCode {
         cli::Verb::Reindex(options) => reindex::reindex(&options),
         cli::Verb::Check(options) => check::check(&options),
         cli::Verb::Hello => hello::hello(),
+        cli::Verb::Maps { of } => engine::maps::maps(of),
         cli::Verb::Slot { slot, port, serve } => slot::run(&serve, slot, port),
     };
     match outcome {

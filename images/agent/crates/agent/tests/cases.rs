@@ -129,7 +129,7 @@ fn two_slots_run_at_once() {
 }
 
 #[test]
-fn a_stack_that_crashes_is_reported_with_its_last_words() {
+fn a_stack_that_crashes_is_reported_with_its_last_lines() {
     if without_ros() {
         return;
     }
@@ -182,7 +182,7 @@ fn an_image_without_rosmaster_is_refused_with_what_to_install() {
 }
 
 #[test]
-fn a_rosmaster_that_fails_is_reported_with_its_last_words() {
+fn a_rosmaster_that_fails_is_reported_with_its_last_lines() {
     let folder = tempfile::tempdir().unwrap();
     let fake = folder.path().join("rosmaster");
     std::fs::write(&fake, "#!/bin/sh\necho 'No module named rosgraph' >&2\nexit 1\n").unwrap();

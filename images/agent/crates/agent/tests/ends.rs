@@ -113,7 +113,10 @@ fn a_node_that_its_parent_says_nothing_of_is_missed() {
     assert_eq!(short(&crashed), [("StackCrashed", "/bad", Some(11))]);
     let message = &crashed[0].3;
     assert!(message.starts_with("the node /bad was ended by signal 11 (SIGSEGV) at "), "{message}");
-    assert!(message.ends_with("; the stack's last words: bad has had enough"), "{message}");
+    assert!(
+        message.ends_with("; the stack's last line on stderr: bad has had enough"),
+        "{message}"
+    );
     assert_eq!(short(&ends(250, "100 fails keep")), [("StackCrashed", "/bad", None)]);
     assert_eq!(short(&ends(250, "100 leaves keep")), [("NodeGone", "/bad", None)]);
 }

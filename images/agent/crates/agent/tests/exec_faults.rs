@@ -10,7 +10,7 @@ use worker::exec::*;
 use worker::*;
 
 #[test]
-fn a_program_that_ends_early_or_badly_is_reported_with_its_last_words() {
+fn a_program_that_ends_early_or_badly_is_reported_with_its_last_lines() {
     let agent = Agent::start(1);
     let abort = refusal(&agent, "echo 'no such road' >&2; exit 3");
     assert_eq!((&*abort.reason, abort.exit_status), ("StackCrashed", Some(3)));

@@ -89,7 +89,7 @@ pub struct Pipe<R = File, W = File> {
     /// The frame in `payload` has been looked at and belongs to what comes next.
     put_back: bool,
     pending: Vec<u8>,
-    /// Bytes that are left of the record; `None` where nobody knows.
+    /// Bytes that are left of the record; `None` where that is not known.
     left: Option<u64>,
     in_record: bool,
     input_digest: Option<u32>,

@@ -10,6 +10,7 @@
 //! Not for: starting the stack or its master (the agent does), or judging the recording.
 #![forbid(unsafe_code)]
 
+mod answer_by;
 mod answers;
 mod batch;
 mod clock;
@@ -49,6 +50,7 @@ mod time;
 mod watch;
 mod world;
 
+pub use answer_by::AnswerBy;
 pub use error::ReplayError;
 pub use graph_recording::{Keep, RecordRequest, RecordedLive, record};
 pub use machine::Machine;
@@ -60,6 +62,6 @@ pub use outcome::{
 pub use pause::{Pause, Resumed};
 pub use processes::descendants;
 pub use replay::{replay, replay_together, simulate};
-pub use request::{AnswerBy, CLOCK_RATE, ReplayRequest, StartWhen, Step, Window};
+pub use request::{CLOCK_RATE, ReplayRequest, StartWhen, Step, Window};
 pub use stage::{Cancellation, Mode, Progress, Stage};
 pub use world::{LatestMessage, Moment, World};

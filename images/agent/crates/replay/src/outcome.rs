@@ -1,7 +1,8 @@
 //! What a replay yields: the RESULT map's keys, and the recorded bag.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
+use crate::AnswerBy;
 use crate::machine::Machine;
 
 /// A replay that was done. Serialises to the keys of the RESULT map, without the bag.
@@ -24,7 +25,7 @@ pub struct Replayed {
 }
 
 /// How far along its way a message is known to have come. The weakest comes first.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Strength {
     /// It was written to the subscriber's socket; the subscriber has not reported anything.
@@ -52,7 +53,7 @@ impl Strength {
 
 /// The proof of delivery. Lossless means: for every subscriber of every topic `received`
 /// equals the topic's `sent` and `dropped` is 0.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Ledger {
     /// Sum of the topics' `sent`.
     pub sent: u64,
@@ -69,7 +70,7 @@ pub struct Ledger {
 }
 
 /// One published topic.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LedgerTopic {
     /// The name that it was published under.
     pub topic: String,
@@ -85,7 +86,7 @@ pub struct LedgerTopic {
 }
 
 /// One node's share of a topic: `received + dropped == sent`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct LedgerSubscriber {
     /// The node's name.
     pub node: String,
@@ -105,7 +106,7 @@ pub struct LedgerSubscriber {
 }
 
 /// What was recorded.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Recorded {
     /// Messages in the bag.
     pub messages: u64,
@@ -118,7 +119,7 @@ pub struct Recorded {
 }
 
 /// One recorded topic.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RecordedTopic {
     /// Its name.
     pub topic: String,
@@ -130,7 +131,7 @@ pub struct RecordedTopic {
 }
 
 /// How the window was played.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Playback {
     /// The rate that was asked for; without meaning in `max`.
     pub asked_rate: f64,
@@ -142,22 +143,22 @@ pub struct Playback {
     /// How long playing the window took, in seconds.
     pub played_seconds: f64,
     /// In lock-step, what came of each answer, the lead-in included.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub steps: Vec<StepReport>,
     /// What the user should know of the way it was played, as sentences.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
 
 /// What came of the steps with one answer: `released == answered + no_output + skipped`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct StepReport {
     /// The inputs that lead to the answer.
     pub triggers: Vec<String>,
     /// The answer's topic.
     pub answer: String,
-    /// `count` or `stamp`.
-    pub by: &'static str,
+    /// How an answer was recognised.
+    pub by: AnswerBy,
     /// How often the inputs were complete, so that an answer was due.
     pub released: u64,
     /// How often it came in time.

@@ -99,7 +99,7 @@ impl<'a> Plan<'a> {
     /// The topics that have a message to be played, as places in [`Plan::topics`].
     pub(crate) fn spoken(&self) -> Vec<usize> {
         if self.timeline.is_empty() {
-            // Without a bag nobody knows beforehand which topics have messages.
+            // Without a bag it is not known beforehand which topics have messages.
             return (0..self.topics.len()).collect();
         }
         let mut spoken = vec![false; self.topics.len()];

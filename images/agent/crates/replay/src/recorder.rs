@@ -43,8 +43,8 @@ pub(crate) struct Room {
 }
 
 struct State {
-    format: Arc<dyn RecordingFormat>,
-    writer: Box<dyn RecordingWriter>,
+    /// None once the recording is finished: what arrives later is not in it.
+    writer: Option<Box<dyn RecordingWriter>>,
     file: Option<File>,
     /// In lock-step: what waits to be written in an order of its own.
     hold: Option<Hold>,
@@ -100,8 +100,7 @@ impl Recorder {
     ) -> Recorder {
         let Room { bytes: byte_budget, format, file } = room;
         let state = State {
-            writer: format.writer(Some(byte_budget)),
-            format,
+            writer: Some(format.writer(Some(byte_budget))),
             file,
             hold: ordered.then(Hold::default),
             publishers: HashMap::new(),
@@ -135,7 +134,7 @@ impl Recorder {
                 hold.push(Arc::new(connection), &data);
                 continue;
             }
-            let id = state.connection(connection);
+            let Some(id) = state.connection(connection) else { return };
             self.write(&mut state, id, &topic, start, &data);
         }
         state.counting = true;
@@ -152,7 +151,7 @@ impl Recorder {
         let Some(hold) = &mut state.hold else { return };
         let now = self.shared.clock.now();
         for held in hold.release() {
-            let id = state.connection((*held.connection).clone());
+            let Some(id) = state.connection((*held.connection).clone()) else { return };
             self.write(&mut state, id, &held.connection.topic, now, &held.data);
         }
     }
@@ -171,8 +170,8 @@ impl Recorder {
     /// What it has done so far.
     pub(crate) fn figures(&self) -> Figures {
         let state = self.state();
-        let (messages, held) = (self.messages(), state.writer.high_water());
-        Figures { messages, bytes: state.bytes, held }
+        let held = state.writer.as_ref().map_or(0, |writer| writer.high_water());
+        Figures { messages: self.messages(), bytes: state.bytes, held }
     }
 
     /// How long nothing has arrived, counted from `since` at the earliest.
@@ -195,9 +194,9 @@ impl Recorder {
         if let Some(failure) = state.failure.clone() {
             return Err(failure.into());
         }
-        let unread = state.format.writer(None);
-        let writer = std::mem::replace(&mut state.writer, unread);
-        state.counting = false;
+        let Some(writer) = state.writer.take() else {
+            return Err(ReplayError::Internal("the recording was finished before".to_owned()));
+        };
         let recorded = Recorded {
             messages: writer.messages(),
             bytes: state.bytes,
@@ -214,7 +213,8 @@ impl Recorder {
     /// Keeps a message.
     fn take(&self, incoming: &Incoming<'_>) {
         let mut state = self.state();
-        if state.failure.is_some() || state.unrecorded.contains(incoming.topic) {
+        let over = state.failure.is_some() || state.writer.is_none();
+        if over || state.unrecorded.contains(incoming.topic) {
             return;
         }
         if !state.counting {
@@ -235,7 +235,7 @@ impl Recorder {
         let id = match state.links.get(&incoming.link) {
             Some(&id) => id,
             None => {
-                let id = state.connection(connection_of(incoming));
+                let Some(id) = state.connection(connection_of(incoming)) else { return };
                 state.links.insert(incoming.link, id);
                 id
             }
@@ -271,10 +271,11 @@ impl Recorder {
     }
 
     fn write(&self, state: &mut State, id: u32, topic: &str, time: u64, data: &[u8]) {
-        let written = state.writer.write(id, time, data);
+        let Some(writer) = &mut state.writer else { return };
+        let written = writer.write(id, time, data);
         let spilled = written.and_then(|()| match &mut state.file {
             None => Ok(()),
-            Some(file) => state.writer.spill(file),
+            Some(file) => writer.spill(file),
         });
         match spilled {
             Ok(()) => {
@@ -290,21 +291,22 @@ impl Recorder {
 }
 
 impl State {
-    /// The bag's connection for a publisher of a topic; a publisher that reconnects keeps it.
-    fn connection(&mut self, connection: Connection) -> u32 {
+    /// The bag's connection for a publisher of a topic, which keeps it when it reconnects; `None`
+    /// once the recording is finished.
+    fn connection(&mut self, connection: Connection) -> Option<u32> {
         let caller = connection.caller_id.clone().unwrap_or_default();
         let key = (connection.topic.clone(), caller, connection.md5sum.clone());
         if let Some(&id) = self.connections.get(&key) {
-            return id;
+            return Some(id);
         }
+        let id = self.writer.as_mut()?.add_connection(&connection);
         self.topics.entry(connection.topic.clone()).or_insert_with(|| RecordedTopic {
             topic: connection.topic.clone(),
             datatype: connection.datatype.clone(),
             messages: 0,
         });
-        let id = self.writer.add_connection(&connection);
         self.connections.insert(key, id);
-        id
+        Some(id)
     }
 }
 
@@ -385,6 +387,22 @@ mod tests {
         let error = recorder.finish().unwrap_err();
         assert_eq!(error.reason(), "RecorderBudgetExceeded");
         assert!(error.to_string().contains("2000"), "{error}");
+    }
+
+    #[test]
+    fn what_comes_after_the_end_is_in_no_recording() {
+        let recorder = recorder(20_000);
+        recorder.count_from(0);
+        recorder.keep(&connection(), &[7; 600]);
+        let (recorded, bag) = recorder.finish().unwrap();
+        assert_eq!((recorded.messages, recorded.bytes), (1, 600));
+        assert!(bag.len() > 13);
+        recorder.keep(&connection(), &[7; 600]);
+        recorder.end_step();
+        let figures = recorder.figures();
+        assert_eq!((figures.messages, figures.bytes), (1, 600));
+        let again = recorder.finish().unwrap_err().to_string();
+        assert!(again.contains("finished before"), "{again}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
 
-use crate::{Meter, Mode, Pause, ReplayError};
+use crate::{AnswerBy, Meter, Mode, Pause, ReplayError};
 
 /// A window of bag time, in nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,26 +36,6 @@ pub struct Step {
     /// Whether the stack may skip the input: nothing waits for it, and its answer's absence
     /// is counted apart.
     pub optional: bool,
-}
-
-/// How the answer that is waited for is recognised.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum AnswerBy {
-    /// One more message than there was.
-    #[default]
-    Count,
-    /// A header stamp not before the input's own.
-    Stamp,
-}
-
-impl AnswerBy {
-    /// Its name in cases and results.
-    pub fn name(self) -> &'static str {
-        match self {
-            AnswerBy::Count => "count",
-            AnswerBy::Stamp => "stamp",
-        }
-    }
 }
 
 /// A replay to be done.

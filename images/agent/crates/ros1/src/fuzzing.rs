@@ -6,7 +6,8 @@ use std::io::Read;
 use dxr::{MethodCall, MethodResponse};
 
 use crate::frames::{Frame, Frames};
-use crate::{ConnectionHeader, RosError, Value, http, pages, slave, xmlrpc};
+use crate::header::ConnectionHeader;
+use crate::{RosError, Value, http, pages, slave, xmlrpc};
 
 /// A whole connection header, its length before it.
 ///

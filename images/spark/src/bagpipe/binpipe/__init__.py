@@ -37,7 +37,7 @@ def read() -> Iterator[Record]:
 def write(
     data: bytes | bytearray | memoryview | Iterable[bytes], name: str | None = None, **fields: Field
 ) -> None:
-    """One output record: whole bytes, or an iterable of pieces whose sum nobody knows yet.
+    """One output record: whole bytes, or an iterable of pieces whose sum is not known yet.
 
     Without a name it has that of the latest input record. Raises BinpipeError for a field that
     is no str, bytes or integer of 64 bits.

@@ -19,7 +19,7 @@ class BinPipedError(Exception):
         stderr: Sequence[str] = (),
     ) -> None:
         lines = "".join(f"\n    {line}" for line in stderr)
-        words = f"; its last words on stderr:{lines}" if stderr else ""
+        words = f"; its last lines on stderr:{lines}" if stderr else ""
         super().__init__(f"{reason}: {message}{words}")
         self.reason = reason
         self.exit_status = exit_status

@@ -2,12 +2,12 @@
 
 import click
 
-from bagpipe.cli.last_words import LastWords
+from bagpipe.cli.unhandled import UnhandledErrors
 from bagpipe.cli.verb import Verb
 
 
 @click.group(
-    cls=LastWords,
+    cls=UnhandledErrors,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 @click.version_option(package_name="bagpipe")

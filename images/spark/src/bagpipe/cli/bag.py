@@ -285,7 +285,7 @@ def _time(nanoseconds: int) -> str:
 
 def _lost(damage: dict[str, Any]) -> str:
     count = damage["messages"]
-    messages = "nobody can say how many messages" if count is None else f"{count} messages"
+    messages = "an unknown number of messages" if count is None else f"{count} messages"
     return (
         f"at byte {damage['offset']}: expected {damage['description']}; {damage['bytes']} bytes and"
         f" {messages} are lost"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagpipe.engine.chosen import engine_of
+from bagpipe.engine.engine import Program
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
 from bagpipe.plan.variant import stack_of
@@ -135,17 +136,16 @@ def _of_the_environment(spec: SimulationJobSpec, machine: Machine) -> Iterator[s
 
 
 def _of_the_programs(spec: SimulationJobSpec, machine: Machine) -> Iterator[str]:
-    wanted: dict[tuple[str, str | None], Stack] = {}
+    wanted: dict[tuple[str, str | None], Program] = {}
     for stack in _stacks(spec):
         path = next((v.value for v in stack.env if v.name == "PATH" and v.value), None)
-        programs = engine_of(stack.engine).programs(stack)
-        wanted |= {(program, path): stack for program in programs}
-    for (program, path), stack in wanted.items():
-        if not machine.runs(program, path):
-            what = "stack.command starts" if program == stack.command[0] else "ROS needs"
+        for program in engine_of(stack.engine).programs(stack):
+            wanted.setdefault((program.name, path), program)
+    for (name, path), program in wanted.items():
+        if not machine.runs(name, path):
             yield (
-                f"{what} {program}, which is not found here: put its folder on PATH (such as by"
-                " sourcing setup.bash), or run this inside of the stack's image"
+                f"{program.why} {name}, which is not found here: {program.remedy}, or run this"
+                " inside of the stack's image"
             )
 
 

@@ -31,6 +31,7 @@ from bagpipe.driver.results import Manifest, Results, results_uri
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
 from bagpipe.evaluate.judge import faults
+from bagpipe.installed import InstallationError
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Plan
@@ -72,14 +73,15 @@ class Interruption:
 def main(arguments: list[str] | None = None) -> int:
     """Run a job to its end; 0 when it is Complete, 1 when it Failed.
 
-    Raises SystemExit with status 143 when SIGTERM has interrupted it, and 75 when Spark is gone.
+    Raises SystemExit with status 143 when SIGTERM has interrupted it, 75 when Spark is gone, and
+    with a sentence where the job can't be read.
     """
     parser = argparse.ArgumentParser(prog="bagpipe.driver", description=__doc__)
     parser.add_argument("--job", type=Path, required=True, help="the job.json of the operator")
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("py4j").setLevel(logging.WARNING)
-    job = JobFile.model_validate_json(options.job.read_bytes())
+    job = job_of(options.job)
     progress = progress_of(job)
     metrics = DriverMetrics(progress, job)
     server = serve_progress(progress, metrics.registry, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
@@ -94,6 +96,14 @@ def main(arguments: list[str] | None = None) -> int:
             _TERMINATION_LOG.write_text(message)
         server.shutdown()
     return 0 if complete else 1
+
+
+def job_of(file: Path) -> JobFile:
+    """The job that is to run; raises SystemExit with a sentence where an engine can't be used."""
+    try:
+        return JobFile.model_validate_json(file.read_bytes())
+    except InstallationError as error:
+        sys.exit(f"bagpipe.driver: {error}")
 
 
 def progress_of(job: JobFile) -> Progress:

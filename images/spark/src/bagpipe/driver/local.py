@@ -20,7 +20,7 @@ from typing import TextIO
 from pyspark import SparkConf, SparkContext
 from pyspark.java_gateway import launch_gateway
 
-from bagpipe.driver.__main__ import Cluster, Interruption, ended, run
+from bagpipe.driver.__main__ import Cluster, Interruption, ended, job_of, run
 from bagpipe.driver.cases_on_spark import run_cases
 from bagpipe.driver.chosen import chosen
 from bagpipe.driver.keep import Keeper
@@ -137,7 +137,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("py4j").setLevel(logging.WARNING)
-    job = JobFile.model_validate_json(options.job.read_bytes())
+    job = job_of(options.job)
     progress = Progress(results_uri(job), slots=options.slots)
     interruption = Interruption()
     signal.signal(signal.SIGTERM, interruption)

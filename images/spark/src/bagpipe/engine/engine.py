@@ -42,6 +42,23 @@ class Played:
     findings: list[dict[str, Any]] | None = None
 
 
+@dataclass(frozen=True)
+class Program:
+    """A program that a machine needs to run a stack.
+
+    `why` begins the sentence that it is missing, and `remedy` says how it is found.
+    """
+
+    name: str
+    why: str
+    remedy: str = "put its folder on PATH"
+
+
+def own_program(stack: Stack, remedy: str = Program.remedy) -> Program:
+    """The one that the stack's command starts."""
+    return Program(stack.command[0], "stack.command starts", remedy)
+
+
 class Engine(Protocol):
     """Stateless: one object for all jobs."""
 
@@ -55,8 +72,8 @@ class Engine(Protocol):
         the job's manifest, and goes at its end. Raises SessionError and StorageError.
         """
 
-    def programs(self, stack: Stack, /) -> list[str]:
-        """The programs that a machine needs for the stack, its own command first."""
+    def programs(self, stack: Stack, /) -> list[Program]:
+        """The programs that a machine needs for the stack."""
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path, /

@@ -1,7 +1,7 @@
 """The case that HELLO carries to an agent: its shape, once for both ends of the pipe.
 
-docs/reference/hello-case.json is written from it (docs/site/hello.py), and the agent's struct is
-compared with it (tests/integration/test_hello_case.py). Whatever has a default may be left out.
+docs/reference/hello-case.json is written from it (docs/site/pipe_maps.py), and the agent's struct
+is compared with it (tests/integration/test_hello_case.py). Whatever has a default may be left out.
 """
 
 import functools

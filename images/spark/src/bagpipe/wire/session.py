@@ -13,6 +13,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
+from pydantic import TypeAdapter
+
 import bagpipe
 from bagpipe.wire.frames import (
     MAX_PAYLOAD_BYTES,
@@ -23,6 +25,10 @@ from bagpipe.wire.frames import (
     ProtocolError,
 )
 from bagpipe.wire.greeting import Greeting
+from bagpipe.wire.maps import session as maps
+from bagpipe.wire.maps.result import RESULT
+from bagpipe.wire.maps.shape import MapError, check
+from bagpipe.wire.maps.turns import ANSWER
 from bagpipe.wire.slot import Ends
 
 PROTOCOL = 1
@@ -77,6 +83,15 @@ class Answer:
     finished: bool = False
 
 
+def engine_result(answer: Answer, model: TypeAdapter[Any]) -> dict[str, Any]:
+    """RESULT, compared with the model of the case's engine. Raises SessionError."""
+    try:
+        check("RESULT", model, answer.result)
+    except MapError as error:
+        raise SessionError("ProtocolError", str(error)) from error
+    return answer.result
+
+
 class Partner(Protocol):
     """A simulator that has its turn whenever the agent has answered."""
 
@@ -121,7 +136,8 @@ def run_turns(
         answers.append(answer)
         sender.resume()
 
-    return _exchange(ends, _Receiver(session, sink, answered), sender, deadline)
+    receiver = _Receiver(session, sink, answered)
+    return _exchange(ends, receiver, sender, deadline)
 
 
 def _exchange(ends: Ends, receiver: "_Receiver", sender: "_Sender", deadline: float) -> Answer:
@@ -260,7 +276,7 @@ def _receive(ends: Ends, receiver: "_Receiver", peer_gone: bool) -> None:
     if data:
         try:
             receiver.feed(data)
-        except ProtocolError as error:
+        except (ProtocolError, MapError) as error:
             raise SessionError("ProtocolError", str(error)) from error
     elif receiver.answer.hello or peer_gone:
         raise _agent_died(receiver)
@@ -312,7 +328,7 @@ class _Receiver:
             case FrameType.METRIC:
                 pass
             case FrameType.RESULT:
-                self.answer.result = frame.fields()
+                self._keep_result(frame.fields())
             case FrameType.FILE:
                 self._begin_file(frame.fields())
             case FrameType.DATA:
@@ -322,18 +338,25 @@ class _Receiver:
             case FrameType.END:
                 self._finish(frame.fields())
             case FrameType.ANSWER if self._answered is not None:
-                self._answered(frame.fields())
+                fields = frame.fields()
+                check("ANSWER", ANSWER, fields)
+                self._answered(fields)
             case FrameType.ANSWER | FrameType.STEP:
                 raise ProtocolError(0, f"{frame.type.name} came, and no simulator has its turn")
 
+    def _keep_result(self, fields: dict[str, Any]) -> None:
+        check("RESULT", RESULT, fields)
+        self.answer.result = fields
+
     def _begin_file(self, fields: dict[str, Any]) -> None:
+        check("FILE", maps.FILE, fields)
         # A program of the exec engine need not know a file's size when it begins.
         size = fields.get("size")
         self._unsized = size is None
-        self._expected += 0 if size is None else int(size)
+        self._expected += 0 if size is None else size
         self.answer.files += 1
         if self._begin is not None:
-            self._sink = self._begin(str(fields["name"]), size)
+            self._sink = self._begin(fields["name"], size)
 
     def _greet(self, fields: dict[str, Any]) -> None:
         if fields.get("protocol") != PROTOCOL:
@@ -342,9 +365,11 @@ class _Receiver:
                 f"the agent speaks protocol {fields.get('protocol')}, this worker {PROTOCOL}:"
                 " use one release's images together",
             )
+        check("HELLO", maps.HELLO, fields)
         self.answer.hello = fields
 
     def _finish(self, fields: dict[str, Any]) -> None:
+        check("END", maps.END, fields)
         expected = {
             "files": self.answer.files,
             "bytes": self.answer.bytes,
@@ -357,8 +382,8 @@ class _Receiver:
 
 
 def _aborted(fields: dict[str, Any]) -> SessionError:
-    message = str(fields.get("message", "the agent gave no message"))
-    stderr = [str(line) for line in fields.get("stderr") or []]
+    check("ABORT", maps.ABORT, fields)
+    message, stderr = fields["message"], fields.get("stderr", [])
     for kind, value in (
         ("exit status", fields.get("exit_status")),
         ("signal", fields.get("signal")),
@@ -366,5 +391,5 @@ def _aborted(fields: dict[str, Any]) -> SessionError:
         if value is not None:
             message += f" ({kind} {value})"
     if stderr:
-        message += f"; its last words: {stderr[-1]}"
-    return SessionError(str(fields.get("reason", "Internal")), message, stderr)
+        message += f"; its last line on stderr: {stderr[-1]}"
+    return SessionError(fields["reason"], message, stderr)

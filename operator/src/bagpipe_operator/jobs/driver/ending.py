@@ -34,7 +34,7 @@ class Ending:
     voluntary: bool = False
 
     @property
-    def last_words(self) -> str:
+    def final_message(self) -> str:
         """What happened and what to do, when no other driver takes over."""
         return f"{self.message} {self.advice}".rstrip()
 

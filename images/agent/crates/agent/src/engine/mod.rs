@@ -1,6 +1,7 @@
 //! What runs a case's stack, one folder for each engine.
 
 pub(crate) mod exec;
+pub(crate) mod maps;
 pub(crate) mod on_disk;
 pub(crate) mod ros1;
 pub(crate) mod task;

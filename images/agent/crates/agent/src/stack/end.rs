@@ -1,23 +1,32 @@
 //! How a stack ended, as RESULT has it.
 
 use bagpipe_wire::Abort;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
-use crate::stack::evidence::{Facts, Moment, StackEnded};
+use crate::stack::evidence::{Cause, Facts, Moment, StackEnded};
 use crate::stack::nodes::{Found, Known};
 use crate::stack::usage::Usage;
 use crate::stack::witness::ProcessEnd;
 
+/// Who ended the user's command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum EndedBy {
+    /// It ended when it was asked to.
+    Agent,
+    /// It had ended before.
+    Itself,
+}
+
 /// How the user's command ended.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct StackEnd {
     pub exit_status: Option<i32>,
     pub signal: Option<i32>,
     pub stderr: Vec<String>,
     pub stdout: Vec<String>,
-    /// `agent` or `itself`.
-    pub ended_by: &'static str,
-    /// None for a program that nobody measured.
+    pub ended_by: EndedBy,
+    /// None for a program that was not measured.
     pub usage: Option<Usage>,
     /// Every end of a process or node that is evidence, in order of time.
     pub ended: Vec<StackEnded>,
@@ -30,7 +39,7 @@ pub struct StackEnd {
     pub after: Vec<ProcessEnd>,
     /// The last line of stderr before that.
     #[serde(skip)]
-    pub last_words: Option<String>,
+    pub last_line: Option<String>,
 }
 
 /// What goes wrong because something of the stack crashed before.
@@ -44,18 +53,18 @@ impl StackEnd {
         command: &[String],
         nodes: Vec<(Known, Found)>,
         course: &[Moment],
-        last_words: bool,
+        last_line: bool,
     ) {
         let command = command.first().map(|program| (self.pid, program.as_str()));
-        let last_words = self.last_words.as_deref().filter(|_| last_words);
+        let last_line = self.last_line.as_deref().filter(|_| last_line);
         let facts =
-            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_words };
+            Facts { command, ends: &self.before, after: &self.after, nodes, course, last_line };
         self.ended = facts.evidence();
     }
 
     /// Adds what the program wrote and how it ended.
     pub fn explain(self, mut abort: Abort) -> Abort {
-        let itself = self.ended_by == "itself";
+        let itself = self.ended_by == EndedBy::Itself;
         if matches!(&*abort.reason, "StackExited" | "StackCrashed")
             && matches!(self.exit_status, Some(126 | 127))
         {
@@ -64,10 +73,10 @@ impl StackEnd {
             abort.message =
                 format!("{} (a shell's sign of a missing command: {last})", abort.message);
         }
-        let crash = self.ended.iter().find(|end| end.cause == "StackCrashed");
+        let crash = self.ended.iter().find(|end| end.cause == Cause::StackCrashed);
         if let Some(crash) = crash.filter(|_| CONSEQUENCES.contains(&&*abort.reason)) {
             abort.message = format!("{}; then: {}", crash.message, abort.message);
-            abort.reason = crash.cause.to_owned();
+            abort.reason = crash.cause.name().to_owned();
         }
         abort.exit_status = self.exit_status.filter(|_| itself);
         abort.signal = self.signal.filter(|_| itself);

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use bagpipe_replay::Stage;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::Ended;
@@ -16,11 +16,41 @@ const OURS: [i32; 3] = [2, 9, 15];
 /// Signals of a fault in the program: ILL, TRAP, ABRT, BUS, FPE, SEGV, SYS.
 const FAULTS: [i32; 7] = [4, 5, 6, 7, 8, 11, 31];
 
+/// What an end is evidence of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Cause {
+    StackCrashed,
+    StackExited,
+    NodeGone,
+    NodeRespawned,
+}
+
+impl Cause {
+    /// Its name in RESULT, and as ABORT's reason.
+    pub fn name(self) -> &'static str {
+        match self {
+            Cause::StackCrashed => "StackCrashed",
+            Cause::StackExited => "StackExited",
+            Cause::NodeGone => "NodeGone",
+            Cause::NodeRespawned => "NodeRespawned",
+        }
+    }
+}
+
+/// What ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Thing {
+    Command,
+    Process,
+    Node,
+}
+
 /// An entry of `stack.ended` in RESULT.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StackEnded {
-    pub cause: &'static str,
-    pub what: &'static str,
+    pub cause: Cause,
+    pub what: Thing,
     pub name: String,
     pub exit_status: Option<i32>,
     pub signal: Option<i32>,
@@ -50,7 +80,7 @@ pub struct Facts<'a> {
     pub nodes: Vec<(Known, Found)>,
     pub course: &'a [Moment],
     /// The last line of stderr.
-    pub last_words: Option<&'a str>,
+    pub last_line: Option<&'a str>,
 }
 
 impl Facts<'_> {
@@ -64,7 +94,8 @@ impl Facts<'_> {
             let end = ends.find(|end| Some(end.pid) == node.pid);
             nodes_pids.extend(node.pid);
             if let Some(cause) = self.of_node(*state, node.stayed, end) {
-                found.push((end.map(|end| end.at), self.entry(cause, "node", &node.name, end)));
+                found
+                    .push((end.map(|end| end.at), self.entry(cause, Thing::Node, &node.name, end)));
             }
         }
         for end in self.ends.iter().filter(|end| !nodes_pids.contains(&end.pid)) {
@@ -75,11 +106,11 @@ impl Facts<'_> {
                     .ended
                     .and_then(|ended| ended.signal)
                     .filter(|s| !ORDERLY.contains(s))
-                    .map(|_| "StackCrashed"),
+                    .map(|_| Cause::StackCrashed),
             };
             let Some(cause) = cause else { continue };
             let (what, name) =
-                command.map_or(("process", &*end.name), |(_, name)| ("command", name));
+                command.map_or((Thing::Process, &*end.name), |(_, name)| (Thing::Command, name));
             found.push((Some(end.at), self.entry(cause, what, name, Some(end))));
         }
         found.sort_by_key(|(at, _)| (at.is_none(), *at));
@@ -87,14 +118,9 @@ impl Facts<'_> {
     }
 
     /// Exit status 0 with the last input received is how a stack says that it is done.
-    fn of_node(
-        &self,
-        state: Found,
-        stayed: bool,
-        end: Option<&ProcessEnd>,
-    ) -> Option<&'static str> {
+    fn of_node(&self, state: Found, stayed: bool, end: Option<&ProcessEnd>) -> Option<Cause> {
         if state == Found::Another {
-            return Some("NodeRespawned");
+            return Some(Cause::NodeRespawned);
         }
         let ended = end.and_then(|end| end.ended);
         // What the agent sent to one that was on its way out already.
@@ -102,20 +128,22 @@ impl Facts<'_> {
             && end.is_some_and(|end| self.after.contains(end));
         match (state, end, ended) {
             (Found::Same, None, _) => None,
-            (_, _, Some(ended)) if ended.exit_status != Some(0) && !ours => Some("StackCrashed"),
+            (_, _, Some(ended)) if ended.exit_status != Some(0) && !ours => {
+                Some(Cause::StackCrashed)
+            }
             (Found::Unregistered, _, _) if stayed => None,
             (_, Some(end), Some(_)) if !ours && self.had_everything(end.at) => None,
-            // Nobody knows how: one that took leave of the master did not crash.
+            // It is not known how: one that took leave of the master did not crash.
             (Found::Unregistered, Some(end), None) if self.had_everything(end.at) => None,
-            _ => Some("NodeGone"),
+            _ => Some(Cause::NodeGone),
         }
     }
 
-    fn of_command(&self, end: &ProcessEnd) -> Option<&'static str> {
+    fn of_command(&self, end: &ProcessEnd) -> Option<Cause> {
         match end.ended {
             Some(Ended { exit_status: Some(0), .. }) if self.had_everything(end.at) => None,
-            Some(Ended { exit_status: Some(0), .. }) | None => Some("StackExited"),
-            Some(_) => Some("StackCrashed"),
+            Some(Ended { exit_status: Some(0), .. }) | None => Some(Cause::StackExited),
+            Some(_) => Some(Cause::StackCrashed),
         }
     }
 
@@ -134,35 +162,29 @@ impl Facts<'_> {
         Some(before.bag_seconds + (next.bag_seconds - before.bag_seconds) * part)
     }
 
-    fn entry(
-        &self,
-        cause: &'static str,
-        what: &'static str,
-        name: &str,
-        end: Option<&ProcessEnd>,
-    ) -> StackEnded {
+    fn entry(&self, cause: Cause, what: Thing, name: &str, end: Option<&ProcessEnd>) -> StackEnded {
         let ended = end.and_then(|end| end.ended);
         let bag_seconds = end.and_then(|end| self.bag_seconds(end.at));
         let bag_seconds = bag_seconds.map(|seconds| (seconds * 1000.0).round() / 1000.0);
         let mut message = match what {
-            "node" => format!("the node {name} "),
-            "command" => format!("the stack's command ({name}) "),
-            _ => format!("a process of the stack ({name}) "),
+            Thing::Node => format!("the node {name} "),
+            Thing::Command => format!("the stack's command ({name}) "),
+            Thing::Process => format!("a process of the stack ({name}) "),
         };
         message += &match (ended, end) {
             (Some(ended), _) => how(ended),
-            (None, Some(_)) => "ended, and nobody knows how".to_owned(),
-            (None, None) if cause == "NodeRespawned" => "was registered again".to_owned(),
+            (None, Some(_)) => "ended, and it is not known how".to_owned(),
+            (None, None) if cause == Cause::NodeRespawned => "was registered again".to_owned(),
             (None, None) => "left the ROS master".to_owned(),
         };
         if let Some(seconds) = bag_seconds {
             message += &format!(" at {seconds:.1} s of the window");
         }
-        if cause == "NodeRespawned" {
+        if cause == Cause::NodeRespawned {
             message += ", and another process has its name now";
         }
-        if let Some(words) = self.last_words {
-            message += &format!("; the stack's last words: {words}");
+        if let Some(line) = self.last_line {
+            message += &format!("; the stack's last line on stderr: {line}");
         }
         let (exit_status, signal) =
             (ended.and_then(|e| e.exit_status), ended.and_then(|e| e.signal));

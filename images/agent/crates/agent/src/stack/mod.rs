@@ -21,7 +21,7 @@ use rustix::fs::{OFlags, fcntl_getfl, fcntl_setfl};
 use rustix::process::Pid;
 
 use crate::stack::command::{ENTRYPOINT, NotRunnable, not_started, prepare};
-use crate::stack::end::StackEnd;
+use crate::stack::end::{EndedBy, StackEnd};
 use crate::stack::processes::Children;
 use crate::stack::tail::Tail;
 use crate::stack::usage::{Sampled, UsageSampler};
@@ -176,7 +176,7 @@ impl Program {
     ) -> Result<StackEnd, String> {
         let itself = children.ended(self.pid).is_some();
         // What it says when it is asked to end is not why something ended before.
-        let last_words = self.stderr().pop();
+        let last_line = self.stderr().pop();
         let asked = Instant::now();
         let sampled = self.usage.take().map(|usage| usage.stop_sampling(spared));
         let killed = children.stop(Some(self.pid), spared, patience)?;
@@ -193,13 +193,13 @@ impl Program {
             signal: ended.and_then(|ended| ended.signal),
             stderr,
             stdout,
-            ended_by: if itself { "itself" } else { "agent" },
+            ended_by: if itself { EndedBy::Itself } else { EndedBy::Agent },
             usage,
             ended: Vec::new(),
             pid,
             before,
             after,
-            last_words,
+            last_line,
         })
     }
 

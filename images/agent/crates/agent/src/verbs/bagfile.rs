@@ -126,7 +126,7 @@ pub fn file(path: &Path) -> Result<DiskChunkedFile, String> {
 pub fn loss(loss: &Loss) -> String {
     let messages = match loss.messages {
         Some(count) => format!("{count} messages"),
-        None => "nobody can say how many messages".to_owned(),
+        None => "an unknown number of messages".to_owned(),
     };
     format!(
         "damaged at byte {}: expected {}; {} bytes and {messages} are lost",

@@ -33,7 +33,7 @@ pub(super) struct Input {
 
 impl Group {
     pub(super) fn new(answer: String, by: AnswerBy) -> Group {
-        let report = StepReport { answer: answer.clone(), by: by.name(), ..StepReport::default() };
+        let report = StepReport { answer: answer.clone(), by, ..StepReport::default() };
         Group { answer, by, inputs: Vec::new(), skippable: true, due: None, report }
     }
 

@@ -6,10 +6,10 @@ mod kernel;
 
 pub(crate) use gauge::{Foreign, Gauge};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// How the machine was during play and drain. What it does not report is `None`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Machine {
     /// How much later than due the latest message left; 0 where none has a time to leave.
     pub late_max_seconds: f64,

@@ -4,15 +4,16 @@ import dataclasses
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.engine.exec.judge import judge_program
 from bagpipe.engine.exec.outputs import collected
+from bagpipe.engine.exec.result import RESULT
 from bagpipe.faults import FaultPolicy
 from bagpipe.plan.case import Case
 from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
-from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
+from bagpipe.wire.session import Answer, InputFile, Sink, Sinks, engine_result
 
 
 class Exec:
@@ -29,12 +30,14 @@ class Exec:
         """Keeps the program's files, unless its word can't be taken."""
         with collected(attempt.storage, attempt.results, attempt.name) as outputs:
             answer = exchange(outputs)
-            judgement = judge_program(answer.result, FaultPolicy(attempt.spec.fault_policy))
+            judgement = judge_program(
+                engine_result(answer, RESULT), FaultPolicy(attempt.spec.fault_policy)
+            )
         return Played(judgement, outputs.names or None, answer)
 
-    def programs(self, stack: Stack) -> list[str]:
+    def programs(self, stack: Stack) -> list[Program]:
         """The program."""
-        return stack.command[:1]
+        return [own_program(stack)]
 
     def by_hand(
         self,

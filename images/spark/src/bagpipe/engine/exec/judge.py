@@ -17,14 +17,9 @@ _REASON = re.compile(r"[A-Z][A-Za-z0-9]{0,63}")
 def judge_program(result: dict[str, Any], policy: FaultPolicy = _NO_POLICY) -> Judgement:
     """Judge a RESULT map of the exec engine (docs/reference/binpipe.md, "The exec engine").
 
-    Raises SessionError where the agent's answer is none of that engine, or the program's own
-    RESULT could not be written as JSON.
+    Raises SessionError where the program's exit status is not 0, or its own RESULT could not be
+    written as JSON.
     """
-    if result.get("engine") != "exec":
-        raise SessionError(
-            "ProtocolError",
-            "the agent answered as another engine than exec: use one release's images together",
-        )
     stack = result["stack"]
     if stack["exit_status"] != 0:
         message = f"the program's exit status is {stack['exit_status']}"

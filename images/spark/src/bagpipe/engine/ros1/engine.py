@@ -6,17 +6,20 @@ import shlex
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.engine.ros1.by_hand import play_command
 from bagpipe.engine.ros1.criteria import judged_by_criteria
 from bagpipe.engine.ros1.judge import judge
+from bagpipe.engine.ros1.result import RESULT
 from bagpipe.faults import FaultPolicy
 from bagpipe.plan.case import Case
 from bagpipe.plan.variant import stack_of
 from bagpipe.source.source import JobSource, Turns
 from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
-from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
+from bagpipe.wire.session import Answer, InputFile, Sink, Sinks, engine_result
+
+_SOURCED = "put its folder on PATH (such as by sourcing setup.bash)"
 
 
 class Ros1:
@@ -32,15 +35,16 @@ class Ros1:
         recorded = posixpath.join(attempt.results, name)
         with attempt.storage.create(recorded) as sink:
             answer = exchange(sink)
+            result = engine_result(answer, RESULT)
         spec = attempt.spec
-        judgement = judge(answer.result, FaultPolicy(spec.fault_policy), spec.playback.mode)
-        judgement = attempt.source.judge(answer.result, judgement)
-        judgement, findings = judged_by_criteria(judgement, attempt, recorded, answer.result)
+        judgement = judge(result, FaultPolicy(spec.fault_policy), spec.playback.mode)
+        judgement = attempt.source.judge(result, judgement)
+        judgement, findings = judged_by_criteria(judgement, attempt, recorded, result)
         return Played(judgement, name, answer, findings)
 
-    def programs(self, stack: Stack) -> list[str]:
+    def programs(self, stack: Stack) -> list[Program]:
         """The stack's command and the master."""
-        return [stack.command[0], "rosmaster"]
+        return [own_program(stack, _SOURCED), Program("rosmaster", "ROS needs", _SOURCED)]
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use bagpipe_wire::{Duplex, End, FrameType, PROTOCOL, to_map};
 use rmpv::Value;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::case::failure::Failure;
 use crate::case::{Case, seconds};
@@ -42,10 +42,18 @@ pub struct ExecRunner<'a> {
     pub children: &'a RefCell<Children>,
 }
 
-/// The map of RESULT.
-#[derive(Debug, Serialize)]
+/// The engine's name in RESULT.
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Exec {
+    /// There is no other.
+    Exec,
+}
+
+/// The map of RESULT: bagpipe/engine/exec/result.py, with which tests compare it.
+#[derive(Debug, Serialize, Deserialize)]
 pub struct ExecOutcome {
-    pub engine: &'static str,
+    pub engine: Exec,
     pub stack: StackEnd,
     /// The files that came before, in order.
     pub files: Vec<Entry>,
@@ -63,7 +71,7 @@ pub struct ExecOutcome {
 }
 
 /// Seconds of each part of the case.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct ExecTimings {
     /// Until the program was started.
     pub stack: f64,
@@ -108,7 +116,7 @@ impl ExecRunner<'_> {
         let pumped = self.greet(&mut pump.input).and_then(|()| pump.run());
         timings.run = begun.elapsed().as_secs_f64();
         let begun = Instant::now();
-        // The program's pipes stay open until it is gone: its last words are to be its own,
+        // The program's pipes stay open until it is gone: its last lines are to be its own,
         // and not about a pipe that broke.
         let patience = seconds(self.case.deadlines.stop);
         let hurry = self.stop.load(Ordering::Relaxed);
@@ -144,7 +152,7 @@ fn outcome(pump: Pump<'_>, stack: StackEnd, timings: ExecTimings) -> ExecOutcome
     let End { files: records_in, bytes: bytes_in, .. } = pump.input.given();
     let Emitted { files, bytes, result, .. } = pump.emitted;
     ExecOutcome {
-        engine: "exec",
+        engine: Exec::Exec,
         stack,
         records_out: files.len() as u64,
         bytes_out: bytes,

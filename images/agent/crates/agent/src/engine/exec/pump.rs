@@ -175,7 +175,7 @@ impl Pump<'_> {
             "CaseDeadlineExceeded",
             format!(
                 "the program was given {taken}, has given back {bytes} bytes in {files} files, \
-                 and did not end within the case's {} s: see its last words, or give it a longer \
+                 and did not end within the case's {} s: see its last lines, or give it a longer \
                  playback.caseTimeout",
                 self.runner.case.deadlines.case
             ),

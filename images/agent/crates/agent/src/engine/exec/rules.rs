@@ -21,7 +21,7 @@ const MAX_DEPTH: usize = 32;
 const METRIC_PAUSE: Duration = Duration::from_millis(500);
 
 /// A file that the program gave back.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Entry {
     pub name: String,
     pub size: u64,
@@ -31,7 +31,7 @@ pub struct Entry {
 #[derive(Debug, Deserialize)]
 pub struct Announced {
     pub name: String,
-    /// None: nobody knows yet.
+    /// None: not known yet.
     pub size: Option<u64>,
 }
 

@@ -291,7 +291,7 @@ impl Runner<'_> {
     }
 }
 
-/// Without a master nobody can say which nodes were there in the end.
+/// Without a master it can't be known which nodes were there in the end.
 fn master_gone(ended: Ended, stderr: Vec<String>) -> Abort {
     let Ended { exit_status, signal } = ended;
     let message = format!(

@@ -1,13 +1,13 @@
 //! RESULT: what came of a case.
 
 use bagpipe_replay::{Ledger, Machine, Playback, Recorded, Replayed};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::warnings;
 
-/// The map of RESULT.
-#[derive(Debug, Serialize)]
+/// The map of RESULT: bagpipe/engine/ros1/result.py, with which tests compare it.
+#[derive(Debug, Serialize, Deserialize)]
 pub struct Outcome {
     pub stack: StackEnd,
     pub ledger: Ledger,
@@ -19,7 +19,7 @@ pub struct Outcome {
 }
 
 /// Seconds of each part of the case.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Timings {
     pub assemble: f64,
     pub master: f64,

@@ -6,8 +6,9 @@ use std::time::Instant;
 
 use bagpipe_graph::TopicInfo;
 use bagpipe_replay::{Cancellation, LatestMessage, Moment, ReplayError, World};
-use bagpipe_wire::{Duplex, End, FrameType, MAX_PAYLOAD, PipeError, from_map};
+use bagpipe_wire::{Duplex, End, FrameType, MAX_PAYLOAD, PipeError, from_map, to_map};
 use rmpv::Value;
+use serde::{Deserialize, Serialize};
 
 use crate::case::Simulator;
 
@@ -74,17 +75,22 @@ impl World for PipeWorld<'_> {
     }
 }
 
+/// The map of ANSWER: topic, type and data of each message. bagpipe/wire/maps/turns.py, with
+/// which tests compare it.
+#[derive(Debug, Serialize, Deserialize)]
+pub struct Answered {
+    messages: Vec<(String, String, Value)>,
+}
+
 /// The payload of ANSWER.
 fn encoded(latest: Vec<LatestMessage>) -> Result<Vec<u8>, ReplayError> {
     let sizes = latest.iter().map(|message| (message.data.len(), message.topic.clone()));
     let largest = sizes.max();
     let messages = latest.into_iter().map(|message| {
         let LatestMessage { topic, datatype, data } = message;
-        Value::Array(vec![topic.into(), datatype.into(), Value::Binary(data)])
+        (topic, datatype, Value::Binary(data))
     });
-    let map = Value::Map(vec![("messages".into(), Value::Array(messages.collect()))]);
-    let mut payload = Vec::new();
-    rmpv::encode::write_value(&mut payload, &map)
+    let payload = to_map(&Answered { messages: messages.collect() })
         .map_err(|error| ReplayError::Internal(error.to_string()))?;
     match largest {
         Some((bytes, topic)) if payload.len() > MAX_PAYLOAD => Err(wrong(format!(
@@ -94,6 +100,21 @@ fn encoded(latest: Vec<LatestMessage>) -> Result<Vec<u8>, ReplayError> {
         ))),
         _ => Ok(payload),
     }
+}
+
+/// STEP's map as it was read, for the tests that compare both ends of the pipe.
+pub fn step_as_read(payload: &[u8]) -> Result<Vec<u8>, String> {
+    #[derive(Serialize)]
+    struct Step {
+        time: u64,
+        messages: Vec<(usize, Value)>,
+    }
+    let Moment { time, messages } = decoded(payload, b"").map_err(|error| error.to_string())?;
+    let messages = messages.into_iter().map(|(place, mut frame)| {
+        // Behind the length that goes before it on a connection.
+        (place, Value::Binary(frame.split_off(4)))
+    });
+    to_map(&Step { time, messages: messages.collect() }).map_err(|error| error.to_string())
 }
 
 /// The moment in a STEP: `{time: u64, messages: [[place, bytes], ...]}`. In place of its bytes a

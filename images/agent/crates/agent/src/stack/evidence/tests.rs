@@ -39,7 +39,9 @@ fn judged(ends: &[ProcessEnd], found: Option<Found>, begun: Instant) -> Vec<(Str
     let facts =
         Facts { command: Some((1, "roslaunch")), ends, nodes, course: &course, ..Facts::default() };
     let pairs = facts.evidence().into_iter();
-    pairs.map(|end| (end.cause.to_owned(), end.what.to_owned())).collect()
+    pairs
+        .map(|end| (end.cause.name().to_owned(), format!("{:?}", end.what).to_lowercase()))
+        .collect()
 }
 
 fn one(cause: &str, what: &str) -> Vec<(String, String)> {
@@ -124,7 +126,7 @@ fn one_that_leaves_after_the_last_input_may_be_slow_at_it() {
     let with = |stayed: bool, found: Found| {
         let nodes = vec![(Known { stayed, ..node(7) }, found)];
         let facts = Facts { after: &late, nodes, course: &course, ..Facts::default() };
-        facts.evidence().into_iter().map(|end| end.cause).collect::<Vec<_>>()
+        facts.evidence().into_iter().map(|end| end.cause.name()).collect::<Vec<_>>()
     };
     assert!(with(true, Found::Unregistered).is_empty());
     assert_eq!(with(false, Found::Unregistered), ["NodeGone"]);
@@ -132,7 +134,7 @@ fn one_that_leaves_after_the_last_input_may_be_slow_at_it() {
 }
 
 #[test]
-fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
+fn the_sentence_has_the_second_of_bag_time_and_the_last_line() {
     let begun = Instant::now();
     let ends = [end(7, begun + Duration::from_millis(7500), None, Some(11))];
     let course = course(begun);
@@ -140,7 +142,7 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
         ends: &ends,
         nodes: vec![(node(7), Found::Unregistered)],
         course: &course,
-        last_words: Some("boom"),
+        last_line: Some("boom"),
         ..Facts::default()
     };
     let reported = &facts.evidence()[0];
@@ -151,7 +153,7 @@ fn the_sentence_has_the_second_of_bag_time_and_the_last_words() {
     assert_eq!(
         reported.message,
         "the node /tracker was ended by signal 11 (SIGSEGV) at 4.5 s of the window; the stack's \
-         last words: boom"
+         last line on stderr: boom"
     );
     assert_eq!(facts.bag_seconds(begun + Duration::from_secs(2)), Some(-1.0));
 }

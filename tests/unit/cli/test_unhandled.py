@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
-from bagpipe.cli.last_words import LastWords
+from bagpipe.cli.unhandled import UnhandledErrors
 from bagpipe.installed import InstallationError
 from bagpipe.native import NativeModuleError
 from tests.unit.bagpipe.jobs import make_row
@@ -51,7 +51,7 @@ def test_an_unexpected_error_is_a_sentence_and_no_verdict(
     ],
 )
 def test_what_is_raised_and_how_it_ends(raised: BaseException, status: int, sentence: str) -> None:
-    @click.group(cls=LastWords)
+    @click.group(cls=UnhandledErrors)
     def program() -> None:
         pass
 

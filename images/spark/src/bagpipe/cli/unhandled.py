@@ -15,7 +15,7 @@ _NOT_RUN = 2
 _TRACEBACK = "BAGPIPE_TRACEBACK"
 
 
-class LastWords(click.Group):
+class UnhandledErrors(click.Group):
     """A program that never ends with 1, a verdict that failed, because of a fault or of Ctrl-C."""
 
     def invoke(self, ctx: click.Context) -> Any:
