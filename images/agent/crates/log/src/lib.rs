@@ -13,7 +13,7 @@ mod timeline;
 mod writing;
 
 pub use error::RecordingError;
-pub use model::{Connection, Message};
+pub use model::{Connection, Message, MessageEncoding, SchemaEncoding};
 pub use reading::Recording;
 pub use timeline::{Place, Timeline};
 pub use writing::{RecordingFormat, RecordingWriter};
