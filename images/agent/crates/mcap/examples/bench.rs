@@ -1,7 +1,8 @@
 //! Times reading and writing MCAP in memory beside the crate `mcap`, the same messages in turn
 //! in one process: `cargo run --release -p bagpipe-mcap --example bench -- [rounds] [scale]`.
 //! `pass` gives each message once, as the crate does; `order` has all of them by time, in memory.
-//! For each case a line: the median of each, and of the rounds' ratios with the least and most.
+//! For each case a line: the median of each, of the rounds' ratios with the least and most, and
+//! of the ratios of processor time, which a busy machine disturbs less.
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::print_stdout)]
 
 use std::collections::BTreeMap;
@@ -46,10 +47,24 @@ fn payload() -> Vec<u8> {
     bytes
 }
 
-fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
-    let start = Instant::now();
+/// Seconds on the clock, and of processors (in hundredths).
+#[derive(Clone, Copy)]
+struct Took {
+    clock: f64,
+    processors: f64,
+}
+
+fn timed<T>(work: impl FnOnce() -> T) -> (T, Took) {
+    let (start, before) = (Instant::now(), processors());
     let made = work();
-    (made, start.elapsed().as_secs_f64())
+    (made, Took { clock: start.elapsed().as_secs_f64(), processors: processors() - before })
+}
+
+/// Of this process, from /proc: in it and in the system for it.
+fn processors() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap();
+    let fields = text.rsplit_once(')').unwrap().1.split_whitespace();
+    fields.skip(11).take(2).map(|ticks| ticks.parse::<f64>().unwrap() / 100.0).sum()
 }
 
 fn median(mut values: Vec<f64>) -> (f64, f64, f64) {
@@ -96,28 +111,31 @@ impl Case<'_> {
                 reads.push((took, their_time));
             }
         }
-        self.say("write", writes);
-        self.say("pass", passes);
-        self.say("order", reads);
+        self.say("write", &writes);
+        self.say("pass", &passes);
+        self.say("order", &reads);
         println!("{:>12}   size: {} and {} bytes", "", sizes.0, sizes.1);
     }
 
-    fn say(&self, what: &str, times: Vec<(f64, f64)>) {
+    fn say(&self, what: &str, times: &[(Took, Took)]) {
         let rate = |took: f64| match self.size {
             1024 => self.count as f64 / took / 1e6,
             _ => (self.count * self.size) as f64 / took / 1e6,
         };
         let unit = if self.size == 1024 { "M msg/s" } else { "MB/s" };
-        let (_, ours, _) = median(times.iter().map(|(ours, _)| rate(*ours)).collect());
-        let (_, theirs, _) = median(times.iter().map(|(_, theirs)| rate(*theirs)).collect());
-        let (least, ratio, most) = median(times.iter().map(|(a, b)| b / a).collect());
+        let (_, ours, _) = median(times.iter().map(|(ours, _)| rate(ours.clock)).collect());
+        let (_, theirs, _) = median(times.iter().map(|(_, theirs)| rate(theirs.clock)).collect());
+        let (least, ratio, most) = median(times.iter().map(|(a, b)| b.clock / a.clock).collect());
+        let tick = 0.01;
+        let load = |took: &Took| took.processors.max(tick);
+        let (_, cost, _) = median(times.iter().map(|(a, b)| load(b) / load(a)).collect());
         let compression = match self.compression {
             Compression::None => "none",
             other => other.name(),
         };
         println!(
             "{:>4} {compression:>4} {what:>5}: {ours:.2} {unit}, mcap {theirs:.2}; \
-             {ratio:.2} times ({least:.2}..{most:.2})",
+             {ratio:.2} times ({least:.2}..{most:.2}), {cost:.2} by processor time",
             self.name
         );
     }

@@ -16,7 +16,7 @@ use bagpipe_mcap::{
 };
 
 const TIMES_INPUT: usize = 16;
-const CONSTANT: usize = 12 << 20;
+const CONSTANT: usize = 4 << 20;
 /// What a caller allows to be uncompressed, as a multiple of the input.
 const LIMIT: usize = 16;
 const SLOWEST: Duration = Duration::from_secs(2);

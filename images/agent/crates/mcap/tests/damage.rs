@@ -182,107 +182,74 @@ fn fields_behind_those_that_are_known_are_passed_over() {
     assert_eq!(recording.connections()[0].datatype, "s");
 }
 
-#[test]
-fn what_contradicts_the_format_is_reported_with_its_byte_and_the_rest_is_kept() {
-    let chunk = |records: &[Vec<u8>]| {
-        let inside = records.concat();
-        a_chunk("", inside.len() as u64, &inside)
-    };
-    let (channel, message) = (a_channel(1, 0), a_message(1));
-    let behind = FIRST + channel.len();
-    for (records, offset, expected, kept) in [
-        (vec![message.clone()], FIRST, "a message of a declared channel, found 1", 0),
-        (
-            vec![message.clone(), channel.clone()],
-            FIRST,
-            "channel 1 declared before its first message",
-            1,
-        ),
-        (
-            vec![channel.clone(), a_message(2), message.clone()],
-            behind,
-            "a message of a declared channel, found 2",
-            1,
-        ),
-        (
-            vec![a_channel(1, 3), message.clone()],
-            FIRST,
-            "a declared schema of channel 1, found 3",
-            1,
-        ),
-        (
-            vec![channel.clone(), a_channel(1, 1), message.clone()],
-            behind,
-            "channel 1 as it was declared before",
-            1,
-        ),
-        (
-            vec![a_schema(1, b'x'), a_schema(1, b'y'), channel.clone(), message.clone()],
-            FIRST + a_schema(1, b'x').len(),
-            "schema 1 as it was declared before",
-            1,
-        ),
-        (
-            vec![channel.clone(), record(5, &[1, 0]), message.clone()],
-            behind + 1,
-            "a message of at least 22 bytes, found 2",
-            1,
-        ),
-        (
-            vec![channel.clone(), record(0, &[]), message.clone()],
-            behind,
-            "a record's opcode, found 0",
-            0,
-        ),
-        (
-            vec![record(3, &[]), channel.clone(), message.clone()],
-            FIRST + 9,
-            "2 bytes of a schema's number, found 0",
-            1,
-        ),
-        (
-            vec![channel.clone(), record(1, &[0; 8]), message.clone()],
-            behind,
-            "a record of the data section, found opcode 1",
-            1,
-        ),
-        (
-            vec![channel.clone(), a_chunk("bz2", 3, b"abc"), message.clone()],
-            behind + 9 + 28,
-            "the compression lz4, zstd or none (\"\"), found \"bz2\"",
-            1,
-        ),
-        (
-            vec![channel.clone(), a_chunk("zstd", 1 << 32, b"abc"), message.clone()],
-            behind + 9 + 16,
-            "a chunk of less than 4 GiB, found 4294967296",
-            1,
-        ),
-        (
-            vec![channel.clone(), chunk(&[record(9, &[0; 40]), message.clone()])],
-            behind + 49,
-            "a schema, a channel or a message in a chunk, found opcode 9",
-            1,
-        ),
-        (
-            vec![channel.clone(), record(6, &[0; 10]), message.clone()],
-            behind + 9 + 8,
-            "8 bytes of a chunk's last time, found 2",
-            1,
-        ),
-        (
-            vec![channel.clone(), record(12, &[9, 0, 0, 0]), message.clone()],
-            behind + 13,
-            "9 bytes of a metadata record's name, found 0",
-            1,
-        ),
-    ] {
+/// Records, the byte and the sentence of the loss, and how many messages are kept.
+type Contradiction = (Vec<Vec<u8>>, usize, &'static str, usize);
+
+fn are_reported(contradictions: Vec<Contradiction>) {
+    for (records, offset, expected, kept) in contradictions {
         let recording = open(&file(&records));
         let loss = recording.loss().unwrap();
         let expected = (offset as u64, expected);
         assert_eq!((loss.offset, loss.description.as_str()), expected);
         assert_eq!(read(&recording).len(), kept, "{expected:?}");
     }
+}
+
+#[test]
+fn declarations_that_are_missing_late_or_contradict_each_other_are_reported() {
+    let (channel, message, schema) = (a_channel(1, 0), a_message(1), a_schema(1, b'x'));
+    let behind = FIRST + channel.len();
+    let unknown = "a message of a declared channel, found 1";
+    let other = "a message of a declared channel, found 2";
+    let late = "channel 1 declared before its first message";
+    let no_schema = "a declared schema of channel 1, found 3";
+    let two_channels = "channel 1 as it was declared before";
+    let two_schemas = "schema 1 as it was declared before";
+    let schemas = vec![schema.clone(), a_schema(1, b'y'), channel.clone(), message.clone()];
+    are_reported(vec![
+        (vec![message.clone()], FIRST, unknown, 0),
+        (vec![message.clone(), channel.clone()], FIRST, late, 1),
+        (vec![channel.clone(), a_message(2), message.clone()], behind, other, 1),
+        (vec![a_channel(1, 3), message.clone()], FIRST, no_schema, 1),
+        (vec![channel, a_channel(1, 1), message], behind, two_channels, 1),
+        (schemas, FIRST + schema.len(), two_schemas, 1),
+    ]);
+}
+
+#[test]
+fn records_that_are_too_short_or_out_of_place_are_reported_and_the_rest_is_kept() {
+    let (channel, message) = (a_channel(1, 0), a_message(1));
+    let behind = FIRST + channel.len();
+    let between = |record: Vec<u8>| vec![channel.clone(), record, message.clone()];
+    let header = "a record of the data section, found opcode 1";
+    let short_schema = vec![record(3, &[]), channel.clone(), message.clone()];
+    let metadata = "9 bytes of a metadata record's name, found 0";
+    are_reported(vec![
+        (between(record(5, &[1, 0])), behind + 1, "a message of at least 22 bytes, found 2", 1),
+        (between(record(0, &[])), behind, "a record's opcode, found 0", 0),
+        (short_schema, FIRST + 9, "2 bytes of a schema's number, found 0", 1),
+        (between(record(1, &[0; 8])), behind, header, 1),
+        (between(record(12, &[9, 0, 0, 0])), behind + 13, metadata, 1),
+    ]);
+}
+
+#[test]
+fn chunks_that_nobody_can_read_are_reported_and_the_rest_is_kept() {
+    let (channel, message) = (a_channel(1, 0), a_message(1));
+    let behind = FIRST + channel.len();
+    let between = |record: Vec<u8>| vec![channel.clone(), record, message.clone()];
+    let inside = [record(9, &[0; 40]), message.clone()].concat();
+    let odd = vec![channel.clone(), a_chunk("", inside.len() as u64, &inside)];
+    let in_chunk = "a schema, a channel or a message in a chunk, found opcode 9";
+    let compression = "the compression lz4, zstd or none (\"\"), found \"bz2\"";
+    let large = "a chunk of less than 4 GiB, found 4294967296";
+    let short = "8 bytes of a chunk's last time, found 2";
+    are_reported(vec![
+        (between(a_chunk("bz2", 3, b"abc")), behind + 9 + 28, compression, 1),
+        (between(a_chunk("zstd", 1 << 32, b"abc")), behind + 9 + 16, large, 1),
+        (odd, behind + 49, in_chunk, 1),
+        (between(record(6, &[0; 10])), behind + 9 + 8, short, 1),
+    ]);
 }
 
 #[test]
@@ -360,22 +327,21 @@ impl Random {
     }
 }
 
+/// Eight messages in three chunks.
+fn small(compression: Compression) -> Vec<u8> {
+    let options = WriterOptions::with_compression(compression);
+    let mut writer = McapWriter::new(WriterOptions { chunk_threshold: 300, ..options });
+    let ids = ["/a", "/b"].map(|topic| writer.add_connection(&connection(topic)));
+    for number in 0..8u64 {
+        writer.write(ids[number as usize % 2], number, &[number as u8; 70]).unwrap();
+    }
+    writer.finish().unwrap()
+}
+
 #[test]
 fn a_hundred_thousand_damages_give_an_answer() {
     let mut random = Random(0x9e37_79b9_7f4a_7c15);
-    let samples: Vec<Vec<u8>> = ALL
-        .map(|compression| {
-            let mut writer = McapWriter::new(WriterOptions {
-                chunk_threshold: 300,
-                ..WriterOptions::with_compression(compression)
-            });
-            let ids = ["/a", "/b"].map(|topic| writer.add_connection(&connection(topic)));
-            for number in 0..8u64 {
-                writer.write(ids[number as usize % 2], number, &[number as u8; 70]).unwrap();
-            }
-            writer.finish().unwrap()
-        })
-        .into();
+    let samples = ALL.map(small);
     let (mut refused, mut reported, mut unreadable) = (0, 0, 0);
     for _ in 0..100_000 {
         let mut bytes = samples[random.below(3)].clone();

@@ -18,27 +18,29 @@ fn beside(name: &str) -> Option<PathBuf> {
     found
 }
 
+/// File, messages, topics and how many of these are latched.
+const RECORDINGS: [(&str, usize, usize, usize); 10] = [
+    ("rosbag2_py/mcap/convert_a/rewriter_a_0.mcap", 150, 2, 0),
+    ("rosbag2_py/mcap/convert_b/rewriter_b_0.mcap", 75, 2, 2),
+    ("rosbag2_py/mcap/reindex_test_bags/multiple_files/multiple_files_0.mcap", 1324, 1, 0),
+    ("rosbag2_py/mcap/reindex_test_bags/multiple_files/multiple_files_2.mcap", 529, 1, 0),
+    ("rosbag2_py/mcap/talker/talker.mcap", 20, 3, 1),
+    ("rosbag2_py/mcap/wbag/wbag_0.mcap", 1246, 8, 0),
+    ("rosbag2_py/mcap/wbag/wbag_4.mcap", 1108, 8, 0),
+    (
+        "rosbag2_tests/mcap/bag_with_topics_and_service_events/bag_with_topics_and_service_events.mcap",
+        10,
+        5,
+        2,
+    ),
+    ("rosbag2_tests/mcap/cdr_test/cdr_test_0.mcap", 7, 2, 2),
+    ("rosbag2_tests/mcap/wrong_rmw_test/wrong_rmw_test_0.mcap", 7, 2, 0),
+];
+
 #[test]
 fn the_recordings_of_rosbag2_s_tests_are_read_and_written_again() {
     let Some(folder) = beside("rosbag2") else { return };
-    // File, messages, topics and how many of these are latched.
-    for (name, messages, topics, latched) in [
-        ("rosbag2_py/mcap/convert_a/rewriter_a_0.mcap", 150, 2, 0),
-        ("rosbag2_py/mcap/convert_b/rewriter_b_0.mcap", 75, 2, 2),
-        ("rosbag2_py/mcap/reindex_test_bags/multiple_files/multiple_files_0.mcap", 1324, 1, 0),
-        ("rosbag2_py/mcap/reindex_test_bags/multiple_files/multiple_files_2.mcap", 529, 1, 0),
-        ("rosbag2_py/mcap/talker/talker.mcap", 20, 3, 1),
-        ("rosbag2_py/mcap/wbag/wbag_0.mcap", 1246, 8, 0),
-        ("rosbag2_py/mcap/wbag/wbag_4.mcap", 1108, 8, 0),
-        (
-            "rosbag2_tests/mcap/bag_with_topics_and_service_events/bag_with_topics_and_service_events.mcap",
-            10,
-            5,
-            2,
-        ),
-        ("rosbag2_tests/mcap/cdr_test/cdr_test_0.mcap", 7, 2, 2),
-        ("rosbag2_tests/mcap/wrong_rmw_test/wrong_rmw_test_0.mcap", 7, 2, 0),
-    ] {
+    for (name, messages, topics, latched) in RECORDINGS {
         let bytes = std::fs::read(folder.join(name)).unwrap();
         let theirs: Vec<_> =
             mcap::MessageStream::new(&bytes).unwrap().map(Result::unwrap).collect();
