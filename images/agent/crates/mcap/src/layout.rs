@@ -346,12 +346,12 @@ impl Pass<'_> {
 
     fn footer(&mut self, start: usize, head: Head, end: usize) {
         let mut fields = Fields::new(&self.file[..end], head.start);
-        let said = fields.u64("the summary's place").and_then(|place| {
+        let stated = fields.u64("the summary's place").and_then(|place| {
             fields.u64("the summary offsets' place")?;
             Ok((place, fields.at, fields.u32("the summary's CRC-32")?))
         });
-        let (place, crc_at, crc) = match said {
-            Ok(said) => said,
+        let (place, crc_at, crc) = match stated {
+            Ok(stated) => stated,
             Err(defect) => return self.lose(defect, self.rest(), Some(0)),
         };
         let begins = if start == self.at { 0 } else { start as u64 };

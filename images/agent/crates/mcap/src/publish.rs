@@ -14,7 +14,7 @@ pub(crate) fn nearest(log_time: u64, lower: u32) -> u64 {
     log_time.wrapping_add_signed(i64::from(distance))
 }
 
-/// The upper halves that are not told by the nearest time, by where they lay.
+/// The upper halves that do not follow from the nearest time, by where they lay.
 #[derive(Debug, Default)]
 pub(crate) struct UpperHalves(Vec<(u32, u32)>);
 

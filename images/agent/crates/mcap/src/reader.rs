@@ -55,7 +55,7 @@ pub struct Mcap {
     attachments: Vec<std::ops::Range<usize>>,
     metadata: Vec<Metadata>,
     limits: Limits,
-    /// True where chunks may still be compressed, since the summary told enough of them.
+    /// True where chunks may still be compressed, since the summary states enough of them.
     indexed: bool,
     /// Bytes of all chunks that were uncompressed.
     made_bytes: AtomicU64,
@@ -400,11 +400,11 @@ impl Mcap {
             }
         }
         let found = self.message_count();
-        if let (true, Some((at, said))) = (self.lost.is_none(), statistics)
-            && said != found
+        if let (true, Some((at, stated))) = (self.lost.is_none(), statistics)
+            && stated != found
         {
-            let expected = format!("{found} messages in the statistics, found {said}");
-            self.lost.add(at, expected, 0, Some(said.saturating_sub(found)));
+            let expected = format!("{found} messages in the statistics, found {stated}");
+            self.lost.add(at, expected, 0, Some(stated.saturating_sub(found)));
         }
     }
 }

@@ -1,4 +1,4 @@
-//! A recording written anew: whole, in order, and with all that the seam has no place for.
+//! A recording written again: whole, in order, and with all that the seam has no place for.
 
 use std::collections::HashMap;
 

@@ -1,5 +1,5 @@
 //! What stands behind a recording's data: declarations, indexes and counts; and how many bytes
-//! it will take, told before it is written.
+//! it will take, known before it is written.
 
 use crate::build::{ChunkHead, Put, channel, record, schema};
 use crate::record::{

@@ -308,7 +308,7 @@ fn an_index_that_hides_messages_is_not_believed() {
         let at = bytes.windows(9).rposition(|head| *head == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
         let recording = open(&with(&damaged, at + 9, &[0; 4]));
         match recording.timeline(|_| true) {
-            // The statistics told that some are missing, and all chunks were read.
+            // By the statistics some are missing, and all chunks were read.
             Ok(timeline) => assert_eq!(timeline.len(), 100),
             Err(error) => assert!(error.to_string().contains("message index"), "{error}"),
         }

@@ -96,10 +96,10 @@ fn a_budget_is_kept_to_the_byte() {
         assert!(bytes.len() as u64 <= needed);
         if compression == Compression::None {
             let (last, messages, bytes) = within(needed - 1);
-            let Err(McapError::BudgetExceeded { budget, needed: said }) = last else {
+            let Err(McapError::BudgetExceeded { budget, needed: found }) = last else {
                 panic!("{last:?}")
             };
-            assert_eq!((budget, said, messages), (needed - 1, needed, 47));
+            assert_eq!((budget, found, messages), (needed - 1, needed, 47));
             assert_eq!(read(bytes).len(), 47);
         }
     }
