@@ -94,10 +94,16 @@ fn constant(line: &str, bare: &str) -> Option<String> {
 mod tests {
     use super::ros1_md5;
 
+    /// Constants behind fields, and with a comment: the sum has them first, and bare.
+    const POINT_FIELD: &str = "string name # x\nuint32 offset\nuint8 datatype\nuint32 count\n\
+        uint8 INT8    = 1\nuint8 UINT8=2\nuint8 INT16 =3 # two bytes\nuint8 UINT16  = 4\n\
+        uint8 INT32   = 5\nuint8 UINT32  = 6\nuint8 FLOAT32 = 7\nuint8 FLOAT64 = 8\n";
+
     #[test]
     fn known_types_have_their_known_sums() {
         let header = "uint32 seq\ntime stamp\nstring frame_id\n";
         for (datatype, definition, sum) in [
+            ("sensor_msgs/PointField", POINT_FIELD, "268eacb2962780ceac86cbd17e328150"),
             ("std_msgs/String", "string data\n", "992ce8a1687cec8c8bd883ec73ca41d1"),
             ("std_msgs/Empty", "", "d41d8cd98f00b204e9800998ecf8427e"),
             ("std_msgs/Header", &format!("# what\n\n{header}"), "2176decaecbce78abc3b96ef049fabed"),

@@ -244,7 +244,14 @@ fn chunks_that_nobody_can_read_are_reported_and_the_rest_is_kept() {
     let compression = "the compression lz4, zstd or none (\"\"), found \"bz2\"";
     let large = "a chunk of less than 4 GiB, found 4294967296";
     let short = "8 bytes of a chunk's last time, found 2";
+    let cut = |length: usize| {
+        let inside = [&message[..], &message[..length]].concat();
+        vec![channel.clone(), a_chunk("", inside.len() as u64, &inside), message.clone()]
+    };
+    let second = behind + 49 + message.len();
     are_reported(vec![
+        (cut(20), second + 1, "26 bytes of a record (opcode 5), found 11", 2),
+        (cut(4), second, "a record of at least 9 bytes, found 4", 2),
         (between(a_chunk("bz2", 3, b"abc")), behind + 9 + 28, compression, 1),
         (between(a_chunk("zstd", 1 << 32, b"abc")), behind + 9 + 16, large, 1),
         (odd, behind + 49, in_chunk, 1),
@@ -301,18 +308,20 @@ fn an_index_that_hides_messages_is_not_believed() {
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let chunk = &summary.chunk_indexes[0];
     let index = *chunk.message_index_offsets.values().next().unwrap() as usize;
-    // The index behind the first chunk names the other channel, or fewer messages.
+    // The index behind the first chunk names the other channel.
     let channel = bytes[index + 9];
     let other = with(&bytes, index + 9, &[3 - channel]);
-    for damaged in [other, with(&bytes, index, &[0x99])] {
-        let at = bytes.windows(9).rposition(|head| *head == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
-        let recording = open(&with(&damaged, at + 9, &[0; 4]));
-        match recording.timeline(|_| true) {
-            // By the statistics some are missing, and all chunks were read.
-            Ok(timeline) => assert_eq!(timeline.len(), 100),
-            Err(error) => assert!(error.to_string().contains("message index"), "{error}"),
-        }
-    }
+    let at = bytes.windows(9).rposition(|head| *head == [15, 4, 0, 0, 0, 0, 0, 0, 0]).unwrap();
+    let recording = open(&with(&other, at + 9, &[0; 4]));
+    assert_eq!(recording.loss(), None);
+    let error = recording.timeline(|_| true).unwrap_err();
+    let expected = "as many messages in this chunk as its message index says";
+    let found = error.to_string();
+    assert_eq!(found, format!("byte {}: expected {expected}", chunk.chunk_start_offset));
+    assert_eq!(recording.pass(|_| true, |_| {}).unwrap_err().to_string(), found);
+    // By the statistics some are missing then, and all chunks are read.
+    let recording = open(&with(&with(&bytes, index, &[0x99]), at + 9, &[0; 4]));
+    assert!(read(&recording) == messages());
 }
 
 /// xorshift: the same damages for the same seed.
