@@ -26,6 +26,7 @@ UV_VERSION := 0.13.8
 NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/log/Cargo.toml images/agent/crates/log/src/*.rs \
+  images/agent/crates/packing/Cargo.toml images/agent/crates/packing/src/*.rs \
   images/agent/crates/rosbag/Cargo.toml images/agent/crates/rosbag/src/*.rs images/agent/crates/python/*.* \
   images/agent/crates/python/src/*.rs images/build/module.py)
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)

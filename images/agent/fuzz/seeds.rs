@@ -1,6 +1,6 @@
-//! Writes the seed corpus, each input by our own code: small bags of each format and
-//! compression, whole and cut; chunks; the pipe's test vectors and maps; what nodes and masters
-//! say. `cargo run --bin seeds -- corpus`.
+//! Writes the seed corpus, each input by our own code: small bags and MCAP files of each format
+//! and compression, whole and cut; chunks; the pipe's test vectors and maps; what nodes and
+//! masters say. `cargo run --bin seeds -- corpus`.
 
 use std::error::Error;
 use std::fs;
@@ -50,6 +50,7 @@ fn main() -> Outcome {
     for messages in [0, 1, 8] {
         old.add(&format!("old-{messages}"), &old_bag(messages))?;
     }
+    mcap(&Folder::new(root, "mcap")?)?;
     chunks(&Folder::new(root, "chunks")?)?;
     frames(&Folder::new(root, "frames")?)?;
     greetings(&Folder::new(root, "greetings")?)?;
@@ -76,6 +77,28 @@ fn bag(compression: Compression, messages: u64) -> Result<Vec<u8>, Box<dyn Error
         writer.write((number % 2) as u32, number * 5_000_000, &[number as u8; 90])?;
     }
     Ok(writer.finish()?)
+}
+
+fn mcap(folder: &Folder) -> Outcome {
+    use bagpipe_mcap::{Attachment, Compression, McapWriter, Metadata, WriterOptions};
+    for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
+        for messages in [0, 1, 8] {
+            let options = WriterOptions::with_compression(compression);
+            let mut writer = McapWriter::new(WriterOptions { chunk_threshold: 300, ..options });
+            let connection = Connection { topic: "/a".to_owned(), ..Connection::default() };
+            let id = writer.add_connection(&connection);
+            let entries = [("key".to_owned(), "value".to_owned())].into();
+            writer.describe(&Metadata { name: "about".to_owned(), entries })?;
+            let (log_time, create_time, name, media_type) = (1, 2, "notes", "text/plain");
+            let data = b"hello";
+            writer.attach(&Attachment { log_time, create_time, name, media_type, data })?;
+            for number in 0..messages {
+                writer.write(id, number * 5_000_000, &[number as u8; 90])?;
+            }
+            folder.add(&format!("{}-{messages}", compression.name()), &writer.finish()?)?;
+        }
+    }
+    Ok(())
 }
 
 fn record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {

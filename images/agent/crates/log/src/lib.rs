@@ -15,7 +15,7 @@ mod writing;
 
 pub use error::RecordingError;
 pub use index::{Index, Publisher, Reason, Refusal, Span};
-pub use model::{Connection, Loss, Message};
+pub use model::{Connection, Loss, Message, MessageEncoding, SchemaEncoding};
 pub use reading::Recording;
 pub use timeline::{Place, Timeline};
 pub use writing::{RecordingFormat, RecordingWriter};

@@ -50,13 +50,13 @@ impl ConnectionFields<'_> {
 
     fn connection(&self) -> Connection {
         Connection {
-            id: 0,
             topic: self.topic.to_owned(),
             datatype: self.r#type.to_owned(),
             md5sum: self.md5sum.to_owned(),
             definition: self.definition.to_owned(),
             caller_id: self.callerid.map(str::to_owned),
             latching: self.latching,
+            ..Connection::default()
         }
     }
 }

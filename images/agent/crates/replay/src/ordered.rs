@@ -88,13 +88,12 @@ mod tests {
     fn topics_and_publishers_come_in_order_and_each_one_keeps_its_own() {
         let connection = |topic: &str, caller: &str| {
             Arc::new(Connection {
-                id: 0,
                 topic: topic.to_owned(),
                 datatype: String::new(),
                 md5sum: String::new(),
                 definition: String::new(),
                 caller_id: Some(caller.to_owned()),
-                latching: false,
+                ..Connection::default()
             })
         };
         let (a1, a2, b) = (connection("/a", "/1"), connection("/a", "/2"), connection("/b", "/1"));

@@ -341,6 +341,7 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
         definition: publisher.definition.clone(),
         caller_id: publisher.node.clone(),
         latching: publisher.latching,
+        ..Connection::default()
     }
 }
 
@@ -364,13 +365,11 @@ mod tests {
 
     fn connection() -> Arc<Connection> {
         Arc::new(Connection {
-            id: 0,
             topic: "/out".to_owned(),
             datatype: "std_msgs/String".to_owned(),
             md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
             definition: "string data\n".to_owned(),
-            caller_id: None,
-            latching: false,
+            ..Connection::default()
         })
     }
 

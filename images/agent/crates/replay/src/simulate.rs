@@ -119,12 +119,12 @@ impl<'a> Turns<'a> {
 
 fn own_connection(info: &TopicInfo) -> Connection {
     Connection {
-        id: 0,
         topic: info.topic.clone(),
         datatype: info.datatype.clone(),
         md5sum: info.md5sum.clone(),
         definition: info.definition.clone(),
         caller_id: Some(PUBLISHER.to_owned()),
         latching: info.latching,
+        ..Connection::default()
     }
 }

@@ -16,13 +16,12 @@ fn joint_states(seconds: &[u32]) -> Bag<MemoryChunkedFile> {
     let definition = "std_msgs/Header header\nstring[] name\nfloat64[] position\n\
                       float64[] velocity\nfloat64[] effort\n";
     let connection = Connection {
-        id: 0,
         topic: "/joint_states".to_owned(),
         datatype: "sensor_msgs/JointState".to_owned(),
         md5sum: "3066dcd76a6cfaef579bd0f34173e9fd".to_owned(),
         definition: definition.to_owned(),
         caller_id: Some("/robot".to_owned()),
-        latching: false,
+        ..Connection::default()
     };
     let message = |second: &u32| [&[0; 4], &second.to_le_bytes()[..], &[0; 24]].concat();
     bag_of(&[connection], seconds.iter().map(|second| (0, message(second))))

@@ -2,7 +2,7 @@
 
 use std::io::{self, Read, Write};
 
-use crate::lz4;
+use bagpipe_packing::{Packing, lz4};
 
 /// How a chunk is compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -54,10 +54,10 @@ impl Compression {
         };
         (bytes, wrong)
     }
+}
 
-    /// Compresses a whole chunk into `out`, in place of what it holds, and returns how many
-    /// of its bytes the chunk takes: what lies behind them is left, not to be cleared again.
-    pub(crate) fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
+impl Packing for Compression {
+    fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
         match self {
             Self::None => {
                 out.clear();

@@ -3,11 +3,13 @@
 
 use std::collections::HashMap;
 
+use bagpipe_packing::lz4;
+
 use crate::build::{INDEX_ENTRY, INDEX_VERSION, index_record, ros_time};
 use crate::chunk::{ChunkRecord, ChunkWalk};
 use crate::record::{Fields, FileRecord, OP_INDEX, read_bytes, time_at, u32_at};
 use crate::unpack::passing_bytes;
-use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression, lz4};
+use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Compression};
 
 /// Ids below this, and below eight times as many as there are connections, are kept: recorders
 /// count from 0. A damaged id must not make room for all ids before it.

@@ -1,5 +1,7 @@
 //! The decompressors alone, for the fuzz targets and the damage run only (feature `fuzzing`).
 
+use bagpipe_packing::Packing;
+
 use crate::Compression;
 
 /// A chunk's data of `size` bytes: what came out, and what was wrong.

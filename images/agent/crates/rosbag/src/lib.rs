@@ -19,13 +19,11 @@ mod build;
 mod check;
 mod chunk;
 mod compression;
-mod compressor;
 mod copy;
 mod error;
 mod file;
 #[cfg(feature = "fuzzing")]
 pub mod fuzzing;
-mod lz4;
 mod merge;
 mod messages;
 mod model;

@@ -260,5 +260,6 @@ pub(crate) fn connection(header: &[u8], data: &[u8]) -> Result<Connection, Defec
     let definition = Fields::find(data, "message_definition")?.map(text).unwrap_or_default();
     let caller_id = Fields::find(data, "callerid")?.map(text);
     let latching = Fields::find(data, "latching")? == Some(b"1");
-    Ok(Connection { id, topic, datatype, md5sum, definition, caller_id, latching })
+    let known = Connection { id, topic, datatype, md5sum, definition, ..Connection::default() };
+    Ok(Connection { caller_id, latching, ..known })
 }

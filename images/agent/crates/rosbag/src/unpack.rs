@@ -4,18 +4,13 @@ use std::borrow::Cow;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
+use bagpipe_packing::threads;
+
 use crate::scan::load;
 use crate::{Bag, BagError, ChunkedFile, Compression};
 
-/// More threads than this gain nothing: memory is the limit by then.
-const MOST_THREADS: usize = 8;
 /// Less than this is done sooner than threads start.
 const LEAST_BYTES: u64 = 1 << 20;
-
-/// How many threads compression and decompression may use.
-pub(crate) fn threads() -> usize {
-    thread::available_parallelism().map_or(1, usize::from).min(MOST_THREADS)
-}
 
 /// Uncompresses those of the chunks that must be, as far as the memory limit reaches. What
 /// fails is left to [`chunk_bytes`], which says why, in the chunks' own order.

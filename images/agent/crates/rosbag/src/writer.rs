@@ -2,11 +2,12 @@
 
 use std::io::{Seek, SeekFrom, Write};
 
+use bagpipe_packing::{Compressed, Compressor};
+
 use crate::build::{
     FILE_HEADER_LENGTH, INDEX_ENTRY, MESSAGE_OVERHEAD, TIME_IN_HEADER, chunk_header, chunk_info,
     connection_record, file_header, index_record, message_header,
 };
-use crate::compressor::{Compressed, Compressor};
 use crate::{BagError, ChunkInfo, Compression, Connection, MAGIC};
 
 /// INDEX record and CHUNK_INFO count of one connection in one chunk.
@@ -73,7 +74,7 @@ pub struct BagWriter {
     /// The open chunk, when it must be compressed first.
     pending: Vec<u8>,
     /// Full chunks that other threads compress.
-    compressor: Compressor<Full>,
+    compressor: Compressor<Compression, Full>,
     /// Where the open chunk's CHUNK record (not compressed) and its data begin in `out`.
     open: Option<(usize, usize)>,
     connections: Vec<Written>,
@@ -349,13 +350,14 @@ impl BagWriter {
             self.append_index(position, full);
             return Ok(());
         }
-        self.compressor.push(&mut self.pending, full)?;
+        self.compressor.push(&mut self.pending, full).map_err(BagError::Compress)?;
         self.collect(false)
     }
 
     /// Appends the chunks that have been compressed by now, or all.
     fn collect(&mut self, all: bool) -> Result<(), BagError> {
-        while let Some(Compressed { buffer, used, length, rest }) = self.compressor.pop(all)? {
+        while let Some(chunk) = self.compressor.pop(all).map_err(BagError::Compress)? {
+            let Compressed { buffer, used, length, rest } = chunk;
             let position = self.out.len();
             let header = chunk_header(self.options.compression, length);
             header.record_into(&buffer[..used], &mut self.out);

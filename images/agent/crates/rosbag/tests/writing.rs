@@ -16,13 +16,13 @@ const ALL: [Compression; 3] = [Compression::None, Compression::Bz2, Compression:
 
 fn connection(topic: &str) -> Connection {
     Connection {
-        id: 0,
         topic: topic.to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
         definition: "string data\n".to_owned(),
         caller_id: Some("/talker".to_owned()),
         latching: topic == "/latched",
+        ..Connection::default()
     }
 }
 

@@ -384,13 +384,11 @@ pub fn answer(link: &mut Duplex) -> Answer {
 pub fn chatter(count: u64) -> Vec<u8> {
     let mut writer = BagWriter::new(WriterOptions::default());
     let id = writer.add_connection(&Connection {
-        id: 0,
         topic: "/chatter".to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
         definition: "string data\n".to_owned(),
-        caller_id: None,
-        latching: false,
+        ..Connection::default()
     });
     for number in 0..count {
         let text = format!("message {number}");

@@ -11,13 +11,13 @@ pub fn in_lz4() -> WriterOptions {
 /// A std_msgs/String connection.
 pub fn words(topic: &str, caller_id: &str, latching: bool) -> Connection {
     Connection {
-        id: 0,
         topic: topic.to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
         definition: "string data\n".to_owned(),
         caller_id: Some(caller_id.to_owned()),
         latching,
+        ..Connection::default()
     }
 }
 

@@ -103,13 +103,11 @@ fn timed<T>(work: impl FnOnce() -> T) -> (T, f64) {
 
 fn connection(topic: &str) -> Connection {
     Connection {
-        id: 0,
         topic: topic.to_owned(),
         datatype: "std_msgs/String".to_owned(),
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
         definition: "string data\n".to_owned(),
-        caller_id: None,
-        latching: false,
+        ..Connection::default()
     }
 }
 

@@ -8,13 +8,13 @@ pub fn sample(compression: Compression) -> Vec<u8> {
     let mut writer = BagWriter::new(options);
     for topic in ["/a", "/b"] {
         writer.add_connection(&Connection {
-            id: 0,
             topic: topic.to_owned(),
             datatype: "std_msgs/String".to_owned(),
             md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
             definition: "string data\n".to_owned(),
             caller_id: Some("/talker".to_owned()),
             latching: topic == "/b",
+            ..Connection::default()
         });
     }
     for number in 0..100u64 {

@@ -5,8 +5,17 @@ use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::{io, mem, thread};
 
-use crate::unpack::threads;
-use crate::{BagError, Compression};
+use crate::threads;
+
+/// How a chunk is compressed.
+pub trait Packing: Copy + Send + 'static {
+    /// Compresses a whole chunk into `out`, in place of what it holds, and returns how many
+    /// of its bytes the chunk takes: what lies behind them is left, not to be cleared again.
+    ///
+    /// # Errors
+    /// The compressor's own.
+    fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<usize>;
+}
 
 /// Smaller chunks are compressed sooner than another thread takes them over.
 const LEAST_BYTES: usize = 64 << 10;
@@ -16,8 +25,8 @@ const EXTRA: usize = 1;
 
 /// A chunk to be compressed; the buffers are used again.
 #[derive(Debug)]
-struct Task {
-    compression: Compression,
+struct Task<P> {
+    packing: P,
     raw: Vec<u8>,
     small: Vec<u8>,
     done: SyncSender<Job>,
@@ -31,11 +40,11 @@ struct Job {
     used: io::Result<usize>,
 }
 
-impl Task {
+impl<P: Packing> Task<P> {
     fn run(self) {
-        let Self { compression, raw, mut small, done } = self;
-        let used = compression.compress(&raw, &mut small);
-        // Who no longer waits for it has dropped the whole bag.
+        let Self { packing, raw, mut small, done } = self;
+        let used = packing.compress(&raw, &mut small);
+        // Who no longer waits for it has dropped the whole recording.
         let _ = done.send(Job { raw, small, used });
     }
 }
@@ -49,9 +58,11 @@ struct Flight<T> {
 }
 
 /// A compressed chunk, in the order in which it was given.
-pub(crate) struct Compressed<T> {
+#[derive(Debug)]
+pub struct Compressed<T> {
     /// Its bytes are the first `used` ones.
     pub buffer: Vec<u8>,
+    /// How many they are.
     pub used: usize,
     /// Bytes before compression.
     pub length: u32,
@@ -62,11 +73,11 @@ pub(crate) struct Compressed<T> {
 /// A bounded queue of chunks; each comes out compressed, in order. As many threads as there
 /// are processors work at it: the caller is one of them, once the queue is full.
 #[derive(Debug)]
-pub(crate) struct Compressor<T> {
-    compression: Compression,
+pub struct Compressor<P, T> {
+    packing: P,
     flights: VecDeque<Flight<T>>,
-    tasks: Sender<Task>,
-    waiting: Arc<Mutex<Receiver<Task>>>,
+    tasks: Sender<Task<P>>,
+    waiting: Arc<Mutex<Receiver<Task<P>>>>,
     /// How many threads have been asked for.
     workers: usize,
     spare_raw: Vec<Vec<u8>>,
@@ -75,11 +86,12 @@ pub(crate) struct Compressor<T> {
     bytes: u64,
 }
 
-impl<T> Compressor<T> {
-    pub fn new(compression: Compression) -> Self {
+impl<P: Packing, T> Compressor<P, T> {
+    /// An empty queue.
+    pub fn new(packing: P) -> Self {
         let (tasks, waiting) = channel();
         Self {
-            compression,
+            packing,
             flights: VecDeque::new(),
             tasks,
             waiting: Arc::new(Mutex::new(waiting)),
@@ -95,18 +107,31 @@ impl<T> Compressor<T> {
         self.bytes
     }
 
+    /// How many chunks have not come out yet.
+    pub fn len(&self) -> usize {
+        self.flights.len()
+    }
+
+    /// True when all came out.
+    pub fn is_empty(&self) -> bool {
+        self.flights.is_empty()
+    }
+
     /// Takes the chunk out of `chunk`, which is empty then and may be filled again.
-    pub fn push(&mut self, chunk: &mut Vec<u8>, rest: T) -> Result<(), BagError> {
+    ///
+    /// # Errors
+    /// As [`Compressor::pop`].
+    pub fn push(&mut self, chunk: &mut Vec<u8>, rest: T) -> io::Result<()> {
         let length = chunk.len() as u32;
         let raw = mem::replace(chunk, self.spare_raw.pop().unwrap_or_default());
         let small = self.spare_small.pop().unwrap_or_default();
         let (done, job) = sync_channel(1);
-        let task = Task { compression: self.compression, raw, small, done };
+        let task = Task { packing: self.packing, raw, small, done };
         if length < LEAST_BYTES as u32 {
             task.run();
         } else {
             self.start_worker();
-            let gone = |_| BagError::Compress(io::Error::other("its queue is gone"));
+            let gone = |_| io::Error::other("its queue is gone");
             self.tasks.send(task).map_err(gone)?;
         }
         self.bytes += u64::from(length);
@@ -123,7 +148,7 @@ impl<T> Compressor<T> {
         let waiting = Arc::clone(&self.waiting);
         let work = move || {
             loop {
-                // The lock is given back before the work begins, and the end of the bag ends
+                // The lock is given back before the work begins, and the end of the recording ends
                 // the wait.
                 let task = waiting.lock().unwrap_or_else(PoisonError::into_inner).recv();
                 match task {
@@ -148,9 +173,12 @@ impl<T> Compressor<T> {
     }
 
     /// The next chunk if it is ready; waits for it when the queue is full, or `all` must come.
-    pub fn pop(&mut self, all: bool) -> Result<Option<Compressed<T>>, BagError> {
+    ///
+    /// # Errors
+    /// The compressor's own, or its thread ended.
+    pub fn pop(&mut self, all: bool) -> io::Result<Option<Compressed<T>>> {
         let must = all || self.flights.len() > threads() + EXTRA;
-        let died = || BagError::Compress(io::Error::other("its thread died"));
+        let died = || io::Error::other("its thread died");
         let job = loop {
             let Some(first) = self.flights.front() else { return Ok(None) };
             match first.job.try_recv() {
@@ -170,7 +198,7 @@ impl<T> Compressor<T> {
         let Job { mut raw, small: buffer, used } = job;
         raw.clear();
         self.spare_raw.push(raw);
-        Ok(Some(Compressed { used: used.map_err(BagError::Compress)?, buffer, length, rest }))
+        Ok(Some(Compressed { used: used?, buffer, length, rest }))
     }
 
     /// Takes back the buffer of a chunk that came out, to be used again.
@@ -181,9 +209,24 @@ impl<T> Compressor<T> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Compressed, Compressor, EXTRA, LEAST_BYTES};
-    use crate::Compression;
-    use crate::unpack::threads;
+    use std::io;
+
+    use super::{Compressed, Compressor, EXTRA, LEAST_BYTES, Packing};
+    use crate::threads;
+
+    /// Each byte's complement, which is a compression that shows what it was given.
+    #[derive(Clone, Copy)]
+    struct Turned;
+
+    impl Packing for Turned {
+        fn compress(self, data: &[u8], out: &mut Vec<u8>) -> io::Result<usize> {
+            if out.len() < data.len() {
+                out.resize(data.len(), 0);
+            }
+            out.iter_mut().zip(data).for_each(|(to, from)| *to = !from);
+            Ok(data.len())
+        }
+    }
 
     #[test]
     fn chunks_of_all_sizes_come_out_whole_and_in_order() {
@@ -191,31 +234,29 @@ mod tests {
             let length = [10, LEAST_BYTES, 3 * LEAST_BYTES + number][number % 3];
             (0..length).map(|at| (at / 9 * (number + 1)) as u8).collect()
         };
-        for compression in [Compression::Lz4, Compression::Bz2] {
-            let mut compressor = Compressor::new(compression);
-            let mut next = 0;
-            let mut check = |out: Compressed<usize>, compressor: &mut Compressor<usize>| {
-                assert_eq!(out.rest, next);
-                let (bytes, wrong) = compression.decompress(&out.buffer[..out.used], out.length);
-                assert!(wrong.is_none() && bytes == chunk(next), "{wrong:?} in chunk {next}");
-                compressor.give_back(out.buffer);
-                next += 1;
-            };
-            for number in 0..40 {
-                let mut filled = chunk(number);
-                compressor.push(&mut filled, number).unwrap();
-                assert!(filled.is_empty());
-                while let Some(out) = compressor.pop(false).unwrap() {
-                    check(out, &mut compressor);
-                }
-                // A fast writer does not fill memory with what waits.
-                assert!(compressor.flights.len() <= threads() + EXTRA);
-            }
-            while let Some(out) = compressor.pop(true).unwrap() {
+        let mut compressor = Compressor::new(Turned);
+        let mut next = 0;
+        let mut check = |out: Compressed<usize>, compressor: &mut Compressor<Turned, usize>| {
+            assert_eq!(out.rest, next);
+            let back: Vec<u8> = out.buffer[..out.used].iter().map(|byte| !byte).collect();
+            assert!(back == chunk(next) && out.length as usize == back.len(), "chunk {next}");
+            compressor.give_back(out.buffer);
+            next += 1;
+        };
+        for number in 0..40 {
+            let mut filled = chunk(number);
+            compressor.push(&mut filled, number).unwrap();
+            assert!(filled.is_empty());
+            while let Some(out) = compressor.pop(false).unwrap() {
                 check(out, &mut compressor);
             }
-            assert_eq!((next, compressor.bytes()), (40, 0));
-            assert!(compressor.spare_small.len() <= threads() + EXTRA + 1);
+            // A fast writer does not fill memory with what waits.
+            assert!(compressor.flights.len() <= threads() + EXTRA);
         }
+        while let Some(out) = compressor.pop(true).unwrap() {
+            check(out, &mut compressor);
+        }
+        assert_eq!((next, compressor.bytes()), (40, 0));
+        assert!(compressor.spare_small.len() <= threads() + EXTRA + 1);
     }
 }

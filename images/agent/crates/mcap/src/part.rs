@@ -1,0 +1,120 @@
+//! The parts that a recording's messages lie in: chunks, and the data section between two.
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use crate::loss::Tally;
+use crate::walk::{Channels, LEAST_MESSAGE, Walk, Walked};
+use crate::{Compression, Loss};
+
+/// A chunk, or what lies between two.
+#[derive(Debug)]
+pub(crate) struct Part {
+    /// Byte offset of its first record in the file.
+    pub position: usize,
+    /// Where its (compressed) records lie in the file.
+    pub data: Range<usize>,
+    /// How they must be uncompressed, if they must.
+    pub packed: Option<Packed>,
+    /// Messages of each channel, by the message index behind the chunk.
+    pub promised: Vec<(u16, u64)>,
+    /// The first and the last time that the chunk states.
+    pub stated: (u64, u64),
+    /// Set once its messages are found: for what lies in the file as it is, when that is opened.
+    pub made: OnceLock<Box<Made>>,
+}
+
+/// What a compressed chunk says of its records.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Packed {
+    pub compression: Compression,
+    pub size: u32,
+    /// 0 where nobody knows.
+    pub crc: u32,
+}
+
+/// Records whose messages are found.
+#[derive(Debug, Default)]
+pub(crate) struct Made {
+    /// What came out of a compressed chunk; empty where the file has the records.
+    pub bytes: Vec<u8>,
+    pub walked: Walked,
+}
+
+impl Part {
+    /// How many messages there are, as far as it is known.
+    pub fn messages(&self) -> u64 {
+        match self.made.get() {
+            Some(made) => made.walked.places.len() as u64,
+            None => self.promised.iter().map(|(_, count)| count).sum(),
+        }
+    }
+
+    /// The times of the first and the last message, which nobody looked at in a chunk that is
+    /// still compressed.
+    pub fn times(&self) -> Option<(u64, u64)> {
+        if self.messages() == 0 {
+            return None;
+        }
+        Some(self.made.get().map_or(self.stated, |made| made.walked.times))
+    }
+
+    /// Whether it has messages of such a channel.
+    pub fn holds(&self, wanted: impl Fn(u16) -> bool) -> bool {
+        match self.made.get() {
+            Some(made) => made.walked.counts.iter().any(|count| wanted(count.channel)),
+            None => self.promised.iter().any(|(channel, _)| wanted(*channel)),
+        }
+    }
+
+    /// Whether there are as many messages of each channel as the message index says.
+    pub fn keeps_promise(&self, walked: &Walked) -> bool {
+        let mut promised: Vec<_> =
+            self.promised.iter().copied().filter(|(_, count)| *count > 0).collect();
+        let found = walked.counts.iter().map(|each| (each.channel, u64::from(each.messages)));
+        let mut found: Vec<_> = found.collect();
+        promised.sort_unstable();
+        found.sort_unstable();
+        promised == found
+    }
+
+    /// Uncompresses it and finds its messages, whose places get the number `chunk`, in the
+    /// memory of another.
+    pub fn make(
+        &self,
+        (packed, chunk): (Packed, u32),
+        file: &[u8],
+        channels: &mut Channels,
+        memory: Made,
+    ) -> Made {
+        let Made { mut bytes, mut walked } = memory;
+        walked.clear();
+        let data = &file[self.data.clone()];
+        let wrong = packed.compression.decompress(data, packed.size, &mut bytes);
+        bytes.truncate(packed.size as usize);
+        let mut lost = Tally::default();
+        if let Some(expected) = wrong {
+            let missing = packed.size as usize - bytes.len();
+            lost.add(self.data.start, expected, missing.max(1) as u64, None);
+        } else if let Some(expected) = wrong_crc(packed.crc, || crc32fast::hash(&bytes)) {
+            lost.add(self.data.start, expected, u64::from(packed.size), None);
+        }
+        let promised: u64 = self.promised.iter().map(|(_, count)| count).sum();
+        walked.places.reserve((bytes.len() / LEAST_MESSAGE).min(promised as usize));
+        Walk { walked: &mut walked, channels, chunk, inside: true }.run(&mut bytes, 0);
+        channels.forget(&walked.counts);
+        if let Some(inner) = std::mem::take(&mut walked.lost).as_ref() {
+            let Loss { offset, description, .. } = inner;
+            let expected = format!("{description}, at byte {offset} of the uncompressed chunk");
+            lost.add(self.data.start, expected, inner.bytes, inner.messages);
+        }
+        walked.lost = lost;
+        Made { bytes, walked }
+    }
+}
+
+/// What is wrong with bytes of that CRC-32, which is 0 where nobody knows it.
+pub(crate) fn wrong_crc(expected: u32, found: impl FnOnce() -> u32) -> Option<String> {
+    let found = if expected == 0 { 0 } else { found() };
+    (expected != found).then(|| format!("data of the CRC-32 {expected:08x}, found {found:08x}"))
+}
