@@ -16,7 +16,7 @@ SECOND = 1_000_000_000
 
 
 def connection(identity: int, topic: str, latching: bool = False) -> Connection:
-    return Connection(identity, topic, "std_msgs/String", "/recorded", latching, 0, 10)
+    return Connection(identity, topic, "std_msgs/String", "/recorded", "ros1", latching, 0, 10)
 
 
 def tail_with(chunks: list[tuple[float, float, dict[int, int]]], *topics: Connection) -> BagTail:

@@ -7,7 +7,7 @@ import pytest
 from docs.site.rust_modules import ROOT, Graph, absolute, crates, graph, trees, without_tests
 
 # Each knows those after it.
-AGENT = ("cli", "verbs", "serve", "metrics", "engine", "stack", "case", "size", ROOT)
+AGENT = ("cli", "verbs", "serve", "metrics", "engine", "stack", "case", "formats", "size", ROOT)
 # A type with its methods in several files, and modules with children that know them.
 TOGETHER = {
     "agent": [{"engine::exec", "engine::exec::pump"}, {"engine::ros1", "engine::ros1::simulator"}],

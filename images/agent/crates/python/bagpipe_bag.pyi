@@ -182,8 +182,8 @@ class TailError(ValueError):
 
 # index_pos, conn_count, chunk_count
 _Head = tuple[int, int, int]
-# id, topic, type, caller id, latching, offset, length
-_Publisher = tuple[int, str, str, str, bool, int, int]
+# id, topic, type, caller id, encoding, latching, offset, length
+_Publisher = tuple[int, str, str, str, str, bool, int, int]
 # offset, end, start and end time in ns, messages for each connection, where its index begins and
 # how it is compressed (None: its own record says that)
 _Span = tuple[int, int, int, int, dict[int, int], int | None, str | None]
@@ -196,6 +196,18 @@ def parse_head(data: bytes, size: int) -> _Head:
 
 def bag_index(data: bytes, head: _Head) -> _Index:
     """All bytes of the file from index_pos on."""
+
+def mcap_head(data: bytes) -> int:
+    """Where the head of an MCAP file ends, in the bytes with which it begins."""
+
+def mcap_footer(data: bytes, size: int) -> tuple[int, int]:
+    """Where the summary begins and ends; `data` are the last 37 bytes of a file of `size` bytes."""
+
+def mcap_index(data: bytes, base: int, head_end: int) -> _Index:
+    """All bytes of the summary."""
+
+def mcap_index_times(data: bytes, base: int) -> dict[int, list[int]]:
+    """Times in ns that message indexes of MCAP name, for each channel."""
 
 def chunk_compression(data: bytes, base: int) -> str:
     """What the header of the CHUNK record names, with which the bytes begin."""

@@ -33,6 +33,8 @@ class EngineFields:
     sources: tuple[str, ...]
     needed: Mapping[str, str] = field(default_factory=dict)
     meaningless: Mapping[tuple[str, ...], str] = field(default_factory=dict)
+    # What the messages are that it plays, as recordings name it; none: it takes bytes of any kind.
+    encoding: str | None = None
     # Reasons of its own for a case that does not pass, which the driver's metrics count by name.
     reasons: frozenset[str] = frozenset()
 

@@ -15,6 +15,9 @@ pub trait Middleware: Debug + Send + Sync {
     /// The graph's address is unusable, or a socket or thread can't be had.
     fn join(&self, options: NodeOptions, sink: Box<dyn Sink>) -> Result<Box<dyn Node>, GraphError>;
 
+    /// What the bytes of its messages are, by the name that recordings have for it, such as `ros1`.
+    fn encoding(&self) -> &'static str;
+
     /// How to read the stamps of messages of this definition; `None` if they have none.
     fn read_stamp(&self, definition: &str) -> Option<ReadStamp>;
 

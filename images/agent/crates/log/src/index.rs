@@ -47,6 +47,8 @@ pub struct Publisher {
     pub datatype: String,
     /// The node's name; empty where it is not known.
     pub caller_id: String,
+    /// What its messages' bytes are, such as `ros1`.
+    pub encoding: String,
     /// Whether new subscribers get the last message.
     pub latching: bool,
     /// Byte offset of the record that declares it.

@@ -6,6 +6,7 @@
 //! Not for: bytes of files, or compression, which belong to a format's own crate.
 #![forbid(unsafe_code)]
 
+mod copy;
 mod error;
 mod index;
 mod model;
@@ -13,6 +14,7 @@ mod reading;
 mod timeline;
 mod writing;
 
+pub use copy::copy;
 pub use error::RecordingError;
 pub use index::{Index, Publisher, Reason, Refusal, Span};
 pub use model::{Connection, Loss, Message, MessageEncoding, SchemaEncoding};

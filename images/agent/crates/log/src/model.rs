@@ -113,7 +113,7 @@ pub struct Loss {
     /// Byte offset of the first damage in the file.
     pub offset: u64,
     /// Bytes that could not be used: unreadable ones, and ones that a record declares and
-    /// the file lacks.
+    /// the file lacks. None where an end or a summary alone is missing.
     pub bytes: u64,
     /// Messages that are lost, where the records behind the damage still say how many there
     /// were; `None` when nobody can know.

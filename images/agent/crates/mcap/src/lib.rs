@@ -27,14 +27,14 @@ mod record;
 mod recording;
 mod rewrite;
 mod summary;
+pub mod tail;
 mod walk;
 mod writer;
 
-pub use bagpipe_log::{Connection, Message, Place};
+pub use bagpipe_log::{Connection, Loss, Message, Place};
 pub use compression::Compression;
 pub use definition::ros1_md5;
 pub use error::McapError;
-pub use loss::Loss;
 pub use reader::{Limits, Mcap, Stamp};
 pub use record::{Attachment, Channel, Metadata, Schema};
 pub use rewrite::rewrite;

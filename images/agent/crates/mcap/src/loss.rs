@@ -1,20 +1,8 @@
-//! What a damaged recording has lost.
+//! Losses while they are found.
 
-/// What a damaged or truncated recording has lost.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Loss {
-    /// Byte offset of the first damage in the file.
-    pub offset: u64,
-    /// Bytes that could not be used: unreadable ones, and ones that a record declares and
-    /// the file lacks. None where only the end or the summary is missing.
-    pub bytes: u64,
-    /// Messages that are lost; `None` when nobody can know.
-    pub messages: Option<u64>,
-    /// What was expected there.
-    pub description: String,
-}
+use bagpipe_log::Loss;
 
-/// Losses while they are found, one after the other.
+/// All of them, one after the other.
 #[derive(Debug, Default, Clone)]
 pub(crate) struct Tally(Option<Loss>);
 

@@ -61,7 +61,7 @@ impl MemoryBag {
 
     /// Refuses a damaged bag: a part of a part would look whole.
     fn whole(&self) -> PyResult<()> {
-        match self.opened.bag.loss() {
+        match self.opened.loss() {
             None => Ok(()),
             Some(loss) => Err(self.opened.error(&format!(
                 "byte {}: expected {}; the bag is damaged: `bagpipe-agent reindex` saves what is \
@@ -224,7 +224,7 @@ impl MemoryBag {
     /// What was lost to damage, or None.
     #[getter]
     fn damage(&self) -> Option<Damage> {
-        self.opened.bag.loss().map(Damage::from)
+        self.opened.loss().map(Damage::from)
     }
 
     /// The bag's file as it lies in memory, not copied.

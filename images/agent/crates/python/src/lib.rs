@@ -1,11 +1,12 @@
 //! The agent's bag for Python: `bagpipe.MemoryBag`, and what a planner needs of bags.
 //!
-//! Thin: each file gives one thing of the crate `bagpipe-rosbag` to Python. What takes long runs
+//! Thin: each file gives one thing of the crates of recordings to Python. What takes long runs
 //! without Python's lock; what Python gets of messages are views of the bag's own memory, and
 //! [`view`] is the only file with `unsafe`, which the buffer protocol demands.
 
 mod bag;
 mod error;
+mod from_mcap;
 mod memory;
 mod messages;
 mod model;
@@ -29,7 +30,7 @@ mod bagpipe_bag {
     #[pymodule_export]
     use crate::tail::{
         TailError, bag_index, chunk_compression, chunk_length, connection_fields, index_times,
-        parse_head, split_record,
+        mcap_footer, mcap_head, mcap_index, mcap_index_times, parse_head, split_record,
     };
     #[pymodule_export]
     use crate::writer::MemoryBagWriter;

@@ -3,11 +3,12 @@
 use std::io;
 use std::sync::Arc;
 
+use bagpipe_log::Loss;
 use bagpipe_rosbag::{Bag, ChunkedFile, Limits};
 use pyo3::PyErr;
 use pyo3::pybacked::PyBackedBytes;
 
-use crate::error;
+use crate::{error, from_mcap};
 
 /// The bytes of a bag: Python's own `bytes`, which never change and which this keeps alive, or
 /// ours.
@@ -24,6 +25,16 @@ impl Memory {
     pub fn bytes(&self) -> &[u8] {
         match self {
             Self::Python(bytes) => bytes,
+            Self::Rust(bytes) => bytes,
+        }
+    }
+}
+
+impl Memory {
+    /// The bytes themselves; a copy of Python's.
+    fn into_bytes(self) -> Vec<u8> {
+        match self {
+            Self::Python(bytes) => bytes.to_vec(),
             Self::Rust(bytes) => bytes,
         }
     }
@@ -55,14 +66,29 @@ pub struct Opened {
     pub name: Option<String>,
     /// What it was opened with; a slice of it gets the same.
     pub limits: Limits,
+    /// What the recording had lost of which the bag was made; else the bag says that itself.
+    lost: Option<Loss>,
 }
 
 impl Opened {
-    /// Opens a bag; of a damaged one, what is whole.
+    /// Opens a bag, or what can be one; of a damaged one, what is whole.
     pub fn open(memory: Memory, name: Option<String>, limits: Limits) -> Result<Arc<Self>, PyErr> {
+        let (memory, lost) = if from_mcap::is_mcap(memory.bytes()) {
+            let made = from_mcap::bag(memory.into_bytes(), limits);
+            let (bytes, lost) =
+                made.map_err(|sentence| error::bag_error(name.as_deref(), &sentence))?;
+            (Memory::Rust(bytes), lost)
+        } else {
+            (memory, None)
+        };
         let bag = Bag::open_limited(memory, limits)
             .map_err(|error| error::raised(name.as_deref(), &error))?;
-        Ok(Arc::new(Self { bag, name, limits }))
+        Ok(Arc::new(Self { bag, name, limits, lost }))
+    }
+
+    /// What was lost to damage.
+    pub fn loss(&self) -> Option<&Loss> {
+        self.lost.as_ref().or(self.bag.loss())
     }
 
     /// An error of the crate about this bag.

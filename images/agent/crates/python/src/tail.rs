@@ -1,6 +1,7 @@
-//! What bytes of a bag say to a planner, which reads ranges of it from storage by itself.
+//! What bytes of a recording say to a planner, which reads ranges of it from storage by itself.
 
 use bagpipe_log::{Index, Publisher, Refusal, Span};
+use bagpipe_mcap::tail as mcap;
 use bagpipe_rosbag::tail::{self, Head};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -20,8 +21,8 @@ fn raised(refusal: Refusal) -> PyErr {
 
 /// (index_pos, conn_count, chunk_count)
 type HeadFields = (u64, u32, u32);
-/// (id, topic, type, caller id, latching, offset, length)
-type PublisherFields = (u32, String, String, String, bool, u64, u64);
+/// (id, topic, type, caller id, encoding, latching, offset, length)
+type PublisherFields = (u32, String, String, String, String, bool, u64, u64);
 /// (offset, end, start time, end time, counts, index, compression)
 type SpanFields<'py> = (u64, u64, u64, u64, Bound<'py, PyDict>, Option<u64>, Option<String>);
 /// (declarations, connections, chunks)
@@ -47,14 +48,44 @@ pub fn bag_index<'py>(
 
 fn fields(py: Python<'_>, found: Index) -> PyResult<IndexFields<'_>> {
     let connections = found.connections.into_iter().map(|publisher| {
-        let Publisher { id, topic, datatype, caller_id, latching, offset, length } = publisher;
-        (id, topic, datatype, caller_id, latching, offset, length)
+        let Publisher { id, topic, datatype, caller_id, encoding, latching, offset, length } =
+            publisher;
+        (id, topic, datatype, caller_id, encoding, latching, offset, length)
     });
     let chunks = found.chunks.into_iter().map(|span| {
         let Span { offset, end, index, compression, start_time, end_time, counts } = span;
         Ok((offset, end, start_time, end_time, dict(py, counts)?, index, compression))
     });
     Ok((found.declarations, connections.collect(), chunks.collect::<PyResult<_>>()?))
+}
+
+#[pyfunction]
+pub fn mcap_head(data: PyBackedBytes) -> PyResult<u64> {
+    mcap::parse_head(&data).map_err(raised)
+}
+
+#[pyfunction]
+pub fn mcap_footer(data: PyBackedBytes, size: u64) -> PyResult<(u64, u64)> {
+    mcap::parse_footer(&data, size).map_err(raised)
+}
+
+#[pyfunction]
+pub fn mcap_index(
+    py: Python<'_>,
+    data: PyBackedBytes,
+    base: u64,
+    head_end: u64,
+) -> PyResult<IndexFields<'_>> {
+    fields(py, py.detach(|| mcap::parse_summary(&data, base, head_end)).map_err(raised)?)
+}
+
+#[pyfunction]
+pub fn mcap_index_times(
+    py: Python<'_>,
+    data: PyBackedBytes,
+    base: u64,
+) -> PyResult<Bound<'_, PyDict>> {
+    dict(py, py.detach(|| mcap::index_times(&data, base)).map_err(raised)?)
 }
 
 #[pyfunction]

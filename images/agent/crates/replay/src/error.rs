@@ -62,6 +62,18 @@ pub enum ReplayError {
         /// Type and md5sum of the other.
         second: String,
     },
+    /// A topic's messages are none that the graph's nodes can read.
+    #[error(
+        "the topic {topic} holds messages in {encoding}, and its nodes would read them as {plays}; name the topics to be played without it"
+    )]
+    OtherEncoding {
+        /// The topic.
+        topic: String,
+        /// What they are.
+        encoding: String,
+        /// What the graph's are.
+        plays: &'static str,
+    },
     /// The graph does not answer, such as its master.
     #[error("{0}")]
     GraphFailed(#[source] GraphError),
@@ -86,7 +98,9 @@ impl ReplayError {
             ReplayError::StackStoppedReading { .. } => "StackStoppedReading",
             ReplayError::RecorderBudgetExceeded(_) => "RecorderBudgetExceeded",
             ReplayError::CaseDeadlineExceeded { .. } => "CaseDeadlineExceeded",
-            ReplayError::BagUnreadable { .. } | ReplayError::TwoTypes { .. } => "BagUnreadable",
+            ReplayError::BagUnreadable { .. }
+            | ReplayError::TwoTypes { .. }
+            | ReplayError::OtherEncoding { .. } => "BagUnreadable",
             ReplayError::GraphFailed(error) => error.reason,
             ReplayError::BadRequest(_) => "ProtocolError",
             ReplayError::Cancelled(_) => "Terminated",

@@ -118,6 +118,8 @@ impl<'a> Plan<'a> {
 /// The part of a plan that comes of the bags' connections.
 struct Draft<'a> {
     names: Names,
+    /// What the graph's messages are.
+    plays: &'static str,
     topics: Vec<TopicInfo>,
     places: BTreeMap<String, usize>,
     routes: HashMap<u32, Route>,
@@ -129,6 +131,7 @@ impl<'a> Draft<'a> {
     fn new(request: &ReplayRequest) -> Draft<'a> {
         Draft {
             names: Names::new(request),
+            plays: request.middleware.encoding(),
             topics: Vec::new(),
             places: BTreeMap::new(),
             routes: HashMap::new(),
@@ -152,6 +155,7 @@ impl<'a> Draft<'a> {
             if topics.is_empty() {
                 continue;
             }
+            self.readable(connection)?;
             let number = if alone { connection.id } else { self.routes.len() as u32 };
             numbers.insert(connection.id, number);
             let caller_id = connection.caller_id.clone().unwrap_or_default();
@@ -161,6 +165,15 @@ impl<'a> Draft<'a> {
             self.routes.insert(number, Route { topics, caller_id, latching: connection.latching });
         }
         Ok(numbers)
+    }
+
+    fn readable(&self, connection: &Connection) -> Result<(), ReplayError> {
+        let (encoding, plays) = (connection.message_encoding.name(), self.plays);
+        if encoding == plays {
+            return Ok(());
+        }
+        let (topic, encoding) = (connection.topic.clone(), encoding.to_owned());
+        Err(ReplayError::OtherEncoding { topic, encoding, plays })
     }
 }
 

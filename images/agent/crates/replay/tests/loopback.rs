@@ -50,6 +50,10 @@ impl Middleware for Loopback {
         Ok(Box::new(Member { topics: Mutex::default(), sink, deaf, gone }))
     }
 
+    fn encoding(&self) -> &'static str {
+        "ros1"
+    }
+
     fn read_stamp(&self, _: &str) -> Option<ReadStamp> {
         None
     }

@@ -21,6 +21,10 @@ impl Middleware for Ros1 {
         Ok(Box::new(Node::start(&self.master_uri, options, sink)?))
     }
 
+    fn encoding(&self) -> &'static str {
+        "ros1"
+    }
+
     fn read_stamp(&self, definition: &str) -> Option<ReadStamp> {
         stamp::reader(definition)
     }

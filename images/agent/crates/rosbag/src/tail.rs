@@ -272,6 +272,7 @@ fn publisher(record: &Record<'_>) -> Result<Publisher, Refusal> {
         topic: record.header.text("topic"),
         datatype: fields.text("type"),
         caller_id: fields.text("callerid"),
+        encoding: "ros1".to_owned(),
         latching: fields.get("latching") == Some(b"1"),
         offset: record.offset,
         length: record.length,

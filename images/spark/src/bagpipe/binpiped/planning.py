@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bagpipe.binpiped.record import Fields, InputRecord
-from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.fragments import cut
+from bagpipe.plan.framing import framing
 from bagpipe.storage import Stat, Storage, StorageError
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
@@ -19,12 +19,16 @@ _NANOSECONDS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Descriptor:
-    """One record before it is read: (offset, length) ranges of a file, in bytes, behind `head`."""
+    """One record before it is read: (offset, length) ranges of a file, in bytes.
+
+    They lie behind the bytes `head` and before the bytes `end`.
+    """
 
     name: str
     uri: str
     ranges: tuple[tuple[int, int], ...]
     head: bytes = b""
+    end: bytes = b""
     fields: Fields = field(default_factory=dict)
     # The file's mark when it was planned: another file's bytes in its ranges are no record.
     version: str = ""
@@ -32,7 +36,7 @@ class Descriptor:
     @property
     def size(self) -> int:
         """Bytes of the record."""
-        return len(self.head) + sum(length for _, length in self.ranges)
+        return len(self.head) + sum(length for _, length in self.ranges) + len(self.end)
 
     def open(self, storage: Storage) -> InputRecord:
         """The record, to be read when its turn comes."""
@@ -42,6 +46,8 @@ class Descriptor:
                 yield self.head
             ranges = list(self.ranges)
             yield from storage.pieces(self.uri, ranges, MAX_PAYLOAD_BYTES, self.version)
+            if self.end:
+                yield self.end
 
         return InputRecord(self.name, self.size, lambda: iter(pieces()), self.fields)
 
@@ -61,7 +67,7 @@ def bag_fragments(
 ) -> list[Descriptor]:
     """One record for each fragment of each bag, by chunk boundaries, from the bags' tails alone.
 
-    A record is a bag 2.0 without an index: the connections and the chunks that hold the window.
+    A record is a recording without an index: the connections and the chunks that hold the window.
     Raises StorageError, also for a bag that can't be planned.
     """
     found = []
@@ -71,12 +77,12 @@ def bag_fragments(
             tail = read_tail(file.read, file.size)
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
-        head, declarations = head_before(tail.declarations), tuple(tail.declarations)
+        (head, end), declarations = framing(tail.declarations), tuple(tail.declarations)
         for part in cut(tail, list(topics), int(seconds * _NANOSECONDS), 0):
             window: Fields = {"start": part.window.start, "end": part.window.end}
             ranges = declarations + tuple(part.ranges)
             name = f"{uri}#{part.number}"
-            found.append(Descriptor(name, uri, ranges, head, window, file.version))
+            found.append(Descriptor(name, uri, ranges, head, end, window, file.version))
     return found
 
 

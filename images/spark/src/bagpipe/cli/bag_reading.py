@@ -8,9 +8,9 @@ from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 import bagpipe
-from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import BagError, BagTail, compression_of, read_tail, resolve
 from bagpipe.plan.fragments import Window, cut_one
+from bagpipe.plan.framing import framing
 from bagpipe.storage import Storage
 
 if TYPE_CHECKING:
@@ -86,7 +86,8 @@ class BagFile:
             planned = cut_one(tail, list(topics), Window(first + start, first + start, until))
             ranges = tail.declarations + planned.ranges
             self._bounded(sum(length for _, length in ranges), "cut a shorter part")
-            bag = self._opened(b"".join([head_before(ranges), *file.pieces(ranges, _PIECE_BYTES)]))
+            before, behind = framing(ranges)
+            bag = self._opened(b"".join([before, *file.pieces(ranges, _PIECE_BYTES), behind]))
         self._reaches(start, last - first)
         until = last + 1 if end is None else first + end
         self._known(topics, {resolve(topic) for topic in bag.topics})

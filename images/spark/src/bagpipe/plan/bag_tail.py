@@ -11,13 +11,15 @@ from dataclasses import dataclass
 from typing import Any
 
 from bagpipe.native import native
+from bagpipe.plan import mcap_summary
 
 MAGIC = b"#ROSBAG V2.0\n"
 _FILE_HEADER_BYTES = 4096
 # op, compression and size, each with its name and length, are some 50 bytes.
 _CHUNK_HEADER_BYTES = 256
-# An index record has a time and an offset for each message, and a header of some 60 bytes.
-_INDEX_ENTRY_BYTES, _INDEX_HEADER_BYTES = 12, 128
+# An index has a time and an offset for each message (12 bytes in a bag, 16 in MCAP), and a header
+# of some 60 bytes for each connection.
+_INDEX_ENTRY_BYTES, _INDEX_HEADER_BYTES = 16, 128
 
 Read = Callable[[int, int], bytes]
 
@@ -32,12 +34,16 @@ class BagError(Exception):
 
 @dataclass(frozen=True)
 class Connection:
-    """One recorded publisher of a topic; its record lies `length` bytes from `offset`."""
+    """One recorded publisher of a topic; its record lies `length` bytes from `offset`.
+
+    `encoding` says what its messages' bytes are, such as ros1 or cdr.
+    """
 
     id: int
     topic: str
     datatype: str
     caller_id: str
+    encoding: str
     latching: bool
     offset: int
     length: int
@@ -82,9 +88,13 @@ def read_tail(read: Read, size: int) -> BagTail:
     if size == 0:
         raise BagError("BagEmpty", "the file is empty (0 bytes)")
     head = read(0, min(_FILE_HEADER_BYTES + len(MAGIC) + 64, size))
+    if head.startswith(mcap_summary.MAGIC):
+        return _tail(size, mcap_summary.read_index(read, size, head, _parsed))
     if not head.startswith(MAGIC):
         raise BagError(
-            "BagUnreadable", f"the file begins with {head[:13]!r}, expected {MAGIC!r} (bag 2.0)"
+            "BagUnreadable",
+            f"the file begins with {head[:13]!r}, expected {MAGIC!r} (bag 2.0) or"
+            f" {mcap_summary.MAGIC!r} (MCAP)",
         )
     found = _parsed("parse_head", head, size)
     index_position = found[0]
@@ -102,6 +112,22 @@ def _tail(size: int, index: Any) -> BagTail:
     )
 
 
+def check_encoding(tail: BagTail, topics: list[str], encoding: str) -> None:
+    """Raises BagError where a publisher of the topics (none: of any) has messages of another one.
+
+    One that published nothing does not count.
+    """
+    present = {number for chunk in tail.chunks for number, count in chunk.counts.items() if count}
+    for each in tail.connections:
+        wanted = each.id in present and (not topics or each.topic in topics)
+        if wanted and each.encoding != encoding:
+            raise BagError(
+                "BagUnreadable",
+                f"{each.topic} holds messages in {each.encoding or 'no known encoding'}, and the"
+                f" stack would read them as {encoding}: leave it out of the topics",
+            )
+
+
 def compression_of(read: Read, chunk: Chunk) -> str:
     """A chunk's compression (such as none or lz4), from its header alone. Raises BagError."""
     if chunk.compression is not None:
@@ -116,15 +142,13 @@ def message_times(read: Read, chunk: Chunk) -> dict[int, list[int]]:
 
     Raises BagError where these are not what the chunk's counts say.
     """
-    head = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
-    length: int | None = _parsed("chunk_length", head, chunk.offset)
     counts = {connection: count for connection, count in chunk.counts.items() if count}
     most = _INDEX_ENTRY_BYTES * sum(counts.values()) + _INDEX_HEADER_BYTES * len(counts)
     times: dict[int, list[int]] = {}
-    if length is not None:
-        begin = chunk.offset + length
-        if 0 < chunk.end - begin <= most:
-            times = _parsed("index_times", read(begin, chunk.end - begin), begin)
+    begin = chunk.index or _index_of(read, chunk)
+    if 0 < chunk.end - begin <= most:
+        parser = "index_times" if chunk.index is None else "mcap_index_times"
+        times = _parsed(parser, read(begin, chunk.end - begin), begin)
     inside = all(
         chunk.start_time <= time <= chunk.end_time for found in times.values() for time in found
     )
@@ -133,6 +157,13 @@ def message_times(read: Read, chunk: Chunk) -> dict[int, list[int]]:
             "BagUnreadable", f"the chunk at byte {chunk.offset} has no index of all its messages"
         )
     return times
+
+
+def _index_of(read: Read, chunk: Chunk) -> int:
+    """Where a bag's chunk says that its index records begin; its end where it does not."""
+    head = read(chunk.offset, min(_CHUNK_HEADER_BYTES, chunk.end - chunk.offset))
+    length: int | None = _parsed("chunk_length", head, chunk.offset)
+    return chunk.end if length is None else chunk.offset + length
 
 
 def resolve(topic: str) -> str:

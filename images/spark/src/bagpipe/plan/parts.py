@@ -5,9 +5,12 @@ import json
 from dataclasses import dataclass, replace
 
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart, nanoseconds
-from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, check_encoding, read_tail
 from bagpipe.plan.fragments import Window, cut_one
 from bagpipe.storage import Storage, StorageError
+
+# Pieces are put together to a bag, which holds messages of ROS 1.
+_OF_BAGS = "ros1"
 
 
 class PartError(Exception):
@@ -100,6 +103,10 @@ class PartPlanner:
 
     def _part(self, piece: Piece, to: int | None, topics: list[str], lead_in: int) -> Part:
         tail, version = self._tail(piece.bag)
+        try:
+            check_encoding(tail, topics, _OF_BAGS)
+        except BagError as error:
+            raise PartError(piece.bag, error.reason, str(error)) from error
         begin = min(chunk.start_time for chunk in tail.chunks)
         last = max(chunk.end_time for chunk in tail.chunks)
         start = begin + piece.from_nanoseconds

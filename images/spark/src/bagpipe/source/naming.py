@@ -5,8 +5,8 @@ import re
 
 
 def stem(uri: str) -> str:
-    """A bag's name without its ending, of letters that a case's name may have."""
-    return plain(posixpath.basename(uri).removesuffix(".bag"), "bag")
+    """A recording's name without its ending, of letters that a case's name may have."""
+    return plain(posixpath.basename(uri).removesuffix(".bag").removesuffix(".mcap"), "bag")
 
 
 def plain(name: str, otherwise: str) -> str:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import bagpipe
-from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import resolve
+from bagpipe.plan.framing import framing
 from bagpipe.plan.parts import Part
 from bagpipe.source.stamps import StampError, moved
 from bagpipe.storage import Storage
@@ -39,9 +39,11 @@ class PartReader:
             raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
         data = io.BytesIO()
         ranges = part.connections + part.ranges
-        data.write(head_before(ranges))
+        head, end = framing(ranges)
+        data.write(head)
         for piece in storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version):
             data.write(piece)
+        data.write(end)
         try:
             self._bag = bagpipe.MemoryBag(data.getvalue(), decompressed_bytes=MOST_BYTES)
         except ValueError as error:

@@ -5,7 +5,8 @@ use std::fs::File;
 use std::sync::Arc;
 
 use bagpipe_log::{
-    Connection, Place, Recording, RecordingError, RecordingFormat, RecordingWriter, Timeline,
+    Connection, MessageEncoding, Place, Recording, RecordingError, RecordingFormat,
+    RecordingWriter, Timeline,
 };
 
 use super::bags::words;
@@ -125,6 +126,21 @@ fn recordings_of_several_formats_are_one_timeline() {
     let expected: [(&[u8], _); 4] =
         [(b"one", "/b"), (b"1000", "/a"), (b"1500", "/a"), (b"two", "/b")];
     assert!(texts.eq(expected));
+}
+
+#[test]
+fn messages_that_its_nodes_cant_read_are_an_error_and_others_beside_them_are_played() {
+    let by_hand = ByHand::new();
+    let mut strip = Strip::new();
+    strip.connections[0].message_encoding = MessageEncoding::Cdr;
+    let mut request = request(&by_hand, window(0, 9_000));
+    let Err(error) = Plan::new(&[&strip], &request) else { panic!("it was taken") };
+    assert_eq!(error.reason(), "BagUnreadable");
+    let sentence = "the topic /b holds messages in cdr, and its nodes would read them as ros1; name \
+                    the topics to be played without it";
+    assert_eq!(error.to_string(), sentence);
+    request.topics = vec!["/a".to_owned()];
+    assert!(Plan::new(&[&strip, &bag_of_times(&[1_000])], &request).is_ok());
 }
 
 #[test]

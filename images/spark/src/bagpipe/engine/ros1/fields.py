@@ -6,5 +6,6 @@ FIELDS = EngineFields(
     agent="ros1",
     unmarked_lines="agent",
     sources=("bags", "sequence", "simulator"),
+    encoding="ros1",
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
 )

@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, check_encoding, read_tail
 from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import cut, holding
@@ -13,22 +13,31 @@ from bagpipe.storage import Storage, StorageError
 from bagpipe.texts import duration_seconds
 
 
-def fragments(bags: list[str], spec: Source, conditions: Crossing, storage: Storage) -> Plan:
-    """The fragments of bags under every condition; a bag that yields none has a sentence."""
+def fragments(
+    bags: list[str], spec: Source, encoding: str | None, conditions: Crossing, storage: Storage
+) -> Plan:
+    """The fragments of bags under every condition; a bag that yields none has a sentence.
+
+    `encoding` is what their messages must be; None: anything.
+    """
     cases: list[Case] = []
     unplanned: list[Unplanned] = []
     for uri, name in zip(bags, _names(bags), strict=True):
         try:
-            cases += crossed(_fragments_of(uri, name, spec, storage), conditions)
+            cases += crossed(_fragments_of(uri, name, spec, encoding, storage), conditions)
         except (BagError, StorageError) as error:
             reason = error.reason if isinstance(error, BagError) else "BagUnreadable"
             unplanned.append(Unplanned(name, uri, reason, f"{uri}: {error}"))
     return Plan(cases, unplanned)
 
 
-def _fragments_of(uri: str, name: str, spec: Source, storage: Storage) -> list[Case]:
+def _fragments_of(
+    uri: str, name: str, spec: Source, encoding: str | None, storage: Storage
+) -> list[Case]:
     file = storage.open(uri)
     tail = read_tail(file.read, file.size)
+    if encoding is not None:
+        check_encoding(tail, spec.topics, encoding)
     length = int(duration_seconds(spec.fragment.length) * 1e9)
     warm_up = int(duration_seconds(spec.fragment.warm_up) * 1e9)
     fragments = cut(tail, spec.topics, length, warm_up, file.read)

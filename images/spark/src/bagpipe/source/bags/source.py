@@ -4,6 +4,7 @@ import posixpath
 from collections.abc import Callable
 from pathlib import Path
 
+from bagpipe.engine_fields import fields_of
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
@@ -25,7 +26,8 @@ class Bags(JobSource):
     def plan(self, conditions: Crossing, storage: Storage) -> Plan:
         """The fragments of all bags, under every condition."""
         bags, missing = expanded(self.spec.source.uris, storage, "BagMissing")
-        made = fragments(bags, self.spec.source, conditions, storage)
+        encoding = fields_of(self.spec.stack.engine).encoding
+        made = fragments(bags, self.spec.source, encoding, conditions, storage)
         return Plan.of(made.cases, missing + made.unplanned)
 
     def input(self, case: Case, storage: Storage) -> InputFile:

@@ -1,9 +1,9 @@
-"""A fragment as the bytes that the agent plays: a bag stream made of the user's own records."""
+"""A fragment as the bytes that the agent plays: a recording made of the user's own records."""
 
 from collections.abc import Iterator
 
-from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.case import Case
+from bagpipe.plan.framing import framing
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import InputFile
@@ -12,7 +12,7 @@ from bagpipe.wire.session import InputFile
 def fragment_file(case: Case, storage: Storage) -> InputFile:
     """The case's input (docs/reference/binpipe.md, "The bytes of a fragment")."""
     sources = case.connections + case.ranges
-    head = head_before(sources)
+    head, end = framing(sources)
     ranges = []
     at = len(head)
     for offset, length in sources:
@@ -20,7 +20,10 @@ def fragment_file(case: Case, storage: Storage) -> InputFile:
         at += length
 
     def pieces() -> Iterator[bytes]:
-        yield head
+        if head:
+            yield head
         yield from storage.pieces(case.bag, sources, MAX_PAYLOAD_BYTES, case.bag_version)
+        if end:
+            yield end
 
-    return InputFile(case.bag, at, ranges, pieces)
+    return InputFile(case.bag, at + len(end), ranges, pieces)

@@ -2,10 +2,10 @@
 
 import io
 
-from bagpipe.plan.bag_head import head_before
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import near
+from bagpipe.plan.framing import framing
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
@@ -19,8 +19,10 @@ def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:
         (chunk.offset, chunk.end - chunk.offset)
         for chunk in near(tail, wanted, case.window.start, case.window.end)
     ]
+    head, end = framing(ranges)
     bag = io.BytesIO()
-    bag.write(head_before(ranges))
+    bag.write(head)
     for piece in storage.pieces(case.bag, ranges, MAX_PAYLOAD_BYTES, case.bag_version):
         bag.write(piece)
+    bag.write(end)
     return bag.getvalue()

@@ -1,0 +1,168 @@
+//! An index read from a head, a footer and a summary: what a reader of the whole file finds as
+//! well, refusals where it is not all there, and never a panic.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::collections::BTreeMap;
+use std::io::Cursor;
+
+use bagpipe_log::{Index, Reason, Refusal};
+use bagpipe_mcap::Mcap;
+use bagpipe_mcap::tail::{FOOTER_BYTES, index_times, parse_footer, parse_head, parse_summary};
+use mcap::records::MessageHeader;
+use mcap::{Compression, MessageStream, WriteOptions, Writer};
+use proptest::prelude::*;
+
+/// DataEnd and Footer, which say nothing, and the magic: what a planner puts behind chunks.
+const END: &[u8] = b"\x0f\x04\0\0\0\0\0\0\0\0\0\0\0\
+    \x02\x14\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x89MCAP0\r\n";
+const DEFINITION: &[u8] = b"string data\n";
+
+/// 60 messages on /a, 20 on the latching /b and none on /c, in chunks of some 400 bytes.
+fn sample(options: WriteOptions) -> Vec<u8> {
+    let mut bytes = Cursor::new(Vec::new());
+    let mut writer = Writer::with_options(&mut bytes, options.chunk_size(Some(400))).unwrap();
+    let schema = writer.add_schema("std_msgs/String", "ros1msg", DEFINITION).unwrap();
+    let latching = BTreeMap::from([
+        ("latching".to_owned(), "1".to_owned()),
+        ("callerid".to_owned(), "/talker".to_owned()),
+    ]);
+    let a = writer.add_channel(schema, "/a", "ros1", &BTreeMap::new()).unwrap();
+    let b = writer.add_channel(schema, "/b", "ros1", &latching).unwrap();
+    writer.add_channel(schema, "/c", "ros1", &BTreeMap::new()).unwrap();
+    for number in 0..80_u64 {
+        let channel_id = if number % 4 == 3 { b } else { a };
+        let (log_time, publish_time) = (1_000 + number * 10, 900 + number * 10);
+        let header = MessageHeader { channel_id, sequence: 0, log_time, publish_time };
+        writer.write_to_known_channel(&header, &[number as u8; 20]).unwrap();
+    }
+    writer.finish().unwrap();
+    drop(writer);
+    bytes.into_inner()
+}
+
+fn read(bytes: &[u8]) -> Result<Index, Refusal> {
+    let size = bytes.len() as u64;
+    let head_end = parse_head(bytes)?;
+    let last = bytes.len().saturating_sub(FOOTER_BYTES as usize);
+    let (begin, end) = parse_footer(&bytes[last..], size)?;
+    parse_summary(&bytes[begin as usize..end as usize], begin, head_end)
+}
+
+fn refusal(bytes: &[u8]) -> (Reason, String) {
+    let refused = read(bytes).unwrap_err();
+    (refused.reason, refused.sentence)
+}
+
+#[test]
+fn it_is_what_a_reader_of_all_of_it_finds() {
+    for compression in [None, Some(Compression::Lz4), Some(Compression::Zstd)] {
+        let name = compression.map_or("none", |each| match each {
+            Compression::Lz4 => "lz4",
+            _ => "zstd",
+        });
+        let bytes = sample(WriteOptions::new().compression(compression));
+        let index = read(&bytes).unwrap();
+        let all: Vec<_> =
+            MessageStream::new(&bytes).unwrap().collect::<Result<Vec<_>, _>>().unwrap();
+        let mut met = 0;
+        for chunk in &index.chunks {
+            assert_eq!(chunk.compression.as_deref(), Some(name));
+            let begin = chunk.index.unwrap();
+            let times = index_times(&bytes[begin as usize..chunk.end as usize], begin).unwrap();
+            let counts = times.iter().map(|(channel, times)| (*channel, times.len() as u32));
+            assert_eq!(counts.collect::<BTreeMap<_, _>>(), chunk.counts.iter().copied().collect());
+            let mut times: Vec<u64> = times.into_iter().flat_map(|(_, times)| times).collect();
+            times.sort_unstable();
+            assert_eq!((times[0], *times.last().unwrap()), (chunk.start_time, chunk.end_time));
+            let of_reader: Vec<u64> =
+                all[met..met + times.len()].iter().map(|message| message.log_time).collect();
+            assert_eq!(times, of_reader);
+            met += times.len();
+        }
+        assert_eq!((met, index.chunks.len() > 4), (80, true));
+        let topics: Vec<_> = index.connections.iter().map(|each| each.topic.as_str()).collect();
+        assert_eq!(topics, ["/a", "/b", "/c"]);
+        let b = &index.connections[1];
+        assert_eq!((b.latching, b.caller_id.as_str()), (true, "/talker"));
+        assert_eq!(b.datatype, "std_msgs/String");
+    }
+}
+
+#[test]
+fn its_declarations_and_any_chunk_are_a_recording() {
+    let bytes = sample(WriteOptions::new().compression(Some(Compression::Zstd)));
+    let index = read(&bytes).unwrap();
+    assert_eq!(index.declarations[0].0, 0);
+    let cut = |(offset, length): (u64, u64)| &bytes[offset as usize..(offset + length) as usize];
+    let declared: Vec<u8> =
+        index.declarations.iter().flat_map(|range| cut(*range)).copied().collect();
+    for chunk in &index.chunks {
+        let mut part = declared.clone();
+        part.extend_from_slice(&bytes[chunk.offset as usize..chunk.end as usize]);
+        part.extend_from_slice(END);
+        let stream = MessageStream::new(&part).unwrap();
+        let found = stream.collect::<Result<Vec<_>, _>>().unwrap();
+        let ours = Mcap::open(part.clone()).unwrap();
+        assert_eq!((ours.message_count(), ours.loss()), (found.len() as u64, None));
+        let expected: u32 = chunk.counts.iter().map(|(_, count)| count).sum();
+        assert_eq!(found.len() as u32, expected);
+    }
+}
+
+#[test]
+fn what_planning_lacks_is_refused_with_its_place() {
+    let whole = sample(WriteOptions::new());
+    let (reason, sentence) = refusal(&whole[..whole.len() - 1]);
+    assert_eq!(reason, Reason::Cut);
+    assert!(sentence.contains("no footer at byte"), "{sentence}");
+    assert_eq!(refusal(&whole[..9]).0, Reason::Cut);
+    for (options, words) in [
+        (WriteOptions::new().emit_summary_records(false), "has no summary"),
+        (WriteOptions::new().use_chunks(false), "places of 0 messages"),
+        (WriteOptions::new().emit_message_indexes(false), "places of 0 messages"),
+        (WriteOptions::new().emit_message_indexes(false).emit_statistics(false), "of 0 messages"),
+        (WriteOptions::new().repeat_channels(false), "does not declare channel"),
+        (WriteOptions::new().repeat_schemas(false), "does not declare channel"),
+    ] {
+        let (reason, sentence) = refusal(&sample(options));
+        assert_eq!(reason, Reason::NotIndexed, "{sentence}");
+        assert!(sentence.contains(words), "{sentence}");
+    }
+    let mut bytes = Cursor::new(Vec::new());
+    Writer::new(&mut bytes).unwrap().finish().unwrap();
+    assert_eq!(refusal(&bytes.into_inner()).0, Reason::Empty);
+}
+
+#[test]
+fn without_statistics_the_indexes_themselves_count() {
+    let index = read(&sample(WriteOptions::new().emit_statistics(false))).unwrap();
+    let counts = index.chunks.iter().flat_map(|chunk| &chunk.counts).map(|(_, count)| count);
+    assert_eq!(counts.sum::<u32>(), 80);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(2_000))]
+    #[test]
+    fn damage_is_a_refusal_and_never_a_panic(
+        places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+        cut in prop::option::of(any::<prop::sample::Index>()),
+    ) {
+        let mut bytes = sample(WriteOptions::new());
+        let summary = bytes.len() - 1_500;
+        for (place, value) in places {
+            let at = summary + place.index(1_500);
+            bytes[at] = value;
+        }
+        if let Some(cut) = cut {
+            bytes.truncate(cut.index(bytes.len()));
+        }
+        if let Ok(index) = read(&bytes) {
+            for chunk in index.chunks {
+                let begin = chunk.index.unwrap();
+                prop_assert!(chunk.offset <= begin && begin <= chunk.end);
+                prop_assert!(chunk.end <= bytes.len() as u64);
+                let _found = index_times(&bytes[begin as usize..chunk.end as usize], begin);
+            }
+        }
+    }
+}
