@@ -156,7 +156,7 @@ impl Pass<'_> {
         false
     }
 
-    /// Records that nobody knows are passed over; known ones have their places.
+    /// Unknown records are passed over; known ones have their places.
     fn pass_over(&mut self, op: u8, end: usize, section: &str) {
         if op <= DATA_END {
             let expected = format!("a record of the {section}, found opcode {op}");

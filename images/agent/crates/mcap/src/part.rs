@@ -29,7 +29,7 @@ pub(crate) struct Part {
 pub(crate) struct Packed {
     pub compression: Compression,
     pub size: u32,
-    /// 0 where nobody knows.
+    /// 0 where it is not known.
     pub crc: u32,
 }
 
@@ -113,7 +113,7 @@ impl Part {
     }
 }
 
-/// What is wrong with bytes of that CRC-32, which is 0 where nobody knows it.
+/// What is wrong with bytes of that CRC-32, which is 0 where it is not known.
 pub(crate) fn wrong_crc(expected: u32, found: impl FnOnce() -> u32) -> Option<String> {
     let found = if expected == 0 { 0 } else { found() };
     (expected != found).then(|| format!("data of the CRC-32 {expected:08x}, found {found:08x}"))

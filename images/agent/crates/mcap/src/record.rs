@@ -209,7 +209,7 @@ impl Channel {
 pub struct Attachment<'a> {
     /// When it was recorded, in nanoseconds.
     pub log_time: u64,
-    /// When it was made, in nanoseconds; 0 where nobody knows.
+    /// When it was made, in nanoseconds; 0 where it is not known.
     pub create_time: u64,
     /// Its name.
     pub name: &'a str,
