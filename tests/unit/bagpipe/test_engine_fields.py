@@ -23,6 +23,8 @@ SOURCES = ("images/spark/src", "operator/src", "crds", "charts")
 NAMED = {
     # The API's default for a job that names none.
     ("images/spark/src/bagpipe/engine_fields.py", "ros1"),
+    # What the messages of a bag are, as recordings call it.
+    ("images/spark/src/bagpipe/plan/parts.py", "ros1"),
     # The kind of a probe, as Kubernetes calls it.
     ("operator/src/bagpipe_operator/jobs/pods/executor_template.py", "exec"),
 }

@@ -27,7 +27,8 @@ const ENDLESS: Duration = Duration::from_secs(31 * 24 * 3600);
 /// The options of `play`.
 #[derive(Debug, Args)]
 pub struct PlayOptions {
-    /// Bags of format 2.0 or 1.2. Several are played as one, by the times of their messages.
+    /// Bags of format 2.0 or 1.2, or MCAP of ROS 1. Several are played as one, by the times of their
+    /// messages.
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
     /// The ROS master; without it, ROS_MASTER_URI.
