@@ -150,11 +150,12 @@ static bool attached(void) {
   return !refused;
 }
 
-/* Wakes who waits for such an event. The figure that changed was written before: whoever begins
- * to wait later finds it. */
+/* Wakes who waits for such an event, once for each time that somebody asks for it. The figure that
+ * changed was written before: whoever asks later finds it. */
 static void changed(enum ledger_event event) {
   struct ledger_header *header = &atomic_load(&shared)->header;
-  if (atomic_load(&header->waiters[event]) == 0) return;
+  if (atomic_load(&header->wanted[event]) == 0) return;
+  if (atomic_exchange(&header->wanted[event], 0) == 0) return;
   atomic_fetch_add(&header->changes, 1);
   int kept = errno;
   syscall(SYS_futex, &header->changes, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);

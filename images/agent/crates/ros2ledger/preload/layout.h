@@ -10,7 +10,7 @@
 #define LEDGER_ENDPOINTS 4096u
 #define LEDGER_TOPIC_BYTES 256u
 
-/* What somebody may wait for: an index into `waiters`. */
+/* What somebody may wait for: an index into `wanted`. */
 enum ledger_event { EVENT_TAKEN, EVENT_STARTED, EVENT_ENDED, EVENT_PUBLISHED, EVENT_LISTED, EVENTS };
 
 /* The low byte of an endpoint's state; the process that owns it is above. */
@@ -34,8 +34,8 @@ struct ledger_header {
   _Atomic uint32_t endpoints_used;     /* slots beyond were never used */
   _Atomic uint64_t reserved[4];
   _Atomic uint32_t changes; /* the futex */
-  _Atomic uint32_t waiters[EVENTS];
-  _Atomic uint32_t reserved_waiters[10];
+  _Atomic uint32_t wanted[EVENTS]; /* not 0: somebody is to be woken by the next such event */
+  _Atomic uint32_t reserved_wanted[10];
 };
 
 struct ledger_process {

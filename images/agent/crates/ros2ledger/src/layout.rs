@@ -39,8 +39,8 @@ pub(crate) struct Header {
     pub(crate) endpoints_used: AtomicU32,
     pub(crate) reserved: [AtomicU64; 4],
     pub(crate) changes: AtomicU32,
-    pub(crate) waiters: [AtomicU32; EVENTS],
-    pub(crate) reserved_waiters: [AtomicU32; 10],
+    pub(crate) wanted: [AtomicU32; EVENTS],
+    pub(crate) reserved_wanted: [AtomicU32; 10],
 }
 
 #[repr(C)]
@@ -110,7 +110,7 @@ mod tests {
     fn of_rust() -> Vec<(String, usize, usize)> {
         let mut all = fields!(Header, "ledger_header", magic: u64, version: u32, processes: u32,
             endpoints: u32, unlisted_processes: u32, unlisted_endpoints: u32, endpoints_used: u32,
-            reserved: [u64; 4], changes: u32, waiters: [u32; 5], reserved_waiters: [u32; 10]);
+            reserved: [u64; 4], changes: u32, wanted: [u32; 5], reserved_wanted: [u32; 10]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
             unlisted_endpoints: u32, reserved: [u32; 11]));
         all.extend(

@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 use rustix::fs::Timespec;
 use rustix::thread::futex;
 
-use crate::layout::EVENTS;
 use crate::{Ledger, LedgerError, ProcessId};
 
 /// How long a wait may go without a look at the processes: nobody wakes us for one that was killed.
 const LOOK: Duration = Duration::from_millis(20);
 
-/// What somebody waits for. Nodes wake for no other event, which costs them 0.3 µs and more.
+/// What somebody waits for. Nodes wake for no other event, and once for each time that somebody
+/// begins to sleep: a wake costs them some µs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Event {
     /// A message was taken.
@@ -54,9 +54,11 @@ impl Ledger {
         mut holds: impl FnMut(&Ledger) -> Result<bool, LedgerError>,
     ) -> Result<Waited, LedgerError> {
         let changes = &self.memory.header.changes;
-        let _until_we_return = Waiting::begin(&self.memory.header.waiters, events);
         let mut looked = Instant::now();
         loop {
+            for event in events {
+                self.memory.header.wanted[*event as usize].store(1, SeqCst);
+            }
             let before = changes.load(SeqCst);
             if holds(self)? {
                 return Ok(Waited::Held);
@@ -83,28 +85,5 @@ fn sleep(changes: &AtomicU32, before: u32, limit: Duration) -> Result<(), Ledger
     match futex::wait(changes, futex::Flags::empty(), before, Some(&limit)) {
         Ok(()) | Err(Errno::AGAIN | Errno::INTR | Errno::TIMEDOUT) => Ok(()),
         Err(other) => Err(LedgerError::Memory(other.into())),
-    }
-}
-
-/// We are among those who wait for these events.
-struct Waiting<'a> {
-    waiters: &'a [AtomicU32; EVENTS],
-    events: &'a [Event],
-}
-
-impl<'a> Waiting<'a> {
-    fn begin(waiters: &'a [AtomicU32; EVENTS], events: &'a [Event]) -> Waiting<'a> {
-        for event in events {
-            waiters[*event as usize].fetch_add(1, SeqCst);
-        }
-        Waiting { waiters, events }
-    }
-}
-
-impl Drop for Waiting<'_> {
-    fn drop(&mut self) {
-        for event in self.events {
-            self.waiters[*event as usize].fetch_sub(1, SeqCst);
-        }
     }
 }
