@@ -20,15 +20,10 @@
 /* Callbacks whose subscription was not yet introduced. */
 #define STRAYS 256u
 
-/* One use of a slot: after another one began nothing more is counted for it. */
-struct use {
-  uint32_t slot;
-  uint32_t generation;
-};
-
+/* The slot is not given to another endpoint while one of its callbacks runs (src/ledger.rs). */
 struct call {
   const void *callback;
-  struct use use;
+  uint32_t slot;
   bool intra;
 };
 
@@ -36,8 +31,8 @@ struct call {
 static __thread struct {
   uint32_t inside;
   uint32_t id;
-  struct use took;
-  uint64_t in_hand; /* messages taken of `took`, which have no callback that we see */
+  uint32_t took;    /* the slot that it last took from */
+  uint64_t in_hand; /* messages taken there, which have no callback that we see */
   uint32_t calls;
   struct call call[NESTED];
 } self __attribute__((tls_model("initial-exec")));
@@ -157,9 +152,7 @@ static void changed(enum ledger_event event) {
   if (atomic_load(&header->wanted[event]) == 0) return;
   if (atomic_exchange(&header->wanted[event], 0) == 0) return;
   atomic_fetch_add(&header->changes, 1);
-  int kept = errno;
   syscall(SYS_futex, &header->changes, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
-  errno = kept;
 }
 
 /* The endpoint of an address, or NULL. */
@@ -178,13 +171,6 @@ static void note_thread(struct ledger_endpoint *endpoint) {
   if (self.id == 0) self.id = (uint32_t)syscall(SYS_gettid);
   if (atomic_load_explicit(&endpoint->thread, memory_order_relaxed) != self.id)
     atomic_store_explicit(&endpoint->thread, self.id, memory_order_relaxed);
-}
-
-/* The endpoint of a use, or NULL where the slot has had another one since. */
-static struct ledger_endpoint *still(struct use use) {
-  if (atomic_load_explicit(&own, memory_order_acquire) == NO_PROCESS) return NULL;
-  struct ledger_endpoint *endpoint = &atomic_load(&shared)->endpoint[use.slot];
-  return atomic_load(&endpoint->generation) == use.generation ? endpoint : NULL;
 }
 
 static uint32_t claim_slot(struct ledger *ledger, uint32_t owner) {
@@ -310,8 +296,7 @@ void count_wait(void) {
   if (self.in_hand == 0) return;
   uint64_t done = self.in_hand;
   self.in_hand = 0;
-  struct ledger_endpoint *endpoint = still(self.took);
-  if (endpoint != NULL) add(&endpoint->returned, done, EVENT_ENDED);
+  add(&atomic_load(&shared)->endpoint[self.took].returned, done, EVENT_ENDED);
 }
 
 void count_take(const void *subscription, uint64_t messages) {
@@ -325,7 +310,7 @@ void count_take(const void *subscription, uint64_t messages) {
   }
   note_thread(endpoint);
   if (!(atomic_load_explicit(&endpoint->flags, memory_order_relaxed) & FLAG_CALLS)) {
-    self.took = (struct use){slot, atomic_load(&endpoint->generation)};
+    self.took = slot;
     self.in_hand = messages;
   }
   add(&endpoint->taken, messages, EVENT_TAKEN);
@@ -345,8 +330,7 @@ void count_start(const void *callback, bool intra) {
     memmove(self.call, self.call + 1, sizeof self.call - sizeof self.call[0]);
     self.calls--;
   }
-  struct use use = {slot, atomic_load(&endpoint->generation)};
-  self.call[self.calls++] = (struct call){callback, use, intra};
+  self.call[self.calls++] = (struct call){callback, slot, intra};
   note_thread(endpoint);
   if (!intra && !(atomic_load_explicit(&endpoint->flags, memory_order_relaxed) & FLAG_CALLS))
     atomic_fetch_or(&endpoint->flags, FLAG_CALLS);
@@ -359,9 +343,8 @@ void count_end(const void *callback) {
     if (call.callback != callback) continue;
     /* Those above it were left by an exception: they have no end. */
     self.calls = depth - 1;
-    struct ledger_endpoint *endpoint = still(call.use);
-    if (endpoint != NULL)
-      add(call.intra ? &endpoint->intra_ended : &endpoint->ended, 1, EVENT_ENDED);
+    struct ledger_endpoint *endpoint = &atomic_load(&shared)->endpoint[call.slot];
+    add(call.intra ? &endpoint->intra_ended : &endpoint->ended, 1, EVENT_ENDED);
     return;
   }
 }

@@ -135,7 +135,9 @@ pub struct Endpoint {
 impl Endpoint {
     /// Whether nothing will be counted any more, for as long as its process runs.
     pub(crate) fn is_at_rest(&self) -> bool {
-        self.destroyed && self.counts.in_hand(self.strength) == 0
+        let Counts { started, ended, intra_started, intra_ended, .. } = self.counts;
+        let calls = (started, intra_started) != (ended, intra_ended);
+        self.destroyed && !calls && self.counts.in_hand(self.strength) == 0
     }
 }
 

@@ -2,6 +2,7 @@
  * like rclcpp, with tracepoints and linked as programs are; and with -DWITHOUT_TRACEPOINTS like
  * rclpy, loaded for itself alone. It counts for itself what the ledger must have. */
 #define _GNU_SOURCE
+#include <errno.h>
 #include <pthread.h>
 #include <signal.h>
 #include <stdatomic.h>
@@ -39,7 +40,8 @@ struct publisher {
 
 static struct subscription *subscriptions[MOST];
 static struct publisher *publishers[MOST];
-static int subscription_count, publisher_count;
+static int subscription_count, publisher_count, errno_after;
+static struct subscription *ghost; /* the one that was destroyed last */
 static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER;
 static _Atomic int flooding, stick, nest, destroy_inside;
 
@@ -59,7 +61,9 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
   struct subscription *made = calloc(1, sizeof *made);
   strcpy(made->topic, topic);
   strcpy(made->way, way);
+  errno = 0;
   made->rmw = rmw_create_subscription(NULL, NULL, topic, &qos, NULL);
+  errno_after = errno;
   TRACE(ros_trace_rcl_subscription_init(&made->rcl, NULL, made->rmw, topic, qos.depth));
   if (strcmp(way, "serialized") == 0) return made; /* as rclcpp's generic ones: no callback */
   if (strcmp(way, "intra") == 0) {
@@ -235,6 +239,7 @@ static void destroy(struct subscription *of) {
   for (int i = 0; i < subscription_count; i++)
     if (subscriptions[i] != of) subscriptions[kept++] = subscriptions[i];
   subscription_count = kept;
+  ghost = of;
 }
 
 static void churn(const char *topic, uint64_t times) {
@@ -270,6 +275,8 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "hand")) subscription_on(topic)->intra_waiting += n;
   else if (!strcmp(verb, "stick")) stick = 1;
   else if (!strcmp(verb, "nest")) nest = 1;
+  else if (!strcmp(verb, "ghost")) /* a timer whose callback is where a subscription's was */
+    call(ghost, &ghost->callback, &ghost->called);
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
   else if (!strcmp(verb, "pubs"))
     while (n-- > 0) publishers[publisher_count++] = advertise(topic, qos);
@@ -289,6 +296,9 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     return;
   } else if (!strcmp(verb, "fork")) {
     answer_fork();
+    return;
+  } else if (!strcmp(verb, "errno")) {
+    printf("%d\n", errno_after);
     return;
   } else if (!strcmp(verb, "thread")) {
     printf("%ld\n", (long)syscall(SYS_gettid));
