@@ -31,6 +31,7 @@ struct subscription {
   void *rmw;
   char rcl, cpp, callback, intra, intra_callback; /* their addresses are what counts */
   _Atomic uint64_t taken, called, intra_waiting, intra_called;
+  _Atomic uint64_t last; /* the number that was taken last */
 };
 struct publisher {
   char topic[512];
@@ -61,6 +62,7 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
   struct subscription *made = calloc(1, sizeof *made);
   strcpy(made->topic, topic);
   strcpy(made->way, way);
+  made->last = UINT64_MAX;
   errno = 0;
   made->rmw = rmw_create_subscription(NULL, NULL, topic, &qos, NULL);
   errno_after = errno;
@@ -96,7 +98,7 @@ static void publish(struct publisher *publisher, uint64_t number, const char *wa
 
 /* One take in the subscription's way: how many messages came. */
 static size_t take(struct subscription *from) {
-  uint64_t numbers[4];
+  uint64_t numbers[4] = {UINT64_MAX};
   void *places[4] = {numbers, numbers + 1, numbers + 2, numbers + 3}, *lent;
   struct serialized bytes = {(uint8_t *)numbers, 0, sizeof numbers, {0}};
   struct sequence sequence = {places, 0, 4};
@@ -115,6 +117,7 @@ static size_t take(struct subscription *from) {
     rmw_take_sequence(from->rmw, 4, &sequence, NULL, &many, NULL);
   else
     rmw_take_with_info(from->rmw, numbers, &taken, &info, NULL);
+  if (taken) from->last = numbers[0];
   return taken ? 1 : many;
 }
 
@@ -252,7 +255,8 @@ static void churn(const char *topic, uint64_t times) {
 }
 
 static void obey(char **argv, const char *verb, const char *topic, uint64_t n, const char *way) {
-  struct qos qos = {1, n, 2, 2, {0}};
+  /* Publishers are reliable, and so is a subscription that asks for it. */
+  struct qos qos = {1, n, verb[0] == 'p' || !strcmp(way, "reliable") ? 1 : 2, 2, {0}};
   struct qos chosen_by_middleware = {0, 0, 0, 0, {0}};
   pthread_t thread;
   if (!strcmp(verb, "sub")) subscriptions[subscription_count++] = subscribe(topic, qos, way);
@@ -272,6 +276,13 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     pthread_join(thread, NULL);
     spin(NULL);
   } else if (!strcmp(verb, "spin")) spin_threads((int)n);
+  else if (!strcmp(verb, "last"))
+    while (subscription_on(topic)->last != 0) spin_once(100);
+  else if (!strcmp(verb, "total"))
+    while (subscription_on(topic)->taken < n) spin_once(100);
+  else if (!strcmp(verb, "match") && !strcmp(way, "sub"))
+    standin_match(subscription_on(topic)->rmw, true);
+  else if (!strcmp(verb, "match")) standin_match(publisher_on(topic)->rmw, false);
   else if (!strcmp(verb, "hand")) subscription_on(topic)->intra_waiting += n;
   else if (!strcmp(verb, "stick")) stick = 1;
   else if (!strcmp(verb, "nest")) nest = 1;

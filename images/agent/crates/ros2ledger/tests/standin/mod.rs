@@ -2,6 +2,7 @@
 //! `libtracetools.so`, and nodes like those of rclcpp and rclpy that are led by lines of text.
 #![allow(dead_code, clippy::unwrap_used)] // Each of those who use it needs a part.
 
+use std::ffi::OsStr;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -21,15 +22,30 @@ pub enum Client {
     Rclpy,
 }
 
-/// Where the programs are: built when a source differs, in a folder that appears as a whole.
+/// What the stand-in's rmw sends messages by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Middleware {
+    /// The memory of one process.
+    Memory,
+    /// Debian's Cyclone DDS.
+    Cyclone,
+}
+
+/// Where the programs over memory are.
 pub fn built() -> &'static Path {
-    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
-    FOLDER.get_or_init(|| {
+    built_over(Middleware::Memory)
+}
+
+/// Where the programs are: built when a source differs, in a folder that appears as a whole.
+pub fn built_over(middleware: Middleware) -> &'static Path {
+    static FOLDERS: [OnceLock<PathBuf>; 2] = [OnceLock::new(), OnceLock::new()];
+    FOLDERS[middleware as usize].get_or_init(|| {
         let parent = option_env!("CARGO_TARGET_TMPDIR").map_or_else(std::env::temp_dir, Into::into);
-        let folder = parent.join(format!("ros2-standin-{:016x}", digest()));
+        let folder = parent.join(format!("ros2-standin-{middleware:?}-{:016x}", digest()));
         if !folder.exists() {
-            let unfinished = parent.join(format!("ros2-standin-{}", std::process::id()));
-            build(&unfinished);
+            let unfinished = format!("ros2-standin-{middleware:?}-{}", std::process::id());
+            let unfinished = parent.join(unfinished);
+            build(&unfinished, middleware);
             // Another process may have been faster.
             if std::fs::rename(&unfinished, &folder).is_err() {
                 std::fs::remove_dir_all(&unfinished).unwrap();
@@ -56,11 +72,15 @@ fn sources() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/standin")
 }
 
-fn build(folder: &Path) {
+fn build(folder: &Path, middleware: Middleware) {
     std::fs::create_dir_all(folder).unwrap();
     std::fs::write(folder.join("ledger.so"), LIBRARY).unwrap();
     let library = ["-shared", "-fPIC", "-Wl,-z,now"];
-    compile(folder, "librmw_implementation.so", "rmw.c", &library);
+    let (source, with) = match middleware {
+        Middleware::Memory => ("rmw.c", &[][..]),
+        Middleware::Cyclone => ("rmw_dds.c", &["-lddsc"][..]),
+    };
+    compile(folder, "librmw_implementation.so", source, &[&library[..], with].concat());
     compile(folder, "libtracetools.so", "tracetools.c", &library);
     let rmw = ["-lrmw_implementation"];
     let both = ["-lrmw_implementation", "-ltracetools"];
@@ -99,8 +119,16 @@ impl Node {
     }
 
     /// A node with these variables.
-    pub fn with<V: AsRef<std::ffi::OsStr>>(client: Client, variables: &[(&str, V)]) -> Node {
-        let folder = built();
+    pub fn with<V: AsRef<OsStr>>(client: Client, variables: &[(&str, V)]) -> Node {
+        Node::in_folder(built(), client, variables)
+    }
+
+    /// One of the programs in a folder.
+    pub fn in_folder<V: AsRef<OsStr>>(
+        folder: &Path,
+        client: Client,
+        variables: &[(&str, V)],
+    ) -> Node {
         let mut command = match client {
             Client::Rclcpp => Command::new(folder.join("node")),
             Client::Component | Client::Rclpy => Command::new(folder.join("host")),

@@ -62,6 +62,8 @@ int rmw_take_sequence(const void *subscription, size_t count, void *messages, vo
 int rmw_wait(struct set *subscriptions, void *guards, void *services, void *clients, void *events,
              void *wait_set, const struct span *timeout);
 
-/* What only the stand-in has: what a queue overwrote, and what waits in it. */
+/* What only the stand-in has: a wait until somebody is at the other end, what a queue overwrote
+ * (0 where the middleware does not say), and what waits in it. */
+void standin_match(const void *endpoint, bool subscription);
 uint64_t standin_overwritten(const void *subscription);
 uint64_t standin_waiting(const void *subscription);
