@@ -100,6 +100,38 @@ fn a_module_that_python_loads_for_itself_has_the_strength_taken() {
 }
 
 #[test]
+fn what_others_create_and_destroy_meanwhile_costs_no_count() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 10", "busy /scan 100000 3"]);
+    let own = node.report("/scan");
+    let Counts { taken, started, ended, .. } = subscription(&ledger, "/scan").counts;
+    assert_eq!((taken, started, ended), (own.taken, own.called, own.called));
+    assert_eq!(own.taken + own.overwritten, 100_000);
+    assert_eq!(publisher(&ledger, "/scan").counts.published, 100_000);
+    let short = ledger.retire().unwrap();
+    assert!(short.len() >= 10 && short.iter().all(|one| one.counts == Counts::default()));
+}
+
+#[test]
+fn no_count_is_lost_between_threads_of_one_callback() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "storm /scan 1000000 4"]);
+    let Counts { started, ended, .. } = subscription(&ledger, "/scan").counts;
+    assert_eq!((started, ended, node.report("/scan").called), (4_000_000, 4_000_000, 4_000_000));
+}
+
+#[test]
+fn a_callback_that_runs_is_known_however_it_was_introduced() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10 early", "pub /scan 1", "publish /scan 3", "spin / 1"]);
+    let scan = subscription(&ledger, "/scan");
+    assert_eq!((scan.strength, scan.counts.started, scan.counts.ended), (Strength::Called, 3, 3));
+}
+
+#[test]
 fn every_way_to_take_and_to_publish_counts_once() {
     for way in ["plain", "bare", "serialized", "raw", "loaned", "sequence"] {
         let ledger = Ledger::new().unwrap();

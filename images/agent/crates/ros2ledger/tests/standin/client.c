@@ -72,8 +72,11 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
     TRACE(ros_trace_rclcpp_subscription_callback_added(&made->intra, &made->intra_callback));
     TRACE(ros_trace_rclcpp_subscription_init(&made->rcl, &made->intra));
   }
+  if (strcmp(way, "early") == 0) /* as no rclcpp does by now */
+    TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp, &made->callback));
   TRACE(ros_trace_rclcpp_subscription_init(&made->rcl, &made->cpp));
-  TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp, &made->callback));
+  if (strcmp(way, "early") != 0)
+    TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp, &made->callback));
   return made;
 }
 
@@ -183,6 +186,14 @@ static void *flood(void *messages) {
   return NULL;
 }
 
+/* A reentrant callback, called by as many threads at once as there are. */
+static struct subscription *stormed;
+static void *storm(void *calls) {
+  for (uint64_t i = 0; i < (uint64_t)calls; i++)
+    call(stormed, &stormed->callback, &stormed->called);
+  return NULL;
+}
+
 static void answer_fork(void) {
   int child = fork();
   if (child == 0) {
@@ -275,6 +286,21 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     spin_threads(atoi(way));
     pthread_join(thread, NULL);
     spin(NULL);
+  } else if (!strcmp(verb, "busy")) { /* others come and go while it floods */
+    pthread_t other[64];
+    flooding = 1;
+    flood_publisher = publisher_on(topic);
+    pthread_create(&thread, NULL, flood, (void *)n);
+    for (int i = 0; i < atoi(way); i++) pthread_create(&other[i], NULL, spin, NULL);
+    while (flooding) churn("/short", 10);
+    for (int i = 0; i < atoi(way); i++) pthread_join(other[i], NULL);
+    pthread_join(thread, NULL);
+    spin(NULL);
+  } else if (!strcmp(verb, "storm")) {
+    pthread_t other[64];
+    stormed = subscription_on(topic);
+    for (int i = 0; i < atoi(way); i++) pthread_create(&other[i], NULL, storm, (void *)n);
+    for (int i = 0; i < atoi(way); i++) pthread_join(other[i], NULL);
   } else if (!strcmp(verb, "spin")) spin_threads((int)n);
   else if (!strcmp(verb, "last"))
     while (subscription_on(topic)->last != 0) spin_once(100);
