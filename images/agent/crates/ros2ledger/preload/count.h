@@ -1,5 +1,6 @@
 /* Counts what a process takes, calls and publishes. Without a ledger every function does nothing.
- * No function fails, changes errno, or waits but for another thread that creates or destroys. */
+ * No function fails or changes errno. What counts takes no lock, so that a signal may interrupt it;
+ * what creates, links and destroys does, as rmw itself does. */
 #pragma once
 #include <stdbool.h>
 #include <stddef.h>
