@@ -292,7 +292,8 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     flood_publisher = publisher_on(topic);
     pthread_create(&thread, NULL, flood, (void *)n);
     for (int i = 0; i < atoi(way); i++) pthread_create(&other[i], NULL, spin, NULL);
-    while (flooding) churn("/short", 10);
+    do churn("/short", 10);
+    while (flooding);
     for (int i = 0; i < atoi(way); i++) pthread_join(other[i], NULL);
     pthread_join(thread, NULL);
     spin(NULL);
