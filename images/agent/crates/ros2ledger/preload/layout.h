@@ -1,0 +1,79 @@
+/* The ledger's shared memory: the same definition as src/layout.rs, which a test compares with it
+ * field by field. Little-endian, native alignment, nothing but atomics. */
+#pragma once
+#include <stdatomic.h>
+#include <stdint.h>
+
+#define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
+#define LEDGER_VERSION 1u
+#define LEDGER_PROCESSES 512u
+#define LEDGER_ENDPOINTS 4096u
+#define LEDGER_TOPIC_BYTES 256u
+
+/* What somebody may wait for: an index into `wanted`. */
+enum ledger_event { EVENT_TAKEN, EVENT_STARTED, EVENT_ENDED, EVENT_PUBLISHED, EVENT_LISTED, EVENTS };
+
+/* The low byte of an endpoint's state; the process that owns it is above. */
+enum ledger_phase { PHASE_FREE, PHASE_CLAIMED, PHASE_LIVE, PHASE_DESTROYED };
+#define LEDGER_OWNER_SHIFT 8
+
+enum ledger_process_state { PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED };
+
+enum ledger_kind { KIND_SUBSCRIPTION = 1, KIND_PUBLISHER = 2 };
+
+/* The callback is known, so that starts and ends are counted; so is an intra-process one. */
+enum ledger_flag { FLAG_CALLS = 1, FLAG_INTRA = 2 };
+
+struct ledger_header {
+  _Atomic uint64_t magic;
+  _Atomic uint32_t version;
+  _Atomic uint32_t processes;
+  _Atomic uint32_t endpoints;
+  _Atomic uint32_t unlisted_processes; /* found the table of processes full */
+  _Atomic uint32_t unlisted_endpoints; /* of all processes: found the table full */
+  _Atomic uint32_t endpoints_used;     /* slots beyond were never used */
+  _Atomic uint64_t reserved[4];
+  _Atomic uint32_t changes; /* the futex */
+  _Atomic uint32_t wanted[EVENTS]; /* not 0: somebody is to be woken by the next such event */
+  _Atomic uint32_t reserved_wanted[10];
+};
+
+struct ledger_process {
+  _Atomic uint32_t pid;
+  _Atomic uint32_t state;
+  _Atomic uint64_t start; /* clock ticks since boot: field 22 of /proc/PID/stat */
+  _Atomic uint32_t unlisted_endpoints;
+  _Atomic uint32_t reserved[11];
+};
+
+struct ledger_endpoint {
+  _Atomic uint32_t state;
+  _Atomic uint32_t generation; /* which use of this slot it is */
+  _Atomic uint32_t kind;
+  _Atomic uint32_t flags;
+  _Atomic uint32_t history;
+  _Atomic uint32_t reliability;
+  _Atomic uint32_t durability;
+  _Atomic uint32_t thread; /* the last that took or called */
+  _Atomic uint64_t depth;
+  _Atomic uint64_t reserved[3];
+  _Atomic uint64_t taken;
+  _Atomic uint64_t empty; /* takes that found nothing */
+  _Atomic uint64_t started;
+  _Atomic uint64_t ended;
+  _Atomic uint64_t intra_started; /* intra-process: without a take */
+  _Atomic uint64_t intra_ended;
+  _Atomic uint64_t returned; /* the thread that took came back to take or to wait */
+  _Atomic uint64_t published;
+  _Atomic uint8_t topic[LEDGER_TOPIC_BYTES]; /* ends with a 0 */
+};
+
+struct ledger {
+  struct ledger_header header;
+  struct ledger_process process[LEDGER_PROCESSES];
+  struct ledger_endpoint endpoint[LEDGER_ENDPOINTS];
+};
+
+_Static_assert(sizeof(struct ledger_header) == 128, "two lines of cache");
+_Static_assert(sizeof(struct ledger_process) == 64, "a line of cache");
+_Static_assert(sizeof(struct ledger_endpoint) == 384, "six lines of cache");

@@ -1,0 +1,123 @@
+/* The functions of librmw_implementation.so, the same from Foxy to Rolling. What is only passed on
+ * is a void pointer here. */
+#include <stdbool.h>
+#include <stddef.h>
+#include <string.h>
+
+#include "count.h"
+#include "interpose.h"
+
+#define RMW "librmw_implementation.so"
+#define RMW_OK 0
+#define RMW_ERROR 1
+
+#define NEXT_RMW(name) NEXT(name, RMW, RMW_ERROR)
+
+/* More than any rmw_qos_profile_t. */
+union actual_qos {
+  struct qos_head head;
+  char room[1024];
+};
+
+typedef int get_actual_qos(const void *endpoint, void *qos);
+
+/* The QoS as asked for; what was left to the middleware, as it chose. */
+static struct qos_head chosen(const struct qos_head *asked, const void *endpoint,
+                              const char *getter) {
+  bool definite = (asked->history == 2 || (asked->history == 1 && asked->depth > 0)) &&
+                  asked->reliability > 0 && asked->reliability < 3 && asked->durability > 0 &&
+                  asked->durability < 3;
+  if (definite) return *asked;
+  get_actual_qos *get = (get_actual_qos *)next_function(getter, RMW);
+  union actual_qos actual;
+  memset(&actual, 0, sizeof actual);
+  return get != NULL && get(endpoint, &actual) == RMW_OK ? actual.head : *asked;
+}
+
+PUBLIC void *rmw_create_subscription(const void *node, const void *type, const char *topic,
+                                     const void *qos, const void *options) {
+  NEXT(rmw_create_subscription, RMW, NULL)
+  count_enter();
+  void *made = next(node, type, topic, qos, options);
+  if (count_leave() && made != NULL) {
+    struct qos_head head = chosen(qos, made, "rmw_subscription_get_actual_qos");
+    count_listed(KIND_SUBSCRIPTION, made, topic, &head);
+  }
+  return made;
+}
+
+PUBLIC void *rmw_create_publisher(const void *node, const void *type, const char *topic,
+                                  const void *qos, const void *options) {
+  NEXT(rmw_create_publisher, RMW, NULL)
+  count_enter();
+  void *made = next(node, type, topic, qos, options);
+  if (count_leave() && made != NULL) {
+    struct qos_head head = chosen(qos, made, "rmw_publisher_get_actual_qos");
+    count_listed(KIND_PUBLISHER, made, topic, &head);
+  }
+  return made;
+}
+
+/* Both are forgotten before: the next one may get the same address from another thread. */
+PUBLIC int rmw_destroy_subscription(void *node, void *subscription) {
+  NEXT_RMW(rmw_destroy_subscription)
+  count_destroyed(subscription);
+  return next(node, subscription);
+}
+
+PUBLIC int rmw_destroy_publisher(void *node, void *publisher) {
+  NEXT_RMW(rmw_destroy_publisher)
+  count_destroyed(publisher);
+  return next(node, publisher);
+}
+
+PUBLIC int rmw_wait(void *subscriptions, void *guards, void *services, void *clients, void *events,
+                    void *wait_set, const void *timeout) {
+  NEXT_RMW(rmw_wait)
+  count_wait();
+  return next(subscriptions, guards, services, clients, events, wait_set, timeout);
+}
+
+/* A take of one message, with the arguments that come after `taken`. */
+#define TAKE(name, message, names, ...)                                              \
+  PUBLIC int name(const void *subscription, message, bool *taken, __VA_ARGS__) {     \
+    NEXT_RMW(name)                                                                   \
+    count_enter();                                                                   \
+    int result = next names;                                                         \
+    if (count_leave() && result == RMW_OK) count_take(subscription, *taken ? 1 : 0); \
+    return result;                                                                   \
+  }
+
+#define PLAIN (subscription, message, taken, allocation)
+#define INFORMED (subscription, message, taken, info, allocation)
+
+TAKE(rmw_take, void *message, PLAIN, void *allocation)
+TAKE(rmw_take_with_info, void *message, INFORMED, void *info, void *allocation)
+TAKE(rmw_take_serialized_message, void *message, PLAIN, void *allocation)
+TAKE(rmw_take_serialized_message_with_info, void *message, INFORMED, void *info, void *allocation)
+TAKE(rmw_take_loaned_message, void **message, PLAIN, void *allocation)
+TAKE(rmw_take_loaned_message_with_info, void **message, INFORMED, void *info, void *allocation)
+TAKE(rmw_take_dynamic_message, void *message, PLAIN, void *allocation)
+TAKE(rmw_take_dynamic_message_with_info, void *message, INFORMED, void *info, void *allocation)
+
+PUBLIC int rmw_take_sequence(const void *subscription, size_t count, void *messages, void *infos,
+                             size_t *taken, void *allocation) {
+  NEXT_RMW(rmw_take_sequence)
+  count_enter();
+  int result = next(subscription, count, messages, infos, taken, allocation);
+  if (count_leave() && result == RMW_OK) count_take(subscription, *taken);
+  return result;
+}
+
+#define PUBLISH(name, pointer)                                              \
+  PUBLIC int name(const void *publisher, pointer message, void *allocation) { \
+    NEXT_RMW(name)                                                          \
+    count_enter();                                                          \
+    int result = next(publisher, message, allocation);                      \
+    if (count_leave() && result == RMW_OK) count_publish(publisher);        \
+    return result;                                                          \
+  }
+
+PUBLISH(rmw_publish, const void *)
+PUBLISH(rmw_publish_serialized_message, const void *)
+PUBLISH(rmw_publish_loaned_message, void *)

@@ -1,0 +1,245 @@
+//! A subscription or publisher of a node, as the ledger has it.
+
+use std::sync::atomic::AtomicU64;
+use std::sync::atomic::Ordering::SeqCst;
+
+use crate::layout::{
+    EndpointSlot, FLAG_CALLS, FLAG_INTRA, KIND_PUBLISHER, KIND_SUBSCRIPTION, PHASE_DESTROYED,
+    TOPIC_BYTES,
+};
+use crate::{ProcessId, Strength};
+
+/// Which endpoint: a slot, and which use of it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct EndpointId {
+    pub(crate) slot: usize,
+    pub(crate) generation: u32,
+}
+
+/// What an endpoint is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// It takes messages.
+    Subscription,
+    /// It publishes them.
+    Publisher,
+}
+
+/// How many messages a queue keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum History {
+    /// The last ones, as many as the depth.
+    KeepLast,
+    /// All, as far as the middleware's limits go.
+    KeepAll,
+    /// As the middleware says, which did not say it: `rmw`'s number.
+    Other(u32),
+}
+
+/// Whether lost messages are sent again.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reliability {
+    /// They are.
+    Reliable,
+    /// They are not.
+    BestEffort,
+    /// As the middleware says, which did not say it: `rmw`'s number.
+    Other(u32),
+}
+
+/// Whether late subscribers get earlier messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Durability {
+    /// They do, as long as the publisher lives.
+    TransientLocal,
+    /// They don't.
+    Volatile,
+    /// As the middleware says, which did not say it: `rmw`'s number.
+    Other(u32),
+}
+
+/// Quality of service, as the node asked for it; what it left to the middleware, as that chose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Qos {
+    /// How many messages are kept.
+    pub history: History,
+    /// The queue's length in messages, where `history` is [`History::KeepLast`].
+    pub depth: u64,
+    /// Whether lost messages are sent again.
+    pub reliability: Reliability,
+    /// Whether late subscribers get earlier messages.
+    pub durability: Durability,
+}
+
+/// What an endpoint has done, in messages. None of them goes down.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Taken from the middleware.
+    pub taken: u64,
+    /// Takes that found nothing, by which nobody is woken.
+    pub empty: u64,
+    /// Callbacks that began, where rclcpp reports them.
+    pub started: u64,
+    /// Callbacks that ended.
+    pub ended: u64,
+    /// Callbacks that began with a message of the same process, which is not taken.
+    pub intra_started: u64,
+    /// Those that ended.
+    pub intra_ended: u64,
+    /// Where no callback is reported: taken by a thread that took again or waited since.
+    pub returned: u64,
+    /// Handed to the middleware, which took them.
+    pub published: u64,
+}
+
+impl Counts {
+    /// Messages that the node has done with, by the strength of what it reports.
+    pub fn done(&self, strength: Strength) -> u64 {
+        match strength {
+            Strength::Called => self.ended + self.intra_ended,
+            _ => self.returned + self.intra_ended,
+        }
+    }
+
+    /// Messages that the node has in hand: taken or handed over in its process, and not done with.
+    pub fn in_hand(&self, strength: Strength) -> u64 {
+        (self.taken + self.intra_started).saturating_sub(self.done(strength))
+    }
+}
+
+/// A subscription or publisher.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Endpoint {
+    /// Which one.
+    pub id: EndpointId,
+    /// What it is.
+    pub kind: Kind,
+    /// Whose it is.
+    pub process: ProcessId,
+    /// The topic's whole name, with its leading slash.
+    pub topic: String,
+    /// Its quality of service.
+    pub qos: Qos,
+    /// The thread that last took or called; `None` before.
+    pub thread: Option<u32>,
+    /// Whether its process has destroyed it, or has become another program.
+    pub destroyed: bool,
+    /// Whether rclcpp hands it messages of its own process too, which are not taken.
+    pub intra_process: bool,
+    /// What its counts prove; of a publisher, nothing about callbacks.
+    pub strength: Strength,
+    /// What it has done.
+    pub counts: Counts,
+}
+
+impl Endpoint {
+    /// Whether nothing will be counted any more, for as long as its process runs.
+    pub(crate) fn is_at_rest(&self) -> bool {
+        let Counts { started, ended, intra_started, intra_ended, .. } = self.counts;
+        let calls = (started, intra_started) != (ended, intra_ended);
+        self.destroyed && !calls && self.counts.in_hand(self.strength) == 0
+    }
+}
+
+/// What is wrong with a slot: the offset of the field in it, and a sentence's end.
+pub(crate) type Wrong = (usize, String);
+
+/// Reads a slot that is in use. Ends are read before starts and these before takes, so that a
+/// node that counts meanwhile is not taken for one that lies.
+pub(crate) fn read(
+    slot: &EndpointSlot,
+    id: EndpointId,
+    process: ProcessId,
+    phase: u32,
+) -> Result<Endpoint, Wrong> {
+    let flags = slot.flags.load(SeqCst);
+    let strength = match flags & FLAG_CALLS {
+        0 => Strength::Taken,
+        _ => Strength::Called,
+    };
+    let kind = match slot.kind.load(SeqCst) {
+        KIND_SUBSCRIPTION => Kind::Subscription,
+        KIND_PUBLISHER => Kind::Publisher,
+        other => {
+            let at = std::mem::offset_of!(EndpointSlot, kind);
+            return Err((at, format!("{other} is no kind of endpoint")));
+        }
+    };
+    let thread = slot.thread.load(SeqCst);
+    Ok(Endpoint {
+        id,
+        kind,
+        process,
+        topic: topic(slot)?,
+        qos: qos(slot),
+        thread: (thread != 0).then_some(thread),
+        destroyed: phase == PHASE_DESTROYED,
+        intra_process: flags & FLAG_INTRA != 0,
+        strength,
+        counts: counts(slot)?,
+    })
+}
+
+/// The counts alone.
+pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
+    let ended = slot.ended.load(SeqCst);
+    let intra_ended = slot.intra_ended.load(SeqCst);
+    let returned = slot.returned.load(SeqCst);
+    let started = slot.started.load(SeqCst);
+    let intra_started = slot.intra_started.load(SeqCst);
+    let taken = slot.taken.load(SeqCst);
+    let empty = slot.empty.load(SeqCst);
+    let published = slot.published.load(SeqCst);
+    // No process counts so far in a lifetime; beyond, sums would not fit.
+    let most = [taken, started, intra_started, published].into_iter().fold(0, u64::max);
+    let place =
+        |field: &AtomicU64| std::ptr::from_ref(field).addr() - std::ptr::from_ref(slot).addr();
+    let pairs = [
+        (&slot.ended, "ends", ended, "starts", started),
+        (&slot.intra_ended, "ends", intra_ended, "starts within the process", intra_started),
+        (&slot.returned, "returns", returned, "takes", taken),
+        (&slot.taken, "messages", most, "ever", 1 << 60),
+    ];
+    for (field, what, more, of, less) in pairs {
+        if more > less {
+            return Err((place(field), format!("{more} {what} of {less} {of}")));
+        }
+    }
+    Ok(Counts { taken, empty, started, ended, intra_started, intra_ended, returned, published })
+}
+
+fn topic(slot: &EndpointSlot) -> Result<String, Wrong> {
+    let mut name = String::with_capacity(TOPIC_BYTES);
+    for (at, byte) in slot.topic.iter().enumerate() {
+        let here = std::mem::offset_of!(EndpointSlot, topic) + at;
+        match byte.load(SeqCst) {
+            0 if at == 0 => return Err((here, "a topic without a name".into())),
+            0 => return Ok(name),
+            letter if letter.is_ascii_graphic() => name.push(char::from(letter)),
+            other => return Err((here, format!("byte {other} in the name of a topic"))),
+        }
+    }
+    let behind = std::mem::offset_of!(EndpointSlot, topic) + TOPIC_BYTES;
+    Err((behind, "the name of a topic does not end".into()))
+}
+
+fn qos(slot: &EndpointSlot) -> Qos {
+    Qos {
+        history: match slot.history.load(SeqCst) {
+            1 => History::KeepLast,
+            2 => History::KeepAll,
+            other => History::Other(other),
+        },
+        depth: slot.depth.load(SeqCst),
+        reliability: match slot.reliability.load(SeqCst) {
+            1 => Reliability::Reliable,
+            2 => Reliability::BestEffort,
+            other => Reliability::Other(other),
+        },
+        durability: match slot.durability.load(SeqCst) {
+            1 => Durability::TransientLocal,
+            2 => Durability::Volatile,
+            other => Durability::Other(other),
+        },
+    }
+}

@@ -1,0 +1,219 @@
+//! The ledger as its reader has it.
+
+use std::ffi::{OsStr, OsString};
+use std::os::fd::AsRawFd;
+use std::path::Path;
+use std::sync::atomic::Ordering::SeqCst;
+
+use crate::endpoint::{self, Wrong};
+use crate::layout::{
+    ENDPOINTS, EndpointSlot, Layout, OWNER_SHIFT, PHASE_CLAIMED, PHASE_DESTROYED, PHASE_FREE,
+    PHASE_LIVE, PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED, PROCESSES, ProcessEntry,
+};
+use crate::memory::Memory;
+use crate::process::{is_alive, uses_ros2};
+use crate::{Counts, Endpoint, EndpointId, LedgerError, Process, ProcessId, Strength, library};
+
+/// A ledger: the nodes that are started with its [`environment`](Ledger::environment) count in it.
+/// Dropping it leaves them uncounted; they run on.
+pub struct Ledger {
+    pub(crate) memory: Memory,
+}
+
+/// What found no room. While all of it is 0, everything that counts is listed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Unlisted {
+    /// Processes beyond the 512 that a ledger has room for: nothing of theirs is counted.
+    pub processes: u32,
+    /// Endpoints beyond 4096, and callbacks of them; [`Process::unlisted`] has whose.
+    pub endpoints: u32,
+}
+
+impl Ledger {
+    /// An empty ledger.
+    ///
+    /// # Errors
+    /// [`LedgerError::Memory`] if the kernel gives none, which needs 1.6 MiB at the most.
+    pub fn new() -> Result<Ledger, LedgerError> {
+        Ok(Ledger { memory: Memory::new()? })
+    }
+
+    /// What to put into a node's environment. `library` is the absolute path of a file with
+    /// [`crate::LIBRARY`], `preload` the LD_PRELOAD that the node has anyway.
+    ///
+    /// The node has to run as this process' user, or with more rights: it opens the memory by
+    /// this process' descriptor.
+    pub fn environment(
+        &self,
+        library: &Path,
+        preload: Option<&OsStr>,
+    ) -> [(&'static str, OsString); 2] {
+        let (pid, file) = (std::process::id(), self.memory.file().as_raw_fd());
+        library::environment(format!("/proc/{pid}/fd/{file}").into(), library, preload)
+    }
+
+    /// The processes that have created an endpoint, in no order.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`].
+    pub fn processes(&self) -> Result<Vec<Process>, LedgerError> {
+        let all = (0..PROCESSES).map(|entry| self.process(entry));
+        all.filter_map(Result::transpose).collect()
+    }
+
+    /// The subscriptions and publishers, also those that were destroyed or whose process ended,
+    /// until they are retired.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`].
+    pub fn endpoints(&self) -> Result<Vec<Endpoint>, LedgerError> {
+        (0..self.used()).map(|slot| self.endpoint(slot)).filter_map(Result::transpose).collect()
+    }
+
+    /// What one endpoint has done by now: a few loads, for who asks often.
+    ///
+    /// # Errors
+    /// [`LedgerError::Retired`], and [`LedgerError::Damaged`].
+    pub fn counts(&self, id: EndpointId) -> Result<Counts, LedgerError> {
+        let slot = self.slot(id)?;
+        let counts = endpoint::counts(slot).map_err(|wrong| self.damaged(slot, wrong))?;
+        // Another use of the slot may have begun in between.
+        self.slot(id).map(|_| counts)
+    }
+
+    /// What found no room.
+    pub fn unlisted(&self) -> Unlisted {
+        let header = &self.memory.header;
+        Unlisted {
+            processes: header.unlisted_processes.load(SeqCst),
+            endpoints: header.unlisted_endpoints.load(SeqCst),
+        }
+    }
+
+    /// What can be proved of a process at the most; `None` if it uses no ROS 2 that can be seen. A
+    /// program into which ROS 2 is linked statically looks like one without.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`]; [`LedgerError::Memory`] if the process is another user's.
+    pub fn strength_of(&self, pid: u32) -> Result<Option<Strength>, LedgerError> {
+        let counting = |process: &Process| process.id.pid == pid && process.alive;
+        let Some(process) = self.processes()?.into_iter().find(counting) else {
+            return Ok(uses_ros2(pid)?.then_some(Strength::Received));
+        };
+        let of_it = self.endpoints()?.into_iter().filter(|one| one.process == process.id);
+        Ok(Some(of_it.map(|one| one.strength).max().unwrap_or(Strength::Taken)))
+    }
+
+    /// Gives the slots of endpoints free that will never count again, and returns their last
+    /// figures: endpoints of processes that ended, and destroyed ones with nothing in hand. A
+    /// destroyed one whose callback still runs stays until that has ended.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`]; nothing is given free then.
+    pub fn retire(&self) -> Result<Vec<Endpoint>, LedgerError> {
+        // Who has ended is asked before the figures are read, which are the last ones then.
+        let ended: Vec<ProcessId> =
+            self.processes()?.iter().filter(|one| !one.alive).map(|one| one.id).collect();
+        let mut last = self.endpoints()?;
+        last.retain(|one| ended.contains(&one.process) || one.is_at_rest());
+        for one in &last {
+            self.memory.endpoint[one.id.slot].state.store(PHASE_FREE, SeqCst);
+        }
+        for id in ended {
+            self.free_claimed(id.entry);
+            let process = &self.memory.process[id.entry];
+            process.state.store(PROCESS_FREE, SeqCst);
+            process.start.store(0, SeqCst);
+            process.pid.store(0, SeqCst);
+        }
+        Ok(last)
+    }
+
+    /// Slots that a process had begun to fill when it ended.
+    fn free_claimed(&self, entry: usize) {
+        let claimed = PHASE_CLAIMED | (entry as u32) << OWNER_SHIFT;
+        for slot in &self.memory.endpoint {
+            let _another_phase = slot.state.compare_exchange(claimed, PHASE_FREE, SeqCst, SeqCst);
+        }
+    }
+
+    /// Slots that were ever used, never more than there are.
+    fn used(&self) -> usize {
+        (self.memory.header.endpoints_used.load(SeqCst) as usize).min(ENDPOINTS)
+    }
+
+    /// `None` of an entry that nobody has, or has not filled in yet.
+    fn process(&self, entry: usize) -> Result<Option<Process>, LedgerError> {
+        let process: &ProcessEntry = &self.memory.process[entry];
+        let state = process.state.load(SeqCst);
+        let pid = process.pid.load(SeqCst);
+        if state == PROCESS_FREE || pid == 0 {
+            return Ok(None);
+        }
+        if !matches!(state, PROCESS_LIVE | PROCESS_REPLACED) {
+            let at = std::mem::offset_of!(ProcessEntry, state);
+            return Err(self.damaged(process, (at, format!("{state} is no state of a process"))));
+        }
+        let id = ProcessId { pid, start: process.start.load(SeqCst), entry };
+        let alive = self.runs(id);
+        let unlisted = process.unlisted_endpoints.load(SeqCst);
+        Ok(Some(Process { id, alive, unlisted }))
+    }
+
+    /// Whether this program runs: its process does, and has become no other one.
+    pub(crate) fn runs(&self, id: ProcessId) -> bool {
+        let process = &self.memory.process[id.entry];
+        process.pid.load(SeqCst) == id.pid
+            && process.start.load(SeqCst) == id.start
+            && process.state.load(SeqCst) == PROCESS_LIVE
+            && is_alive(id)
+    }
+
+    /// The process of a slot's state, without asking the kernel for it.
+    fn owner(&self, slot: &EndpointSlot, state: u32) -> Result<ProcessId, LedgerError> {
+        let entry = (state >> OWNER_SHIFT) as usize;
+        let known = self.memory.process.get(entry);
+        let Some(process) = known.filter(|one| one.pid.load(SeqCst) != 0) else {
+            let what = format!("process {entry} has it, which there is not");
+            return Err(self.damaged(slot, (0, what)));
+        };
+        let (pid, start) = (process.pid.load(SeqCst), process.start.load(SeqCst));
+        Ok(ProcessId { pid, start, entry })
+    }
+
+    /// `None` of a slot that is free or not filled in yet.
+    fn endpoint(&self, at: usize) -> Result<Option<Endpoint>, LedgerError> {
+        let slot = &self.memory.endpoint[at];
+        let generation = slot.generation.load(SeqCst);
+        let state = slot.state.load(SeqCst);
+        let phase = match state & ((1 << OWNER_SHIFT) - 1) {
+            PHASE_FREE | PHASE_CLAIMED => return Ok(None),
+            phase @ (PHASE_LIVE | PHASE_DESTROYED) => phase,
+            other => {
+                return Err(self.damaged(slot, (0, format!("{other} is no phase of an endpoint"))));
+            }
+        };
+        let process = self.owner(slot, state)?;
+        let id = EndpointId { slot: at, generation };
+        let mut read =
+            endpoint::read(slot, id, process, phase).map_err(|wrong| self.damaged(slot, wrong))?;
+        let replaced = &self.memory.process[process.entry].state;
+        read.destroyed |= replaced.load(SeqCst) == PROCESS_REPLACED;
+        Ok(Some(read))
+    }
+
+    /// The slot of an endpoint that is not retired.
+    fn slot(&self, id: EndpointId) -> Result<&EndpointSlot, LedgerError> {
+        let slot = &self.memory.endpoint[id.slot];
+        let same =
+            slot.generation.load(SeqCst) == id.generation && slot.state.load(SeqCst) != PHASE_FREE;
+        if same { Ok(slot) } else { Err(LedgerError::Retired(id)) }
+    }
+
+    /// An error about a field of `part`, which lies in the shared memory.
+    fn damaged<T>(&self, part: &T, (at, what): Wrong) -> LedgerError {
+        let layout: &Layout = &self.memory;
+        let offset = std::ptr::from_ref(part).addr() - std::ptr::from_ref(layout).addr() + at;
+        LedgerError::Damaged { offset, what }
+    }
+}

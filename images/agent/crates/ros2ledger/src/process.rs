@@ -1,0 +1,102 @@
+//! The processes of the ledger, and what the kernel knows of them.
+
+use std::io::{BufRead, BufReader, ErrorKind};
+
+/// One program in a process: neither one that gets its number later, nor one that it becomes by
+/// `exec`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ProcessId {
+    /// Its number.
+    pub pid: u32,
+    /// When it began, in clock ticks since the machine's start.
+    pub start: u64,
+    pub(crate) entry: usize,
+}
+
+/// A process that counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Process {
+    /// Which one.
+    pub id: ProcessId,
+    /// Whether it runs: neither ended, nor a zombie, nor another program by `exec`.
+    pub alive: bool,
+    /// Endpoints, or their callbacks, that it could not list: of these nothing is counted.
+    pub unlisted: u32,
+}
+
+/// How far a delivery to an endpoint is proved; the stronger is the greater.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Strength {
+    /// Its process uses ROS 2 without counting: that it has the message is the middleware's word.
+    Received,
+    /// The node took the message from the middleware.
+    Taken,
+    /// The node's callback was called with it, and came to its end.
+    Called,
+}
+
+/// Whether this very process runs still, whatever program it is.
+pub(crate) fn is_alive(process: ProcessId) -> bool {
+    let stat = std::fs::read(format!("/proc/{}/stat", process.pid)).unwrap_or_default();
+    began(&stat) == Some(process.start)
+}
+
+/// The start time in `/proc/PID/stat`; `None` of a process that has ended.
+fn began(stat: &[u8]) -> Option<u64> {
+    // The name, in brackets, may have any bytes.
+    let name_ends = stat.iter().rposition(|byte| *byte == b')')?;
+    let mut fields = std::str::from_utf8(&stat[name_ends + 1..]).ok()?.split_ascii_whitespace();
+    let state = fields.next()?;
+    if matches!(state, "Z" | "X" | "x") {
+        return None;
+    }
+    fields.nth(18)?.parse().ok()
+}
+
+/// Whether a process has loaded ROS 2's client library or a middleware of it.
+///
+/// # Errors
+/// Its memory map can't be read, as another user's can't.
+pub(crate) fn uses_ros2(pid: u32) -> std::io::Result<bool> {
+    let maps = match std::fs::File::open(format!("/proc/{pid}/maps")) {
+        Ok(maps) => BufReader::new(maps),
+        Err(error) if error.kind() == ErrorKind::NotFound => return Ok(false),
+        Err(error) => return Err(error),
+    };
+    for line in maps.split(b'\n') {
+        let line = line?;
+        let name = line.rsplit(|byte| *byte == b'/').next().unwrap_or_default();
+        if name.starts_with(b"librcl.so") || name.starts_with(b"librmw_") {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STAT: &str = "7 (a) (b c) S 1 7 7 0 -1 4194560 1 2 3 4 5 6 7 8 20 0 1 0 991 1000 50";
+
+    #[test]
+    fn the_start_time_is_field_22_behind_any_name() {
+        assert_eq!(began(STAT.as_bytes()), Some(991));
+        assert_eq!(began(STAT.replace(") S", ") Z").as_bytes()), None);
+        assert_eq!(began(STAT.replace(") S", ") X").as_bytes()), None);
+        for length in 0..STAT.find("991").unwrap() {
+            assert_eq!(began(&STAT.as_bytes()[..length]), None, "{length}");
+        }
+    }
+
+    #[test]
+    fn this_process_runs_and_uses_no_ros() {
+        let pid = std::process::id();
+        let stat = std::fs::read("/proc/self/stat").unwrap();
+        let start = began(&stat).unwrap();
+        assert!(is_alive(ProcessId { pid, start, entry: 0 }));
+        assert!(!is_alive(ProcessId { pid, start: start + 1, entry: 0 }));
+        assert!(!uses_ros2(pid).unwrap());
+        assert!(!uses_ros2(u32::MAX).unwrap());
+    }
+}

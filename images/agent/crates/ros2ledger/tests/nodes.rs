@@ -1,0 +1,421 @@
+//! What the ledger has of nodes is what they have done: figure by figure.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::fs::File;
+use std::io::Write;
+use std::os::fd::AsRawFd;
+
+use bagpipe_ros2ledger::{
+    Counts, Durability, Endpoint, History, Kind, Ledger, Process, Qos, Reliability, Strength,
+    Unlisted,
+};
+use rustix::fs::{MemfdFlags, memfd_create};
+use standin::{Client, Node, built};
+
+/// The only subscription on a topic.
+fn subscription(ledger: &Ledger, topic: &str) -> Endpoint {
+    let mut found = ledger.endpoints().unwrap();
+    found.retain(|one| one.topic == topic && one.kind == Kind::Subscription);
+    assert_eq!(found.len(), 1, "{found:?}");
+    found.remove(0)
+}
+
+fn publisher(ledger: &Ledger, topic: &str) -> Endpoint {
+    let mut found = ledger.endpoints().unwrap();
+    found.retain(|one| one.topic == topic && one.kind == Kind::Publisher);
+    assert_eq!(found.len(), 1, "{found:?}");
+    found.remove(0)
+}
+
+fn only_process(ledger: &Ledger) -> Process {
+    let processes = ledger.processes().unwrap();
+    assert_eq!(processes.len(), 1, "{processes:?}");
+    processes[0]
+}
+
+#[test]
+fn what_is_taken_is_called_and_what_a_queue_overwrote_is_neither() {
+    for client in [Client::Rclcpp, Client::Component] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        node.obey(&["sub /scan 10", "pub /scan 10", "publish /scan 1000", "spin / 1"]);
+        let own = node.report("/scan");
+        assert_eq!((own.taken, own.called, own.overwritten), (10, 10, 990));
+        let scan = subscription(&ledger, "/scan");
+        assert_eq!((scan.strength, scan.intra_process), (Strength::Called, false), "{client:?}");
+        let counts = Counts { taken: 10, started: 10, ended: 10, ..Counts::default() };
+        assert_eq!(scan.counts, counts);
+        assert_eq!(ledger.counts(scan.id).unwrap(), counts);
+        assert_eq!(publisher(&ledger, "/scan").counts.published - counts.taken, own.overwritten);
+        // What the library stands before is called all the same: 3 at the start, 2 for each call.
+        assert_eq!(own.traced, 3 + 2 * 10);
+    }
+}
+
+#[test]
+fn under_overload_every_take_and_call_is_counted_whatever_the_threads() {
+    for (client, threads) in [
+        (Client::Rclcpp, 1),
+        (Client::Rclcpp, 4),
+        (Client::Component, 4),
+        (Client::Rclpy, 1),
+        (Client::Rclpy, 4),
+    ] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        node.obey(&["sub /scan 10", "pub /scan 10", &format!("flood /scan 30000 {threads}")]);
+        let own = node.report("/scan");
+        let Endpoint { counts, strength, .. } = subscription(&ledger, "/scan");
+        assert_eq!(own.waiting, 0);
+        assert_eq!(counts.taken, own.taken, "{client:?} {threads}");
+        assert_eq!(own.taken + own.overwritten, 30_000);
+        assert_eq!(publisher(&ledger, "/scan").counts.published, 30_000);
+        match strength {
+            Strength::Called => {
+                assert_eq!((counts.started, counts.ended), (own.called, own.called));
+                assert_eq!((own.called, counts.returned), (own.taken, 0));
+            }
+            Strength::Taken => {
+                assert_eq!((counts.started, counts.ended), (0, 0));
+                assert_eq!(counts.returned, own.taken);
+            }
+            Strength::Received => panic!("{client:?}"),
+        }
+        assert_eq!(strength == Strength::Called, client != Client::Rclpy);
+        assert_eq!(counts.in_hand(strength), 0);
+    }
+}
+
+#[test]
+fn a_module_that_python_loads_for_itself_has_the_strength_taken() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclpy, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 10", "publish /scan 7", "spin / 1"]);
+    let scan = subscription(&ledger, "/scan");
+    assert_eq!(scan.strength, Strength::Taken);
+    assert_eq!(scan.counts, Counts { taken: 7, returned: 7, ..Counts::default() });
+    assert_eq!(ledger.strength_of(node.pid()).unwrap(), Some(Strength::Taken));
+}
+
+#[test]
+fn what_others_create_and_destroy_meanwhile_costs_no_count() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 10", "busy /scan 100000 3"]);
+    let own = node.report("/scan");
+    let Counts { taken, started, ended, .. } = subscription(&ledger, "/scan").counts;
+    assert_eq!((taken, started, ended), (own.taken, own.called, own.called));
+    assert_eq!(own.taken + own.overwritten, 100_000);
+    assert_eq!(publisher(&ledger, "/scan").counts.published, 100_000);
+    let short = ledger.retire().unwrap();
+    assert!(short.len() >= 10, "{}", short.len());
+    assert_eq!(short.iter().find(|one| one.counts != Counts::default()), None);
+}
+
+#[test]
+fn no_count_is_lost_between_threads_of_one_callback() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "storm /scan 1000000 4"]);
+    let Counts { started, ended, .. } = subscription(&ledger, "/scan").counts;
+    assert_eq!((started, ended, node.report("/scan").called), (4_000_000, 4_000_000, 4_000_000));
+}
+
+#[test]
+fn a_callback_that_runs_is_known_however_it_was_introduced() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10 early", "pub /scan 1", "publish /scan 3", "spin / 1"]);
+    let scan = subscription(&ledger, "/scan");
+    assert_eq!((scan.strength, scan.counts.started, scan.counts.ended), (Strength::Called, 3, 3));
+}
+
+#[test]
+fn every_way_to_take_and_to_publish_counts_once() {
+    for way in ["plain", "bare", "serialized", "raw", "loaned", "sequence"] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(Client::Rclcpp, &ledger);
+        node.obey(&[&format!("sub /scan 100 {way}"), "pub /scan 1", "publish /scan 10 plain"]);
+        node.obey(&["publish /scan 5 serialized", "publish /scan 4 loaned", "poison /scan"]);
+        node.obey(&["spin / 1"]);
+        assert_eq!(node.ask("sent /scan"), "19");
+        assert_eq!(publisher(&ledger, "/scan").counts.published, 19);
+        let scan = subscription(&ledger, "/scan");
+        assert_eq!((scan.counts.taken, node.report("/scan").taken), (19, 19), "{way}");
+        // rclcpp's generic subscription, which rosbag2's recorder has, reports no callback.
+        let reports = way != "serialized";
+        assert_eq!(scan.strength == Strength::Called, reports, "{way}");
+        assert_eq!(scan.counts.done(scan.strength), 19, "{way}");
+    }
+}
+
+#[test]
+fn messages_within_a_process_are_counted_beside_those_that_are_taken() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10 intra", "pub /scan 10", "hand /scan 6", "publish /scan 4"]);
+    node.obey(&["spin / 1"]);
+    let own = node.report("/scan");
+    assert_eq!((own.intra, own.called), (6, 4));
+    let scan = subscription(&ledger, "/scan");
+    let expected = Counts {
+        taken: 4,
+        started: 4,
+        ended: 4,
+        intra_started: 6,
+        intra_ended: 6,
+        ..Counts::default()
+    };
+    assert_eq!((scan.counts, scan.strength), (expected, Strength::Called));
+    assert!(scan.intra_process);
+    assert_eq!((scan.counts.done(scan.strength), scan.counts.in_hand(scan.strength)), (10, 0));
+}
+
+#[test]
+fn a_callback_that_spins_has_its_own_end_and_those_inside_have_theirs() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /outer 10", "sub /inner 10", "pub /outer 1", "pub /inner 1", "nest /"]);
+    node.obey(&["publish /outer 3", "publish /inner 2", "spin / 1"]);
+    for (topic, messages) in [("/outer", 3), ("/inner", 2)] {
+        let counts = subscription(&ledger, topic).counts;
+        assert_eq!((counts.taken, counts.started, counts.ended), (messages, messages, messages));
+    }
+}
+
+#[test]
+fn topic_qos_thread_and_process_are_those_of_the_node() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /robot_1/scan 7", "default /map", "pub /map 1"]);
+    let scan = subscription(&ledger, "/robot_1/scan");
+    assert_eq!(scan.qos.depth, 7);
+    assert_eq!(scan.qos.history, History::KeepLast);
+    assert_eq!(scan.qos.reliability, Reliability::BestEffort);
+    assert_eq!(scan.qos.durability, Durability::Volatile);
+    assert_eq!((scan.thread, scan.destroyed, scan.process.pid), (None, false, node.pid()));
+    // What the node left to the middleware is what that chose.
+    let chosen = Qos {
+        history: History::KeepLast,
+        depth: 5,
+        reliability: Reliability::Reliable,
+        durability: Durability::Volatile,
+    };
+    assert_eq!(subscription(&ledger, "/map").qos, chosen);
+    node.obey(&["publish /map 1", "spin / 1", "empty /map 3"]);
+    let thread: u32 = node.ask("thread").parse().unwrap();
+    let map = subscription(&ledger, "/map");
+    assert_eq!((map.thread, map.counts.empty), (Some(thread), 3));
+    let process = only_process(&ledger);
+    assert_eq!((process.id, process.alive, process.unlisted), (map.process, true, 0));
+}
+
+#[test]
+fn a_process_that_is_killed_in_a_callback_has_one_start_more_than_ends() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 10", "publish /scan 3", "spin / 1", "stick /"]);
+    node.obey(&["publish /scan 1"]);
+    assert_eq!(node.ask("spin / 1"), "stuck");
+    let before = subscription(&ledger, "/scan");
+    node.kill_only();
+    node.kill();
+    let after = subscription(&ledger, "/scan");
+    assert_eq!(after, before);
+    assert_eq!(after.counts, Counts { taken: 4, started: 4, ended: 3, ..Counts::default() });
+    assert_eq!(after.counts.in_hand(after.strength), 1);
+    assert!(!only_process(&ledger).alive);
+}
+
+#[test]
+fn two_processes_count_in_one_ledger_each_for_itself() {
+    let ledger = Ledger::new().unwrap();
+    let mut nodes = [Client::Rclcpp, Client::Rclpy].map(|client| Node::start(client, &ledger));
+    for (node, messages) in nodes.iter_mut().zip(["3", "8"]) {
+        node.obey(&["sub /scan 10", "pub /scan 1", &format!("publish /scan {messages}")]);
+        node.obey(&["spin / 1"]);
+    }
+    let endpoints = ledger.endpoints().unwrap();
+    let taken = |node: &Node| {
+        let mine =
+            |one: &&Endpoint| one.process.pid == node.pid() && one.kind == Kind::Subscription;
+        endpoints.iter().filter(mine).map(|one| one.counts.taken).collect::<Vec<_>>()
+    };
+    assert_eq!((taken(&nodes[0]), taken(&nodes[1])), (vec![3], vec![8]));
+}
+
+#[test]
+fn a_child_counts_for_itself_and_never_for_its_parent() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 10", "publish /scan 2", "spin / 1", "publish /scan 1"]);
+    let before = (subscription(&ledger, "/scan"), publisher(&ledger, "/scan"));
+    let answer = node.ask("fork");
+    assert_eq!((subscription(&ledger, "/scan"), publisher(&ledger, "/scan")), before);
+    let child = subscription(&ledger, "/of_the_child");
+    let pid = child.process.pid;
+    assert_eq!(answer, format!("child {pid} took 3 called 3"));
+    assert_eq!(child.counts, Counts { taken: 3, started: 3, ended: 3, ..Counts::default() });
+    assert_ne!(pid, node.pid());
+    // The parent goes on.
+    node.obey(&["spin / 1"]);
+    assert_eq!(subscription(&ledger, "/scan").counts.ended, 3);
+}
+
+#[test]
+fn a_program_that_is_executed_counts_for_itself_and_the_one_before_has_ended() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /before 10"]);
+    assert_eq!(node.ask("exec"), "ready");
+    node.obey(&["sub /after 10", "pub /after 1", "publish /after 2", "spin / 1"]);
+    assert!(subscription(&ledger, "/before").destroyed);
+    let after = subscription(&ledger, "/after");
+    assert_eq!((after.destroyed, after.counts.ended), (false, 2));
+    let alive: Vec<bool> = ledger.processes().unwrap().iter().map(|one| one.alive).collect();
+    assert_eq!(alive, [false, true]);
+    assert_eq!(ledger.retire().unwrap().len(), 1);
+    assert_eq!(only_process(&ledger).id, after.process);
+}
+
+#[test]
+fn slots_are_used_again_only_after_they_were_retired() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 1"]);
+    for _ in 0..3 {
+        node.obey(&["churn /short 3000", "publish /scan 1", "spin / 1"]);
+        let retired = ledger.retire().unwrap();
+        assert_eq!(retired.len(), 3000);
+        assert!(retired.iter().all(|one| one.destroyed && one.topic == "/short"));
+        assert!(ledger.counts(retired[7].id).is_err());
+    }
+    assert_eq!(ledger.unlisted(), Unlisted::default());
+    node.obey(&["churn /short 5000"]);
+    assert_eq!(ledger.unlisted(), Unlisted { processes: 0, endpoints: 5002 - 4096 });
+    assert_eq!(subscription(&ledger, "/scan").counts.ended, 3);
+    assert_eq!(ledger.retire().unwrap().len(), 4094);
+}
+
+#[test]
+fn the_address_of_a_destroyed_callback_stands_for_nothing() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /before 10", "destroy /before", "ghost /"]);
+    let retired = ledger.retire().unwrap();
+    assert_eq!((retired.len(), retired[0].counts), (1, Counts::default()));
+    node.obey(&["sub /after 10", "ghost /"]);
+    assert_eq!(subscription(&ledger, "/after").counts, Counts::default());
+    // It has the slot of the one before, whose figures nobody gets by mistake.
+    assert!(ledger.counts(retired[0].id).unwrap_err().to_string().contains("was retired"));
+}
+
+#[test]
+fn a_subscription_that_is_destroyed_in_its_own_callback_is_kept_until_that_has_ended() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /once 10", "pub /once 1", "publish /once 1", "inside /", "spin / 1"]);
+    let once = subscription(&ledger, "/once");
+    let counts = Counts { taken: 1, started: 1, ended: 1, ..Counts::default() };
+    assert_eq!((once.destroyed, once.counts), (true, counts));
+    assert_eq!(ledger.retire().unwrap(), [once]);
+    node.obey(&["sub /once 10", "publish /once 1", "inside /", "stick /"]);
+    assert_eq!(node.ask("spin / 1"), "stuck");
+    assert!(subscription(&ledger, "/once").destroyed);
+    assert_eq!(ledger.retire().unwrap(), []);
+    node.kill();
+    let last = ledger.retire().unwrap();
+    assert_eq!(last.iter().map(|one| one.counts.in_hand(one.strength)).max(), Some(1));
+    assert_eq!((ledger.endpoints().unwrap(), ledger.processes().unwrap()), (vec![], vec![]));
+}
+
+#[test]
+fn a_full_table_is_reported_and_the_node_runs_on() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pubs /many 4200", "pub /scan 1", "sub /late 10"]);
+    assert_eq!(ledger.unlisted(), Unlisted { processes: 0, endpoints: 4203 - 4096 });
+    assert_eq!(only_process(&ledger).unlisted, 4203 - 4096);
+    assert_eq!(ledger.endpoints().unwrap().len(), 4096);
+    node.obey(&["publish /scan 5", "spin / 1"]);
+    assert_eq!(node.report("/scan").called, 5);
+    // Of the publisher nothing is counted, since it is not listed; of the subscription all is.
+    assert_eq!(subscription(&ledger, "/scan").counts.ended, 5);
+    assert!(ledger.endpoints().unwrap().iter().all(|one| one.counts.published == 0));
+}
+
+#[test]
+fn a_node_with_more_callbacks_than_there_is_room_for_has_strength_taken_for_these() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["pub /scan 1", "subs /scan 4090", "publish /scan 1", "spin / 1"]);
+    let mut all = ledger.endpoints().unwrap();
+    all.retain(|one| one.kind == Kind::Subscription);
+    let called = all.iter().filter(|one| one.strength == Strength::Called).count();
+    assert!(called > 2000, "{called}");
+    assert!(all.iter().all(|one| one.counts.done(one.strength) == one.counts.taken));
+    let missing = all.len() - all.iter().map(|one| one.counts.taken as usize).sum::<usize>();
+    let unlisted = ledger.unlisted().endpoints as usize;
+    assert!(unlisted >= 4090 - called && unlisted >= missing, "{unlisted} {missing} {called}");
+}
+
+#[test]
+fn the_table_of_processes_is_full_after_512_and_has_room_again_when_they_ended() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 1"]);
+    for _ in 0..513 {
+        node.ask("fork");
+    }
+    assert_eq!(ledger.unlisted(), Unlisted { processes: 2, endpoints: 0 });
+    assert_eq!(ledger.processes().unwrap().len(), 512);
+    assert_eq!(ledger.retire().unwrap().len(), 511 * 2);
+    node.ask("fork");
+    assert_eq!(ledger.processes().unwrap().len(), 2);
+    assert_eq!(ledger.unlisted().processes, 2);
+}
+
+#[test]
+fn a_process_without_the_variables_is_received_by_at_the_most() {
+    let ledger = Ledger::new().unwrap();
+    for client in [Client::Rclcpp, Client::Rclpy] {
+        let mut node = Node::with::<&str>(client, &[]);
+        node.obey(&["sub /scan 10", "pub /scan 10", "publish /scan 12", "spin / 1"]);
+        assert_eq!(node.report("/scan").called, 10);
+        assert_eq!(ledger.strength_of(node.pid()).unwrap(), Some(Strength::Received));
+    }
+    assert_eq!((ledger.processes().unwrap(), ledger.endpoints().unwrap()), (vec![], vec![]));
+    assert_eq!(ledger.strength_of(std::process::id()).unwrap(), None);
+}
+
+#[test]
+fn a_library_without_a_ledger_only_passes_calls_on() {
+    let library = built().join("ledger.so");
+    // As long and with the same header, and yet nothing keeps others from cutting it.
+    let ledger = Ledger::new().unwrap();
+    let [(_, sealed), _] = ledger.environment(&library, None);
+    let bytes = std::fs::read(sealed).unwrap();
+    let mut cuttable = File::from(memfd_create("cuttable", MemfdFlags::ALLOW_SEALING).unwrap());
+    cuttable.write_all(&bytes).unwrap();
+    let unsealed = format!("/proc/{}/fd/{}", std::process::id(), cuttable.as_raw_fd());
+    let short = tempfile("short", b"BAGPLDR1");
+    for path in ["", "/nowhere/ledger", "/dev/null", "/", &unsealed, &short, &"x".repeat(5000)] {
+        let variables = [("LD_PRELOAD", library.to_str().unwrap()), ("BAGPIPE_LEDGER", path)];
+        let mut node = Node::with(Client::Rclcpp, &variables);
+        node.obey(&["sub /scan 10", "pub /scan 10", "flood /scan 5000 2"]);
+        let own = node.report("/scan");
+        assert_eq!(own.called + own.overwritten, 5000, "{path}");
+        assert_eq!(own.traced, 3 + 2 * own.called);
+        assert_eq!(node.ask("errno"), "0", "{path}");
+    }
+    assert!(std::fs::read(unsealed).unwrap() == bytes);
+    std::fs::remove_file(short).unwrap();
+}
+
+fn tempfile(name: &str, bytes: &[u8]) -> String {
+    let path = std::env::temp_dir().join(format!("ros2-ledger-{}-{name}", std::process::id()));
+    std::fs::write(&path, bytes).unwrap();
+    path.to_str().unwrap().to_owned()
+}

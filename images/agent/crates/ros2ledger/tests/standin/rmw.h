@@ -1,0 +1,69 @@
+/* The stand-in's rmw, as far as its client calls it. Every message is one 64-bit number. */
+#pragma once
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct qos {
+  int history; /* 1 keep last, 2 keep all */
+  size_t depth;
+  int reliability;
+  int durability;
+  uint64_t others[8];
+};
+struct info {
+  int64_t source, received;
+  uint64_t publication, reception;
+  const char *implementation;
+  uint8_t gid[24];
+  bool intra;
+};
+struct serialized {
+  uint8_t *buffer;
+  size_t length, capacity;
+  void *allocator[5];
+};
+struct sequence {
+  void **data;
+  size_t size, capacity;
+};
+struct set {
+  size_t count;
+  void **subscribers;
+};
+struct span {
+  uint64_t seconds, nanoseconds;
+};
+
+void *rmw_create_subscription(const void *node, const void *type, const char *topic,
+                              const struct qos *qos, const void *options);
+void *rmw_create_publisher(const void *node, const void *type, const char *topic,
+                           const struct qos *qos, const void *options);
+int rmw_destroy_subscription(void *node, void *subscription);
+int rmw_destroy_publisher(void *node, void *publisher);
+int rmw_subscription_get_actual_qos(const void *subscription, struct qos *qos);
+int rmw_publisher_get_actual_qos(const void *publisher, struct qos *qos);
+int rmw_publish(const void *publisher, const void *message, void *allocation);
+int rmw_publish_serialized_message(const void *publisher, const void *message, void *allocation);
+int rmw_publish_loaned_message(const void *publisher, void *message, void *allocation);
+int rmw_take(const void *subscription, void *message, bool *taken, void *allocation);
+int rmw_take_with_info(const void *subscription, void *message, bool *taken, void *info,
+                       void *allocation);
+int rmw_take_serialized_message(const void *subscription, void *message, bool *taken,
+                                void *allocation);
+int rmw_take_serialized_message_with_info(const void *subscription, void *message, bool *taken,
+                                          void *info, void *allocation);
+int rmw_take_loaned_message(const void *subscription, void **message, bool *taken,
+                            void *allocation);
+int rmw_take_loaned_message_with_info(const void *subscription, void **message, bool *taken,
+                                      void *info, void *allocation);
+int rmw_take_sequence(const void *subscription, size_t count, void *messages, void *infos,
+                      size_t *taken, void *allocation);
+int rmw_wait(struct set *subscriptions, void *guards, void *services, void *clients, void *events,
+             void *wait_set, const struct span *timeout);
+
+/* What only the stand-in has: a wait until somebody is at the other end, what a queue overwrote
+ * (0 where the middleware does not say), and what waits in it. */
+void standin_match(const void *endpoint, bool subscription);
+uint64_t standin_overwritten(const void *subscription);
+uint64_t standin_waiting(const void *subscription);
