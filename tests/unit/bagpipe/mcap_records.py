@@ -1,7 +1,7 @@
 """MCAP written record by record: files that MCAP's own library does not write."""
 
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 MAGIC = b"\x89MCAP0\r\n"
 Times = list[int]
@@ -58,7 +58,7 @@ def chunk_index(
 
 
 def mcap(
-    chunks: list[Mapping[int, Times]],
+    chunks: Sequence[Mapping[int, Times]],
     channels: list[bytes],
     behind: bytes = b"",
     statistics: bool = True,
