@@ -78,10 +78,17 @@ class Messages(Iterator[tuple[Connection, int, memoryview]]):
 class MemoryBag:
     """A ROS 1 bag (format 2.0) in memory. Threads may share it."""
 
-    def __new__(cls, data: Buffer, *, decompressed_bytes: int | None = None) -> MemoryBag:
+    def __new__(
+        cls,
+        data: Buffer,
+        *,
+        decompressed_bytes: int | None = None,
+        mcap_topics: Sequence[str] | None = None,
+    ) -> MemoryBag:
         """Opens the bag that lies in `data`. `bytes` are not copied; any other buffer is,
         because it may change. Of a damaged bag what is whole is kept, see `damage`.
-        `decompressed_bytes` bounds the memory of all uncompressed chunks together.
+        `decompressed_bytes` bounds the memory of all uncompressed chunks together. Of MCAP the
+        bag is made of `mcap_topics` alone (none: of all); other data has all that it holds.
         Raises BagError."""
     @staticmethod
     def open(path: str | PathLike[str], *, decompressed_bytes: int | None = None) -> MemoryBag:

@@ -11,8 +11,8 @@ use bagpipe_log::{Index, Publisher, Reason, Refusal, Span};
 
 use crate::MAGIC;
 use crate::record::{
-    CHANNEL, CHUNK_INDEX, Channel, Defect, FOOTER, Fields, HEAD, HEADER, Head, MESSAGE_INDEX,
-    SCHEMA, STATISTICS, Schema,
+    ATTACHMENT_INDEX, CHANNEL, CHUNK_INDEX, Channel, Defect, FOOTER, Fields, HEAD, HEADER, Head,
+    MESSAGE_INDEX, METADATA_INDEX, SCHEMA, STATISTICS, Schema,
 };
 
 /// Bytes with which a whole file ends: the footer record and the magic.
@@ -21,6 +21,8 @@ const MAX_SUMMARY_BYTES: u64 = 1 << 30;
 /// A message index has a time and an offset for each message, behind its channel and their length.
 const INDEX_ENTRY: u64 = 16;
 const INDEX_FIELDS: u64 = HEAD as u64 + 6;
+/// The record behind the data.
+const DATA_END_BYTES: u64 = HEAD as u64 + 4;
 const ADVICE: &str = "write it again with chunks, message indexes and a summary (`mcap recover`)";
 
 /// Where the head ends, which is the magic and the header record, in the bytes with which a file
@@ -111,6 +113,8 @@ struct Summary {
     schemas: BTreeMap<u16, (Schema, Range)>,
     channels: BTreeMap<u16, (Channel, Range)>,
     chunks: Vec<ChunkIndex>,
+    /// Where attachments and metadata lie, between the chunks.
+    others: Vec<Range>,
     messages: Option<u64>,
 }
 
@@ -198,6 +202,11 @@ impl Summary {
                 self.channels.insert(channel.id, (channel, place));
             }
             CHUNK_INDEX => self.chunks.push(ChunkIndex::read(bytes, at, place.0)?),
+            ATTACHMENT_INDEX | METADATA_INDEX => {
+                let mut fields = Fields::new(bytes, at);
+                let offset = fields.u64("where a record lies")?;
+                self.others.push((offset, fields.u64("a record's length")?));
+            }
             STATISTICS => {
                 self.messages = Some(Fields::new(bytes, at).u64("how many messages there are")?);
             }
@@ -207,9 +216,11 @@ impl Summary {
     }
 
     fn index(self, base: u64, head_end: u64) -> Result<Index, Refusal> {
-        let Self { schemas, channels, chunks, messages } = self;
+        let Self { schemas, channels, chunks, others, messages } = self;
         let indexed = chunks.iter().all(|chunk| !chunk.indexes.is_empty());
         let chunks = chunks.into_iter().map(ChunkIndex::span).collect::<Result<Vec<_>, _>>()?;
+        let mut chunks = in_order(chunks, head_end, base)?;
+        let indexed = indexed && is_covered(&chunks, others, head_end..base);
         let counts = chunks.iter().flat_map(|chunk| &chunk.counts);
         let found: u64 = counts.clone().map(|(_, count)| u64::from(*count)).sum();
         if messages.map_or(!indexed, |messages| messages != found) {
@@ -235,18 +246,41 @@ impl Summary {
                 return Err(refused(Reason::NotIndexed, sentence));
             }
         }
-        let declared = schemas.values().map(|(_, place)| *place);
-        let declared = declared.chain(channels.values().map(|(_, place)| *place));
+        // A chunk without a message states times of nothing.
+        chunks.retain(|chunk| chunk.counts.iter().any(|(_, count)| *count > 0));
         let mut declarations = vec![(0, head_end)];
-        declared.for_each(|range| join(&mut declarations, range));
+        in_places(schemas.values().map(|(_, place)| *place), &mut declarations);
+        in_places(channels.values().map(|(_, place)| *place), &mut declarations);
         let definitions: HashMap<u16, &Schema> =
             schemas.iter().map(|(id, (schema, _))| (*id, schema)).collect();
         let connections = channels.values().map(|(channel, place)| {
             publisher(channel, definitions.get(&channel.schema_id).copied(), *place)
         });
         let connections = connections.collect();
-        Ok(Index { declarations, connections, chunks: in_order(chunks, head_end, base)? })
+        Ok(Index { declarations, connections, chunks })
     }
+}
+
+/// Whether chunks and other known records fill the data, so that no message lies elsewhere.
+fn is_covered(chunks: &[Span], others: Vec<Range>, data: std::ops::Range<u64>) -> bool {
+    let mut known = others;
+    known.extend(chunks.iter().map(|chunk| (chunk.offset, chunk.end - chunk.offset)));
+    known.sort_unstable();
+    let mut at = data.start;
+    for (offset, length) in known {
+        if offset > at {
+            return false;
+        }
+        at = at.max(offset.saturating_add(length));
+    }
+    at.saturating_add(DATA_END_BYTES) >= data.end
+}
+
+/// Adds records in the order in which they lie, whatever their numbers: so most are adjacent.
+fn in_places(records: impl Iterator<Item = Range>, ranges: &mut Vec<Range>) {
+    let mut records: Vec<Range> = records.collect();
+    records.sort_unstable();
+    records.into_iter().for_each(|record| join(ranges, record));
 }
 
 /// Adjacent records are read at once.

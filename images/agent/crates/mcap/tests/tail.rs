@@ -166,3 +166,34 @@ proptest! {
         }
     }
 }
+
+/// With the `nth` record of the summary that has this opcode made one that nobody knows.
+fn without(mut bytes: Vec<u8>, op: u8, nth: usize) -> Vec<u8> {
+    let last = bytes.len() - FOOTER_BYTES as usize;
+    let (begin, end) = parse_footer(&bytes[last..], bytes.len() as u64).unwrap();
+    let (mut at, mut met) = (begin as usize, 0);
+    while at < end as usize {
+        if bytes[at] == op {
+            if met == nth {
+                bytes[at] = 0x80;
+                return bytes;
+            }
+            met += 1;
+        }
+        at += 9 + u64::from_le_bytes(*bytes[at + 1..].first_chunk().unwrap()) as usize;
+    }
+    panic!("no record {nth} of opcode {op}");
+}
+
+#[test]
+fn a_chunk_that_the_summary_leaves_out_is_missed_with_statistics_and_without() {
+    for statistics in [true, false] {
+        let bytes = sample(WriteOptions::new().emit_statistics(statistics));
+        let chunks = read(&bytes).unwrap().chunks.len();
+        for nth in [0, chunks / 2, chunks - 1] {
+            let (reason, sentence) = refusal(&without(bytes.clone(), 0x08, nth));
+            assert_eq!(reason, Reason::NotIndexed, "{sentence}");
+            assert!(sentence.contains("and not of all"), "{sentence}");
+        }
+    }
+}

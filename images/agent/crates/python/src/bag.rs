@@ -76,17 +76,19 @@ impl MemoryBag {
 impl MemoryBag {
     /// Opens the bag that lies in `data`: `bytes` are not copied, any other buffer is.
     #[new]
-    #[pyo3(signature = (data, *, decompressed_bytes=None))]
+    #[pyo3(signature = (data, *, decompressed_bytes=None, mcap_topics=None))]
     fn new(
         py: Python<'_>,
         data: &Bound<'_, PyAny>,
         decompressed_bytes: Option<u64>,
+        mcap_topics: Option<Vec<String>>,
     ) -> PyResult<Self> {
         let memory = match data.cast::<PyBytes>() {
             Ok(bytes) => Memory::Python(PyBackedBytes::from(bytes.clone())),
             Err(_) => Memory::Rust(PyBuffer::<u8>::get(data)?.to_vec(py)?),
         };
-        let opened = py.detach(|| Opened::open(memory, None, limits(decompressed_bytes)))?;
+        let limits = limits(decompressed_bytes);
+        let opened = py.detach(|| Opened::open(memory, None, limits, mcap_topics.as_deref()))?;
         Ok(Self { opened })
     }
 
@@ -96,7 +98,7 @@ impl MemoryBag {
     fn open(py: Python<'_>, path: PathBuf, decompressed_bytes: Option<u64>) -> PyResult<Self> {
         let opened = py.detach(|| {
             let memory = Memory::Rust(read(&path)?);
-            Opened::open(memory, Some(path.display().to_string()), limits(decompressed_bytes))
+            Opened::open(memory, Some(path.display().to_string()), limits(decompressed_bytes), None)
         })?;
         Ok(Self { opened })
     }
@@ -123,7 +125,7 @@ impl MemoryBag {
             let all: Vec<&Bag<Memory>> = bags.iter().map(|each| &each.get().opened.bag).collect();
             let bytes = bagpipe_rosbag::merge(&all, options)
                 .map_err(|error| error::raised(None, &error))?;
-            Opened::open(Memory::Rust(bytes), None, Limits::default())
+            Opened::open(Memory::Rust(bytes), None, Limits::default(), None)
         })?;
         Ok(Self { opened })
     }
@@ -147,7 +149,7 @@ impl MemoryBag {
             let Opened { bag, limits, .. } = &*self.opened;
             let made = bagpipe_rosbag::slice(bag, window, |each| wanted(&each.topic), options)
                 .map_err(|error| self.opened.raised(&error))?;
-            Opened::open(Memory::Rust(made.bytes), None, *limits)
+            Opened::open(Memory::Rust(made.bytes), None, *limits, None)
         })?;
         Ok(Self { opened })
     }

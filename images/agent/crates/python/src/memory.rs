@@ -71,10 +71,16 @@ pub struct Opened {
 }
 
 impl Opened {
-    /// Opens a bag, or what can be one; of a damaged one, what is whole.
-    pub fn open(memory: Memory, name: Option<String>, limits: Limits) -> Result<Arc<Self>, PyErr> {
+    /// Opens a bag, or what can be one; of a damaged one, what is whole. `mcap_topics` are those
+    /// of which a bag is made, where one is made (`None`: all).
+    pub fn open(
+        memory: Memory,
+        name: Option<String>,
+        limits: Limits,
+        mcap_topics: Option<&[String]>,
+    ) -> Result<Arc<Self>, PyErr> {
         let (memory, lost) = if from_mcap::is_mcap(memory.bytes()) {
-            let made = from_mcap::bag(memory.into_bytes(), limits);
+            let made = from_mcap::bag(memory.into_bytes(), limits, mcap_topics);
             let (bytes, lost) =
                 made.map_err(|sentence| error::bag_error(name.as_deref(), &sentence))?;
             (Memory::Rust(bytes), lost)

@@ -159,7 +159,7 @@ impl MemoryBagWriter {
         let opened = py.detach(|| {
             let writing = self.lock().take().ok_or_else(finished)?;
             let bytes = writing.writer.finish().map_err(|error| error::raised(None, &error))?;
-            Opened::open(Memory::Rust(bytes), None, Limits::default())
+            Opened::open(Memory::Rust(bytes), None, Limits::default(), None)
         })?;
         Ok(MemoryBag { opened })
     }

@@ -75,10 +75,11 @@ def bag_fragments(
         file = storage.open(uri)
         try:
             tail = read_tail(file.read, file.size)
+            parts = cut(tail, list(topics), int(seconds * _NANOSECONDS), 0)
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
         (head, end), declarations = framing(tail.declarations), tuple(tail.declarations)
-        for part in cut(tail, list(topics), int(seconds * _NANOSECONDS), 0):
+        for part in parts:
             window: Fields = {"start": part.window.start, "end": part.window.end}
             ranges = declarations + tuple(part.ranges)
             name = f"{uri}#{part.number}"

@@ -87,7 +87,8 @@ class BagFile:
             ranges = tail.declarations + planned.ranges
             self._bounded(sum(length for _, length in ranges), "cut a shorter part")
             before, behind = framing(ranges)
-            bag = self._opened(b"".join([before, *file.pieces(ranges, _PIECE_BYTES), behind]))
+            data = b"".join([before, *file.pieces(ranges, _PIECE_BYTES), behind])
+            bag = self._opened(data, topics)
         self._reaches(start, last - first)
         until = last + 1 if end is None else first + end
         self._known(topics, {resolve(topic) for topic in bag.topics})
@@ -95,9 +96,9 @@ class BagFile:
         with naming(self.uri):
             return bag.slice(first + start, until, names, compression=compression)
 
-    def _opened(self, data: bytes) -> "MemoryBag":
+    def _opened(self, data: bytes, topics: tuple[str, ...] = ()) -> "MemoryBag":
         with naming(self.uri):
-            return native()(data, decompressed_bytes=self.budget)
+            return native()(data, decompressed_bytes=self.budget, mcap_topics=topics or None)
 
     def _bounded(self, size: int, instead: str) -> None:
         if size > self.budget:

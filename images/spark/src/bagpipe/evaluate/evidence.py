@@ -6,7 +6,7 @@ window.py decides which of them belong to the case's window.
 import itertools
 import statistics
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -69,19 +69,25 @@ class Received(NamedTuple):
 
 
 class Recording:
-    """One bag, of the stack or of the job's source; its bytes are read when first asked for."""
+    """One bag, of the stack or of the job's source; its bytes are read when first asked for.
 
-    def __init__(self, read: Bytes, start: int, end: int | None) -> None:
+    Where these are MCAP, messages of other `topics` may be of any encoding (None: of none).
+    """
+
+    def __init__(
+        self, read: Bytes, start: int, end: int | None, topics: Collection[str] | None = None
+    ) -> None:
         self._read = read
         self._start = start
         self._end = end
+        self._topics = None if topics is None else sorted(topics)
         self._samples: dict[str, list[Sample]] = {}
         self._received: dict[str, list[Received]] = {}
 
     @cached_property
     def _bag(self) -> "bagpipe.MemoryBag":
         # By its package: the program for people is installed without the native module, too.
-        return bagpipe.MemoryBag(self._read())
+        return bagpipe.MemoryBag(self._read(), mcap_topics=self._topics)
 
     def to_bytes(self) -> bytes:
         """The whole bag."""

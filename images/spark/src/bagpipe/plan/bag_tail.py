@@ -79,6 +79,11 @@ class BagTail:
     connections: list[Connection]
     chunks: list[Chunk]
 
+    @property
+    def is_mcap(self) -> bool:
+        """Its declarations begin with its own head, which those of a bag never do."""
+        return bool(self.declarations) and self.declarations[0][0] == 0
+
 
 def read_tail(read: Read, size: int) -> BagTail:
     """Read a bag's first 4 KiB and its tail by `read(offset, length)`.
@@ -113,7 +118,8 @@ def _tail(size: int, index: Any) -> BagTail:
 
 
 def check_encoding(tail: BagTail, topics: list[str], encoding: str) -> None:
-    """Raises BagError where a publisher of the topics (none: of any) has messages of another one.
+    """Raises BagError where a publisher of the topics (none: of any) has messages of another one,
+    or of no type.
 
     One that published nothing does not count.
     """
@@ -125,6 +131,12 @@ def check_encoding(tail: BagTail, topics: list[str], encoding: str) -> None:
                 "BagUnreadable",
                 f"{each.topic} holds messages in {each.encoding or 'no known encoding'}, and the"
                 f" stack would read them as {encoding}: leave it out of the topics",
+            )
+        if wanted and not each.datatype:
+            raise BagError(
+                "BagUnreadable",
+                f"{each.topic} has messages of no type (in MCAP: of a channel without a schema):"
+                " leave it out of the topics",
             )
 
 

@@ -15,6 +15,8 @@ from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times
 # A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
 # than it becomes a fragment of its own.
 _SNAP = 0.25
+# As many windows as the driver can hold: a single wrong time makes more of them.
+_MOST_WINDOWS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,8 @@ def cut(
 
     Empty where the bag has no message on any of the topics. A chunk that was open during a gap
     reaches over windows that it has no message in: `read` gets at its index records. Raises
-    ValueError for a length of less than a nanosecond.
+    ValueError for a length of less than a nanosecond, and BagError where the times of the messages
+    lie too far apart for that length.
     """
     if length < 1:
         raise ValueError(f"a fragment lasts at least 1 ns, and not {length}")
@@ -57,6 +60,13 @@ def cut(
         return []
     begin = min(chunk.start_time for chunk in chunks)
     end = max(chunk.end_time for chunk in chunks) + 1
+    if (end - begin) // length > _MOST_WINDOWS:
+        raise BagError(
+            "BagUnreadable",
+            f"its messages are logged from {begin} to {end - 1} ns, which is more than"
+            f" {_MOST_WINDOWS:,} fragments of {length / 1e9:g} s: a time among them is wrong, or"
+            " the fragments are too short",
+        )
     edges = _edges(begin, end, length, sorted(chunk.start_time for chunk in chunks))
     recorded = _Recorded(chunks, wanted, read)
     return [

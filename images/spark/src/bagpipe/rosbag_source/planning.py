@@ -111,7 +111,11 @@ def _of_bag(options: Options, storage: Storage, uri: str) -> list[Fragment]:
     tail = _tail(file)
     types = _types(options, file, tail.connections)
     found = []
-    for part in cut(tail, list(options.topics), options.fragment, 0):
+    try:
+        parts = cut(tail, list(options.topics), options.fragment, 0)
+    except BagError as error:
+        raise StorageError(f"{file.uri}: {error}") from error
+    for part in parts:
         start = max(part.window.start, options.start or part.window.start)
         end = min(part.window.end, options.end or part.window.end)
         chunks = tuple(
@@ -128,9 +132,15 @@ def _of_bag(options: Options, storage: Storage, uri: str) -> list[Fragment]:
 
 def _tail(file: OpenFile) -> BagTail:
     try:
-        return read_tail(file.read, file.size)
+        tail = read_tail(file.read, file.size)
     except BagError as error:
         raise StorageError(f"{file.uri}: {error}") from error
+    if tail.is_mcap:
+        raise StorageError(
+            f"{file.uri} is MCAP, and format('rosbag') reads bags alone: bagpipe.MemoryBag reads"
+            " it, and the fragments of BinPipedRDD are made of it"
+        )
+    return tail
 
 
 def _types(options: Options, file: OpenFile, connections: list[Connection]) -> dict[int, TopicType]:

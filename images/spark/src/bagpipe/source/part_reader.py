@@ -45,7 +45,9 @@ class PartReader:
             data.write(piece)
         data.write(end)
         try:
-            self._bag = bagpipe.MemoryBag(data.getvalue(), decompressed_bytes=MOST_BYTES)
+            self._bag = bagpipe.MemoryBag(
+                data.getvalue(), decompressed_bytes=MOST_BYTES, mcap_topics=part.topics or None
+            )
         except ValueError as error:
             raise _unreadable(part, str(error)) from error
 

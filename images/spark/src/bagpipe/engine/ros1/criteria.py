@@ -35,7 +35,10 @@ def judged_by_criteria(
             lambda: storage.read_all(recorded, _MOST_RECORDED_BYTES), case.window.start, None
         ),
         source=Recording(
-            lambda: attempt.source.truth(case, truths, storage), case.window.start, case.window.end
+            lambda: attempt.source.truth(case, truths, storage),
+            case.window.start,
+            case.window.end,
+            truths,
         ),
         start=case.window.start,
         end=case.window.end,
