@@ -130,11 +130,19 @@ def test_what_cant_be_planned_has_a_reason_and_a_place(
 
 
 def test_a_chunk_index_that_lies_is_refused() -> None:
-    data = bytearray(written())
+    data = bytearray(written(enable_crcs=False))
     tail = tail_of(bytes(data))
     place = data.index(struct.pack("<Q", tail.chunks[0].offset), tail.chunks[-1].end)
     data[place : place + 8] = struct.pack("<Q", len(data))
     with pytest.raises(BagError, match="chunk") as caught:
+        tail_of(bytes(data))
+    assert caught.value.reason == "BagUnreadable"
+
+
+def test_a_summary_with_another_checksum_is_refused() -> None:
+    data = bytearray(written())
+    data[tail_of(bytes(data)).chunks[-1].end + 40] ^= 1
+    with pytest.raises(BagError, match="the CRC-32 that the footer states") as caught:
         tail_of(bytes(data))
     assert caught.value.reason == "BagUnreadable"
 

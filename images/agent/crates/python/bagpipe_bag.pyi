@@ -210,8 +210,8 @@ def mcap_head(data: bytes) -> int:
 def mcap_footer(data: bytes, size: int) -> tuple[int, int]:
     """Where the summary begins and ends; `data` are the last 37 bytes of a file of `size` bytes."""
 
-def mcap_index(data: bytes, base: int, head_end: int) -> _Index:
-    """All bytes of the summary."""
+def mcap_index(data: bytes, base: int, head_end: int, footer: bytes) -> _Index:
+    """All bytes of the summary; `footer` is what `mcap_footer` took."""
 
 def mcap_index_times(data: bytes, base: int) -> dict[int, list[int]]:
     """Times in ns that message indexes of MCAP name, for each channel."""

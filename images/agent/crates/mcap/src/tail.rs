@@ -21,6 +21,8 @@ const MAX_SUMMARY_BYTES: u64 = 1 << 30;
 /// A message index has a time and an offset for each message, behind its channel and their length.
 const INDEX_ENTRY: u64 = 16;
 const INDEX_FIELDS: u64 = HEAD as u64 + 6;
+/// Where in the footer record its CRC-32 stands, behind two places.
+const CRC_IN_FOOTER: usize = HEAD + 16;
 /// The record behind the data.
 const DATA_END_BYTES: u64 = HEAD as u64 + 4;
 const ADVICE: &str = "write it again with chunks, message indexes and a summary (`mcap recover`)";
@@ -65,8 +67,15 @@ pub fn parse_footer(bytes: &[u8], size: u64) -> Result<(u64, u64), Refusal> {
     Ok((begin, base))
 }
 
-/// Reads the summary, which lies at `base` of the file; the head ends at `head_end`.
-pub fn parse_summary(bytes: &[u8], base: u64, head_end: u64) -> Result<Index, Refusal> {
+/// Reads the summary, which lies at `base` of the file; the head ends at `head_end`, and `footer` is
+/// what [`parse_footer`] was given.
+pub fn parse_summary(
+    bytes: &[u8],
+    base: u64,
+    head_end: u64,
+    footer: &[u8],
+) -> Result<Index, Refusal> {
+    check_crc(bytes, base, footer)?;
     let mut found = Summary::default();
     let mut at = 0;
     while at < bytes.len() {
@@ -78,6 +87,23 @@ pub fn parse_summary(bytes: &[u8], base: u64, head_end: u64) -> Result<Index, Re
         at = end;
     }
     found.index(base, head_end)
+}
+
+/// Compares the summary with the CRC-32 that the footer states of it and of its own begin.
+fn check_crc(bytes: &[u8], base: u64, footer: &[u8]) -> Result<(), Refusal> {
+    let (covered, rest) = footer.split_at_checked(CRC_IN_FOOTER).unwrap_or_default();
+    let stated = rest.first_chunk().map_or(0, |crc| u32::from_le_bytes(*crc));
+    let mut hasher = crc32fast::Hasher::new();
+    hasher.update(bytes);
+    hasher.update(covered);
+    if stated == 0 || stated == hasher.finalize() {
+        return Ok(());
+    }
+    let sentence = format!(
+        "the summary at byte {base} does not have the CRC-32 that the footer states: copy the \
+         recording again, or {ADVICE}"
+    );
+    Err(refused(Reason::Unreadable, sentence))
 }
 
 /// The times in nanoseconds of the messages that message indexes name, for each channel, in the
@@ -116,6 +142,8 @@ struct Summary {
     /// Where attachments and metadata lie, between the chunks.
     others: Vec<Range>,
     messages: Option<u64>,
+    /// As the statistics count them, which need not.
+    by_channel: BTreeMap<u32, u64>,
 }
 
 struct ChunkIndex {
@@ -208,7 +236,9 @@ impl Summary {
                 self.others.push((offset, fields.u64("a record's length")?));
             }
             STATISTICS => {
-                self.messages = Some(Fields::new(bytes, at).u64("how many messages there are")?);
+                let mut fields = Fields::new(bytes, at);
+                self.messages = Some(fields.u64("how many messages there are")?);
+                self.by_channel = counts_by_channel(fields)?;
             }
             _ => {}
         }
@@ -216,7 +246,7 @@ impl Summary {
     }
 
     fn index(self, base: u64, head_end: u64) -> Result<Index, Refusal> {
-        let Self { schemas, channels, chunks, others, messages } = self;
+        let Self { schemas, channels, chunks, others, messages, by_channel } = self;
         let indexed = chunks.iter().all(|chunk| !chunk.indexes.is_empty());
         let chunks = chunks.into_iter().map(ChunkIndex::span).collect::<Result<Vec<_>, _>>()?;
         let mut chunks = in_order(chunks, head_end, base)?;
@@ -229,6 +259,13 @@ impl Summary {
                  {ADVICE}"
             );
             return Err(refused(Reason::NotIndexed, sentence));
+        }
+        if !agree(&by_channel, &chunks) {
+            let sentence = format!(
+                "the statistics in the summary at byte {base} count other messages of a channel than \
+                 the message indexes: {ADVICE}"
+            );
+            return Err(refused(Reason::Unreadable, sentence));
         }
         if found == 0 {
             return Err(refused(Reason::Empty, "the recording holds no messages"));
@@ -259,6 +296,32 @@ impl Summary {
         let connections = connections.collect();
         Ok(Index { declarations, connections, chunks })
     }
+}
+
+/// The messages of each channel, behind the statistics' other counts and times.
+fn counts_by_channel(mut fields: Fields<'_>) -> Result<BTreeMap<u32, u64>, Defect> {
+    fields.u16("how many schemas there are")?;
+    for _ in 0..4 {
+        fields.u32("how many records there are")?;
+    }
+    fields.u64("the first time")?;
+    fields.u64("the last time")?;
+    let entries = fields.bytes("the messages of each channel")?.chunks_exact(10);
+    let entry = |entry: &[u8]| {
+        let (channel, count) = entry.split_first_chunk()?;
+        let channel = u32::from(u16::from_le_bytes(*channel));
+        Some((channel, u64::from_le_bytes(*count.first_chunk()?)))
+    };
+    Ok(entries.filter_map(entry).collect())
+}
+
+/// Whether the indexes name as many messages of each channel as the statistics count, if they do.
+fn agree(by_channel: &BTreeMap<u32, u64>, chunks: &[Span]) -> bool {
+    let mut found: BTreeMap<u32, u64> = by_channel.keys().map(|channel| (*channel, 0)).collect();
+    for (channel, count) in chunks.iter().flat_map(|chunk| &chunk.counts) {
+        *found.entry(*channel).or_default() += u64::from(*count);
+    }
+    by_channel.is_empty() || found == *by_channel
 }
 
 /// Whether chunks and other known records fill the data, so that no message lies elsewhere.

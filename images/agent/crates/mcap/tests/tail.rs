@@ -40,12 +40,17 @@ fn sample(options: WriteOptions) -> Vec<u8> {
     bytes.into_inner()
 }
 
+/// Of a recording whose summary has no CRC-32, so that what else is wrong with it shows.
+fn unchecked() -> WriteOptions {
+    WriteOptions::new().calculate_summary_section_crc(false)
+}
+
 fn read(bytes: &[u8]) -> Result<Index, Refusal> {
     let size = bytes.len() as u64;
     let head_end = parse_head(bytes)?;
     let last = bytes.len().saturating_sub(FOOTER_BYTES as usize);
     let (begin, end) = parse_footer(&bytes[last..], size)?;
-    parse_summary(&bytes[begin as usize..end as usize], begin, head_end)
+    parse_summary(&bytes[begin as usize..end as usize], begin, head_end, &bytes[last..])
 }
 
 fn refusal(bytes: &[u8]) -> (Reason, String) {
@@ -147,7 +152,7 @@ proptest! {
         places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
         cut in prop::option::of(any::<prop::sample::Index>()),
     ) {
-        let mut bytes = sample(WriteOptions::new());
+        let mut bytes = sample(unchecked());
         let summary = bytes.len() - 1_500;
         for (place, value) in places {
             let at = summary + place.index(1_500);
@@ -167,7 +172,7 @@ proptest! {
     }
 }
 
-/// With the `nth` record of the summary that has this opcode made one that nobody knows.
+/// With the `nth` record of the summary that has this opcode made an unknown one.
 fn without(mut bytes: Vec<u8>, op: u8, nth: usize) -> Vec<u8> {
     let last = bytes.len() - FOOTER_BYTES as usize;
     let (begin, end) = parse_footer(&bytes[last..], bytes.len() as u64).unwrap();
@@ -188,7 +193,7 @@ fn without(mut bytes: Vec<u8>, op: u8, nth: usize) -> Vec<u8> {
 #[test]
 fn a_chunk_that_the_summary_leaves_out_is_missed_with_statistics_and_without() {
     for statistics in [true, false] {
-        let bytes = sample(WriteOptions::new().emit_statistics(statistics));
+        let bytes = sample(unchecked().emit_statistics(statistics));
         let chunks = read(&bytes).unwrap().chunks.len();
         for nth in [0, chunks / 2, chunks - 1] {
             let (reason, sentence) = refusal(&without(bytes.clone(), 0x08, nth));
@@ -196,4 +201,30 @@ fn a_chunk_that_the_summary_leaves_out_is_missed_with_statistics_and_without() {
             assert!(sentence.contains("and not of all"), "{sentence}");
         }
     }
+}
+
+#[test]
+fn a_summary_that_was_changed_is_refused() {
+    let mut bytes = sample(WriteOptions::new());
+    let (begin, _) =
+        parse_footer(&bytes[bytes.len() - FOOTER_BYTES as usize..], bytes.len() as u64).unwrap();
+    bytes[begin as usize + 15] ^= 1;
+    let (reason, sentence) = refusal(&bytes);
+    assert_eq!(reason, Reason::Unreadable);
+    let words = format!("the summary at byte {begin} does not have the CRC-32");
+    assert!(sentence.starts_with(&words), "{sentence}");
+}
+
+#[test]
+fn message_indexes_of_another_channel_than_the_statistics_count_are_refused() {
+    let mut bytes = sample(unchecked());
+    let index = read(&bytes).unwrap();
+    let first = index.chunks[0].index.unwrap().to_le_bytes();
+    let summary = index.chunks.last().unwrap().end as usize;
+    let at = summary + bytes[summary..].windows(8).position(|found| found == first).unwrap() - 2;
+    assert_eq!(&bytes[at..at + 2], &1u16.to_le_bytes());
+    bytes[at] = 3;
+    let (reason, sentence) = refusal(&bytes);
+    assert_eq!(reason, Reason::Unreadable);
+    assert!(sentence.contains("count other messages of a channel"), "{sentence}");
 }

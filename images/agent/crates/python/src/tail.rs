@@ -75,8 +75,10 @@ pub fn mcap_index(
     data: PyBackedBytes,
     base: u64,
     head_end: u64,
+    footer: PyBackedBytes,
 ) -> PyResult<IndexFields<'_>> {
-    fields(py, py.detach(|| mcap::parse_summary(&data, base, head_end)).map_err(raised)?)
+    let found = py.detach(|| mcap::parse_summary(&data, base, head_end, &footer));
+    fields(py, found.map_err(raised)?)
 }
 
 #[pyfunction]

@@ -22,5 +22,6 @@ def read_index(
     """
     head_end = parsed("mcap_head", head)
     length = min(_FOOTER_BYTES, size)
-    begin, end = parsed("mcap_footer", read(size - length, length), size)
-    return parsed("mcap_index", read(begin, end - begin), begin, head_end)
+    footer = read(size - length, length)
+    begin, end = parsed("mcap_footer", footer, size)
+    return parsed("mcap_index", read(begin, end - begin), begin, head_end, footer)

@@ -3,10 +3,14 @@
 import posixpath
 import re
 
+_ENDINGS = (".bag", ".mcap")
+
 
 def stem(uri: str) -> str:
     """A recording's name without its ending, of letters that a case's name may have."""
-    return plain(posixpath.basename(uri).removesuffix(".bag").removesuffix(".mcap"), "bag")
+    name = posixpath.basename(uri)
+    ending = next((each for each in _ENDINGS if name.endswith(each)), "")
+    return plain(name.removesuffix(ending), "bag")
 
 
 def plain(name: str, otherwise: str) -> str:

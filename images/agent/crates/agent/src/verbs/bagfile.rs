@@ -78,6 +78,9 @@ pub fn unreadable(path: &Path, error: &BagError) -> String {
         BagError::MemoryLimit { .. } | BagError::BudgetExceeded { .. } => {
             "; --memory-budget allows more"
         }
+        BagError::NotABag { found, .. } if found.contains("MCAP") => {
+            "; it is MCAP, which `play` alone takes"
+        }
         _ => "",
     };
     format!("{}: {error}{advice}", path.display())
