@@ -293,7 +293,7 @@ plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by defaul
 	  "$(or $(FOLDER),$(BAGPIPE_CACHE)/plugin)" $(if $(URI),--uri "$(URI)")
 
 .PHONY: wheels
-wheels: preflight venv ## Build what a laptop installs into FOLDER (the cache by default): bagpipe, its native module, the agent
+wheels: preflight venv ## Build a wheel of bagpipe, its native module and the agent into FOLDER (the cache by default)
 	$(STEP) "Building the wheels" -- .venv/bin/python images/build/wheels.py "$(or $(FOLDER),$(BAGPIPE_CACHE)/wheels)"
 
 .PHONY: up

@@ -2,8 +2,8 @@
 
     .venv/bin/python images/build/wheels.py FOLDER
 
-The wheels are for pip; the agent is one static program, for `bagpipe run --agent`. The same
-sources give the same bytes.
+The first is a wheel with all three, for this kind of machine; behind it are bagpipe's and the
+module's own. The same sources give the same bytes.
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from context import ROOT, BuildError, memory_bag, package, stage_agent
+from context import ROOT, BuildError, agent_binary, memory_bag, package
 from lock import LockError
+from whole_wheel import whole_wheel
 
 
 def build(folder: Path) -> list[Path]:
-    """Write the wheels and the agent into a folder; their paths. Raises BuildError."""
+    """Write the wheels into a folder; their paths. Raises BuildError."""
     folder.mkdir(parents=True, exist_ok=True)
     package(ROOT / "images" / "spark", folder)
     native = memory_bag(folder)
-    stage_agent(folder)
-    (bagpipe,) = folder.glob("bagpipe-[0-9]*.whl")
-    return [bagpipe, native, folder / "bagpipe-agent"]
+    (bagpipe,) = folder.glob("bagpipe-[0-9]*-none-any.whl")
+    return [whole_wheel(bagpipe, native, agent_binary(), folder), bagpipe, native]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("folder", type=Path, help="where the wheels and the agent are written")
+    parser.add_argument("folder", type=Path, help="where the wheels are written")
     try:
         for path in build(parser.parse_args(arguments).folder):
             print(f"{path}: {path.stat().st_size:,} bytes")

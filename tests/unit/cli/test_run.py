@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from bagpipe.cli import run as module
 from bagpipe.cli.__main__ import main
 from bagpipe.cli.running import RunError
+from bagpipe.run.laptop import agent_program
 from tests.unit.bagpipe.jobs import make_row, make_spec
 from tests.unit.report.publishing import publish
 
@@ -164,3 +165,18 @@ def test_slots_are_the_job_s_own_at_most_one_for_each_processor(
     assert module._slots(make_spec(spark={"executors": 2, "slots": 2})) == 4
     assert module._slots(make_spec(spark={"executors": 100, "slots": 4})) == 6
     assert module._slots(make_spec()) == 1
+
+
+def test_the_agent_is_found_on_path_or_else_beside_the_python_that_runs_this(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("path", "venv"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "bagpipe-agent").write_text("#!/bin/sh\n")
+        (tmp_path / name / "bagpipe-agent").chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "venv" / "python"))
+    monkeypatch.setenv("PATH", str(tmp_path / "path"))
+    assert agent_program("bagpipe-agent") == str(tmp_path / "path" / "bagpipe-agent")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert agent_program("bagpipe-agent") == str(tmp_path / "venv" / "bagpipe-agent")
+    assert agent_program("no-such-agent") is None

@@ -1,7 +1,6 @@
 """`bagpipe replay`: one case of a job once more, on this machine."""
 
 import json
-import shutil
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from bagpipe.report.stored import StoredResults
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.run.laptop import (
     ReplayError,
+    agent_program,
     local_spec,
     planned_case,
     serving_agent,
@@ -113,7 +113,7 @@ def _wanted(stored: StoredResults, case: str) -> tuple[Row, SimulationJobSpec]:
 def _run(
     case: Case, spec: SimulationJobSpec, volumes: dict[str, str], agent: str, target: Path
 ) -> dict[str, Any]:
-    program = shutil.which(agent)
+    program = agent_program(agent)
     if program is None:
         raise ReplayError(
             f"there is no {agent} on this machine: give --agent, or see --only-fragment."

@@ -28,7 +28,7 @@ from bagpipe.cli.running import RunError, run_here
 from bagpipe.cli.showing import Showing
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.native import NativeModuleError, native
-from bagpipe.run.laptop import ReplayError, own_environment
+from bagpipe.run.laptop import ReplayError, agent_program, own_environment
 from bagpipe.source_fields import source_fields
 from bagpipe.spec import Images, JobFile, SimulationJobSpec
 from bagpipe.storage import StorageError
@@ -158,7 +158,7 @@ def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -
     """The agent's program; raises RunError with all that this machine lacks."""
     machine = Machine(own_environment())
     lacking = list(refusals(spec, volumes, machine))
-    program = shutil.which(wanted.agent)
+    program = agent_program(wanted.agent)
     if program is None:
         lacking.append(f"there is no {wanted.agent} on this machine: give --agent")
     java = os.environ.get("JAVA_HOME")

@@ -3,6 +3,7 @@
 import ctypes
 import dataclasses
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -29,6 +30,11 @@ _PR_SET_PDEATHSIG = 1
 
 class ReplayError(Exception):
     """The case can't be run here; the sentence says what is missing."""
+
+
+def agent_program(name: str) -> str | None:
+    """The agent's path: on PATH, or beside the Python that runs this, where its wheel puts it."""
+    return shutil.which(name) or shutil.which(name, path=str(Path(sys.executable).parent))
 
 
 def local_spec(spec: SimulationJobSpec) -> SimulationJobSpec:
