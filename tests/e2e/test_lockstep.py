@@ -1,6 +1,7 @@
 """The example in lock-step: nothing dropped by a queue of one, and the same bytes on every run.
 
-On the cluster twice, and by `bagpipe run` on this machine.
+On the cluster twice, from the bag and from MCAP of the same messages, and by `bagpipe run` on this
+machine.
 """
 
 import hashlib
@@ -14,14 +15,20 @@ from tests.e2e import jobs
 from tests.e2e import kubectl as k
 from tests.integration.laptop import Laptop
 from tests.integration.stacks import folders_with_recording
-from tests.recording import MESSAGES
+from tests.mcap_of_bag import mcap_of
+from tests.recording import MESSAGES, fetch
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
 
-def run(namespace: str, name: str) -> tuple[k.Object, str]:
-    """The only row of a run of the example, and the digest of what it recorded."""
-    with jobs.applied(namespace, jobs.make_job(name)):
+def run(namespace: str, name: str, recording: str | None = None) -> tuple[k.Object, str]:
+    """The only row of a run of the example, or of another recording on its claim, and the digest of
+    what it recorded.
+    """
+    job = jobs.make_job(name)
+    if recording is not None:
+        job["spec"]["source"]["bags"] = [f"pvc://recordings/{recording}"]
+    with jobs.applied(namespace, job):
         status = jobs.ended(namespace, name, 400)["status"]
         assert (status["phase"], status["verdict"]) == ("Complete", "Passed"), status
         _, (row,) = k.results(namespace, status["results"])
@@ -45,8 +52,10 @@ def run_here(folder: Path) -> tuple[k.Object, str]:
 def test_every_message_is_answered_and_each_run_records_the_same_bytes(
     namespace: str, tmp_path: Path
 ) -> None:
+    mcap = mcap_of(fetch(), tmp_path / "drive.mcap", "zstd")
+    k.put(namespace, mcap, "mcap/drive.mcap")
     first, digest = run(namespace, "lockstep-once")
-    second, again = run(namespace, "lockstep-again")
+    second, again = run(namespace, "lockstep-again", "mcap/drive.mcap")
     third, here = run_here(tmp_path)
     for row in (first, second, third):
         ledger = row["result"]["ledger"]
