@@ -5,10 +5,10 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 1u
+#define LEDGER_VERSION 2u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
-#define LEDGER_TOPIC_BYTES 256u
+#define LEDGER_NAME_BYTES 256u
 
 /* What somebody may wait for: an index into `wanted`. */
 enum ledger_event { EVENT_TAKEN, EVENT_STARTED, EVENT_ENDED, EVENT_PUBLISHED, EVENT_LISTED, EVENTS };
@@ -65,7 +65,8 @@ struct ledger_endpoint {
   _Atomic uint64_t intra_ended;
   _Atomic uint64_t returned; /* the thread that took came back to take or to wait */
   _Atomic uint64_t published;
-  _Atomic uint8_t topic[LEDGER_TOPIC_BYTES]; /* ends with a 0 */
+  _Atomic uint8_t topic[LEDGER_NAME_BYTES]; /* ends with a 0, as the next does */
+  _Atomic uint8_t node[LEDGER_NAME_BYTES];  /* "/namespace/name"; empty where it is not known */
 };
 
 struct ledger {
@@ -76,4 +77,4 @@ struct ledger {
 
 _Static_assert(sizeof(struct ledger_header) == 128, "two lines of cache");
 _Static_assert(sizeof(struct ledger_process) == 64, "a line of cache");
-_Static_assert(sizeof(struct ledger_endpoint) == 384, "six lines of cache");
+_Static_assert(sizeof(struct ledger_endpoint) == 640, "ten lines of cache");

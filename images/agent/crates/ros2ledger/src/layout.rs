@@ -5,10 +5,10 @@ use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
-pub(crate) const TOPIC_BYTES: usize = 256;
+pub(crate) const NAME_BYTES: usize = 256;
 pub(crate) const EVENTS: usize = 5;
 
 pub(crate) const PHASE_FREE: u32 = 0;
@@ -72,7 +72,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) intra_ended: AtomicU64,
     pub(crate) returned: AtomicU64,
     pub(crate) published: AtomicU64,
-    pub(crate) topic: [AtomicU8; TOPIC_BYTES],
+    pub(crate) topic: [AtomicU8; NAME_BYTES],
+    pub(crate) node: [AtomicU8; NAME_BYTES],
 }
 
 #[repr(C)]
@@ -118,7 +119,8 @@ mod tests {
             flags: u32, history: u32, reliability: u32, durability: u32, thread: u32, depth: u64,
             reserved: [u64; 3], taken: u64, empty: u64, started: u64, ended: u64,
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
-            topic: [u8; 256]),
+            topic: [u8; 256],
+            node: [u8; 256]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096]));
@@ -131,7 +133,7 @@ mod tests {
             ("LEDGER_VERSION", VERSION.into()),
             ("LEDGER_PROCESSES", PROCESSES as u64),
             ("LEDGER_ENDPOINTS", ENDPOINTS as u64),
-            ("LEDGER_TOPIC_BYTES", TOPIC_BYTES as u64),
+            ("LEDGER_NAME_BYTES", NAME_BYTES as u64),
             ("EVENTS", EVENTS as u64),
             ("PHASE_FREE", PHASE_FREE.into()),
             ("PHASE_CLAIMED", PHASE_CLAIMED.into()),

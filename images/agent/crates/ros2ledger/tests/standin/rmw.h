@@ -11,6 +11,11 @@ struct qos {
   int durability;
   uint64_t others[8];
 };
+struct node {
+  const char *implementation;
+  void *data;
+  const char *name, *name_space;
+};
 struct info {
   int64_t source, received;
   uint64_t publication, reception;
