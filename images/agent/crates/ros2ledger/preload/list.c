@@ -3,6 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "matches.h"
+
 /* Callbacks whose subscription was not yet introduced. */
 #define STRAYS 256u
 
@@ -15,6 +17,7 @@ static uint32_t next_stray;
 
 static void forget_all(void) {
   address_forget_all();
+  matches_forget();
   memset(strays, 0, sizeof strays);
 }
 
@@ -60,6 +63,7 @@ static void fill(struct ledger_endpoint *endpoint, const struct creation *of, co
   endpoint->durability = (uint32_t)of->qos.durability;
   endpoint->depth = of->qos.depth;
   endpoint->thread = 0;
+  endpoint->matched = 0;
   for (_Atomic uint64_t *count = &endpoint->taken; count <= &endpoint->published; count++)
     *count = 0;
   copy(endpoint->topic, of->topic);
@@ -76,6 +80,7 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   fill(endpoint, of, node);
   note_used(ledger, slot);
   bool known = address_put(of->address, slot);
+  if (known && of->kind == KIND_SUBSCRIPTION) matches_of(slot, of->address);
   uint32_t phase = known ? PHASE_LIVE : PHASE_DESTROYED;
   atomic_store(&endpoint->state, phase | owner << LEDGER_OWNER_SHIFT);
   return known;
@@ -105,6 +110,7 @@ void list_destroyed(const void *address) {
   struct ledger_endpoint *endpoint = listed(address, &slot);
   if (endpoint != NULL) {
     address_forget(slot);
+    matches_of(slot, NULL);
     atomic_store(&endpoint->state, PHASE_DESTROYED | owner << LEDGER_OWNER_SHIFT);
     changed(ledger, EVENT_LISTED);
   }

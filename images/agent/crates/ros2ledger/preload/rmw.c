@@ -7,6 +7,8 @@
 #include "count.h"
 #include "interpose.h"
 #include "list.h"
+#include "matches.h"
+#include "slices.h"
 
 #define RMW "librmw_implementation.so"
 #define RMW_OK 0
@@ -76,7 +78,10 @@ PUBLIC int rmw_wait(void *subscriptions, void *guards, void *services, void *cli
                     void *wait_set, const void *timeout) {
   NEXT_RMW(rmw_wait)
   count_wait();
-  return next(subscriptions, guards, services, clients, events, wait_set, timeout);
+  if (matches_watched() == 0)
+    return next(subscriptions, guards, services, clients, events, wait_set, timeout);
+  struct wait wait = {next, {subscriptions, guards, services, clients, events}, wait_set, timeout};
+  return wait_in_slices(&wait);
 }
 
 /* A take of one message, with the arguments that come after `taken`. */

@@ -129,6 +129,10 @@ pub struct Endpoint {
     pub destroyed: bool,
     /// Whether rclcpp hands it messages of its own process too, which are not taken.
     pub intra_process: bool,
+    /// Publishers that a subscription has matched, as its middleware says, when its process last
+    /// began to wait, or within 20 ms of a wait that goes on. `None` outside of
+    /// [`watch_matches`](crate::Ledger::watch_matches), and until its process has looked.
+    pub matched: Option<u32>,
     /// What its counts prove; of a publisher, nothing about callbacks.
     pub strength: Strength,
     /// What it has done.
@@ -154,6 +158,7 @@ pub(crate) fn read(
     id: EndpointId,
     process: ProcessId,
     phase: u32,
+    watch: u32,
 ) -> Result<Endpoint, Wrong> {
     let flags = slot.flags.load(SeqCst);
     let strength = match flags & FLAG_CALLS {
@@ -184,9 +189,16 @@ pub(crate) fn read(
         thread: (thread != 0).then_some(thread),
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
+        matched: matched(slot, watch),
         strength,
         counts: counts(slot)?,
     })
+}
+
+/// What was seen during this watch; no watch is 0.
+fn matched(slot: &EndpointSlot, watch: u32) -> Option<u32> {
+    let both = slot.matched.load(SeqCst);
+    (watch != 0 && (both >> 32) as u32 == watch).then_some(both as u32)
 }
 
 /// The counts alone.

@@ -181,6 +181,15 @@ static void spin_threads(int threads) {
   for (int i = 1; i < threads; i++) pthread_join(other[i], NULL);
 }
 
+/* A thread that waits without end until there is a message, and does not take it. */
+static void *sleep_on(void *rmw) {
+  void *ready[1] = {rmw};
+  struct set set = {1, ready};
+  int result = rmw_wait(&set, NULL, NULL, NULL, NULL, NULL, NULL);
+  printf("woke %d %d\n", result, ready[0] == rmw);
+  return NULL;
+}
+
 static struct publisher *flood_publisher;
 static void *flood(void *messages) {
   for (uint64_t i = 0; i < (uint64_t)messages; i++) publish(flood_publisher, i, "plain");
@@ -326,6 +335,10 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     call(ghost, &ghost->callback, &ghost->called);
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
   else if (!strcmp(verb, "be")) be(topic, way);
+  else if (!strcmp(verb, "sleep")) {
+    pthread_create(&thread, NULL, sleep_on, subscription_on(topic)->rmw);
+    pthread_detach(thread);
+  }
   else if (!strcmp(verb, "pubs"))
     while (n-- > 0) publishers[publisher_count++] = advertise(topic, qos);
   else if (!strcmp(verb, "empty"))
