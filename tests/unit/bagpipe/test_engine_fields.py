@@ -129,7 +129,8 @@ def test_the_crd_s_rules_let_an_engine_take_what_it_declares() -> None:
         "!has(self.stack.engine) || self.stack.engine in ['ros1', 'other']",
         "has(self.record) || (has(self.stack.engine) && self.stack.engine in ['exec', 'other'])",
         "only stack.engine: exec or other goes without it",
-        "enum: [ros1, exec, other]",
+        "enum: [ros1, exec, ros2, other]",
+        "source.simulator is for stack.engine: ros1 or other: write that",
     ):
         assert words in text
     with pytest.raises(SystemExit, match=r"generate\.py looks for one line with"):

@@ -45,7 +45,8 @@ pub(crate) enum Place {
     /// It has read everything, and no thread of it waits for more: its callback runs.
     Away,
     /// It has read everything, and a thread of it waits at the socket again. Where the thread
-    /// that reads also calls, as in rospy, all callbacks have returned.
+    /// that reads also calls, as in rospy, all callbacks have returned. In ROS 2, where calls are
+    /// counted: they have.
     Back,
 }
 
@@ -124,6 +125,9 @@ impl Proof {
     fn place(&self, node: &str, end: &FarEnd, looks: &mut BTreeMap<i32, Sockets>) -> Place {
         if end.unread > 0 {
             return Place::Unread;
+        }
+        if let Some(called_back) = end.called_back {
+            return if called_back { Place::Back } else { Place::Away };
         }
         let (Some(&pid), Some(inode)) = (self.pids.get(node), end.inode) else {
             return Place::Unknown;

@@ -3,6 +3,7 @@
 use std::ffi::{OsStr, OsString};
 use std::os::fd::AsRawFd;
 use std::path::Path;
+use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::SeqCst;
 
 use crate::endpoint::{self, Wrong};
@@ -18,6 +19,8 @@ use crate::{Counts, Endpoint, EndpointId, LedgerError, Process, ProcessId, Stren
 /// Dropping it leaves them uncounted; they run on.
 pub struct Ledger {
     pub(crate) memory: Memory,
+    /// Odd while matches are watched; each watch has another number.
+    watches: AtomicU32,
 }
 
 /// What found no room. While all of it is 0, everything that counts is listed.
@@ -33,9 +36,9 @@ impl Ledger {
     /// An empty ledger.
     ///
     /// # Errors
-    /// [`LedgerError::Memory`] if the kernel gives none, which needs 1.6 MiB at the most.
+    /// [`LedgerError::Memory`] if the kernel gives none, which needs 2.6 MiB at the most.
     pub fn new() -> Result<Ledger, LedgerError> {
-        Ok(Ledger { memory: Memory::new()? })
+        Ok(Ledger { memory: Memory::new()?, watches: AtomicU32::new(0) })
     }
 
     /// What to put into a node's environment. `library` is the absolute path of a file with
@@ -79,6 +82,20 @@ impl Ledger {
         let counts = endpoint::counts(slot).map_err(|wrong| self.damaged(slot, wrong))?;
         // Another use of the slot may have begun in between.
         self.slot(id).map(|_| counts)
+    }
+
+    /// Has the nodes tell how many publishers their subscriptions have matched, or no longer:
+    /// [`Endpoint::matched`] and [`Event::Matched`](crate::Event::Matched). Each watch begins
+    /// without figures.
+    ///
+    /// Meanwhile a node's waits are cut into pieces of 20 ms; it is asked all the same if it waits
+    /// without end, unless it began to before the watch: then not until something wakes it. So
+    /// begin before the nodes start, and end when all are matched.
+    pub fn watch_matches(&self, watch: bool) {
+        let change = |number: u32| (watch != (number % 2 == 1)).then(|| number.wrapping_add(1));
+        let _as_it_was = self.watches.fetch_update(SeqCst, SeqCst, change);
+        let number = watch_number(self.watches.load(SeqCst));
+        self.memory.header.watch_matches.store(number, SeqCst);
     }
 
     /// What found no room.
@@ -195,8 +212,9 @@ impl Ledger {
         };
         let process = self.owner(slot, state)?;
         let id = EndpointId { slot: at, generation };
-        let mut read =
-            endpoint::read(slot, id, process, phase).map_err(|wrong| self.damaged(slot, wrong))?;
+        let watch = watch_number(self.watches.load(SeqCst));
+        let mut read = endpoint::read(slot, id, process, phase, watch)
+            .map_err(|wrong| self.damaged(slot, wrong))?;
         let replaced = &self.memory.process[process.entry].state;
         read.destroyed |= replaced.load(SeqCst) == PROCESS_REPLACED;
         Ok(Some(read))
@@ -216,4 +234,9 @@ impl Ledger {
         let offset = std::ptr::from_ref(part).addr() - std::ptr::from_ref(layout).addr() + at;
         LedgerError::Damaged { offset, what }
     }
+}
+
+/// The number of a watch that goes on, otherwise 0.
+fn watch_number(watches: u32) -> u32 {
+    if watches % 2 == 1 { watches } else { 0 }
 }

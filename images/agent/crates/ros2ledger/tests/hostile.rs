@@ -12,7 +12,7 @@ use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
 const ENDPOINTS: u64 = PROCESSES + 512 * 64;
-const END: u64 = ENDPOINTS + 4096 * 384;
+const END: u64 = ENDPOINTS + 4096 * 640;
 
 /// The memory, as any node can open it.
 fn opened(ledger: &Ledger) -> File {
@@ -40,7 +40,7 @@ fn damage(ledger: &Ledger) -> (u64, String) {
 fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
     let (ledger, _node, file) = filled();
     let slot = ENDPOINTS;
-    let whole: [(u64, Vec<u8>, u64, &str); 9] = [
+    let whole: [(u64, Vec<u8>, u64, &str); 12] = [
         (PROCESSES + 4, vec![9], PROCESSES + 4, "9 is no state of a process"),
         (slot, vec![77], slot, "77 is no phase of an endpoint"),
         (slot + 1, vec![200, 1], slot, "process 456 has it, which there is not"),
@@ -50,6 +50,9 @@ fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
         (slot + 64, vec![0, 0, 0, 0, 0, 0, 0, 0x80], slot + 64, "messages of"),
         (slot + 130, vec![10], slot + 130, "byte 10 in the name of a topic"),
         (slot + 128, vec![b'a'; 256], slot + 384, "the name of a topic does not end"),
+        (slot + 128, vec![0], slot + 128, "a topic without a name"),
+        (slot + 386, vec![200], slot + 386, "byte 200 in the name of a node"),
+        (slot + 384, vec![b'a'; 256], slot + 640, "the name of a node does not end"),
     ];
     for (at, bytes, offset, what) in whole {
         let mut kept = vec![0; bytes.len()];
@@ -75,7 +78,7 @@ fn its_length_is_sealed() {
 #[test]
 fn a_ledger_of_another_version_is_left_alone() {
     let ledger = Ledger::new().unwrap();
-    for (at, value) in [(0, 7), (8, 2), (12, 1), (16, 1)] {
+    for (at, value) in [(0, 7), (8, 1), (12, 1), (16, 1)] {
         let file = opened(&ledger);
         let mut kept = [0];
         file.read_exact_at(&mut kept, at).unwrap();

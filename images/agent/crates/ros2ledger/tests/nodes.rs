@@ -213,6 +213,37 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
 }
 
 #[test]
+fn each_endpoint_has_the_whole_name_of_its_node() {
+    for client in [Client::Rclcpp, Client::Rclpy] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        node.obey(&["sub /a 1", "be /robot_1/front 0 scanner", "sub /b 1", "pub /b 1"]);
+        node.obey(&["be / 0 -", "sub /c 1", "pub /c 1"]);
+        let of = |topic| (subscription(&ledger, topic).node, publisher(&ledger, topic).node);
+        let front = "/robot_1/front/scanner".to_owned();
+        assert_eq!(subscription(&ledger, "/a").node, "/node");
+        assert_eq!(of("/b"), (front.clone(), front));
+        assert_eq!(of("/c"), (String::new(), String::new()));
+    }
+}
+
+#[test]
+fn an_endpoint_whose_node_has_too_long_a_name_is_not_listed_and_that_is_reported() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    let fits = format!("/{}", "n".repeat(249));
+    node.obey(&[&format!("be {fits} 0 node"), "sub /fits 1", "be /robot 0 node"]);
+    assert_eq!(subscription(&ledger, "/fits").node.len(), 255);
+    assert_eq!(ledger.unlisted(), Unlisted::default());
+    node.obey(&[&format!("be {fits}n 0 node"), "sub /not 10", "pub /not 10", "publish /not 3"]);
+    node.obey(&["spin / 1"]);
+    assert_eq!(node.report("/not").called, 3);
+    assert_eq!(ledger.endpoints().unwrap().len(), 1);
+    assert_eq!(ledger.unlisted().endpoints, 2);
+    assert_eq!(only_process(&ledger).unlisted, ledger.unlisted().endpoints);
+}
+
+#[test]
 fn a_process_that_is_killed_in_a_callback_has_one_start_more_than_ends() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclcpp, &ledger);

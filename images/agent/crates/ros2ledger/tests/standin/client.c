@@ -43,6 +43,8 @@ static struct subscription *subscriptions[MOST];
 static struct publisher *publishers[MOST];
 static int subscription_count, publisher_count, errno_after;
 static struct subscription *ghost; /* the one that was destroyed last */
+static struct node node = {"standin", NULL, "node", "/"};
+static const struct node *creator = &node;
 static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER;
 static _Atomic int flooding, stick, nest, destroy_inside;
 
@@ -64,7 +66,7 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
   strcpy(made->way, way);
   made->last = UINT64_MAX;
   errno = 0;
-  made->rmw = rmw_create_subscription(NULL, NULL, topic, &qos, NULL);
+  made->rmw = rmw_create_subscription(creator, NULL, topic, &qos, NULL);
   errno_after = errno;
   TRACE(ros_trace_rcl_subscription_init(&made->rcl, NULL, made->rmw, topic, qos.depth));
   if (strcmp(way, "serialized") == 0) return made; /* as rclcpp's generic ones: no callback */
@@ -83,7 +85,7 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
 static struct publisher *advertise(const char *topic, struct qos qos) {
   struct publisher *made = calloc(1, sizeof *made);
   strcpy(made->topic, topic);
-  made->rmw = rmw_create_publisher(NULL, NULL, topic, &qos, NULL);
+  made->rmw = rmw_create_publisher(creator, NULL, topic, &qos, NULL);
   return made;
 }
 
@@ -179,6 +181,15 @@ static void spin_threads(int threads) {
   for (int i = 1; i < threads; i++) pthread_join(other[i], NULL);
 }
 
+/* A thread that waits without end until there is a message, and does not take it. */
+static void *sleep_on(void *rmw) {
+  void *ready[1] = {rmw};
+  struct set set = {1, ready};
+  int result = rmw_wait(&set, NULL, NULL, NULL, NULL, NULL, NULL);
+  printf("woke %d %d\n", result, ready[0] == rmw);
+  return NULL;
+}
+
 static struct publisher *flood_publisher;
 static void *flood(void *messages) {
   for (uint64_t i = 0; i < (uint64_t)messages; i++) publish(flood_publisher, i, "plain");
@@ -265,6 +276,13 @@ static void churn(const char *topic, uint64_t times) {
   }
 }
 
+/* The node that creates from now on; none is named "-". */
+static void be(const char *name_space, const char *name) {
+  node.name_space = strdup(name_space);
+  node.name = strdup(name);
+  creator = strcmp(name, "-") == 0 ? NULL : &node;
+}
+
 static void obey(char **argv, const char *verb, const char *topic, uint64_t n, const char *way) {
   /* Publishers are reliable, and so is a subscription that asks for it. */
   struct qos qos = {1, n, verb[0] == 'p' || !strcmp(way, "reliable") ? 1 : 2, 2, {0}};
@@ -316,6 +334,11 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "ghost")) /* a timer whose callback is where a subscription's was */
     call(ghost, &ghost->callback, &ghost->called);
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
+  else if (!strcmp(verb, "be")) be(topic, way);
+  else if (!strcmp(verb, "sleep")) {
+    pthread_create(&thread, NULL, sleep_on, subscription_on(topic)->rmw);
+    pthread_detach(thread);
+  }
   else if (!strcmp(verb, "pubs"))
     while (n-- > 0) publishers[publisher_count++] = advertise(topic, qos);
   else if (!strcmp(verb, "empty"))
