@@ -42,6 +42,10 @@ void publisher_add(const struct wanted *wanted, struct answer *into) {
 }
 
 void publisher_matched(uint32_t slot, struct answer *into) {
+  if (!atomic_load(&publishers[slot].live)) {
+    answer_failed(into, STATUS_REQUEST, "there is no such publisher");
+    return;
+  }
   size_t count = 0;
   int failed = rcl.rcl_publisher_get_subscription_count(&publishers[slot].rcl, &count);
   if (failed) {

@@ -11,7 +11,8 @@
 #define LOOK_NS 500000000
 
 struct subscription {
-  bool live; /* and gives messages */
+  bool made;
+  bool live; /* it gives messages */
   struct blob rcl;
 };
 
@@ -49,12 +50,17 @@ void subscription_add(const struct wanted *wanted, struct answer *into) {
     answer_rcl(into, "rcl_subscription_init", failed);
     return;
   }
+  subscriptions[wanted->slot].made = true;
   set_live(wanted->slot, true);
   take_wake();
   answer_number(into, STATUS_DONE);
 }
 
 void subscription_matched(uint32_t slot, struct answer *into) {
+  if (!subscriptions[slot].made) {
+    answer_failed(into, STATUS_REQUEST, "there is no such subscription");
+    return;
+  }
   size_t count = 0;
   int failed = rcl.rcl_subscription_get_publisher_count(&subscriptions[slot].rcl, &count);
   if (failed) {
@@ -149,9 +155,8 @@ void *take_all(void *unused) {
 }
 
 void subscriptions_end(void) {
-  static const struct blob never;
   for (uint32_t slot = 0; slot < PLAYER_ENDPOINTS; slot++)
-    if (memcmp(&subscriptions[slot].rcl, &never, sizeof never) != 0)
+    if (subscriptions[slot].made)
       (void)!rcl.rcl_subscription_fini(&subscriptions[slot].rcl, &node);
   if (guarded) (void)!rcl.rcl_guard_condition_fini(&guard);
 }

@@ -111,6 +111,9 @@ pub enum PlayerError {
         /// The most.
         most: usize,
     },
+    /// A publisher or subscription that this player has not made.
+    #[error("there is no such publisher or subscription of this player: is it of another one?")]
+    Stranger,
     /// The caller asked to wait no longer.
     #[error("cancelled")]
     Cancelled,

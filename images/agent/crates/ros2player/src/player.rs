@@ -159,11 +159,12 @@ impl Player {
         cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<(), PlayerError> {
         self.check()?;
+        known(&self.publishers, publisher.0)?;
         let length: usize = parts.iter().map(|part| part.len()).sum();
         let most = ring::most(self.memory.room());
         if length > most {
             let (length, most) = (length as u64, most as u64);
-            return Err(PlayerError::TooLarge { topic: self.topic(publisher), length, most });
+            return Err(PlayerError::TooLarge { topic: self.topic(publisher)?, length, most });
         }
         let record =
             Record { length: length as u32, endpoint: publisher.0, kind: RECORD_MESSAGE, stamp: 0 };
@@ -214,6 +215,7 @@ impl Player {
     /// # Errors
     /// rcl does not say, or not within the deadline.
     pub fn subscribers(&self, publisher: PublisherId) -> Result<u64, PlayerError> {
+        known(&self.publishers, publisher.0)?;
         let request = Request::new(Verb::Subscribers).number(publisher.0.into());
         self.ask("count subscriptions", &request, None)?.long()
     }
@@ -238,6 +240,7 @@ impl Player {
     /// # Errors
     /// As [`subscribers`](Player::subscribers).
     pub fn publishers(&self, subscription: SubscriptionId) -> Result<u64, PlayerError> {
+        known(&self.subscriptions, subscription.0)?;
         let request = Request::new(Verb::Publishers).number(subscription.0.into());
         self.ask("count publishers", &request, None)?.long()
     }
@@ -314,7 +317,8 @@ impl Player {
         PlayerError::Take { topic, reason: String::from_utf8_lossy(data).into_owned() }
     }
 
-    /// How many messages of it the program has taken, all of which were put into the ring.
+    /// How many messages of it the program has taken. By then they are in the ring: who receives
+    /// after it has said 7 has had the seventh. It counts just after that.
     pub fn taken(&self, subscription: SubscriptionId) -> u64 {
         let slot = self.memory.subscription.get(usize::from(subscription.0));
         slot.map_or(0, |slot| slot.taken.load(SeqCst))
@@ -386,9 +390,10 @@ impl Player {
         Err(PlayerError::Refused { topic, count, reason })
     }
 
-    fn topic(&self, publisher: PublisherId) -> String {
+    fn topic(&self, publisher: PublisherId) -> Result<String, PlayerError> {
         let publishers = lock(&self.publishers);
-        publishers.get(usize::from(publisher.0)).map_or_else(String::new, |one| one.topic.clone())
+        let one = publishers.get(usize::from(publisher.0)).ok_or(PlayerError::Stranger)?;
+        Ok(one.topic.clone())
     }
 }
 
@@ -402,6 +407,13 @@ fn slot<T>(list: &Mutex<Vec<T>>, one: T, topic: &str) -> Result<u16, PlayerError
     }
     list.push(one);
     Ok(slot as u16)
+}
+
+fn known<T>(list: &Mutex<Vec<T>>, slot: u16) -> Result<(), PlayerError> {
+    match usize::from(slot) < lock(list).len() {
+        true => Ok(()),
+        false => Err(PlayerError::Stranger),
+    }
 }
 
 /// The error of an answer that says so.

@@ -197,3 +197,198 @@ fn sleep(
         Err(other) => Err(PlayerError::Memory(other.into())),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicBool;
+
+    use super::*;
+    use crate::layout::{Header, RECORD_MESSAGE, RINGS};
+
+    const ROOM: usize = 1 << 16;
+
+    struct Chance(u64);
+
+    impl Chance {
+        fn next(&mut self) -> u64 {
+            self.0 ^= self.0 << 13;
+            self.0 ^= self.0 >> 7;
+            self.0 ^= self.0 << 17;
+            self.0
+        }
+
+        /// A length: most are short, some as long as can be.
+        fn length(&mut self) -> usize {
+            match self.next() % 16 {
+                0 => most(ROOM) - (self.next() % 40) as usize,
+                1..4 => (self.next() % (ROOM as u64 / 4)) as usize,
+                _ => (self.next() % 200) as usize,
+            }
+        }
+    }
+
+    fn record(length: usize, stamp: i64) -> Record {
+        Record { length: length as u32, endpoint: 3, kind: RECORD_MESSAGE, stamp }
+    }
+
+    fn write_all(memory: &Memory, writer: &mut Writer, record: Record, parts: &[&[u8]]) {
+        let mut written = writer.write(memory, record, parts).unwrap();
+        while !written {
+            let attempt = || {
+                written = writer.write(memory, record, parts)?;
+                Ok(written)
+            };
+            sleep_for_room(memory, Which::Out, Duration::from_secs(10), attempt).unwrap();
+        }
+    }
+
+    /// Whoever sleeps is woken, since a wake that is lost would take ten seconds; and what is read
+    /// is what was written, in its order, whatever the lengths.
+    #[test]
+    fn two_threads_pass_on_all_of_it_in_order() {
+        for seed in 1..=20 {
+            let memory = Memory::new(ROOM).unwrap();
+            let late = AtomicBool::new(false);
+            let begun = std::time::Instant::now();
+            std::thread::scope(|scope| {
+                scope.spawn(|| {
+                    let mut writer = Writer::new(Which::Out);
+                    let mut chance = Chance(seed);
+                    for number in 0..2000 {
+                        let bytes = vec![number as u8; chance.length()];
+                        let (some, rest) = bytes.split_at(bytes.len() / 3);
+                        write_all(&memory, &mut writer, record(bytes.len(), number), &[some, rest]);
+                    }
+                });
+                let mut reader = Reader::new(Which::Out);
+                let mut chance = Chance(seed);
+                let mut number = 0;
+                while number < 2000 {
+                    while !reader.look(&memory).unwrap() {
+                        reader.sleep(&memory, Duration::from_secs(10)).unwrap();
+                    }
+                    while let Some((found, bytes)) = reader.next(&memory).unwrap() {
+                        assert_eq!(found, record(chance.length(), number));
+                        assert!(bytes.iter().all(|byte| *byte == number as u8), "{number}");
+                        reader.done(&memory, found);
+                        number += 1;
+                    }
+                }
+                late.store(begun.elapsed() >= Duration::from_secs(9), SeqCst);
+            });
+            assert!(!late.into_inner(), "somebody was not woken");
+            assert_eq!(memory.out.head.load(SeqCst), memory.out.tail.load(SeqCst));
+        }
+    }
+
+    #[test]
+    fn a_ring_that_is_full_takes_no_more_until_something_was_read() {
+        let memory = Memory::new(ROOM).unwrap();
+        let (mut writer, mut reader) = (Writer::new(Which::In), Reader::new(Which::In));
+        let half = vec![1; most(ROOM)];
+        assert!(writer.write(&memory, record(half.len(), 0), &[&half]).unwrap());
+        assert!(writer.write(&memory, record(half.len(), 1), &[&half]).unwrap());
+        assert!(!writer.write(&memory, record(0, 2), &[]).unwrap());
+        assert!(reader.look(&memory).unwrap());
+        let (first, _) = reader.next(&memory).unwrap().unwrap();
+        reader.done(&memory, first);
+        assert!(writer.write(&memory, record(0, 2), &[]).unwrap());
+        // Half a ring does not fit before its end by now: it waits until there is room at its start.
+        assert!(!writer.write(&memory, record(half.len(), 3), &[&half]).unwrap());
+        for stamp in [1, 2] {
+            assert!(reader.look(&memory).unwrap());
+            let (found, _) = reader.next(&memory).unwrap().unwrap();
+            assert_eq!(found.stamp, stamp);
+            reader.done(&memory, found);
+        }
+        assert!(writer.write(&memory, record(half.len(), 3), &[&half]).unwrap());
+        assert!(reader.look(&memory).unwrap());
+        assert_eq!(reader.next(&memory).unwrap().unwrap().0.stamp, 3);
+    }
+
+    /// The place and the sentence of what a reader refuses.
+    fn refusal(memory: &Memory, reader: &mut Reader) -> (usize, String) {
+        match reader.look(memory).and_then(|_| reader.next(memory)) {
+            Err(PlayerError::Damaged { offset, what }) => (offset, what),
+            other => panic!("{other:?}"),
+        }
+    }
+
+    #[test]
+    fn what_can_not_be_in_a_ring_is_refused_with_its_place() {
+        let head = std::mem::offset_of!(Header, in_);
+        let start = RINGS + ROOM;
+        for (position, found, place, sentence) in [
+            (8, record(0, 0), head, "8 bytes were written, and 0 read"),
+            (ROOM as u64 + 16, record(0, 0), head, "65552 bytes were written"),
+            (u64::MAX - 15, record(0, 0), head, "bytes were written, and 0 read"),
+            (16, record(1, 0), start, "a record of 1 bytes"),
+            (32, record(17, 0), start, "a record of 17 bytes"),
+            (32, record(u32::MAX as usize, 0), start, "a record of 4294967295 bytes"),
+            (32, Record { kind: 4, ..record(0, 0) }, start, "4 is no kind of record"),
+            (32, Record { kind: RECORD_PAD, ..record(40, 0) }, start, "a record of 40 bytes"),
+        ] {
+            let memory = Memory::new(ROOM).unwrap();
+            memory.set_record(Which::In, 0, found);
+            memory.in_.head.store(position, SeqCst);
+            let (offset, what) = refusal(&memory, &mut Reader::new(Which::In));
+            assert!(offset == place && what.contains(sentence), "{offset}: {what}");
+        }
+    }
+
+    #[test]
+    fn a_head_that_goes_back_and_a_tail_from_the_future_are_refused() {
+        let memory = Memory::new(ROOM).unwrap();
+        let (mut writer, mut reader) = (Writer::new(Which::In), Reader::new(Which::In));
+        for _ in 0..2 {
+            assert!(writer.write(&memory, record(0, 0), &[]).unwrap());
+            assert!(reader.look(&memory).unwrap());
+            let (found, _) = reader.next(&memory).unwrap().unwrap();
+            reader.done(&memory, found);
+        }
+        memory.in_.head.store(16, SeqCst);
+        assert!(refusal(&memory, &mut reader).1.contains("16 bytes were written, and 32 read"));
+        for tail in [48, u64::MAX] {
+            memory.in_.tail.store(tail, SeqCst);
+            let error = writer.write(&memory, record(0, 0), &[]).unwrap_err().to_string();
+            assert!(error.contains(&format!("{tail} bytes were read of 32")), "{error}");
+        }
+    }
+
+    #[test]
+    fn any_bytes_are_records_or_an_error_and_never_a_panic() {
+        let mut chance = Chance(7);
+        let (mut refused, mut read) = (0, 0);
+        for _ in 0..20_000 {
+            let memory = Memory::new(ROOM).unwrap();
+            // What is plausible gets further than noise.
+            let mut at = 0;
+            while at < 256 {
+                let words = Record {
+                    length: (chance.next() % 64) as u32,
+                    endpoint: chance.next() as u16,
+                    kind: (chance.next() % 5) as u16,
+                    stamp: 0,
+                };
+                memory.set_record(Which::In, at, words);
+                at += ALIGNMENT * (1 + chance.next() % 4);
+            }
+            memory.in_.head.store(chance.next() % 20 * 16 + chance.next() % 30 / 29, SeqCst);
+            let mut reader = Reader::new(Which::In);
+            let mut all = || {
+                reader.look(&memory)?;
+                let mut bytes = 0;
+                while let Some((found, data)) = reader.next(&memory)? {
+                    bytes += data.len();
+                    reader.done(&memory, found);
+                }
+                Ok::<usize, PlayerError>(bytes)
+            };
+            match all() {
+                Ok(bytes) => read += bytes,
+                Err(_) => refused += 1,
+            }
+        }
+        assert!(refused > 5000 && read > 5000, "{refused} {read}");
+    }
+}
