@@ -75,13 +75,15 @@ impl Proof {
         self.known.get(&(topic, link)).copied().unwrap_or_default()
     }
 
-    /// Asks every node with an open connection once. A node that does not answer keeps its
-    /// last figures: what can't be proved will count as lost.
+    /// Asks every node with an open connection once, and those without where somebody knows their
+    /// figures. A node that does not answer keeps its last ones: what can't be proved will count as
+    /// lost.
     pub(crate) fn ask(&mut self, topics: &[Arc<dyn Publication>]) {
         let mut links: BTreeMap<String, BTreeMap<String, Key>> = BTreeMap::new();
         let seen = self.see(topics);
         for (at, publication) in topics.iter().enumerate() {
-            for link in publication.subscribers().into_iter().filter(|link| link.open) {
+            let can_be_asked = |link: &LinkState| link.open || self.audit.outlives_nodes();
+            for link in publication.subscribers().into_iter().filter(can_be_asked) {
                 let of_node = links.entry(link.node).or_default();
                 of_node.insert(publication.info().topic.clone(), (at, link.id));
             }

@@ -32,6 +32,10 @@ impl Audit for Reader {
         Ok(found)
     }
 
+    fn outlives_nodes(&self) -> bool {
+        true
+    }
+
     fn pid(&mut self, node: &str) -> Result<i32, GraphError> {
         let endpoints = self.ledger.endpoints().map_err(failed)?;
         let own = endpoints.iter().find(|one| one.node == node && !one.destroyed);

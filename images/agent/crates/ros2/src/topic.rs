@@ -215,14 +215,12 @@ impl Topic {
             if all(ledger).map_err(|error| failed(&error))? {
                 return Ok(());
             }
-            let processes: Vec<ProcessId> =
-                there.iter().filter_map(|link| Some(link.counted.as_ref()?.process)).collect();
-            match ledger.wait(events, &processes, Instant::now() + ASK, all) {
+            match ledger.wait(events, &[], Instant::now() + ASK, all) {
                 Ok(Waited::Held) => return Ok(()),
-                Ok(Waited::Ended(process)) => end(&there, process),
-                Ok(Waited::Late) => {}
+                Ok(Waited::Late | Waited::Ended(_)) => {}
                 Err(error) => return Err(failed(&error)),
             }
+            end_dead(&there, ledger).map_err(|error| failed(&error))?;
             if cancelled() {
                 return Err(SendError::Cancelled);
             }
@@ -246,13 +244,16 @@ fn has(links: &[Arc<Link>], process: Option<ProcessId>, node: &str) -> bool {
     })
 }
 
-/// A process has ended, and its subscriptions with it.
-fn end(links: &[&Arc<Link>], process: ProcessId) {
+/// Closes the links whose processes have ended, of which nobody wakes us.
+fn end_dead(links: &[&Arc<Link>], ledger: &Ledger) -> Result<(), LedgerError> {
+    let processes = ledger.processes()?;
+    let runs = |id: ProcessId| processes.iter().any(|process| process.id == id && process.alive);
     for link in links {
-        if link.counted.as_ref().is_some_and(|counted| counted.process == process) {
+        if link.counted.as_ref().is_some_and(|counted| !runs(counted.process)) {
             link.close();
         }
     }
+    Ok(())
 }
 
 /// A figure that changes with each message that is taken or done with.

@@ -144,10 +144,29 @@ impl Graph {
     }
 
     pub fn start(&self, program: &str, arguments: &[&str]) -> Node {
+        self.start_counting(program, arguments, &self.ledger)
+    }
+
+    /// A node that counts in another ledger.
+    pub fn start_counting(&self, program: &str, arguments: &[&str], ledger: &Ledger) -> Node {
+        self.spawn(program, arguments, &ledger.environment(&built().join("ledger.so"), None))
+    }
+
+    /// A node that knows of no ledger.
+    pub fn start_uncounted(&self, program: &str, arguments: &[&str]) -> Node {
+        self.spawn(program, arguments, &[])
+    }
+
+    fn spawn(
+        &self,
+        program: &str,
+        arguments: &[&str],
+        variables: &[(&'static str, OsString)],
+    ) -> Node {
         let child = Command::new(built().join(program))
             .args(arguments)
             .envs(self.environment())
-            .envs(self.ledger.environment(&built().join("ledger.so"), None))
+            .envs(variables.iter().map(|(name, value)| (name, value)))
             .stdin(Stdio::null())
             .spawn()
             .unwrap();
