@@ -85,6 +85,8 @@ static uint32_t claim_process(struct ledger *ledger) {
                atomic_compare_exchange_strong(&process->pid, &nobody, pid)) {
       atomic_store(&process->start, start);
       atomic_store(&process->unlisted_endpoints, 0);
+      atomic_store(&process->others_started, 0);
+      atomic_store(&process->others_ended, 0);
       atomic_store(&process->state, PROCESS_LIVE);
       mine = entry;
     }

@@ -86,7 +86,9 @@ pub struct Counts {
     pub intra_started: u64,
     /// Those that ended.
     pub intra_ended: u64,
-    /// Where no callback is reported: taken by a thread that took again or waited since.
+    /// Taken by a thread that took again, waited or ended since, without a callback that was
+    /// reported: all of them where none is; otherwise those that rclcpp threw away, as it does with
+    /// copies of what came within the process.
     pub returned: u64,
     /// Handed to the middleware, which took them.
     pub published: u64,
@@ -96,7 +98,7 @@ impl Counts {
     /// Messages that the node has done with, by the strength of what it reports.
     pub fn done(&self, strength: Strength) -> u64 {
         match strength {
-            Strength::Called => self.ended + self.intra_ended,
+            Strength::Called => self.ended + self.intra_ended + self.returned,
             _ => self.returned + self.intra_ended,
         }
     }

@@ -174,7 +174,15 @@ impl Ledger {
         let id = ProcessId { pid, start: process.start.load(SeqCst), entry };
         let alive = self.runs(id);
         let unlisted = process.unlisted_endpoints.load(SeqCst);
-        Ok(Some(Process { id, alive, unlisted }))
+        // Before the starts, so that a node that counts meanwhile is not taken for one that lies.
+        let others_ended = process.others_ended.load(SeqCst);
+        let others_started = process.others_started.load(SeqCst);
+        if others_ended > others_started {
+            let at = std::mem::offset_of!(ProcessEntry, others_ended);
+            let what = format!("{others_ended} ends of {others_started} starts");
+            return Err(self.damaged(process, (at, what)));
+        }
+        Ok(Some(Process { id, alive, unlisted, others_started, others_ended }))
     }
 
     /// Whether this program runs: its process does, and has become no other one.

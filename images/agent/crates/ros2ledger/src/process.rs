@@ -22,6 +22,10 @@ pub struct Process {
     pub alive: bool,
     /// Endpoints, or their callbacks, that it could not list: of these nothing is counted.
     pub unlisted: u32,
+    /// Callbacks that began and are no listed subscription's: of timers, and of services.
+    pub others_started: u64,
+    /// Those that ended.
+    pub others_ended: u64,
 }
 
 /// How far a delivery to an endpoint is proved; the stronger is the greater.

@@ -186,6 +186,59 @@ fn a_callback_that_spins_has_its_own_end_and_those_inside_have_theirs() {
 }
 
 #[test]
+fn callbacks_of_timers_are_counted_for_their_process_alone() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    let others = || (only_process(&ledger).others_started, only_process(&ledger).others_ended);
+    // Without an endpoint there is no process yet.
+    node.obey(&["tick / 1", "sub /scan 10", "pub /scan 1"]);
+    assert_eq!(others(), (0, 0));
+    node.obey(&["tick /scan 3", "nest /", "tick / 1"]);
+    assert_eq!(others(), (4, 4));
+    // The timer's callback has waited and called inside of it.
+    let counts = Counts { taken: 1, started: 1, ended: 1, ..Counts::default() };
+    assert_eq!(subscription(&ledger, "/scan").counts, counts);
+    assert_eq!(publisher(&ledger, "/scan").counts.published, 3);
+    node.obey(&["stick /"]);
+    assert_eq!(node.ask("tick / 1"), "stuck");
+    assert_eq!(others(), (5, 4));
+    node.kill();
+    assert_eq!(others(), (5, 4));
+    ledger.retire().unwrap();
+    // Another process has its place, and begins from 0.
+    let mut next = Node::start(Client::Rclcpp, &ledger);
+    next.obey(&["sub /scan 10", "tick / 2"]);
+    assert_eq!(others(), (2, 2));
+}
+
+#[test]
+fn what_rclcpp_takes_and_throws_away_is_in_hand_until_the_thread_waits_again() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10 intra", "pub /scan 1", "publish /scan 5", "discard /scan 2"]);
+    let scan = || subscription(&ledger, "/scan");
+    assert_eq!((scan().strength, scan().counts.returned), (Strength::Called, 1));
+    assert_eq!(scan().counts.in_hand(Strength::Called), 1);
+    node.obey(&["spin / 1"]);
+    let counts = Counts { taken: 5, started: 3, ended: 3, returned: 2, ..Counts::default() };
+    assert_eq!(scan().counts, counts);
+    assert_eq!((counts.done(Strength::Called), counts.in_hand(Strength::Called)), (5, 0));
+}
+
+#[test]
+fn a_thread_that_ends_has_done_with_what_it_took() {
+    for client in [Client::Rclcpp, Client::Rclpy] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        node.obey(&["sub /scan 10", "pub /scan 1", "publish /scan 2", "brief /scan"]);
+        let counts = Counts { taken: 1, returned: 1, ..Counts::default() };
+        assert_eq!(subscription(&ledger, "/scan").counts, counts);
+        node.obey(&["brief /scan"]);
+        assert_eq!(subscription(&ledger, "/scan").counts.returned, 2);
+    }
+}
+
+#[test]
 fn topic_qos_thread_and_process_are_those_of_the_node() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclcpp, &ledger);

@@ -142,6 +142,26 @@ static void call(struct subscription *of, const char *callback, _Atomic uint64_t
   TRACE(ros_trace_callback_end(callback));
 }
 
+/* A timer's callback, which publishes on the topic where there is one. */
+static void tick(struct publisher *to) {
+  static const char timer;
+  (void)timer;
+  TRACE(ros_trace_callback_start(&timer, false));
+  if (to != NULL) publish(to, 1, "plain");
+  if (atomic_exchange(&stick, 0)) {
+    printf("stuck\n");
+    for (;;) pause();
+  }
+  if (atomic_exchange(&nest, 0)) spin_once(0);
+  TRACE(ros_trace_callback_end(&timer));
+}
+
+/* A copy of what came within the process: rclcpp takes it and calls nothing. */
+static void *take_away(void *of) {
+  ((struct subscription *)of)->taken += take(of);
+  return NULL;
+}
+
 /* What an executor does with one ready subscription: false if there was none in time. */
 static bool spin_once(uint64_t milliseconds) {
   void *ready[MOST];
@@ -334,6 +354,14 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "ghost")) /* a timer whose callback is where a subscription's was */
     call(ghost, &ghost->callback, &ghost->called);
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
+  else if (!strcmp(verb, "tick"))
+    while (n-- > 0) tick(strcmp(topic, "/") == 0 ? NULL : publisher_on(topic));
+  else if (!strcmp(verb, "discard"))
+    while (n-- > 0) take_away(subscription_on(topic));
+  else if (!strcmp(verb, "brief")) { /* a thread that takes one and ends */
+    pthread_create(&thread, NULL, take_away, subscription_on(topic));
+    pthread_join(thread, NULL);
+  }
   else if (!strcmp(verb, "be")) be(topic, way);
   else if (!strcmp(verb, "sleep")) {
     pthread_create(&thread, NULL, sleep_on, subscription_on(topic)->rmw);
