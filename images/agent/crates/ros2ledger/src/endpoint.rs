@@ -163,10 +163,6 @@ pub(crate) fn read(
     watch: u32,
 ) -> Result<Endpoint, Wrong> {
     let flags = slot.flags.load(SeqCst);
-    let strength = match flags & FLAG_CALLS {
-        0 => Strength::Taken,
-        _ => Strength::Called,
-    };
     let kind = match slot.kind.load(SeqCst) {
         KIND_SUBSCRIPTION => Kind::Subscription,
         KIND_PUBLISHER => Kind::Publisher,
@@ -192,9 +188,25 @@ pub(crate) fn read(
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
         matched: matched(slot, watch),
-        strength,
+        strength: strength(flags),
         counts: counts(slot)?,
     })
+}
+
+/// Reads a slot again of which all is known that its endpoint never changes.
+pub(crate) fn again(slot: &EndpointSlot, known: &Endpoint, phase: u32) -> Result<Endpoint, Wrong> {
+    let flags = slot.flags.load(SeqCst);
+    Ok(Endpoint {
+        destroyed: phase == PHASE_DESTROYED,
+        intra_process: flags & FLAG_INTRA != 0,
+        strength: strength(flags),
+        counts: counts(slot)?,
+        ..known.clone()
+    })
+}
+
+fn strength(flags: u32) -> Strength {
+    if flags & FLAG_CALLS == 0 { Strength::Taken } else { Strength::Called }
 }
 
 /// What was seen during this watch; no watch is 0.

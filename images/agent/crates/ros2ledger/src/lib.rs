@@ -43,6 +43,7 @@ mod ledger;
 mod library;
 mod memory;
 mod process;
+mod quiet;
 mod wait;
 
 pub use endpoint::{Counts, Durability, Endpoint, EndpointId, History, Kind, Qos, Reliability};
@@ -50,4 +51,5 @@ pub use error::LedgerError;
 pub use ledger::{Ledger, Unlisted};
 pub use library::LIBRARY;
 pub use process::{Process, ProcessId, Strength};
+pub use quiet::{Busy, Doubt, Mark, Quiet, Why};
 pub use wait::{Event, Waited};

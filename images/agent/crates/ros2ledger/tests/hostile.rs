@@ -7,7 +7,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Endpoint, Event, Ledger, LedgerError, Waited};
+use bagpipe_ros2ledger::{Endpoint, Event, Ledger, LedgerError, Mark, Waited};
 use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
@@ -99,6 +99,7 @@ fn use_all(ledger: &Ledger, some: &[Endpoint]) -> usize {
     refused += some.iter().filter(|one| ledger.counts(one.id).is_err()).count();
     refused += usize::from(ledger.strength_of(std::process::id()).is_err());
     let _any = ledger.unlisted();
+    refused += usize::from(ledger.quiet(&Mark::default(), &[("/scan", 1)]).is_err());
     let soon = Instant::now() + Duration::from_millis(1);
     let processes: Vec<_> = some.iter().map(|one| one.process).collect();
     let waited = ledger.wait(&[Event::Ended], &processes, soon, |_| Ok(false)).unwrap();

@@ -32,6 +32,7 @@ struct subscription {
   char rcl, cpp, callback, intra, intra_callback; /* their addresses are what counts */
   _Atomic uint64_t taken, called, intra_waiting, intra_called;
   _Atomic uint64_t last; /* the number that was taken last */
+  struct publisher *relay; /* what its callback publishes on; none if NULL */
 };
 struct publisher {
   char topic[512];
@@ -133,6 +134,7 @@ static void call(struct subscription *of, const char *callback, _Atomic uint64_t
   (void)callback;
   TRACE(ros_trace_callback_start(callback, callback == &of->intra_callback));
   ++*count;
+  if (of->relay != NULL) publish(of->relay, *count, "plain");
   if (atomic_exchange(&destroy_inside, 0)) destroy(of);
   if (atomic_exchange(&stick, 0)) {
     printf("stuck\n");
@@ -362,6 +364,7 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
     pthread_create(&thread, NULL, take_away, subscription_on(topic));
     pthread_join(thread, NULL);
   }
+  else if (!strcmp(verb, "relay")) subscription_on(topic)->relay = publisher_on(way);
   else if (!strcmp(verb, "be")) be(topic, way);
   else if (!strcmp(verb, "sleep")) {
     pthread_create(&thread, NULL, sleep_on, subscription_on(topic)->rmw);
