@@ -55,7 +55,8 @@ struct ledger_process {
   _Atomic uint32_t reserved;
   _Atomic uint64_t others_started; /* callbacks of no subscription: timers, services */
   _Atomic uint64_t others_ended;
-  _Atomic uint32_t reserved_words[6];
+  _Atomic uint64_t stack; /* where it begins: field 28, which exec changes */
+  _Atomic uint32_t reserved_words[4];
 };
 
 struct ledger_endpoint {

@@ -106,7 +106,7 @@ impl Ledger {
         self.slot(id).map(|_| counts)
     }
 
-    /// Has the nodes tell how many publishers their subscriptions have matched, or no longer:
+    /// Has the nodes report how many publishers their subscriptions have matched, or no longer:
     /// [`Endpoint::matched`] and [`Event::Matched`](crate::Event::Matched). Each watch begins
     /// without figures.
     ///
@@ -163,6 +163,7 @@ impl Ledger {
             let process = &self.memory.process[id.entry];
             process.state.store(PROCESS_FREE, SeqCst);
             process.start.store(0, SeqCst);
+            process.stack.store(0, SeqCst);
             process.pid.store(0, SeqCst);
         }
         Ok(last)
@@ -212,7 +213,7 @@ impl Ledger {
         process.pid.load(SeqCst) == id.pid
             && process.start.load(SeqCst) == id.start
             && process.state.load(SeqCst) == PROCESS_LIVE
-            && is_alive(id)
+            && is_alive(id, process.stack.load(SeqCst))
     }
 
     /// The process of a slot's state, without asking the kernel for it.

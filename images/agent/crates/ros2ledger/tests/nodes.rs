@@ -6,10 +6,11 @@ mod standin;
 use std::fs::File;
 use std::io::Write;
 use std::os::fd::AsRawFd;
+use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{
     Counts, Durability, Endpoint, History, Kind, Ledger, Process, Qos, Reliability, Strength,
-    Unlisted,
+    Unlisted, Waited,
 };
 use rustix::fs::{MemfdFlags, memfd_create};
 use standin::{Client, Node, built};
@@ -257,6 +258,34 @@ fn a_program_that_is_executed_counts_for_itself_and_the_one_before_has_ended() {
     assert_eq!(alive, [false, true]);
     assert_eq!(ledger.retire().unwrap().len(), 1);
     assert_eq!(only_process(&ledger).id, after.process);
+}
+
+#[test]
+fn a_program_without_ros_that_is_executed_ends_the_one_before() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /before 10"]);
+    let process = only_process(&ledger);
+    assert!(process.alive);
+    node.send("become");
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let waited = ledger.wait(&[], &[process.id], deadline, |_| Ok(false)).unwrap();
+    assert_eq!(waited, Waited::Ended(process.id));
+    assert!(std::fs::read_to_string(format!("/proc/{}/comm", node.pid())).unwrap() == "sleep\n");
+    assert_eq!(ledger.retire().unwrap().len(), 1);
+}
+
+#[test]
+fn a_middleware_that_is_unloaded_and_loaded_again_is_called_where_it_is() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Again, &ledger);
+    for round in 1..=3 {
+        let topic = format!("/round_{round}");
+        node.obey(&[&format!("sub {topic} 10"), &format!("pub {topic} 10")]);
+        node.obey(&[&format!("publish {topic} 3"), "spin / 1"]);
+        assert_eq!(subscription(&ledger, &topic).counts.returned, 3);
+        assert_eq!(node.ask("leave"), "ready");
+    }
 }
 
 #[test]

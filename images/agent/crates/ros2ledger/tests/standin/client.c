@@ -411,6 +411,8 @@ int serve(int argc, char **argv) {
     strcpy(topic, "/");
     strcpy(way, "plain");
     sscanf(line, "%15s %511s %llu %15s", verb, topic, &n, way);
+    if (strcmp(verb, "leave") == 0) return 1;
+    if (strcmp(verb, "become") == 0) execlp("sleep", "sleep", "600", NULL);
     obey(argv, verb, topic, n, way);
   }
   return 0;
