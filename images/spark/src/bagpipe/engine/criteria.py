@@ -38,7 +38,6 @@ def judged_by_criteria(
             lambda: attempt.source.truth(case, truths, storage),
             case.window.start,
             case.window.end,
-            truths,
         ),
         start=case.window.start,
         end=case.window.end,
