@@ -6,8 +6,11 @@ from typing import Any
 
 import pytest
 
+from bagpipe import MemoryMcap
+from bagpipe.engine.chosen import engine_of
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.laptop import write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
@@ -131,6 +134,34 @@ def test_in_a_gap_of_the_recording_nobody_answers(lab: Lab) -> None:
     times = source_of(lab.context().spec).input_times(case, Storage(lab.volumes))
     assert times is not None
     assert times() == [round(at * SECOND) for at in GAP]
+
+
+def test_by_hand_it_is_played_by_ros_2_itself(lab: Lab, tmp_path: Path) -> None:
+    stack = {
+        "image": "stack:1", "command": ["ros2", "run", "lane"], "engine": "ros2",
+        "parameters": {"/lane/x": 1}, "remap": {"/laser": "/scan"},
+    }  # fmt: skip
+    fragment = {"length": "4s", "warmUp": "1s"}
+    source = {"bags": ["pvc://recordings/*"], "topics": ["/scan"], "fragment": fragment}
+    context = lab.context(stack=stack, source=source)
+    storage = Storage(lab.volumes)
+    case = next(case for case in plan(context.spec, storage).cases if case.id == "drive-0001")
+    written = write_fragment(case, source_of(context.spec), storage, tmp_path / "fragment")
+    assert written.name == "fragment.mcap"
+    assert len(list(MemoryMcap(written.read_bytes()).messages(["/scan"]))) >= 50
+    lines = list(
+        engine_of("ros2").by_hand(case, context.spec, source_of(context.spec), storage, written)
+    )
+    assert lines[1:3] == ['  parameters {"/lane/x": 1}', "  command    ros2 run lane"]
+    start = (case.window.lead_in_start - 10 * SECOND) / 1e9
+    played = (case.window.end - case.window.lead_in_start) / 1e9
+    assert 2 < start < 4 < played < 6
+    # The fragment begins with the chunk that the lead-in begins in.
+    first = next(time for _, time, _ in MemoryMcap(written.read_bytes()).messages()) / 1e9 - 10
+    assert lines[-1] == (
+        f"  ros2 bag play {written} --start-offset {start - first:.9f} --playback-duration"
+        f" {played:.9f} --topics /scan --rate 1 --remap /scan:=/laser"
+    )
 
 
 def test_what_a_bag_holds_is_no_input_of_ros_2(lab: Lab) -> None:
