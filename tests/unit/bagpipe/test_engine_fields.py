@@ -25,6 +25,7 @@ NAMED = {
     ("images/spark/src/bagpipe/engine_fields.py", "ros1"),
     # What the messages of a bag are, as recordings call it.
     ("images/spark/src/bagpipe/plan/parts.py", "ros1"),
+    ("images/spark/src/bagpipe/evaluate/decoding.py", "ros1"),
     # The kind of a probe, as Kubernetes calls it.
     ("operator/src/bagpipe_operator/jobs/pods/executor_template.py", "exec"),
 }

@@ -40,7 +40,7 @@ def hello(of: SimulationJobSpec) -> Any:
     return case_map(case, RunContext("n/j", of, {}, "pvc://results/r"))
 
 
-def test_hello_has_what_is_offered_for_each_topic_and_nil_for_what_is_not_said() -> None:
+def test_hello_has_what_is_offered_for_each_topic_and_nil_for_the_rest() -> None:
     case = hello(spec({"ros2": {"qos": QOS}}))
     assert case["engine"] == "ros2"
     assert case["stack"]["qos"] == {

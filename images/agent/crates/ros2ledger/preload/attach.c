@@ -56,25 +56,38 @@ static struct ledger *map(void) {
   return NULL;
 }
 
-/* Field 22 of /proc/self/stat; 0 if it can't be read, which no process has. */
-static uint64_t start_time(void) {
+/* What no two programs have in common that one process becomes after the other: when it began and,
+ * since exec keeps that, where its stack does. */
+struct identity {
+  uint64_t start, stack;
+};
+
+static uint64_t number(const char **at, int fields) {
+  while (*at != NULL && fields-- > 0) *at = strchr(*at + 1, ' ');
+  return *at == NULL ? 0 : strtoull(*at + 1, NULL, 10);
+}
+
+/* Fields 22 and 28 of /proc/self/stat; 0 if it can't be read, which no process' start is. */
+static struct identity identity(void) {
   char text[1024];
+  struct identity none = {0, 0};
   int file = open("/proc/self/stat", O_RDONLY | O_CLOEXEC);
-  if (file < 0) return 0;
+  if (file < 0) return none;
   ssize_t length = read(file, text, sizeof text - 1);
   close(file);
-  if (length <= 0) return 0;
+  if (length <= 0) return none;
   text[length] = 0;
-  char *at = strrchr(text, ')'); /* the name may have spaces */
-  for (int field = 2; at != NULL && field < 22; field++) at = strchr(at + 1, ' ');
-  return at == NULL ? 0 : strtoull(at + 1, NULL, 10);
+  const char *at = strrchr(text, ')'); /* the name may have spaces */
+  uint64_t start = number(&at, 20);
+  return (struct identity){start, number(&at, 6)};
 }
 
 /* Takes an entry of the table of processes. A program that was executed has the number and the
  * start time of the one before it, whose endpoints are no more. */
 static uint32_t claim_process(struct ledger *ledger) {
   uint32_t pid = (uint32_t)getpid();
-  uint64_t start = start_time();
+  struct identity self = identity();
+  uint64_t start = self.start;
   uint32_t mine = NO_PROCESS;
   for (uint32_t entry = 0; start != 0 && entry < LEDGER_PROCESSES; entry++) {
     struct ledger_process *process = &ledger->process[entry];
@@ -84,7 +97,10 @@ static uint32_t claim_process(struct ledger *ledger) {
     } else if (mine == NO_PROCESS &&
                atomic_compare_exchange_strong(&process->pid, &nobody, pid)) {
       atomic_store(&process->start, start);
+      atomic_store(&process->stack, self.stack);
       atomic_store(&process->unlisted_endpoints, 0);
+      atomic_store(&process->others_started, 0);
+      atomic_store(&process->others_ended, 0);
       atomic_store(&process->state, PROCESS_LIVE);
       mine = entry;
     }

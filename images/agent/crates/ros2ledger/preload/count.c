@@ -14,16 +14,17 @@
 /* The slot is not given to another endpoint while one of its callbacks runs (src/ledger.rs). */
 struct call {
   const void *callback;
-  uint32_t slot;
+  uint32_t slot; /* NO_SLOT: no subscription's */
   bool intra;
 };
 
 /* What a thread does. */
 static __thread struct {
+  bool has_end; /* at_end will be called */
   uint32_t inside;
   uint32_t id;
   uint32_t took;    /* the slot that it last took from */
-  uint64_t in_hand; /* messages taken there, which have no callback that we see */
+  uint64_t in_hand; /* messages taken there, of which no callback has begun */
   uint32_t calls;
   struct call call[NESTED];
 } self __attribute__((tls_model("initial-exec")));
@@ -56,6 +57,21 @@ void count_wait(void) {
   add(&atomic_load(&attach_ledger)->endpoint[self.took].returned, done, EVENT_ENDED);
 }
 
+/* Of C++, for objects of a thread: the only one that is in every C library itself. */
+int __cxa_thread_atexit_impl(void (*function)(void *), void *argument, void *library);
+extern void *__dso_handle;
+
+/* A thread that ends has done with what it took. */
+static void at_end(void *unused) {
+  (void)unused;
+  count_wait();
+}
+
+static void meet_thread(void) {
+  self.has_end = true;
+  __cxa_thread_atexit_impl(at_end, NULL, &__dso_handle);
+}
+
 void count_take(const void *subscription, uint64_t messages) {
   uint32_t slot;
   count_wait();
@@ -66,10 +82,9 @@ void count_take(const void *subscription, uint64_t messages) {
     return;
   }
   note_thread(endpoint);
-  if (!(atomic_load_explicit(&endpoint->flags, memory_order_relaxed) & FLAG_CALLS)) {
-    self.took = slot;
-    self.in_hand = messages;
-  }
+  if (!self.has_end) meet_thread();
+  self.took = slot;
+  self.in_hand = messages;
   add(&endpoint->taken, messages, EVENT_TAKEN);
 }
 
@@ -79,29 +94,53 @@ void count_publish(const void *publisher) {
   if (endpoint != NULL) add(&endpoint->published, 1, EVENT_PUBLISHED);
 }
 
+static void start_endpoint(struct ledger_endpoint *endpoint, uint32_t slot, bool intra) {
+  note_thread(endpoint);
+  if (intra) {
+    add(&endpoint->intra_started, 1, EVENT_STARTED);
+    return;
+  }
+  if (slot == self.took && self.in_hand > 0) self.in_hand--;
+  if (!(atomic_load_explicit(&endpoint->flags, memory_order_relaxed) & FLAG_CALLS))
+    atomic_fetch_or(&endpoint->flags, FLAG_CALLS);
+  add(&endpoint->started, 1, EVENT_STARTED);
+}
+
 void count_start(const void *callback, bool intra) {
-  uint32_t slot;
-  struct ledger_endpoint *endpoint = listed(callback, &slot);
-  if (endpoint == NULL) return;
+  uint32_t entry;
+  struct ledger *ledger = attached(&entry);
+  if (ledger == NULL) return;
   if (self.calls == NESTED) {
     memmove(self.call, self.call + 1, sizeof self.call - sizeof self.call[0]);
     self.calls--;
   }
+  uint32_t slot = address_find(callback);
   self.call[self.calls++] = (struct call){callback, slot, intra};
-  note_thread(endpoint);
-  if (!intra && !(atomic_load_explicit(&endpoint->flags, memory_order_relaxed) & FLAG_CALLS))
-    atomic_fetch_or(&endpoint->flags, FLAG_CALLS);
-  add(intra ? &endpoint->intra_started : &endpoint->started, 1, EVENT_STARTED);
+  if (slot == NO_SLOT)
+    add(&ledger->process[entry].others_started, 1, EVENT_STARTED);
+  else
+    start_endpoint(&ledger->endpoint[slot], slot, intra);
+}
+
+static void end(struct ledger *ledger, uint32_t entry, struct call call) {
+  if (call.slot == NO_SLOT) {
+    add(&ledger->process[entry].others_ended, 1, EVENT_ENDED);
+    return;
+  }
+  struct ledger_endpoint *endpoint = &ledger->endpoint[call.slot];
+  add(call.intra ? &endpoint->intra_ended : &endpoint->ended, 1, EVENT_ENDED);
 }
 
 void count_end(const void *callback) {
+  uint32_t entry;
+  struct ledger *ledger = attached(&entry);
+  if (ledger == NULL) return;
   for (uint32_t depth = self.calls; depth > 0; depth--) {
     struct call call = self.call[depth - 1];
     if (call.callback != callback) continue;
     /* Those above it were left by an exception: they have no end. */
     self.calls = depth - 1;
-    struct ledger_endpoint *endpoint = &atomic_load(&attach_ledger)->endpoint[call.slot];
-    add(call.intra ? &endpoint->intra_ended : &endpoint->ended, 1, EVENT_ENDED);
+    end(ledger, entry, call);
     return;
   }
 }

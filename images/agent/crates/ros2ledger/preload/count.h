@@ -1,6 +1,6 @@
 /* Counts what a process takes, calls and publishes. Without a ledger every function does nothing.
- * No function fails or changes errno. What counts takes no lock, so that a signal may interrupt it;
- * what creates, links and destroys does, as rmw itself does. */
+ * No function fails or changes errno. None takes a lock, so that a signal may interrupt it, but a
+ * thread's first take, which asks the C library for a call at the thread's end. */
 #pragma once
 #include <stdbool.h>
 #include <stddef.h>

@@ -52,7 +52,11 @@ struct ledger_process {
   _Atomic uint32_t state;
   _Atomic uint64_t start; /* clock ticks since boot: field 22 of /proc/PID/stat */
   _Atomic uint32_t unlisted_endpoints;
-  _Atomic uint32_t reserved[11];
+  _Atomic uint32_t reserved;
+  _Atomic uint64_t others_started; /* callbacks of no subscription: timers, services */
+  _Atomic uint64_t others_ended;
+  _Atomic uint64_t stack; /* where it begins: field 28, which exec changes */
+  _Atomic uint32_t reserved_words[4];
 };
 
 struct ledger_endpoint {
@@ -73,10 +77,10 @@ struct ledger_endpoint {
   _Atomic uint64_t ended;
   _Atomic uint64_t intra_started; /* intra-process: without a take */
   _Atomic uint64_t intra_ended;
-  _Atomic uint64_t returned; /* the thread that took came back to take or to wait */
+  _Atomic uint64_t returned; /* not called: the thread that took came back to take or to wait, or ended */
   _Atomic uint64_t published;
   _Atomic uint8_t topic[LEDGER_NAME_BYTES]; /* ends with a 0, as the next does */
-  _Atomic uint8_t node[LEDGER_NAME_BYTES];  /* "/namespace/name"; empty where it is not known */
+  _Atomic uint8_t node[LEDGER_NAME_BYTES];  /* "/namespace/name"; empty: not known */
 };
 
 struct ledger {

@@ -86,7 +86,9 @@ pub struct Counts {
     pub intra_started: u64,
     /// Those that ended.
     pub intra_ended: u64,
-    /// Where no callback is reported: taken by a thread that took again or waited since.
+    /// Taken by a thread that took again, waited or ended since, without a callback that was
+    /// reported: all of them where none is; otherwise those that rclcpp threw away, as it does with
+    /// copies of what came within the process.
     pub returned: u64,
     /// Handed to the middleware, which took them.
     pub published: u64,
@@ -96,7 +98,7 @@ impl Counts {
     /// Messages that the node has done with, by the strength of what it reports.
     pub fn done(&self, strength: Strength) -> u64 {
         match strength {
-            Strength::Called => self.ended + self.intra_ended,
+            Strength::Called => self.ended + self.intra_ended + self.returned,
             _ => self.returned + self.intra_ended,
         }
     }
@@ -161,10 +163,6 @@ pub(crate) fn read(
     watch: u32,
 ) -> Result<Endpoint, Wrong> {
     let flags = slot.flags.load(SeqCst);
-    let strength = match flags & FLAG_CALLS {
-        0 => Strength::Taken,
-        _ => Strength::Called,
-    };
     let kind = match slot.kind.load(SeqCst) {
         KIND_SUBSCRIPTION => Kind::Subscription,
         KIND_PUBLISHER => Kind::Publisher,
@@ -190,9 +188,25 @@ pub(crate) fn read(
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
         matched: matched(slot, watch),
-        strength,
+        strength: strength(flags),
         counts: counts(slot)?,
     })
+}
+
+/// Reads a slot again of which all is known that its endpoint never changes.
+pub(crate) fn again(slot: &EndpointSlot, known: &Endpoint, phase: u32) -> Result<Endpoint, Wrong> {
+    let flags = slot.flags.load(SeqCst);
+    Ok(Endpoint {
+        destroyed: phase == PHASE_DESTROYED,
+        intra_process: flags & FLAG_INTRA != 0,
+        strength: strength(flags),
+        counts: counts(slot)?,
+        ..known.clone()
+    })
+}
+
+fn strength(flags: u32) -> Strength {
+    if flags & FLAG_CALLS == 0 { Strength::Taken } else { Strength::Called }
 }
 
 /// What was seen during this watch; no watch is 0.

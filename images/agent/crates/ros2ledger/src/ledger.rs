@@ -60,8 +60,8 @@ impl Ledger {
     /// # Errors
     /// [`LedgerError::Damaged`].
     pub fn processes(&self) -> Result<Vec<Process>, LedgerError> {
-        let all = (0..PROCESSES).map(|entry| self.process(entry));
-        all.filter_map(Result::transpose).collect()
+        let listed = (0..PROCESSES).map(|entry| self.entry(entry)).filter_map(Result::transpose);
+        listed.map(|one| one.map(|one| Process { alive: self.runs(one.id), ..one })).collect()
     }
 
     /// The subscriptions and publishers, also those that were destroyed or whose process ended,
@@ -70,7 +70,29 @@ impl Ledger {
     /// # Errors
     /// [`LedgerError::Damaged`].
     pub fn endpoints(&self) -> Result<Vec<Endpoint>, LedgerError> {
-        (0..self.used()).map(|slot| self.endpoint(slot)).filter_map(Result::transpose).collect()
+        self.endpoints_like(&[])
+    }
+
+    /// The same, for who has read most of them before, in the order of their slots.
+    pub(crate) fn endpoints_like(&self, before: &[Endpoint]) -> Result<Vec<Endpoint>, LedgerError> {
+        let mut before = before.iter().peekable();
+        let mut all = Vec::new();
+        for at in 0..self.used() {
+            while before.next_if(|one| one.id.slot < at).is_some() {}
+            let known = before.peek().copied().filter(|one| one.id.slot == at);
+            all.extend(self.endpoint(at, known)?);
+        }
+        Ok(all)
+    }
+
+    /// Callbacks of timers and services in each process: those that ended, and those that began.
+    pub(crate) fn others(&self) -> Result<Vec<(ProcessId, u64, u64)>, LedgerError> {
+        let mut all = Vec::new();
+        for entry in 0..PROCESSES {
+            let Some(one) = self.entry(entry)? else { continue };
+            all.push((one.id, one.others_ended, one.others_started));
+        }
+        Ok(all)
     }
 
     /// What one endpoint has done by now: a few loads, for who asks often.
@@ -84,7 +106,7 @@ impl Ledger {
         self.slot(id).map(|_| counts)
     }
 
-    /// Has the nodes tell how many publishers their subscriptions have matched, or no longer:
+    /// Has the nodes report how many publishers their subscriptions have matched, or no longer:
     /// [`Endpoint::matched`] and [`Event::Matched`](crate::Event::Matched). Each watch begins
     /// without figures.
     ///
@@ -141,6 +163,7 @@ impl Ledger {
             let process = &self.memory.process[id.entry];
             process.state.store(PROCESS_FREE, SeqCst);
             process.start.store(0, SeqCst);
+            process.stack.store(0, SeqCst);
             process.pid.store(0, SeqCst);
         }
         Ok(last)
@@ -159,8 +182,8 @@ impl Ledger {
         (self.memory.header.endpoints_used.load(SeqCst) as usize).min(ENDPOINTS)
     }
 
-    /// `None` of an entry that nobody has, or has not filled in yet.
-    fn process(&self, entry: usize) -> Result<Option<Process>, LedgerError> {
+    /// `None` of an entry that nobody has, or has not filled in yet; whether it runs is not asked.
+    fn entry(&self, entry: usize) -> Result<Option<Process>, LedgerError> {
         let process: &ProcessEntry = &self.memory.process[entry];
         let state = process.state.load(SeqCst);
         let pid = process.pid.load(SeqCst);
@@ -172,9 +195,16 @@ impl Ledger {
             return Err(self.damaged(process, (at, format!("{state} is no state of a process"))));
         }
         let id = ProcessId { pid, start: process.start.load(SeqCst), entry };
-        let alive = self.runs(id);
         let unlisted = process.unlisted_endpoints.load(SeqCst);
-        Ok(Some(Process { id, alive, unlisted }))
+        // Before the starts, so that a node that counts meanwhile is not taken for one that lies.
+        let others_ended = process.others_ended.load(SeqCst);
+        let others_started = process.others_started.load(SeqCst);
+        if others_ended > others_started {
+            let at = std::mem::offset_of!(ProcessEntry, others_ended);
+            let what = format!("{others_ended} ends of {others_started} starts");
+            return Err(self.damaged(process, (at, what)));
+        }
+        Ok(Some(Process { id, alive: false, unlisted, others_started, others_ended }))
     }
 
     /// Whether this program runs: its process does, and has become no other one.
@@ -183,7 +213,7 @@ impl Ledger {
         process.pid.load(SeqCst) == id.pid
             && process.start.load(SeqCst) == id.start
             && process.state.load(SeqCst) == PROCESS_LIVE
-            && is_alive(id)
+            && is_alive(id, process.stack.load(SeqCst))
     }
 
     /// The process of a slot's state, without asking the kernel for it.
@@ -198,8 +228,12 @@ impl Ledger {
         Ok(ProcessId { pid, start, entry })
     }
 
-    /// `None` of a slot that is free or not filled in yet.
-    fn endpoint(&self, at: usize) -> Result<Option<Endpoint>, LedgerError> {
+    /// `None` of a slot that is free or not filled in yet. `known` is what it was, if it was read.
+    fn endpoint(
+        &self,
+        at: usize,
+        known: Option<&Endpoint>,
+    ) -> Result<Option<Endpoint>, LedgerError> {
         let slot = &self.memory.endpoint[at];
         let generation = slot.generation.load(SeqCst);
         let state = slot.state.load(SeqCst);
@@ -212,9 +246,14 @@ impl Ledger {
         };
         let process = self.owner(slot, state)?;
         let id = EndpointId { slot: at, generation };
-        let watch = watch_number(self.watches.load(SeqCst));
-        let mut read = endpoint::read(slot, id, process, phase, watch)
-            .map_err(|wrong| self.damaged(slot, wrong))?;
+        let read = match known.filter(|one| one.id == id && one.process == process) {
+            Some(known) => endpoint::again(slot, known, phase),
+            None => {
+                let watch = watch_number(self.watches.load(SeqCst));
+                endpoint::read(slot, id, process, phase, watch)
+            }
+        };
+        let mut read = read.map_err(|wrong| self.damaged(slot, wrong))?;
         let replaced = &self.memory.process[process.entry].state;
         read.destroyed |= replaced.load(SeqCst) == PROCESS_REPLACED;
         Ok(Some(read))

@@ -7,7 +7,7 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Endpoint, Event, Ledger, LedgerError, Waited};
+use bagpipe_ros2ledger::{Endpoint, Event, Ledger, LedgerError, Mark, Waited};
 use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
@@ -40,8 +40,9 @@ fn damage(ledger: &Ledger) -> (u64, String) {
 fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
     let (ledger, _node, file) = filled();
     let slot = ENDPOINTS;
-    let whole: [(u64, Vec<u8>, u64, &str); 12] = [
+    let whole: [(u64, Vec<u8>, u64, &str); 13] = [
         (PROCESSES + 4, vec![9], PROCESSES + 4, "9 is no state of a process"),
+        (PROCESSES + 32, vec![4], PROCESSES + 32, "4 ends of 0 starts"),
         (slot, vec![77], slot, "77 is no phase of an endpoint"),
         (slot + 1, vec![200, 1], slot, "process 456 has it, which there is not"),
         (slot + 1, vec![255, 255, 255], slot, "process 16777215 has it, which there is not"),
@@ -98,6 +99,7 @@ fn use_all(ledger: &Ledger, some: &[Endpoint]) -> usize {
     refused += some.iter().filter(|one| ledger.counts(one.id).is_err()).count();
     refused += usize::from(ledger.strength_of(std::process::id()).is_err());
     let _any = ledger.unlisted();
+    refused += usize::from(ledger.quiet(&Mark::default(), &[("/scan", 1)]).is_err());
     let soon = Instant::now() + Duration::from_millis(1);
     let processes: Vec<_> = some.iter().map(|one| one.process).collect();
     let waited = ledger.wait(&[Event::Ended], &processes, soon, |_| Ok(false)).unwrap();

@@ -55,7 +55,7 @@ fn a_watch_has_figures_of_its_own_time_and_only_of_subscriptions() {
 }
 
 #[test]
-fn a_node_that_sleeps_without_end_tells_too_and_sleeps_on() {
+fn a_node_that_sleeps_without_end_reports_too_and_sleeps_on() {
     let ledger = Ledger::new().unwrap();
     ledger.watch_matches(true);
     let mut node = Node::start(Client::Rclcpp, &ledger);

@@ -32,6 +32,7 @@ struct subscription {
   char rcl, cpp, callback, intra, intra_callback; /* their addresses are what counts */
   _Atomic uint64_t taken, called, intra_waiting, intra_called;
   _Atomic uint64_t last; /* the number that was taken last */
+  struct publisher *relay; /* what its callback publishes on; none if NULL */
 };
 struct publisher {
   char topic[512];
@@ -133,6 +134,7 @@ static void call(struct subscription *of, const char *callback, _Atomic uint64_t
   (void)callback;
   TRACE(ros_trace_callback_start(callback, callback == &of->intra_callback));
   ++*count;
+  if (of->relay != NULL) publish(of->relay, *count, "plain");
   if (atomic_exchange(&destroy_inside, 0)) destroy(of);
   if (atomic_exchange(&stick, 0)) {
     printf("stuck\n");
@@ -140,6 +142,26 @@ static void call(struct subscription *of, const char *callback, _Atomic uint64_t
   }
   if (atomic_exchange(&nest, 0)) spin_once(0);
   TRACE(ros_trace_callback_end(callback));
+}
+
+/* A timer's callback, which publishes on the topic where there is one. */
+static void tick(struct publisher *to) {
+  static const char timer;
+  (void)timer;
+  TRACE(ros_trace_callback_start(&timer, false));
+  if (to != NULL) publish(to, 1, "plain");
+  if (atomic_exchange(&stick, 0)) {
+    printf("stuck\n");
+    for (;;) pause();
+  }
+  if (atomic_exchange(&nest, 0)) spin_once(0);
+  TRACE(ros_trace_callback_end(&timer));
+}
+
+/* A copy of what came within the process: rclcpp takes it and calls nothing. */
+static void *take_away(void *of) {
+  ((struct subscription *)of)->taken += take(of);
+  return NULL;
 }
 
 /* What an executor does with one ready subscription: false if there was none in time. */
@@ -334,6 +356,15 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "ghost")) /* a timer whose callback is where a subscription's was */
     call(ghost, &ghost->callback, &ghost->called);
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
+  else if (!strcmp(verb, "tick"))
+    while (n-- > 0) tick(strcmp(topic, "/") == 0 ? NULL : publisher_on(topic));
+  else if (!strcmp(verb, "discard"))
+    while (n-- > 0) take_away(subscription_on(topic));
+  else if (!strcmp(verb, "brief")) { /* a thread that takes one and ends */
+    pthread_create(&thread, NULL, take_away, subscription_on(topic));
+    pthread_join(thread, NULL);
+  }
+  else if (!strcmp(verb, "relay")) subscription_on(topic)->relay = publisher_on(way);
   else if (!strcmp(verb, "be")) be(topic, way);
   else if (!strcmp(verb, "sleep")) {
     pthread_create(&thread, NULL, sleep_on, subscription_on(topic)->rmw);
@@ -380,6 +411,8 @@ int serve(int argc, char **argv) {
     strcpy(topic, "/");
     strcpy(way, "plain");
     sscanf(line, "%15s %511s %llu %15s", verb, topic, &n, way);
+    if (strcmp(verb, "leave") == 0) return 1;
+    if (strcmp(verb, "become") == 0) execlp("sleep", "sleep", "600", NULL);
     obey(argv, verb, topic, n, way);
   }
   return 0;

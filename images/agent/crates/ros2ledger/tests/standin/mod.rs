@@ -20,6 +20,8 @@ pub enum Client {
     Component,
     /// Such a module without tracepoints.
     Rclpy,
+    /// The same, loaded for all, that is loaded again when it has left.
+    Again,
 }
 
 /// What the stand-in's rmw sends messages by.
@@ -29,7 +31,7 @@ pub enum Middleware {
     Memory,
     /// Debian's Cyclone DDS.
     Cyclone,
-    /// None: waits go as they are told to, by a clock that only waits move.
+    /// None: waits go by a script, and by a clock that only waits move.
     Script,
 }
 
@@ -137,12 +139,13 @@ impl Node {
     ) -> Node {
         let mut command = match client {
             Client::Rclcpp => Command::new(folder.join("node")),
-            Client::Component | Client::Rclpy => Command::new(folder.join("host")),
+            Client::Component | Client::Rclpy | Client::Again => Command::new(folder.join("host")),
         };
         match client {
             Client::Rclcpp => {}
             Client::Component => _ = command.arg(folder.join("component.so")),
             Client::Rclpy => _ = command.arg(folder.join("module.so")),
+            Client::Again => _ = command.arg(folder.join("module.so")).arg("again"),
         }
         for (name, value) in variables {
             command.env(name, value);

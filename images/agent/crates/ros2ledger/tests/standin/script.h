@@ -1,4 +1,4 @@
-/* What the scripted rmw is told to do, and what it saw. */
+/* What the scripted rmw has to do, and what it saw. */
 #pragma once
 #include <stdbool.h>
 #include <stdint.h>

@@ -1,4 +1,4 @@
-/* A node that waits once for each line, as it says, and tells what became of it. */
+/* A node that waits once for each line, as it says, and reports what became of it. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -19,7 +19,7 @@ static void fill(const int *many, struct set **into) {
   }
 }
 
-static void tell(int result, struct set **of, uint64_t began) {
+static void report(int result, struct set **of, uint64_t began) {
   const struct seen *seen = script_seen();
   printf("result %d calls %llu spoilt %llu longest %llu last %lld passed %llu samples %llu ready",
          result, (unsigned long long)seen->calls, (unsigned long long)seen->spoilt,
@@ -55,7 +55,7 @@ int main(void) {
     script_run(&script);
     int result =
         rmw_wait(of[0], of[1], of[2], of[3], of[4], NULL, timeout < 0 ? NULL : &span);
-    tell(result, of, began);
+    report(result, of, began);
   }
   return 0;
 }

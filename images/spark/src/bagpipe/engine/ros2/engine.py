@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.engine.replay import replayed
+from bagpipe.engine.ros2.by_hand import play_command
 from bagpipe.engine.ros2.proof import unproved
 from bagpipe.engine.ros2.sourced import LIBRARY, is_sourced
 from bagpipe.plan.case import Case
@@ -38,21 +39,16 @@ class Ros2:
         ]
 
     def by_hand(
-        self, case: Case, spec: SimulationJobSpec, _source: JobSource, _storage: Storage, bag: Path
+        self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path
     ) -> Iterator[str]:
-        """Parameters and remaps; the player is ROS 2's own, which proves nothing."""
+        """Parameters, and ROS 2's own player, which proves nothing."""
         stack = stack_of(spec, case.conditions)
+        begin = source.begin(case, storage, bag)
         yield "Start the stack with these parameters:"
         yield f"  parameters {json.dumps(stack.parameters)}"
         yield f"  command    {shlex.join(stack.command)}"
         yield "Then play into it (this says nothing of what was lost):"
-        yield f"  {shlex.join(_played(stack, bag))}"
-
-
-def _played(stack: Stack, bag: Path) -> list[str]:
-    command = ["ros2", "bag", "play", str(bag)]
-    remaps = [f"{recorded}:={name}" for name, recorded in stack.remap.items()]
-    return command + (["--remap", *remaps] if remaps else [])
+        yield f"  {shlex.join(play_command(case, spec, stack, begin, bag))}"
 
 
 ENGINE = Ros2()
