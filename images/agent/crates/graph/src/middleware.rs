@@ -98,6 +98,11 @@ pub trait Node: Send + Sync {
         false
     }
 
+    /// What the user should know of how it went, as sentences.
+    fn remarks(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What others have published on the topics subscribed to and did not reach us, as sentences;
     /// none where nobody counts it.
     fn lacking(&self) -> Vec<String> {

@@ -93,7 +93,12 @@ impl Proof {
             let Ok(answer) = self.audit.ask(&node, &names) else { continue };
             for (topic, received) in answer {
                 if let Some(key) = keys.get(&topic) {
-                    self.known.entry(*key).or_default().now = Some(received);
+                    let known = self.known.entry(*key).or_default();
+                    known.now = Some(received);
+                    // Of who is gone nobody sees where it was in the end.
+                    if !seen.contains_key(key) {
+                        known.place = Place::Unknown;
+                    }
                 }
             }
         }

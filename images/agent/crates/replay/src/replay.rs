@@ -388,6 +388,7 @@ fn report(
     let refused: BTreeSet<String> = topics.flat_map(|topic| topic.refused()).collect();
     playback.warnings.extend(refused);
     playback.warnings.extend(discovery.restarted());
+    playback.warnings.extend(discovery.node.remarks());
     let (steps, unpaired) = player.end_steps();
     playback.steps = steps;
     playback.warnings.extend(unpaired);

@@ -24,6 +24,7 @@ mod node;
 mod qos;
 mod recording;
 mod stamp;
+mod stillness;
 mod topic;
 
 pub use middleware::{Ros2, Ros2Options};

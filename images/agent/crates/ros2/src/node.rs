@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use bagpipe_graph::{
-    Audit, GraphError, Node, NodeOptions, Publication, Publisher, Seen, Sink, SystemState,
+    Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Publisher, Seen, Sink, SystemState,
     TopicInfo,
 };
 use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind, Ledger};
@@ -17,6 +17,7 @@ use crate::account::Counts;
 use crate::audit::Reader;
 use crate::definition::installed;
 use crate::recording::{Input, Inputs, Receiving};
+use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::{QosOverride, Ros2Options, qos, stamp};
 
@@ -31,6 +32,7 @@ pub(crate) struct Graph {
     prefixes: Vec<PathBuf>,
     topics: Mutex<Vec<Arc<Topic>>>,
     wanted: Mutex<BTreeSet<String>>,
+    stillness: Stillness,
 }
 
 /// An error of the graph.
@@ -66,6 +68,7 @@ impl Graph {
             prefixes: prefixes.clone(),
             topics: Mutex::default(),
             wanted: Mutex::default(),
+            stillness: Stillness::default(),
         })
     }
 
@@ -219,7 +222,16 @@ impl Node for Graph {
         usize::try_from(matched).unwrap_or(usize::MAX)
     }
 
+    /// In lock-step and at full speed the stack's own messages are worked off first, from the first
+    /// sweep on.
     fn sweep(&self, limit: Duration) {
+        if self.means.paced_by == PacedBy::Subscribers {
+            let all = self.topics().clone();
+            let sent: Vec<(String, u64)> =
+                all.iter().map(|topic| (topic.info().topic.clone(), topic.messages())).collect();
+            // A ledger that can't be read fails the next look.
+            let _ = self.stillness.wait(self.ledger(), &sent, self.means.stall);
+        }
         let Ok(endpoints) = self.ledger().endpoints() else { return };
         let due: Vec<(Arc<Input>, u64)> = self
             .inputs
@@ -256,6 +268,10 @@ impl Node for Graph {
         }
         lacking.sort();
         lacking
+    }
+
+    fn remarks(&self) -> Vec<String> {
+        self.stillness.remarks()
     }
 
     fn audit(&self, _: Duration) -> Box<dyn Audit> {

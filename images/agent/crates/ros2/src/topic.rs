@@ -166,6 +166,11 @@ impl Topic {
         Arc::clone(&self.links.read().unwrap_or_else(PoisonError::into_inner))
     }
 
+    /// Messages that went out by now.
+    pub(crate) fn messages(&self) -> u64 {
+        self.sent().messages
+    }
+
     /// The link of a node that counts, or has one without.
     pub(crate) fn link_of(&self, node: &str) -> Option<Arc<Link>> {
         self.links().iter().rev().find(|link| link.node == node).cloned()

@@ -135,6 +135,57 @@ fn two_lock_step_runs_record_the_same_messages_at_the_same_times() {
 }
 
 #[test]
+fn what_nobody_awaits_belongs_to_the_step_that_caused_it_through_a_chain_of_nodes() {
+    let scene = Scene::new();
+    let mut nodes = Vec::new();
+    for (name, from, to) in [
+        ("/a", "/in:sensor_msgs/msg/Imu", "/b"),
+        ("/b", "/b:std_msgs/msg/String", "/c"),
+        ("/c", "/c:std_msgs/msg/String", "/out"),
+    ] {
+        let (topic, _) = from.split_once(':').unwrap();
+        let subscription = format!("{from}:2:reliable");
+        let publisher = format!("{to}:std_msgs/msg/String:2:reliable");
+        let relay = format!("{topic}={to}");
+        let arguments = [
+            "--name",
+            name,
+            "--sub",
+            &subscription,
+            "--pub",
+            &publisher,
+            "--relay",
+            &relay,
+            "--delay-us",
+            "500",
+        ];
+        nodes.push(scene.start("standin_node", &arguments));
+    }
+    scene.await_subscriptions(3);
+    let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 200, 50), &ask).unwrap();
+    let times: Vec<u64> = recorded(&replayed).iter().map(|(_, time, _)| time / MS).collect();
+    assert_eq!(times, (1000..1200).collect::<Vec<_>>());
+    assert_eq!(replayed.playback.warnings, [] as [String; 0]);
+}
+
+#[test]
+fn what_never_comes_is_waited_for_once_and_named() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    // It asks for more than is offered, so that nothing reaches it.
+    let deaf = ["--name", "/deaf", "--sub", "/out:std_msgs/msg/String:5:reliable:transient_local"];
+    let _deaf = scene.start("standin_node", &deaf);
+    scene.await_subscriptions(2);
+    let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &ask).unwrap();
+    let times: Vec<u64> = recorded(&replayed).iter().map(|(_, time, _)| time / MS).collect();
+    assert_eq!(times, (1000..1100).collect::<Vec<_>>());
+    let remark = &replayed.playback.warnings[0];
+    assert!(remark.starts_with("what /deaf was sent on /out did not all come to it"), "{remark}");
+}
+
+#[test]
 fn a_node_that_is_killed_has_lost_what_it_did_not_take() {
     let scene = Scene::new();
     let dies = [&RELAY[..], &["--die-after", "50"]].concat();
