@@ -275,6 +275,13 @@ impl Ledger {
     }
 }
 
+impl Drop for Ledger {
+    fn drop(&mut self) {
+        // The nodes would cut their waits for as long as they live.
+        self.watch_matches(false);
+    }
+}
+
 /// The number of a watch that goes on, otherwise 0.
 fn watch_number(watches: u32) -> u32 {
     if watches % 2 == 1 { watches } else { 0 }
