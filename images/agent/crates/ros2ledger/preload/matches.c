@@ -42,7 +42,7 @@ static bool sample(struct ledger_endpoint *endpoint, uint32_t slot, uint32_t wat
   if (count(subscriptions[slot], &publishers) != 0) {
     /* Asked again it would refuse again, with a line on stderr each time. */
     subscriptions[slot] = NULL;
-    return false;
+    return atomic_exchange(&endpoint->matched, 0) != 0;
   }
   uint64_t most = publishers < UINT32_MAX ? publishers : UINT32_MAX;
   uint64_t matched = (uint64_t)watch << 32 | most;

@@ -110,6 +110,10 @@ impl Ledger {
     /// [`Endpoint::matched`] and [`Event::Matched`](crate::Event::Matched). Each watch begins
     /// without figures.
     ///
+    /// A player needs both: that its writer has matched the readers, which it knows itself, and
+    /// that they have matched it. Either may be the first, by milliseconds; what goes out before
+    /// both is lost to a volatile reader.
+    ///
     /// Meanwhile a node's waits are cut into pieces of 20 ms; it is asked all the same if it waits
     /// without end, unless it began to before the watch: then not until something wakes it. So
     /// begin before the nodes start, and end when all are matched.
@@ -272,6 +276,13 @@ impl Ledger {
         let layout: &Layout = &self.memory;
         let offset = std::ptr::from_ref(part).addr() - std::ptr::from_ref(layout).addr() + at;
         LedgerError::Damaged { offset, what }
+    }
+}
+
+impl Drop for Ledger {
+    fn drop(&mut self) {
+        // The nodes would cut their waits for as long as they live.
+        self.watch_matches(false);
     }
 }
 

@@ -73,7 +73,7 @@ pub enum Why {
     /// The subscription or a publisher is best effort: they may be lost.
     BestEffort,
     /// The subscription or a publisher appeared after the mark: they may be from before the two
-    /// knew each other.
+    /// knew each other; or it has taken more than was published since, which may be from before.
     Late,
     /// A publisher was destroyed, or its process has ended, before all had come.
     PublisherGone,
@@ -263,11 +263,13 @@ fn published<'a>(
 ) -> HashMap<&'a str, Topic<'a>> {
     let mut topics: HashMap<&str, Topic> = HashMap::new();
     for (topic, messages) in sent {
-        topics.entry(topic).or_default().published += messages;
+        let published = &mut topics.entry(topic).or_default().published;
+        *published = published.saturating_add(*messages);
     }
     for one in look.endpoints.iter().filter(|one| one.kind == Kind::Publisher) {
         let topic = topics.entry(&one.topic).or_default();
-        topic.published += since.since(one, |counts| counts.published);
+        let more = since.since(one, |counts| counts.published);
+        topic.published = topic.published.saturating_add(more);
         topic.by.push(one);
     }
     let retired = |one: &&Endpoint| same(&look.endpoints, one).is_none();
@@ -290,8 +292,10 @@ fn doubt(
     if topic.retired {
         return Some(Why::Retired);
     }
+    let is_new = |of: &Endpoint| same(&since.endpoints, of).is_none();
     if taken > topic.published {
-        return Some(Why::Uncounted);
+        // A new one may have what was published before.
+        return Some(if is_new(one) { Why::Late } else { Why::Uncounted });
     }
     // What a destroyed one published may wait there as well.
     if one.intra_process && topic.by.iter().any(|by| by.process == one.process) {
@@ -303,7 +307,7 @@ fn doubt(
     let active = |by: &&&Endpoint| since.since(by, |counts| counts.published) > 0;
     let by: Vec<&Endpoint> = topic.by.iter().filter(active).copied().collect();
     let both = || by.iter().copied().chain([one]);
-    if both().any(|of| same(&since.endpoints, of).is_none()) {
+    if both().any(is_new) {
         return Some(Why::Late);
     }
     if both().any(|of| of.qos.reliability != Reliability::Reliable) {

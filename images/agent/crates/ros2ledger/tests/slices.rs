@@ -33,14 +33,16 @@ struct Wait {
     ready: Option<(i32, u64)>,
     pause_at: u64,
     late: i64,
+    /// From which question for matches on they are refused.
+    refuse: u64,
 }
 
 impl Wait {
     fn line(&self) -> String {
         let sets = self.sets.map(|set| set.to_string()).join(" ");
-        let Wait { timeout, act_at, result, pause_at, late, .. } = self;
+        let Wait { timeout, act_at, result, pause_at, late, refuse, .. } = self;
         let (set, index) = self.ready.unwrap_or((-1, 0));
-        format!("{sets} {timeout} {act_at} {result} {set} {index} {pause_at} {late}")
+        format!("{sets} {timeout} {act_at} {result} {set} {index} {pause_at} {late} {refuse}")
     }
 }
 
@@ -81,6 +83,7 @@ const SOME: Wait = Wait {
     ready: None,
     pause_at: 0,
     late: 0,
+    refuse: 0,
 };
 
 #[test]
@@ -159,6 +162,17 @@ fn what_became_ready_as_its_slice_timed_out_is_not_lost() {
 }
 
 #[test]
+fn a_subscription_whose_middleware_refuses_is_asked_no_more_and_waits_on() {
+    let (ledger, mut node) = start(true);
+    let matched = || ledger.endpoints().unwrap()[0].matched;
+    let seen = seen_in(&node.ask(&Wait { refuse: 3, ..SOME }.line()));
+    assert_eq!((seen.result, seen.calls, seen.samples), (2, 5, 3));
+    assert_eq!(matched(), None);
+    let seen = seen_in(&node.ask(&SOME.line()));
+    assert_eq!((seen.result, seen.calls, seen.samples, matched()), (2, 5, 0, None));
+}
+
+#[test]
 fn a_wait_without_end_is_one_again_when_the_watch_ends() {
     let (ledger, mut node) = start(true);
     let wait = Wait { timeout: ENDLESS, act_at: 500, result: 0, ready: Some((0, 0)), ..SOME };
@@ -175,6 +189,21 @@ fn a_wait_without_end_is_one_again_when_the_watch_ends() {
     ledger.watch_matches(false);
     let seen = seen_in(&node.ask("go"));
     assert_eq!((seen.result, seen.calls, seen.last, seen.passed), (2, 3, 3 * SLICE, 5 * SLICE));
+}
+
+#[test]
+fn of_a_node_that_slept_before_the_watch_nothing_is_known_until_it_waits_again() {
+    let (ledger, mut node) = start(false);
+    let matched = || ledger.endpoints().unwrap()[0].matched;
+    let wait = Wait { timeout: ENDLESS, result: 0, ready: Some((0, 1)), pause_at: 1, ..SOME };
+    assert_eq!(node.ask(&wait.line()), "paused");
+    ledger.watch_matches(true);
+    assert_eq!(matched(), None);
+    let seen = seen_in(&node.ask("go"));
+    assert_eq!((seen.result, seen.calls, seen.last, seen.samples), (0, 1, ENDLESS, 0));
+    assert_eq!(matched(), None);
+    let seen = seen_in(&node.ask(&SOME.line()));
+    assert_eq!((seen.samples, matched()), (5, Some(5)));
 }
 
 #[test]

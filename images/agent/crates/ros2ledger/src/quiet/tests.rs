@@ -157,6 +157,11 @@ fn what_may_never_come_is_a_doubt_as_long_as_it_has_not_come() {
         let come = with(to, |one| one.counts = subscription(1, 1).counts);
         assert_eq!(answer(&before, vec![from, come], &[]), Answer::Still);
     }
+    // Durable messages of before the mark, which a new subscription has as well.
+    assert_eq!(
+        answer(&before, vec![publisher(0), later(subscription(1, 1))], &[]),
+        unknown(0, Why::Late)
+    );
     // The one of the mark was retired, and may have published before.
     let now = vec![later(publisher(1)), subscription(0, 0)];
     assert_eq!(answer(&before, now, &[]), unknown(1, Why::Retired));
@@ -231,6 +236,17 @@ fn within_a_process_nobody_knows_what_waits_if_somebody_there_publishes() {
     // A callback with such a message runs.
     let runs = with(intra(0), |one| one.counts.intra_started = 1);
     assert_eq!(answer(&before, vec![publisher(0), runs], &[]), working(1, 0));
+}
+
+#[test]
+fn counts_that_are_too_many_for_a_sum_are_no_panic() {
+    let most = |slot| with(publisher(1 << 60), |one| one.id.slot = slot);
+    let mut now = vec![subscription(0, 0)];
+    now.extend((2..40).map(most));
+    let before = now.iter().map(|one| with(one.clone(), |one| one.counts = Counts::default()));
+    let before: Vec<_> = before.collect();
+    let expected = unknown(u64::MAX, Why::Overwritten { depth: 10 });
+    assert_eq!(answer(&before, now, &[("/a", u64::MAX), ("/a", 7)]), expected);
 }
 
 #[test]

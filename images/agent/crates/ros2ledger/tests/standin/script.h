@@ -16,6 +16,7 @@ struct script {
   uint64_t index;
   uint64_t pause_at; /* before this call the node asks whether to go on; 0: never */
   uint64_t late;     /* nanoseconds that each call needs more */
+  uint64_t refuse;   /* from this question for matches on they are refused; 0: never */
 };
 struct seen {
   uint64_t calls, spoilt; /* calls, and those whose sets were not whole */

@@ -45,9 +45,9 @@ int main(void) {
     struct set *of[SETS];
     int many[SETS];
     long long timeout;
-    if (sscanf(line, "%d %d %d %d %d %lld %lu %d %d %lu %lu %lu", &many[0], &many[1], &many[2],
+    if (sscanf(line, "%d %d %d %d %d %lld %lu %d %d %lu %lu %lu %lu", &many[0], &many[1], &many[2],
                &many[3], &many[4], &timeout, &script.act_at, &script.result, &script.set,
-               &script.index, &script.pause_at, &script.late) != 12)
+               &script.index, &script.pause_at, &script.late, &script.refuse) != 13)
       abort();
     struct span span = {(uint64_t)timeout / 1000000000ull, (uint64_t)timeout % 1000000000ull};
     uint64_t began = script_clock();
