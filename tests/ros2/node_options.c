@@ -86,6 +86,7 @@ void read_arguments(int argc, char **argv) {
   strcpy(asked.name, "standin");
   strcpy(asked.space, "/");
   for (int at = 1; at < argc; at++) {
+    if (!strcmp(argv[at], "--ros-args")) break; /* the client library's, which this one has not */
     if (!strcmp(argv[at], "--use-sim-time")) {
       asked.sim_time = true;
     } else if (at + 1 == argc) {

@@ -110,6 +110,7 @@ impl Topic {
         for one in ours(Kind::Subscription) {
             nodes.entry((one.process, one.node.clone())).or_default().push(one);
         }
+        let there = nodes.values().map(Vec::len).sum();
         let mut links = Vec::clone(&self.links());
         for link in links.iter().filter(|link| link.is_open()) {
             let there = match &link.counted {
@@ -123,7 +124,8 @@ impl Topic {
             }
         }
         for (key, subscriptions) in nodes {
-            if !has(&links, Some(key.0), &key.1) && self.knows_us(&key, &subscriptions, &publishers)
+            if !has(&links, Some(key.0), &key.1)
+                && self.knows_us(&key, &subscriptions, &publishers, there)
             {
                 let counted = Subscriptions::new(&subscriptions, &publishers);
                 links.push(self.link(key.1, counted));
@@ -143,16 +145,19 @@ impl Topic {
     }
 
     /// Whether all subscriptions of a node have matched us, as far as they tell: they know more
-    /// publishers than there are others.
+    /// publishers than there are others, and we know all subscriptions that are there.
     fn knows_us(
         &self,
         key: &(ProcessId, String),
         subscriptions: &[&Endpoint],
         others: &[&Endpoint],
+        there: usize,
     ) -> bool {
         let mut strangers = self.strangers.lock().unwrap_or_else(PoisonError::into_inner);
         let told = |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others.len());
-        if subscriptions.iter().all(told) {
+        // Either side may know of the other first, and what is published in between never comes.
+        let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
+        if subscriptions.iter().all(told) && known_to_us() >= there as u64 {
             strangers.remove(key);
             return true;
         }

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from bagpipe.engine.losses import by_the_machine, losses, others, why
+from bagpipe.engine.losses import Loss, by_the_machine, losses, others, why
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
 
@@ -23,10 +23,12 @@ def judge(
     prove, and whether it published anything.
 
     Ends come first, since a node that has crashed receives nothing more. A loss that is known goes
-    before one that is only possible.
+    before one that is only possible: of whom nothing is seen but what was sent to it, nobody knows
+    that it has lost anything, where that is an open question.
     """
     open_questions = unproved(result) if unproved else ()
-    faults = (*ends(result), *_losses(result, mode), *open_questions)
+    known = [loss for loss in losses(result) if not unproved or loss.strength != "sent"]
+    faults = (*ends(result), *_losses(known, result, mode), *open_questions)
     return first_that_counts(faults, policy, _evidence(result))
 
 
@@ -42,9 +44,8 @@ def _evidence(result: dict[str, Any]) -> Judgement:
     return Judgement("passed")
 
 
-def _losses(result: dict[str, Any], mode: str) -> Iterator[Judgement]:
+def _losses(found: list[Loss], result: dict[str, Any], mode: str) -> Iterator[Judgement]:
     """The first figure that can't be, else the first loss of the stack's, else of the machine's."""
-    found = list(losses(result))
     for loss in found:
         if loss.received > loss.sent:
             yield Judgement(

@@ -28,6 +28,7 @@ class Loss:
     dropped: int
     queue: int | None
     waited: float | None
+    strength: str
 
     @property
     def missing(self) -> int:
@@ -52,6 +53,7 @@ def losses(result: Mapping[str, Any]) -> Iterator[Loss]:
                 yield Loss(
                     line["node"], topic["topic"], topic["sent"], line["received"],
                     line["dropped"], line.get("queue"), line.get("waited_seconds"),
+                    line.get("strength", ""),
                 )  # fmt: skip
 
 

@@ -1,0 +1,157 @@
+"""Jobs of ROS 2 nodes over MCAP: the worker, the real agent, the user's own client library (a
+stand-in over Debian's Cyclone DDS) and nodes in processes of their own.
+"""
+
+import hashlib
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.source.planning import plan
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
+from tests import ros2_recording, ros2_standin
+from tests.integration.conftest import RunningAgent
+
+pytestmark = pytest.mark.integration
+
+MESSAGES = 400
+STRING = "std_msgs/msg/String:10:reliable"
+LOCKSTEP = {"mode": "lockstep", "steps": [{"trigger": "/in", "answer": "/out", "deadline": "20s"}]}
+
+
+@pytest.fixture(scope="session")
+def standin() -> Path:
+    return ros2_standin.built()
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> dict[str, str]:
+    claims = {name: tmp_path / name for name in ("recordings", "results")}
+    for path in claims.values():
+        path.mkdir()
+    ros2_recording.write(claims["recordings"] / "drive.mcap", ["/in"], MESSAGES)
+    return {name: str(path) for name, path in claims.items()}
+
+
+def relay(standin: Path, *options: str, program: str = "standin_node") -> list[str]:
+    """A node that answers each message of /in on /out."""
+    subscription = f"/in:{ros2_recording.IMU}:10:reliable"
+    topics = ["--sub", subscription, "--pub", f"/out:{STRING}", "--relay", "/in=/out"]
+    return [str(standin / program), "--name", "/relay", *topics, *options]
+
+
+def spec(
+    setup: dict[str, str], playback: dict[str, Any], command: list[str], **fields: Any
+) -> SimulationJobSpec:
+    stack = {
+        "engine": "ros2",
+        "image": "registry.example/relay:1",
+        "command": command,
+        "env": [{"name": name, "value": value} for name, value in setup.items()],
+    } | fields.pop("stack", {})
+    whole = {
+        "source": {"bags": ["pvc://recordings/drive.mcap"], "fragment": {"length": "60s"}},
+        "stack": stack,
+        "playback": playback,
+        "record": {"topics": ["/out"]},
+        "output": {"uri": "pvc://results/r"},
+    }
+    return SimulationJobSpec.model_validate(whole | fields)
+
+
+def run(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> Row:
+    """The row of the one case."""
+    context = RunContext("lab/ros2", spec, folders, "pvc://results/r", str(agent.shared))
+    (case,) = plan(spec, Storage(folders)).cases
+    row = run_case(case, context)
+    agent.await_no_descendants()
+    return row
+
+
+def digest(row: Row, folders: dict[str, str]) -> str:
+    recorded = Path(folders["results"]) / "r" / row["recorded"]
+    assert recorded.suffix == ".mcap"
+    return hashlib.sha256(recorded.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize("mode", ["max", "realtime"])
+def test_all_that_is_sent_is_called_and_recorded(
+    mode: str, folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    job = spec(
+        ros2_standin.environment(standin),
+        {"mode": mode},
+        relay(standin),
+        evaluate=[{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}],
+    )
+    row = run(job, folders, start_agent())
+    assert (row["outcome"], row["attempts"]) == ("passed", 1), row
+    ledger = row["result"]["ledger"]
+    assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
+    assert ledger["strength"] == "called"
+    assert row["result"]["recorded"]["messages"] == MESSAGES
+
+
+def test_lock_step_records_the_same_bytes_each_time(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent()
+    digests = set()
+    for program in ["standin_node", "standin_node", "standin_node_py"]:
+        command = relay(standin, "--use-sim-time", program=program)
+        parameters = {"parameters": {"/relay/use_sim_time": True}}
+        job = spec(ros2_standin.environment(standin), LOCKSTEP, command, stack=parameters)
+        row = run(job, folders, agent)
+        assert (row["outcome"], row["attempts"]) == ("passed", 1), row
+        assert row["result"]["playback"]["steps"][0]["answered"] == MESSAGES
+        digests.add(digest(row, folders))
+    assert len(digests) == 1
+
+
+def test_a_node_that_nobody_counts_proves_nothing(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    command = ["env", "-u", "LD_PRELOAD", *relay(standin)]
+    row = run(
+        spec(ros2_standin.environment(standin), {"mode": "max"}, command), folders, start_agent()
+    )
+    assert (row["outcome"], row["reason"]) == ("invalid", "DeliveryUnproved"), row
+    assert "what /relay got on /in is proved no further than `sent`" in row["message"]
+
+
+def test_a_node_that_aborts_has_crashed(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    command = relay(standin, "--die-after", "50")
+    row = run(
+        spec(ros2_standin.environment(standin), {"mode": "max"}, command), folders, start_agent()
+    )
+    assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed"), row
+
+
+def test_without_ros_2_it_is_said_what_to_do(
+    folders: dict[str, str], start_agent: Callable[..., RunningAgent]
+) -> None:
+    job = spec({}, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "1s"})
+    row = run(job, folders, start_agent())
+    assert row["outcome"] == "errored", row
+    assert "librcl.so" in row["message"]
+
+
+def test_two_slots_of_one_machine_never_hear_each_other(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    agent = start_agent(2)
+    job = spec(ros2_standin.environment(standin), LOCKSTEP, relay(standin))
+    context = RunContext("lab/ros2", job, folders, "pvc://results/r", str(agent.shared))
+    (case,) = plan(job, Storage(folders)).cases
+    with ThreadPoolExecutor(2) as pool:
+        rows = list(pool.map(lambda _: run_case(case, context), range(4)))
+    assert [row["outcome"] for row in rows] == ["passed"] * 4, rows
+    # What a node hears of another slot would be in its count, and so in its answers.
+    assert len({digest(row, folders) for row in rows}) == 1

@@ -1,0 +1,54 @@
+"""Recordings of ROS 2 by other authors' libraries: messages in CDR, written as MCAP."""
+
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys import Stores, get_typestore
+
+_STORE = get_typestore(Stores.ROS2_HUMBLE)
+IMU = "sensor_msgs/msg/Imu"
+QOS = """- history: keep_last
+  depth: 10
+  reliability: reliable
+  durability: volatile
+"""
+BEGIN = 1_700_000_000_000_000_000
+
+
+def imu(time: int, number: int) -> bytes:
+    """A message of sensor_msgs/msg/Imu, stamped with a time in ns."""
+    types = _STORE.types
+    vector = types["geometry_msgs/msg/Vector3"]
+    message = types[IMU](
+        header=types["std_msgs/msg/Header"](
+            stamp=types["builtin_interfaces/msg/Time"](sec=time // 10**9, nanosec=time % 10**9),
+            frame_id="imu",
+        ),
+        orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation_covariance=np.zeros(9),
+        angular_velocity=vector(x=0.0, y=0.0, z=float(number)),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=vector(x=float(number), y=0.0, z=9.81),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+    return bytes(_STORE.serialize_cdr(message, IMU))
+
+
+def write(path: Path, topics: list[str], messages: int, period: int = 5_000_000) -> Path:
+    """Messages on each topic in turn, `period` ns after each other, from `BEGIN` on."""
+    definition, _ = _STORE.generate_msgdef(IMU, ros_version=2)
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=64 << 10, compression=CompressionType.LZ4)
+        writer.start(profile="ros2", library="tests")
+        schema = writer.register_schema(IMU, "ros2msg", definition.encode())
+        metadata = {"offered_qos_profiles": QOS}
+        channels = [
+            writer.register_channel(topic, "cdr", schema, metadata=metadata) for topic in topics
+        ]
+        for number in range(messages):
+            time = BEGIN + number * period
+            channel = channels[number % len(channels)]
+            writer.add_message(channel, time, imu(time, number), time, number)
+        writer.finish()
+    return path
