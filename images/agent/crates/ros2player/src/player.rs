@@ -209,8 +209,9 @@ impl Player {
         }
     }
 
-    /// How many subscriptions its publisher has matched. That it has one does not say that the
-    /// other side knows: a reader's own count does.
+    /// How many subscriptions it has matched. What is published before goes to none, and what is
+    /// published before the *reader* has matched as well is not taken: each side learns of the other
+    /// by itself, in either order, so that both are to be waited for.
     ///
     /// # Errors
     /// rcl does not say, or not within the deadline.
