@@ -26,5 +26,5 @@ mod recording;
 mod stamp;
 mod topic;
 
-pub use middleware::Ros2;
+pub use middleware::{Ros2, Ros2Options};
 pub use qos::QosOverride;

@@ -11,18 +11,14 @@ use bagpipe_graph::{
     TopicInfo,
 };
 use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind, Ledger};
-use bagpipe_ros2player::{GraphNode, Player, PlayerOptions, Qos, Reliability};
+use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 
 use crate::account::Counts;
 use crate::audit::Reader;
 use crate::definition::installed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::topic::{Means, Topic};
-use crate::{QosOverride, Ros2, qos, stamp};
-
-/// Room for messages on their way to the player's program, and for those on their way from it, in
-/// bytes each; a message may have half of it. Memory is taken as it is used.
-const ROOM: u64 = 64 << 20;
+use crate::{QosOverride, Ros2Options, qos, stamp};
 
 /// A node of ours: the player's, with what the ledger says of the others.
 pub(crate) struct Graph {
@@ -44,22 +40,13 @@ pub(crate) fn failed(source: impl Into<Box<dyn std::error::Error + Send + Sync>>
 
 impl Graph {
     pub(crate) fn join(
-        middleware: &Ros2,
+        name: &str,
+        player: Player,
+        middleware: &Ros2Options,
         options: &NodeOptions,
         sink: Box<dyn Sink>,
     ) -> Result<Graph, GraphError> {
-        let Ros2 { ledger, program, environment, qos, prefixes } = middleware;
-        let player = Player::start(&PlayerOptions {
-            program: program.clone(),
-            environment: environment.clone(),
-            // What the player takes and publishes is ours, and none of the stack's.
-            removed: vec!["LD_PRELOAD".into(), "BAGPIPE_LEDGER".into()],
-            node: options.name.trim_start_matches('/').to_owned(),
-            namespace: "/".to_owned(),
-            room: ROOM,
-            deadline: options.call_deadline,
-        })
-        .map_err(failed)?;
+        let Ros2Options { ledger, qos, prefixes, .. } = middleware;
         let means = Arc::new(Means {
             player,
             ledger: Arc::clone(ledger),
@@ -71,7 +58,7 @@ impl Graph {
         let inputs = Arc::new(Inputs::default());
         let receiving = Receiving::start(&inputs, &means, sink).map_err(failed)?;
         Ok(Graph {
-            name: options.name.clone(),
+            name: name.to_owned(),
             _receiving: receiving,
             means,
             inputs,
