@@ -1,5 +1,5 @@
 /* The two rings, as the program has them: it reads `out`, whose messages it publishes where they
- * stand, and writes `in`. The agent is believed no more than is needed to stay within the memory. */
+ * stand, and writes `in`. What others may have written there never leads out of the memory. */
 #pragma once
 #include <stdbool.h>
 #include <stddef.h>

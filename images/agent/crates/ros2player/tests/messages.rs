@@ -1,4 +1,4 @@
-//! What is published arrives as it was, in its order, and nothing is lost that the caller waits for.
+//! What is published arrives as it was, in its order, and nothing is lost that one waits for.
 #![allow(clippy::unwrap_used)]
 
 mod standin;

@@ -100,7 +100,7 @@ fn hash(bytes: &[u8]) -> u64 {
     })
 }
 
-/// What a node said of itself at its end.
+/// What a node wrote of itself at its end.
 fn counts(file: &PathBuf) -> Vec<String> {
     let text = std::fs::read_to_string(file).unwrap();
     std::fs::remove_file(file).unwrap();
