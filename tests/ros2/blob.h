@@ -6,7 +6,7 @@
 
 struct ddsi_serdata;
 
-/* A topic of this type name; what is negative is a DDS error. `*type` is what samples are made with. */
+/* A topic of this type name, or a negative DDS error. `*type` is what samples are made with. */
 dds_entity_t blob_topic(dds_entity_t participant, const char *name, const char *type_name,
                         const void **type);
 

@@ -7,9 +7,11 @@
 
 static const char usage[] =
     "--name [/NAMESPACE]/NAME   the node\n"
-    "--sub TOPIC:PACKAGE/msg/TYPE:DEPTH:reliable|best_effort[:transient_local]   (DEPTH all: keeps all)\n"
+    "--sub TOPIC:PACKAGE/msg/TYPE:DEPTH:reliable|best_effort[:transient_local]\n"
+    "                       a subscription; DEPTH is a number, or 'all'\n"
     "--pub as --sub\n"
-    "--relay IN=OUT         for each message on IN a String on OUT: '<hash of it> <count>[ <time>]'\n"
+    "--relay IN=OUT         for each message on IN a String on OUT:\n"
+    "                       '<hash of it> <count>[ <time>]'\n"
     "--relay-stamp IN=OUT   for each message on IN a PoseStamped on OUT, with its header's stamp\n"
     "--use-sim-time         takes /clock in a thread of its own; --relay adds the time\n"
     "--delay-us N           how long each callback takes\n"

@@ -90,7 +90,8 @@ int rcl_wait(struct rcl_wait_set *set, int64_t nanoseconds) {
     of->of_guards[one] = set->guards[one]->impl->data;
   struct rmw_things subscriptions = {of->subscriptions, of->of_subscriptions};
   struct rmw_things guards = {of->guards, of->of_guards};
-  struct rmw_time timeout = {(uint64_t)nanoseconds / 1000000000, (uint64_t)nanoseconds % 1000000000};
+  uint64_t limit = (uint64_t)nanoseconds;
+  struct rmw_time timeout = {limit / 1000000000, limit % 1000000000};
   int returned = rmw_wait(&subscriptions, &guards, NULL, NULL, NULL, of->rmw,
                           nanoseconds < 0 ? NULL : &timeout);
   for (size_t one = 0; one < of->subscriptions; one++)

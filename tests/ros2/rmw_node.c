@@ -176,8 +176,9 @@ static int topics_of(const struct rmw_node *node, dds_entity_t endpoints, const 
   return RMW_OK;
 }
 
-int rmw_get_publisher_names_and_types_by_node(const struct rmw_node *node, struct allocator *allocator,
-                                              const char *name, const char *space, bool mangled,
+int rmw_get_publisher_names_and_types_by_node(const struct rmw_node *node,
+                                              struct allocator *allocator, const char *name,
+                                              const char *space, bool mangled,
                                               struct names_and_types *into) {
   (void)allocator, (void)mangled;
   return topics_of(node, ((const struct node *)node->data)->publications, name, space, into);

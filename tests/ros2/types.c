@@ -1,5 +1,5 @@
 /* lib<package>__rosidl_typesupport_c.so of the package that -DPACKAGE names, with the messages of
- * -DMESSAGES='MESSAGE(Name) ...'. What they consist of nobody needs: they are passed on as bytes. */
+ * -DMESSAGES='MESSAGE(Name) ...'. They are passed on as bytes. */
 #include "rmw.h"
 
 #define TEXT_OF(name) #name

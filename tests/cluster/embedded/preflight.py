@@ -44,6 +44,7 @@ PACKAGES = {
     # What runs the demonstration's job without Kubernetes.
     "laptop": ["openjdk-17-jre-headless", "python3-rosmaster", "ros-robot-state-publisher"],
     "integration": [
+        "cyclonedds-dev",
         "g++",
         "libroscpp-dev",
         "librosbag-dev",

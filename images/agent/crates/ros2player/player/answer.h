@@ -7,8 +7,15 @@
 #define REQUEST_MOST (1u << 20) /* bytes */
 #define ANSWER_MOST (1u << 24)
 
-enum verb { VERB_START, VERB_ADVERTISE, VERB_SUBSCRIBE, VERB_SUBSCRIBERS, VERB_PUBLISHERS, VERB_GRAPH,
-            VERB_REFUSAL };
+enum verb {
+  VERB_START,       /* name and namespace of the node */
+  VERB_ADVERTISE,   /* slot; topic, package, folder, type; history, depth, reliability, durability */
+  VERB_SUBSCRIBE,   /* as above */
+  VERB_SUBSCRIBERS, /* a publisher's slot; u64: how many it has matched */
+  VERB_PUBLISHERS,  /* a subscription's slot; as above */
+  VERB_GRAPH,       /* nodes: namespace, name, what it publishes, what it subscribes to */
+  VERB_REFUSAL,     /* a publisher's slot; text: why its last message was refused */
+};
 
 enum status {
   STATUS_DONE,

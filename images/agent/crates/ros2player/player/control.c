@@ -24,7 +24,8 @@ typedef void add(const struct wanted *, struct answer *);
 static void create(struct request *from, struct answer *into, add *endpoint) {
   struct wanted wanted = {.slot = request_number(from)};
   wanted.topic = request_text(from);
-  const char *package = request_text(from), *folder = request_text(from), *name = request_text(from);
+  const char *package = request_text(from), *folder = request_text(from);
+  const char *name = request_text(from);
   wanted.qos.history = (int)request_number(from);
   wanted.qos.depth = request_number(from);
   wanted.qos.reliability = (int)request_number(from);

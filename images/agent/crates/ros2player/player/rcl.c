@@ -39,8 +39,9 @@ const void *rcl_type(const char *package, const char *folder, const char *name, 
                      const char **missing) {
   char symbol[1024];
   snprintf(library, 512, "lib%s__rosidl_typesupport_c.so", package);
-  snprintf(symbol, sizeof symbol, "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s",
-           package, folder, name);
+  snprintf(symbol, sizeof symbol,
+           "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s", package, folder,
+           name);
   void *loaded = dlopen(library, RTLD_NOW);
   *missing = loaded == NULL ? loader_says() : "";
   if (loaded == NULL) return NULL;

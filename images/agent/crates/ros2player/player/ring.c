@@ -72,15 +72,17 @@ static uint64_t out_waiting(void) {
 }
 
 const struct player_record *out_next(const uint8_t **bytes) {
+  static struct player_record record; /* a copy: others may write the ring meanwhile */
   for (;;) {
     uint64_t waiting = out_waiting();
     if (waiting < sizeof(struct player_record) || waiting > room) return NULL;
-    const struct player_record *record = (const struct player_record *)at(0, out_tail);
     uint64_t behind = room - (out_tail & (room - 1)); /* up to the end of the ring */
-    out_length = sizeof *record + padded(*(volatile const uint32_t *)&record->length);
+    memcpy(&record, at(0, out_tail), sizeof record);
+    atomic_signal_fence(memory_order_seq_cst); /* what is compared is this copy */
+    out_length = sizeof record + padded(record.length);
     if (out_length > waiting || out_length > behind) return NULL;
-    *bytes = (const uint8_t *)(record + 1);
-    if (record->kind != RECORD_PAD) return record;
+    *bytes = at(0, out_tail) + sizeof record;
+    if (record.kind != RECORD_PAD) return &record;
     out_done();
   }
 }

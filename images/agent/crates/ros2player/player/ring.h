@@ -1,5 +1,5 @@
 /* The two rings, as the program has them: it reads `out`, whose messages it publishes where they
- * stand, and writes `in`. The agent is believed no more than is needed to stay within the memory. */
+ * stand, and writes `in`. What others may have written there never leads out of the memory. */
 #pragma once
 #include <stdbool.h>
 #include <stddef.h>
@@ -12,8 +12,8 @@ extern _Atomic int ending; /* the program ends: nobody waits any more */
 /* Maps the memory; NULL, or a sentence's end. */
 const char *ring_open(int file);
 
-/* The next record of `out` that is not padding, and its bytes; waits for it. NULL at the end, or
- * where what stands there can't be. */
+/* The next record of `out` that is not padding, valid until the next, and its bytes; waits for it.
+ * NULL at the end, or where what stands there can't be. */
 const struct player_record *out_next(const uint8_t **bytes);
 
 /* Gives the room of what `out_next` returned back. */

@@ -1,8 +1,8 @@
 //! A ROS 2 graph, reached through the librcl of the user's own image.
 //!
 //! Types, type hashes, middleware, its settings and its security are the image's: nothing of ROS 2
-//! is linked here. A small program in C ([`PROGRAM`], built from `player/`) is started inside of the
-//! user's container with the user's environment. It loads `librcl.so` and the type supports that it
+//! is linked here. A small program in C ([`PROGRAM`], built from `player/`) is started in the user's
+//! container with the user's environment. It loads `librcl.so` and the type supports that it
 //! is asked for, makes one node, publishes serialised messages, and takes as serialised messages
 //! what is to be recorded. It needs nothing but libc, and no header of ROS 2: the structures of
 //! rcl, which differ between distributions, are blobs to it.
@@ -26,7 +26,7 @@
 //! nothing is lost then.
 //!
 //! # Its end
-//! The program ends with the [`Player`], on SIGTERM, and within a second of the end of this process,
+//! The program ends with the [`Player`], on SIGTERM, and within a second of this process's end,
 //! whatever its threads wait for. When the program ends first, each call is
 //! [`PlayerError::Ended`], with its status and its last lines.
 //!
@@ -37,18 +37,23 @@
 
 mod control;
 mod error;
+mod failure;
 mod graph;
 mod layout;
 mod memory;
+mod options;
 mod player;
 mod program;
 mod qos;
+mod receive;
 mod ring;
 
 pub use error::PlayerError;
 pub use graph::GraphNode;
-pub use player::{Player, PlayerOptions, PublisherId, Received, SubscriptionId};
+pub use options::PlayerOptions;
+pub use player::{Player, PublisherId, SubscriptionId};
 pub use qos::{Durability, History, Qos, Reliability};
+pub use receive::Received;
 
 /// The program: an ELF file of 31 KiB for this processor and any glibc from 2.17 on, to be written
 /// where the user's container can execute it.

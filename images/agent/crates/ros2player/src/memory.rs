@@ -102,7 +102,7 @@ impl Memory {
     /// Writes bytes into a ring; panics unless they fit in one piece.
     pub(crate) fn fill(&self, which: Which, position: u64, bytes: &[u8]) {
         let at = self.checked(which, position, bytes.len());
-        // SAFETY: within the mapping, by `checked`; `bytes` are outside of it, or in the other ring.
+        // SAFETY: within the mapping, by `checked`; `bytes` are outside, or in the other ring.
         unsafe {
             std::ptr::copy_nonoverlapping(bytes.as_ptr(), self.start.as_ptr().add(at), bytes.len());
         }

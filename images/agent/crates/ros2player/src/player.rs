@@ -1,10 +1,8 @@
 //! The player as its callers have it.
 
-use std::ffi::OsString;
 use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
-use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::SeqCst;
@@ -14,44 +12,19 @@ use rustix::net::{SendAncillaryBuffer, SendAncillaryMessage, SendFlags};
 
 use crate::control::{Answer, Control, Request, Verb, ended};
 use crate::error::MOST_ROOM;
+use crate::failure::{STATUS_DONE, failure};
 use crate::graph::{self, GraphNode};
-use crate::layout::{ENDPOINTS, RECORD_MESSAGE, RECORD_TOO_LARGE, Record};
+use crate::layout::{ENDPOINTS, RECORD_MESSAGE, Record};
 use crate::memory::{Memory, Which};
+use crate::options::PlayerOptions;
 use crate::program::{Program, lock};
 use crate::qos::Datatype;
 use crate::ring::{self, Reader, Writer};
 use crate::{PlayerError, Qos};
 
 /// How long a wait may go without a look at the program and at who may cancel.
-const LOOK: Duration = Duration::from_millis(20);
+pub(crate) const LOOK: Duration = Duration::from_millis(20);
 const LEAST_ROOM: u64 = 1 << 16;
-
-const STATUS_DONE: u32 = 0;
-const STATUS_LIBRARY: u32 = 1;
-const STATUS_SYMBOL: u32 = 2;
-const STATUS_PACKAGE: u32 = 3;
-const STATUS_TYPE: u32 = 4;
-const STATUS_RCL: u32 = 5;
-
-/// How the program is started.
-#[derive(Clone, Debug)]
-pub struct PlayerOptions {
-    /// A file with [`PROGRAM`](crate::PROGRAM), which may be executed.
-    pub program: PathBuf,
-    /// Variables that it gets besides this process's own: those of the user's sourced setup.
-    pub environment: Vec<(OsString, OsString)>,
-    /// Variables that it does not get, such as `LD_PRELOAD`.
-    pub removed: Vec<OsString>,
-    /// Its node's name.
-    pub node: String,
-    /// Its node's namespace, such as `/` or `/bagpipe`.
-    pub namespace: String,
-    /// Bytes of each of the two rings, taken as the next power of two from 64 KiB to 1 GiB. A
-    /// message may have half of it, less 16 bytes. Over time all of it is memory in use.
-    pub room: u64,
-    /// The most that the start may take, and each call that asks the program something.
-    pub deadline: Duration,
-}
 
 /// A publisher of one [`Player`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -59,32 +32,19 @@ pub struct PublisherId(u16);
 
 /// A subscription of one [`Player`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct SubscriptionId(u16);
-
-/// A message that was taken.
-#[derive(Debug)]
-pub struct Received<'ring> {
-    /// By which subscription.
-    pub subscription: SubscriptionId,
-    /// When its publisher published it by its own clock, in nanoseconds since 1970; 0 where the
-    /// middleware does not say.
-    pub source_timestamp: i64,
-    /// The serialised message with its encapsulation header, where it stands in the ring. Who has
-    /// this memory as well can change it meanwhile: copy it before it is judged.
-    pub data: &'ring [u8],
-}
+pub struct SubscriptionId(pub(crate) u16);
 
 /// A program that runs in the user's environment, with a node in its ROS 2 graph. All calls may be
 /// made from several threads at once. Dropping it ends the program, SIGTERM first and SIGKILL after
 /// 1.5 s; messages that were not published by then are lost ([`flush`](Player::flush) first).
 pub struct Player {
-    program: Program,
+    pub(crate) program: Program,
     control: Control,
-    memory: Memory,
+    pub(crate) memory: Memory,
     out: Mutex<Writer>,
-    taken: Mutex<Reader>,
+    pub(crate) taken: Mutex<Reader>,
     publishers: Mutex<Vec<Publisher>>,
-    subscriptions: Mutex<Vec<String>>,
+    pub(crate) subscriptions: Mutex<Vec<String>>,
     /// Messages of all publishers whose refusal was reported.
     reported: AtomicU64,
 }
@@ -209,8 +169,9 @@ impl Player {
         }
     }
 
-    /// How many subscriptions its publisher has matched. That it has one does not say that the
-    /// other side knows: a reader's own count does.
+    /// How many subscriptions it has matched. What is published before goes to none, and what is
+    /// published before the *reader* has matched as well is not taken: each side learns of the
+    /// other by itself, in either order, so that both are to be waited for.
     ///
     /// # Errors
     /// rcl does not say, or not within the deadline.
@@ -245,80 +206,8 @@ impl Player {
         self.ask("count publishers", &request, None)?.long()
     }
 
-    /// Hands over all messages that were taken by now, in the order of the takes, and returns how
-    /// many; waits for the first, for `limit` at the most. Nobody else receives meanwhile.
-    ///
-    /// # Errors
-    /// The program has ended and nothing of it is left, a message was
-    /// [too large](PlayerError::TooLarge), which the next call goes on behind, a subscription can
-    /// [take](PlayerError::Take) no more, or the memory is damaged.
-    pub fn receive(
-        &self,
-        limit: Duration,
-        into: &mut dyn FnMut(Received<'_>),
-    ) -> Result<usize, PlayerError> {
-        let until = Instant::now() + limit;
-        let mut taken = lock(&self.taken);
-        loop {
-            let over = self.program.has_ended();
-            let count = self.hand_over(&mut taken, into)?;
-            if count > 0 {
-                return Ok(count);
-            }
-            if over {
-                return Err(ended(&self.program));
-            }
-            let left = until.saturating_duration_since(Instant::now());
-            if left.is_zero() {
-                return Ok(0);
-            }
-            taken.sleep(&self.memory, LOOK.min(left))?;
-        }
-    }
-
-    fn hand_over(
-        &self,
-        taken: &mut Reader,
-        into: &mut dyn FnMut(Received<'_>),
-    ) -> Result<usize, PlayerError> {
-        let mut count = 0;
-        if !taken.look(&self.memory)? {
-            return Ok(count);
-        }
-        // Whatever has put something into the ring by now was listed before.
-        let known = lock(&self.subscriptions).len();
-        while let Some((record, data)) = taken.next(&self.memory)? {
-            if record.kind == RECORD_MESSAGE {
-                if usize::from(record.endpoint) >= known {
-                    let what = format!("a message of subscription {}", record.endpoint);
-                    return Err(taken.damage(&self.memory, what));
-                }
-                let subscription = SubscriptionId(record.endpoint);
-                into(Received { subscription, source_timestamp: record.stamp, data });
-            }
-            let trouble = (record.kind != RECORD_MESSAGE).then(|| self.trouble(record, data));
-            taken.done(&self.memory, record);
-            match trouble {
-                Some(error) => return Err(error),
-                None => count += 1,
-            }
-        }
-        Ok(count)
-    }
-
-    /// What a record says that is no message.
-    fn trouble(&self, record: Record, data: &[u8]) -> PlayerError {
-        let topic = lock(&self.subscriptions).get(usize::from(record.endpoint)).cloned();
-        let topic = topic.unwrap_or_else(|| "all that was subscribed to".to_owned());
-        if record.kind == RECORD_TOO_LARGE {
-            let most = ring::most(self.memory.room()) as u64;
-            return PlayerError::TooLarge { topic, length: record.stamp.cast_unsigned(), most };
-        }
-        PlayerError::Take { topic, reason: String::from_utf8_lossy(data).into_owned() }
-    }
-
-    /// How many messages of it the program has taken. By then they are in the ring: who receives
-    /// after it has said 7 has had the seventh. It counts just after that.
+    /// How many messages of it the program has taken. Those that this counts are in the ring, so that
+    /// the next [`receive`](Player::receive) has them; one that was received may be counted later.
     pub fn taken(&self, subscription: SubscriptionId) -> u64 {
         let slot = self.memory.subscription.get(usize::from(subscription.0));
         slot.map_or(0, |slot| slot.taken.load(SeqCst))
@@ -414,31 +303,6 @@ fn known<T>(list: &Mutex<Vec<T>>, slot: u16) -> Result<(), PlayerError> {
         true => Ok(()),
         false => Err(PlayerError::Stranger),
     }
-}
-
-/// The error of an answer that says so.
-fn failure(
-    status: u32,
-    answer: &mut Answer,
-    (topic, datatype, package): (&str, &str, &str),
-) -> Result<PlayerError, PlayerError> {
-    let first = answer.text()?;
-    let topic = topic.to_owned();
-    Ok(match status {
-        STATUS_LIBRARY => PlayerError::NoRos(first),
-        STATUS_SYMBOL => PlayerError::Symbol(first),
-        STATUS_PACKAGE => {
-            let package = package.to_owned();
-            PlayerError::Package { topic, package, library: first, reason: answer.text()? }
-        }
-        STATUS_TYPE => PlayerError::Type { topic, datatype: datatype.to_owned(), library: first },
-        STATUS_RCL => PlayerError::Rcl {
-            function: first,
-            code: answer.number()?.cast_signed(),
-            reason: answer.text()?,
-        },
-        _ => PlayerError::Answer(first),
-    })
 }
 
 /// Sends the memory's file by a byte.

@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions};
 
-use crate::{PlayerError, PlayerOptions};
+use crate::PlayerError;
+use crate::options::PlayerOptions;
 
 /// What is kept of its standard error.
 const LINES: usize = 20;

@@ -293,7 +293,7 @@ mod tests {
         let (first, _) = reader.next(&memory).unwrap().unwrap();
         reader.done(&memory, first);
         assert!(writer.write(&memory, record(0, 2), &[]).unwrap());
-        // Half a ring does not fit before its end by now: it waits until there is room at its start.
+        // Half a ring does not fit before its end by now: its start must be free.
         assert!(!writer.write(&memory, record(half.len(), 3), &[&half]).unwrap());
         for stamp in [1, 2] {
             assert!(reader.look(&memory).unwrap());

@@ -42,6 +42,15 @@ fn runs(pid: u32) -> bool {
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with('Z'))
 }
 
+/// Whether each thread of a process is in a state, as `/proc` has it.
+fn threads_are(pid: u32, state: char) -> bool {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap();
+    threads.map(|thread| thread.unwrap().path().join("stat")).all(|file| {
+        let stat = std::fs::read_to_string(file).unwrap();
+        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with(state))
+    })
+}
+
 #[test]
 fn the_graph_has_nodes_of_other_processes_with_their_topics() {
     let graph = Graph::new();
@@ -246,6 +255,7 @@ fn a_full_ring_is_waited_for_until_the_caller_cancels() {
     let pid = player.pid().to_string();
     let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
     assert!(signal("-STOP"));
+    eventually(|| threads_are(player.pid(), 'T'));
     let (mut asked, mut sent) = (0, 0);
     let error = loop {
         let mut cancelled = || {

@@ -4,7 +4,8 @@
 mod standin;
 
 use std::fs::File;
-use std::os::unix::fs::FileExt;
+use std::os::unix::fs::{FileExt, MetadataExt};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
@@ -15,12 +16,18 @@ const RINGS: u64 = 65536;
 const OUT: u64 = 128;
 const IN: u64 = 256;
 
-/// The memory of the only player of this process's program, as any process of its user opens it.
+/// The memory of a player, as any process of its user opens it.
 fn opened(player: &Player) -> File {
     let maps = std::fs::read_to_string(format!("/proc/{}/maps", player.pid())).unwrap();
     let line = maps.lines().find(|line| line.contains("bagpipe-ros2-player")).unwrap();
-    let range = line.split(' ').next().unwrap();
-    let path = format!("/proc/{}/map_files/{range}", player.pid());
+    let inode: u64 = line.split_whitespace().nth(4).unwrap().parse().unwrap();
+    let files = std::fs::read_dir("/proc/self/fd").unwrap().map(|file| file.unwrap().path());
+    let its = |file: &PathBuf| {
+        let name = std::fs::read_link(file).unwrap_or_default();
+        name.to_string_lossy().contains("bagpipe-ros2-player")
+            && file.metadata().is_ok_and(|data| data.ino() == inode)
+    };
+    let path = files.into_iter().find(its).unwrap();
     File::options().read(true).write(true).open(path).unwrap()
 }
 

@@ -3,12 +3,15 @@
 
 use std::collections::BTreeSet;
 use std::process::Command;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use bagpipe_ros2player::PROGRAM;
 
 /// The lines of what readelf shows of the program.
 fn readelf(what: &str) -> Vec<String> {
-    let name = format!("ros2-player-{}-{what}", std::process::id());
+    static FILES: AtomicU32 = AtomicU32::new(0);
+    let number = FILES.fetch_add(1, Ordering::SeqCst);
+    let name = format!("ros2-player-{}-{number}", std::process::id());
     let file = std::env::temp_dir().join(name);
     std::fs::write(&file, PROGRAM).unwrap();
     let output = Command::new("readelf").args(["--wide", what]).arg(&file).output().unwrap();

@@ -2,7 +2,7 @@
 //! and players in graphs of their own.
 #![allow(dead_code, clippy::unwrap_used)] // Each of those who use it needs a part.
 
-use std::ffi::{OsStr, OsString};
+use std::ffi::OsString;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -12,7 +12,8 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, Kind, LIBRARY, Ledger};
 use bagpipe_ros2player::{
-    Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, Qos, Reliability,
+    Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, PublisherId, Qos,
+    Reliability, SubscriptionId,
 };
 
 /// What no test should need.
@@ -38,7 +39,7 @@ fn digest() -> u64 {
     let mut files: Vec<_> =
         std::fs::read_dir(sources()).unwrap().map(|entry| entry.unwrap().path()).collect();
     files.sort();
-    for file in files {
+    for file in files.into_iter().filter(|file| file.is_file()) {
         std::fs::read(file).unwrap().hash(&mut hasher);
     }
     (LIBRARY, PROGRAM).hash(&mut hasher);
@@ -98,7 +99,9 @@ impl Graph {
     pub fn new() -> Graph {
         static NEXT: AtomicU32 = AtomicU32::new(1);
         let domain = NEXT.fetch_add(1, Ordering::SeqCst);
-        Graph { domain, ledger: Ledger::new().unwrap() }
+        let ledger = Ledger::new().unwrap();
+        ledger.watch_matches(true);
+        Graph { domain, ledger }
     }
 
     /// What a sourced setup would set.
@@ -173,6 +176,14 @@ impl Graph {
         Node(child)
     }
 
+    /// Waits until a node's subscription and the one publisher of its topic know of each other, which
+    /// each learns by itself: what is published from then on arrives there.
+    pub fn met(&self, topic: &str, player: &Player, publisher: PublisherId) -> Endpoint {
+        eventually(|| self.subscription(topic).matched == Some(1));
+        eventually(|| player.subscribers(publisher).unwrap() == 1);
+        self.subscription(topic)
+    }
+
     /// The subscription of a node on a topic, once there is one.
     pub fn subscription(&self, topic: &str) -> Endpoint {
         let found = || {
@@ -195,6 +206,11 @@ impl Node {
     /// Sends SIGTERM, and waits until it has ended: whether with success.
     pub fn end(mut self) -> bool {
         assert!(Command::new("kill").arg(self.pid().to_string()).status().unwrap().success());
+        self.0.wait().unwrap().success()
+    }
+
+    /// Waits until it has ended by itself: whether with success.
+    pub fn ended(mut self) -> bool {
         self.0.wait().unwrap().success()
     }
 }
@@ -235,25 +251,12 @@ pub fn number(message: &[u8]) -> u64 {
     u64::from_le_bytes(message[4..12].try_into().unwrap())
 }
 
-pub fn publish(
-    player: &Player,
-    publisher: bagpipe_ros2player::PublisherId,
-    bytes: &[u8],
-) -> Result<(), PlayerError> {
+pub fn publish(player: &Player, publisher: PublisherId, bytes: &[u8]) -> Result<(), PlayerError> {
     player.publish(publisher, &[bytes], &mut || false)
 }
 
 /// Until both have matched: what is published then arrives.
-pub fn match_own(
-    player: &Player,
-    publisher: bagpipe_ros2player::PublisherId,
-    subscription: bagpipe_ros2player::SubscriptionId,
-) {
+pub fn match_own(player: &Player, publisher: PublisherId, subscription: SubscriptionId) {
     eventually(|| player.publishers(subscription).unwrap() == 1);
     eventually(|| player.subscribers(publisher).unwrap() == 1);
-}
-
-/// A variable of an environment.
-pub fn variable<'all>(all: &'all [(OsString, OsString)], name: &str) -> &'all OsStr {
-    &all.iter().find(|(one, _)| one == name).unwrap().1
 }

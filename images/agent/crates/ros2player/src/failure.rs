@@ -1,0 +1,36 @@
+//! What an answer says that is none: its status, as `player/answer.h` lists them.
+
+use crate::PlayerError;
+use crate::control::Answer;
+
+pub(crate) const STATUS_DONE: u32 = 0;
+const STATUS_LIBRARY: u32 = 1;
+const STATUS_SYMBOL: u32 = 2;
+const STATUS_PACKAGE: u32 = 3;
+const STATUS_TYPE: u32 = 4;
+const STATUS_RCL: u32 = 5;
+
+/// The error of an answer that says so.
+pub(crate) fn failure(
+    status: u32,
+    answer: &mut Answer,
+    (topic, datatype, package): (&str, &str, &str),
+) -> Result<PlayerError, PlayerError> {
+    let first = answer.text()?;
+    let topic = topic.to_owned();
+    Ok(match status {
+        STATUS_LIBRARY => PlayerError::NoRos(first),
+        STATUS_SYMBOL => PlayerError::Symbol(first),
+        STATUS_PACKAGE => {
+            let package = package.to_owned();
+            PlayerError::Package { topic, package, library: first, reason: answer.text()? }
+        }
+        STATUS_TYPE => PlayerError::Type { topic, datatype: datatype.to_owned(), library: first },
+        STATUS_RCL => PlayerError::Rcl {
+            function: first,
+            code: answer.number()?.cast_signed(),
+            reason: answer.text()?,
+        },
+        _ => PlayerError::Answer(first),
+    })
+}

@@ -1,0 +1,269 @@
+//! The nodes of the stand-in, which whole jobs are tested with: they answer as their input decides,
+//! and what they count for themselves is what the ledger has.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros2ledger::{Event, Kind, Strength, Waited};
+use bagpipe_ros2player::{Durability, History, Player, PublisherId, Qos, Received, SubscriptionId};
+use standin::{ALL, CDR, Graph, LONG, RELIABLE, built, eventually, message, publish};
+
+/// A node under test with who plays to it and records it: one topic in, one out.
+struct Scene {
+    graph: Graph,
+    player: Player,
+    publisher: PublisherId,
+    subscription: SubscriptionId,
+}
+
+impl Scene {
+    /// Once they all know each other.
+    fn new(graph: Graph, types: [&str; 2], prepare: impl FnOnce(&Player)) -> Scene {
+        let player = graph.player();
+        prepare(&player);
+        let publisher = player.advertise("/in", types[0], &RELIABLE).unwrap();
+        let subscription = player.subscribe("/out", types[1], &ALL).unwrap();
+        eventually(|| player.publishers(subscription).unwrap() == 1);
+        graph.met("/in", &player, publisher);
+        Scene { graph, player, publisher, subscription }
+    }
+
+    /// Publishes one, and returns what the node answers.
+    fn step(&self, bytes: &[u8]) -> Vec<u8> {
+        publish(&self.player, self.publisher, bytes).unwrap();
+        self.answer()
+    }
+
+    fn answer(&self) -> Vec<u8> {
+        let mut answers = Vec::new();
+        let mut keep = |one: Received<'_>| {
+            assert_eq!(one.subscription, self.subscription);
+            answers.push(one.data.to_vec());
+        };
+        let begun = Instant::now();
+        while self.player.receive(Duration::from_millis(500), &mut keep).unwrap() == 0 {
+            assert!(begun.elapsed() < LONG);
+        }
+        assert_eq!(answers.len(), 1);
+        answers.remove(0)
+    }
+
+    /// Waits until the callbacks of the node's subscription have ended, so many since `before`.
+    fn await_ended(&self, ended: u64) {
+        let reader = self.graph.subscription("/in");
+        let deadline = Instant::now() + LONG;
+        let held = |ledger: &bagpipe_ros2ledger::Ledger| {
+            Ok(ledger.counts(reader.id)?.done(reader.strength) >= ended)
+        };
+        let events = [Event::Ended, Event::Taken];
+        let waited = self.graph.ledger.wait(&events, &[reader.process], deadline, held).unwrap();
+        assert_eq!(waited, Waited::Held);
+    }
+}
+
+const RELAY: [&str; 8] = [
+    "--name",
+    "/ns/relay",
+    "--sub",
+    "/in:std_msgs/msg/String:10:reliable",
+    "--pub",
+    "/out:std_msgs/msg/String:10:reliable",
+    "--relay",
+    "/in=/out",
+];
+const STRINGS: [&str; 2] = ["std_msgs/String", "std_msgs/String"];
+
+fn with<'all>(more: &[&'all str]) -> Vec<&'all str> {
+    RELAY.into_iter().chain(more.iter().copied()).collect()
+}
+
+/// The text of a serialised std_msgs/String.
+fn text(bytes: &[u8]) -> String {
+    assert_eq!(bytes[..4], CDR);
+    let length = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
+    assert_eq!(bytes[8 + length - 1], 0);
+    assert!(
+        bytes[8 + length..].iter().all(|padding| *padding == 0) && bytes.len().is_multiple_of(4)
+    );
+    String::from_utf8(bytes[8..8 + length - 1].to_vec()).unwrap()
+}
+
+/// FNV-1a of the bytes with the zeros that DDS adds.
+fn hash(bytes: &[u8]) -> u64 {
+    let mut padded = bytes.to_vec();
+    padded.resize(bytes.len().next_multiple_of(4), 0);
+    padded.iter().fold(0xcbf2_9ce4_8422_2325, |value, byte| {
+        (value ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
+}
+
+/// What a node wrote of itself at its end.
+fn counts(file: &PathBuf) -> Vec<String> {
+    let text = std::fs::read_to_string(file).unwrap();
+    std::fs::remove_file(file).unwrap();
+    text.lines().map(str::to_owned).collect()
+}
+
+fn place(name: &str) -> PathBuf {
+    std::env::temp_dir().join(format!("ros2player-{name}-{}", std::process::id()))
+}
+
+#[test]
+fn a_relay_answers_with_the_hash_and_the_number_of_its_input() {
+    for (program, strength) in
+        [("standin_node", Strength::Called), ("standin_node_py", Strength::Taken)]
+    {
+        let graph = Graph::new();
+        let file = place(program);
+        let node = graph.start(program, &with(&["--count-to", file.to_str().unwrap()]));
+        let scene = Scene::new(graph, STRINGS, |_| ());
+        for number in 0..50 {
+            let input = message(number, number as usize * 3);
+            let expected = format!("{:016x} {}", hash(&input), number + 1);
+            assert_eq!(text(&scene.step(&input)), expected);
+        }
+        let reader = scene.graph.subscription("/in");
+        assert_eq!((reader.strength, reader.node.as_str()), (strength, "/ns/relay"));
+        scene.await_ended(50);
+        assert!(node.end());
+        let own = ["sub /in taken 50 called 50", "pub /out published 50"];
+        assert_eq!(counts(&file), own);
+        let ledger = scene.graph.ledger.endpoints().unwrap();
+        let of = |kind| ledger.iter().find(|one| one.kind == kind).unwrap().counts;
+        assert_eq!(of(Kind::Subscription).taken, 50);
+        assert_eq!(of(Kind::Subscription).done(strength), 50);
+        assert_eq!(of(Kind::Publisher).published, 50);
+    }
+}
+
+#[test]
+fn under_overload_a_short_queue_loses_what_the_ledger_and_the_node_agree_on() {
+    let graph = Graph::new();
+    let file = place("overload");
+    let more = ["--threads", "3", "--delay-us", "300", "--count-to", file.to_str().unwrap()];
+    let node = graph.node(&with(&more));
+    let scene = Scene::new(graph, STRINGS, |_| ());
+    for number in 0..5000 {
+        publish(&scene.player, scene.publisher, &message(number, 20)).unwrap();
+    }
+    assert!(scene.player.flush(Instant::now() + LONG).unwrap());
+    let reader = scene.graph.subscription("/in");
+    let counted = || scene.graph.ledger.counts(reader.id).unwrap();
+    eventually(|| {
+        let before = counted();
+        std::thread::sleep(Duration::from_millis(100));
+        before.ended == before.taken && counted() == before
+    });
+    assert!(node.end());
+    let own = counts(&file);
+    let taken = counted().taken;
+    assert_eq!(own[0], format!("sub /in taken {taken} called {taken}"));
+    assert!((10..4000).contains(&taken), "{taken}");
+}
+
+#[test]
+fn a_relay_of_stamps_copies_the_headers() {
+    for (datatype, node) in [("sensor_msgs/Imu", "Imu"), ("sensor_msgs/JointState", "JointState")] {
+        let graph = Graph::new();
+        let input = format!("/in:sensor_msgs/msg/{node}:10:reliable");
+        let output = "/out:geometry_msgs/msg/PoseStamped:10:reliable";
+        let arguments = ["--sub", &input, "--pub", output, "--relay-stamp", "/in=/out"];
+        let _node = graph.node(&arguments);
+        let scene = Scene::new(graph, [datatype, "geometry_msgs/PoseStamped"], |_| ());
+        let stamped = |second: u32, nanosecond: u32| {
+            let fields = [second.to_le_bytes(), nanosecond.to_le_bytes(), [0; 4], [0; 4]];
+            [&CDR[..], &fields.concat()].concat()
+        };
+        let answer = scene.step(&stamped(1_700_000_000, 999_999_999));
+        assert_eq!(answer.len(), 4 + 16 + 56);
+        assert_eq!(answer[..12], stamped(1_700_000_000, 999_999_999)[..12]);
+        assert_eq!(f64::from_le_bytes(answer[20..28].try_into().unwrap()), 1.0);
+    }
+}
+
+#[test]
+fn with_simulated_time_an_answer_has_the_clock_that_was_taken() {
+    let graph = Graph::new();
+    let _node = graph.node(&with(&["--use-sim-time"]));
+    let newest = Qos { history: History::KeepLast(1), ..RELIABLE };
+    let clock = std::cell::Cell::new(None);
+    let scene = Scene::new(graph, STRINGS, |player| {
+        clock.set(Some(player.advertise("/clock", "rosgraph_msgs/Clock", &newest).unwrap()));
+    });
+    let clock = clock.get().unwrap();
+    let reader = scene.graph.met("/clock", &scene.player, clock);
+    for tick in 0..20_u32 {
+        let time = [&CDR[..], &(100 + tick).to_le_bytes(), &(7 * tick).to_le_bytes()].concat();
+        publish(&scene.player, clock, &time).unwrap();
+        eventually(|| scene.graph.ledger.counts(reader.id).unwrap().ended > u64::from(tick));
+        let answer = text(&scene.step(b"\0\x01\0\0now"));
+        let expected =
+            format!("{:016x} {} {}.{:09}", hash(b"\0\x01\0\0now"), tick + 1, 100 + tick, 7 * tick);
+        assert_eq!(answer, expected);
+    }
+}
+
+#[test]
+fn it_drops_each_third_and_dies_in_the_callback_of_the_tenth() {
+    let graph = Graph::new();
+    let node = graph.node(&with(&["--drop-every", "3", "--die-after", "10"]));
+    let scene = Scene::new(graph, STRINGS, |_| ());
+    for number in 1..10 {
+        publish(&scene.player, scene.publisher, &message(number, 10)).unwrap();
+        if number % 3 == 0 {
+            scene.await_ended(number);
+            let nothing = scene.player.receive(Duration::ZERO, &mut |_| panic!("{number}"));
+            assert_eq!(nothing.unwrap(), 0);
+        } else {
+            assert!(text(&scene.answer()).ends_with(&format!(" {number}")));
+        }
+    }
+    publish(&scene.player, scene.publisher, &message(10, 10)).unwrap();
+    let reader = scene.graph.subscription("/in");
+    let deadline = Instant::now() + LONG;
+    let waited =
+        scene.graph.ledger.wait(&[Event::Ended], &[reader.process], deadline, |_| Ok(false));
+    assert_eq!(waited.unwrap(), Waited::Ended(reader.process));
+    let counts = scene.graph.ledger.counts(reader.id).unwrap();
+    assert_eq!((counts.taken, counts.started, counts.ended), (10, 10, 9));
+    assert!(!node.ended());
+}
+
+#[test]
+fn arguments_that_make_no_sense_are_refused_with_the_usage() {
+    for (arguments, why) in [
+        (&["--sub", "/in"][..], "no topic with its type"),
+        (&["--name"][..], "no value: --name"),
+        (&["--fast", "1"][..], "no option: --fast"),
+        (&["--threads", "0"][..], "no number of threads"),
+        (&["--relay", "/in=/out"][..], "--relay needs a --sub /in"),
+    ] {
+        let graph = Graph::new();
+        let output = std::process::Command::new(built().join("standin_node"))
+            .args(arguments)
+            .envs(graph.environment())
+            .output()
+            .unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{errors}");
+        assert!(errors.contains(why), "{errors}");
+    }
+}
+
+#[test]
+fn a_node_that_comes_late_has_what_is_kept_for_it() {
+    let graph = Graph::new();
+    let player = graph.player();
+    let kept = Qos { durability: Durability::TransientLocal, ..RELIABLE };
+    let publisher = player.advertise("/map", "std_msgs/String", &kept).unwrap();
+    for number in 0..3 {
+        publish(&player, publisher, &message(number, 10)).unwrap();
+    }
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    let _node = graph.node(&["--sub", "/map:std_msgs/msg/String:5:reliable:transient_local"]);
+    let reader = graph.subscription("/map");
+    eventually(|| graph.ledger.counts(reader.id).unwrap().ended == 3);
+}
