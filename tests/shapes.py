@@ -59,6 +59,9 @@ class Shapes:
         if schema.get("type") == "number":
             return float(value)
         if "properties" not in schema:
+            values = schema.get("additionalProperties")
+            if isinstance(value, dict) and isinstance(values, dict):
+                return {name: self.filled(values, each) for name, each in value.items()}
             return value
         return {
             name: self.filled(of, value.get(name, copy.deepcopy(of.get("default"))))
@@ -77,6 +80,9 @@ class Shapes:
                     yield f"{path}.{name}"
                 else:
                     yield from self.unknown(schema["properties"][name], each, f"{path}.{name}")
+        elif isinstance(value, dict) and isinstance(schema.get("additionalProperties"), dict):
+            for name, each in value.items():
+                yield from self.unknown(schema["additionalProperties"], each, f"{path}.{name}")
         elif isinstance(value, list) and "items" in schema:
             for each in value:
                 yield from self.unknown(schema["items"], each, f"{path}[]")

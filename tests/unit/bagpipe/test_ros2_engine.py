@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.engine.delivery import judge
-from bagpipe.engine.ros2.proof import unproved
+from bagpipe.engine.ros2.proof import PROOF
 from bagpipe.faults import FaultPolicy, FaultRule
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
@@ -147,7 +147,7 @@ def result(*lines: tuple[str, str, str], sent: int = 3) -> Json:
 )
 def test_a_delivery_is_proved_by_what_a_node_took(strength: str, outcome: str) -> None:
     found = result(("/scan", "/proved", "called"), ("/scan", "/lane", strength))
-    judged = judge(found, unproved=unproved)
+    judged = judge(found, proof=PROOF)
     assert (judged.outcome, judged.reason) == (
         outcome,
         "" if outcome == "passed" else "DeliveryUnproved",
@@ -158,14 +158,14 @@ def test_a_delivery_is_proved_by_what_a_node_took(strength: str, outcome: str) -
 
 def test_the_sentence_names_the_node_the_topic_and_the_cause() -> None:
     lines = [("/scan", f"/node_{n}", "received") for n in range(8)]
-    judged = judge(result(("/tf", "/node_0", "sent"), *lines), unproved=unproved)
+    judged = judge(result(("/tf", "/node_0", "sent"), *lines), proof=PROOF)
     assert judged.message.startswith(
         "what /node_0 got on /tf is proved no further than `sent`; so are /node_1, /node_2,"
         " /node_3, /node_4, /node_5 and 2 more: the ledger's library is not in its process"
     )
     for word in ("setuid", "cleared environment", "statically", "DeliveryUnproved, action: allow"):
         assert word in judged.message
-    alone = judge(result(lines[0]), unproved=unproved).message
+    alone = judge(result(lines[0]), proof=PROOF).message
     assert alone.startswith(
         "what /node_0 got on /scan is proved no further than `received`: the ledger's"
     )
@@ -173,23 +173,34 @@ def test_the_sentence_names_the_node_the_topic_and_the_cause() -> None:
 
 def test_where_nothing_was_sent_nothing_needs_a_proof() -> None:
     found = result(("/scan", "/lane", "received"), sent=0)
-    assert list(unproved(found)) == []
-    assert judge(found, unproved=unproved).outcome == "passed"
+    assert list(PROOF.lacking(found)) == []
+    assert judge(found, proof=PROOF).outcome == "passed"
 
 
 def test_a_job_may_allow_what_is_unproved_and_it_is_reported_all_the_same() -> None:
-    judged = judge(result(("/scan", "/lane", "received")), ALLOWED, unproved=unproved)
+    judged = judge(result(("/scan", "/lane", "received")), ALLOWED, proof=PROOF)
     assert judged.outcome == "passed"
     (allowed,) = judged.allowed
     assert allowed.cause == "DeliveryUnproved"
     assert allowed.message.startswith("what /lane got on /scan")
 
 
+@pytest.mark.parametrize("strength", ["sent", "received"])
+def test_nobody_knows_what_a_node_lost_that_is_not_counted(strength: str) -> None:
+    """The ledger has it as lost, since nothing says otherwise."""
+    found = result(("/scan", "/lane", strength))
+    found["ledger"]["topics"][0]["subscribers"][0] |= {"received": 0, "dropped": 3}
+    assert judge(found, proof=PROOF).reason == "DeliveryUnproved"
+    assert judge(found, ALLOWED, proof=PROOF).outcome == "passed"
+    # In ROS 1 a node that does not answer has lost it.
+    assert judge(found).reason == "MessagesLost"
+
+
 def test_a_loss_goes_before_a_loss_that_is_only_possible() -> None:
-    found = result(("/scan", "/lane", "received"))
-    found["ledger"]["topics"][0]["subscribers"][0] |= {"received": 2, "dropped": 1}
-    assert judge(found, unproved=unproved).reason == "MessagesLost"
-    both = judge(found, ALLOWED, unproved=unproved)
+    found = result(("/tf", "/other", "received"), ("/scan", "/lane", "taken"))
+    found["ledger"]["topics"][1]["subscribers"][0] |= {"received": 2, "dropped": 1}
+    assert judge(found, proof=PROOF).reason == "MessagesLost"
+    both = judge(found, ALLOWED, proof=PROOF)
     assert (both.outcome, both.reason) == ("failed", "MessagesLost")
 
 

@@ -5,7 +5,7 @@ the very node that lost from running, and for about as long as the lost messages
 node whose queue holds one message misses the next one only if it does not run for a period.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,10 +45,15 @@ class Loss:
         return text if self.queue is None else f"{text}, {self.queue} in its queue"
 
 
-def losses(result: Mapping[str, Any]) -> Iterator[Loss]:
-    """Each subscriber's loss of a RESULT's ledger, in its order."""
+def losses(result: Mapping[str, Any], strengths: Collection[str] | None = None) -> Iterator[Loss]:
+    """Each subscriber's loss of a RESULT's ledger, in its order.
+
+    Of lines of another strength than these nobody knows what was lost (None: of each one knows).
+    """
     for topic in result["ledger"]["topics"]:
         for line in topic["subscribers"]:
+            if strengths is not None and line["strength"] not in strengths:
+                continue
             if line["received"] != topic["sent"] or line["dropped"]:
                 yield Loss(
                     line["node"], topic["topic"], topic["sent"], line["received"],

@@ -8,7 +8,7 @@ from pathlib import Path
 from bagpipe.engine.engine import Attempt, Played, Program, own_program
 from bagpipe.engine.replay import replayed
 from bagpipe.engine.ros2.by_hand import play_command
-from bagpipe.engine.ros2.proof import unproved
+from bagpipe.engine.ros2.proof import PROOF
 from bagpipe.engine.ros2.sourced import LIBRARY, is_sourced
 from bagpipe.plan.case import Case
 from bagpipe.plan.variant import stack_of
@@ -29,7 +29,7 @@ class Ros2:
 
     def play(self, attempt: Attempt, exchange: Callable[[Sink | Sinks], Answer]) -> Played:
         """Keeps the recorded MCAP; judges delivery and its proof first, then by the criteria."""
-        return replayed(attempt, exchange, ".mcap", unproved)
+        return replayed(attempt, exchange, ".mcap", PROOF)
 
     def programs(self, stack: Stack) -> list[Program]:
         """The stack's command, and the library by which messages are played."""

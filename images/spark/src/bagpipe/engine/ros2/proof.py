@@ -7,20 +7,21 @@ without a trace there. So only who counts the node's own takes knows what it got
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from bagpipe.engine.delivery import Proof
 from bagpipe.judgement import Judgement
 
-_PROOFS = frozenset({"taken", "called"})
+_STRENGTHS = frozenset({"taken", "called"})
 # A sentence names a few nodes; the ledger has all.
 _MOST_NAMED = 5
 
 
-def unproved(result: Mapping[str, Any]) -> Iterator[Judgement]:
+def _lacking(result: Mapping[str, Any]) -> Iterator[Judgement]:
     """One judgement where nodes were sent messages of the window and nobody saw them take these."""
     found = {
         line["node"]: (topic["topic"], line["strength"])
         for topic in reversed(result["ledger"]["topics"])
         for line in topic["subscribers"]
-        if topic["sent"] and line["strength"] not in _PROOFS
+        if topic["sent"] and line["strength"] not in _STRENGTHS
     }
     if not found:
         return
@@ -38,3 +39,6 @@ def unproved(result: Mapping[str, Any]) -> Iterator[Judgement]:
         " linked statically. Start the node without that, or write {cause: DeliveryUnproved,"
         " action: allow} into faultPolicy",
     )
+
+
+PROOF = Proof(_STRENGTHS, _lacking)
