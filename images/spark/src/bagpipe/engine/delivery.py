@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.engine.losses import Loss, by_the_machine, losses, others, why
+from bagpipe.engine.losses import by_the_machine, losses, others, why
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
 
@@ -32,18 +32,11 @@ def judge(
     prove (None: each strength is a proof), and whether it published anything.
 
     Ends come first, since a node that has crashed receives nothing more. A loss that is known goes
-    before one that is only possible: of whom nothing is seen but what was sent to it, nobody knows
-    that it has lost anything, where that is an open question.
+    before one that is only possible.
     """
-<<<<<<< HEAD
-    open_questions = unproved(result) if unproved else ()
-    known = [loss for loss in losses(result) if not unproved or loss.strength != "sent"]
-    faults = (*ends(result), *_losses(known, result, mode), *open_questions)
-=======
     faults = [*ends(result), *_losses(result, mode, proof.strengths if proof else None)]
     if proof is not None:
         faults += proof.lacking(result)
->>>>>>> criteria2
     return first_that_counts(faults, policy, _evidence(result))
 
 
@@ -59,16 +52,11 @@ def _evidence(result: dict[str, Any]) -> Judgement:
     return Judgement("passed")
 
 
-<<<<<<< HEAD
-def _losses(found: list[Loss], result: dict[str, Any], mode: str) -> Iterator[Judgement]:
-    """The first figure that can't be, else the first loss of the stack's, else of the machine's."""
-=======
 def _losses(
     result: dict[str, Any], mode: str, strengths: frozenset[str] | None
 ) -> Iterator[Judgement]:
     """The first figure that can't be, else the first loss of the stack's, else of the machine's."""
     found = list(losses(result, strengths))
->>>>>>> criteria2
     for loss in found:
         if loss.received > loss.sent:
             yield Judgement(

@@ -28,7 +28,6 @@ class Loss:
     dropped: int
     queue: int | None
     waited: float | None
-    strength: str
 
     @property
     def missing(self) -> int:
@@ -58,7 +57,6 @@ def losses(result: Mapping[str, Any], strengths: Collection[str] | None = None) 
                 yield Loss(
                     line["node"], topic["topic"], topic["sent"], line["received"],
                     line["dropped"], line.get("queue"), line.get("waited_seconds"),
-                    line.get("strength", ""),
                 )  # fmt: skip
 
 
