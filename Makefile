@@ -24,7 +24,7 @@ KIND_KUBECONFIG := $(BAGPIPE_CACHE)/kind.kubeconfig
 KIND_VERSION := v0.30.0
 UV_VERSION := 0.13.8
 NAMESPACE ?= bagpipe-system
-IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes
+IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/log/Cargo.toml images/agent/crates/log/src/*.rs \
   images/agent/crates/packing/Cargo.toml images/agent/crates/packing/src/*.rs \
   images/agent/crates/mcap/Cargo.toml images/agent/crates/mcap/src/*.rs \

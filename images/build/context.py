@@ -178,6 +178,11 @@ def stage_barrier_car(folder: Path) -> None:
         shutil.copy(ROOT / "docs" / "examples" / "barrier-car" / name, folder)
 
 
+def stage_ros2_standin(folder: Path) -> None:
+    sources = ROOT / "tests" / "ros2"
+    shutil.copytree(sources, folder / "sources", ignore=shutil.ignore_patterns("Dockerfile"))
+
+
 def stage_nothing(_folder: Path) -> None:
     """Some images are all in their Dockerfile."""
 
@@ -208,6 +213,7 @@ IMAGES = [
     ),
     Image("barrier-car", ROOT / "docs/examples/barrier-car/Dockerfile", stage_barrier_car),
     Image("exec-highway", ROOT / "docs/examples/exec-highway/Dockerfile", stage_exec_highway),
+    Image("ros2-standin", ROOT / "tests/ros2/Dockerfile", stage_ros2_standin),
     Image("example-nodes", ROOT / "docs/examples/example-nodes/Dockerfile", stage_example_nodes),
 ]
 

@@ -39,6 +39,7 @@ def test_the_names_are_those_of_the_contract() -> None:
         "bagpipe.local/operator:0.1.0",
         "bagpipe.local/robot-state-publisher:0.1.0",
         "bagpipe.local/ros:0.1.0",
+        "bagpipe.local/ros2-standin:0.1.0",
         "bagpipe.local/spark:0.1.0",
     }
 
