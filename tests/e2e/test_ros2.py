@@ -1,5 +1,7 @@
-"""Jobs of ROS 2 nodes over MCAP on the cluster: at full speed nothing is lost, and lock-step records
-the same bytes each time. The client library of the image is the stand-in over Debian's Cyclone DDS.
+"""Jobs of ROS 2 nodes over MCAP on the cluster.
+
+At full speed nothing is lost, and lock-step records the same bytes each time. The client library of
+the image is the stand-in over Debian's Cyclone DDS.
 """
 
 from pathlib import Path
