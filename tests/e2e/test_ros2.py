@@ -49,8 +49,8 @@ def run(namespace: str, manifest: k.Object) -> dict[str, str]:
     with jobs.applied(namespace, manifest):
         ended = jobs.ended(namespace, name, 400)
         status = ended["status"]
-        told = jobs.account(namespace, ended)
-        assert (status["phase"], status.get("verdict")) == ("Complete", "Passed"), told
+        account = jobs.account(namespace, ended)
+        assert (status["phase"], status.get("verdict")) == ("Complete", "Passed"), account
         _, rows = k.results(namespace, status["results"])
         assert sum(row["result"]["ledger"]["sent"] for row in rows) == MESSAGES
         digests = {}

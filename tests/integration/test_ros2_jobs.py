@@ -134,7 +134,7 @@ def test_a_node_that_aborts_has_crashed(
     assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed"), row
 
 
-def test_without_ros_2_it_is_said_what_to_do(
+def test_without_ros_2_a_sentence_names_what_to_do(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
     job = spec({}, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "1s"})
@@ -143,7 +143,7 @@ def test_without_ros_2_it_is_said_what_to_do(
     assert "librcl.so" in row["message"]
 
 
-def test_two_slots_of_one_machine_never_hear_each_other(
+def test_two_slots_of_one_machine_never_receive_from_each_other(
     folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
     agent = start_agent(2)
@@ -153,5 +153,5 @@ def test_two_slots_of_one_machine_never_hear_each_other(
     with ThreadPoolExecutor(2) as pool:
         rows = list(pool.map(lambda _: run_case(case, context), range(4)))
     assert [row["outcome"] for row in rows] == ["passed"] * 4, rows
-    # What a node hears of another slot would be in its count, and so in its answers.
+    # What a node receives from another slot would be in its count, and so in its answers.
     assert len({digest(row, folders) for row in rows}) == 1

@@ -100,7 +100,7 @@ static void give_back(struct ddsi_serdata *of, const ddsrt_iovec_t *part) {
 
 static bool to_sample(const struct ddsi_serdata *of, void *sample, void **room, void *end) {
   (void)of, (void)sample, (void)room, (void)end;
-  return false; /* nobody knows what is in it */
+  return false; /* it is not known what is in it */
 }
 
 static bool key_to_sample(const struct ddsi_sertype *type, const struct ddsi_serdata *of,

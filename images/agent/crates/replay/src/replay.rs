@@ -120,6 +120,7 @@ fn carry_out(
     let mut watch = Watch::new(request, &recorder, &clock, progress, cancelled);
     let scene = Scene { node: &*node, plan, request, recorder: &recorder, clock: &clock };
     let outcome = perform(&scene, (lockstep, answers), world, &mut watch)?;
+    whole(&*node)?;
     drop(node);
     if let Some(failure) = recorder.failure() {
         return Err(failure);
@@ -220,7 +221,6 @@ fn perform(
     drain.prove(&mut proof, &mut player, watch)?;
     let waited = waiting.seconds();
     drain.listen(&mut proof, &mut processes, &mut player, watch)?;
-    whole(node)?;
     let timings = Timings { subscribe, lead_in, play, drain: stopwatch.lap(watch.now()) };
     let ledger = conclude(&player, &mut proof, &there, &waited);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use bagpipe_graph::{Audit, GraphError, Publication as _, Received};
 use bagpipe_ros2ledger::{Kind, Ledger};
 
-use crate::node::failed;
+use crate::error::failed;
 use crate::topic::Topic;
 
 /// Reads the ledger; nobody is asked, so nobody can keep us waiting.
@@ -52,7 +52,7 @@ impl Audit for Reader {
             .map(|one| &one.topic)
             .collect();
         let connected = there.filter(|one| one.kind == Kind::Subscription && one.node != node);
-        // How many publishers a subscription knows is told, not which: one of them will do.
+        // How many publishers a subscription knows is known, not which: one of them will do.
         let connected = connected.filter(|one| one.matched.is_none_or(|known| known > 0));
         let links = connected.filter(|one| published.contains(&one.topic));
         Ok(links.map(|one| (one.topic.clone(), one.node.clone())).collect())

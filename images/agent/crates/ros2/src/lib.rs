@@ -18,14 +18,17 @@ mod account;
 mod audit;
 mod clock;
 mod definition;
+mod error;
 mod link;
 mod middleware;
 mod node;
+mod options;
 mod qos;
 mod recording;
 mod stamp;
 mod stillness;
 mod topic;
 
-pub use middleware::{Ros2, Ros2Options};
+pub use middleware::Ros2;
+pub use options::Ros2Options;
 pub use qos::QosOverride;

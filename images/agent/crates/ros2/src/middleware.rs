@@ -1,41 +1,19 @@
 //! ROS 2 behind the seam of `bagpipe-graph`.
 
-use std::collections::BTreeMap;
-use std::ffi::OsString;
 use std::fmt::{self, Debug};
-use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::sync::{Mutex, PoisonError};
 
 use bagpipe_graph::{GraphError, Middleware, NodeOptions, ReadStamp, Sink, TopicInfo};
-use bagpipe_ros2ledger::Ledger;
 use bagpipe_ros2player::{Player, PlayerOptions};
 
-use crate::node::{Graph, failed};
-use crate::{QosOverride, clock, stamp};
+use crate::error::failed;
+use crate::node::Graph;
+use crate::{Ros2Options, clock, stamp};
 
 /// Room for messages on their way to the player's program, and for those on their way from it, in
 /// bytes each; a message may have half of it. Memory is taken as it is used.
 const ROOM: u64 = 64 << 20;
-
-/// How a graph is joined.
-#[derive(Clone)]
-pub struct Ros2Options {
-    /// What the stack's nodes count in: they were started with its environment, while it watched
-    /// matches ([`Ledger::watch_matches`]).
-    pub ledger: Arc<Ledger>,
-    /// A file with [`bagpipe_ros2player::PROGRAM`].
-    pub program: PathBuf,
-    /// The player's variables beside those of this process, such as the domain's number.
-    pub environment: Vec<(OsString, OsString)>,
-    /// Quality of service by topic, in place of what was recorded.
-    pub qos: BTreeMap<String, QosOverride>,
-    /// Where packages are installed, for the definitions of recorded types (AMENT_PREFIX_PATH).
-    pub prefixes: Vec<PathBuf>,
-    /// Until when the player must be there, and each answer of it.
-    pub deadline: Duration,
-}
 
 /// The graph of one domain, on this machine, with our player in it.
 pub struct Ros2 {

@@ -16,6 +16,7 @@ use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 use crate::account::Counts;
 use crate::audit::Reader;
 use crate::definition::installed;
+use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
@@ -33,11 +34,6 @@ pub(crate) struct Graph {
     topics: Mutex<Vec<Arc<Topic>>>,
     wanted: Mutex<BTreeSet<String>>,
     stillness: Stillness,
-}
-
-/// An error of the graph.
-pub(crate) fn failed(source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> GraphError {
-    GraphError { reason: "Ros2Failed", what: "the ROS 2 graph failed", source: source.into() }
 }
 
 impl Graph {

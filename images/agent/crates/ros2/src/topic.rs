@@ -19,8 +19,8 @@ use crate::qos::incompatible;
 const WINDOW: u64 = 1 << 20;
 /// How often somebody who waits asks whether to give up.
 const ASK: Duration = Duration::from_millis(20);
-/// A subscription that has not told for so long how many publishers it knows is believed to know us.
-const UNTOLD: Duration = Duration::from_secs(2);
+/// A subscription whose process has not reported for so long whom it knows is believed to know us.
+const UNREPORTED: Duration = Duration::from_secs(2);
 /// How long a node without tracepoints may take to come back for more, after it has taken all: of
 /// several threads some never show it.
 const COMES_BACK: Duration = Duration::from_millis(100);
@@ -32,7 +32,7 @@ pub(crate) struct Means {
     pub(crate) paced_by: PacedBy,
     pub(crate) stall: Duration,
     pub(crate) links: AtomicU64,
-    /// Whether the nodes still tell whom they have matched, which costs them time at each wait.
+    /// Whether the nodes still report whom they have matched, which costs them time at each wait.
     pub(crate) watching: AtomicBool,
 }
 
@@ -144,7 +144,7 @@ impl Topic {
         Arc::new(Link::new(id, node, counted))
     }
 
-    /// Whether all subscriptions of a node have matched us, as far as they tell: they know more
+    /// Whether all subscriptions of a node have matched us, as far as they report: they know more
     /// publishers than there are others, and we know all subscriptions that are there.
     fn knows_us(
         &self,
@@ -154,17 +154,18 @@ impl Topic {
         there: usize,
     ) -> bool {
         let mut strangers = self.strangers.lock().unwrap_or_else(PoisonError::into_inner);
-        let told = |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others.len());
+        let reported =
+            |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others.len());
         // Either side may know of the other first, and what is published in between never comes.
         let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
-        if subscriptions.iter().all(told) && known_to_us() >= there as u64 {
+        if subscriptions.iter().all(reported) && known_to_us() >= there as u64 {
             strangers.remove(key);
             return true;
         }
         let since = *strangers.entry(key.clone()).or_insert_with(Instant::now);
         // One of the others may be none that it can match.
         let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
-        since.elapsed() >= UNTOLD && subscriptions.iter().all(some)
+        since.elapsed() >= UNREPORTED && subscriptions.iter().all(some)
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {

@@ -47,7 +47,7 @@ class Loss:
 def losses(result: Mapping[str, Any], strengths: Collection[str] | None = None) -> Iterator[Loss]:
     """Each subscriber's loss of a RESULT's ledger, in its order.
 
-    Of lines of another strength than these nobody knows what was lost (None: of each one knows).
+    Of lines of another strength than these it is not known what was lost (None: of each it is).
     """
     for topic in result["ledger"]["topics"]:
         for line in topic["subscribers"]:

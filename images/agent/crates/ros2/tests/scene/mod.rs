@@ -96,7 +96,7 @@ impl Scene {
         self.graph.start_counting(program, arguments, &self.ledger)
     }
 
-    /// A node that nobody told of a ledger.
+    /// A node that knows of no ledger.
     pub fn start_uncounted(&self, program: &str, arguments: &[&str]) -> Node {
         self.graph.start_uncounted(program, arguments)
     }

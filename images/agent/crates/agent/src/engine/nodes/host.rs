@@ -10,6 +10,7 @@ use bagpipe_wire::Abort;
 use rustix::process::Pid;
 
 use crate::case::failure::Failure;
+use crate::stack::end::StackEnd;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{Children, Ended};
 use crate::stack::{Program, Surroundings, Variables};
@@ -71,9 +72,12 @@ pub trait Host {
         Abort { reason: "Internal".to_owned(), stderr: ending.stderr, ..Abort::default() }
     }
 
-    /// A fault of the case that is the program's own, with what it wrote; any other comes back.
-    fn explain(&self, abort: Abort, _ending: &mut Ending) -> Result<Abort, Abort> {
-        Err(abort)
+    /// Adds to a fault of the case what the programs wrote and how they ended.
+    fn explain(&self, abort: Abort, stack: Option<StackEnd>, _ending: Ending) -> Abort {
+        match stack {
+            Some(stack) => stack.explain(abort),
+            None => abort,
+        }
     }
 }
 

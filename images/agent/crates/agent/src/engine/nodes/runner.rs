@@ -85,13 +85,8 @@ impl Runner<'_> {
             }
             (Ok(replayed), Ok((Some(stack), _))) => Ok(Outcome::new(replayed, stack, timings)),
             (Ok(_), Ok((None, _))) => Err(Failure::new("Internal", "played without a stack")),
-            (Err(Failure::Abort(abort)), Ok((stack, mut ending))) => {
-                let explained = self.host.explain(*abort, &mut ending);
-                let explained = explained.unwrap_or_else(|abort| match stack {
-                    Some(stack) => stack.explain(abort),
-                    None => abort,
-                });
-                Err(Failure::Abort(Box::new(explained)))
+            (Err(Failure::Abort(abort)), Ok((stack, ending))) => {
+                Err(Failure::Abort(Box::new(self.host.explain(*abort, stack, ending))))
             }
             (Err(silent), Ok(_)) => Err(silent),
         }

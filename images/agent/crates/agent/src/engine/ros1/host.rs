@@ -16,6 +16,7 @@ use crate::case::failure::Failure;
 use crate::engine::nodes::host::{Ending, Host, Occasion};
 use crate::engine::nodes::runner::silent;
 use crate::engine::ros1::{parameters, roll, rosmaster};
+use crate::stack::end::StackEnd;
 use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{Children, Ended};
 use crate::stack::{Program, Variables};
@@ -125,9 +126,9 @@ impl Host for RosmasterHost<'_> {
         }
     }
 
-    fn explain(&self, mut abort: Abort, ending: &mut Ending) -> Result<Abort, Abort> {
-        let stderr = std::mem::take(&mut ending.stderr);
-        if let Some(ended) = ending.ended
+    fn explain(&self, mut abort: Abort, stack: Option<StackEnd>, ending: Ending) -> Abort {
+        let Ending { ended, stderr } = ending;
+        if let Some(ended) = ended
             && abort.reason != "RosMasterNotFound"
         {
             // Whatever went wrong after that went wrong because of it.
@@ -137,11 +138,14 @@ impl Host for RosmasterHost<'_> {
                 abort.reason = "RosMasterFailed".to_owned();
             }
             let Ended { exit_status, signal } = ended;
-            return Ok(Abort { exit_status, signal, stderr, ..abort });
+            return Abort { exit_status, signal, stderr, ..abort };
         }
-        match abort.reason.starts_with("RosMaster") {
-            true => Ok(Abort { stderr, ..abort }),
-            false => Err(abort),
+        if abort.reason.starts_with("RosMaster") {
+            return Abort { stderr, ..abort };
+        }
+        match stack {
+            Some(stack) => stack.explain(abort),
+            None => abort,
         }
     }
 }

@@ -44,7 +44,7 @@ pub struct Ros2Host<'a> {
 impl<'a> Ros2Host<'a> {
     pub fn new(task: &'a Task<'_>, folder: &std::path::Path) -> Result<Self, Failure> {
         let ledger = Ledger::new().map_err(|error| Failure::new("Internal", error.to_string()))?;
-        // Before the first node is there: one that sleeps already could not be told.
+        // Before the first node is there: one that sleeps already could not notice.
         ledger.watch_matches(true);
         Ok(Self {
             case: task.case,
@@ -109,11 +109,8 @@ impl Host for Ros2Host<'_> {
             ("ROS_LOG_DIR", self.folder.join("log").into()),
             ("BAGPIPE_PARAMETERS", self.parameter_file().into()),
         ];
-        set.extend(
-            self.ledger
-                .environment(&self.files.library, preload.as_deref().map(OsStr::new))
-                .into_iter(),
-        );
+        let preload = preload.as_deref().map(OsStr::new);
+        set.extend(self.ledger.environment(&self.files.library, preload));
         Variables { set, removed: &[] }
     }
 
