@@ -35,7 +35,7 @@ def job(name: str, playback: dict[str, Any]) -> k.Object:
         },
         "playback": playback | {"subscribeTimeout": "120s"},
         "record": {"topics": ["/out"]},
-        "evaluate": [{"name": "answers", "presence": {"topic": "/out", "min": 250}}],
+        "evaluate": [{"name": "answers", "presence": {"topic": "/out", "min": 240}}],
         "spark": jobs.spark(1, 2),
         "output": {"uri": "pvc://results/ros2"},
     }
