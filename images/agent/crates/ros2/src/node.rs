@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -10,10 +10,9 @@ use bagpipe_graph::{
     Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Publisher, Seen, Sink, SystemState,
     TopicInfo,
 };
-use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind, Ledger};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 
-use crate::account::Counts;
 use crate::audit::Reader;
 use crate::definition::installed;
 use crate::error::failed;
@@ -21,6 +20,9 @@ use crate::recording::{Input, Inputs, Receiving};
 use crate::stillness::Stillness;
 use crate::topic::{Means, Topic};
 use crate::{QosOverride, Ros2Options, qos, stamp};
+
+/// How long a message may be on its way to us once all is over.
+const ON_ITS_WAY: Duration = Duration::from_secs(1);
 
 /// A node of ours: the player's, with what the ledger says of the others.
 pub(crate) struct Graph {
@@ -95,15 +97,15 @@ impl Graph {
             };
             let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
             let wanted = qos::recorded(all.iter().map(|one| &one.qos));
-            let subscription =
-                self.means.player.subscribe(&topic, datatype, &wanted).map_err(failed)?;
             let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
             let node = match names.into_iter().collect::<Vec<_>>()[..] {
                 [only] => Some(only.clone()),
                 _ => None,
             };
             let publisher = self.publisher(node, datatype, &all, &wanted);
-            self.inputs.add(&topic, subscription, publisher);
+            let subscription =
+                self.means.player.subscribe(&topic, datatype, &wanted).map_err(failed)?;
+            self.inputs.add(&topic, (subscription, wanted), publisher);
             self.wanted().remove(&topic);
         }
         Ok(())
@@ -135,11 +137,49 @@ impl Graph {
         }
     }
 
-    /// What was published on a recorded topic and handed on, by now.
-    fn counts(&self, input: &Input, endpoints: &[Endpoint]) -> Counts {
-        let handed = input.handed.load(Ordering::Acquire);
-        let published = published_on(&input.topic, endpoints);
-        Counts { published: published.map(|one| one.counts.published).sum(), handed }
+    /// Takes in what was published on a recorded topic and handed on, by now.
+    fn compare(&self, input: &Input, handed: u64, endpoints: &[Endpoint]) {
+        let all = || published_on(&input.topic, endpoints);
+        let strangers = input.account().has_strangers(all().map(|one| one.id));
+        let met = strangers && self.has_met(input, &mut all());
+        let now = all().map(|one| (one.id, one.counts.published));
+        input.account().look(now, handed, met);
+        for one in all().filter(|one| one.counts.published > 0) {
+            if let Some(why) = qos::unrecordable(&one.qos, &input.qos) {
+                input.unrecordable().insert(format!(
+                    "{} publishes {} {why}, for which the recorder was there already: publish it \
+                     with one quality of service",
+                    one.node, input.topic
+                ));
+            }
+        }
+    }
+
+    /// Whether we know as many publishers of a topic as there are.
+    fn has_met(&self, input: &Input, publishers: &mut dyn Iterator<Item = &Endpoint>) -> bool {
+        let Ok(processes) = self.ledger().processes() else { return false };
+        let runs = |one: &Endpoint| processes.iter().any(|all| all.id == one.process && all.alive);
+        let there = publishers.filter(|one| !one.destroyed && runs(one)).count();
+        self.means.player.publishers(input.subscription).is_ok_and(|known| known >= there as u64)
+    }
+
+    /// What each recorded topic must have handed on by now at least.
+    fn due(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
+        let all: Vec<(Arc<Input>, u64)> = self
+            .inputs
+            .all()
+            .into_iter()
+            .map(|input| (Arc::clone(&input), input.handed()))
+            .collect();
+        let endpoints = self.ledger().endpoints().map_err(failed)?;
+        let due = all.into_iter().map(|(input, handed)| {
+            let now = published_on(&input.topic, &endpoints);
+            let now = now.map(|one| (one.id, one.counts.published));
+            input.account().look(now, handed, false);
+            let due = input.account().due();
+            (input, due)
+        });
+        Ok(due.collect())
     }
 }
 
@@ -186,6 +226,9 @@ impl Node for Graph {
             return Err(failed(why));
         }
         let nodes = self.means.player.graph().map_err(failed)?;
+        // Before what was published is read, so that what comes meanwhile is missing for a moment.
+        let inputs = self.inputs.all();
+        let handed: Vec<u64> = inputs.iter().map(|input| input.handed()).collect();
         let endpoints = self.ledger().endpoints().map_err(failed)?;
         let state = state(&endpoints, &nodes);
         let counting: BTreeSet<&String> = endpoints.iter().map(|one| &one.node).collect();
@@ -195,10 +238,8 @@ impl Node for Graph {
             topic.refresh(&endpoints, &uncounted.cloned().collect::<Vec<_>>());
         }
         self.subscribe_to_wanted(&endpoints, &nodes)?;
-        for input in self.inputs.all() {
-            let publishers: BTreeSet<EndpointId> =
-                published_on(&input.topic, &endpoints).map(|one| one.id).collect();
-            input.account().look(publishers, self.counts(&input, &endpoints));
+        for (input, handed) in inputs.iter().zip(handed) {
+            self.compare(input, handed, &endpoints);
         }
         Ok(Seen { state, again: 0 })
     }
@@ -228,18 +269,9 @@ impl Node for Graph {
             // A ledger that can't be read fails the next look.
             let _ = self.stillness.wait(self.ledger(), &sent, self.means.stall);
         }
-        let Ok(endpoints) = self.ledger().endpoints() else { return };
-        let due: Vec<(Arc<Input>, u64)> = self
-            .inputs
-            .all()
-            .into_iter()
-            .filter_map(|input| {
-                let published = self.counts(&input, &endpoints).published;
-                let due = input.account().due(published)?;
-                Some((input, due))
-            })
-            .collect();
-        let come = || due.iter().all(|(input, due)| input.handed.load(Ordering::Acquire) >= *due);
+        // Nor can what lacks then be known: it is reported.
+        let Ok(due) = self.due() else { return };
+        let come = || due.iter().all(|(input, due)| input.handed() >= *due);
         let _or_it_is_lacking = self.inputs.wait(limit, come);
     }
 
@@ -248,13 +280,22 @@ impl Node for Graph {
     }
 
     fn lacking(&self) -> Vec<String> {
-        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
+        let due = match self.due() {
+            Ok(due) => due,
+            Err(error) => {
+                return vec![format!("what was published can't be known: {}", error.source)];
+            }
+        };
+        // What goes out at this moment is on its way.
+        let come = || due.iter().all(|(input, due)| input.handed() >= *due);
+        self.inputs.wait(ON_ITS_WAY, come);
         let mut lacking = Vec::new();
-        for input in self.inputs.all() {
-            let counts = self.counts(&input, &endpoints);
-            let missing = input.account().lacking(counts).unwrap_or(0);
+        lacking.extend(self.inputs.failure());
+        for (input, due) in &due {
+            lacking.extend(input.unrecordable().iter().cloned());
+            let (handed, published) = (input.handed(), input.account().published());
+            let missing = due.saturating_sub(handed);
             if missing > 0 {
-                let Counts { published, handed } = counts;
                 lacking.push(format!(
                     "{missing} messages of {} did not reach the recorder, which has {handed} of \
                      {published} published",
