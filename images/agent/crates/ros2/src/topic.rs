@@ -111,6 +111,8 @@ impl Topic {
             nodes.entry((one.process, one.node.clone())).or_default().push(one);
         }
         let there = nodes.values().map(Vec::len).sum();
+        self.learn_publishers(endpoints);
+        let all = self.publishers(endpoints);
         let mut links = Vec::clone(&self.links());
         for link in links.iter().filter(|link| link.is_open()) {
             let there = match &link.counted {
@@ -127,7 +129,7 @@ impl Topic {
             if !has(&links, Some(key.0), &key.1)
                 && self.knows_us(&key, &subscriptions, &publishers, there)
             {
-                let counted = Subscriptions::new(&subscriptions, &publishers);
+                let counted = Subscriptions::new(&subscriptions, &all);
                 links.push(self.link(key.1, counted));
             }
         }
@@ -137,6 +139,18 @@ impl Topic {
             }
         }
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+    }
+
+    /// The stack's publishers of the topic, also those that are gone.
+    fn publishers<'e>(&self, endpoints: &'e [Endpoint]) -> Vec<&'e Endpoint> {
+        let all = endpoints.iter().filter(|one| one.kind == Kind::Publisher);
+        all.filter(|one| one.topic == self.info.topic).collect()
+    }
+
+    /// Takes in whose messages its subscribers take beside ours.
+    pub(crate) fn learn_publishers(&self, endpoints: &[Endpoint]) {
+        let publishers = self.publishers(endpoints);
+        self.links().iter().for_each(|link| link.learn(&publishers));
     }
 
     fn link(&self, node: String, counted: Option<Subscriptions>) -> Arc<Link> {

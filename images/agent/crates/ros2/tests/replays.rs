@@ -294,3 +294,25 @@ fn who_never_rests_is_compared_with_the_recording() {
     let sentence = error.to_string();
     assert!(sentence.contains("/other publishes /out_often as best effort"), "{sentence}");
 }
+
+#[test]
+fn what_another_publishes_on_a_played_topic_later_makes_up_for_no_loss() {
+    let scene = Scene::new();
+    // It takes at most half of what comes.
+    let slow = ["--name", "/slow", "--sub", "/in:sensor_msgs/msg/Imu:1:reliable"];
+    let slow = [&slow[..], &["--delay-us", "2000"]].concat();
+    let _slow = scene.start("standin_node", &slow);
+    let other = "/in:sensor_msgs/msg/Imu:10:reliable";
+    let other = ["--name", "/other", "--pub", other, "--every-us", "5000"];
+    let mut late = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && late.is_none() {
+            late = Some(scene.start("standin_node", &other));
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(4), ..DEFAULT };
+    let replayed = scene.play_while(&recording(&["/in"], 400, 100), &ask, &mut seen).unwrap();
+    let ledger = &replayed.ledger;
+    assert_eq!(ledger.sent, 400);
+    assert!(ledger.dropped >= 150, "{ledger:?}");
+}
