@@ -1,7 +1,7 @@
 //! Our node in the graph.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -18,9 +18,11 @@ use crate::definition::installed;
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::stillness::Stillness;
-use crate::topic::{Means, Topic};
+use crate::topic::{Means, Topic, uncounted};
 use crate::{QosOverride, Ros2Options, qos, stamp};
 
+/// What our players' names begin with; their process and a number follow.
+pub(crate) const PLAYER: &str = "/bagpipe_player_";
 /// How long a message may be on its way to us once all is over.
 const ON_ITS_WAY: Duration = Duration::from_secs(1);
 
@@ -155,6 +157,43 @@ impl Graph {
         }
     }
 
+    /// The nodes but ours that publish a topic.
+    fn publishing<'s>(
+        &self,
+        state: &'s SystemState,
+        topic: &str,
+    ) -> impl Iterator<Item = &'s String> {
+        let all = state.publishers.get(topic).into_iter().flatten();
+        all.filter(|node| **node != self.name)
+    }
+
+    /// What nobody compared or could separate, as nodes publish that do not count.
+    fn uncounted(&self) -> Vec<String> {
+        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
+        let mut remarks = Vec::new();
+        for input in self.inputs.all() {
+            let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+            remarks.extend(uncounted(&others, &endpoints).into_iter().map(|node| {
+                format!(
+                    "{node} publishes {} in a process that does not count, so that whether all \
+                     of it was recorded can't be known",
+                    input.topic
+                )
+            }));
+        }
+        for topic in self.topics().iter() {
+            remarks.extend(topic.uncounted(&endpoints).into_iter().map(|node| {
+                format!(
+                    "{node} publishes {} too, in a process that does not count, so that what its \
+                     subscribers got of ours can't be known",
+                    topic.info().topic
+                )
+            }));
+        }
+        remarks.sort();
+        remarks
+    }
+
     /// Whether we know as many publishers of a topic as there are.
     fn has_met(&self, input: &Input, publishers: &mut dyn Iterator<Item = &Endpoint>) -> bool {
         let Ok(processes) = self.ledger().processes() else { return false };
@@ -189,6 +228,15 @@ fn published_on<'e>(
     endpoints: &'e [Endpoint],
 ) -> impl Iterator<Item = &'e Endpoint> {
     endpoints.iter().filter(move |one| one.kind == Kind::Publisher && one.topic == topic)
+}
+
+/// The name, if it is that of a player of another process that runs. One that was killed is in the
+/// graph for a while, and plays no more.
+fn foreign_player(name: &str) -> Option<&str> {
+    let (process, _) = name.strip_prefix(PLAYER)?.split_once('_')?;
+    let process: u32 = process.parse().ok()?;
+    let runs = || Path::new("/proc").join(process.to_string()).exists();
+    (process != std::process::id() && runs()).then_some(name)
 }
 
 /// Whether a name is one that tools hide, such as those of the command line's own nodes.
@@ -226,6 +274,12 @@ impl Node for Graph {
             return Err(failed(why));
         }
         let nodes = self.means.player.graph().map_err(failed)?;
+        if let Some(other) = nodes.iter().find_map(|node| foreign_player(&node.name)) {
+            self.inputs.fail(format!(
+                "{other} of another case is in the same domain, so that each receives what the \
+                 other plays: the stack sets ROS_DOMAIN_ID, which must be left to the agent"
+            ));
+        }
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.handed()).collect();
@@ -236,9 +290,12 @@ impl Node for Graph {
             let named = state.subscribers.get(&topic.info().topic).into_iter().flatten();
             let uncounted = named.filter(|name| **name != self.name && !counting.contains(name));
             topic.refresh(&endpoints, &uncounted.cloned().collect::<Vec<_>>());
+            topic.note_publishers(self.publishing(&state, &topic.info().topic));
         }
         self.subscribe_to_wanted(&endpoints, &nodes)?;
         for (input, handed) in inputs.iter().zip(handed) {
+            let others = self.publishing(&state, &input.topic).cloned();
+            input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
             self.compare(input, handed, &endpoints);
         }
         Ok(Seen { state, again: 0 })
@@ -308,7 +365,7 @@ impl Node for Graph {
     }
 
     fn remarks(&self) -> Vec<String> {
-        self.stillness.remarks()
+        [self.stillness.remarks(), self.uncounted()].concat()
     }
 
     fn audit(&self, _: Duration) -> Box<dyn Audit> {

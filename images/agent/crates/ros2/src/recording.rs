@@ -30,6 +30,8 @@ pub(crate) struct Input {
     account: Mutex<Account>,
     /// Whose messages can't be recorded, as sentences.
     unrecordable: Mutex<BTreeSet<String>>,
+    /// Nodes that publish it, as the graph has them: some may not count.
+    pub(crate) others: Mutex<BTreeSet<String>>,
 }
 
 impl Input {
@@ -74,6 +76,7 @@ impl Inputs {
             handed: AtomicU64::new(0),
             account: Mutex::default(),
             unrecordable: Mutex::default(),
+            others: Mutex::default(),
         };
         all.insert(subscription, Arc::new(input));
         drop(all);
@@ -129,7 +132,8 @@ impl Inputs {
         }
     }
 
-    fn fail(&self, why: String) {
+    /// The first failure stays.
+    pub(crate) fn fail(&self, why: String) {
         let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
         failure.get_or_insert(why);
     }

@@ -1,6 +1,6 @@
 //! A topic that is played: its subscribers, and the credit that they give.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
@@ -46,6 +46,8 @@ pub(crate) struct Topic {
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<(ProcessId, String), Instant>>,
     sent: Mutex<Sent>,
+    /// Nodes that publish it beside us, as the graph has them: some may not count.
+    others: Mutex<BTreeSet<String>>,
 }
 
 /// What went out.
@@ -96,7 +98,20 @@ impl Topic {
             links: RwLock::default(),
             strangers: Mutex::default(),
             sent: Mutex::default(),
+            others: Mutex::default(),
         }
+    }
+
+    /// Takes in the nodes that publish it beside us.
+    pub(crate) fn note_publishers<'n>(&self, nodes: impl Iterator<Item = &'n String>) {
+        *self.others.lock().unwrap_or_else(PoisonError::into_inner) = nodes.cloned().collect();
+    }
+
+    /// Nodes that publish it in processes that do not count: what its subscribers take of them
+    /// can't be separated from ours.
+    pub(crate) fn uncounted(&self, endpoints: &[Endpoint]) -> Vec<String> {
+        let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
+        uncounted(&others, endpoints)
     }
 
     /// Takes in who subscribes now: those that count, by the ledger, and the names of others.
@@ -260,6 +275,12 @@ impl Topic {
             }
         }
     }
+}
+
+/// Those of some nodes that have nothing in the ledger.
+pub(crate) fn uncounted(nodes: &BTreeSet<String>, endpoints: &[Endpoint]) -> Vec<String> {
+    let counts = |node: &&String| endpoints.iter().any(|one| one.node == **node);
+    nodes.iter().filter(|node| !counts(node)).cloned().collect()
 }
 
 /// Whether a node has an open link.

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use bagpipe_graph::{Incoming, Middleware as _, NodeOptions, PacedBy, Sink};
 use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
+use bagpipe_ros2player::{Player, PlayerOptions};
 use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
 use standin::{LONG, eventually};
 
@@ -315,4 +316,37 @@ fn what_another_publishes_on_a_played_topic_later_makes_up_for_no_loss() {
     let ledger = &replayed.ledger;
     assert_eq!(ledger.sent, 400);
     assert!(ledger.dropped >= 150, "{ledger:?}");
+}
+
+#[test]
+fn who_publishes_uncounted_is_named_and_hides_no_loss() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let hidden = "/out_hidden:std_msgs/msg/String:10:reliable";
+    let played = "/in:sensor_msgs/msg/Imu:10:reliable";
+    let other = ["--name", "/hidden", "--pub", hidden, "--pub", played, "--burst", "1"];
+    let _hidden = scene.start_uncounted("standin_node", &other);
+    let ask = Ask { record: &["/out_hidden"], ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 700, 100), &ask).unwrap();
+    assert_eq!(replayed.ledger.strength, Some(Strength::Sent));
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("/hidden publishes /out_hidden in a process"), "{warnings}");
+    assert!(warnings.contains("/hidden publishes /in too"), "{warnings}");
+}
+
+#[test]
+fn a_player_of_another_case_in_the_domain_ends_the_case() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    // Named as one of process 1 would be, which runs.
+    let options = PlayerOptions {
+        node: "bagpipe_player_1_0".into(),
+        namespace: "/".into(),
+        ..scene.graph.options()
+    };
+    let _other = Player::start(&options).unwrap();
+    let error = scene.play(&recording(&["/in"], 700, 100), &REALTIME).err().unwrap();
+    let sentence = error.to_string();
+    assert!(sentence.contains("/bagpipe_player_1_0 of another case"), "{sentence}");
+    assert!(sentence.contains("ROS_DOMAIN_ID"), "{sentence}");
 }
