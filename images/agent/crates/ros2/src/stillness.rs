@@ -4,11 +4,12 @@ use std::collections::BTreeSet;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Event, Ledger, LedgerError, Mark, Quiet};
+use bagpipe_ros2ledger::{Busy, Event, Ledger, LedgerError, Mark, Quiet, Waited};
 
 /// How long something is waited for that may never come: a message that a queue has overwritten, or
-/// that a subscription does not match.
-const DOUBTFUL: Duration = Duration::from_millis(100);
+/// that a subscription does not match. A node that gets no processor for a while, as where a
+/// container's share is used up, must not be taken for one of these: it is not waited for again.
+const DOUBTFUL: Duration = Duration::from_secs(1);
 
 /// What moves a stack on.
 const EVENTS: [Event; 3] = [Event::Taken, Event::Ended, Event::Published];
@@ -26,6 +27,8 @@ struct State {
     sent: Vec<u64>,
     /// Node and topic of what did not come once: it is not waited for again.
     given_up: BTreeSet<(String, String)>,
+    /// Those whose callback did not end: nor is it.
+    stuck: BTreeSet<(String, String)>,
 }
 
 impl Stillness {
@@ -39,7 +42,7 @@ impl Stillness {
         patience: Duration,
     ) -> Result<(), LedgerError> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        let State { mark, sent, given_up } = &mut *state;
+        let State { mark, sent, given_up, stuck } = &mut *state;
         let now: Vec<u64> = topics.iter().map(|topic| topic.1).collect();
         let Some(before) = mark else {
             (*mark, *sent) = (Some(ledger.mark()?), now);
@@ -52,36 +55,41 @@ impl Stillness {
             .map(|(topic, sent)| (topic.0.as_str(), topic.1 - sent))
             .collect();
         let (mut still, mut doubtful) = (None, None);
-        let mut left = BTreeSet::new();
+        let (mut left, mut called) = (BTreeSet::new(), BTreeSet::new());
         let over = |ledger: &Ledger| {
-            left.clear();
-            left = match ledger.quiet(before, &since)? {
+            (left, called) = match ledger.quiet(before, &since)? {
                 Quiet::Still(mark) => {
                     still = Some(mark);
                     return Ok(true);
                 }
-                Quiet::Working(busy)
-                    if busy.iter().any(|one| one.in_hand > 0 || one.untaken == 0) =>
-                {
-                    doubtful = None;
-                    return Ok(false);
-                }
                 Quiet::Working(busy) => {
-                    busy.into_iter().map(|one| (one.node, one.topic.unwrap_or_default())).collect()
+                    let called = busy.iter().filter(|one| one.in_hand > 0 || one.untaken == 0);
+                    let called = called.map(of_busy).collect();
+                    (busy.iter().map(of_busy).collect(), called)
                 }
                 Quiet::Unknown(doubts) => {
-                    doubts.into_iter().map(|one| (one.node, one.topic)).collect()
+                    let all = doubts.into_iter().map(|one| (one.node, one.topic));
+                    (all.collect(), BTreeSet::new())
                 }
             };
+            if !called.is_subset(stuck) {
+                doubtful = None;
+                return Ok(false);
+            }
             let begun = *doubtful.get_or_insert_with(Instant::now);
-            Ok(left.is_subset(given_up) || begun.elapsed() >= DOUBTFUL)
+            let known = left.iter().all(|one| given_up.contains(one) || stuck.contains(one));
+            Ok(known || begun.elapsed() >= DOUBTFUL)
         };
-        ledger.wait(&EVENTS, &[], Instant::now() + patience, over)?;
+        let waited = ledger.wait(&EVENTS, &[], Instant::now() + patience, over)?;
         *mark = Some(match still {
             Some(mark) => mark,
             None => ledger.mark()?,
         });
-        given_up.extend(left);
+        if waited == Waited::Late {
+            // Of a timer or service neither node nor topic is known: another one may end.
+            stuck.extend(called.iter().filter(|one| !one.1.is_empty()).cloned());
+        }
+        given_up.extend(left.difference(&called).cloned());
         *sent = now;
         Ok(())
     }
@@ -97,6 +105,16 @@ impl Stillness {
         };
         let named =
             state.given_up.iter().filter(|(node, topic)| !node.is_empty() && !topic.is_empty());
-        named.map(remark).collect()
+        let endless = state.stuck.iter().map(|(node, topic)| {
+            format!(
+                "a callback of {node} on {topic} did not end, so that lock-step does not wait for \
+                 it any more"
+            )
+        });
+        named.map(remark).chain(endless).collect()
     }
+}
+
+fn of_busy(busy: &Busy) -> (String, String) {
+    (busy.node.clone(), busy.topic.clone().unwrap_or_default())
 }

@@ -350,3 +350,21 @@ fn a_player_of_another_case_in_the_domain_ends_the_case() {
     assert!(sentence.contains("/bagpipe_player_1_0 of another case"), "{sentence}");
     assert!(sentence.contains("ROS_DOMAIN_ID"), "{sentence}");
 }
+
+#[test]
+fn a_callback_that_never_ends_is_waited_for_once_and_named() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let hangs = ["--name", "/hangs", "--sub", "/out:std_msgs/msg/String:100:reliable"];
+    let hangs = [&hangs[..], &["--delay-us", "60000000"]].concat();
+    let _hangs = scene.start("standin_node", &hangs);
+    scene.await_subscriptions(2);
+    let drain = Duration::from_secs(2);
+    let ask = Ask { mode: Mode::Lockstep, drain, ..DEFAULT };
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &ask).unwrap();
+    assert_eq!(recorded(&replayed).len(), 100);
+    let remarks = replayed.playback.warnings.join("; ");
+    assert!(remarks.contains("a callback of /hangs on /out did not end"), "{remarks}");
+    // The first step's, and not those of the other ninety-nine.
+    assert!(replayed.playback.played_seconds < 20.0, "{}", replayed.playback.played_seconds);
+}
