@@ -6,12 +6,16 @@ mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
+use std::io::Write as _;
+use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use bagpipe_graph::{Incoming, Middleware as _, NodeOptions, PacedBy, Sink};
+use bagpipe_graph::{Incoming, Middleware as _, Node, NodeOptions, PacedBy, Sink};
 use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
+use bagpipe_ros2::Ros2;
 use bagpipe_ros2player::{Player, PlayerOptions};
 use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
 use standin::{LONG, eventually};
@@ -243,6 +247,18 @@ impl Sink for Counting {
     }
 }
 
+/// A node of ours that counts what it receives.
+fn joined(middleware: &Ros2, handed: Arc<AtomicU64>) -> Box<dyn Node> {
+    let options = NodeOptions {
+        name: "/unused".to_owned(),
+        call_deadline: LONG,
+        stall: LONG,
+        max_message: 1 << 20,
+        paced_by: PacedBy::Schedule,
+    };
+    middleware.join(options, Box::new(Counting(handed))).unwrap()
+}
+
 #[test]
 fn what_is_kept_for_who_comes_late_is_recorded_whole() {
     let scene = Scene::new();
@@ -251,14 +267,7 @@ fn what_is_kept_for_who_comes_late_is_recorded_whole() {
     scene.await_published("/out_kept", 50);
     for _ in 0..5 {
         let handed = Arc::new(AtomicU64::new(0));
-        let options = NodeOptions {
-            name: "/unused".to_owned(),
-            call_deadline: LONG,
-            stall: LONG,
-            max_message: 1 << 20,
-            paced_by: PacedBy::Schedule,
-        };
-        let node = scene.middleware().join(options, Box::new(Counting(handed.clone()))).unwrap();
+        let node = joined(&scene.middleware(), handed.clone());
         node.subscribe("/out_kept").unwrap();
         eventually(|| {
             node.look().unwrap();
@@ -367,4 +376,28 @@ fn a_callback_that_never_ends_is_waited_for_once_and_named() {
     assert!(remarks.contains("a callback of /hangs on /out did not end"), "{remarks}");
     // The first step's, and not those of the other ninety-nine.
     assert!(replayed.playback.played_seconds < 20.0, "{}", replayed.playback.played_seconds);
+}
+
+#[test]
+fn without_a_player_or_a_ledger_no_recording_is_whole() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    scene.await_subscriptions(1);
+    let middleware = scene.middleware();
+    let node = joined(&middleware, Arc::default());
+    assert_eq!(node.lacking(), [] as [String; 0]);
+    let pid = middleware.pid().to_string();
+    assert!(Command::new("kill").args(["-9", &pid]).status().unwrap().success());
+    eventually(|| !node.lacking().is_empty());
+    assert!(node.lacking()[0].contains("ended"), "{:?}", node.lacking());
+
+    let node = joined(&scene.middleware(), Arc::default());
+    // Any node can write there: a kind of endpoint that does not exist.
+    let variables = scene.ledger.environment(Path::new("/unused"), None);
+    let memory = &variables.iter().find(|one| one.0 == "BAGPIPE_LEDGER").unwrap().1;
+    let length = std::fs::metadata(memory).unwrap().len();
+    let mut file = std::fs::OpenOptions::new().write(true).open(memory).unwrap();
+    file.write_all(&vec![0xee; usize::try_from(length).unwrap()]).unwrap();
+    let lacking = node.lacking();
+    assert!(lacking[0].starts_with("what was published can't be known"), "{lacking:?}");
 }
