@@ -40,9 +40,10 @@ pub fn of_a_node(ledger: &Ledger, occasion: &Occasion<'_>) -> Result<Variables, 
         }
         let counting =
             ledger.processes().map_err(|error| Failure::new("Ros2Failed", error.to_string()))?;
-        let counting = counting.iter().find(|process| process.alive).map(|one| one.id.pid);
+        let counting = counting.iter().filter(|process| process.alive).map(|one| one.id.pid);
         let uncounted = || (begun.elapsed() >= UNCOUNTED).then(|| uncounted(ledger)).flatten();
-        if let Some(found) = counting.or_else(uncounted).and_then(variables_of) {
+        let found = of_the_first(counting);
+        if let Some(found) = found.or_else(|| uncounted().and_then(variables_of)) {
             return Ok(found);
         }
         if Instant::now() >= occasion.deadline {
@@ -57,6 +58,11 @@ fn uncounted(ledger: &Ledger) -> Option<u32> {
     let mut all =
         descendants(std::process::id(), &[]).into_iter().filter_map(|pid| u32::try_from(pid).ok());
     all.find(|pid| matches!(ledger.strength_of(*pid), Ok(Some(Strength::Received))))
+}
+
+/// Those of the first that has any: another user's process can't be read.
+fn of_the_first(mut processes: impl Iterator<Item = u32>) -> Option<Variables> {
+    processes.find_map(variables_of)
 }
 
 /// The variables that a process was started with, but those of the ledger; `None` if it is gone.
@@ -86,6 +92,12 @@ pub fn prefixes(variables: &Variables) -> Vec<PathBuf> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_process_that_cannot_be_read_keeps_none_waiting() {
+        assert!(of_the_first([u32::MAX, std::process::id()].into_iter()).is_some());
+        assert!(of_the_first([u32::MAX].into_iter()).is_none());
+    }
 
     #[test]
     fn variables_are_read_but_the_ledgers() {
