@@ -157,6 +157,16 @@ impl Graph {
         }
     }
 
+    /// Fails where another case plays into the same domain.
+    fn must_be_alone(&self, nodes: &[GraphNode]) {
+        if let Some(other) = nodes.iter().find_map(|node| foreign_player(&node.name)) {
+            self.inputs.fail(format!(
+                "{other} of another case is in the same domain, so that each receives what the \
+                 other plays: the stack sets ROS_DOMAIN_ID, which must be left to the agent"
+            ));
+        }
+    }
+
     /// The nodes but ours that publish a topic.
     fn publishing<'s>(
         &self,
@@ -274,12 +284,7 @@ impl Node for Graph {
             return Err(failed(why));
         }
         let nodes = self.means.player.graph().map_err(failed)?;
-        if let Some(other) = nodes.iter().find_map(|node| foreign_player(&node.name)) {
-            self.inputs.fail(format!(
-                "{other} of another case is in the same domain, so that each receives what the \
-                 other plays: the stack sets ROS_DOMAIN_ID, which must be left to the agent"
-            ));
-        }
+        self.must_be_alone(&nodes);
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.handed()).collect();
@@ -346,6 +351,10 @@ impl Node for Graph {
         // What goes out at this moment is on its way.
         let come = || due.iter().all(|(input, due)| input.handed() >= *due);
         self.inputs.wait(ON_ITS_WAY, come);
+        // Once more for a play that was shorter than who comes needs to be seen.
+        if let Ok(nodes) = self.means.player.graph() {
+            self.must_be_alone(&nodes);
+        }
         let mut lacking = Vec::new();
         lacking.extend(self.inputs.failure());
         for (input, due) in &due {

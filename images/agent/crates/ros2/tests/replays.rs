@@ -354,7 +354,7 @@ fn a_player_of_another_case_in_the_domain_ends_the_case() {
         ..scene.graph.options()
     };
     let _other = Player::start(&options).unwrap();
-    let error = scene.play(&recording(&["/in"], 700, 100), &REALTIME).err().unwrap();
+    let error = scene.play(&recording(&["/in"], 3000, 100), &REALTIME).err().unwrap();
     let sentence = error.to_string();
     assert!(sentence.contains("/bagpipe_player_1_0 of another case"), "{sentence}");
     assert!(sentence.contains("ROS_DOMAIN_ID"), "{sentence}");
