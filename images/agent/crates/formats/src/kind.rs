@@ -7,7 +7,7 @@ use std::path::Path;
 /// A format of recordings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
-    /// A bag of ROS 1, or bytes of no known format: what is wrong with them is said of a bag.
+    /// A bag of ROS 1, or bytes of no known format: what is wrong with them is named as of a bag.
     Bag,
     /// An MCAP file.
     Mcap,
