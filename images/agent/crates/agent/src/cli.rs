@@ -53,7 +53,7 @@ pub enum Verb {
     },
     /// Show what is in a recording: times, topics, types, counts, and damage.
     Info {
-        /// A bag of format 2.0 or 1.2, or MCAP.
+        /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
         #[arg(value_name = "FILE")]
         file: PathBuf,
         #[command(flatten)]

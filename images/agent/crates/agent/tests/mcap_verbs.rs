@@ -182,3 +182,67 @@ fn what_can_not_be_is_refused_with_a_sentence() {
     let text = complaint(&["slice", &from, "-o", &from]);
     assert!(text.contains("is there already"), "{text}");
 }
+
+/// A folder of rosbag2 with the chatter in two files.
+fn rosbag2(counted: u64) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = Mcap::open(chatter()).unwrap();
+    let middle = 100_200_000_000;
+    for (number, (start, end)) in [(0, middle), (middle, u64::MAX)].into_iter().enumerate() {
+        let window = bagpipe_log::Window { start, end };
+        let latched = bagpipe_mcap::Latched::AsRecorded;
+        let none = WriterOptions::default();
+        let all = std::slice::from_ref(&whole);
+        let part = bagpipe_mcap::slice(all, window, latched, |_| true, none).unwrap();
+        std::fs::write(folder.path().join(format!("a_{number}.mcap")), part.bytes).unwrap();
+    }
+    let text = format!(
+        "rosbag2_bagfile_information:\n  version: 5\n  storage_identifier: mcap\n  \
+         message_count: {counted}\n  relative_file_paths: [a_0.mcap, a_1.mcap]\n"
+    );
+    std::fs::write(folder.path().join("metadata.yaml"), text).unwrap();
+    folder
+}
+
+#[test]
+fn a_folder_of_rosbag2_is_one_recording() {
+    // The second file has what was latched at its start, as it was recorded before it.
+    let folder = rosbag2(51);
+    let root = folder.path().to_str().unwrap();
+    let path = |name: &str| format!("{root}/{name}");
+    let text = output_of(&["info", root]);
+    assert!(text.contains("format     rosbag2 (version 5), 2 files of MCAP\n"), "{text}");
+    assert!(text.contains("messages   51\n"), "{text}");
+    for from in [root, &path("metadata.yaml")] {
+        assert_eq!(output_of(&["check", from]), format!("{from}: 51 whole messages\n"));
+    }
+    let text =
+        output_of(&["slice", root, "--start", "0.1", "--end", "0.3", "-o", &path("part.mcap")]);
+    assert_eq!(text, format!("{}: 21 messages, 1 latched before them\n", path("part.mcap")));
+    output_of(&["convert", root, "-o", &path("one.mcap"), "--compression", "lz4"]);
+    output_of(&["reindex", root, "-o", &path("two.mcap")]);
+    let (one, two) = (content(&mcap(&path("one.mcap"))), content(&mcap(&path("two.mcap"))));
+    assert_eq!((one.0.len(), one.1.len()), (1, 51));
+    assert_eq!(one, two);
+}
+
+#[test]
+fn check_compares_a_folder_with_its_metadata() {
+    let folder = rosbag2(50);
+    let text = complaint(&["check", folder.path().to_str().unwrap()]);
+    assert!(text.contains("metadata.yaml counts 50 messages, and the files hold 51"), "{text}");
+}
+
+#[test]
+fn what_is_wrong_in_a_folder_is_told_with_the_file() {
+    let folder = rosbag2(51);
+    let root = folder.path().to_str().unwrap().to_owned();
+    std::fs::write(folder.path().join("a_1.mcap"), b"SQLite format 3\0").unwrap();
+    let text = complaint(&["info", &root]);
+    assert!(text.contains(": a_1.mcap: byte 0: expected the 8 bytes"), "{text}");
+    let text = complaint(&["check", &format!("{root}/a_1.mcap")]);
+    assert!(text.contains("SQLite can't read it") || text.contains("topics: expected"), "{text}");
+    std::fs::remove_file(folder.path().join("metadata.yaml")).unwrap();
+    let text = complaint(&["info", &root]);
+    assert!(text.contains("metadata.yaml: No such file"), "{text}");
+}

@@ -3,6 +3,7 @@
 use bagpipe_log::RecordingError;
 use bagpipe_mcap::McapError;
 use bagpipe_rosbag::BagError;
+use bagpipe_rosbag2::Rosbag2Error;
 
 /// Why a recording was not read or made; the text is that of the format's own error.
 #[derive(Debug, thiserror::Error)]
@@ -13,6 +14,9 @@ pub enum FormatError {
     /// MCAP.
     #[error(transparent)]
     Mcap(#[from] McapError),
+    /// A folder of rosbag2, or a file of one.
+    #[error(transparent)]
+    Rosbag2(#[from] Rosbag2Error),
     /// Any, through the seam.
     #[error(transparent)]
     Recording(#[from] RecordingError),
@@ -34,6 +38,7 @@ impl FormatError {
             Self::Mcap(error) => {
                 matches!(error, McapError::MemoryLimit { .. } | McapError::BudgetExceeded { .. })
             }
+            Self::Rosbag2(error) => error.over_memory(),
             Self::Recording(error) => matches!(error, RecordingError::OverBudget(_)),
             Self::System(_) | Self::Refused(_) => false,
         }

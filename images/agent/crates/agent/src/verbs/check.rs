@@ -14,7 +14,7 @@ use crate::verbs::bagfile::{Memory, failed, file, kind, loss, unreadable};
     Example: bagpipe-agent check drive.bag"
 )]
 pub struct Options {
-    /// A bag of format 2.0 or 1.2, or MCAP.
+    /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
@@ -27,7 +27,7 @@ pub fn check(options: &Options) -> Result<(), String> {
     let found = match kind(&options.file)? {
         Kind::Bag => bagpipe_rosbag::check_limited(&file(&options.file)?, options.memory.limits())
             .map_err(|error| unreadable(&options.file, &error))?,
-        Kind::Mcap => Recordings::check(&options.file, options.memory.memory_budget)
+        _ => Recordings::check(&options.file, options.memory.memory_budget)
             .map_err(|error| failed(&options.file, &error))?,
     };
     println!("{path}: {} whole messages", found.messages);

@@ -17,7 +17,7 @@ use crate::verbs::bagfile::{Memory, Output, failed, kind};
     bagpipe-agent convert drive.mcap --output drive.bag"
 )]
 pub struct Options {
-    /// A bag of format 2.0 or 1.2, or MCAP.
+    /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
@@ -33,7 +33,7 @@ pub fn convert(options: &Options) -> Result<(), String> {
     let packing = options.output.packing();
     let made = match kind(&options.file)? {
         Kind::Bag => bag_into(&options.memory.open_whole(&options.file)?, target, packing),
-        Kind::Mcap => converted(&options.memory.whole_recordings(&options.file)?, target, packing),
+        _ => converted(&options.memory.whole_recordings(&options.file)?, target, packing),
     };
     let made = made.map_err(|error| failed(&options.file, &error))?;
     options.output.write(&made.bytes)?;

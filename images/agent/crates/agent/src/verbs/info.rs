@@ -6,6 +6,7 @@ use std::path::Path;
 use bagpipe_formats::{Kind, Recordings, described};
 use bagpipe_log::Loss;
 use bagpipe_rosbag::{Bag, ChunkedFile};
+use bagpipe_rosbag2::{Compressed, Storage};
 
 use crate::verbs::bagfile::{Memory, file, kind, loss};
 
@@ -13,7 +14,7 @@ use crate::verbs::bagfile::{Memory, file, kind, loss};
 pub fn info(path: &Path, memory: Memory) -> Result<(), String> {
     let text = match kind(path)? {
         Kind::Bag => describe(path, &memory.open(path, file(path)?)?),
-        Kind::Mcap => of_recordings(path, &memory.recordings(path)?),
+        _ => of_recordings(path, &memory.recordings(path)?),
     };
     print!("{text}");
     Ok(())
@@ -24,7 +25,7 @@ fn of_recordings(path: &Path, recordings: &Recordings) -> String {
     let chunks: usize = found.chunks.values().sum();
     let mut lines = vec![
         format!("path       {}", path.display()),
-        "format     MCAP".to_owned(),
+        format!("format     {}", format_of(recordings)),
         format!("size       {} bytes in {chunks} chunks", found.bytes),
     ];
     lines.extend(times(found.times));
@@ -41,6 +42,22 @@ fn of_recordings(path: &Path, recordings: &Recordings) -> String {
         (&*each.topic, each.messages, format!("{}  {}", each.datatype, each.encoding))
     })));
     lines.join("\n") + "\n"
+}
+
+/// What it is; all but a file of MCAP was made MCAP to be read, whose size is told.
+fn format_of(recordings: &Recordings) -> String {
+    let Some(metadata) = &recordings.metadata else { return "MCAP".to_owned() };
+    let storage = match metadata.storage {
+        Storage::Mcap => "MCAP",
+        Storage::Sqlite3 => "SQLite",
+    };
+    let compressed = match metadata.compressed {
+        Some(Compressed::File) => ", compressed as a whole",
+        Some(Compressed::Message) => ", messages compressed",
+        None => "",
+    };
+    let (version, files) = (metadata.version, metadata.files.len());
+    format!("rosbag2 (version {version}), {files} files of {storage}{compressed}")
 }
 
 fn times(times: Option<(u64, u64)>) -> Vec<String> {

@@ -11,10 +11,11 @@ use crate::verbs::bagfile::{Memory, Output, failed, kind, unreadable};
 #[command(after_help = "Messages are ordered by time; those of the same time keep the order of\n\
     the files on the command line. Connections that are alike (topic, type, definition,\n\
     publisher, latching) become one. A message that two files hold comes twice. MCAP keeps the\n\
-    attachments and metadata of all files. Bags become a bag, and MCAP files become one.\n\n\
+    attachments and metadata of all files. Bags become a bag, and all else becomes MCAP.\n\n\
     Example: bagpipe-agent merge case-0001.bag case-0002.bag --output drive.bag")]
 pub struct Options {
-    /// Bags of format 2.0 or 1.2, in order; or MCAP.
+    /// Bags of format 2.0 or 1.2, in order; or MCAP, files of SQLite of rosbag2, and folders
+    /// of rosbag2.
     #[arg(value_name = "FILE", required = true, num_args = 1..)]
     files: Vec<PathBuf>,
     #[command(flatten)]

@@ -13,12 +13,14 @@ use crate::verbs::bagfile::{Memory, Output, failed, file, kind, loss, unreadable
     after_help = "For a recording whose recorder died (name.bag.active), a file that was cut\n\
     off, or one that `check` complains about. Every whole message before the damage is kept;\n\
     a bag's whole chunks are copied as they are. MCAP gets chunks, message indexes and a\n\
-    summary, which a job needs, and its messages are ordered by time. The old file is not\n\
+    summary, which a job needs, and its messages are ordered by time; so does what a folder of\n\
+    rosbag2 holds, whose new file is MCAP. The old file is not\n\
     changed.\n\n\
     Example: bagpipe-agent reindex drive.bag.active --output drive.bag"
 )]
 pub struct Options {
-    /// A bag of format 2.0 with a damaged index or none, or one of format 1.2; or MCAP.
+    /// A bag of format 2.0 with a damaged index or none, or one of format 1.2; or MCAP, a file of
+    /// SQLite of rosbag2, or a folder of rosbag2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
@@ -31,7 +33,7 @@ pub struct Options {
 pub fn reindex(options: &Options) -> Result<(), String> {
     match kind(&options.file)? {
         Kind::Bag => bag(options),
-        Kind::Mcap => mcap(options),
+        _ => recordings(options),
     }
 }
 
@@ -50,7 +52,7 @@ fn bag(options: &Options) -> Result<(), String> {
     Ok(())
 }
 
-fn mcap(options: &Options) -> Result<(), String> {
+fn recordings(options: &Options) -> Result<(), String> {
     let settings = options.output.of_mcap()?;
     let old = options.memory.scanned(&options.file)?;
     let bytes = old.rewritten(settings).map_err(|error| failed(&options.file, &error))?;

@@ -12,11 +12,11 @@ use crate::verbs::bagfile::{Memory, Output, failed, kind, unreadable};
 #[command(after_help = "Times are seconds after the bag's first message, such as 12.5; messages\n\
     with start <= t < end are taken. A latched message from before (/tf_static, a map) goes\n\
     with the slice, at its start, because a subscriber that joined then would have got it.\n\
-    A bag's chunks that lie in the window as a whole are copied as they are. Of MCAP the slice\n\
-    is MCAP, without attachments and metadata, which are about the whole.\n\n\
+    A bag's chunks that lie in the window as a whole are copied as they are. Of all other\n\
+    recordings the slice is MCAP, without attachments and metadata, which are about the whole.\n\n\
     Example: bagpipe-agent slice drive.bag --start 60 --end 80 --topic /imu --output part.bag")]
 pub struct Options {
-    /// A bag of format 2.0 or 1.2, or MCAP.
+    /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Where the slice starts; without it, at the first message.
@@ -65,7 +65,7 @@ impl Options {
 pub fn slice(options: &Options) -> Result<(), String> {
     match kind(&options.file)? {
         Kind::Bag => of_bag(options),
-        Kind::Mcap => of_recordings(options),
+        _ => of_recordings(options),
     }
 }
 
