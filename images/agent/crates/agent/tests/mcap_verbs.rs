@@ -234,7 +234,7 @@ fn check_compares_a_folder_with_its_metadata() {
 }
 
 #[test]
-fn what_is_wrong_in_a_folder_is_told_with_the_file() {
+fn what_is_wrong_in_a_folder_is_refused_with_the_file_s_name() {
     let folder = rosbag2(51);
     let root = folder.path().to_str().unwrap().to_owned();
     std::fs::write(folder.path().join("a_1.mcap"), b"SQLite format 3\0").unwrap();

@@ -6,11 +6,12 @@ use std::io::Read;
 use std::path::Path;
 
 use bagpipe_log::Window;
-use bagpipe_mcap::{Channel, Limits, Mcap, McapError, McapWriter, Schema, Stamp, WriterOptions};
+use bagpipe_mcap::{Limits, Mcap, McapError, McapWriter, Stamp, WriterOptions};
 use rusqlite::types::ValueRef;
 
+use crate::channel::connection;
 use crate::rows::{time, unknown};
-use crate::sqlite::{Definition, Topic, integer};
+use crate::sqlite::integer;
 use crate::{
     Compressed, Database, MOST_METADATA_BYTES, Metadata, Rosbag2Error, Storage, TopicCount,
     compressed, metadata, uncompress, unpacked,
@@ -18,9 +19,6 @@ use crate::{
 
 /// The name of the file that makes a folder a recording.
 pub const METADATA: &str = "metadata.yaml";
-/// A channel's metadata in MCAP, as rosbag2 has it.
-const QOS: &str = "offered_qos_profiles";
-const TYPE_HASH: &str = "topic_type_hash";
 
 /// A folder that was read.
 #[derive(Debug)]
@@ -200,24 +198,4 @@ pub fn mcap_of_database(
         writer.write_stamped(*id, time, Stamp { sequence: 0, publish_time: time }, data)?;
     }
     Ok(writer.finish()?)
-}
-
-/// A topic as MCAP has it, and its type; without a definition where the file has none.
-pub(crate) fn connection(topic: &Topic, definition: Option<&Definition>) -> (Schema, Channel) {
-    let (encoding, text) = match definition {
-        Some((encoding, text)) if encoding != "unknown" => (encoding.clone(), text.clone()),
-        _ => (String::new(), String::new()),
-    };
-    let schema = Schema { id: 0, name: topic.datatype.clone(), encoding, data: text.into_bytes() };
-    let mut metadata = BTreeMap::from([(QOS.to_owned(), topic.offered_qos.clone())]);
-    if !topic.type_hash.is_empty() {
-        metadata.insert(TYPE_HASH.to_owned(), topic.type_hash.clone());
-    }
-    let channel = Channel {
-        topic: topic.name.clone(),
-        message_encoding: topic.encoding.clone(),
-        metadata,
-        ..Channel::default()
-    };
-    (schema, channel)
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use bagpipe_log::{Connection, MessageEncoding};
 
-use crate::folder::connection;
+use crate::channel::connection;
 use crate::sqlite::integer;
 use crate::{Database, Rosbag2Error, TopicCount};
 

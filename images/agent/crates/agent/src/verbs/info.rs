@@ -44,7 +44,7 @@ fn of_recordings(path: &Path, recordings: &Recordings) -> String {
     lines.join("\n") + "\n"
 }
 
-/// What it is; all but a file of MCAP was made MCAP to be read, whose size is told.
+/// What it is; all but a file of MCAP was made MCAP to be read, whose size it states.
 fn format_of(recordings: &Recordings) -> String {
     let Some(metadata) = &recordings.metadata else { return "MCAP".to_owned() };
     let storage = match metadata.storage {
