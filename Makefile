@@ -27,6 +27,7 @@ NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/log/Cargo.toml images/agent/crates/log/src/*.rs \
   images/agent/crates/packing/Cargo.toml images/agent/crates/packing/src/*.rs \
+  images/agent/crates/mcap/Cargo.toml images/agent/crates/mcap/src/*.rs \
   images/agent/crates/rosbag/Cargo.toml images/agent/crates/rosbag/src/*.rs images/agent/crates/python/*.* \
   images/agent/crates/python/src/*.rs images/build/module.py)
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
@@ -89,7 +90,7 @@ demo: first-verdict cluster install ## Set everything up, run the main job, show
 	$(SUMMARY)
 
 .PHONY: first-verdict
-first-verdict: recording agent $(VENV) ## Run the demonstration's job on this machine, without Kubernetes
+first-verdict: recording agent .venv/.memory-bag ## Run the demonstration's job on this machine, without Kubernetes
 	$(STEP) "Running the demonstration's job without Kubernetes" -- .venv/bin/python -m tests.e2e.first_verdict
 
 # So many processes share the tests; those of a file, and of a folder with servers, stay together.

@@ -71,9 +71,11 @@ def fields(schema: Schema, path: str) -> Iterator[tuple[str, Schema, bool]]:
         below = f"{path}.{name}" if path else name
         yield below, field, name in required
         yield from fields(field, below)
-        items = field.get("items")
+        items, values = field.get("items"), field.get("additionalProperties")
         if isinstance(items, dict):
             yield from fields(items, f"{below}[]")
+        if isinstance(values, dict):
+            yield from fields(values, f"{below}.*")
 
 
 def type_name(schema: Schema) -> str:
@@ -156,13 +158,17 @@ def with_engines(text: str, engines: dict[str, EngineFields]) -> str:
     What an engine refuses beyond that is refused by the operator.
     """
     files = [name for name, fields in engines.items() if "files" in fields.sources]
+    sequences = [name for name, fields in engines.items() if "sequence" in fields.sources]
     simulated = [name for name, fields in engines.items() if "simulator" in fields.sources]
     unrecorded = [name for name, fields in engines.items() if "record" not in fields.needed]
     named = "has(self.stack.engine) && "
     for before, names, after in (
         (f'"!has(self.source.files) || ({named}', one_of(files), ')"'),
         ('"source.files are for stack.engine: ', " or ".join(files), ", which reads"),
+        ('"!has(self.source.sequence) || !has(self.stack.engine) || ', one_of(sequences), '"'),
+        ('"source.sequence is for stack.engine: ', " or ".join(sequences), ": write"),
         ('"!has(self.source.simulator) || !has(self.stack.engine) || ', one_of(simulated), '"'),
+        ('"source.simulator is for stack.engine: ', " or ".join(simulated), ": write"),
         (f'"has(self.record) || ({named}', one_of(unrecorded), ')"'),
         ('"record is missing, and only stack.engine: ', " or ".join(unrecorded), " goes without"),
         (ENUM, ", ".join(engines), "]"),

@@ -13,7 +13,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from bagpipe.engine.exec.result import ProgramResult
-from bagpipe.engine.ros1.result import ReplayResult
+from bagpipe.engine.replay_result import ReplayResult
 from bagpipe.wire.hello_case import hello_case_schema
 from bagpipe.wire.maps.session import (
     Abort,
@@ -104,6 +104,8 @@ def rows_of(schema: Schema, whole: Schema, path: str) -> Iterator[str]:
         items = resolved(field.get("items", {}), whole)
         yield from rows_of(field, whole, f"{place}.")
         yield from rows_of(items, whole, f"{place}[].")
+        if isinstance(values := field.get("additionalProperties"), dict):
+            yield from rows_of(resolved(values, whole), whole, f"{place}.*.")
 
 
 def resolved(schema: Schema, whole: Schema) -> Schema:

@@ -39,6 +39,7 @@ FULL: Json = {
     "stack": {
         "command": ["x", ""], "environment": {"A": "b"}, "parameters": {"/a": [None, {"b": 1}]},
         "remap": {"/a": "/b"},
+        "qos": {"/a": {"reliability": "bestEffort", "durability": "volatile", "depth": 1}},
     },
     "playback": {
         "mode": "lockstep", "rate": 2, "wait_for": ["/n"],

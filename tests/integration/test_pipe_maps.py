@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
 from bagpipe.engine.exec.result import ProgramResult
-from bagpipe.engine.ros1.result import ReplayResult
+from bagpipe.engine.replay_result import ReplayResult
 from bagpipe.wire.frames import Decoder, Encoder, FrameType
 from bagpipe.wire.maps.session import (
     Abort,

@@ -112,7 +112,7 @@ def test_the_crd_gets_its_name_and_nothing_else() -> None:
     jobs = derived.pop(str(ROOT / "crds/simulationjobs.yaml"))
     committed = (ROOT / "crds/simulationjobs.yaml").read_text()
     assert jobs != committed
-    assert jobs.replace("enum: [ros1, exec, loopback]", "enum: [ros1, exec]") == committed
+    assert jobs.replace("[ros1, exec, loopback, ros2]", "[ros1, exec, ros2]") == committed
     for path, text in derived.items():
         added = set(text.splitlines()) - set(Path(path).read_text().splitlines())
         assert len(added) <= 1, path
@@ -131,10 +131,10 @@ def test_its_spec_is_accepted_and_what_it_declares_meaningless_is_refused() -> N
 
 
 def test_an_engine_that_is_not_there_is_refused_with_those_that_are() -> None:
-    unknown = {"stack": SPEC["stack"] | {"engine": "ros2"}}  # type: ignore[operator]
+    unknown = {"stack": SPEC["stack"] | {"engine": "ros3"}}  # type: ignore[operator]
     here = "stack.engine is {}, and the engines here are {}: write one of them"
-    assert refusal(unknown) == here.format("'ros2'", "ros1, exec, loopback")
-    assert refusal({}, path=()) == here.format("'loopback'", "ros1, exec")
+    assert refusal(unknown) == here.format("'ros3'", "ros1, exec, loopback, ros2")
+    assert refusal({}, path=()) == here.format("'loopback'", "ros1, exec, ros2")
 
 
 def test_two_engines_of_one_name_are_refused(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagpipe.engine.ros1.judge import judge
+from bagpipe.engine.delivery import judge
 
 Json = dict[str, Any]
 NODES = ("/a", "/b", "/c")

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.engine.ros1.judge import judge
+from bagpipe.engine.delivery import judge
 from bagpipe.plan.case import Case
 from bagpipe.run import attempts as attempts_module
 from bagpipe.run import case_run

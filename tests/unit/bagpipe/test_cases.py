@@ -8,7 +8,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.driver.progress import Progress
-from bagpipe.engine.ros1.judge import judge
+from bagpipe.engine.delivery import judge
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag

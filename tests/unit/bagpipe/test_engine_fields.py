@@ -25,6 +25,7 @@ NAMED = {
     ("images/spark/src/bagpipe/engine_fields.py", "ros1"),
     # What the messages of a bag are, as recordings call it.
     ("images/spark/src/bagpipe/plan/parts.py", "ros1"),
+    ("images/spark/src/bagpipe/evaluate/decoding.py", "ros1"),
     # The kind of a probe, as Kubernetes calls it.
     ("operator/src/bagpipe_operator/jobs/pods/executor_template.py", "exec"),
 }
@@ -129,7 +130,8 @@ def test_the_crd_s_rules_let_an_engine_take_what_it_declares() -> None:
         "!has(self.stack.engine) || self.stack.engine in ['ros1', 'other']",
         "has(self.record) || (has(self.stack.engine) && self.stack.engine in ['exec', 'other'])",
         "only stack.engine: exec or other goes without it",
-        "enum: [ros1, exec, other]",
+        "enum: [ros1, exec, ros2, other]",
+        "source.simulator is for stack.engine: ros1 or other: write that",
     ):
         assert words in text
     with pytest.raises(SystemExit, match=r"generate\.py looks for one line with"):

@@ -286,10 +286,11 @@ def test_a_file_that_is_replayed_is_the_file(context: RunContext, tmp_path: Path
     spec = make_spec(**EXEC)
     storage = Storage(context.volumes)
     case = plan(spec, storage).cases[0]
-    write_fragment(case, source_of(spec), storage, tmp_path / "again")
+    written = write_fragment(case, source_of(spec), storage, tmp_path / "again")
     uri = case.bag.removeprefix("pvc://recordings/")
     original = Path(context.volumes["recordings"], uri)
-    assert (tmp_path / "again").read_bytes() == original.read_bytes()
+    assert written.read_bytes() == original.read_bytes()
+    assert (written.stem, written.suffix) == ("again", original.suffix)
 
 
 def test_all_outputs_that_count_are_kept_and_no_ledger_is_needed(tmp_path: Path) -> None:

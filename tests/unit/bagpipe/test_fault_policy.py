@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from bagpipe.engine.ros1.judge import judge
+from bagpipe.engine.delivery import judge
 from bagpipe.faults import ALLOWABLE, CAUSES, FAILURES, FaultPolicy, FaultRule
 from bagpipe.plan.case import Case
 from bagpipe.run import case_run
@@ -280,4 +280,6 @@ def test_what_makes_no_sense_is_refused(rules: list[dict[str, Any]], words: str)
 
 
 def test_every_cause_that_can_be_allowed_fails_a_case_and_both_are_causes() -> None:
-    assert set(CAUSES) > FAILURES > ALLOWABLE
+    # What is unproved may be allowed, and is nobody's failure.
+    assert set(CAUSES) > FAILURES > ALLOWABLE - {"DeliveryUnproved"}
+    assert "DeliveryUnproved" in ALLOWABLE - FAILURES

@@ -45,7 +45,7 @@ def test_every_field_is_written_and_no_other() -> None:
     ("changed", "words"),
     [
         ({"simulator": {"publications": []}, "playback": {}}, "plays in lock-step only"),
-        ({"engine": "ros2"}, "engine is 'ros2', not ros1 or exec"),
+        ({"engine": "ros3"}, "engine is 'ros3', not ros1 or exec or ros2"),
         ({"stack": {"command": [""]}}, "stack.command is empty"),
         ({"window": [0, 1, 2]}, "valid dictionary"),
     ],

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.engine.ros1.judge import judge
+from bagpipe.engine.delivery import judge
 from bagpipe.faults import FaultPolicy, FaultRule
 from bagpipe.judgement import Allowed, Judgement
 

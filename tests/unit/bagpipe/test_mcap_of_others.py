@@ -125,7 +125,7 @@ def test_other_encodings_beside_the_topics_are_no_hindrance_after_planning(
     spec = spec_over("a.mcap", "ros1", topics=["/a"])
     (case,) = plan(spec, storage).cases
     window = case.window
-    truth = Recording(lambda: chunks_with({"/a"}, case, storage), window.start, window.end, {"/a"})
+    truth = Recording(lambda: chunks_with({"/a"}, case, storage), window.start, window.end)
     assert truth.times("/a") == [START]
     piece = SequencePart.model_validate({"bag": "pvc://drives/a.mcap"})
     (part,) = PartPlanner(storage).sequence([piece], ["/a"], 0)

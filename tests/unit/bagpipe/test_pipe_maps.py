@@ -11,7 +11,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from bagpipe.engine.exec.result import RESULT as PROGRAM_RESULT
-from bagpipe.engine.ros1.result import RESULT as REPLAY_RESULT
+from bagpipe.engine.replay_result import RESULT as REPLAY_RESULT
 from bagpipe.wire.frames import Decoder, FrameType
 from bagpipe.wire.maps.result import RESULT as ANY_RESULT
 from bagpipe.wire.maps.session import FileToAgent, WorkerHello

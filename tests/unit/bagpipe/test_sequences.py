@@ -126,8 +126,8 @@ def test_a_laptop_makes_the_sequence_of_a_row_again(folder: Path) -> None:
     for case in plan(spec, storage).cases:
         again = planned_case(lost_row(case, 1), spec, storage)
         assert again == case
-    bag = folder / "fragment.bag"
-    write_fragment(again, source_of(spec), storage, bag)
+    bag = write_fragment(again, source_of(spec), storage, folder / "fragment")
+    assert bag.name == "fragment.bag"
     assert MemoryBag.open(bag).message_count == 60
     command = play_command(again, spec, source_of(spec).begin(again, storage, bag), bag)
     assert command[:5] == [

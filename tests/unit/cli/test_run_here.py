@@ -122,6 +122,27 @@ def test_a_program_of_the_exec_engine_needs_no_rosmaster(machine: Machine, tmp_p
     assert refused(machine, source=source, stack=stack(engine="exec"), record=None) == []
 
 
+def test_nodes_of_ros_2_need_one_that_is_sourced_and_no_rosmaster(
+    machine: Machine, tmp_path: Path
+) -> None:
+    (tmp_path / "rosmaster").unlink()
+    (only,) = refused(machine, stack=stack(engine="ros2"))
+    assert only == (
+        "stack.engine: ros2 plays by a ROS 2's librcl.so, which is not found here: source its"
+        " setup.bash, which sets AMENT_PREFIX_PATH, or run this inside of the stack's image"
+    )
+    prefix = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy"}
+    sourced = Machine({**machine.environment, **prefix}, machine.entrypoint)
+    assert refused(sourced, stack=stack(engine="ros2")) == []
+    own = [{"name": name, "value": value} for name, value in prefix.items()]
+    assert refused(machine, stack=stack(engine="ros2", env=own)) == []
+    libraries = {"LD_LIBRARY_PATH": f"/nowhere:{tmp_path}"}
+    loading = Machine({**machine.environment, **libraries}, machine.entrypoint)
+    assert "librcl.so" in refused(loading, stack=stack(engine="ros2"))[0]
+    (tmp_path / "librcl.so").touch()
+    assert refused(loading, stack=stack(engine="ros2")) == []
+
+
 def test_the_stack_s_own_path_and_an_image_s_entrypoint_find_programs(
     machine: Machine, tmp_path: Path
 ) -> None:

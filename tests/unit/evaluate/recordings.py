@@ -1,4 +1,4 @@
-"""Recordings for tests of criteria: real bags in memory, with ROS's own message types."""
+"""Recordings for tests of criteria, with ROS's own message types: bags, or MCAP of ROS 2."""
 
 import math
 from collections.abc import Container, Iterable
@@ -8,11 +8,16 @@ from rosbags.typesys import Stores, get_typestore
 
 from bagpipe import MemoryBag
 from bagpipe.evaluate.evidence import Evidence, Recording
+from tests.unit.evaluate.ros2_recordings import mcap
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 SECOND = 1_000_000_000
 
 Entry = tuple[str, float, Any]
+
+# What `evidence` is made of: `ros1` for bags, else the language of definitions of ROS 2.
+FORMS = ("ros1", "ros2msg", "ros2idl")
+form = "ros1"
 
 
 def time(seconds: float) -> Any:
@@ -69,6 +74,11 @@ def bag(entries: Iterable[Entry], latching: Container[str] = ()) -> bytes:
     return writer.finish().to_bytes()
 
 
+def recording(entries: Iterable[Entry], latching: Container[str], made_of: str) -> bytes:
+    """A bag, or MCAP of ROS 2."""
+    return bag(entries, latching) if made_of == "ros1" else mcap(entries, latching, made_of)
+
+
 def evidence(
     recorded: Iterable[Entry],
     source: Iterable[Entry] = (),
@@ -78,11 +88,11 @@ def evidence(
     **more: Any,
 ) -> Evidence:
     """Evidence of a window, by default from 10 to 20 s."""
-    recorded, source = list(recorded), list(source)
+    recorded, source, made_of = list(recorded), list(source), form
     first, last = round(start * SECOND), round(end * SECOND)
     return Evidence(
-        recorded=Recording(lambda: bag(recorded, latching), first, None),
-        source=Recording(lambda: bag(source), first, last),
+        recorded=Recording(lambda: recording(recorded, latching, made_of), first, None),
+        source=Recording(lambda: recording(source, (), made_of), first, last),
         start=first,
         end=last,
         **more,

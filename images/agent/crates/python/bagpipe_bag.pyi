@@ -31,7 +31,14 @@ class Connection:
     @property
     def callerid(self) -> str | None: ...
     @property
-    def latching(self) -> bool: ...
+    def latching(self) -> bool:
+        """Whether the publisher latched its last message: in ROS 2, transient local."""
+    @property
+    def encoding(self) -> str:
+        """What its messages' bytes are: ros1, cdr or another."""
+    @property
+    def schema_encoding(self) -> str:
+        """What the definition is written in: ros1msg, ros2msg, ros2idl or another."""
 
 @final
 class Damage:
@@ -183,6 +190,42 @@ class MemoryBagWriter:
         """The most bytes that the bag, finished then, would have had at any time."""
     def finish(self) -> MemoryBag:
         """Writes the index and gives the bag; nothing can be written after that."""
+
+@final
+class MemoryMcap:
+    """An MCAP file in memory, whose messages stay as they are. Threads may share it."""
+
+    def __new__(cls, data: Buffer, *, decompressed_bytes: int | None = None) -> MemoryMcap:
+        """Opens a copy of `data`. Of a damaged file what is whole is kept, see `damage`.
+        `decompressed_bytes` bounds the memory of all uncompressed chunks together.
+        Raises BagError."""
+    def messages(
+        self,
+        topics: Sequence[str] | None = None,
+        start: int | None = None,
+        end: int | None = None,
+    ) -> McapMessages:
+        """Messages with start <= time < end (ns), by time, then as they lie in the file; of
+        topics that the file has, and none of others. Each raw message is a read-only view of the
+        file's memory, which lives as long as the view. Raises BagError for a chunk that is
+        damaged, or above the bound."""
+    @property
+    def connections(self) -> list[Connection]: ...
+    @property
+    def topics(self) -> list[str]:
+        """The topics' names, sorted."""
+    @property
+    def damage(self) -> Damage | None:
+        """What was lost to damage; None when the file is whole as far as it has been read."""
+
+@final
+class McapMessages(Iterator[tuple[Connection, int, memoryview]]):
+    """Messages of MCAP, as (connection, time in ns, raw)."""
+
+    def __iter__(self) -> McapMessages: ...
+    def __next__(self) -> tuple[Connection, int, memoryview]: ...
+    def __length_hint__(self) -> int:
+        """How many messages are left."""
 
 class TailError(ValueError):
     """A bag can't be planned: `args` are a reason in CamelCase and a sentence."""

@@ -3,7 +3,17 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-const SOURCES: [&str; 5] = ["addresses.c", "count.c", "next.c", "rmw.c", "trace.c"];
+const SOURCES: [&str; 9] = [
+    "addresses.c",
+    "attach.c",
+    "count.c",
+    "list.c",
+    "matches.c",
+    "next.c",
+    "rmw.c",
+    "slices.c",
+    "trace.c",
+];
 // glibc before 2.34 has dlsym in libdl, of which newer ones keep an empty one: named by its file,
 // since they have no link to it for compilers.
 const FLAGS: [&str; 11] = [

@@ -1,8 +1,9 @@
 """Bagpipe's data plane: from a job's spec to judged cases.
 
-`MemoryBag` is the agent's bag in memory. It comes from a native module of its own, which is
-loaded when it is first asked for: the operator's image knows the spec and has no such module.
-So is what a Spark program uses, `bin_piped` and its kin: the operator and the SDK know no Spark.
+`MemoryBag` is the agent's bag in memory, `MemoryMcap` its MCAP. They come from a native module of
+their own, which is loaded when it is first asked for: the operator's image knows the spec and has
+no such module. So is what a Spark program uses, `bin_piped` and its kin: the operator and the SDK
+know no Spark.
 """
 
 import importlib
@@ -11,12 +12,12 @@ from typing import TYPE_CHECKING, Any
 from bagpipe.native import native
 
 if TYPE_CHECKING:
-    from bagpipe_bag import BagError, MemoryBag, MemoryBagWriter
+    from bagpipe_bag import BagError, MemoryBag, MemoryBagWriter, MemoryMcap
 
-__all__ = ["BagError", "MemoryBag", "MemoryBagWriter", "__version__"]
+__all__ = ["BagError", "MemoryBag", "MemoryBagWriter", "MemoryMcap", "__version__"]
 __version__ = "0.1.0"
 
-_NATIVE = frozenset({"BagError", "MemoryBag", "MemoryBagWriter"})
+_NATIVE = frozenset({"BagError", "MemoryBag", "MemoryBagWriter", "MemoryMcap"})
 _ON_SPARK = {
     "BinPipedError": "bagpipe.binpiped",
     "BinPipedRDD": "bagpipe.binpiped",

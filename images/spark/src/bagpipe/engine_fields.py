@@ -4,7 +4,7 @@ Engines are found as `bagpipe.installed` says; the folder's name is the one in `
 """
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -15,6 +15,10 @@ from bagpipe.installed import Installed, meaningless_in, written
 _ENGINES = Installed("engine", "bagpipe.engine", "bagpipe_engines")
 # Of a job that names none, as the CRD has it.
 DEFAULT_ENGINE = "ros1"
+
+
+def _no_refusal(_spec: Any) -> None:
+    return None
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,8 @@ class EngineFields:
     sources: tuple[str, ...]
     needed: Mapping[str, str] = field(default_factory=dict)
     meaningless: Mapping[tuple[str, ...], str] = field(default_factory=dict)
+    # Why it can't run the rest of a spec, which is given whole; None where it can.
+    refusal: Callable[[Any], str | None] = _no_refusal
     # What the messages are that it plays, as recordings name it; none: it takes bytes of any kind.
     encoding: str | None = None
     # Reasons of its own for a case that does not pass, which the driver's metrics count by name.
@@ -77,4 +83,4 @@ def refusal(spec: BaseModel, engine: str, source: str, taken_as: str) -> str | N
         if not takers:
             return f"no engine that is here takes source.{source}: {instead}"
         return f"source.{source} need stack.engine: {' or '.join(takers)}: {instead}"
-    return meaningless_in(spec, fields.meaningless)
+    return meaningless_in(spec, fields.meaningless) or fields.refusal(spec)

@@ -12,6 +12,7 @@ Cause = Literal[
     "NodeGone",
     "NodeRespawned",
     "MessagesLost",
+    "DeliveryUnproved",
     "NeverSubscribed",
     "StackNeverExited",
     "StackStoppedReading",
@@ -20,10 +21,11 @@ Cause = Literal[
 Action = Literal["fail", "retry", "allow"]
 
 CAUSES: tuple[str, ...] = get_args(Cause)
+_SEEN = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned", "MessagesLost"})
 # What leaves a run that can still be judged; after the others there is nothing to judge.
-ALLOWABLE = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned", "MessagesLost"})
+ALLOWABLE = _SEEN | {"DeliveryUnproved"}
 # A case that ends so was run: the stack failed it.
-FAILURES = ALLOWABLE | {"StackStoppedReading"}
+FAILURES = _SEEN | {"StackStoppedReading"}
 
 
 class FaultRule(BaseModel):

@@ -31,6 +31,7 @@ from bagpipe.pod_spec import (
     StackSecurity,
     ValueSource,
 )
+from bagpipe.ros2_spec import Ros2
 from bagpipe.source_fields import source_fields
 from bagpipe.source_spec import InstalledSource
 from bagpipe.texts import (
@@ -102,6 +103,7 @@ class Stack(_Model):
     env: Annotated[list[EnvironmentVariable], AfterValidator(_variables_once)] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
+    ros2: Ros2 | None = None
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] = "IfNotPresent"
     resources: Resources = Resources()
     env_from: list[EnvironmentSource] = []
@@ -228,7 +230,7 @@ class SimulationJobSpec(_Model):
     evaluate: list[Criterion] = Field(default=[], max_length=100)
     max_failed_cases: int | None = Field(default=None, ge=0)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
-    fault_policy: list[FaultRule] = Field(default=[], max_length=9)
+    fault_policy: list[FaultRule] = Field(default=[], max_length=10)
     managed_by: str | None = Field(
         default=None, pattern=r"^[a-z0-9]([-a-z0-9.]*[a-z0-9])?/[A-Za-z0-9][-A-Za-z0-9_.]*$"
     )

@@ -21,8 +21,8 @@ impl Received {
     }
 }
 
-/// Asks nodes, each within the deadline that it was made with. Figures may vanish with a link:
-/// ask while the connections stand.
+/// Asks nodes, each within the deadline that it was made with. Figures may vanish with a link: ask
+/// while the connections stand, unless it [outlives](Audit::outlives_nodes) them.
 pub trait Audit: Send {
     /// What `node` has received from us on these topics. A topic of which it knows nothing is
     /// absent.
@@ -34,6 +34,11 @@ pub trait Audit: Send {
         node: &str,
         topics: &[String],
     ) -> Result<BTreeMap<String, Received>, GraphError>;
+
+    /// Whether figures of nodes that are gone can be asked for as well.
+    fn outlives_nodes(&self) -> bool {
+        false
+    }
 
     /// The process that a node runs in.
     ///

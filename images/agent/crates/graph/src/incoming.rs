@@ -12,10 +12,16 @@ pub struct Publisher {
     pub datatype: String,
     /// MD5 sum of the message definition, 32 hex digits.
     pub md5sum: String,
+    /// What its messages' bytes are, by the name that recordings have for it, such as `cdr`.
+    pub message_encoding: &'static str,
     /// Full text of the message definition.
     pub definition: String,
+    /// What `definition` is written in, by the name that recordings have for it, such as `ros2msg`.
+    pub schema_encoding: &'static str,
     /// Whether late subscribers get its last message.
     pub latching: bool,
+    /// Its quality of service, as ROS 2's recorder writes it down (YAML).
+    pub offered_qos: Option<String>,
     /// How to read the stamps of its messages; `None` if they have none.
     pub read_stamp: Option<ReadStamp>,
 }

@@ -16,7 +16,7 @@ mod publication;
 pub use error::GraphError;
 pub use evidence::{Audit, Received};
 pub use incoming::{Incoming, Publisher, ReadStamp, Sink};
-pub use middleware::{Middleware, Node, NodeOptions, Seen, SystemState};
+pub use middleware::{Middleware, Node, NodeOptions, PacedBy, Seen, SystemState};
 pub use publication::{
     Cancelled, FarEnd, LinkState, Outlet, Publication, SendError, Share, TopicInfo,
 };

@@ -40,6 +40,19 @@ pub struct NodeOptions {
     /// The largest message accepted from a publisher, in bytes; the middleware may have a lower
     /// limit of its own.
     pub max_message: usize,
+    /// What says when a message may go out.
+    pub paced_by: PacedBy,
+}
+
+/// What says when a message may go out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum PacedBy {
+    /// Its time: a subscriber whose queue is full then may lose some.
+    #[default]
+    Schedule,
+    /// Its subscribers: where a middleware drops what a queue has no room for, sending waits until
+    /// every queue has.
+    Subscribers,
 }
 
 /// Our node; dropping it takes it out of the graph and ends its threads.
@@ -77,8 +90,19 @@ pub trait Node: Send + Sync {
     fn publishers_of(&self, topic: &str) -> usize;
 
     /// Waits until everything that has reached us by now has been handed to the sink, at most
-    /// for `limit`.
+    /// for `limit`. Where [`Node::counts_publishes`], all that was published by now.
     fn sweep(&self, limit: Duration);
+
+    /// Whether it is known what the others publish, so that a sweep is exact.
+    fn counts_publishes(&self) -> bool {
+        false
+    }
+
+    /// What others have published on the topics subscribed to and did not reach us, as sentences;
+    /// none where nobody counts it.
+    fn lacking(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// Questions to our subscribers, each answered within `deadline`.
     fn audit(&self, deadline: Duration) -> Box<dyn Audit>;

@@ -15,6 +15,8 @@ pub struct TopicInfo {
     pub definition: String,
     /// Whether late subscribers get the last message.
     pub latching: bool,
+    /// The recorded publishers' quality of service, as ROS 2's recorder wrote it down (YAML).
+    pub offered_qos: Option<String>,
 }
 
 /// Which part of a case a message belongs to; the ledger counts them apart.
@@ -40,6 +42,13 @@ pub enum SendError {
     },
     /// `cancelled` returned true.
     Cancelled,
+    /// The graph has failed.
+    Failed {
+        /// The reason of the ABORT frame, such as `Ros2Failed`.
+        reason: &'static str,
+        /// What has happened, as a sentence.
+        what: String,
+    },
 }
 
 /// One subscriber's connection, as seen from here.
@@ -59,13 +68,15 @@ pub struct LinkState {
     pub open: bool,
 }
 
-/// What the kernel knows of one subscriber's connection.
+/// What is known of one subscriber's connection without asking its node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FarEnd {
     /// The connection, as in [`LinkState`].
     pub id: u64,
     /// Bytes that the subscriber has not read, in our socket or in its own.
     pub unread: u64,
+    /// Whether the callbacks of all that it took have ended; `None` where nobody counts them.
+    pub called_back: Option<bool>,
     /// The number of its socket, if it is on this machine.
     pub inode: Option<u32>,
 }

@@ -265,14 +265,21 @@ impl Mcap {
     /// What else the file says of a message of [`Mcap::timeline`], by its place; `None` where
     /// there is no such message.
     pub fn stamp(&self, place: &Place) -> Option<Stamp> {
-        let part = self.parts.get(place.chunk as usize)?;
-        let made = part.made.get()?;
-        let bytes = if part.packed.is_some() { &made.bytes } else { &self.file[part.data.clone()] };
+        let bytes = self.chunk(place.chunk)?;
+        let made = self.parts.get(place.chunk as usize)?.made.get()?;
         let record = (place.start as usize).checked_sub(FRAME_IN_RECORD)?;
         let word = |at: usize| Some(u32::from_le_bytes(*bytes.get(record + at..)?.first_chunk()?));
         let halves = &made.walked.upper_halves;
         let publish_time = halves.publish_time(place.start, place.time, word(23)?);
         Some(Stamp { sequence: word(11)?, publish_time })
+    }
+
+    /// The data that places of [`Mcap::timeline`] lie in, by their chunk's number; `None` where it
+    /// was not asked for.
+    pub fn chunk(&self, number: u32) -> Option<&[u8]> {
+        let part = self.parts.get(number as usize)?;
+        let made = part.made.get()?;
+        Some(if part.packed.is_some() { &made.bytes } else { &self.file[part.data.clone()] })
     }
 
     /// A part's records, once [`Mcap::unpack`] made them.

@@ -231,7 +231,7 @@ impl MemoryBag {
 
     /// The bag's file as it lies in memory, not copied.
     fn view<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyMemoryView>> {
-        view(py, &self.opened, Part::File)
+        view(py, Part::File(Arc::clone(&self.opened)))
     }
 
     /// The bag's file as bytes: a copy, but for a bag that was opened from bytes.

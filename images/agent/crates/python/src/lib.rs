@@ -7,6 +7,7 @@
 mod bag;
 mod error;
 mod from_mcap;
+mod mcap;
 mod memory;
 mod messages;
 mod model;
@@ -23,6 +24,8 @@ mod bagpipe_bag {
     use crate::bag::MemoryBag;
     #[pymodule_export]
     use crate::error::BagError;
+    #[pymodule_export]
+    use crate::mcap::{McapMessages, MemoryMcap};
     #[pymodule_export]
     use crate::messages::Messages;
     #[pymodule_export]

@@ -8,7 +8,7 @@ use pyo3::types::PySequence;
 
 use crate::memory::Opened;
 use crate::model::Connection;
-use crate::view;
+use crate::view::{self, Part};
 
 /// Chunks whose views are kept: messages of neighbouring chunks alternate where recorders wrote
 /// them out of order.
@@ -58,7 +58,7 @@ impl Messages {
         let kept = &mut self.views[chunk as usize % KEPT];
         let view = match kept.take() {
             Some((at, view)) if at == chunk => view,
-            _ => view::sequence(py, &self.opened, chunk as usize)?,
+            _ => view::sequence(py, Part::Chunk(Arc::clone(&self.opened), chunk as usize))?,
         };
         Ok(kept.insert((chunk, view)).1.bind(py))
     }

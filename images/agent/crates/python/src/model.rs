@@ -18,8 +18,12 @@ pub struct Connection {
     definition: String,
     /// The publishing node's name, or None.
     callerid: Option<String>,
-    /// True when the publisher latched its last message.
+    /// True when the publisher latched its last message, or its durability is transient local.
     latching: bool,
+    /// What its messages' bytes are, such as `ros1` or `cdr`.
+    encoding: String,
+    /// What the definition is written in, such as `ros1msg`, `ros2msg` or `ros2idl`.
+    schema_encoding: String,
 }
 
 #[pymethods]
@@ -30,8 +34,8 @@ impl Connection {
     }
 }
 
-impl From<&bagpipe_rosbag::Connection> for Connection {
-    fn from(each: &bagpipe_rosbag::Connection) -> Self {
+impl From<&bagpipe_log::Connection> for Connection {
+    fn from(each: &bagpipe_log::Connection) -> Self {
         Self {
             id: each.id,
             topic: each.topic.clone(),
@@ -40,6 +44,8 @@ impl From<&bagpipe_rosbag::Connection> for Connection {
             definition: each.definition.clone(),
             callerid: each.caller_id.clone(),
             latching: each.latching,
+            encoding: each.message_encoding.name().to_owned(),
+            schema_encoding: each.schema_encoding.name().to_owned(),
         }
     }
 }
@@ -70,8 +76,8 @@ impl Damage {
     }
 }
 
-impl From<&bagpipe_rosbag::Loss> for Damage {
-    fn from(loss: &bagpipe_rosbag::Loss) -> Self {
+impl From<&bagpipe_log::Loss> for Damage {
+    fn from(loss: &bagpipe_log::Loss) -> Self {
         Self {
             offset: loss.offset,
             bytes: loss.bytes,

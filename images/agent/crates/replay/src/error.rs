@@ -19,10 +19,10 @@ pub enum ReplayError {
     /// Nobody subscribed in time.
     #[error("{0}")]
     NeverSubscribed(String),
-    /// A subscriber took no byte for too long.
+    /// A subscriber took nothing for too long.
     #[error(
-        "the node {node} has read nothing from {topic} for {:.1} s although messages wait in \
-         its socket; it hangs, or its callback never returns", waited.as_secs_f64()
+        "the node {node} has taken nothing from {topic} for {:.1} s although messages wait for \
+         it; it hangs, or its callback never returns", waited.as_secs_f64()
     )]
     StackStoppedReading {
         /// The node.
@@ -35,6 +35,9 @@ pub enum ReplayError {
     /// The recording is larger than allowed.
     #[error("{0}; record fewer topics, cut shorter fragments or raise the budget")]
     RecorderBudgetExceeded(String),
+    /// The stack published more on recorded topics than reached the recorder.
+    #[error("the recording is not whole: {}", .0.join("; "))]
+    RecordingIncomplete(Vec<String>),
     /// The case took too long.
     #[error("the case's deadline passed {during}")]
     CaseDeadlineExceeded {
@@ -104,6 +107,7 @@ impl ReplayError {
             ReplayError::GraphFailed(error) => error.reason,
             ReplayError::BadRequest(_) => "ProtocolError",
             ReplayError::Cancelled(_) => "Terminated",
+            ReplayError::RecordingIncomplete(_) => "RecordingIncomplete",
             ReplayError::Internal(_) => "Internal",
         }
     }

@@ -5,7 +5,9 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
-use bagpipe_graph::{GraphError, Incoming, Middleware, Node, NodeOptions, Seen, Sink, SystemState};
+use bagpipe_graph::{
+    GraphError, Incoming, Middleware, Node, NodeOptions, PacedBy, Seen, Sink, SystemState,
+};
 use bagpipe_log::{RecordingFormat, RecordingWriter};
 use regex::Regex;
 
@@ -82,6 +84,7 @@ pub fn record(
         call_deadline: CALL,
         stall: CALL,
         max_message: usize::MAX,
+        paced_by: PacedBy::Schedule,
     };
     let node = request
         .middleware

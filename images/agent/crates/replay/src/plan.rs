@@ -191,6 +191,7 @@ fn place(
             md5sum: connection.md5sum.clone(),
             definition: connection.definition.clone(),
             latching: connection.latching,
+            offered_qos: connection.offered_qos.clone(),
         });
         places.insert(name.to_owned(), topics.len() - 1);
         return Ok(topics.len() - 1);

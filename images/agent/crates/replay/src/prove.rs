@@ -45,7 +45,8 @@ pub(crate) enum Place {
     /// It has read everything, and no thread of it waits for more: its callback runs.
     Away,
     /// It has read everything, and a thread of it waits at the socket again. Where the thread
-    /// that reads also calls, as in rospy, all callbacks have returned.
+    /// that reads also calls, as in rospy, all callbacks have returned. In ROS 2, where calls are
+    /// counted: they have.
     Back,
 }
 
@@ -74,13 +75,15 @@ impl Proof {
         self.known.get(&(topic, link)).copied().unwrap_or_default()
     }
 
-    /// Asks every node with an open connection once. A node that does not answer keeps its
-    /// last figures: what can't be proved will count as lost.
+    /// Asks every node with an open connection once, and those without where somebody knows their
+    /// figures. A node that does not answer keeps its last ones: what can't be proved will count as
+    /// lost.
     pub(crate) fn ask(&mut self, topics: &[Arc<dyn Publication>]) {
         let mut links: BTreeMap<String, BTreeMap<String, Key>> = BTreeMap::new();
         let seen = self.see(topics);
         for (at, publication) in topics.iter().enumerate() {
-            for link in publication.subscribers().into_iter().filter(|link| link.open) {
+            let can_be_asked = |link: &LinkState| link.open || self.audit.outlives_nodes();
+            for link in publication.subscribers().into_iter().filter(can_be_asked) {
                 let of_node = links.entry(link.node).or_default();
                 of_node.insert(publication.info().topic.clone(), (at, link.id));
             }
@@ -124,6 +127,9 @@ impl Proof {
     fn place(&self, node: &str, end: &FarEnd, looks: &mut BTreeMap<i32, Sockets>) -> Place {
         if end.unread > 0 {
             return Place::Unread;
+        }
+        if let Some(called_back) = end.called_back {
+            return if called_back { Place::Back } else { Place::Away };
         }
         let (Some(&pid), Some(inode)) = (self.pids.get(node), end.inode) else {
             return Place::Unknown;

@@ -7,7 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Incoming, Sink};
-use bagpipe_log::{Connection, RecordingError, RecordingFormat, RecordingWriter};
+use bagpipe_log::{
+    Connection, MessageEncoding, RecordingError, RecordingFormat, RecordingWriter, SchemaEncoding,
+};
 
 use crate::ReplayError;
 use crate::answers::Answers;
@@ -341,7 +343,9 @@ pub(crate) fn connection_of(incoming: &Incoming<'_>) -> Connection {
         definition: publisher.definition.clone(),
         caller_id: publisher.node.clone(),
         latching: publisher.latching,
-        ..Connection::default()
+        message_encoding: MessageEncoding::from_name(publisher.message_encoding),
+        schema_encoding: SchemaEncoding::from_name(publisher.schema_encoding),
+        offered_qos: publisher.offered_qos.clone(),
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
-use bagpipe_graph::{Node, NodeOptions, Publication, Share, TopicInfo};
+use bagpipe_graph::{Node, NodeOptions, PacedBy, Publication, Share, TopicInfo};
 use bagpipe_log::Recording;
 
 use crate::answers::Answers;
@@ -148,6 +148,10 @@ pub(crate) fn node_options(request: &ReplayRequest) -> NodeOptions {
         call_deadline: CALL,
         stall: request.drain_deadline,
         max_message: usize::try_from(request.byte_budget).unwrap_or(usize::MAX),
+        paced_by: match request.mode {
+            Mode::Realtime => PacedBy::Schedule,
+            Mode::Max | Mode::Lockstep => PacedBy::Subscribers,
+        },
     }
 }
 
@@ -216,11 +220,18 @@ fn perform(
     drain.prove(&mut proof, &mut player, watch)?;
     let waited = waiting.seconds();
     drain.listen(&mut proof, &mut processes, &mut player, watch)?;
+    whole(node)?;
     let timings = Timings { subscribe, lead_in, play, drain: stopwatch.lap(watch.now()) };
     let ledger = conclude(&player, &mut proof, &there, &waited);
     let playback = report(&mut player, &discovery, playback(request, pace), &ledger, request.mode);
     let machine = Some(gauge.finish(playback.late_max_seconds));
     Ok(Replayed { ledger, playback, timings, machine, ..Replayed::default() })
+}
+
+/// Refuses a recording that lacks what the stack has published, where that is known.
+fn whole(node: &dyn Node) -> Result<(), ReplayError> {
+    let lacking = node.lacking();
+    if lacking.is_empty() { Ok(()) } else { Err(ReplayError::RecordingIncomplete(lacking)) }
 }
 
 /// Learns which nodes there are, and which processes are theirs.

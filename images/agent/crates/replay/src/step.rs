@@ -59,10 +59,12 @@ impl<'a> Stepper<'a> {
         }
     }
 
-    /// Takes in what the sockets hold, if anything is recorded beside the answers.
+    /// Takes in what has come, if anything is recorded beside the answers, or where it is known
+    /// what has been published.
     fn sweep(&self) {
         let others = |topic: &String| !self.lockstep.answers().any(|answer| answer == topic);
-        if self.node.subscribed_topics().iter().any(others) {
+        let exact = self.node.counts_publishes();
+        if exact || self.node.subscribed_topics().iter().any(others) {
             self.node.sweep(SWEEP);
         }
     }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use bagpipe_graph::SendError;
+use bagpipe_graph::{GraphError, SendError};
 
 use crate::clock::BagClock;
 use crate::meter::{Seen, Tally};
@@ -77,6 +77,11 @@ impl<'a> Watch<'a> {
                 ReplayError::StackStoppedReading { node, topic, waited }
             }
             SendError::Cancelled => self.failure(),
+            SendError::Failed { reason, what } => ReplayError::GraphFailed(GraphError {
+                reason,
+                what: "the graph failed",
+                source: what.into(),
+            }),
         }
     }
 

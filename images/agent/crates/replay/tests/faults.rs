@@ -126,8 +126,8 @@ fn read_nothing_for_half_a_second(error: &ReplayError, name: &str, witness: Witn
     assert!(*waited < Duration::from_millis(600) || excuse.is_some(), "{waited:?}");
     let seconds = waited.as_secs_f64();
     let sentence = format!(
-        "the node {name} has read nothing from /talk for {seconds:.1} s although messages wait in \
-         its socket; it hangs, or its callback never returns"
+        "the node {name} has taken nothing from /talk for {seconds:.1} s although messages wait for \
+         it; it hangs, or its callback never returns"
     );
     assert_eq!(error.to_string(), sentence);
 }

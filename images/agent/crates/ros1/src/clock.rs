@@ -14,6 +14,7 @@ pub(crate) fn clock_topic() -> TopicInfo {
                      time clock\n"
             .to_owned(),
         latching: true,
+        offered_qos: None,
     }
 }
 

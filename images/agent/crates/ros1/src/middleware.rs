@@ -60,6 +60,7 @@ mod tests {
             call_deadline: std::time::Duration::from_secs(1),
             stall: std::time::Duration::from_secs(1),
             max_message: 1,
+            paced_by: bagpipe_graph::PacedBy::default(),
         };
         struct Nobody;
         impl Sink for Nobody {

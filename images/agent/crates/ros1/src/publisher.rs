@@ -265,6 +265,7 @@ impl Link {
         FarEnd {
             id: self.state.id,
             unread: unsent(&self.stream).unwrap_or(0) + far.map_or(0, |far| far.unread),
+            called_back: None,
             inode: far.map(|far| far.inode),
         }
     }

@@ -108,7 +108,10 @@ fn introduced(header: &ConnectionHeader) -> Publisher {
         node: header.get("callerid").map(str::to_owned),
         datatype: header.text("type").to_owned(),
         md5sum: header.text("md5sum").to_owned(),
+        message_encoding: "ros1",
+        schema_encoding: "ros1msg",
         latching: header.latching(),
+        offered_qos: None,
         read_stamp: stamp::reader(&definition),
         definition,
     }

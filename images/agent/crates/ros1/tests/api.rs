@@ -43,6 +43,7 @@ fn start_node(graph: &Graph, name: &str, max_message: usize) -> (Node, Kept) {
         call_deadline: Duration::from_secs(5),
         stall: Duration::from_secs(5),
         max_message,
+        paced_by: bagpipe_graph::PacedBy::default(),
     };
     (Node::start(&graph.uri, options, Box::new(kept.clone())).unwrap(), kept)
 }
@@ -54,6 +55,7 @@ fn chatter(latching: bool) -> TopicInfo {
         md5sum: "992ce8a1687cec8c8bd883ec73ca41d1".to_owned(),
         definition: "string data\n".to_owned(),
         latching,
+        offered_qos: None,
     }
 }
 

@@ -5,13 +5,21 @@
 #include <stdint.h>
 
 #define LEDGER_MAGIC 0x3152444c50474142ull /* "BAGPLDR1" */
-#define LEDGER_VERSION 1u
+#define LEDGER_VERSION 2u
 #define LEDGER_PROCESSES 512u
 #define LEDGER_ENDPOINTS 4096u
-#define LEDGER_TOPIC_BYTES 256u
+#define LEDGER_NAME_BYTES 256u
 
 /* What somebody may wait for: an index into `wanted`. */
-enum ledger_event { EVENT_TAKEN, EVENT_STARTED, EVENT_ENDED, EVENT_PUBLISHED, EVENT_LISTED, EVENTS };
+enum ledger_event {
+  EVENT_TAKEN,
+  EVENT_STARTED,
+  EVENT_ENDED,
+  EVENT_PUBLISHED,
+  EVENT_LISTED,
+  EVENT_MATCHED,
+  EVENTS
+};
 
 /* The low byte of an endpoint's state; the process that owns it is above. */
 enum ledger_phase { PHASE_FREE, PHASE_CLAIMED, PHASE_LIVE, PHASE_DESTROYED };
@@ -35,7 +43,8 @@ struct ledger_header {
   _Atomic uint64_t reserved[4];
   _Atomic uint32_t changes; /* the futex */
   _Atomic uint32_t wanted[EVENTS]; /* not 0: somebody is to be woken by the next such event */
-  _Atomic uint32_t reserved_wanted[10];
+  _Atomic uint32_t watch_matches; /* not 0: the number of the watch that asks for matches */
+  _Atomic uint32_t reserved_wanted[8];
 };
 
 struct ledger_process {
@@ -43,7 +52,11 @@ struct ledger_process {
   _Atomic uint32_t state;
   _Atomic uint64_t start; /* clock ticks since boot: field 22 of /proc/PID/stat */
   _Atomic uint32_t unlisted_endpoints;
-  _Atomic uint32_t reserved[11];
+  _Atomic uint32_t reserved;
+  _Atomic uint64_t others_started; /* callbacks of no subscription: timers, services */
+  _Atomic uint64_t others_ended;
+  _Atomic uint64_t stack; /* where it begins: field 28, which exec changes */
+  _Atomic uint32_t reserved_words[4];
 };
 
 struct ledger_endpoint {
@@ -56,16 +69,18 @@ struct ledger_endpoint {
   _Atomic uint32_t durability;
   _Atomic uint32_t thread; /* the last that took or called */
   _Atomic uint64_t depth;
-  _Atomic uint64_t reserved[3];
+  _Atomic uint64_t matched; /* publishers, in the low half; above, the watch that asked for them */
+  _Atomic uint64_t reserved[2];
   _Atomic uint64_t taken;
   _Atomic uint64_t empty; /* takes that found nothing */
   _Atomic uint64_t started;
   _Atomic uint64_t ended;
   _Atomic uint64_t intra_started; /* intra-process: without a take */
   _Atomic uint64_t intra_ended;
-  _Atomic uint64_t returned; /* the thread that took came back to take or to wait */
+  _Atomic uint64_t returned; /* not called: the thread that took came back to take or to wait, or ended */
   _Atomic uint64_t published;
-  _Atomic uint8_t topic[LEDGER_TOPIC_BYTES]; /* ends with a 0 */
+  _Atomic uint8_t topic[LEDGER_NAME_BYTES]; /* ends with a 0, as the next does */
+  _Atomic uint8_t node[LEDGER_NAME_BYTES];  /* "/namespace/name"; empty: not known */
 };
 
 struct ledger {
@@ -76,4 +91,4 @@ struct ledger {
 
 _Static_assert(sizeof(struct ledger_header) == 128, "two lines of cache");
 _Static_assert(sizeof(struct ledger_process) == 64, "a line of cache");
-_Static_assert(sizeof(struct ledger_endpoint) == 384, "six lines of cache");
+_Static_assert(sizeof(struct ledger_endpoint) == 640, "ten lines of cache");

@@ -13,9 +13,9 @@ __asm__(".symver dlsym, dlsym@GLIBC_2.17\n.symver dlopen, dlopen@GLIBC_2.17");
 #error "which version of dlsym do old C libraries of this processor have?"
 #endif
 
+/* Its handle is never closed: whoever loaded it may, and what is found in it is kept. */
 void *next_function(const char *name, const char *library) {
-  void *found = dlsym(RTLD_NEXT, name);
-  if (found != NULL) return found;
   void *loaded = dlopen(library, RTLD_NOLOAD | RTLD_LAZY);
-  return loaded == NULL ? NULL : dlsym(loaded, name);
+  void *found = dlsym(RTLD_NEXT, name);
+  return found != NULL || loaded == NULL ? found : dlsym(loaded, name);
 }

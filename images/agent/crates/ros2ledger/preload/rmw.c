@@ -6,6 +6,9 @@
 
 #include "count.h"
 #include "interpose.h"
+#include "list.h"
+#include "matches.h"
+#include "slices.h"
 
 #define RMW "librmw_implementation.so"
 #define RMW_OK 0
@@ -41,7 +44,7 @@ PUBLIC void *rmw_create_subscription(const void *node, const void *type, const c
   void *made = next(node, type, topic, qos, options);
   if (count_leave() && made != NULL) {
     struct qos_head head = chosen(qos, made, "rmw_subscription_get_actual_qos");
-    count_listed(KIND_SUBSCRIPTION, made, topic, &head);
+    list_endpoint(&(struct creation){KIND_SUBSCRIPTION, made, node, topic, head});
   }
   return made;
 }
@@ -53,7 +56,7 @@ PUBLIC void *rmw_create_publisher(const void *node, const void *type, const char
   void *made = next(node, type, topic, qos, options);
   if (count_leave() && made != NULL) {
     struct qos_head head = chosen(qos, made, "rmw_publisher_get_actual_qos");
-    count_listed(KIND_PUBLISHER, made, topic, &head);
+    list_endpoint(&(struct creation){KIND_PUBLISHER, made, node, topic, head});
   }
   return made;
 }
@@ -61,13 +64,13 @@ PUBLIC void *rmw_create_publisher(const void *node, const void *type, const char
 /* Both are forgotten before: the next one may get the same address from another thread. */
 PUBLIC int rmw_destroy_subscription(void *node, void *subscription) {
   NEXT_RMW(rmw_destroy_subscription)
-  count_destroyed(subscription);
+  list_destroyed(subscription);
   return next(node, subscription);
 }
 
 PUBLIC int rmw_destroy_publisher(void *node, void *publisher) {
   NEXT_RMW(rmw_destroy_publisher)
-  count_destroyed(publisher);
+  list_destroyed(publisher);
   return next(node, publisher);
 }
 
@@ -75,7 +78,10 @@ PUBLIC int rmw_wait(void *subscriptions, void *guards, void *services, void *cli
                     void *wait_set, const void *timeout) {
   NEXT_RMW(rmw_wait)
   count_wait();
-  return next(subscriptions, guards, services, clients, events, wait_set, timeout);
+  if (matches_watched() == 0)
+    return next(subscriptions, guards, services, clients, events, wait_set, timeout);
+  struct wait wait = {next, {subscriptions, guards, services, clients, events}, wait_set, timeout};
+  return wait_in_slices(&wait);
 }
 
 /* A take of one message, with the arguments that come after `taken`. */

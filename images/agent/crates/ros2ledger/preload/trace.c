@@ -4,25 +4,26 @@
 
 #include "count.h"
 #include "interpose.h"
+#include "list.h"
 
 #define NEXT_TRACE(name) NEXT(name, "libtracetools.so", )
 
 PUBLIC void ros_trace_rcl_subscription_init(const void *rcl, const void *node, const void *rmw,
                                             const char *topic, size_t depth) {
-  count_link(rmw, rcl, 0);
+  list_link(rmw, rcl, 0);
   NEXT_TRACE(ros_trace_rcl_subscription_init)
   next(rcl, node, rmw, topic, depth);
 }
 
 PUBLIC void ros_trace_rclcpp_subscription_init(const void *rcl, const void *subscription) {
-  count_introduced(rcl, subscription);
+  list_introduced(rcl, subscription);
   NEXT_TRACE(ros_trace_rclcpp_subscription_init)
   next(rcl, subscription);
 }
 
 PUBLIC void ros_trace_rclcpp_subscription_callback_added(const void *subscription,
                                                          const void *callback) {
-  count_callback(subscription, callback);
+  list_callback(subscription, callback);
   NEXT_TRACE(ros_trace_rclcpp_subscription_callback_added)
   next(subscription, callback);
 }

@@ -1,11 +1,11 @@
 //! A subscription or publisher of a node, as the ledger has it.
 
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::AtomicU8;
 use std::sync::atomic::Ordering::SeqCst;
 
 use crate::layout::{
-    EndpointSlot, FLAG_CALLS, FLAG_INTRA, KIND_PUBLISHER, KIND_SUBSCRIPTION, PHASE_DESTROYED,
-    TOPIC_BYTES,
+    EndpointSlot, FLAG_CALLS, FLAG_INTRA, KIND_PUBLISHER, KIND_SUBSCRIPTION, NAME_BYTES,
+    PHASE_DESTROYED,
 };
 use crate::{ProcessId, Strength};
 
@@ -86,7 +86,9 @@ pub struct Counts {
     pub intra_started: u64,
     /// Those that ended.
     pub intra_ended: u64,
-    /// Where no callback is reported: taken by a thread that took again or waited since.
+    /// Taken by a thread that took again, waited or ended since, without a callback that was
+    /// reported: all of them where none is; otherwise those that rclcpp threw away, as it does with
+    /// copies of what came within the process.
     pub returned: u64,
     /// Handed to the middleware, which took them.
     pub published: u64,
@@ -96,7 +98,7 @@ impl Counts {
     /// Messages that the node has done with, by the strength of what it reports.
     pub fn done(&self, strength: Strength) -> u64 {
         match strength {
-            Strength::Called => self.ended + self.intra_ended,
+            Strength::Called => self.ended + self.intra_ended + self.returned,
             _ => self.returned + self.intra_ended,
         }
     }
@@ -116,8 +118,11 @@ pub struct Endpoint {
     pub kind: Kind,
     /// Whose it is.
     pub process: ProcessId,
-    /// The topic's whole name, with its leading slash.
+    /// The topic's whole name, with its leading slash: 1 to 255 bytes of ASCII.
     pub topic: String,
+    /// Its node's whole name, as `/namespace/name`: up to 255 bytes of ASCII. Empty where rmw was
+    /// given no node.
+    pub node: String,
     /// Its quality of service.
     pub qos: Qos,
     /// The thread that last took or called; `None` before.
@@ -126,6 +131,10 @@ pub struct Endpoint {
     pub destroyed: bool,
     /// Whether rclcpp hands it messages of its own process too, which are not taken.
     pub intra_process: bool,
+    /// Publishers that a subscription has matched, as its middleware says, when its process last
+    /// began to wait, or within 20 ms of a wait that goes on. `None` outside of
+    /// [`watch_matches`](crate::Ledger::watch_matches), and until its process has looked.
+    pub matched: Option<u32>,
     /// What its counts prove; of a publisher, nothing about callbacks.
     pub strength: Strength,
     /// What it has done.
@@ -151,12 +160,9 @@ pub(crate) fn read(
     id: EndpointId,
     process: ProcessId,
     phase: u32,
+    watch: u32,
 ) -> Result<Endpoint, Wrong> {
     let flags = slot.flags.load(SeqCst);
-    let strength = match flags & FLAG_CALLS {
-        0 => Strength::Taken,
-        _ => Strength::Called,
-    };
     let kind = match slot.kind.load(SeqCst) {
         KIND_SUBSCRIPTION => Kind::Subscription,
         KIND_PUBLISHER => Kind::Publisher,
@@ -165,19 +171,48 @@ pub(crate) fn read(
             return Err((at, format!("{other} is no kind of endpoint")));
         }
     };
+    let topic = name(slot, &slot.topic, "topic")?;
+    if topic.is_empty() {
+        let at = std::mem::offset_of!(EndpointSlot, topic);
+        return Err((at, "a topic without a name".into()));
+    }
     let thread = slot.thread.load(SeqCst);
     Ok(Endpoint {
         id,
         kind,
         process,
-        topic: topic(slot)?,
+        topic,
+        node: name(slot, &slot.node, "node")?,
         qos: qos(slot),
         thread: (thread != 0).then_some(thread),
         destroyed: phase == PHASE_DESTROYED,
         intra_process: flags & FLAG_INTRA != 0,
-        strength,
+        matched: matched(slot, watch),
+        strength: strength(flags),
         counts: counts(slot)?,
     })
+}
+
+/// Reads a slot again of which all is known that its endpoint never changes.
+pub(crate) fn again(slot: &EndpointSlot, known: &Endpoint, phase: u32) -> Result<Endpoint, Wrong> {
+    let flags = slot.flags.load(SeqCst);
+    Ok(Endpoint {
+        destroyed: phase == PHASE_DESTROYED,
+        intra_process: flags & FLAG_INTRA != 0,
+        strength: strength(flags),
+        counts: counts(slot)?,
+        ..known.clone()
+    })
+}
+
+fn strength(flags: u32) -> Strength {
+    if flags & FLAG_CALLS == 0 { Strength::Taken } else { Strength::Called }
+}
+
+/// What was seen during this watch; no watch is 0.
+fn matched(slot: &EndpointSlot, watch: u32) -> Option<u32> {
+    let both = slot.matched.load(SeqCst);
+    (watch != 0 && (both >> 32) as u32 == watch).then_some(both as u32)
 }
 
 /// The counts alone.
@@ -192,8 +227,6 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     let published = slot.published.load(SeqCst);
     // No process counts so far in a lifetime; beyond, sums would not fit.
     let most = [taken, started, intra_started, published].into_iter().fold(0, u64::max);
-    let place =
-        |field: &AtomicU64| std::ptr::from_ref(field).addr() - std::ptr::from_ref(slot).addr();
     let pairs = [
         (&slot.ended, "ends", ended, "starts", started),
         (&slot.intra_ended, "ends", intra_ended, "starts within the process", intra_started),
@@ -202,25 +235,30 @@ pub(crate) fn counts(slot: &EndpointSlot) -> Result<Counts, Wrong> {
     ];
     for (field, what, more, of, less) in pairs {
         if more > less {
-            return Err((place(field), format!("{more} {what} of {less} {of}")));
+            return Err((place(slot, field), format!("{more} {what} of {less} {of}")));
         }
     }
     Ok(Counts { taken, empty, started, ended, intra_started, intra_ended, returned, published })
 }
 
-fn topic(slot: &EndpointSlot) -> Result<String, Wrong> {
-    let mut name = String::with_capacity(TOPIC_BYTES);
-    for (at, byte) in slot.topic.iter().enumerate() {
-        let here = std::mem::offset_of!(EndpointSlot, topic) + at;
+/// The name of the slot's topic or node, which `field` has.
+fn name(slot: &EndpointSlot, field: &[AtomicU8; NAME_BYTES], of: &str) -> Result<String, Wrong> {
+    let mut name = String::with_capacity(NAME_BYTES);
+    for byte in field {
         match byte.load(SeqCst) {
-            0 if at == 0 => return Err((here, "a topic without a name".into())),
             0 => return Ok(name),
             letter if letter.is_ascii_graphic() => name.push(char::from(letter)),
-            other => return Err((here, format!("byte {other} in the name of a topic"))),
+            other => {
+                return Err((place(slot, byte), format!("byte {other} in the name of a {of}")));
+            }
         }
     }
-    let behind = std::mem::offset_of!(EndpointSlot, topic) + TOPIC_BYTES;
-    Err((behind, "the name of a topic does not end".into()))
+    Err((place(slot, field) + NAME_BYTES, format!("the name of a {of} does not end")))
+}
+
+/// Where a part of a slot is in it.
+fn place<T>(slot: &EndpointSlot, part: &T) -> usize {
+    std::ptr::from_ref(part).addr() - std::ptr::from_ref(slot).addr()
 }
 
 fn qos(slot: &EndpointSlot) -> Qos {

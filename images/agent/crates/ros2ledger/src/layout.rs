@@ -5,11 +5,11 @@ use std::sync::atomic::{AtomicU8, AtomicU32, AtomicU64};
 
 /// `BAGPLDR1`.
 pub(crate) const MAGIC: u64 = 0x3152_444c_5047_4142;
-pub(crate) const VERSION: u32 = 1;
+pub(crate) const VERSION: u32 = 2;
 pub(crate) const PROCESSES: usize = 512;
 pub(crate) const ENDPOINTS: usize = 4096;
-pub(crate) const TOPIC_BYTES: usize = 256;
-pub(crate) const EVENTS: usize = 5;
+pub(crate) const NAME_BYTES: usize = 256;
+pub(crate) const EVENTS: usize = 6;
 
 pub(crate) const PHASE_FREE: u32 = 0;
 pub(crate) const PHASE_CLAIMED: u32 = 1;
@@ -40,7 +40,8 @@ pub(crate) struct Header {
     pub(crate) reserved: [AtomicU64; 4],
     pub(crate) changes: AtomicU32,
     pub(crate) wanted: [AtomicU32; EVENTS],
-    pub(crate) reserved_wanted: [AtomicU32; 10],
+    pub(crate) watch_matches: AtomicU32,
+    pub(crate) reserved_wanted: [AtomicU32; 8],
 }
 
 #[repr(C)]
@@ -49,7 +50,11 @@ pub(crate) struct ProcessEntry {
     pub(crate) state: AtomicU32,
     pub(crate) start: AtomicU64,
     pub(crate) unlisted_endpoints: AtomicU32,
-    pub(crate) reserved: [AtomicU32; 11],
+    pub(crate) reserved: AtomicU32,
+    pub(crate) others_started: AtomicU64,
+    pub(crate) others_ended: AtomicU64,
+    pub(crate) stack: AtomicU64,
+    pub(crate) reserved_words: [AtomicU32; 4],
 }
 
 #[repr(C)]
@@ -63,7 +68,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) durability: AtomicU32,
     pub(crate) thread: AtomicU32,
     pub(crate) depth: AtomicU64,
-    pub(crate) reserved: [AtomicU64; 3],
+    pub(crate) matched: AtomicU64,
+    pub(crate) reserved: [AtomicU64; 2],
     pub(crate) taken: AtomicU64,
     pub(crate) empty: AtomicU64,
     pub(crate) started: AtomicU64,
@@ -72,7 +78,8 @@ pub(crate) struct EndpointSlot {
     pub(crate) intra_ended: AtomicU64,
     pub(crate) returned: AtomicU64,
     pub(crate) published: AtomicU64,
-    pub(crate) topic: [AtomicU8; TOPIC_BYTES],
+    pub(crate) topic: [AtomicU8; NAME_BYTES],
+    pub(crate) node: [AtomicU8; NAME_BYTES],
 }
 
 #[repr(C)]
@@ -110,15 +117,18 @@ mod tests {
     fn of_rust() -> Vec<(String, usize, usize)> {
         let mut all = fields!(Header, "ledger_header", magic: u64, version: u32, processes: u32,
             endpoints: u32, unlisted_processes: u32, unlisted_endpoints: u32, endpoints_used: u32,
-            reserved: [u64; 4], changes: u32, wanted: [u32; 5], reserved_wanted: [u32; 10]);
+            reserved: [u64; 4], changes: u32, wanted: [u32; 6], watch_matches: u32,
+            reserved_wanted: [u32; 8]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
-            unlisted_endpoints: u32, reserved: [u32; 11]));
+            unlisted_endpoints: u32, reserved: u32, others_started: u64, others_ended: u64,
+            stack: u64, reserved_words: [u32; 4]));
         all.extend(
             fields!(EndpointSlot, "ledger_endpoint", state: u32, generation: u32, kind: u32,
             flags: u32, history: u32, reliability: u32, durability: u32, thread: u32, depth: u64,
-            reserved: [u64; 3], taken: u64, empty: u64, started: u64, ended: u64,
+            matched: u64, reserved: [u64; 2], taken: u64, empty: u64, started: u64, ended: u64,
             intra_started: u64, intra_ended: u64, returned: u64, published: u64,
-            topic: [u8; 256]),
+            topic: [u8; 256],
+            node: [u8; 256]),
         );
         all.extend(fields!(Layout, "ledger", header: Header, process: [ProcessEntry; 512],
             endpoint: [EndpointSlot; 4096]));
@@ -131,7 +141,7 @@ mod tests {
             ("LEDGER_VERSION", VERSION.into()),
             ("LEDGER_PROCESSES", PROCESSES as u64),
             ("LEDGER_ENDPOINTS", ENDPOINTS as u64),
-            ("LEDGER_TOPIC_BYTES", TOPIC_BYTES as u64),
+            ("LEDGER_NAME_BYTES", NAME_BYTES as u64),
             ("EVENTS", EVENTS as u64),
             ("PHASE_FREE", PHASE_FREE.into()),
             ("PHASE_CLAIMED", PHASE_CLAIMED.into()),
@@ -150,6 +160,7 @@ mod tests {
             ("EVENT_ENDED", crate::Event::Ended as u64),
             ("EVENT_PUBLISHED", crate::Event::Published as u64),
             ("EVENT_LISTED", crate::Event::Listed as u64),
+            ("EVENT_MATCHED", crate::Event::Matched as u64),
         ]
     }
 

@@ -3,6 +3,7 @@
 use std::ffi::{OsStr, OsString};
 use std::os::fd::AsRawFd;
 use std::path::Path;
+use std::sync::atomic::AtomicU32;
 use std::sync::atomic::Ordering::SeqCst;
 
 use crate::endpoint::{self, Wrong};
@@ -18,6 +19,8 @@ use crate::{Counts, Endpoint, EndpointId, LedgerError, Process, ProcessId, Stren
 /// Dropping it leaves them uncounted; they run on.
 pub struct Ledger {
     pub(crate) memory: Memory,
+    /// Odd while matches are watched; each watch has another number.
+    watches: AtomicU32,
 }
 
 /// What found no room. While all of it is 0, everything that counts is listed.
@@ -33,9 +36,9 @@ impl Ledger {
     /// An empty ledger.
     ///
     /// # Errors
-    /// [`LedgerError::Memory`] if the kernel gives none, which needs 1.6 MiB at the most.
+    /// [`LedgerError::Memory`] if the kernel gives none, which needs 2.6 MiB at the most.
     pub fn new() -> Result<Ledger, LedgerError> {
-        Ok(Ledger { memory: Memory::new()? })
+        Ok(Ledger { memory: Memory::new()?, watches: AtomicU32::new(0) })
     }
 
     /// What to put into a node's environment. `library` is the absolute path of a file with
@@ -57,8 +60,8 @@ impl Ledger {
     /// # Errors
     /// [`LedgerError::Damaged`].
     pub fn processes(&self) -> Result<Vec<Process>, LedgerError> {
-        let all = (0..PROCESSES).map(|entry| self.process(entry));
-        all.filter_map(Result::transpose).collect()
+        let listed = (0..PROCESSES).map(|entry| self.entry(entry)).filter_map(Result::transpose);
+        listed.map(|one| one.map(|one| Process { alive: self.runs(one.id), ..one })).collect()
     }
 
     /// The subscriptions and publishers, also those that were destroyed or whose process ended,
@@ -67,7 +70,29 @@ impl Ledger {
     /// # Errors
     /// [`LedgerError::Damaged`].
     pub fn endpoints(&self) -> Result<Vec<Endpoint>, LedgerError> {
-        (0..self.used()).map(|slot| self.endpoint(slot)).filter_map(Result::transpose).collect()
+        self.endpoints_like(&[])
+    }
+
+    /// The same, for who has read most of them before, in the order of their slots.
+    pub(crate) fn endpoints_like(&self, before: &[Endpoint]) -> Result<Vec<Endpoint>, LedgerError> {
+        let mut before = before.iter().peekable();
+        let mut all = Vec::new();
+        for at in 0..self.used() {
+            while before.next_if(|one| one.id.slot < at).is_some() {}
+            let known = before.peek().copied().filter(|one| one.id.slot == at);
+            all.extend(self.endpoint(at, known)?);
+        }
+        Ok(all)
+    }
+
+    /// Callbacks of timers and services in each process: those that ended, and those that began.
+    pub(crate) fn others(&self) -> Result<Vec<(ProcessId, u64, u64)>, LedgerError> {
+        let mut all = Vec::new();
+        for entry in 0..PROCESSES {
+            let Some(one) = self.entry(entry)? else { continue };
+            all.push((one.id, one.others_ended, one.others_started));
+        }
+        Ok(all)
     }
 
     /// What one endpoint has done by now: a few loads, for who asks often.
@@ -79,6 +104,20 @@ impl Ledger {
         let counts = endpoint::counts(slot).map_err(|wrong| self.damaged(slot, wrong))?;
         // Another use of the slot may have begun in between.
         self.slot(id).map(|_| counts)
+    }
+
+    /// Has the nodes report how many publishers their subscriptions have matched, or no longer:
+    /// [`Endpoint::matched`] and [`Event::Matched`](crate::Event::Matched). Each watch begins
+    /// without figures.
+    ///
+    /// Meanwhile a node's waits are cut into pieces of 20 ms; it is asked all the same if it waits
+    /// without end, unless it began to before the watch: then not until something wakes it. So
+    /// begin before the nodes start, and end when all are matched.
+    pub fn watch_matches(&self, watch: bool) {
+        let change = |number: u32| (watch != (number % 2 == 1)).then(|| number.wrapping_add(1));
+        let _as_it_was = self.watches.fetch_update(SeqCst, SeqCst, change);
+        let number = watch_number(self.watches.load(SeqCst));
+        self.memory.header.watch_matches.store(number, SeqCst);
     }
 
     /// What found no room.
@@ -124,6 +163,7 @@ impl Ledger {
             let process = &self.memory.process[id.entry];
             process.state.store(PROCESS_FREE, SeqCst);
             process.start.store(0, SeqCst);
+            process.stack.store(0, SeqCst);
             process.pid.store(0, SeqCst);
         }
         Ok(last)
@@ -142,8 +182,8 @@ impl Ledger {
         (self.memory.header.endpoints_used.load(SeqCst) as usize).min(ENDPOINTS)
     }
 
-    /// `None` of an entry that nobody has, or has not filled in yet.
-    fn process(&self, entry: usize) -> Result<Option<Process>, LedgerError> {
+    /// `None` of an entry that nobody has, or has not filled in yet; whether it runs is not asked.
+    fn entry(&self, entry: usize) -> Result<Option<Process>, LedgerError> {
         let process: &ProcessEntry = &self.memory.process[entry];
         let state = process.state.load(SeqCst);
         let pid = process.pid.load(SeqCst);
@@ -155,9 +195,16 @@ impl Ledger {
             return Err(self.damaged(process, (at, format!("{state} is no state of a process"))));
         }
         let id = ProcessId { pid, start: process.start.load(SeqCst), entry };
-        let alive = self.runs(id);
         let unlisted = process.unlisted_endpoints.load(SeqCst);
-        Ok(Some(Process { id, alive, unlisted }))
+        // Before the starts, so that a node that counts meanwhile is not taken for one that lies.
+        let others_ended = process.others_ended.load(SeqCst);
+        let others_started = process.others_started.load(SeqCst);
+        if others_ended > others_started {
+            let at = std::mem::offset_of!(ProcessEntry, others_ended);
+            let what = format!("{others_ended} ends of {others_started} starts");
+            return Err(self.damaged(process, (at, what)));
+        }
+        Ok(Some(Process { id, alive: false, unlisted, others_started, others_ended }))
     }
 
     /// Whether this program runs: its process does, and has become no other one.
@@ -166,7 +213,7 @@ impl Ledger {
         process.pid.load(SeqCst) == id.pid
             && process.start.load(SeqCst) == id.start
             && process.state.load(SeqCst) == PROCESS_LIVE
-            && is_alive(id)
+            && is_alive(id, process.stack.load(SeqCst))
     }
 
     /// The process of a slot's state, without asking the kernel for it.
@@ -181,8 +228,12 @@ impl Ledger {
         Ok(ProcessId { pid, start, entry })
     }
 
-    /// `None` of a slot that is free or not filled in yet.
-    fn endpoint(&self, at: usize) -> Result<Option<Endpoint>, LedgerError> {
+    /// `None` of a slot that is free or not filled in yet. `known` is what it was, if it was read.
+    fn endpoint(
+        &self,
+        at: usize,
+        known: Option<&Endpoint>,
+    ) -> Result<Option<Endpoint>, LedgerError> {
         let slot = &self.memory.endpoint[at];
         let generation = slot.generation.load(SeqCst);
         let state = slot.state.load(SeqCst);
@@ -195,8 +246,14 @@ impl Ledger {
         };
         let process = self.owner(slot, state)?;
         let id = EndpointId { slot: at, generation };
-        let mut read =
-            endpoint::read(slot, id, process, phase).map_err(|wrong| self.damaged(slot, wrong))?;
+        let read = match known.filter(|one| one.id == id && one.process == process) {
+            Some(known) => endpoint::again(slot, known, phase),
+            None => {
+                let watch = watch_number(self.watches.load(SeqCst));
+                endpoint::read(slot, id, process, phase, watch)
+            }
+        };
+        let mut read = read.map_err(|wrong| self.damaged(slot, wrong))?;
         let replaced = &self.memory.process[process.entry].state;
         read.destroyed |= replaced.load(SeqCst) == PROCESS_REPLACED;
         Ok(Some(read))
@@ -216,4 +273,9 @@ impl Ledger {
         let offset = std::ptr::from_ref(part).addr() - std::ptr::from_ref(layout).addr() + at;
         LedgerError::Damaged { offset, what }
     }
+}
+
+/// The number of a watch that goes on, otherwise 0.
+fn watch_number(watches: u32) -> u32 {
+    if watches % 2 == 1 { watches } else { 0 }
 }

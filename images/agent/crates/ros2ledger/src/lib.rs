@@ -18,10 +18,18 @@
 //! # What is exact
 //! Of one subscription at rest: messages that it was sent, less those taken, were overwritten;
 //! takes are starts are ends. After SIGKILL in a callback there is one start more than ends for each
-//! thread in one. Intra-process messages of rclcpp have starts and ends of their own and no take.
+//! thread in one. Intra-process messages of rclcpp have starts and ends of their own and no take;
+//! copies of them that come through the middleware as well are taken and returned, without a call.
+//! Callbacks of timers and services count for their process.
 //! A call into rmw that is made by another one counts once. A child of `fork` counts for itself
 //! from the first endpoint that it creates; what it uses of its parent's is not counted. Where a
 //! table is full the rest is counted in `unlisted`, never left out in silence.
+//!
+//! # Matches, and rest
+//! Before a first message goes out its reader has to have matched the writer: while somebody
+//! [watches](Ledger::watch_matches), [`Endpoint::matched`] has what the reader's own middleware
+//! says. When what an input set off has come to its end, over several nodes, is
+//! [`Ledger::quiet`]: proved by counts, or a doubt with its reason.
 //!
 //! # Nothing in it is trusted
 //! The nodes write this memory, so whatever is read is compared with what can be: no value of it is
@@ -30,10 +38,10 @@
 //! that make sense; it could lie in its answers as well.
 //!
 //! # Cost
-//! A message that is published, waited for, taken and called takes 49 ns more with a ledger (171 for
-//! 122), 37 where there are no tracepoints (148 for 111), and some 150 more while a reader sleeps
-//! until each end: medians of fifteen rounds of the stand-in, two cores, 23 November 2026, by
-//! `cargo run --release -p bagpipe-ros2ledger --example cost 15`. docs/limits.md has what is not
+//! A message that is published, waited for, taken and called takes 33 ns more with a ledger (119 for
+//! 85), 29 where there are no tracepoints (102 for 73), and some 200 more while a reader sleeps
+//! until each end: medians of seven rounds of the stand-in, two cores, 23 November 2026, by
+//! `cargo run --release -p bagpipe-ros2ledger --example cost 7`. docs/limits.md has what is not
 //! covered.
 
 mod endpoint;
@@ -43,6 +51,7 @@ mod ledger;
 mod library;
 mod memory;
 mod process;
+mod quiet;
 mod wait;
 
 pub use endpoint::{Counts, Durability, Endpoint, EndpointId, History, Kind, Qos, Reliability};
@@ -50,4 +59,5 @@ pub use error::LedgerError;
 pub use ledger::{Ledger, Unlisted};
 pub use library::LIBRARY;
 pub use process::{Process, ProcessId, Strength};
+pub use quiet::{Busy, Doubt, Mark, Quiet, Why};
 pub use wait::{Event, Waited};

@@ -3,10 +3,10 @@
 use std::ffi::{OsStr, OsString};
 use std::path::Path;
 
-/// The shared library to preload: an ELF file of 26 KiB for this processor and any glibc from 2.31 on.
+/// The shared library to preload: an ELF file of 30 KiB for this processor and any glibc from 2.31 on.
 ///
 /// It is C, which the compiler that links Rust builds as it is: the newest symbol that it asks for
-/// is glibc 2.3.2's, since it has no call that newer ones gave a new version but `dlsym` and
+/// is glibc 2.18's, since it has no call that newer ones gave a new version but `dlsym` and
 /// `dlopen`, whose old ones are named. A library of the same kind in Rust asks for 2.34 on
 /// Debian 12, and for `libgcc_s`, in 318 KiB: its standard library is bound to the C library of the
 /// machine that builds, and another tool chain would be needed.

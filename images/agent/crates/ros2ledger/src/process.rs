@@ -22,6 +22,10 @@ pub struct Process {
     pub alive: bool,
     /// Endpoints, or their callbacks, that it could not list: of these nothing is counted.
     pub unlisted: u32,
+    /// Callbacks that began and are no listed subscription's: of timers, and of services.
+    pub others_started: u64,
+    /// Those that ended.
+    pub others_ended: u64,
 }
 
 /// How far a delivery to an endpoint is proved; the stronger is the greater.
@@ -35,14 +39,24 @@ pub enum Strength {
     Called,
 }
 
-/// Whether this very process runs still, whatever program it is.
-pub(crate) fn is_alive(process: ProcessId) -> bool {
+/// Whether this very process runs still, and the program in it whose stack began at `stack`.
+pub(crate) fn is_alive(process: ProcessId, stack: u64) -> bool {
     let stat = std::fs::read(format!("/proc/{}/stat", process.pid)).unwrap_or_default();
-    began(&stat) == Some(process.start)
+    let Some(now) = began(&stat) else { return false };
+    // The kernel hides the stack of a process that does not let itself be read.
+    let known = stack != 0 && now.stack != 0;
+    now.start == process.start && (!known || now.stack == stack)
 }
 
-/// The start time in `/proc/PID/stat`; `None` of a process that has ended.
-fn began(stat: &[u8]) -> Option<u64> {
+/// When a process began, and where its stack does: 0 if that is hidden.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Began {
+    start: u64,
+    stack: u64,
+}
+
+/// As `/proc/PID/stat` has it; `None` of a process that has ended.
+fn began(stat: &[u8]) -> Option<Began> {
     // The name, in brackets, may have any bytes.
     let name_ends = stat.iter().rposition(|byte| *byte == b')')?;
     let mut fields = std::str::from_utf8(&stat[name_ends + 1..]).ok()?.split_ascii_whitespace();
@@ -50,7 +64,9 @@ fn began(stat: &[u8]) -> Option<u64> {
     if matches!(state, "Z" | "X" | "x") {
         return None;
     }
-    fields.nth(18)?.parse().ok()
+    let start = fields.nth(18)?.parse().ok()?;
+    let stack = fields.nth(5)?.parse().ok()?;
+    Some(Began { start, stack })
 }
 
 /// Whether a process has loaded ROS 2's client library or a middleware of it.
@@ -77,14 +93,16 @@ pub(crate) fn uses_ros2(pid: u32) -> std::io::Result<bool> {
 mod tests {
     use super::*;
 
-    const STAT: &str = "7 (a) (b c) S 1 7 7 0 -1 4194560 1 2 3 4 5 6 7 8 20 0 1 0 991 1000 50";
+    const STAT: &str = "7 (a) (b c) S 1 7 7 0 -1 4194560 1 2 3 4 5 6 7 8 20 0 1 0 991 1000 50 9 1 2 \
+        77 0 0";
 
     #[test]
-    fn the_start_time_is_field_22_behind_any_name() {
-        assert_eq!(began(STAT.as_bytes()), Some(991));
+    fn the_start_time_is_field_22_behind_any_name_and_the_stack_field_28() {
+        let whole = Began { start: 991, stack: 77 };
+        assert_eq!(began(STAT.as_bytes()), Some(whole));
         assert_eq!(began(STAT.replace(") S", ") Z").as_bytes()), None);
         assert_eq!(began(STAT.replace(") S", ") X").as_bytes()), None);
-        for length in 0..STAT.find("991").unwrap() {
+        for length in 0..STAT.find("77 0 0").unwrap() {
             assert_eq!(began(&STAT.as_bytes()[..length]), None, "{length}");
         }
     }
@@ -92,10 +110,11 @@ mod tests {
     #[test]
     fn this_process_runs_and_uses_no_ros() {
         let pid = std::process::id();
-        let stat = std::fs::read("/proc/self/stat").unwrap();
-        let start = began(&stat).unwrap();
-        assert!(is_alive(ProcessId { pid, start, entry: 0 }));
-        assert!(!is_alive(ProcessId { pid, start: start + 1, entry: 0 }));
+        let Began { start, stack } = began(&std::fs::read("/proc/self/stat").unwrap()).unwrap();
+        let own = ProcessId { pid, start, entry: 0 };
+        assert!(stack != 0 && is_alive(own, stack) && is_alive(own, 0));
+        assert!(!is_alive(own, stack + 1));
+        assert!(!is_alive(ProcessId { start: start + 1, ..own }, stack));
         assert!(!uses_ros2(pid).unwrap());
         assert!(!uses_ros2(u32::MAX).unwrap());
     }

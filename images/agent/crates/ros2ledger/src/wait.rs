@@ -26,6 +26,8 @@ pub enum Event {
     Published,
     /// An endpoint was created or destroyed.
     Listed,
+    /// A subscription has matched another number of publishers, while these are watched.
+    Matched,
 }
 
 /// How a wait ended.

@@ -1,5 +1,5 @@
 //! The same over a real middleware, Debian's Cyclone DDS on loopback, whose queues overwrite without
-//! a word. Needs the package cyclonedds-dev: `cargo test -p bagpipe-ros2ledger -- --ignored`.
+//! a word. Needs Debian's package cyclonedds-dev.
 #![allow(clippy::unwrap_used)]
 
 mod standin;
@@ -7,7 +7,7 @@ mod standin;
 use std::ffi::OsString;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Counts, Endpoint, Event, Kind, Ledger, Strength, Waited};
+use bagpipe_ros2ledger::{Counts, Endpoint, Event, Kind, Ledger, Mark, Quiet, Strength, Waited};
 use standin::{Client, Middleware, Node, built_over};
 
 /// Unicast on loopback, in a domain of this process.
@@ -23,6 +23,13 @@ fn start(client: Client, ledger: &Ledger) -> Node {
     let mut variables = ledger.environment(&folder.join("ledger.so"), None).to_vec();
     variables.push(("CYCLONEDDS_URI", OsString::from(settings)));
     Node::in_folder(folder, client, &variables)
+}
+
+/// A node that does not count, as a player's.
+fn start_uncounted() -> Node {
+    let folder = built_over(Middleware::Cyclone);
+    let settings = SETTINGS.replace("PID", &std::process::id().to_string());
+    Node::in_folder(folder, Client::Rclcpp, &[("CYCLONEDDS_URI", OsString::from(settings))])
 }
 
 fn only(ledger: &Ledger, kind: Kind) -> Endpoint {
@@ -43,7 +50,6 @@ fn pair(client: Client, ledger: &Ledger, topic: &str, depth: u32) -> (Node, Node
 }
 
 #[test]
-#[ignore = "needs Debian's cyclonedds-dev"]
 fn what_cyclone_overwrote_is_what_was_published_and_not_taken() {
     for (client, strength) in [(Client::Rclcpp, Strength::Called), (Client::Rclpy, Strength::Taken)]
     {
@@ -58,7 +64,6 @@ fn what_cyclone_overwrote_is_what_was_published_and_not_taken() {
 }
 
 #[test]
-#[ignore = "needs Debian's cyclonedds-dev"]
 fn between_processes_under_overload_every_take_is_a_call_and_the_node_agrees() {
     for client in [Client::Rclcpp, Client::Rclpy] {
         let ledger = Ledger::new().unwrap();
@@ -80,7 +85,6 @@ fn between_processes_under_overload_every_take_is_a_call_and_the_node_agrees() {
 }
 
 #[test]
-#[ignore = "needs Debian's cyclonedds-dev"]
 fn who_waits_for_the_ledger_before_each_queue_full_loses_nothing() {
     let ledger = Ledger::new().unwrap();
     let (mut from, mut to) = pair(Client::Rclcpp, &ledger, "/credit", 10);
@@ -99,7 +103,6 @@ fn who_waits_for_the_ledger_before_each_queue_full_loses_nothing() {
 }
 
 #[test]
-#[ignore = "needs Debian's cyclonedds-dev"]
 fn killed_in_a_callback_there_is_one_start_more() {
     let ledger = Ledger::new().unwrap();
     let (mut from, mut to) = pair(Client::Rclcpp, &ledger, "/killed", 10);
@@ -110,4 +113,66 @@ fn killed_in_a_callback_there_is_one_start_more() {
     to.kill();
     let counts = only(&ledger, Kind::Subscription).counts;
     assert_eq!((counts.taken, counts.started, counts.ended), (4, 4, 3));
+}
+
+#[test]
+fn a_subscription_that_sleeps_without_end_reports_when_another_process_matches_it() {
+    let ledger = Ledger::new().unwrap();
+    ledger.watch_matches(true);
+    let mut to = start(Client::Rclcpp, &ledger);
+    to.obey(&["sub /matched 10 reliable", "sleep /matched"]);
+    let matches = |wanted: u32| {
+        let all = |ledger: &Ledger| {
+            let endpoints = ledger.endpoints()?;
+            let of = endpoints.iter().find(|one| one.kind == Kind::Subscription);
+            Ok(of.is_some_and(|one| one.matched == Some(wanted)))
+        };
+        let deadline = Instant::now() + Duration::from_secs(20);
+        assert_eq!(ledger.wait(&[Event::Matched], &[], deadline, all).unwrap(), Waited::Held);
+    };
+    matches(0);
+    let mut from = start_uncounted();
+    from.obey(&["pub /matched 10"]);
+    matches(1);
+    ledger.watch_matches(false);
+    from.obey(&["publish /matched 1"]);
+    assert_eq!(to.answer(), "woke 0 1");
+}
+
+/// A chain of processes in steps: whenever it is still, its end has what was put in.
+#[test]
+fn a_chain_of_processes_is_still_only_when_its_end_has_called() {
+    let ledger = Ledger::new().unwrap();
+    let (mut player, mut middle) = (start_uncounted(), start(Client::Rclcpp, &ledger));
+    let mut end = start(Client::Rclcpp, &ledger);
+    end.obey(&["sub /end 10 reliable"]);
+    middle.obey(&["sub /begin 10 reliable", "pub /end 10", "relay /begin 0 /end"]);
+    player.obey(&["pub /begin 10", "match /begin 0 pub"]);
+    middle.obey(&["match /end 0 pub", "match /begin 0 sub"]);
+    end.obey(&["match /end 0 sub"]);
+    middle.send("total /begin 900");
+    end.send("total /end 900");
+    let last = ledger
+        .endpoints()
+        .unwrap()
+        .into_iter()
+        .find(|one| (one.kind, one.topic.as_str()) == (Kind::Subscription, "/end"));
+    let last = last.unwrap().id;
+    let Quiet::Still(mut mark) = ledger.quiet(&Mark::default(), &[]).unwrap() else { panic!() };
+    for step in 1..=300 {
+        player.obey(&["publish /begin 3"]);
+        let mut next = None;
+        let still = |ledger: &Ledger| {
+            if let Quiet::Still(mark) = ledger.quiet(&mark, &[("/begin", 3)])? {
+                next = Some(mark);
+            }
+            Ok(next.is_some())
+        };
+        let deadline = Instant::now() + Duration::from_secs(20);
+        let waited = ledger.wait(&[Event::Ended], &[], deadline, still).unwrap();
+        assert_eq!(waited, Waited::Held, "{step}");
+        assert_eq!(ledger.counts(last).unwrap().ended, 3 * step);
+        mark = next.unwrap();
+    }
+    assert_eq!((middle.answer(), end.answer()), ("done".into(), "done".into()));
 }

@@ -7,12 +7,12 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros2ledger::{Endpoint, Event, Ledger, LedgerError, Waited};
+use bagpipe_ros2ledger::{Endpoint, Event, Ledger, LedgerError, Mark, Waited};
 use standin::{Client, Node};
 
 const PROCESSES: u64 = 128;
 const ENDPOINTS: u64 = PROCESSES + 512 * 64;
-const END: u64 = ENDPOINTS + 4096 * 384;
+const END: u64 = ENDPOINTS + 4096 * 640;
 
 /// The memory, as any node can open it.
 fn opened(ledger: &Ledger) -> File {
@@ -40,8 +40,9 @@ fn damage(ledger: &Ledger) -> (u64, String) {
 fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
     let (ledger, _node, file) = filled();
     let slot = ENDPOINTS;
-    let whole: [(u64, Vec<u8>, u64, &str); 9] = [
+    let whole: [(u64, Vec<u8>, u64, &str); 13] = [
         (PROCESSES + 4, vec![9], PROCESSES + 4, "9 is no state of a process"),
+        (PROCESSES + 32, vec![4], PROCESSES + 32, "4 ends of 0 starts"),
         (slot, vec![77], slot, "77 is no phase of an endpoint"),
         (slot + 1, vec![200, 1], slot, "process 456 has it, which there is not"),
         (slot + 1, vec![255, 255, 255], slot, "process 16777215 has it, which there is not"),
@@ -50,6 +51,9 @@ fn what_can_not_be_is_refused_with_the_place_where_it_stands() {
         (slot + 64, vec![0, 0, 0, 0, 0, 0, 0, 0x80], slot + 64, "messages of"),
         (slot + 130, vec![10], slot + 130, "byte 10 in the name of a topic"),
         (slot + 128, vec![b'a'; 256], slot + 384, "the name of a topic does not end"),
+        (slot + 128, vec![0], slot + 128, "a topic without a name"),
+        (slot + 386, vec![200], slot + 386, "byte 200 in the name of a node"),
+        (slot + 384, vec![b'a'; 256], slot + 640, "the name of a node does not end"),
     ];
     for (at, bytes, offset, what) in whole {
         let mut kept = vec![0; bytes.len()];
@@ -75,7 +79,7 @@ fn its_length_is_sealed() {
 #[test]
 fn a_ledger_of_another_version_is_left_alone() {
     let ledger = Ledger::new().unwrap();
-    for (at, value) in [(0, 7), (8, 2), (12, 1), (16, 1)] {
+    for (at, value) in [(0, 7), (8, 1), (12, 1), (16, 1)] {
         let file = opened(&ledger);
         let mut kept = [0];
         file.read_exact_at(&mut kept, at).unwrap();
@@ -95,6 +99,7 @@ fn use_all(ledger: &Ledger, some: &[Endpoint]) -> usize {
     refused += some.iter().filter(|one| ledger.counts(one.id).is_err()).count();
     refused += usize::from(ledger.strength_of(std::process::id()).is_err());
     let _any = ledger.unlisted();
+    refused += usize::from(ledger.quiet(&Mark::default(), &[("/scan", 1)]).is_err());
     let soon = Instant::now() + Duration::from_millis(1);
     let processes: Vec<_> = some.iter().map(|one| one.process).collect();
     let waited = ledger.wait(&[Event::Ended], &processes, soon, |_| Ok(false)).unwrap();

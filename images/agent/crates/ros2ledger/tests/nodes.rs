@@ -6,10 +6,11 @@ mod standin;
 use std::fs::File;
 use std::io::Write;
 use std::os::fd::AsRawFd;
+use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{
     Counts, Durability, Endpoint, History, Kind, Ledger, Process, Qos, Reliability, Strength,
-    Unlisted,
+    Unlisted, Waited,
 };
 use rustix::fs::{MemfdFlags, memfd_create};
 use standin::{Client, Node, built};
@@ -115,24 +116,6 @@ fn what_others_create_and_destroy_meanwhile_costs_no_count() {
 }
 
 #[test]
-fn no_count_is_lost_between_threads_of_one_callback() {
-    let ledger = Ledger::new().unwrap();
-    let mut node = Node::start(Client::Rclcpp, &ledger);
-    node.obey(&["sub /scan 10", "storm /scan 1000000 4"]);
-    let Counts { started, ended, .. } = subscription(&ledger, "/scan").counts;
-    assert_eq!((started, ended, node.report("/scan").called), (4_000_000, 4_000_000, 4_000_000));
-}
-
-#[test]
-fn a_callback_that_runs_is_known_however_it_was_introduced() {
-    let ledger = Ledger::new().unwrap();
-    let mut node = Node::start(Client::Rclcpp, &ledger);
-    node.obey(&["sub /scan 10 early", "pub /scan 1", "publish /scan 3", "spin / 1"]);
-    let scan = subscription(&ledger, "/scan");
-    assert_eq!((scan.strength, scan.counts.started, scan.counts.ended), (Strength::Called, 3, 3));
-}
-
-#[test]
 fn every_way_to_take_and_to_publish_counts_once() {
     for way in ["plain", "bare", "serialized", "raw", "loaned", "sequence"] {
         let ledger = Ledger::new().unwrap();
@@ -148,40 +131,6 @@ fn every_way_to_take_and_to_publish_counts_once() {
         let reports = way != "serialized";
         assert_eq!(scan.strength == Strength::Called, reports, "{way}");
         assert_eq!(scan.counts.done(scan.strength), 19, "{way}");
-    }
-}
-
-#[test]
-fn messages_within_a_process_are_counted_beside_those_that_are_taken() {
-    let ledger = Ledger::new().unwrap();
-    let mut node = Node::start(Client::Rclcpp, &ledger);
-    node.obey(&["sub /scan 10 intra", "pub /scan 10", "hand /scan 6", "publish /scan 4"]);
-    node.obey(&["spin / 1"]);
-    let own = node.report("/scan");
-    assert_eq!((own.intra, own.called), (6, 4));
-    let scan = subscription(&ledger, "/scan");
-    let expected = Counts {
-        taken: 4,
-        started: 4,
-        ended: 4,
-        intra_started: 6,
-        intra_ended: 6,
-        ..Counts::default()
-    };
-    assert_eq!((scan.counts, scan.strength), (expected, Strength::Called));
-    assert!(scan.intra_process);
-    assert_eq!((scan.counts.done(scan.strength), scan.counts.in_hand(scan.strength)), (10, 0));
-}
-
-#[test]
-fn a_callback_that_spins_has_its_own_end_and_those_inside_have_theirs() {
-    let ledger = Ledger::new().unwrap();
-    let mut node = Node::start(Client::Rclcpp, &ledger);
-    node.obey(&["sub /outer 10", "sub /inner 10", "pub /outer 1", "pub /inner 1", "nest /"]);
-    node.obey(&["publish /outer 3", "publish /inner 2", "spin / 1"]);
-    for (topic, messages) in [("/outer", 3), ("/inner", 2)] {
-        let counts = subscription(&ledger, topic).counts;
-        assert_eq!((counts.taken, counts.started, counts.ended), (messages, messages, messages));
     }
 }
 
@@ -210,6 +159,37 @@ fn topic_qos_thread_and_process_are_those_of_the_node() {
     assert_eq!((map.thread, map.counts.empty), (Some(thread), 3));
     let process = only_process(&ledger);
     assert_eq!((process.id, process.alive, process.unlisted), (map.process, true, 0));
+}
+
+#[test]
+fn each_endpoint_has_the_whole_name_of_its_node() {
+    for client in [Client::Rclcpp, Client::Rclpy] {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(client, &ledger);
+        node.obey(&["sub /a 1", "be /robot_1/front 0 scanner", "sub /b 1", "pub /b 1"]);
+        node.obey(&["be / 0 -", "sub /c 1", "pub /c 1"]);
+        let of = |topic| (subscription(&ledger, topic).node, publisher(&ledger, topic).node);
+        let front = "/robot_1/front/scanner".to_owned();
+        assert_eq!(subscription(&ledger, "/a").node, "/node");
+        assert_eq!(of("/b"), (front.clone(), front));
+        assert_eq!(of("/c"), (String::new(), String::new()));
+    }
+}
+
+#[test]
+fn an_endpoint_whose_node_has_too_long_a_name_is_not_listed_and_that_is_reported() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    let fits = format!("/{}", "n".repeat(249));
+    node.obey(&[&format!("be {fits} 0 node"), "sub /fits 1", "be /robot 0 node"]);
+    assert_eq!(subscription(&ledger, "/fits").node.len(), 255);
+    assert_eq!(ledger.unlisted(), Unlisted::default());
+    node.obey(&[&format!("be {fits}n 0 node"), "sub /not 10", "pub /not 10", "publish /not 3"]);
+    node.obey(&["spin / 1"]);
+    assert_eq!(node.report("/not").called, 3);
+    assert_eq!(ledger.endpoints().unwrap().len(), 1);
+    assert_eq!(ledger.unlisted().endpoints, 2);
+    assert_eq!(only_process(&ledger).unlisted, ledger.unlisted().endpoints);
 }
 
 #[test]
@@ -281,6 +261,34 @@ fn a_program_that_is_executed_counts_for_itself_and_the_one_before_has_ended() {
 }
 
 #[test]
+fn a_program_without_ros_that_is_executed_ends_the_one_before() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /before 10"]);
+    let process = only_process(&ledger);
+    assert!(process.alive);
+    node.send("become");
+    let deadline = Instant::now() + Duration::from_secs(30);
+    let waited = ledger.wait(&[], &[process.id], deadline, |_| Ok(false)).unwrap();
+    assert_eq!(waited, Waited::Ended(process.id));
+    assert!(std::fs::read_to_string(format!("/proc/{}/comm", node.pid())).unwrap() == "sleep\n");
+    assert_eq!(ledger.retire().unwrap().len(), 1);
+}
+
+#[test]
+fn a_middleware_that_is_unloaded_and_loaded_again_is_called_where_it_is() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Again, &ledger);
+    for round in 1..=3 {
+        let topic = format!("/round_{round}");
+        node.obey(&[&format!("sub {topic} 10"), &format!("pub {topic} 10")]);
+        node.obey(&[&format!("publish {topic} 3"), "spin / 1"]);
+        assert_eq!(subscription(&ledger, &topic).counts.returned, 3);
+        assert_eq!(node.ask("leave"), "ready");
+    }
+}
+
+#[test]
 fn slots_are_used_again_only_after_they_were_retired() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclcpp, &ledger);
@@ -297,38 +305,6 @@ fn slots_are_used_again_only_after_they_were_retired() {
     assert_eq!(ledger.unlisted(), Unlisted { processes: 0, endpoints: 5002 - 4096 });
     assert_eq!(subscription(&ledger, "/scan").counts.ended, 3);
     assert_eq!(ledger.retire().unwrap().len(), 4094);
-}
-
-#[test]
-fn the_address_of_a_destroyed_callback_stands_for_nothing() {
-    let ledger = Ledger::new().unwrap();
-    let mut node = Node::start(Client::Rclcpp, &ledger);
-    node.obey(&["sub /before 10", "destroy /before", "ghost /"]);
-    let retired = ledger.retire().unwrap();
-    assert_eq!((retired.len(), retired[0].counts), (1, Counts::default()));
-    node.obey(&["sub /after 10", "ghost /"]);
-    assert_eq!(subscription(&ledger, "/after").counts, Counts::default());
-    // It has the slot of the one before, whose figures nobody gets by mistake.
-    assert!(ledger.counts(retired[0].id).unwrap_err().to_string().contains("was retired"));
-}
-
-#[test]
-fn a_subscription_that_is_destroyed_in_its_own_callback_is_kept_until_that_has_ended() {
-    let ledger = Ledger::new().unwrap();
-    let mut node = Node::start(Client::Rclcpp, &ledger);
-    node.obey(&["sub /once 10", "pub /once 1", "publish /once 1", "inside /", "spin / 1"]);
-    let once = subscription(&ledger, "/once");
-    let counts = Counts { taken: 1, started: 1, ended: 1, ..Counts::default() };
-    assert_eq!((once.destroyed, once.counts), (true, counts));
-    assert_eq!(ledger.retire().unwrap(), [once]);
-    node.obey(&["sub /once 10", "publish /once 1", "inside /", "stick /"]);
-    assert_eq!(node.ask("spin / 1"), "stuck");
-    assert!(subscription(&ledger, "/once").destroyed);
-    assert_eq!(ledger.retire().unwrap(), []);
-    node.kill();
-    let last = ledger.retire().unwrap();
-    assert_eq!(last.iter().map(|one| one.counts.in_hand(one.strength)).max(), Some(1));
-    assert_eq!((ledger.endpoints().unwrap(), ledger.processes().unwrap()), (vec![], vec![]));
 }
 
 #[test]

@@ -3,6 +3,8 @@
 
 mod standin;
 
+use std::fs::File;
+use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, Waited};
@@ -70,6 +72,29 @@ fn what_holds_already_is_not_waited_for_even_when_it_is_late() {
     let past = Instant::now();
     assert_eq!(ledger.wait(&[], &[], past, |_| Ok(true)).unwrap(), Waited::Held);
     assert_eq!(ledger.wait(&[], &[], past, |_| Ok(false)).unwrap(), Waited::Late);
+}
+
+/// How often the nodes woke the reader.
+fn changes(ledger: &Ledger) -> u32 {
+    let [(_, path), _] = ledger.environment("/ledger.so".as_ref(), None);
+    let mut word = [0; 4];
+    File::open(path).unwrap().read_exact_at(&mut word, 64).unwrap();
+    u32::from_le_bytes(word)
+}
+
+#[test]
+fn a_timer_s_callback_wakes_once_who_waits_for_its_start_or_end_and_nobody_else() {
+    for (event, wakes) in
+        [(Event::Started, 1), (Event::Ended, 1), (Event::Taken, 0), (Event::Published, 0)]
+    {
+        let ledger = Ledger::new().unwrap();
+        let mut node = Node::start(Client::Rclcpp, &ledger);
+        node.obey(&["sub /scan 1", "tick / 1"]);
+        let waited = ledger.wait(&[event], &[], Instant::now(), |_| Ok(false)).unwrap();
+        assert_eq!((waited, changes(&ledger)), (Waited::Late, 0));
+        node.obey(&["tick / 3"]);
+        assert_eq!(changes(&ledger), wakes, "{event:?}");
+    }
 }
 
 #[test]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import bagpipe
 from bagpipe.plan.bag_tail import BagError, BagTail, compression_of, read_tail, resolve
 from bagpipe.plan.fragments import Window, cut_one
-from bagpipe.plan.framing import framing
+from bagpipe.plan.framing import framed
 from bagpipe.storage import Storage
 
 if TYPE_CHECKING:
@@ -86,8 +86,7 @@ class BagFile:
             planned = cut_one(tail, list(topics), Window(first + start, first + start, until))
             ranges = tail.declarations + planned.ranges
             self._bounded(sum(length for _, length in ranges), "cut a shorter part")
-            before, behind = framing(ranges)
-            data = b"".join([before, *file.pieces(ranges, _PIECE_BYTES), behind])
+            data = b"".join(framed(ranges, file.pieces(ranges, _PIECE_BYTES)))
             bag = self._opened(data, topics)
         self._reaches(start, last - first)
         until = last + 1 if end is None else first + end

@@ -35,10 +35,14 @@ class Machine:
     environment: Mapping[str, str]
     entrypoint: Path = _ENTRYPOINT
 
-    def runs(self, program: str, path: str | None = None) -> bool:
-        """Whether a command's program is found, by `path` in place of PATH if there is one."""
-        searched = path or self.environment.get("PATH", os.defpath)
-        return self.entrypoint.exists() or shutil.which(program, path=searched) is not None
+    def has(self, program: Program, own: Mapping[str, str]) -> bool:
+        """Whether a stack finds it that has these variables of its own beside the machine's."""
+        environment = {**self.environment, **own}
+        if self.entrypoint.exists():
+            return True
+        if program.found is not None:
+            return program.found(environment)
+        return shutil.which(program.name, path=environment.get("PATH", os.defpath)) is not None
 
 
 def of_variants(spec: SimulationJobSpec, names: tuple[str, ...]) -> SimulationJobSpec:
@@ -136,17 +140,17 @@ def _of_the_environment(spec: SimulationJobSpec, machine: Machine) -> Iterator[s
 
 
 def _of_the_programs(spec: SimulationJobSpec, machine: Machine) -> Iterator[str]:
-    wanted: dict[tuple[str, str | None], Program] = {}
+    reported: set[tuple[str, str]] = set()
     for stack in _stacks(spec):
-        path = next((v.value for v in stack.env if v.name == "PATH" and v.value), None)
+        own = {v.name: v.value for v in stack.env if v.value}
         for program in engine_of(stack.engine).programs(stack):
-            wanted.setdefault((program.name, path), program)
-    for (name, path), program in wanted.items():
-        if not machine.runs(name, path):
-            yield (
-                f"{program.why} {name}, which is not found here: {program.remedy}, or run this"
-                " inside of the stack's image"
-            )
+            missing = (program.name, own.get("PATH", ""))
+            if missing not in reported and not machine.has(program, own):
+                reported.add(missing)
+                yield (
+                    f"{program.why} {program.name}, which is not found here: {program.remedy}, or"
+                    " run this inside of the stack's image"
+                )
 
 
 def _of_the_variants(spec: SimulationJobSpec) -> Iterator[str]:

@@ -49,10 +49,10 @@ from bagpipe.wire.session import SessionError
 @click.option(
     "--keep",
     type=click.Path(path_type=Path, file_okay=False),
-    help="Where fragment.bag, the recorded bag and row.json go.  [default: ./CASE]",
+    help="Where the fragment, the recording and row.json go.  [default: ./CASE]",
 )
 @click.option(
-    "--only-fragment", is_flag=True, help="Write fragment.bag and say how to play it by hand."
+    "--only-fragment", is_flag=True, help="Write the fragment and say how to play it by hand."
 )
 @output_option
 def replay_command(
@@ -69,7 +69,8 @@ def replay_command(
 
     It cuts the case's fragment from the recording, starts the stack's command here as the job
     did, plays, records and judges. So this machine must have what the stack's image has: the
-    command, and for ROS a rosmaster; run it inside of that image, or where the stack is built.
+    command, and for ROS 1 a rosmaster, or for ROS 2 that it is sourced; run it inside of that
+    image, or where the stack is built.
     The command is taken from job.json in RESULTS: replay results that you trust.
 
     The exit status is 0 if the case passes here, 1 if it does not, and 2 if it can't be run.
@@ -85,18 +86,18 @@ def replay_command(
         row, spec = _wanted(stored, case)
         planned = planned_case(row, spec, stored.storage)
         target.mkdir(parents=True, exist_ok=True)
-        write_fragment(planned, source_of(spec), stored.storage, target / "fragment.bag")
+        fragment = write_fragment(planned, source_of(spec), stored.storage, target / "fragment")
         if only_fragment:
-            _explain(planned, spec, stored.storage, target)
+            _explain(planned, spec, stored.storage, fragment)
             return
-        again = _run(planned, spec, stored.storage.volumes, agent, target)
+        again = _run(planned, spec, stored.storage.volumes, agent, fragment)
     except (StorageError, ReplayError, MatrixError, SessionError) as error:
         raise RefusedError(str(error)) from error
     except OSError as error:
         raise RefusedError(f"{target} can't be written: {error.strerror}") from error
     (target / "row.json").write_text(json.dumps(again, indent=1))
     if output == "table":
-        _show(row, again, target)
+        _show(row, again, fragment)
     else:
         print_as(again, output)
     raise SystemExit({"passed": 0, "errored": 2}.get(again["outcome"], 1))
@@ -111,13 +112,14 @@ def _wanted(stored: StoredResults, case: str) -> tuple[Row, SimulationJobSpec]:
 
 
 def _run(
-    case: Case, spec: SimulationJobSpec, volumes: dict[str, str], agent: str, target: Path
+    case: Case, spec: SimulationJobSpec, volumes: dict[str, str], agent: str, fragment: Path
 ) -> dict[str, Any]:
+    target = fragment.parent
     program = agent_program(agent)
     if program is None:
         raise ReplayError(
             f"there is no {agent} on this machine: give --agent, or see --only-fragment."
-            f" {target / 'fragment.bag'} is written"
+            f" {fragment} is written"
         )
     results = target.resolve().as_uri()
     with tempfile.TemporaryDirectory() as folder:
@@ -127,15 +129,14 @@ def _run(
             return run_case(case, RunContext("laptop/replay", spec, volumes, results, str(shared)))
 
 
-def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, target: Path) -> None:
-    bag = target / "fragment.bag"
+def _explain(case: Case, spec: SimulationJobSpec, storage: Storage, bag: Path) -> None:
     click.echo(f"{bag} has the case's part of {case.bag}.")
     engine = engine_of(spec.stack.engine)
     for line in engine.by_hand(case, spec, source_of(spec), storage, bag):
         click.echo(line)
 
 
-def _show(before: Row, again: dict[str, Any], target: Path) -> None:
+def _show(before: Row, again: dict[str, Any], fragment: Path) -> None:
     console = Console(emoji=False)
     console.print(
         f"[bold]{again['outcome']}[/] here, {escape(str(before['outcome']))} in the job:"
@@ -150,4 +151,5 @@ def _show(before: Row, again: dict[str, Any], target: Path) -> None:
         )
     for line in again.get("stderr") or []:
         console.print(escape(f"  stderr: {line}"), highlight=False)
-    console.print(escape(f"Kept in {target}: fragment.bag, row.json, {again['recorded'] or '-'}"))
+    kept = f"{fragment.name}, row.json, {again['recorded'] or '-'}"
+    console.print(escape(f"Kept in {fragment.parent}: {kept}"))

@@ -1,6 +1,6 @@
 """What every engine can do."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -44,14 +44,16 @@ class Played:
 
 @dataclass(frozen=True)
 class Program:
-    """A program that a machine needs to run a stack.
+    """A program that a machine needs to run a stack, or a library.
 
-    `why` begins the sentence that it is missing, and `remedy` says how it is found.
+    `why` begins the sentence that it is missing, and `remedy` says how it is found. `found` looks
+    for it by the environment that the stack is started with; None: it is looked for on PATH.
     """
 
     name: str
     why: str
     remedy: str = "put its folder on PATH"
+    found: Callable[[Mapping[str, str]], bool] | None = None
 
 
 def own_program(stack: Stack, remedy: str = Program.remedy) -> Program:

@@ -5,36 +5,21 @@ window.py decides which of them belong to the case's window.
 
 import itertools
 import statistics
-import struct
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
-
 import bagpipe
+from bagpipe.evaluate.decoding import decoder, nanoseconds, stamp_reader
 from bagpipe.evaluate.finding import NoEvidenceError
 
-_HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
-_TIME = "builtin_interfaces/msg/Time"
-# Of a message that begins with a header: its sequence number, then the stamp.
-_SEQUENCE, _STAMP = 4, struct.Struct("<II")
+_MCAP = b"\x89MCAP0\r\n"
+# Of a message that begins with a header: the sequence number of ROS 1, or the head of CDR.
+_BEFORE_STAMP = 4
 # Between inputs: a silence that is longer than half a second and ten usual steps is a gap.
 _LEAST_GAP, _GAP_STEPS = 500_000_000, 10
 Bytes = Callable[[], bytes]
-
-
-def nanoseconds(time: Any) -> int:
-    """A time of a message in ns. ROS 1 counts its seconds without a sign, up to the year 2106;
-    rosbags reads them with one.
-    """
-    seconds = int(time.sec)
-    if getattr(time, "__msgtype__", _TIME) == _TIME:
-        seconds &= 0xFFFFFFFF
-    return seconds * 1_000_000_000 + int(time.nanosec)
 
 
 class Sample(NamedTuple):
@@ -65,49 +50,51 @@ class Received(NamedTuple):
         """Equal for messages that differ in nothing but `header.seq`; a message without a stamp
         is like no other.
         """
-        return (self.stamp, hash(bytes(self.raw[_SEQUENCE:]))) if self.stamp else id(self)
+        return (self.stamp, hash(bytes(self.raw[_BEFORE_STAMP:]))) if self.stamp else id(self)
 
 
 class Recording:
-    """One bag, of the stack or of the job's source; its bytes are read when first asked for.
+    """One recording, of the stack or of the job's source; it is read when first asked for."""
 
-    Where these are MCAP, messages of other `topics` may be of any encoding (None: of none).
-    """
-
-    def __init__(
-        self, read: Bytes, start: int, end: int | None, topics: Collection[str] | None = None
-    ) -> None:
+    def __init__(self, read: Bytes, start: int, end: int | None) -> None:
         self._read = read
         self._start = start
         self._end = end
-        self._topics = None if topics is None else sorted(topics)
         self._samples: dict[str, list[Sample]] = {}
         self._received: dict[str, list[Received]] = {}
 
     @cached_property
-    def _bag(self) -> "bagpipe.MemoryBag":
+    def _opened(self) -> "bagpipe.MemoryBag | bagpipe.MemoryMcap":
         # By its package: the program for people is installed without the native module, too.
-        return bagpipe.MemoryBag(self._read(), mcap_topics=self._topics)
+        data = self._read()
+        return bagpipe.MemoryMcap(data) if data.startswith(_MCAP) else bagpipe.MemoryBag(data)
 
-    def to_bytes(self) -> bytes:
-        """The whole bag."""
-        return self._bag.to_bytes()
+    def file(self) -> tuple[str, bytes]:
+        """The ending of the whole file's name, and its bytes."""
+        if isinstance(self._opened, bagpipe.MemoryBag):
+            return ".bag", self._opened.to_bytes()
+        return ".mcap", self._read()  # what is open of MCAP is no file any more
 
     @property
     def topics(self) -> list[str]:
-        """The topics that the bag has messages on."""
-        return sorted(self._bag.topics)
+        """The topics that the recording has."""
+        return sorted(self._opened.topics)
 
     def received(self, topic: str) -> list[Received]:
-        """All messages as they came; empty where the topic is not there."""
+        """All messages as they came; empty where the topic is not there.
+
+        Raises NoEvidenceError for a recording that is damaged.
+        """
         if topic not in self._received:
-            headers: dict[int, bool] = {}
+            readers: dict[int, Callable[[memoryview], int | None] | None] = {}
             found = []
             for connection, time, raw in self._messages(topic):
-                if connection.id not in headers:
-                    headers[connection.id] = _begins_with_header(connection)
-                stamp = _stamp(raw) if headers[connection.id] else None
-                found.append(Received(time, raw, connection, stamp))
+                if connection.id not in readers:
+                    readers[connection.id] = stamp_reader(connection)
+                stamp_of = readers[connection.id]
+                found.append(Received(time, raw, connection, stamp_of(raw) if stamp_of else None))
+            if (damage := self._opened.damage) is not None:
+                raise NoEvidenceError(f"the recording is damaged: expected {damage.description}")
             self._received[topic] = found
         return self._received[topic]
 
@@ -116,7 +103,7 @@ class Recording:
         return [each.time for each in self.received(topic)]
 
     def samples(self, topic: str) -> list[Sample]:
-        """All messages, decoded by the definitions in the bag, in the order of `received`.
+        """All messages, decoded by the recording's definitions, in the order of `received`.
 
         Raises NoEvidenceError where there is none or one can't be decoded.
         """
@@ -125,22 +112,21 @@ class Recording:
         return self._samples[topic]
 
     def _messages(self, topic: str) -> Any:
-        if topic not in self._bag.topics:
+        if topic not in self._opened.topics:
             return ()
-        return self._bag.messages(topics=[topic], start=self._start, end=self._end)
+        return self._opened.messages(topics=[topic], start=self._start, end=self._end)
 
     def _decoded(self, topic: str) -> list[Sample]:
-        if topic not in self._bag.topics:
+        if topic not in self._opened.topics:
             there = ", ".join(self.topics[:10]) or "nothing"
             raise NoEvidenceError(f"no message on {topic} was recorded; there is {there}")
-        types: dict[int, tuple[Typestore, str]] = {}
+        decoders: dict[int, Callable[[memoryview], Any]] = {}
         found = []
         for time, raw, connection, _ in self.received(topic):
-            if connection.id not in types:
-                types[connection.id] = _store(connection)
-            store, name = types[connection.id]
+            if connection.id not in decoders:
+                decoders[connection.id] = decoder(connection)
             try:
-                found.append(Sample(time, store.deserialize_ros1(bytes(raw), name)))
+                found.append(Sample(time, decoders[connection.id](raw)))
             except Exception as error:  # a library's many faults at hostile bytes
                 raise NoEvidenceError(
                     f"a message on {topic} at {time / 1e9:.3f} s can't be read as"
@@ -149,46 +135,6 @@ class Recording:
         if not found:
             raise NoEvidenceError(f"no message on {topic} was recorded in the case's window")
         return found
-
-
-def _begins_with_header(connection: Any) -> bool:
-    name = _name(connection)
-    try:
-        fields = get_types_from_msg(connection.definition, name)[name][1]
-    except Exception:  # noqa: BLE001  a definition of any text; who decodes its messages says so
-        return False
-    return bool(fields) and fields[0][1] in {
-        (Nodetype.NAME, _HEADER),
-        (Nodetype.NAME, _OLD_HEADER),
-    }
-
-
-def _stamp(raw: memoryview) -> int | None:
-    if len(raw) < _SEQUENCE + _STAMP.size:
-        return None
-    seconds, nanoseconds_ = _STAMP.unpack_from(raw, _SEQUENCE)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds_)
-
-
-def _name(connection: Any) -> str:
-    name: str = connection.type
-    return name if "/msg/" in name else name.replace("/", "/msg/")
-
-
-def _store(connection: Any) -> tuple[Typestore, str]:
-    name = _name(connection)
-    store = get_typestore(Stores.EMPTY)
-    try:
-        types = get_types_from_msg(connection.definition, name)
-        # Before ROS Diamondback the header lived in roslib; definitions say "Header" of both.
-        if _OLD_HEADER in types:
-            types.setdefault(_HEADER, types[_OLD_HEADER])
-        store.register(types)
-    except Exception as error:  # a library's many faults at a definition of any text
-        raise NoEvidenceError(
-            f"the definition of {connection.type} on {connection.topic} can't be read: {error}"
-        ) from error
-    return store, name
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-from bagpipe.evaluate.evidence import nanoseconds
+from bagpipe.evaluate.decoding import nanoseconds
 from bagpipe.evaluate.finding import Finding, NoEvidenceError
 
 _PART = re.compile(r"([A-Za-z]\w*)(?:\[(\d+)\])?")

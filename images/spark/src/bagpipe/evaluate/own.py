@@ -40,8 +40,9 @@ def own(name: str, wanted: OwnEvaluator, evidence: Evidence, folder: Path = EVAL
 
 
 def _request(wanted: OwnEvaluator, evidence: Evidence, scratch: Path) -> dict[str, Any]:
-    recording = scratch / "recorded.bag"
-    recording.write_bytes(evidence.recorded.to_bytes())
+    ending, data = evidence.recorded.file()
+    recording = scratch / f"recorded{ending}"
+    recording.write_bytes(data)
     return {
         "function": wanted.function,
         "recording": str(recording),

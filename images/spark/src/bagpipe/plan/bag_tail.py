@@ -117,29 +117,6 @@ def _tail(size: int, index: Any) -> BagTail:
     )
 
 
-def check_encoding(tail: BagTail, topics: list[str], encoding: str) -> None:
-    """Raises BagError where a publisher of the topics (none: of any) has messages of another one,
-    or of no type.
-
-    One that published nothing does not count.
-    """
-    present = {number for chunk in tail.chunks for number, count in chunk.counts.items() if count}
-    for each in tail.connections:
-        wanted = each.id in present and (not topics or each.topic in topics)
-        if wanted and each.encoding != encoding:
-            raise BagError(
-                "BagUnreadable",
-                f"{each.topic} holds messages in {each.encoding or 'no known encoding'}, and the"
-                f" stack would read them as {encoding}: leave it out of the topics",
-            )
-        if wanted and not each.datatype:
-            raise BagError(
-                "BagUnreadable",
-                f"{each.topic} has messages of no type (in MCAP: of a channel without a schema):"
-                " leave it out of the topics",
-            )
-
-
 def compression_of(read: Read, chunk: Chunk) -> str:
     """A chunk's compression (such as none or lz4), from its header alone. Raises BagError."""
     if chunk.compression is not None:

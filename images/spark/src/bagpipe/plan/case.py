@@ -14,8 +14,8 @@ class Case:
     """One fragment through the stack: all that an executor needs, small enough for the JVM.
 
     `bag_version` is the mark that the file `bag` had when it was planned. `connections` are
-    (offset, length) ranges of its CONNECTION records, `ranges` those of its chunks, in bytes.
-    Cases of one `fragment` differ in their conditions alone. A case that is put together of
+    (offset, length) ranges of what declares its connections, `ranges` those of its chunks, in
+    bytes. Cases of one `fragment` differ in their conditions alone. A case that is put together of
     `parts` reads these and no `bag`; its `bag_version` is the mark of them all. `bag` is a URI, or
     a word without `://` where the source has no single recording.
     """

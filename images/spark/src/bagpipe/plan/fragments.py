@@ -92,6 +92,29 @@ def holding(chunk: Chunk) -> set[int]:
     return {connection for connection, count in chunk.counts.items() if count}
 
 
+def check_encoding(tail: BagTail, topics: list[str], encoding: str) -> None:
+    """Raises BagError where a publisher of the topics (none: of any) has messages of another one,
+    or of no type.
+
+    One that published nothing does not count.
+    """
+    present = {number for chunk in tail.chunks for number in holding(chunk)}
+    for each in tail.connections:
+        wanted = each.id in present and (not topics or each.topic in topics)
+        if wanted and each.encoding != encoding:
+            raise BagError(
+                "BagUnreadable",
+                f"{each.topic} holds messages in {each.encoding or 'no known encoding'}, and the"
+                f" stack would read them as {encoding}: leave it out of the topics",
+            )
+        if wanted and not each.datatype:
+            raise BagError(
+                "BagUnreadable",
+                f"{each.topic} has messages of no type (in MCAP: of a channel without a schema):"
+                " leave it out of the topics",
+            )
+
+
 def near(tail: BagTail, wanted: set[int], start: int, end: int) -> list[Chunk]:
     """The chunks that may have a message of these connections at a time t, start <= t < end."""
     return [

@@ -4,7 +4,7 @@ Formats: bag 2.0, http://wiki.ros.org/Bags/Format/2.0; MCAP, https://mcap.dev/sp
 """
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 
 from bagpipe.plan.bag_tail import MAGIC
@@ -20,6 +20,14 @@ def framing(ranges: Sequence[tuple[int, int]]) -> tuple[bytes, bytes]:
     if ranges and ranges[0][0] == 0:
         return b"", _mcap_end()
     return _bag_head(), b""
+
+
+def framed(ranges: Sequence[tuple[int, int]], pieces: Iterable[bytes]) -> Iterator[bytes]:
+    """The bytes of the ranges, which come in `pieces`, as a recording."""
+    head, end = framing(ranges)
+    yield from filter(None, [head])
+    yield from pieces
+    yield from filter(None, [end])
 
 
 @cache

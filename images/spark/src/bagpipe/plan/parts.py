@@ -5,8 +5,8 @@ import json
 from dataclasses import dataclass, replace
 
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart, nanoseconds
-from bagpipe.plan.bag_tail import BagError, BagTail, check_encoding, read_tail
-from bagpipe.plan.fragments import Window, cut_one
+from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.fragments import Window, check_encoding, cut_one
 from bagpipe.storage import Storage, StorageError
 
 # Pieces are put together to a bag, which holds messages of ROS 1.

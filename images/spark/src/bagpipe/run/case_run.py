@@ -25,10 +25,10 @@ from bagpipe.plan.variant import image_of, stack_of
 from bagpipe.run.attempts import Again, next_attempt
 from bagpipe.source.chosen import source_of
 from bagpipe.source.source import Turns
-from bagpipe.spec import SimulationJobSpec, shared_folder
+from bagpipe.spec import SimulationJobSpec, Stack, shared_folder
 from bagpipe.storage import Storage, StorageError
 from bagpipe.texts import duration_seconds
-from bagpipe.wire.hello_case import HelloCase
+from bagpipe.wire.hello_case import HelloCase, HelloQos
 from bagpipe.wire.session import (
     Answer,
     InputFile,
@@ -275,6 +275,13 @@ def _case_seconds(spec: SimulationJobSpec) -> float:
     return duration_seconds(spec.playback.case_timeout)
 
 
+def _offered(stack: Stack) -> dict[str, HelloQos]:
+    return {
+        topic: {"reliability": qos.reliability, "durability": qos.durability, "depth": qos.depth}
+        for topic, qos in (stack.ros2.qos if stack.ros2 else {}).items()
+    }
+
+
 def case_map(case: Case, context: RunContext) -> HelloCase:
     """The case as HELLO carries it."""
     spec = context.spec
@@ -296,6 +303,7 @@ def case_map(case: Case, context: RunContext) -> HelloCase:
             "environment": {v.name: v.value for v in stack.env if v.value_from is None},
             "parameters": stack.parameters,
             "remap": stack.remap,
+            "qos": _offered(stack),
         },
         "playback": {
             "mode": spec.playback.mode,

@@ -68,14 +68,19 @@ def planned_case(row: Row, spec: SimulationJobSpec, storage: Storage) -> Case:
     )
 
 
-def write_fragment(case: Case, source: JobSource, storage: Storage, target: Path) -> None:
-    """The case's part of its recording as a bag (without an index, which the agent reads)."""
+def write_fragment(case: Case, source: JobSource, storage: Storage, target: Path) -> Path:
+    """The case's part of its recording, without an index, which the agent needs not.
+
+    Its name is `target` with the ending of the recording's own.
+    """
     made = source.input(case, storage)
     if not isinstance(made, InputFile):
         raise ReplayError(f"{case.id} has no recording that could be played again")
-    with target.open("wb") as file:
+    written = target.with_suffix(Path(source.file_name(case)).suffix)
+    with written.open("wb") as file:
         for piece in made.pieces():
             file.write(piece)
+    return written
 
 
 @contextmanager

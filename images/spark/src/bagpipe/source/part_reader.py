@@ -1,13 +1,12 @@
 """The messages of a part of a recording, shifted into the case's time."""
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import bagpipe
 from bagpipe.plan.bag_tail import resolve
-from bagpipe.plan.framing import framing
+from bagpipe.plan.framing import framed
 from bagpipe.plan.parts import Part
 from bagpipe.source.stamps import StampError, moved
 from bagpipe.storage import Storage
@@ -37,16 +36,12 @@ class PartReader:
         self._part = part
         if part.bytes > MOST_BYTES:
             raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
-        data = io.BytesIO()
         ranges = part.connections + part.ranges
-        head, end = framing(ranges)
-        data.write(head)
-        for piece in storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version):
-            data.write(piece)
-        data.write(end)
+        pieces = storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version)
+        data = b"".join(framed(ranges, pieces))
         try:
             self._bag = bagpipe.MemoryBag(
-                data.getvalue(), decompressed_bytes=MOST_BYTES, mcap_topics=part.topics or None
+                data, decompressed_bytes=MOST_BYTES, mcap_topics=part.topics or None
             )
         except ValueError as error:
             raise _unreadable(part, str(error)) from error

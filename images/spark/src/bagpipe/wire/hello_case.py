@@ -58,6 +58,30 @@ class HelloWindow(TypedDict):
 
 
 @_open
+class HelloQos(TypedDict):
+    """Quality of service; what is nil is offered as it was recorded."""
+
+    reliability: NotRequired[
+        Annotated[
+            Literal["reliable", "bestEffort"] | None,
+            _default(None, "Whether lost messages are sent again."),
+        ]
+    ]
+    durability: NotRequired[
+        Annotated[
+            Literal["volatile", "transientLocal"] | None,
+            _default(None, "Whether late subscribers get the last messages."),
+        ]
+    ]
+    depth: NotRequired[
+        Annotated[
+            Annotated[int, Field(ge=1, lt=2**32)] | None,
+            _default(None, "How many messages are kept for a subscriber."),
+        ]
+    ]
+
+
+@_open
 class HelloStack(TypedDict):
     """The software under test."""
 
@@ -70,10 +94,19 @@ class HelloStack(TypedDict):
         Annotated[dict[str, str], _default({}, "Variables beside the container's own.")]
     ]
     parameters: NotRequired[
-        Annotated[dict[str, JsonValue], _default({}, "For the parameter server.")]
+        Annotated[
+            dict[str, JsonValue],
+            _default({}, "For the parameter server; in ROS 2 `/node/name` is that node's `name`."),
+        ]
     ]
     remap: NotRequired[
         Annotated[dict[str, str], _default({}, "Recorded topics and the names to publish them by.")]
+    ]
+    qos: NotRequired[
+        Annotated[
+            dict[str, HelloQos],
+            _default({}, "In ROS 2: recorded topics and what is offered for them in its place."),
+        ]
     ]
 
 
@@ -129,7 +162,7 @@ class HelloRecord(TypedDict):
 class HelloDeadlines(TypedDict):
     """Seconds that each part of the case may take."""
 
-    start: NotRequired[Annotated[Seconds, _default(30.0, "Until the rosmaster answers.")]]
+    start: NotRequired[Annotated[Seconds, _default(30.0, "Until the rosmaster answers, if any.")]]
     subscribe: NotRequired[Annotated[Seconds, _default(20.0, "Until the stack subscribes.")]]
     drain: NotRequired[
         Annotated[Seconds, _default(10.0, "For what is under way after the last message.")]

@@ -1,5 +1,6 @@
 //! Structs from maps alone: serde would also take the list of a struct's fields.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -31,6 +32,13 @@ pub fn as_maps<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 ) -> Result<Vec<T>, D::Error> {
     let maps: Vec<AsMap<T>> = Vec::deserialize(value)?;
     Ok(maps.into_iter().map(|AsMap(read)| read).collect())
+}
+
+pub fn as_named_maps<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    value: D,
+) -> Result<BTreeMap<String, T>, D::Error> {
+    let maps: BTreeMap<String, AsMap<T>> = BTreeMap::deserialize(value)?;
+    Ok(maps.into_iter().map(|(name, AsMap(read))| (name, read)).collect())
 }
 
 struct OfMap<T>(PhantomData<T>);

@@ -5,12 +5,13 @@ pub(crate) mod folder;
 mod maps;
 
 use std::collections::BTreeMap;
+use std::num::NonZeroU32;
 use std::time::Duration;
 
 use rmpv::Value;
 use serde::{Deserialize, Serialize};
 
-use crate::case::maps::{AsMap, as_map, as_maps, as_some_map};
+use crate::case::maps::{AsMap, as_map, as_maps, as_named_maps, as_some_map};
 
 /// What to replay, into what, and for how long at most: docs/reference/hello-case.json, with which
 /// tests/integration/test_hello_case.py compares it.
@@ -103,6 +104,58 @@ pub struct Stack {
     pub parameters: BTreeMap<String, Value>,
     #[serde(default)]
     pub remap: BTreeMap<String, String>,
+    /// In ROS 2, by recorded topic.
+    #[serde(default, deserialize_with = "as_named_maps")]
+    pub qos: BTreeMap<String, Qos>,
+}
+
+/// Quality of service that a topic is played with; `None`: as it was recorded.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(default)]
+pub struct Qos {
+    pub reliability: Option<Reliability>,
+    pub durability: Option<Durability>,
+    pub depth: Option<NonZeroU32>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", rename_all = "camelCase")]
+pub enum Reliability {
+    Reliable,
+    BestEffort,
+}
+
+impl TryFrom<String> for Reliability {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "reliable" => Ok(Self::Reliable),
+            "bestEffort" => Ok(Self::BestEffort),
+            _ => Err(format!("reliability is {name:?} in stack.qos, not reliable or bestEffort")),
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", rename_all = "camelCase")]
+pub enum Durability {
+    Volatile,
+    TransientLocal,
+}
+
+impl TryFrom<String> for Durability {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "volatile" => Ok(Self::Volatile),
+            "transientLocal" => Ok(Self::TransientLocal),
+            _ => {
+                Err(format!("durability is {name:?} in stack.qos, not volatile or transientLocal"))
+            }
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]

@@ -11,8 +11,8 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 
 use crate::engine::exec::ExecOutcome;
-use crate::engine::ros1::outcome::Outcome;
-use crate::engine::ros1::simulator::{self, Answered};
+use crate::engine::nodes::outcome::Outcome;
+use crate::engine::nodes::simulator::{self, Answered};
 
 /// A map of the pipe.
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -2,14 +2,16 @@
 
 pub(crate) mod exec;
 pub(crate) mod maps;
+pub(crate) mod nodes;
 pub(crate) mod on_disk;
 pub(crate) mod ros1;
+pub(crate) mod ros2;
 pub(crate) mod task;
 
 use crate::engine::task::Engine;
 
 /// All of them; the first runs a case that names none.
-const ENGINES: &[Engine] = &[ros1::entry::ENGINE, exec::entry::ENGINE];
+const ENGINES: &[Engine] = &[ros1::entry::ENGINE, exec::entry::ENGINE, ros2::entry::ENGINE];
 
 /// The engine that a case names; the error is a sentence.
 pub fn chosen(name: Option<&str>) -> Result<&'static Engine, String> {
@@ -32,7 +34,8 @@ mod tests {
     fn a_case_is_run_by_the_engine_that_it_names_or_else_by_the_first() {
         assert_eq!(chosen(Some("exec")).map(|engine| engine.name), Ok("exec"));
         assert_eq!(chosen(None).map(|engine| engine.name), Ok("ros1"));
-        let other = chosen(Some("ros2")).map(|engine| engine.name).unwrap_err();
-        assert!(other.ends_with("engine is \"ros2\", not ros1 or exec"), "{other}");
+        assert_eq!(chosen(Some("ros2")).map(|engine| engine.name), Ok("ros2"));
+        let other = chosen(Some("ros3")).map(|engine| engine.name).unwrap_err();
+        assert!(other.ends_with("engine is \"ros3\", not ros1 or exec or ros2"), "{other}");
     }
 }

@@ -10,6 +10,7 @@ pub(crate) mod usage;
 pub(crate) mod witness;
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::os::fd::OwnedFd;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -22,7 +23,7 @@ use rustix::process::Pid;
 
 use crate::stack::command::{ENTRYPOINT, NotRunnable, not_started, prepare};
 use crate::stack::end::{EndedBy, StackEnd};
-use crate::stack::processes::Children;
+use crate::stack::processes::{Children, Spared};
 use crate::stack::tail::Tail;
 use crate::stack::usage::{Sampled, UsageSampler};
 use crate::stack::witness::{ProcessEnd, Witness};
@@ -45,18 +46,17 @@ pub struct Program {
 pub struct Surroundings<'a> {
     /// The case's own variables.
     pub environment: &'a BTreeMap<String, String>,
-    /// None for the engine that has none.
-    pub ros: Option<Ros<'a>>,
+    /// What the middleware's nodes find in their environment, whatever the case's own says.
+    pub variables: Variables,
     /// What goes before each line of output: slot and case.
     pub label: String,
 }
 
-/// What ROS nodes find in their environment.
-#[derive(Debug)]
-pub struct Ros<'a> {
-    pub master_uri: &'a str,
-    /// Where ROS may write.
-    pub folder: &'a Path,
+/// Variables of a middleware.
+#[derive(Debug, Default)]
+pub struct Variables {
+    pub set: Vec<(&'static str, OsString)>,
+    pub removed: &'static [&'static str],
 }
 
 impl Surroundings<'_> {
@@ -68,7 +68,7 @@ impl Surroundings<'_> {
 
     /// True when a ROS environment is set up already.
     pub fn has_ros(&self) -> bool {
-        ["ROS_PACKAGE_PATH", "ROS_ROOT"]
+        ["ROS_PACKAGE_PATH", "ROS_ROOT", "AMENT_PREFIX_PATH"]
             .iter()
             .any(|name| self.environment.contains_key(*name) || std::env::var_os(name).is_some())
     }
@@ -137,14 +137,10 @@ impl Surroundings<'_> {
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
             .process_group(0);
-        if let Some(ros) = &self.ros {
-            command
-                .env("ROS_MASTER_URI", ros.master_uri)
-                .env("ROS_IP", "127.0.0.1")
-                .env_remove("ROS_HOSTNAME")
-                .env("ROS_HOME", ros.folder)
-                .env("ROS_LOG_DIR", ros.folder.join("log"));
+        for name in self.variables.removed {
+            command.env_remove(name);
         }
+        command.envs(self.variables.set.iter().map(|(name, value)| (name, value)));
         let child = command.spawn().map_err(|error| not_started(command, &error))?;
         let pid = Pid::from_child(&child);
         children.watch(pid);
@@ -155,7 +151,7 @@ impl Surroundings<'_> {
 impl Program {
     /// Measures from now on what it and all that it starts use, and sees how each of them ends;
     /// `spared` processes do not count.
-    pub fn measure(&mut self, spared: &[Pid]) {
+    pub fn measure(&mut self, spared: &Spared) {
         self.witness = Witness::start(spared);
         self.usage = Some(UsageSampler::start(spared));
     }
@@ -170,7 +166,7 @@ impl Program {
     pub fn end(
         mut self,
         children: &mut Children,
-        spared: &[Pid],
+        spared: &Spared,
         patience: Duration,
         label: &str,
     ) -> Result<StackEnd, String> {
@@ -179,7 +175,7 @@ impl Program {
         let last_line = self.stderr().pop();
         let asked = Instant::now();
         let sampled = self.usage.take().map(|usage| usage.stop_sampling(spared));
-        let killed = children.stop(Some(self.pid), spared, patience)?;
+        let killed = children.stop(Some(self.pid), &spared.pids(), patience)?;
         if killed > 0 {
             eprintln!("[{label}] {killed} processes did not end within {patience:?}: killed");
         }

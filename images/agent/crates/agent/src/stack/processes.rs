@@ -5,6 +5,7 @@
 //! child left" means that nothing is left.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use rustix::event::{Timespec, poll};
@@ -25,6 +26,20 @@ impl std::fmt::Display for Ended {
             (None, Some(signal)) => write!(formatter, "signal {signal}"),
             (None, None) => write!(formatter, "an unknown status"),
         }
+    }
+}
+
+/// Processes below this one that are none of the stack's, such as a master; its copies are one list.
+#[derive(Debug, Clone, Default)]
+pub struct Spared(Arc<Mutex<Vec<Pid>>>);
+
+impl Spared {
+    pub fn add(&self, pid: Pid) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(pid);
+    }
+
+    pub fn pids(&self) -> Vec<Pid> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 }
 

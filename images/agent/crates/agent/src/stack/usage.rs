@@ -10,10 +10,9 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use rustix::process::Pid;
 use serde::{Deserialize, Serialize};
 
-use crate::stack::processes::descendants;
+use crate::stack::processes::{Spared, descendants};
 
 /// A program that starts is looked at soon; one that runs on, twice a second.
 const FIRST_PAUSE: Duration = Duration::from_millis(20);
@@ -43,16 +42,16 @@ pub struct UsageSampler {
 
 impl UsageSampler {
     /// Measures what is below this process, but not the `spared` processes and theirs.
-    pub fn start(spared: &[Pid]) -> Self {
+    pub fn start(spared: &Spared) -> Self {
         let (enough, asked) = channel();
-        let spared = spared.to_vec();
+        let spared = spared.clone();
         let sampler = std::thread::Builder::new()
             .name("usage".to_owned())
             .spawn(move || {
                 let (mut peak, mut pause) = (0, FIRST_PAUSE);
                 loop {
                     let begun = Instant::now();
-                    peak = peak.max(memory(&descendants(std::process::id(), &spared)));
+                    peak = peak.max(memory(&descendants(std::process::id(), &spared.pids())));
                     let rest = pause.max(begun.elapsed() * REST);
                     pause = (pause * 2).min(LONGEST_PAUSE);
                     if asked.recv_timeout(rest) != Err(RecvTimeoutError::Timeout) {
@@ -65,10 +64,10 @@ impl UsageSampler {
     }
 
     /// Ends the sampling, after a last look: to be called while the stack still runs.
-    pub fn stop_sampling(self, spared: &[Pid]) -> Sampled {
+    pub fn stop_sampling(self, spared: &Spared) -> Sampled {
         let Self { begun, cpu_before, enough, sampler } = self;
         drop(enough);
-        let last = memory(&descendants(std::process::id(), spared));
+        let last = memory(&descendants(std::process::id(), &spared.pids()));
         let sampled = sampler.and_then(|thread| thread.join().ok()).unwrap_or_default();
         Sampled { begun, cpu_before, peak: sampled.max(last) }
     }

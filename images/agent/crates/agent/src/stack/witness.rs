@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use rustix::event::{EventfdFlags, PollFd, PollFlags, Timespec, eventfd, poll};
 use rustix::process::{Pid, PidfdFlags, pidfd_open};
 
-use crate::stack::processes::{Ended, descendants};
+use crate::stack::processes::{Ended, Spared, descendants};
 
 /// The pause between two looks for new processes, at first and later.
 const FIRST_PAUSE: Duration = Duration::from_millis(10);
@@ -44,11 +44,11 @@ pub struct Witness {
 impl Witness {
     /// Watches from now on; the `spared` processes and theirs do not count. None where the
     /// kernel refuses: ends are then known of our own children alone.
-    pub fn start(spared: &[Pid]) -> Option<Self> {
+    pub fn start(spared: &Spared) -> Option<Self> {
         let enough = Arc::new(eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).ok()?);
         let seen = Arc::default();
         let mut watch = Watch {
-            spared: spared.to_vec(),
+            spared: spared.clone(),
             alive: BTreeMap::new(),
             over: BTreeSet::new(),
             seen: Arc::clone(&seen),
@@ -69,7 +69,7 @@ impl Witness {
 }
 
 struct Watch {
-    spared: Vec<Pid>,
+    spared: Spared,
     alive: BTreeMap<i32, (OwnedFd, String)>,
     /// Reported already, and maybe not yet collected by their parents.
     over: BTreeSet<i32>,
@@ -97,7 +97,7 @@ impl Watch {
 
     /// Begins to watch what is new.
     fn look(&mut self) {
-        let there = descendants(std::process::id(), &self.spared);
+        let there = descendants(std::process::id(), &self.spared.pids());
         self.over.retain(|pid| there.contains(pid));
         for pid in there {
             if self.alive.contains_key(&pid) || self.over.contains(&pid) {

@@ -32,6 +32,7 @@ struct subscription {
   char rcl, cpp, callback, intra, intra_callback; /* their addresses are what counts */
   _Atomic uint64_t taken, called, intra_waiting, intra_called;
   _Atomic uint64_t last; /* the number that was taken last */
+  struct publisher *relay; /* what its callback publishes on; none if NULL */
 };
 struct publisher {
   char topic[512];
@@ -43,6 +44,8 @@ static struct subscription *subscriptions[MOST];
 static struct publisher *publishers[MOST];
 static int subscription_count, publisher_count, errno_after;
 static struct subscription *ghost; /* the one that was destroyed last */
+static struct node node = {"standin", NULL, "node", "/"};
+static const struct node *creator = &node;
 static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER;
 static _Atomic int flooding, stick, nest, destroy_inside;
 
@@ -64,7 +67,7 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
   strcpy(made->way, way);
   made->last = UINT64_MAX;
   errno = 0;
-  made->rmw = rmw_create_subscription(NULL, NULL, topic, &qos, NULL);
+  made->rmw = rmw_create_subscription(creator, NULL, topic, &qos, NULL);
   errno_after = errno;
   TRACE(ros_trace_rcl_subscription_init(&made->rcl, NULL, made->rmw, topic, qos.depth));
   if (strcmp(way, "serialized") == 0) return made; /* as rclcpp's generic ones: no callback */
@@ -83,7 +86,7 @@ static struct subscription *subscribe(const char *topic, struct qos qos, const c
 static struct publisher *advertise(const char *topic, struct qos qos) {
   struct publisher *made = calloc(1, sizeof *made);
   strcpy(made->topic, topic);
-  made->rmw = rmw_create_publisher(NULL, NULL, topic, &qos, NULL);
+  made->rmw = rmw_create_publisher(creator, NULL, topic, &qos, NULL);
   return made;
 }
 
@@ -131,6 +134,7 @@ static void call(struct subscription *of, const char *callback, _Atomic uint64_t
   (void)callback;
   TRACE(ros_trace_callback_start(callback, callback == &of->intra_callback));
   ++*count;
+  if (of->relay != NULL) publish(of->relay, *count, "plain");
   if (atomic_exchange(&destroy_inside, 0)) destroy(of);
   if (atomic_exchange(&stick, 0)) {
     printf("stuck\n");
@@ -138,6 +142,26 @@ static void call(struct subscription *of, const char *callback, _Atomic uint64_t
   }
   if (atomic_exchange(&nest, 0)) spin_once(0);
   TRACE(ros_trace_callback_end(callback));
+}
+
+/* A timer's callback, which publishes on the topic where there is one. */
+static void tick(struct publisher *to) {
+  static const char timer;
+  (void)timer;
+  TRACE(ros_trace_callback_start(&timer, false));
+  if (to != NULL) publish(to, 1, "plain");
+  if (atomic_exchange(&stick, 0)) {
+    printf("stuck\n");
+    for (;;) pause();
+  }
+  if (atomic_exchange(&nest, 0)) spin_once(0);
+  TRACE(ros_trace_callback_end(&timer));
+}
+
+/* A copy of what came within the process: rclcpp takes it and calls nothing. */
+static void *take_away(void *of) {
+  ((struct subscription *)of)->taken += take(of);
+  return NULL;
 }
 
 /* What an executor does with one ready subscription: false if there was none in time. */
@@ -177,6 +201,15 @@ static void spin_threads(int threads) {
   for (int i = 1; i < threads; i++) pthread_create(&other[i], NULL, spin, NULL);
   spin(NULL);
   for (int i = 1; i < threads; i++) pthread_join(other[i], NULL);
+}
+
+/* A thread that waits without end until there is a message, and does not take it. */
+static void *sleep_on(void *rmw) {
+  void *ready[1] = {rmw};
+  struct set set = {1, ready};
+  int result = rmw_wait(&set, NULL, NULL, NULL, NULL, NULL, NULL);
+  printf("woke %d %d\n", result, ready[0] == rmw);
+  return NULL;
 }
 
 static struct publisher *flood_publisher;
@@ -265,6 +298,13 @@ static void churn(const char *topic, uint64_t times) {
   }
 }
 
+/* The node that creates from now on; none is named "-". */
+static void be(const char *name_space, const char *name) {
+  node.name_space = strdup(name_space);
+  node.name = strdup(name);
+  creator = strcmp(name, "-") == 0 ? NULL : &node;
+}
+
 static void obey(char **argv, const char *verb, const char *topic, uint64_t n, const char *way) {
   /* Publishers are reliable, and so is a subscription that asks for it. */
   struct qos qos = {1, n, verb[0] == 'p' || !strcmp(way, "reliable") ? 1 : 2, 2, {0}};
@@ -316,6 +356,20 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "ghost")) /* a timer whose callback is where a subscription's was */
     call(ghost, &ghost->callback, &ghost->called);
   else if (!strcmp(verb, "inside")) destroy_inside = 1;
+  else if (!strcmp(verb, "tick"))
+    while (n-- > 0) tick(strcmp(topic, "/") == 0 ? NULL : publisher_on(topic));
+  else if (!strcmp(verb, "discard"))
+    while (n-- > 0) take_away(subscription_on(topic));
+  else if (!strcmp(verb, "brief")) { /* a thread that takes one and ends */
+    pthread_create(&thread, NULL, take_away, subscription_on(topic));
+    pthread_join(thread, NULL);
+  }
+  else if (!strcmp(verb, "relay")) subscription_on(topic)->relay = publisher_on(way);
+  else if (!strcmp(verb, "be")) be(topic, way);
+  else if (!strcmp(verb, "sleep")) {
+    pthread_create(&thread, NULL, sleep_on, subscription_on(topic)->rmw);
+    pthread_detach(thread);
+  }
   else if (!strcmp(verb, "pubs"))
     while (n-- > 0) publishers[publisher_count++] = advertise(topic, qos);
   else if (!strcmp(verb, "empty"))
@@ -357,6 +411,8 @@ int serve(int argc, char **argv) {
     strcpy(topic, "/");
     strcpy(way, "plain");
     sscanf(line, "%15s %511s %llu %15s", verb, topic, &n, way);
+    if (strcmp(verb, "leave") == 0) return 1;
+    if (strcmp(verb, "become") == 0) execlp("sleep", "sleep", "600", NULL);
     obey(argv, verb, topic, n, way);
   }
   return 0;

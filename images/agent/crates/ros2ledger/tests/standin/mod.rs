@@ -20,6 +20,8 @@ pub enum Client {
     Component,
     /// Such a module without tracepoints.
     Rclpy,
+    /// The same, loaded for all, that is loaded again when it has left.
+    Again,
 }
 
 /// What the stand-in's rmw sends messages by.
@@ -29,6 +31,8 @@ pub enum Middleware {
     Memory,
     /// Debian's Cyclone DDS.
     Cyclone,
+    /// None: waits go by a script, and by a clock that only waits move.
+    Script,
 }
 
 /// Where the programs over memory are.
@@ -38,7 +42,7 @@ pub fn built() -> &'static Path {
 
 /// Where the programs are: built when a source differs, in a folder that appears as a whole.
 pub fn built_over(middleware: Middleware) -> &'static Path {
-    static FOLDERS: [OnceLock<PathBuf>; 2] = [OnceLock::new(), OnceLock::new()];
+    static FOLDERS: [OnceLock<PathBuf>; 3] = [const { OnceLock::new() }; 3];
     FOLDERS[middleware as usize].get_or_init(|| {
         let parent = option_env!("CARGO_TARGET_TMPDIR").map_or_else(std::env::temp_dir, Into::into);
         let folder = parent.join(format!("ros2-standin-{middleware:?}-{:016x}", digest()));
@@ -76,8 +80,12 @@ fn build(folder: &Path, middleware: Middleware) {
     std::fs::create_dir_all(folder).unwrap();
     std::fs::write(folder.join("ledger.so"), LIBRARY).unwrap();
     let library = ["-shared", "-fPIC", "-Wl,-z,now"];
+    if middleware == Middleware::Script {
+        compile(folder, "librmw_implementation.so", "script.c", &library);
+        return compile(folder, "node", "waiter.c", &["-lrmw_implementation"]);
+    }
     let (source, with) = match middleware {
-        Middleware::Memory => ("rmw.c", &[][..]),
+        Middleware::Memory | Middleware::Script => ("rmw.c", &[][..]),
         Middleware::Cyclone => ("rmw_dds.c", &["-lddsc"][..]),
     };
     compile(folder, "librmw_implementation.so", source, &[&library[..], with].concat());
@@ -131,12 +139,13 @@ impl Node {
     ) -> Node {
         let mut command = match client {
             Client::Rclcpp => Command::new(folder.join("node")),
-            Client::Component | Client::Rclpy => Command::new(folder.join("host")),
+            Client::Component | Client::Rclpy | Client::Again => Command::new(folder.join("host")),
         };
         match client {
             Client::Rclcpp => {}
             Client::Component => _ = command.arg(folder.join("component.so")),
             Client::Rclpy => _ = command.arg(folder.join("module.so")),
+            Client::Again => _ = command.arg(folder.join("module.so")).arg("again"),
         }
         for (name, value) in variables {
             command.env(name, value);

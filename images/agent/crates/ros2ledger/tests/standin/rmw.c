@@ -22,7 +22,21 @@ struct endpoint {
 
 static pthread_mutex_t lock = PTHREAD_MUTEX_INITIALIZER;
 static pthread_cond_t arrived = PTHREAD_COND_INITIALIZER;
-static struct endpoint *subscriptions;
+static struct endpoint *subscriptions, *publishers;
+
+static void enter(struct endpoint **list, struct endpoint *made) {
+  pthread_mutex_lock(&lock);
+  made->next = *list;
+  *list = made;
+  pthread_mutex_unlock(&lock);
+}
+
+static void leave(struct endpoint **list, const struct endpoint *gone) {
+  pthread_mutex_lock(&lock);
+  while (*list != NULL && *list != gone) list = &(*list)->next;
+  if (*list != NULL) *list = gone->next;
+  pthread_mutex_unlock(&lock);
+}
 
 static struct endpoint *make(const char *topic, const struct qos *qos) {
   struct endpoint *made = calloc(1, sizeof *made);
@@ -43,27 +57,22 @@ void *rmw_create_subscription(const void *node, const void *type, const char *to
   (void)node, (void)type, (void)options;
   struct endpoint *made = make(topic, qos);
   made->queue = calloc(made->room, sizeof *made->queue);
-  pthread_mutex_lock(&lock);
-  made->next = subscriptions;
-  subscriptions = made;
-  pthread_mutex_unlock(&lock);
+  enter(&subscriptions, made);
   return made;
 }
 
 void *rmw_create_publisher(const void *node, const void *type, const char *topic,
                            const struct qos *qos, const void *options) {
   (void)node, (void)type, (void)options;
-  return make(topic, qos);
+  struct endpoint *made = make(topic, qos);
+  enter(&publishers, made);
+  return made;
 }
 
 int rmw_destroy_subscription(void *node, void *subscription) {
   (void)node;
   struct endpoint *gone = subscription;
-  pthread_mutex_lock(&lock);
-  struct endpoint **at = &subscriptions;
-  while (*at != NULL && *at != gone) at = &(*at)->next;
-  if (*at != NULL) *at = gone->next;
-  pthread_mutex_unlock(&lock);
+  leave(&subscriptions, gone);
   free(gone->queue);
   free(gone);
   return 0;
@@ -71,6 +80,7 @@ int rmw_destroy_subscription(void *node, void *subscription) {
 
 int rmw_destroy_publisher(void *node, void *publisher) {
   (void)node;
+  leave(&publishers, publisher);
   free(publisher);
   return 0;
 }
@@ -82,6 +92,16 @@ int rmw_subscription_get_actual_qos(const void *subscription, struct qos *qos) {
 
 int rmw_publisher_get_actual_qos(const void *publisher, struct qos *qos) {
   *qos = ((const struct endpoint *)publisher)->qos;
+  return 0;
+}
+
+int rmw_subscription_count_matched_publishers(const void *subscription, size_t *matched) {
+  const struct endpoint *of = subscription;
+  *matched = 0;
+  pthread_mutex_lock(&lock);
+  for (struct endpoint *from = publishers; from != NULL; from = from->next)
+    *matched += strcmp(from->topic, of->topic) == 0;
+  pthread_mutex_unlock(&lock);
   return 0;
 }
 
@@ -178,8 +198,10 @@ int rmw_take_sequence(const void *subscription, size_t count, void *messages, vo
 int rmw_wait(struct set *wanted, void *guards, void *services, void *clients, void *events,
              void *wait_set, const struct span *timeout) {
   (void)guards, (void)services, (void)clients, (void)events, (void)wait_set;
+  struct span endless = {1 << 30, 0};
   struct timespec until;
   clock_gettime(CLOCK_REALTIME, &until);
+  if (timeout == NULL) timeout = &endless;
   until.tv_sec += (time_t)timeout->seconds;
   until.tv_nsec += (long)timeout->nanoseconds;
   if (until.tv_nsec >= 1000000000) until.tv_sec++, until.tv_nsec -= 1000000000;

@@ -11,6 +11,11 @@ struct qos {
   int durability;
   uint64_t others[8];
 };
+struct node {
+  const char *implementation;
+  void *data;
+  const char *name, *name_space;
+};
 struct info {
   int64_t source, received;
   uint64_t publication, reception;
@@ -43,6 +48,7 @@ int rmw_destroy_subscription(void *node, void *subscription);
 int rmw_destroy_publisher(void *node, void *publisher);
 int rmw_subscription_get_actual_qos(const void *subscription, struct qos *qos);
 int rmw_publisher_get_actual_qos(const void *publisher, struct qos *qos);
+int rmw_subscription_count_matched_publishers(const void *subscription, size_t *publishers);
 int rmw_publish(const void *publisher, const void *message, void *allocation);
 int rmw_publish_serialized_message(const void *publisher, const void *message, void *allocation);
 int rmw_publish_loaned_message(const void *publisher, void *message, void *allocation);

@@ -98,6 +98,12 @@ int rmw_publisher_get_actual_qos(const void *publisher, struct qos *qos) {
   return rmw_subscription_get_actual_qos(publisher, qos);
 }
 
+int rmw_subscription_count_matched_publishers(const void *subscription, size_t *publishers) {
+  int matched = dds_get_matched_publications(((const struct endpoint *)subscription)->entity, NULL, 0);
+  *publishers = matched < 0 ? 0 : (size_t)matched;
+  return matched < 0;
+}
+
 int rmw_publish(const void *publisher, const void *message, void *allocation) {
   (void)allocation;
   return dds_write(((const struct endpoint *)publisher)->entity, message) < 0;
@@ -172,7 +178,9 @@ int rmw_wait(struct set *wanted, void *guards, void *services, void *clients, vo
     struct endpoint *of = wanted->subscribers[one];
     dds_waitset_attach(waiting, of->condition, 0);
   }
-  dds_duration_t limit = DDS_SECS((int64_t)timeout->seconds) + (int64_t)timeout->nanoseconds;
+  dds_duration_t limit = DDS_INFINITY;
+  if (timeout != NULL)
+    limit = DDS_SECS((int64_t)timeout->seconds) + (int64_t)timeout->nanoseconds;
   int ready = dds_waitset_wait(waiting, NULL, 0, limit);
   for (size_t one = 0; one < wanted->count; one++) {
     struct endpoint *of = wanted->subscribers[one];

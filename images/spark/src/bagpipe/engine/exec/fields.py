@@ -8,6 +8,9 @@ FIELDS = EngineFields(
     unmarked_lines="stack",
     sources=("bags", "sequence", "files"),
     meaningless={
+        ("stack.ros2",): (
+            "stack.ros2 has a meaning with stack.engine: ros2 alone: write that, or leave it out"
+        ),
         ("evaluate",): (
             "evaluate has no meaning with stack.engine: exec, whose program judges itself:"
             " leave it out"

@@ -8,4 +8,9 @@ FIELDS = EngineFields(
     sources=("bags", "sequence", "simulator"),
     encoding="ros1",
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
+    meaningless={
+        ("stack.ros2",): (
+            "stack.ros2 has a meaning with stack.engine: ros2 alone: write that, or leave it out"
+        ),
+    },
 )

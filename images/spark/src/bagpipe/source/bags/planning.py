@@ -2,10 +2,10 @@
 
 from collections import Counter
 
-from bagpipe.plan.bag_tail import BagError, BagTail, check_encoding, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
-from bagpipe.plan.fragments import cut, holding
+from bagpipe.plan.fragments import check_encoding, cut, holding
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.source.naming import stem
 from bagpipe.source_spec import Source

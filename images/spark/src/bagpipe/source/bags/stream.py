@@ -1,9 +1,7 @@
 """A fragment as the bytes that the agent plays: a recording made of the user's own records."""
 
-from collections.abc import Iterator
-
 from bagpipe.plan.case import Case
-from bagpipe.plan.framing import framing
+from bagpipe.plan.framing import framed, framing
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import InputFile
@@ -19,11 +17,11 @@ def fragment_file(case: Case, storage: Storage) -> InputFile:
         ranges.append((at, offset, length))
         at += length
 
-    def pieces() -> Iterator[bytes]:
-        if head:
-            yield head
-        yield from storage.pieces(case.bag, sources, MAX_PAYLOAD_BYTES, case.bag_version)
-        if end:
-            yield end
-
-    return InputFile(case.bag, at + len(end), ranges, pieces)
+    return InputFile(
+        case.bag,
+        at + len(end),
+        ranges,
+        lambda: framed(
+            sources, storage.pieces(case.bag, sources, MAX_PAYLOAD_BYTES, case.bag_version)
+        ),
+    )

@@ -1,11 +1,9 @@
 """What a case's own bag says of its window, for criteria that compare with it."""
 
-import io
-
 from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import near
-from bagpipe.plan.framing import framing
+from bagpipe.plan.framing import framed
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
@@ -19,10 +17,5 @@ def chunks_with(topics: set[str], case: Case, storage: Storage) -> bytes:
         (chunk.offset, chunk.end - chunk.offset)
         for chunk in near(tail, wanted, case.window.start, case.window.end)
     ]
-    head, end = framing(ranges)
-    bag = io.BytesIO()
-    bag.write(head)
-    for piece in storage.pieces(case.bag, ranges, MAX_PAYLOAD_BYTES, case.bag_version):
-        bag.write(piece)
-    bag.write(end)
-    return bag.getvalue()
+    pieces = storage.pieces(case.bag, ranges, MAX_PAYLOAD_BYTES, case.bag_version)
+    return b"".join(framed(ranges, pieces))

@@ -3,7 +3,7 @@
 use crate::case::failure::Failure;
 use crate::engine::exec::ExecRunner;
 use crate::engine::task::{Answer, Engine, Task};
-use crate::stack::Surroundings;
+use crate::stack::{Surroundings, Variables};
 
 pub const ENGINE: Engine = Engine { name: "exec", run };
 
@@ -14,7 +14,7 @@ fn run(task: &Task<'_>) -> Result<Answer, Failure> {
         described: task.described.clone(),
         surroundings: Surroundings {
             environment: &task.case.stack.environment,
-            ros: None,
+            variables: Variables::default(),
             label: task.label(),
         },
         deadline: task.deadline,

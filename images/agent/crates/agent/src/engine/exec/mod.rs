@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 use crate::case::failure::Failure;
 use crate::case::{Case, seconds};
 use crate::stack::end::StackEnd;
-use crate::stack::processes::Children;
+use crate::stack::processes::{Children, Spared};
 use crate::stack::{HURRY, Surroundings};
 use input::ProgramInput;
 use output::ProgramOutput;
@@ -99,7 +99,7 @@ impl ExecRunner<'_> {
             .surroundings
             .start_piped(&self.case.stack.command, &mut self.children.borrow_mut())
             .map_err(|wrong| Failure::new("CommandNotFound", wrong.0))?;
-        program.measure(&[]);
+        program.measure(&Spared::default());
         timings.stack = begun.elapsed().as_secs_f64();
         let begun = Instant::now();
         let mut pump = Pump {
@@ -122,7 +122,8 @@ impl ExecRunner<'_> {
         let hurry = self.stop.load(Ordering::Relaxed);
         let patience = if hurry { patience.min(HURRY) } else { patience };
         let mut children = self.children.borrow_mut();
-        let mut stack = program.end(&mut children, &[], patience, &self.surroundings.label);
+        let mut stack =
+            program.end(&mut children, &Spared::default(), patience, &self.surroundings.label);
         children.forget_all();
         if let Ok(stack) = &mut stack {
             stack.judge(&self.case.stack.command, Vec::new(), &[], pumped.is_ok());

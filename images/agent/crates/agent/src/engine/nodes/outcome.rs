@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::warnings;
 
-/// The map of RESULT: bagpipe/engine/ros1/result.py, with which tests compare it.
+/// The map of RESULT: bagpipe/engine/replay_result.py, with which tests compare it.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Outcome {
     pub stack: StackEnd,

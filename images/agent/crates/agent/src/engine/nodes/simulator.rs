@@ -37,6 +37,7 @@ pub fn topics(simulator: &Simulator) -> Vec<TopicInfo> {
         md5sum: advertised.md5sum.clone(),
         definition: advertised.definition.clone(),
         latching: advertised.latching,
+        offered_qos: None,
     });
     topics.collect()
 }

@@ -1,23 +1,32 @@
 """The verdict on one played case, from the agent's RESULT alone."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from bagpipe.engine.ros1.losses import by_the_machine, losses, others, why
+from bagpipe.engine.losses import by_the_machine, losses, others, why
 from bagpipe.faults import FaultPolicy
 from bagpipe.judgement import Judgement, ends, first_that_counts
 
 _NO_POLICY = FaultPolicy([])
 
+# What a RESULT map does not prove that it has to, each as a judgement.
+Unproved = Callable[[Mapping[str, Any]], Iterator[Judgement]]
+
 
 def judge(
-    result: dict[str, Any], policy: FaultPolicy = _NO_POLICY, mode: str = "realtime"
+    result: dict[str, Any],
+    policy: FaultPolicy = _NO_POLICY,
+    mode: str = "realtime",
+    unproved: Unproved | None = None,
 ) -> Judgement:
-    """Judge a RESULT map: how the stack ended, what it lost, and whether it published anything.
+    """Judge a RESULT map: how the stack ended, what it lost, what of its delivery nobody can
+    prove, and whether it published anything.
 
-    Ends come first, since a node that has crashed receives nothing more.
+    Ends come first, since a node that has crashed receives nothing more. A loss that is known goes
+    before one that is only possible.
     """
-    faults = (*ends(result), *_losses(result, mode))
+    open_questions = unproved(result) if unproved else ()
+    faults = (*ends(result), *_losses(result, mode), *open_questions)
     return first_that_counts(faults, policy, _evidence(result))
 
 

@@ -23,13 +23,13 @@ class LedgerSubscriber(TypedDict):
     dropped: Annotated[Natural, Field(description="Messages of the window that did not.")]
     bytes: Annotated[
         Natural,
-        Field(description="Bytes of messages of the window that were written to its socket."),
+        Field(description="Bytes of messages of the window that were sent to it."),
     ]
     strength: Annotated[
         Strength,
         Field(
-            description="What `received` proves: written to the socket, read by the process, taken"
-            " for the callback, or the callback has run."
+            description="What `received` proves: sent to it, read by its process, taken for the"
+            " callback, or the callback has run."
         ),
     ]
     queue: Annotated[
@@ -86,14 +86,14 @@ class RecordedTopic(TypedDict):
 
     topic: Annotated[str, Field(description="Its name.")]
     type: Annotated[str, Field(description="The message type's name.")]
-    messages: Annotated[Natural, Field(description="Messages in the bag.")]
+    messages: Annotated[Natural, Field(description="Messages in the recording.")]
 
 
 @open_map
 class Recorded(TypedDict):
-    """What is in the recorded bag."""
+    """What is in the recording."""
 
-    messages: Annotated[Natural, Field(description="Messages in the bag.")]
+    messages: Annotated[Natural, Field(description="Messages in the recording.")]
     bytes: Annotated[Natural, Field(description="Bytes of their data.")]
     high_water_bytes: Annotated[
         Natural, Field(description="The most bytes that the recording held.")
@@ -167,8 +167,10 @@ class Playback(TypedDict):
 class ReplayTimings(TypedDict):
     """Seconds of each part of the case; 0 for a part that was not reached."""
 
-    assemble: Annotated[Elapsed, Field(description="Until the bag was there.")]
-    master: Annotated[Elapsed, Field(description="Until the rosmaster answered.")]
+    assemble: Annotated[Elapsed, Field(description="Until the recording was there.")]
+    master: Annotated[
+        Elapsed, Field(description="Until the rosmaster answered; 0 where there is none.")
+    ]
     stack: Annotated[Elapsed, Field(description="Until the command was started.")]
     subscribe: Annotated[Elapsed, Field(description="Until the subscribers were there.")]
     lead_in: Annotated[

@@ -20,7 +20,8 @@ def judged_by_criteria(
     """The verdict on a delivered case, and the findings behind it, as the results have them.
 
     Without criteria the delivery alone is judged; a case in which nothing was played or recorded,
-    or whose stack has failed, is what it is whatever its criteria say.
+    or whose stack has failed, is what it is whatever its criteria say. One that lacks evidence
+    otherwise can only fail by them.
     """
     case, spec, storage = attempt.case, attempt.spec, attempt.storage
     if not spec.evaluate or judgement.outcome in {"failed", "errored"}:
@@ -38,7 +39,6 @@ def judged_by_criteria(
             lambda: attempt.source.truth(case, truths, storage),
             case.window.start,
             case.window.end,
-            truths,
         ),
         start=case.window.start,
         end=case.window.end,
@@ -50,5 +50,7 @@ def judged_by_criteria(
     )
     findings = evaluate(spec.evaluate, evidence)
     outcome, reason, message = verdict(findings)
-    judged = Judgement(outcome, reason, message, judgement.allowed)
-    return judged, [finding.as_row() for finding in findings]
+    rows = [finding.as_row() for finding in findings]
+    if judgement.outcome == "invalid" and outcome != "failed":
+        return judgement, rows
+    return Judgement(outcome, reason, message, judgement.allowed), rows

@@ -1,0 +1,85 @@
+//! What a middleware has around the nodes of one case.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use bagpipe_graph::Middleware;
+use bagpipe_log::RecordingFormat;
+use bagpipe_replay::Cancellation;
+use bagpipe_wire::Abort;
+use rustix::process::Pid;
+
+use crate::case::failure::Failure;
+use crate::stack::nodes::{Found, Known};
+use crate::stack::processes::{Children, Ended};
+use crate::stack::{Program, Surroundings, Variables};
+
+/// What a host is given for a call that may take its time.
+pub struct Occasion<'a> {
+    pub surroundings: &'a Surroundings<'a>,
+    pub children: &'a std::cell::RefCell<Children>,
+    /// Until when it must be done.
+    pub deadline: Instant,
+    /// Whether the case must end.
+    pub interrupted: &'a dyn Fn() -> Option<Cancellation>,
+}
+
+/// A middleware, for one case.
+pub trait Host {
+    /// What the stack finds in its environment.
+    fn variables(&self) -> Variables;
+
+    /// The stack's command as it is started.
+    fn command(&self) -> Result<Vec<String>, Failure>;
+
+    /// Starts what nodes need to find each other, and waits until it answers.
+    fn start(&self, occasion: &Occasion<'_>) -> Result<(), Failure>;
+
+    /// Once the stack was started: how to join its graph.
+    fn meet(&self, occasion: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure>;
+
+    /// Processes of its own by now, which are none of the stack's.
+    fn processes(&self) -> Vec<Pid>;
+
+    /// How the recording is written.
+    fn record_as(&self) -> Arc<dyn RecordingFormat>;
+
+    /// Whether the stack runs on simulated time.
+    fn use_sim_time(&self) -> bool;
+
+    /// All nodes but our own.
+    fn roll(&self) -> Vec<Known>;
+
+    /// Notes who is still there when all input is out: who leaves after that is done.
+    fn note_stayed(&self, roll: &mut [Known]);
+
+    /// What has become of each.
+    fn look(&self, roll: &[Known]) -> Vec<Found>;
+
+    /// How the program ended by itself that nodes need to find each other, if it has.
+    fn ended(&self, _children: &mut Children) -> Option<Ended> {
+        None
+    }
+
+    /// That program, once everything was ended, for its last lines.
+    fn take_program(&self) -> Option<Program> {
+        None
+    }
+
+    /// Why a case is worth nothing whose program ended by itself.
+    fn gone(&self, ending: Ending) -> Abort {
+        Abort { reason: "Internal".to_owned(), stderr: ending.stderr, ..Abort::default() }
+    }
+
+    /// A fault of the case that is the program's own, with what it wrote; any other comes back.
+    fn explain(&self, abort: Abort, _ending: &mut Ending) -> Result<Abort, Abort> {
+        Err(abort)
+    }
+}
+
+/// How a host's program ended before it was ended.
+#[derive(Default)]
+pub struct Ending {
+    pub ended: Option<Ended>,
+    pub stderr: Vec<String>,
+}

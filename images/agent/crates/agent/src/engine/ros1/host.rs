@@ -1,0 +1,147 @@
+//! What ROS 1's nodes need around them: a rosmaster with their parameters.
+
+use std::cell::RefCell;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use bagpipe_graph::Middleware;
+use bagpipe_log::RecordingFormat;
+use bagpipe_ros1::Ros1;
+use bagpipe_rosbag::{Compression, WriterOptions};
+use bagpipe_wire::Abort;
+use rustix::process::Pid;
+
+use crate::case::Case;
+use crate::case::failure::Failure;
+use crate::engine::nodes::host::{Ending, Host, Occasion};
+use crate::engine::nodes::runner::silent;
+use crate::engine::ros1::{parameters, roll, rosmaster};
+use crate::stack::nodes::{Found, Known};
+use crate::stack::processes::{Children, Ended};
+use crate::stack::{Program, Variables};
+
+/// The rosmaster of a case.
+pub struct RosmasterHost<'a> {
+    case: &'a Case,
+    port: u16,
+    uri: String,
+    /// Where ROS may write.
+    folder: PathBuf,
+    program: RefCell<Option<Program>>,
+}
+
+impl<'a> RosmasterHost<'a> {
+    pub fn new(case: &'a Case, port: u16, folder: &Path) -> Self {
+        let uri = format!("http://127.0.0.1:{port}");
+        Self { case, port, uri, folder: folder.to_owned(), program: RefCell::default() }
+    }
+
+    fn pid(&self) -> Option<Pid> {
+        self.program.borrow().as_ref().map(|program| program.pid)
+    }
+}
+
+impl Host for RosmasterHost<'_> {
+    fn variables(&self) -> Variables {
+        let set = vec![
+            ("ROS_MASTER_URI", self.uri.clone().into()),
+            ("ROS_IP", "127.0.0.1".into()),
+            ("ROS_HOME", self.folder.clone().into()),
+            ("ROS_LOG_DIR", self.folder.join("log").into()),
+        ];
+        Variables { set, removed: &["ROS_HOSTNAME"] }
+    }
+
+    fn command(&self) -> Result<Vec<String>, Failure> {
+        Ok(self.case.stack.command.clone())
+    }
+
+    fn start(&self, occasion: &Occasion<'_>) -> Result<(), Failure> {
+        let Occasion { surroundings, children, deadline, interrupted } = *occasion;
+        let program = rosmaster::start(surroundings, self.port, &mut children.borrow_mut())?;
+        let mut place = self.program.borrow_mut();
+        let program = place.insert(program);
+        let master = rosmaster::await_answer(
+            program,
+            &self.uri,
+            &mut children.borrow_mut(),
+            deadline,
+            &|| interrupted().map(silent),
+        )?;
+        parameters::set(&master, &self.case.stack.parameters).map_err(Failure::protocol)
+    }
+
+    fn meet(&self, _: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure> {
+        Ok(Arc::new(Ros1 { master_uri: self.uri.clone() }))
+    }
+
+    fn processes(&self) -> Vec<Pid> {
+        self.pid().into_iter().collect()
+    }
+
+    fn record_as(&self) -> Arc<dyn RecordingFormat> {
+        Arc::new(WriterOptions::with_compression(Compression::Lz4))
+    }
+
+    fn use_sim_time(&self) -> bool {
+        self.case.use_sim_time()
+    }
+
+    fn roll(&self) -> Vec<Known> {
+        roll::roll(&self.uri)
+    }
+
+    fn note_stayed(&self, known: &mut [Known]) {
+        roll::note_stayed(&self.uri, known);
+    }
+
+    fn look(&self, known: &[Known]) -> Vec<Found> {
+        roll::look(&self.uri, known)
+    }
+
+    fn ended(&self, children: &mut Children) -> Option<Ended> {
+        children.ended(self.pid()?)
+    }
+
+    fn take_program(&self) -> Option<Program> {
+        self.program.borrow_mut().take()
+    }
+
+    /// Without a master it can't be known which nodes were there in the end.
+    fn gone(&self, ending: Ending) -> Abort {
+        let Ending { ended, stderr } = ending;
+        let how = ended.map(|ended| ended.to_string()).unwrap_or_default();
+        let message = format!(
+            "the rosmaster ended with {how} during the case, so which nodes were there in the end \
+             can't be known"
+        );
+        Abort {
+            reason: "RosMasterFailed".to_owned(),
+            message,
+            exit_status: ended.and_then(|ended| ended.exit_status),
+            signal: ended.and_then(|ended| ended.signal),
+            stderr,
+            ..Abort::default()
+        }
+    }
+
+    fn explain(&self, mut abort: Abort, ending: &mut Ending) -> Result<Abort, Abort> {
+        let stderr = std::mem::take(&mut ending.stderr);
+        if let Some(ended) = ending.ended
+            && abort.reason != "RosMasterNotFound"
+        {
+            // Whatever went wrong after that went wrong because of it.
+            if abort.reason != "RosMasterFailed" {
+                let message = format!("the rosmaster ended with {ended} during the case");
+                abort.message = format!("{message}; then: {}", abort.message);
+                abort.reason = "RosMasterFailed".to_owned();
+            }
+            let Ended { exit_status, signal } = ended;
+            return Ok(Abort { exit_status, signal, stderr, ..abort });
+        }
+        match abort.reason.starts_with("RosMaster") {
+            true => Ok(Abort { stderr, ..abort }),
+            false => Err(abort),
+        }
+    }
+}

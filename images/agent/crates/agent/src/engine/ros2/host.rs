@@ -1,0 +1,177 @@
+//! What ROS 2's nodes need around them: a ledger, a domain of their own, and a player among them.
+
+use std::cell::RefCell;
+use std::ffi::{OsStr, OsString};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use bagpipe_graph::Middleware;
+use bagpipe_log::RecordingFormat;
+use bagpipe_mcap::{Compression, WriterOptions};
+use bagpipe_ros2::{QosOverride, Ros2, Ros2Options};
+use bagpipe_ros2ledger::Ledger;
+use bagpipe_ros2player::{Durability, Reliability};
+use rustix::process::Pid;
+
+use crate::case::failure::Failure;
+use crate::case::{self, Case};
+use crate::engine::nodes::host::{Host, Occasion};
+use crate::engine::ros2::environment::{of_a_node, prefixes};
+use crate::engine::ros2::files::Files;
+use crate::engine::ros2::{parameters, roll};
+use crate::engine::task::Task;
+use crate::stack::Variables;
+use crate::stack::nodes::{Found, Known};
+
+/// Domains whose ports are below those that the system gives away (REP 2, Linux): 0 to 101.
+const DOMAINS: u16 = 101;
+/// How long the player may take for its start and for each answer.
+const PLAYER: Duration = Duration::from_secs(20);
+
+/// A case's domain, and who counts in it.
+pub struct Ros2Host<'a> {
+    case: &'a Case,
+    files: Files,
+    ledger: Arc<Ledger>,
+    /// A number that no other slot of the machine has.
+    port: u16,
+    /// Where ROS may write.
+    folder: PathBuf,
+    player: RefCell<Option<u32>>,
+}
+
+impl<'a> Ros2Host<'a> {
+    pub fn new(task: &'a Task<'_>, folder: &std::path::Path) -> Result<Self, Failure> {
+        let ledger = Ledger::new().map_err(|error| Failure::new("Internal", error.to_string()))?;
+        // Before the first node is there: one that sleeps already could not be told.
+        ledger.watch_matches(true);
+        Ok(Self {
+            case: task.case,
+            files: Files::put(task.folder)?,
+            ledger: Arc::new(ledger),
+            port: task.port,
+            folder: folder.to_owned(),
+            player: RefCell::default(),
+        })
+    }
+
+    fn parameter_file(&self) -> PathBuf {
+        self.folder.join("parameters.yaml")
+    }
+
+    /// The quality of service by the names that topics are played under.
+    fn qos(&self) -> std::collections::BTreeMap<String, QosOverride> {
+        let stack = &self.case.stack;
+        let mut by_name = std::collections::BTreeMap::new();
+        for (recorded, qos) in &stack.qos {
+            let played: Vec<&String> = stack
+                .remap
+                .iter()
+                .filter(|(_, from)| *from == recorded)
+                .map(|(name, _)| name)
+                .collect();
+            let wanted = wanted(qos);
+            match played.is_empty() {
+                true => _ = by_name.insert(recorded.clone(), wanted),
+                false => by_name.extend(played.into_iter().map(|name| (name.clone(), wanted))),
+            }
+        }
+        by_name
+    }
+}
+
+fn wanted(qos: &case::Qos) -> QosOverride {
+    QosOverride {
+        reliability: qos.reliability.map(|wanted| match wanted {
+            case::Reliability::Reliable => Reliability::Reliable,
+            case::Reliability::BestEffort => Reliability::BestEffort,
+        }),
+        durability: qos.durability.map(|wanted| match wanted {
+            case::Durability::Volatile => Durability::Volatile,
+            case::Durability::TransientLocal => Durability::TransientLocal,
+        }),
+        depth: qos.depth.map(u32::from),
+    }
+}
+
+impl Host for Ros2Host<'_> {
+    fn variables(&self) -> Variables {
+        let own = self.case.stack.environment.get("LD_PRELOAD").map(OsString::from);
+        let preload = own.or_else(|| std::env::var_os("LD_PRELOAD"));
+        let domain = 1 + self.port % DOMAINS;
+        let mut set = vec![
+            ("ROS_DOMAIN_ID", domain.to_string().into()),
+            // The first is Iron's and later ones', the second what was before.
+            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST".into()),
+            ("ROS_LOCALHOST_ONLY", "1".into()),
+            ("ROS_HOME", self.folder.clone().into()),
+            ("ROS_LOG_DIR", self.folder.join("log").into()),
+            ("BAGPIPE_PARAMETERS", self.parameter_file().into()),
+        ];
+        set.extend(
+            self.ledger
+                .environment(&self.files.library, preload.as_deref().map(OsStr::new))
+                .into_iter(),
+        );
+        Variables { set, removed: &[] }
+    }
+
+    fn command(&self) -> Result<Vec<String>, Failure> {
+        let stack = &self.case.stack;
+        let file = self.parameter_file();
+        let text = parameters::file(&stack.parameters).map_err(Failure::protocol)?;
+        std::fs::write(&file, text).map_err(|error| {
+            Failure::new("Internal", format!("cannot write {}: {error}", file.display()))
+        })?;
+        Ok(match stack.parameters.is_empty() {
+            true => stack.command.clone(),
+            false => parameters::with_file(&stack.command, &file),
+        })
+    }
+
+    fn start(&self, _: &Occasion<'_>) -> Result<(), Failure> {
+        Ok(())
+    }
+
+    fn meet(&self, occasion: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure> {
+        let environment = of_a_node(&self.ledger, occasion)?;
+        let ros2 = Ros2::start(Ros2Options {
+            ledger: Arc::clone(&self.ledger),
+            program: self.files.program.clone(),
+            prefixes: prefixes(&environment),
+            environment,
+            qos: self.qos(),
+            deadline: PLAYER,
+        })
+        .map_err(|error| Failure::new(error.reason, error.to_string()))?;
+        self.player.replace(Some(ros2.pid()));
+        Ok(Arc::new(ros2))
+    }
+
+    fn processes(&self) -> Vec<Pid> {
+        let player = self.player.borrow().and_then(|pid| Pid::from_raw(pid.cast_signed()));
+        player.into_iter().collect()
+    }
+
+    fn record_as(&self) -> Arc<dyn RecordingFormat> {
+        let options = WriterOptions::with_compression(Compression::Lz4);
+        Arc::new(WriterOptions { profile: "ros2".to_owned(), ..options })
+    }
+
+    fn use_sim_time(&self) -> bool {
+        parameters::use_sim_time(&self.case.stack.parameters)
+    }
+
+    fn roll(&self) -> Vec<Known> {
+        roll::roll(&self.ledger)
+    }
+
+    fn note_stayed(&self, known: &mut [Known]) {
+        roll::note_stayed(&self.ledger, known);
+    }
+
+    fn look(&self, known: &[Known]) -> Vec<Found> {
+        roll::look(&self.ledger, known)
+    }
+}

@@ -1,0 +1,59 @@
+//! The nodes that count when the play begins, and what has become of them at its end.
+
+use std::collections::BTreeMap;
+
+use bagpipe_ros2ledger::{Endpoint, Ledger, ProcessId};
+
+use crate::stack::nodes::{Found, Known, is_alive};
+
+/// All nodes. A ledger that can't be read fails the replay, so no error is reported here.
+pub fn roll(ledger: &Ledger) -> Vec<Known> {
+    let alive = live_nodes(&endpoints(ledger));
+    let known = alive.into_iter().map(|(name, process)| Known {
+        name,
+        uri: mark(process),
+        pid: i32::try_from(process.pid).ok(),
+        stayed: false,
+    });
+    known.collect()
+}
+
+/// Notes who is still there.
+pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
+    let alive = live_nodes(&endpoints(ledger));
+    for known in roll {
+        known.stayed = alive.contains_key(&known.name);
+    }
+}
+
+/// What has become of each.
+pub fn look(ledger: &Ledger, roll: &[Known]) -> Vec<Found> {
+    let endpoints = endpoints(ledger);
+    let alive = live_nodes(&endpoints);
+    roll.iter().map(|known| found(known, &endpoints, &alive)).collect()
+}
+
+fn found(known: &Known, all: &[Endpoint], alive: &BTreeMap<String, ProcessId>) -> Found {
+    if let Some(process) = alive.get(&known.name) {
+        return if mark(*process) == known.uri { Found::Same } else { Found::Another };
+    }
+    // Who leaves in order destroys its endpoints first.
+    let mut own = all.iter().filter(|one| one.node == known.name && mark(one.process) == known.uri);
+    if own.all(|one| one.destroyed) { Found::Unregistered } else { Found::Unreachable }
+}
+
+/// Each node that has an endpoint in a process that runs.
+fn live_nodes(endpoints: &[Endpoint]) -> BTreeMap<String, ProcessId> {
+    let there = endpoints.iter().filter(|one| !one.destroyed && !one.node.is_empty());
+    let alive = there.filter(|one| i32::try_from(one.process.pid).is_ok_and(is_alive));
+    alive.map(|one| (one.node.clone(), one.process)).collect()
+}
+
+fn endpoints(ledger: &Ledger) -> Vec<Endpoint> {
+    ledger.endpoints().unwrap_or_default()
+}
+
+/// One process, also where another has its number later.
+fn mark(process: ProcessId) -> String {
+    format!("{}/{}", process.pid, process.start)
+}

@@ -1,0 +1,259 @@
+//! Quality of service: as it was recorded, as a job wants it, as nodes ask for it.
+
+use bagpipe_ros2ledger as ledger;
+use bagpipe_ros2player::{Durability, History, Qos, Reliability};
+
+/// A queue of the player's that no subscriber's credit exceeds; what is acknowledged leaves it.
+const PLAYED_DEPTH: u32 = 1000;
+
+/// What a job sets of a played topic in place of what was recorded; `None`: as recorded.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct QosOverride {
+    /// Whether lost messages are sent again.
+    pub reliability: Option<Reliability>,
+    /// Whether late subscribers get earlier messages.
+    pub durability: Option<Durability>,
+    /// How many of them.
+    pub depth: Option<u32>,
+}
+
+/// How a topic is played that several publishers may have offered: as the strongest of them, which
+/// suits the subscribers of each. Without a word it is reliable and volatile, as `ros2 topic pub`.
+pub(crate) fn played(offered: Option<&str>, latching: bool, wanted: QosOverride) -> Qos {
+    let profiles = offered.map(profiles).unwrap_or_default();
+    let best_effort = |profile: &Profile| profile.reliability == Some(Reliability::BestEffort);
+    let reliability = if !profiles.is_empty() && profiles.iter().all(best_effort) {
+        Reliability::BestEffort
+    } else {
+        Reliability::Reliable
+    };
+    let transient = |profile: &Profile| profile.durability == Some(Durability::TransientLocal);
+    let durability = if latching || profiles.iter().any(transient) {
+        Durability::TransientLocal
+    } else {
+        Durability::Volatile
+    };
+    let durability = wanted.durability.unwrap_or(durability);
+    // Each publisher of a latched topic had a last message of its own.
+    let kept = profiles.iter().map(|profile| profile.depth.max(1)).fold(0, u32::saturating_add);
+    let depth = match durability {
+        Durability::TransientLocal => wanted.depth.unwrap_or(kept.max(1)),
+        Durability::Volatile => wanted.depth.unwrap_or(0).max(PLAYED_DEPTH),
+    };
+    Qos {
+        history: History::KeepLast(depth),
+        reliability: wanted.reliability.unwrap_or(reliability),
+        durability,
+    }
+}
+
+/// How a topic is recorded: so that it matches each of its publishers, and with all that they keep
+/// for who comes late.
+pub(crate) fn recorded<'a>(publishers: impl Iterator<Item = &'a ledger::Qos> + Clone) -> Qos {
+    let any = |wanted: ledger::Reliability| publishers.clone().any(|qos| qos.reliability == wanted);
+    let mut latched = publishers.clone();
+    let all_latched = publishers.clone().next().is_some()
+        && latched.all(|qos| qos.durability == ledger::Durability::TransientLocal);
+    Qos {
+        history: History::KeepAll,
+        reliability: match any(ledger::Reliability::BestEffort) {
+            true => Reliability::BestEffort,
+            false => Reliability::Reliable,
+        },
+        durability: match all_latched {
+            true => Durability::TransientLocal,
+            false => Durability::Volatile,
+        },
+    }
+}
+
+/// What publishers offer, as ROS 2's recorder writes it down.
+pub(crate) fn yaml<'a>(publishers: impl Iterator<Item = &'a ledger::Qos>) -> String {
+    publishers.map(profile_yaml).collect()
+}
+
+fn profile_yaml(qos: &ledger::Qos) -> String {
+    let history = match qos.history {
+        ledger::History::KeepLast => "keep_last",
+        ledger::History::KeepAll => "keep_all",
+        ledger::History::Other(_) => "unknown",
+    };
+    let reliability = match qos.reliability {
+        ledger::Reliability::Reliable => "reliable",
+        ledger::Reliability::BestEffort => "best_effort",
+        ledger::Reliability::Other(_) => "unknown",
+    };
+    let durability = match qos.durability {
+        ledger::Durability::TransientLocal => "transient_local",
+        ledger::Durability::Volatile => "volatile",
+        ledger::Durability::Other(_) => "unknown",
+    };
+    let endless = "{sec: 9223372036, nsec: 854775807}";
+    format!(
+        "- history: {history}\n  depth: {}\n  reliability: {reliability}\n  durability: \
+         {durability}\n  deadline: {endless}\n  lifespan: {endless}\n  liveliness: automatic\n  \
+         liveliness_lease_duration: {endless}\n  avoid_ros_namespace_conventions: false\n",
+        qos.depth
+    )
+}
+
+/// Why a subscription can't receive what is offered; `None` if it can.
+pub(crate) fn incompatible(offered: &Qos, wanted: &ledger::Qos) -> Option<&'static str> {
+    let reliable = wanted.reliability == ledger::Reliability::Reliable;
+    let latched = wanted.durability == ledger::Durability::TransientLocal;
+    if reliable && offered.reliability == Reliability::BestEffort {
+        Some("it wants reliable messages, and they are played as best effort")
+    } else if latched && offered.durability == Durability::Volatile {
+        Some(
+            "it wants what was published before it came (transient local), and they are played as volatile",
+        )
+    } else {
+        None
+    }
+}
+
+/// What one publisher offered, as far as it matters here.
+#[derive(Debug, Default, PartialEq)]
+struct Profile {
+    reliability: Option<Reliability>,
+    durability: Option<Durability>,
+    depth: u32,
+}
+
+/// The profiles of `offered_qos_profiles`, in numbers as until Humble or in words. What is not
+/// understood is left out.
+fn profiles(yaml: &str) -> Vec<Profile> {
+    let mut found = Vec::new();
+    for line in yaml.lines() {
+        let begins = line.trim_start().starts_with('-');
+        if begins {
+            found.push(Profile::default());
+        }
+        let (Some(profile), Some((key, value))) = (found.last_mut(), line.split_once(':')) else {
+            continue;
+        };
+        let value = value.trim().trim_matches(['"', '\'']);
+        match key.trim_start().trim_start_matches('-').trim() {
+            "reliability" => {
+                profile.reliability = match value {
+                    "1" | "reliable" => Some(Reliability::Reliable),
+                    "2" | "best_effort" => Some(Reliability::BestEffort),
+                    _ => None,
+                }
+            }
+            "durability" => {
+                profile.durability = match value {
+                    "1" | "transient_local" => Some(Durability::TransientLocal),
+                    "2" | "volatile" => Some(Durability::Volatile),
+                    _ => None,
+                }
+            }
+            "depth" => profile.depth = value.parse().unwrap_or_default(),
+            _ => {}
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const HUMBLE: &str = "- history: 3\n  depth: 0\n  reliability: 2\n  durability: 2\n";
+    const JAZZY: &str = "- history: keep_last\n  depth: 3\n  reliability: \"reliable\"\n  \
+                         durability: transient_local\n  deadline:\n    sec: 1\n    nsec: 2\n";
+
+    fn as_played(offered: &str) -> Qos {
+        played(Some(offered), false, QosOverride::default())
+    }
+
+    #[test]
+    fn profiles_are_read_in_numbers_and_in_words() {
+        let best_effort = Profile {
+            reliability: Some(Reliability::BestEffort),
+            durability: Some(Durability::Volatile),
+            depth: 0,
+        };
+        assert_eq!(profiles(HUMBLE), [best_effort]);
+        let latched = Profile {
+            reliability: Some(Reliability::Reliable),
+            durability: Some(Durability::TransientLocal),
+            depth: 3,
+        };
+        assert_eq!(profiles(JAZZY), [latched]);
+        for broken in ["", "[]", "depth: 3", ":", "- x", "-\n-\n"] {
+            assert!(profiles(broken).iter().all(|one| *one == Profile::default()), "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn the_strongest_of_the_publishers_is_played() {
+        let both = as_played(&[HUMBLE, JAZZY].concat());
+        assert_eq!(both.reliability, Reliability::Reliable);
+        assert_eq!(both.durability, Durability::TransientLocal);
+        // One message of the first publisher, three of the second.
+        assert_eq!(both.history, History::KeepLast(4));
+        let weak = as_played(HUMBLE);
+        assert_eq!(
+            (weak.reliability, weak.durability),
+            (Reliability::BestEffort, Durability::Volatile)
+        );
+        assert_eq!(weak.history, History::KeepLast(PLAYED_DEPTH));
+        let unknown = played(None, false, QosOverride::default());
+        assert_eq!(
+            (unknown.reliability, unknown.durability),
+            (Reliability::Reliable, Durability::Volatile)
+        );
+    }
+
+    #[test]
+    fn a_job_has_the_last_word() {
+        let wanted = QosOverride {
+            reliability: Some(Reliability::BestEffort),
+            durability: Some(Durability::TransientLocal),
+            depth: Some(7),
+        };
+        let qos = played(Some(JAZZY), false, wanted);
+        assert_eq!((qos.reliability, qos.history), (Reliability::BestEffort, History::KeepLast(7)));
+        let latched = played(None, true, QosOverride { depth: Some(2), ..QosOverride::default() });
+        assert_eq!(
+            (latched.durability, latched.history),
+            (Durability::TransientLocal, History::KeepLast(2))
+        );
+    }
+
+    fn asked(reliability: ledger::Reliability, durability: ledger::Durability) -> ledger::Qos {
+        ledger::Qos { history: ledger::History::KeepLast, depth: 5, reliability, durability }
+    }
+
+    #[test]
+    fn the_recorder_matches_every_publisher() {
+        use ledger::{Durability as D, Reliability as R};
+        let strong = asked(R::Reliable, D::TransientLocal);
+        let weak = asked(R::BestEffort, D::Volatile);
+        let of = |publishers: &[ledger::Qos]| {
+            let qos = recorded(publishers.iter());
+            assert_eq!(qos.history, History::KeepAll);
+            (qos.reliability, qos.durability)
+        };
+        assert_eq!(of(&[strong]), (Reliability::Reliable, Durability::TransientLocal));
+        assert_eq!(of(&[strong, weak]), (Reliability::BestEffort, Durability::Volatile));
+        assert_eq!(of(&[]), (Reliability::Reliable, Durability::Volatile));
+        assert_eq!(profiles(&yaml([strong, weak].iter())).len(), 2);
+        assert_eq!(profiles(&yaml([strong].iter()))[0].depth, 5);
+    }
+
+    #[test]
+    fn who_asks_for_more_than_is_offered_is_named() {
+        use ledger::{Durability as D, Reliability as R};
+        let weak = as_played(HUMBLE);
+        let strong = as_played(JAZZY);
+        assert!(
+            incompatible(&weak, &asked(R::Reliable, D::Volatile)).unwrap().contains("reliable")
+        );
+        let late = incompatible(&weak, &asked(R::BestEffort, D::TransientLocal)).unwrap();
+        assert!(late.contains("transient local"), "{late}");
+        assert_eq!(incompatible(&weak, &asked(R::BestEffort, D::Volatile)), None);
+        assert_eq!(incompatible(&strong, &asked(R::Reliable, D::TransientLocal)), None);
+    }
+}

@@ -1,0 +1,193 @@
+//! Recordings in memory, played to nodes of the stand-in over Cyclone DDS.
+#![allow(dead_code, clippy::unwrap_used)] // Each of those who use it needs a part.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::{Arc, OnceLock};
+use std::time::{Duration, Instant};
+
+use bagpipe_log::{Connection, MessageEncoding, RecordingWriter, SchemaEncoding};
+use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
+use bagpipe_replay::{
+    AnswerBy, CLOCK_RATE, Mode, ReplayError, ReplayRequest, Replayed, StartWhen, Step, Window,
+    replay,
+};
+use bagpipe_ros2::{Ros2, Ros2Options};
+use bagpipe_ros2ledger::{Kind, Ledger};
+
+use crate::standin::{Graph, LONG, Node, built, eventually};
+
+pub const MS: u64 = 1_000_000;
+const QOS: &str =
+    "- history: keep_last\n  depth: 10\n  reliability: reliable\n  durability: volatile\n";
+
+/// A recorded topic whose messages begin with a header.
+pub fn imu(topic: &str) -> Connection {
+    Connection {
+        topic: topic.to_owned(),
+        datatype: "sensor_msgs/msg/Imu".to_owned(),
+        definition: "std_msgs/Header header\n".to_owned(),
+        message_encoding: MessageEncoding::Cdr,
+        schema_encoding: SchemaEncoding::Ros2Msg,
+        offered_qos: Some(QOS.to_owned()),
+        ..Connection::default()
+    }
+}
+
+/// A message in CDR: a header of this time, and so many bytes that its number decides.
+pub fn stamped(time: u64, number: u64, length: usize) -> Vec<u8> {
+    let (seconds, rest) = ((time / 1_000_000_000) as u32, (time % 1_000_000_000) as u32);
+    let mut bytes =
+        [[0, 1, 0, 0], seconds.to_le_bytes(), rest.to_le_bytes(), [1, 0, 0, 0]].concat();
+    bytes.extend([0; 4]);
+    bytes.extend(number.to_le_bytes());
+    bytes.resize(28.max(length), number as u8);
+    bytes
+}
+
+/// Messages on each of these topics, a millisecond after the other, round and round.
+pub fn recording(topics: &[&str], messages: u64, length: usize) -> Mcap {
+    let mut writer = McapWriter::new(WriterOptions::default());
+    let ids: Vec<u32> = topics
+        .iter()
+        .map(|topic| RecordingWriter::add_connection(&mut writer, &imu(topic)))
+        .collect();
+    for number in 0..messages {
+        let (time, id) = ((1000 + number) * MS, ids[number as usize % ids.len()]);
+        RecordingWriter::write(&mut writer, id, time, &stamped(time, number, length)).unwrap();
+    }
+    Mcap::open(RecordingWriter::finish(Box::new(writer)).unwrap()).unwrap()
+}
+
+/// A prefix where a package with a message is installed that begins with a header.
+fn definitions() -> &'static PathBuf {
+    static PREFIX: OnceLock<PathBuf> = OnceLock::new();
+    PREFIX.get_or_init(|| {
+        let prefix = std::env::temp_dir().join(format!("ros2-prefix-{}", std::process::id()));
+        for (package, name, text) in [
+            ("geometry_msgs", "PoseStamped", "std_msgs/Header header\nfloat64[7] pose\n"),
+            ("std_msgs", "Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
+            ("std_msgs", "String", "string data\n"),
+            ("builtin_interfaces", "Time", "int32 sec\nuint32 nanosec\n"),
+        ] {
+            let folder = prefix.join("share").join(package).join("msg");
+            std::fs::create_dir_all(&folder).unwrap();
+            std::fs::write(folder.join(name).with_extension("msg"), text).unwrap();
+        }
+        prefix
+    })
+}
+
+/// A stack that starts, and what it is played into.
+pub struct Scene {
+    pub graph: Graph,
+    pub ledger: Arc<Ledger>,
+}
+
+impl Scene {
+    pub fn new() -> Scene {
+        let ledger = Arc::new(Ledger::new().unwrap());
+        ledger.watch_matches(true);
+        Scene { graph: Graph::new(), ledger }
+    }
+
+    /// A node that counts in the scene's ledger.
+    pub fn start(&self, program: &str, arguments: &[&str]) -> Node {
+        self.graph.start_counting(program, arguments, &self.ledger)
+    }
+
+    /// A node that nobody told of a ledger.
+    pub fn start_uncounted(&self, program: &str, arguments: &[&str]) -> Node {
+        self.graph.start_uncounted(program, arguments)
+    }
+
+    /// Waits until so many subscriptions count.
+    pub fn await_subscriptions(&self, many: usize) {
+        let all = || self.ledger.endpoints().unwrap();
+        eventually(|| all().iter().filter(|one| one.kind == Kind::Subscription).count() == many);
+    }
+
+    pub fn middleware(&self) -> Ros2 {
+        Ros2::start(Ros2Options {
+            ledger: Arc::clone(&self.ledger),
+            program: built().join("player"),
+            environment: self.graph.environment(),
+            qos: BTreeMap::new(),
+            prefixes: vec![definitions().clone()],
+            deadline: LONG,
+        })
+        .unwrap()
+    }
+
+    pub fn play(&self, mcap: &Mcap, ask: &Ask<'_>) -> Result<Replayed, ReplayError> {
+        let (first, last) = mcap.time_range().unwrap();
+        let step = |(trigger, answer): &(&str, &str)| Step {
+            trigger: (*trigger).to_owned(),
+            answer: (*answer).to_owned(),
+            deadline: LONG,
+            by: ask.by,
+            optional: false,
+        };
+        let request = ReplayRequest {
+            middleware: Arc::new(self.middleware()),
+            window: Window { lead_in_start: first, start: first + ask.lead_in, end: last + 1 },
+            topics: Vec::new(),
+            remap: BTreeMap::new(),
+            mode: ask.mode,
+            steps: ask.steps.iter().map(step).collect(),
+            rate: ask.rate,
+            record_topics: ask.record.iter().map(|&topic| topic.to_owned()).collect(),
+            record_as: Arc::new(WriterOptions::default()),
+            byte_budget: 1 << 30,
+            record_to: None,
+            subscribe_deadline: ask.deadline,
+            drain_deadline: Duration::from_secs(10),
+            case_deadline: Instant::now() + 4 * LONG,
+            use_sim_time: ask.use_sim_time,
+            clock_rate: CLOCK_RATE,
+            start: StartWhen::default(),
+            pause: None,
+            meter: Arc::default(),
+        };
+        replay(mcap, &request, &mut |_| {}, &|| None)
+    }
+}
+
+/// How something is played.
+#[derive(Clone, Copy)]
+pub struct Ask<'a> {
+    pub mode: Mode,
+    pub rate: f64,
+    pub lead_in: u64,
+    pub steps: &'a [(&'a str, &'a str)],
+    pub by: AnswerBy,
+    pub record: &'a [&'a str],
+    pub use_sim_time: bool,
+    /// How long to wait for the subscribers.
+    pub deadline: Duration,
+}
+
+impl Default for Ask<'_> {
+    fn default() -> Self {
+        Ask {
+            mode: Mode::Max,
+            rate: 1.0,
+            lead_in: 0,
+            steps: &[],
+            by: AnswerBy::Count,
+            record: &["/out.*"],
+            use_sim_time: false,
+            deadline: LONG,
+        }
+    }
+}
+
+/// Topic, time and bytes of each recorded message.
+pub fn recorded(replayed: &Replayed) -> Vec<(String, u64, Vec<u8>)> {
+    let mcap = Mcap::open(replayed.recorded_bag.clone()).unwrap();
+    let topics: BTreeMap<u32, String> =
+        mcap.connections().iter().map(|one| (one.id, one.topic.clone())).collect();
+    let timeline = bagpipe_log::Recording::timeline(&mcap, &|_| true).unwrap();
+    let all = (0..timeline.len()).filter_map(|at| timeline.get(at));
+    all.map(|one| (topics[&one.connection].clone(), one.time, one.data.to_vec())).collect()
+}

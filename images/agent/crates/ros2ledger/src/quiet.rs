@@ -1,0 +1,327 @@
+//! Whether the nodes have worked off what they were sent and what they sent each other.
+
+use std::collections::HashMap;
+
+use crate::{
+    Counts, Endpoint, History, Kind, Ledger, LedgerError, ProcessId, Reliability, Unlisted,
+};
+
+#[cfg(test)]
+mod tests;
+
+/// How often the counts are read again until they hold still for a moment.
+const READS: usize = 4;
+
+/// Where the counts stood at a moment when nothing was under way. The default is the beginning of
+/// every endpoint.
+#[derive(Clone, Debug, Default)]
+pub struct Mark {
+    /// In the order of their slots.
+    endpoints: Vec<Endpoint>,
+}
+
+/// Whether the nodes are at rest. Whoever waits for [`Still`](Quiet::Still) waits through both
+/// others, up to a deadline: a doubt can go away as work does.
+#[derive(Clone, Debug)]
+pub enum Quiet {
+    /// All that was published since the mark was taken by each counted subscription, no callback
+    /// runs, and that was so at one moment. The next question begins at this mark.
+    Still(Mark),
+    /// These have work. There may be doubts as well.
+    Working(Vec<Busy>),
+    /// Nobody has work that can be seen, and yet it is not proved that there is none.
+    Unknown(Vec<Doubt>),
+}
+
+/// Who has work.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Busy {
+    /// Whose it is.
+    pub process: ProcessId,
+    /// The node that subscribes; empty of a timer or service, whose node is not known.
+    pub node: String,
+    /// The topic; `None` of a timer or service.
+    pub topic: Option<String>,
+    /// Callbacks that run, and messages that were taken and not called or returned.
+    pub in_hand: u64,
+    /// Messages on their way to it, or in its queue. 0 in both: it counts at this moment.
+    pub untaken: u64,
+}
+
+/// What can't be proved.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Doubt {
+    /// The node that subscribes; empty where no one node is meant.
+    pub node: String,
+    /// The topic; empty where no one topic is meant.
+    pub topic: String,
+    /// Messages that were published since the mark and not taken.
+    pub missing: u64,
+    /// Why they may not be on their way.
+    pub why: Why,
+}
+
+/// Why something can't be proved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Why {
+    /// More were published than the shortest queue on the way keeps: the oldest may be
+    /// overwritten.
+    Overwritten {
+        /// The depth of that queue, in messages.
+        depth: u64,
+    },
+    /// The subscription or a publisher is best effort: they may be lost.
+    BestEffort,
+    /// The subscription or a publisher appeared after the mark: they may be from before the two
+    /// knew each other.
+    Late,
+    /// A publisher was destroyed, or its process has ended, before all had come.
+    PublisherGone,
+    /// A publisher of the mark was retired: what it published since is not known.
+    Retired,
+    /// More were taken than published: somebody publishes without counting, or they waited in a
+    /// queue at the mark. Which of them were taken is not known.
+    Uncounted,
+    /// A publisher of the same process may hand over messages that wait where nothing counts.
+    IntraProcess,
+    /// Something found no room in the ledger.
+    Unlisted,
+}
+
+/// What was read of the ledger.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Look {
+    endpoints: Vec<Endpoint>,
+    /// Processes with callbacks of timers and services, which ended and which run.
+    others: Vec<(ProcessId, u64, u64)>,
+    unlisted: bool,
+}
+
+/// What was published on a topic since the mark.
+#[derive(Default)]
+struct Topic<'a> {
+    published: u64,
+    by: Vec<&'a Endpoint>,
+    retired: bool,
+}
+
+/// The same endpoint among others, which are in the order of their slots.
+fn same<'a>(among: &'a [Endpoint], endpoint: &Endpoint) -> Option<&'a Endpoint> {
+    let at = among.binary_search_by_key(&endpoint.id.slot, |one| one.id.slot).ok()?;
+    Some(&among[at]).filter(|one| one.id == endpoint.id)
+}
+
+impl Mark {
+    /// What an endpoint has counted since.
+    fn since(&self, endpoint: &Endpoint, count: impl Fn(&Counts) -> u64) -> u64 {
+        let before = same(&self.endpoints, endpoint).map_or(0, |one| count(&one.counts));
+        count(&endpoint.counts).saturating_sub(before)
+    }
+}
+
+impl Ledger {
+    /// The counts as they stand, for granted that nothing is under way: after the nodes' start,
+    /// whose messages may never have had a subscriber. Otherwise [`Quiet::Still`] brings a mark
+    /// that is proved. After [`retire`](Ledger::retire) there has to be a new one.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`].
+    pub fn mark(&self) -> Result<Mark, LedgerError> {
+        Ok(Mark { endpoints: self.endpoints()? })
+    }
+
+    /// Whether everything that was published since the mark is worked off. `sent` has how many
+    /// messages whoever does not count, as a player, has published on a topic since the mark. It
+    /// looks at counts and waits for nothing: [`wait`](Ledger::wait) for
+    /// [`Event::Ended`](crate::Event::Ended) and [`Event::Taken`](crate::Event::Taken).
+    ///
+    /// It does not know of timers that are due later, of services and actions between a request
+    /// and its callback, and of threads that publish outside of callbacks. A subscription that
+    /// filters what it takes, or does not match a publisher of its topic by type or QoS, is
+    /// working for ever.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`].
+    pub fn quiet(&self, since: &Mark, sent: &[(&str, u64)]) -> Result<Quiet, LedgerError> {
+        settle(since, sent, || self.look(since), |of| self.runs(of))
+    }
+
+    fn look(&self, since: &Mark) -> Result<Look, LedgerError> {
+        let endpoints = self.endpoints_like(&since.endpoints)?;
+        Ok(Look::new(endpoints, self.others()?, self.unlisted() != Unlisted::default()))
+    }
+}
+
+impl Look {
+    /// Without what idle nodes count, and what is of no use here.
+    fn new(
+        mut endpoints: Vec<Endpoint>,
+        others: Vec<(ProcessId, u64, u64)>,
+        unlisted: bool,
+    ) -> Look {
+        for one in &mut endpoints {
+            (one.thread, one.matched, one.counts.empty) = (None, None, 0);
+        }
+        Look { endpoints, others, unlisted }
+    }
+}
+
+/// Decides on what is the same in two reads: counts only grow, so that all of it was so together
+/// between them.
+fn settle(
+    since: &Mark,
+    sent: &[(&str, u64)],
+    mut read: impl FnMut() -> Result<Look, LedgerError>,
+    runs: impl Fn(ProcessId) -> bool,
+) -> Result<Quiet, LedgerError> {
+    let mut look = read()?;
+    let mut counting = Vec::new();
+    for _ in 0..READS {
+        let mut known = HashMap::new();
+        let mut alive = |of| *known.entry(of).or_insert_with(|| runs(of));
+        let (busy, doubts) = decide(since, &look, sent, &mut alive);
+        if !busy.is_empty() {
+            return Ok(Quiet::Working(busy));
+        }
+        let again = read()?;
+        if look == again {
+            return Ok(match doubts.is_empty() {
+                true => Quiet::Still(Mark { endpoints: again.endpoints }),
+                false => Quiet::Unknown(doubts),
+            });
+        }
+        counting = differing(&look, &again);
+        look = again;
+    }
+    Ok(Quiet::Working(counting))
+}
+
+/// Who counted between two reads.
+fn differing(before: &Look, after: &Look) -> Vec<Busy> {
+    let counted = |one: &&Endpoint| same(&before.endpoints, one) != Some(one);
+    let endpoints = after.endpoints.iter().filter(counted);
+    let others = after.others.iter().filter(|one| !before.others.contains(one));
+    let busy = endpoints.map(|one| work(one, 0, 0));
+    busy.chain(others.map(|(process, ..)| other(*process, 0))).collect()
+}
+
+fn work(endpoint: &Endpoint, in_hand: u64, untaken: u64) -> Busy {
+    let Endpoint { process, node, topic, .. } = endpoint;
+    Busy { process: *process, node: node.clone(), topic: Some(topic.clone()), in_hand, untaken }
+}
+
+fn other(process: ProcessId, in_hand: u64) -> Busy {
+    Busy { process, node: String::new(), topic: None, in_hand, untaken: 0 }
+}
+
+/// Who has work, and what can't be proved. Whether a process runs is asked only where it decides:
+/// that it has ended excuses what it has not done.
+fn decide(
+    since: &Mark,
+    look: &Look,
+    sent: &[(&str, u64)],
+    alive: &mut dyn FnMut(ProcessId) -> bool,
+) -> (Vec<Busy>, Vec<Doubt>) {
+    let topics = published(since, look, sent);
+    let (mut busy, mut doubts) = (Vec::new(), Vec::new());
+    for (process, ended, started) in &look.others {
+        if started > ended && alive(*process) {
+            busy.push(other(*process, started - ended));
+        }
+    }
+    for one in look.endpoints.iter().filter(|one| one.kind == Kind::Subscription) {
+        let nothing = Topic::default();
+        let topic = topics.get(one.topic.as_str()).unwrap_or(&nothing);
+        let taken = since.since(one, |counts| counts.taken);
+        let in_hand = one.counts.in_hand(one.strength);
+        let missing = if one.destroyed { 0 } else { topic.published.saturating_sub(taken) };
+        let why = if one.destroyed { None } else { doubt(since, one, topic, taken, alive) };
+        let waits = missing > 0 && why.is_none();
+        if (in_hand == 0 && !waits && why.is_none()) || !alive(one.process) {
+            continue;
+        }
+        if in_hand > 0 || waits {
+            busy.push(work(one, in_hand, missing));
+        }
+        if let Some(why) = why {
+            let (node, topic) = (one.node.clone(), one.topic.clone());
+            doubts.push(Doubt { node, topic, missing, why });
+        }
+    }
+    if look.unlisted {
+        let (node, topic) = (String::new(), String::new());
+        doubts.push(Doubt { node, topic, missing: 0, why: Why::Unlisted });
+    }
+    (busy, doubts)
+}
+
+/// What went out on each topic since the mark.
+fn published<'a>(
+    since: &'a Mark,
+    look: &'a Look,
+    sent: &[(&'a str, u64)],
+) -> HashMap<&'a str, Topic<'a>> {
+    let mut topics: HashMap<&str, Topic> = HashMap::new();
+    for (topic, messages) in sent {
+        topics.entry(topic).or_default().published += messages;
+    }
+    for one in look.endpoints.iter().filter(|one| one.kind == Kind::Publisher) {
+        let topic = topics.entry(&one.topic).or_default();
+        topic.published += since.since(one, |counts| counts.published);
+        topic.by.push(one);
+    }
+    let retired = |one: &&Endpoint| same(&look.endpoints, one).is_none();
+    for gone in since.endpoints.iter().filter(retired) {
+        if gone.kind == Kind::Publisher {
+            topics.entry(&gone.topic).or_default().retired = true;
+        }
+    }
+    topics
+}
+
+/// Why it is not certain that this subscription has, or will take, all that was published.
+fn doubt(
+    since: &Mark,
+    one: &Endpoint,
+    topic: &Topic,
+    taken: u64,
+    alive: &mut dyn FnMut(ProcessId) -> bool,
+) -> Option<Why> {
+    if topic.retired {
+        return Some(Why::Retired);
+    }
+    if taken > topic.published {
+        return Some(Why::Uncounted);
+    }
+    // What a destroyed one published may wait there as well.
+    if one.intra_process && topic.by.iter().any(|by| by.process == one.process) {
+        return Some(Why::IntraProcess);
+    }
+    if taken == topic.published {
+        return None;
+    }
+    let active = |by: &&&Endpoint| since.since(by, |counts| counts.published) > 0;
+    let by: Vec<&Endpoint> = topic.by.iter().filter(active).copied().collect();
+    let both = || by.iter().copied().chain([one]);
+    if both().any(|of| same(&since.endpoints, of).is_none()) {
+        return Some(Why::Late);
+    }
+    if both().any(|of| of.qos.reliability != Reliability::Reliable) {
+        return Some(Why::BestEffort);
+    }
+    let depth = both().map(depth).min().unwrap_or(0);
+    if depth < topic.published {
+        return Some(Why::Overwritten { depth });
+    }
+    let gone = by.iter().any(|of| of.destroyed || !alive(of.process));
+    gone.then_some(Why::PublisherGone)
+}
+
+/// How many messages a queue keeps for certain.
+fn depth(of: &Endpoint) -> u64 {
+    match of.qos.history {
+        History::KeepLast => of.qos.depth,
+        History::KeepAll => u64::MAX,
+        History::Other(_) => 0,
+    }
+}

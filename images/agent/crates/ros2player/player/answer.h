@@ -1,0 +1,52 @@
+/* Requests and answers, as the crate's documentation has them (src/control.rs is the other end). */
+#pragma once
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define REQUEST_MOST (1u << 20) /* bytes */
+#define ANSWER_MOST (1u << 24)
+
+enum verb { VERB_START, VERB_ADVERTISE, VERB_SUBSCRIBE, VERB_SUBSCRIBERS, VERB_PUBLISHERS, VERB_GRAPH,
+            VERB_REFUSAL };
+
+enum status {
+  STATUS_DONE,
+  STATUS_LIBRARY, /* text: why there is no librcl */
+  STATUS_SYMBOL,  /* text: the function that it lacks */
+  STATUS_PACKAGE, /* text: the library of types; text: why it is not to be had */
+  STATUS_TYPE,    /* text: the library of types, which lacks this one */
+  STATUS_RCL,     /* text: the function; u32: what it returned; text: rcl's reason */
+  STATUS_REQUEST, /* text: what is wrong with it */
+};
+
+/* A request: what is read beyond its end is 0 or "", and `wrong` afterwards. */
+struct request {
+  const uint8_t *bytes;
+  size_t length, at;
+  bool wrong;
+};
+
+uint32_t request_number(struct request *from);
+const char *request_text(struct request *from);
+
+/* An answer that grows. */
+struct answer {
+  uint8_t *bytes;
+  size_t length, capacity;
+};
+
+/* Forgets what stands in it; the head is written by `answer_send`. */
+void answer_begin(struct answer *into);
+void answer_number(struct answer *into, uint32_t number);
+void answer_long(struct answer *into, uint64_t number);
+void answer_text(struct answer *into, const char *text);
+
+/* Makes it one that begins with a status. */
+void answer_failed(struct answer *into, enum status status, const char *text);
+
+/* Makes it that a function of rcl has failed, with rcl's reason. */
+void answer_rcl(struct answer *into, const char *function, int returned);
+
+/* Sends it as the answer to a request; false if nobody receives it. */
+bool answer_send(struct answer *from, int socket, uint32_t sequence);

@@ -1,0 +1,91 @@
+/* The thread that answers requests: one after the other, in their order. */
+#define _GNU_SOURCE
+#include <errno.h>
+#include <stdlib.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "player.h"
+
+int control_socket;
+
+static bool read_whole(void *into, size_t length) {
+  for (size_t have = 0; have < length;) {
+    ssize_t some = read(control_socket, (char *)into + have, length - have);
+    if (some < 0 && errno == EINTR) continue;
+    if (some <= 0) return false;
+    have += (size_t)some;
+  }
+  return true;
+}
+
+typedef void add(const struct wanted *, struct answer *);
+
+static void create(struct request *from, struct answer *into, add *endpoint) {
+  struct wanted wanted = {.slot = request_number(from)};
+  wanted.topic = request_text(from);
+  const char *package = request_text(from), *folder = request_text(from), *name = request_text(from);
+  wanted.qos.history = (int)request_number(from);
+  wanted.qos.depth = request_number(from);
+  wanted.qos.reliability = (int)request_number(from);
+  wanted.qos.durability = (int)request_number(from);
+  if (from->wrong || wanted.slot >= PLAYER_ENDPOINTS) {
+    answer_failed(into, STATUS_REQUEST, "it is no endpoint");
+    return;
+  }
+  char library[512];
+  const char *missing;
+  wanted.type = rcl_type(package, folder, name, library, &missing);
+  if (wanted.type != NULL) {
+    endpoint(&wanted, into);
+  } else if (missing[0] != 0) {
+    answer_failed(into, STATUS_PACKAGE, library);
+    answer_text(into, missing);
+  } else {
+    answer_failed(into, STATUS_TYPE, library);
+  }
+}
+
+static void obey(struct request *from, struct answer *into) {
+  static bool started;
+  uint32_t verb = request_number(from);
+  answer_begin(into);
+  if (started != (verb != VERB_START)) {
+    answer_failed(into, STATUS_REQUEST, started ? "it runs already" : "it was not started");
+    return;
+  }
+  uint32_t slot;
+  switch (verb) {
+    case VERB_START:
+      start(from, into);
+      started = true;
+      return;
+    case VERB_ADVERTISE: create(from, into, publisher_add); return;
+    case VERB_SUBSCRIBE: create(from, into, subscription_add); return;
+    case VERB_GRAPH: graph(into); return;
+    default: slot = request_number(from);
+  }
+  if (from->wrong || slot >= PLAYER_ENDPOINTS)
+    answer_failed(into, STATUS_REQUEST, "it names no endpoint");
+  else if (verb == VERB_SUBSCRIBERS) publisher_matched(slot, into);
+  else if (verb == VERB_PUBLISHERS) subscription_matched(slot, into);
+  else if (verb == VERB_REFUSAL) publisher_refusal(slot, into);
+  else answer_failed(into, STATUS_REQUEST, "it is no verb");
+}
+
+void *control(void *unused) {
+  (void)unused;
+  static uint8_t bytes[REQUEST_MOST];
+  static struct answer answer;
+  uint32_t length;
+  while (read_whole(&length, sizeof length)) {
+    if (length > sizeof bytes || !read_whole(bytes, length)) break;
+    struct request request = {bytes, length, 0, false};
+    uint32_t sequence = request_number(&request);
+    obey(&request, &answer);
+    if (!answer_send(&answer, control_socket, sequence)) break;
+  }
+  shutdown(control_socket, SHUT_RDWR); /* which the main thread notices, if it is not the reason */
+  thread_ends();
+  return NULL;
+}

@@ -1,0 +1,57 @@
+#define _GNU_SOURCE
+#include "rcl.h"
+
+#include <dlfcn.h>
+#include <stdio.h>
+#include <string.h>
+
+/* The names that a C library of 2020 has too: glibc 2.34 gave all of them a new version. */
+#if defined(__x86_64__)
+__asm__(".symver dlopen, dlopen@GLIBC_2.2.5\n.symver dlsym, dlsym@GLIBC_2.2.5\n"
+        ".symver dlerror, dlerror@GLIBC_2.2.5");
+#elif defined(__aarch64__)
+__asm__(".symver dlopen, dlopen@GLIBC_2.17\n.symver dlsym, dlsym@GLIBC_2.17\n"
+        ".symver dlerror, dlerror@GLIBC_2.17");
+#else
+#error "which version of dlsym do old C libraries of this processor have?"
+#endif
+
+struct rcl rcl;
+
+static const char *loader_says(void) {
+  const char *text = dlerror();
+  return text == NULL ? "the loader does not say why" : text;
+}
+
+const char *rcl_load(bool *symbol) {
+  *symbol = false;
+  void *library = dlopen("librcl.so", RTLD_NOW | RTLD_GLOBAL);
+  if (library == NULL) return loader_says();
+  *symbol = true;
+#define RCL_LOOK_UP(result, name, arguments)                 \
+  rcl.name = (__typeof__(rcl.name))dlsym(library, #name);    \
+  if (rcl.name == NULL) return #name;
+  RCL_FUNCTIONS(RCL_LOOK_UP)
+  return NULL;
+}
+
+const void *rcl_type(const char *package, const char *folder, const char *name, char library[512],
+                     const char **missing) {
+  char symbol[1024];
+  snprintf(library, 512, "lib%s__rosidl_typesupport_c.so", package);
+  snprintf(symbol, sizeof symbol, "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s",
+           package, folder, name);
+  void *loaded = dlopen(library, RTLD_NOW);
+  *missing = loaded == NULL ? loader_says() : "";
+  if (loaded == NULL) return NULL;
+  const void *(*get)(void) = (const void *(*)(void))dlsym(loaded, symbol);
+  return get == NULL ? NULL : get();
+}
+
+void rcl_reason(char *into, size_t most) {
+  struct blob text;
+  memset(&text, 0, sizeof text);
+  text = rcl.rcutils_get_error_string();
+  snprintf(into, most, "%.1023s", text.bytes);
+  rcl.rcutils_reset_error();
+}

@@ -1,0 +1,110 @@
+/* librcl as any distribution from Foxy to Rolling has it. Its structures differ between them, so
+ * that they are blobs of more room than any needs; what is read or set of them begins alike in all.
+ * What is longer than 16 bytes is returned through a hidden pointer, whatever its length. */
+#pragma once
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define RCL_OK 0
+#define RCL_TIMEOUT 2
+#define RCL_TAKE_FAILED 401 /* there was nothing */
+
+struct blob {
+  _Alignas(16) char bytes[4096];
+};
+struct allocator {
+  void *(*allocate)(size_t size, void *state);
+  void (*deallocate)(void *pointer, void *state);
+  void *(*reallocate)(void *pointer, size_t size, void *state);
+  void *(*zero_allocate)(size_t count, size_t size, void *state);
+  void *state;
+};
+struct serialized {
+  uint8_t *buffer;
+  size_t length, capacity;
+  struct allocator allocator;
+};
+/* The beginning of the options of publishers and subscriptions. */
+struct qos {
+  int history; /* 1 keep last, 2 keep all */
+  size_t depth;
+  int reliability; /* 1 reliable, 2 best effort */
+  int durability;  /* 1 transient local, 2 volatile */
+};
+struct strings {
+  size_t size;
+  char **data;
+  struct allocator allocator;
+};
+struct names_and_types {
+  struct strings names;
+  struct strings *types; /* for each name */
+};
+
+/* Result, name, arguments; of guard conditions, the options are an allocator and nothing else. */
+#define RCL_FUNCTIONS(X)                                                                           \
+  X(struct allocator, rcutils_get_default_allocator, (void))                                       \
+  X(struct blob, rcutils_get_error_string, (void))                                                 \
+  X(void, rcutils_reset_error, (void))                                                             \
+  X(int, rcutils_string_array_fini, (struct strings *))                                            \
+  X(int, rcl_names_and_types_fini, (struct names_and_types *))                                     \
+  X(int, rcl_init_options_init, (void *options, struct allocator))                                 \
+  X(int, rcl_init, (int argc, const char *const *argv, const void *options, void *context))        \
+  X(int, rcl_shutdown, (void *context))                                                            \
+  X(int, rcl_context_fini, (void *context))                                                        \
+  X(struct blob, rcl_node_get_default_options, (void))                                             \
+  X(int, rcl_node_init, (void *node, const char *name, const char *space, void *context,           \
+                         const void *options))                                                     \
+  X(int, rcl_node_fini, (void *node))                                                              \
+  X(struct blob, rcl_publisher_get_default_options, (void))                                        \
+  X(int, rcl_publisher_init, (void *publisher, const void *node, const void *type,                 \
+                              const char *topic, const void *options))                             \
+  X(int, rcl_publisher_fini, (void *publisher, void *node))                                        \
+  X(int, rcl_publish_serialized_message, (const void *publisher, const struct serialized *,        \
+                                          void *allocation))                                       \
+  X(int, rcl_publisher_get_subscription_count, (const void *publisher, size_t *count))             \
+  X(struct blob, rcl_subscription_get_default_options, (void))                                     \
+  X(int, rcl_subscription_init, (void *subscription, const void *node, const void *type,           \
+                                 const char *topic, const void *options))                          \
+  X(int, rcl_subscription_fini, (void *subscription, void *node))                                  \
+  X(int, rcl_subscription_get_publisher_count, (const void *subscription, size_t *count))          \
+  X(int, rcl_take_serialized_message, (const void *subscription, struct serialized *, void *info,  \
+                                       void *allocation))                                          \
+  X(int, rcl_guard_condition_init, (void *guard, void *context, struct allocator))                 \
+  X(int, rcl_guard_condition_fini, (void *guard))                                                  \
+  X(int, rcl_trigger_guard_condition, (void *guard))                                               \
+  X(int, rcl_wait_set_init, (void *set, size_t subscriptions, size_t guards, size_t timers,        \
+                             size_t clients, size_t services, size_t events, void *context,        \
+                             struct allocator))                                                    \
+  X(int, rcl_wait_set_fini, (void *set))                                                           \
+  X(int, rcl_wait_set_clear, (void *set))                                                          \
+  X(int, rcl_wait_set_add_subscription, (void *set, const void *subscription, size_t *index))      \
+  X(int, rcl_wait_set_add_guard_condition, (void *set, const void *guard, size_t *index))          \
+  X(int, rcl_wait, (void *set, int64_t nanoseconds))                                               \
+  X(int, rcl_get_node_names, (const void *node, struct allocator, struct strings *names,           \
+                              struct strings *spaces))                                             \
+  X(int, rcl_get_publisher_names_and_types_by_node,                                                \
+    (const void *node, struct allocator *, bool mangled, const char *name, const char *space,      \
+     struct names_and_types *))                                                                    \
+  X(int, rcl_get_subscriber_names_and_types_by_node,                                               \
+    (const void *node, struct allocator *, bool mangled, const char *name, const char *space,      \
+     struct names_and_types *))
+
+#define RCL_POINTER(result, name, arguments) result(*name) arguments;
+struct rcl {
+  RCL_FUNCTIONS(RCL_POINTER)
+};
+extern struct rcl rcl;
+
+/* Loads librcl.so with its functions; NULL, or what is missing: `*symbol` says whether that is the
+ * name of a function, and not the loader's words. */
+const char *rcl_load(bool *symbol);
+
+/* The handle of a message type; NULL with what the loader says, or "" where the library has no such
+ * type. `library` becomes its file's name. */
+const void *rcl_type(const char *package, const char *folder, const char *name, char library[512],
+                     const char **missing);
+
+/* rcl's text on what failed last in this thread, which is forgotten by it. */
+void rcl_reason(char *into, size_t most);

@@ -1,0 +1,29 @@
+/* The two rings, as the program has them: it reads `out`, whose messages it publishes where they
+ * stand, and writes `in`. The agent is believed no more than is needed to stay within the memory. */
+#pragma once
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "layout.h"
+
+extern struct player_header *memory;
+extern _Atomic int ending; /* the program ends: nobody waits any more */
+
+/* Maps the memory; NULL, or a sentence's end. */
+const char *ring_open(int file);
+
+/* The next record of `out` that is not padding, and its bytes; waits for it. NULL at the end, or
+ * where what stands there can't be. */
+const struct player_record *out_next(const uint8_t **bytes);
+
+/* Gives the room of what `out_next` returned back. */
+void out_done(void);
+
+/* Puts a record into `in`; waits for room. False at the end. */
+bool in_write(uint16_t endpoint, uint16_t kind, int64_t stamp, const void *bytes, size_t length);
+
+/* The longest message that a ring takes. */
+size_t ring_most(void);
+
+/* Wakes whoever of this program waits for a ring. */
+void ring_wake(void);

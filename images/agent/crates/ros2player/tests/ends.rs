@@ -1,0 +1,315 @@
+//! How a player begins and ends, and what is missing where it can't: each is a sentence, in time.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
+use standin::{ALL, Graph, LONG, RELIABLE, built, eventually, message, publish, write_program};
+
+/// A folder for one test.
+fn folder(name: &str) -> PathBuf {
+    let folder = std::env::temp_dir().join(format!("ros2player-{name}-{}", std::process::id()));
+    let _left = std::fs::remove_dir_all(&folder);
+    std::fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// A library of C into a folder.
+fn library(folder: &Path, name: &str, source: &str) {
+    let file = folder.join(name).with_extension("c");
+    std::fs::write(&file, source).unwrap();
+    let mut cc = Command::new("cc");
+    cc.args(["-shared", "-fPIC", "-o"]).arg(folder.join(name)).arg(&file);
+    assert!(cc.status().unwrap().success());
+}
+
+fn start_error(options: &PlayerOptions) -> PlayerError {
+    Player::start(options).err().unwrap()
+}
+
+/// Whether a process is there, be it a zombie.
+fn exists(pid: u32) -> bool {
+    Path::new(&format!("/proc/{pid}")).exists()
+}
+
+fn runs(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with('Z'))
+}
+
+#[test]
+fn the_graph_has_nodes_of_other_processes_with_their_topics() {
+    let graph = Graph::new();
+    let _relay = graph.start(
+        "standin_node_py",
+        &["--name", "/ns/relay", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable", "--pub"]
+            .into_iter()
+            .chain(["/out:std_msgs/msg/String:10:best_effort", "--relay", "/in=/out"])
+            .collect::<Vec<_>>(),
+    );
+    let _bare = graph.node(&["--name", "/bare"]);
+    let player = graph.player();
+    player.advertise("/in", "sensor_msgs/Imu", &RELIABLE).unwrap();
+    let of = |name: &str| player.graph().unwrap().into_iter().find(|node| node.name == name);
+    eventually(|| of("/ns/relay").is_some_and(|node| node.publishes.len() == 1));
+    eventually(|| of("/ns/relay").is_some_and(|node| node.subscribes.len() == 1));
+    let relay = of("/ns/relay").unwrap();
+    assert_eq!(relay.publishes, [("/out".into(), "std_msgs/msg/String".into())]);
+    assert_eq!(relay.subscribes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
+    eventually(|| of("/bare").is_some());
+    assert_eq!(of("/bare").unwrap().publishes, []);
+    let own = of("/bagpipe/player").unwrap();
+    assert_eq!(own.publishes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
+}
+
+#[test]
+fn two_domains_never_meet() {
+    let (here, there) = (Graph::new(), Graph::new());
+    let (from, to) = (here.player(), there.player());
+    let publisher = from.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let subscription = to.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    let own = from.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    eventually(|| from.subscribers(publisher).unwrap() == 1);
+    eventually(|| from.publishers(own).unwrap() == 1);
+    publish(&from, publisher, &message(1, 1)).unwrap();
+    assert_eq!(from.receive(LONG, &mut |_| ()).unwrap(), 1);
+    assert_eq!(to.receive(Duration::from_millis(200), &mut |_| ()).unwrap(), 0);
+    assert_eq!((to.publishers(subscription).unwrap(), from.graph().unwrap().len()), (0, 1));
+}
+
+#[test]
+fn what_is_missing_is_a_sentence_that_says_what_to_do() {
+    let graph = Graph::new();
+    let empty = folder("empty");
+    let nowhere = PlayerOptions { environment: graph.environment_with(&empty), ..graph.options() };
+    let error = start_error(&nowhere).to_string();
+    assert!(error.contains("librcl.so") && error.contains("setup.sh"), "{error}");
+
+    library(&empty, "librcl.so", "int rcl_init(void) { return 0; }");
+    let error = start_error(&nowhere).to_string();
+    assert!(error.contains("librcl has no rcutils_get_default_allocator"), "{error}");
+
+    let absent = PlayerOptions { program: empty.join("absent"), ..graph.options() };
+    let error = start_error(&absent).to_string();
+    assert!(error.contains("absent can't be started: No such file"), "{error}");
+
+    let node = PlayerOptions { node: "1st player".into(), ..graph.options() };
+    let error = start_error(&node).to_string();
+    assert!(error.contains("rcl_node_init has failed with 201: 1st player is no name"), "{error}");
+
+    let huge = PlayerOptions { room: (1 << 30) + 1, ..graph.options() };
+    assert!(matches!(start_error(&huge), PlayerError::Room(_)));
+    std::fs::remove_dir_all(empty).unwrap();
+}
+
+#[test]
+fn a_type_that_is_missing_names_its_package() {
+    let graph = Graph::new();
+    let player = graph.player();
+    let error = player.advertise("/n", "nav_msgs/Odometry", &RELIABLE).unwrap_err().to_string();
+    let library = "libnav_msgs__rosidl_typesupport_c.so";
+    assert!(
+        error.contains(&format!("/n needs the messages of nav_msgs, and {library}")),
+        "{error}"
+    );
+    assert!(error.contains("install the package nav_msgs in the image"), "{error}");
+    let error = player.subscribe("/n", "sensor_msgs/msg/Radar", &ALL).unwrap_err().to_string();
+    assert!(error.contains("/n needs sensor_msgs/msg/Radar"), "{error}");
+    let error = player.subscribe("/a b", "sensor_msgs/msg/Imu", &ALL).unwrap_err().to_string();
+    assert!(
+        error.contains("rcl_subscription_init has failed with 103: /a b is no name"),
+        "{error}"
+    );
+    assert!(player.advertise("/n", "Imu", &RELIABLE).is_err());
+    // None of it is in the way of what comes after.
+    let subscription = player.subscribe("/n", "sensor_msgs/msg/Imu", &ALL).unwrap();
+    assert_eq!(player.publishers(subscription).unwrap(), 0);
+}
+
+#[test]
+fn there_is_room_for_1024_of_each_and_none_of_another_player() {
+    let graph = Graph::new();
+    let (player, other) = (graph.player(), graph.player());
+    let mut last = None;
+    for one in 0..1024 {
+        last = Some(player.advertise(&format!("/t{one}"), "no_such/Type", &ALL));
+    }
+    assert!(matches!(last, Some(Err(PlayerError::Package { .. }))));
+    let error = player.advertise("/t", "std_msgs/String", &ALL).unwrap_err();
+    assert!(matches!(error, PlayerError::TooMany { most: 1024, .. }), "{error}");
+    player.subscribe("/s", "std_msgs/String", &ALL).unwrap();
+    let publisher = other.advertise("/p", "std_msgs/String", &ALL).unwrap();
+    let subscription = other.subscribe("/p", "std_msgs/String", &ALL).unwrap();
+    let empty = graph.player();
+    assert!(matches!(empty.subscribers(publisher), Err(PlayerError::Stranger)));
+    assert!(matches!(empty.publishers(subscription), Err(PlayerError::Stranger)));
+    assert!(matches!(publish(&empty, publisher, b"1234"), Err(PlayerError::Stranger)));
+    // One that could not be made is known, and is none.
+    let error = player.subscribers(publisher).unwrap_err().to_string();
+    assert!(error.contains("there is no such publisher"), "{error}");
+}
+
+#[test]
+fn dropping_it_ends_the_program_and_leaves_no_zombie() {
+    let graph = Graph::new();
+    let player = graph.player();
+    let pid = player.pid();
+    player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    assert!(runs(pid));
+    drop(player);
+    assert!(!exists(pid));
+}
+
+#[test]
+fn a_program_that_was_killed_is_an_error_in_every_call_at_once() {
+    let graph = Graph::new();
+    let player = graph.player();
+    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    eventually(|| player.publishers(subscription).unwrap() == 1);
+    publish(&player, publisher, &message(7, 7)).unwrap();
+    eventually(|| player.taken(subscription) == 1);
+    std::thread::scope(|scope| {
+        let receiving = scope.spawn(|| {
+            let mut last = player.receive(LONG, &mut |_| ());
+            while last.is_ok() {
+                last = player.receive(LONG, &mut |_| ());
+            }
+            last.unwrap_err()
+        });
+        let kill = ["-KILL", &player.pid().to_string()].map(str::to_owned);
+        assert!(Command::new("kill").args(kill).status().unwrap().success());
+        let error = receiving.join().unwrap();
+        assert!(matches!(error, PlayerError::Ended { .. }), "{error}");
+    });
+    let begun = Instant::now();
+    let soon = begun + LONG;
+    let errors = [
+        publish(&player, publisher, b"1234").unwrap_err(),
+        player.advertise("/n", "std_msgs/String", &ALL).unwrap_err(),
+        player.subscribe("/n", "std_msgs/String", &ALL).unwrap_err(),
+        player.subscribers(publisher).unwrap_err(),
+        player.publishers(subscription).unwrap_err(),
+        player.graph().unwrap_err(),
+        player.flush(soon).unwrap_err(),
+        player.receive(LONG, &mut |_| ()).unwrap_err(),
+    ];
+    for error in errors {
+        assert!(error.to_string().contains("has ended (signal: 9 (SIGKILL))"), "{error}");
+    }
+    assert!(begun.elapsed() < Duration::from_secs(5));
+    assert!(!exists(player.pid()));
+}
+
+#[test]
+fn the_last_lines_of_its_standard_error_are_in_the_error() {
+    let graph = Graph::new();
+    let folder = folder("lines");
+    let program = folder.join("program");
+    let script = "#!/bin/sh\nfor i in $(seq 50); do echo \"line $i\" >&2; done\nexit 7\n";
+    write_program(&program, script.as_bytes());
+    let error = start_error(&PlayerOptions { program, ..graph.options() }).to_string();
+    assert!(error.contains("has ended (exit status: 7)"), "{error}");
+    assert!(error.contains("line 31 | line 32") && error.ends_with("| line 50"), "{error}");
+    assert!(!error.contains("line 30 "), "{error}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_program_that_hangs_is_late_and_ended() {
+    let graph = Graph::new();
+    let folder = folder("hangs");
+    let program = folder.join("program");
+    let script =
+        format!("#!/bin/sh\ntrap '' TERM\necho $$ > {}/pid\nexec sleep 1000\n", folder.display());
+    write_program(&program, script.as_bytes());
+    let deadline = Duration::from_millis(300);
+    let options = PlayerOptions { program, deadline, ..graph.options() };
+    let error = start_error(&options).to_string();
+    assert!(error.contains("has not answered within 0.3 s while it was to join"), "{error}");
+    let pid = std::fs::read_to_string(folder.join("pid")).unwrap().trim().parse().unwrap();
+    assert!(!exists(pid));
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn a_full_ring_is_waited_for_until_the_caller_cancels() {
+    let graph = Graph::new();
+    let options = PlayerOptions { room: 1 << 16, ..graph.options() };
+    let player = Player::start(&options).unwrap();
+    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let pid = player.pid().to_string();
+    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
+    assert!(signal("-STOP"));
+    let (mut asked, mut sent) = (0, 0);
+    let error = loop {
+        let mut cancelled = || {
+            asked += 1;
+            asked == 3
+        };
+        match player.publish(publisher, &[&message(sent, 1000)], &mut cancelled) {
+            Ok(()) => sent += 1,
+            Err(error) => break error,
+        }
+    };
+    assert!(matches!(error, PlayerError::Cancelled), "{error}");
+    assert_eq!((asked, sent), (3, 63));
+    assert!(!player.flush(Instant::now() + Duration::from_millis(50)).unwrap());
+    assert!(signal("-CONT"));
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    assert_eq!(player.published(publisher), 63);
+}
+
+/// What the test below starts as the process that is killed; without the variable it does nothing.
+#[test]
+fn agent_of_its_own() {
+    let Some(pids) = std::env::var_os("PLAYER_TEST_PIDS") else { return };
+    let graph = Graph::new();
+    let idle = graph.player();
+    // Full, so that its thread waits for room that nobody makes.
+    let full = Player::start(&PlayerOptions { room: 1 << 16, ..graph.options() }).unwrap();
+    let publisher = idle.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let subscription = full.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    eventually(|| full.publishers(subscription).unwrap() == 1);
+    eventually(|| idle.subscribers(publisher).unwrap() == 1);
+    for one in 0..200 {
+        publish(&idle, publisher, &message(one, 1000)).unwrap();
+    }
+    eventually(|| full.taken(subscription) >= 50);
+    // The thread that starts a program may end before its player does.
+    let options = graph.options();
+    let from_thread = std::thread::spawn(move || Player::start(&options).unwrap()).join().unwrap();
+    from_thread.advertise("/n", "std_msgs/String", &ALL).unwrap();
+    let all = format!("{} {} {}", idle.pid(), full.pid(), from_thread.pid());
+    std::fs::write(pids, all).unwrap();
+    println!("ready");
+    std::thread::sleep(2 * LONG);
+}
+
+#[test]
+fn its_agent_killed_the_program_ends_within_a_second_whatever_it_waits_for() {
+    let folder = folder("agent");
+    built();
+    let mut agent = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "agent_of_its_own", "--nocapture"])
+        .env("PLAYER_TEST_PIDS", folder.join("pids"))
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(agent.stdout.take().unwrap()).lines();
+    assert!(lines.map_while(Result::ok).any(|line| line.contains("ready")));
+    let text = std::fs::read_to_string(folder.join("pids")).unwrap();
+    let pids: Vec<u32> = text.split(' ').map(|pid| pid.parse().unwrap()).collect();
+    assert!(pids.iter().all(|pid| runs(*pid)), "{pids:?}");
+    agent.kill().unwrap();
+    agent.wait().unwrap();
+    let killed = Instant::now();
+    eventually(|| !pids.iter().any(|pid| runs(*pid)));
+    assert!(killed.elapsed() < Duration::from_secs(3), "{:?}", killed.elapsed());
+    std::fs::remove_dir_all(folder).unwrap();
+}

@@ -1,0 +1,111 @@
+//! Somebody who writes over the player's memory costs its case, and nothing else.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::fs::File;
+use std::os::unix::fs::FileExt;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
+use standin::{ALL, Graph, eventually, match_own, message, publish};
+
+const ROOM: u64 = 1 << 16;
+const RINGS: u64 = 65536;
+const OUT: u64 = 128;
+const IN: u64 = 256;
+
+/// The memory of the only player of this process's program, as any process of its user opens it.
+fn opened(player: &Player) -> File {
+    let maps = std::fs::read_to_string(format!("/proc/{}/maps", player.pid())).unwrap();
+    let line = maps.lines().find(|line| line.contains("bagpipe-ros2-player")).unwrap();
+    let range = line.split(' ').next().unwrap();
+    let path = format!("/proc/{}/map_files/{range}", player.pid());
+    File::options().read(true).write(true).open(path).unwrap()
+}
+
+fn filled(graph: &Graph) -> (Player, File) {
+    let options = PlayerOptions { room: ROOM, deadline: Duration::from_secs(2), ..graph.options() };
+    let player = Player::start(&options).unwrap();
+    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    match_own(&player, publisher, subscription);
+    publish(&player, publisher, &message(1, 20)).unwrap();
+    eventually(|| player.taken(subscription) == 1);
+    let file = opened(&player);
+    (player, file)
+}
+
+#[test]
+fn a_message_of_nobodys_subscription_is_damage() {
+    let graph = Graph::new();
+    let (player, file) = filled(&graph);
+    file.write_all_at(&9_u16.to_le_bytes(), RINGS + ROOM + 4).unwrap();
+    match player.receive(Duration::ZERO, &mut |_| panic!("whose is it?")) {
+        Err(PlayerError::Damaged { offset, what }) => {
+            assert_eq!(
+                (offset as u64, what.as_str()),
+                (RINGS + ROOM, "a message of subscription 9")
+            );
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn its_length_is_sealed() {
+    let graph = Graph::new();
+    let (_player, file) = filled(&graph);
+    assert!(file.set_len(0).is_err() && file.set_len(RINGS + 2 * ROOM + 1).is_err());
+}
+
+/// Calls everything, whose results may be anything, and counts errors.
+fn use_all(player: &Player) -> usize {
+    let publisher = player.advertise("/more", "std_msgs/String", &ALL);
+    let subscription = player.subscribe("/more", "std_msgs/String", &ALL);
+    let soon = Instant::now() + Duration::from_millis(5);
+    let mut refused = usize::from(player.flush(soon).is_err());
+    refused += usize::from(player.receive(Duration::from_millis(5), &mut |_| ()).is_err());
+    if let Ok(publisher) = publisher {
+        let late = Instant::now() + Duration::from_millis(50);
+        let sent = player.publish(publisher, &[&[0; 8]], &mut || Instant::now() > late);
+        refused += usize::from(sent.is_err());
+        let _any = player.published(publisher);
+    }
+    if let Ok(subscription) = subscription {
+        let _any = player.taken(subscription);
+    }
+    refused + usize::from(player.graph().is_err())
+}
+
+#[test]
+fn any_bytes_are_an_answer_or_an_error_and_nothing_waits_beyond_its_limit() {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut random = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state
+    };
+    let mut refused = 0;
+    for round in 0..12 {
+        let graph = Graph::new();
+        let (player, file) = filled(&graph);
+        let (from, length) = match round % 4 {
+            0 => (OUT, 256),
+            1 => (IN, 128),
+            2 => (RINGS, 2 * ROOM),
+            _ => (0, RINGS),
+        };
+        let bytes: Vec<u8> = (0..length).map(|_| random() as u8).collect();
+        file.write_all_at(&bytes, from).unwrap();
+        let begun = Instant::now();
+        refused += use_all(&player);
+        refused += use_all(&player);
+        assert!(begun.elapsed() < Duration::from_secs(20));
+        let begun = Instant::now();
+        drop(player);
+        assert!(begun.elapsed() < Duration::from_secs(4), "{:?}", begun.elapsed());
+    }
+    assert!(refused >= 12, "{refused}");
+}

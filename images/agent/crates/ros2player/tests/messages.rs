@@ -1,0 +1,235 @@
+//! What is published arrives as it was, in its order, and nothing is lost that the caller waits for.
+#![allow(clippy::unwrap_used)]
+
+mod standin;
+
+use std::time::{Duration, Instant};
+
+use bagpipe_ros2ledger::{Event, Waited};
+use bagpipe_ros2player::{Durability, Player, PlayerError, PlayerOptions, Qos, Received};
+use standin::{ALL, CDR, Graph, LONG, RELIABLE, eventually, match_own, message, number, publish};
+
+/// Receives until there are so many messages, as the pair of their subscription and their bytes.
+fn receive(player: &Player, count: usize) -> Vec<(bagpipe_ros2player::SubscriptionId, Vec<u8>)> {
+    let mut all = Vec::new();
+    let late = Instant::now() + LONG;
+    while all.len() < count {
+        assert!(Instant::now() < late, "{} of {count}", all.len());
+        let mut keep = |one: Received<'_>| all.push((one.subscription, one.data.to_vec()));
+        player.receive(Duration::from_millis(500), &mut keep).unwrap();
+    }
+    all
+}
+
+#[test]
+fn bytes_of_any_length_arrive_as_they_were_around_the_rings_end() {
+    let graph = Graph::new();
+    let options = PlayerOptions { room: 10 << 20, ..graph.options() };
+    let player = Player::start(&options).unwrap();
+    let publisher = player.advertise("/bytes", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    let subscription = player.subscribe("/bytes", "std_msgs/msg/UInt8MultiArray", &ALL).unwrap();
+    match_own(&player, publisher, subscription);
+    let lengths = [1, 2, 3, 4, 5, 100, 1000, 65_535, 65_536, 1 << 20, (4 << 20) - 3, 4 << 20];
+    let mut sent = 0;
+    for round in 0..6 {
+        for length in lengths {
+            let bytes = message(round, length);
+            let (head, rest) = bytes.split_at(1 + length / 3);
+            player.publish(publisher, &[head, &[], rest], &mut || false).unwrap();
+            sent += 1;
+            let all = receive(&player, 1);
+            assert_eq!(all.len(), 1);
+            assert_eq!(all[0].0, subscription);
+            // DDS sends whole groups of 4 bytes.
+            let (data, padding) = all[0].1.split_at(bytes.len());
+            assert!(data == bytes && padding.len() < 4, "{length} in round {round}");
+        }
+    }
+    eventually(|| player.taken(subscription) == sent);
+    assert_eq!(player.published(publisher), sent);
+}
+
+#[test]
+fn the_order_over_many_topics_is_that_of_publishing() {
+    let graph = Graph::new();
+    let player = graph.player();
+    let mut topics = Vec::new();
+    for one in 0..100 {
+        let topic = format!("/many/topic_{one}");
+        let publisher = player.advertise(&topic, "sensor_msgs/msg/Imu", &ALL).unwrap();
+        let subscription = player.subscribe(&topic, "sensor_msgs/msg/Imu", &ALL).unwrap();
+        topics.push((publisher, subscription));
+    }
+    for (publisher, subscription) in &topics {
+        match_own(&player, *publisher, *subscription);
+    }
+    for one in 0..10_000 {
+        let (publisher, _) = topics[one * 37 % topics.len()];
+        publish(&player, publisher, &message(one as u64, one % 300)).unwrap();
+    }
+    let all = receive(&player, 10_000);
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    for (publisher, subscription) in &topics {
+        let numbers: Vec<u64> =
+            all.iter().filter(|one| one.0 == *subscription).map(|one| number(&one.1)).collect();
+        assert!(numbers.is_sorted());
+        assert_eq!((numbers.len(), player.published(*publisher)), (100, 100));
+        eventually(|| player.taken(*subscription) == 100);
+    }
+}
+
+#[test]
+fn one_who_waits_for_the_ledger_loses_nothing_at_depth_ten() {
+    let graph = Graph::new();
+    let node = graph.node(&["--name", "/sink", "--sub", "/in:std_msgs/msg/String:10:reliable"]);
+    let player = graph.player();
+    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let reader = graph.subscription("/in");
+    assert_eq!(reader.process.pid, node.pid());
+    eventually(|| player.subscribers(publisher).unwrap() == 1);
+    // The reader's own match is later than ours: the first one is sent until it is taken.
+    eventually(|| {
+        publish(&player, publisher, &message(0, 100)).unwrap();
+        graph.ledger.counts(reader.id).unwrap().taken > 0
+    });
+    // The first ones may be on their way still.
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    let mut first = 0;
+    for _quiet in 0..100 {
+        std::thread::sleep(Duration::from_millis(1));
+        first = graph.ledger.counts(reader.id).unwrap().taken;
+    }
+    for sent in 0..20_000 {
+        let room = |ledger: &bagpipe_ros2ledger::Ledger| {
+            Ok(first + sent - ledger.counts(reader.id)?.taken < 10)
+        };
+        let waited =
+            graph.ledger.wait(&[Event::Taken], &[reader.process], Instant::now() + LONG, room);
+        assert_eq!(waited.unwrap(), Waited::Held, "{sent}");
+        publish(&player, publisher, &message(sent, 1000)).unwrap();
+    }
+    let all =
+        |ledger: &bagpipe_ros2ledger::Ledger| Ok(ledger.counts(reader.id)?.ended == first + 20_000);
+    let deadline = Instant::now() + LONG;
+    let waited = graph.ledger.wait(&[Event::Ended], &[reader.process], deadline, all).unwrap();
+    assert_eq!(waited, Waited::Held, "{:?}", graph.ledger.counts(reader.id));
+    assert!(node.end());
+}
+
+#[test]
+fn transient_local_reaches_who_comes_late_and_volatile_does_not() {
+    let graph = Graph::new();
+    let (from, to) = (graph.player(), graph.player());
+    let late = Qos { durability: Durability::TransientLocal, ..RELIABLE };
+    let kept = from.advertise("/tf_static", "tf2_msgs/TFMessage", &late).unwrap();
+    let lost = from.advertise("/tf", "tf2_msgs/TFMessage", &RELIABLE).unwrap();
+    for one in 0..15 {
+        publish(&from, kept, &message(one, 10)).unwrap();
+        publish(&from, lost, &message(one, 10)).unwrap();
+    }
+    assert!(from.flush(Instant::now() + LONG).unwrap());
+    let volatile = to.subscribe("/tf", "tf2_msgs/TFMessage", &ALL).unwrap();
+    let transient = Qos { durability: Durability::TransientLocal, ..ALL };
+    let subscription = to.subscribe("/tf_static", "tf2_msgs/TFMessage", &transient).unwrap();
+    let all = receive(&to, 10);
+    assert!(all.iter().all(|one| one.0 == subscription));
+    let numbers: Vec<u64> = all.iter().map(|one| number(&one.1)).collect();
+    assert_eq!(numbers, (5..15).collect::<Vec<u64>>());
+    eventually(|| to.publishers(volatile).unwrap() == 1);
+    eventually(|| from.subscribers(lost).unwrap() == 1);
+    assert_eq!(to.taken(volatile), 0);
+    publish(&from, lost, &message(99, 10)).unwrap();
+    assert_eq!(number(&receive(&to, 1)[0].1), 99);
+}
+
+#[test]
+fn a_fast_publisher_loses_nothing_to_a_subscription_that_keeps_all() {
+    let graph = Graph::new();
+    let options = PlayerOptions { room: 1 << 16, ..graph.options() };
+    let (from, to) = (graph.player(), Player::start(&options).unwrap());
+    let publisher = from.advertise("/fast", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    let subscription = to.subscribe("/fast", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    eventually(|| to.publishers(subscription).unwrap() == 1);
+    eventually(|| from.subscribers(publisher).unwrap() == 1);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for one in 0..100_000 {
+                publish(&from, publisher, &message(one, 20)).unwrap();
+            }
+        });
+        let mut next = 0;
+        let late = Instant::now() + 2 * LONG;
+        while next < 100_000 {
+            assert!(Instant::now() < late, "{next}");
+            let mut compare = |one: Received<'_>| {
+                assert_eq!(one.data, message(next, 20));
+                assert!(one.source_timestamp > 1_600_000_000_000_000_000);
+                next += 1;
+            };
+            to.receive(Duration::from_millis(100), &mut compare).unwrap();
+        }
+    });
+    eventually(|| to.taken(subscription) == 100_000);
+    assert_eq!(from.published(publisher), 100_000);
+    assert_eq!(to.receive(Duration::ZERO, &mut |_| panic!("one too many")).unwrap(), 0);
+}
+
+#[test]
+fn while_nobody_receives_nothing_is_dropped_and_a_message_too_large_is_an_error() {
+    let graph = Graph::new();
+    let small = PlayerOptions { room: 1 << 16, ..graph.options() };
+    let (from, to) = (graph.player(), Player::start(&small).unwrap());
+    let publisher = from.advertise("/small", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    let subscription = to.subscribe("/small", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    eventually(|| to.publishers(subscription).unwrap() == 1);
+    eventually(|| from.subscribers(publisher).unwrap() == 1);
+    for one in 0..200 {
+        let length = if one == 100 { 40_000 } else { 1000 };
+        publish(&from, publisher, &message(one, length)).unwrap();
+    }
+    assert!(from.flush(Instant::now() + LONG).unwrap());
+    let (mut numbers, mut refused) = (Vec::new(), Vec::new());
+    eventually(|| {
+        let mut keep = |one: Received<'_>| numbers.push(number(one.data));
+        if let Err(error) = to.receive(Duration::from_millis(10), &mut keep) {
+            refused.push(error.to_string());
+        }
+        numbers.len() == 199
+    });
+    let expected: Vec<u64> = (0..200).filter(|one| *one != 100).collect();
+    assert_eq!(numbers, expected);
+    assert_eq!(refused.len(), 1);
+    assert!(refused[0].contains("40012 bytes on /small") && refused[0].contains("32752"));
+    let most = [0; 32_752];
+    let own = to.advertise("/own", "std_msgs/String", &RELIABLE).unwrap();
+    publish(&to, own, &most).unwrap();
+    let error = to.publish(own, &[&most, &[0]], &mut || false).unwrap_err();
+    assert!(matches!(error, PlayerError::TooLarge { length: 32_753, most: 32_752, .. }), "{error}");
+}
+
+#[test]
+fn what_the_middleware_refuses_is_counted_and_reported_once_with_its_reason() {
+    let graph = Graph::new();
+    let player = graph.player();
+    let publisher = player.advertise("/short", "std_msgs/String", &RELIABLE).unwrap();
+    let other = player.advertise("/other", "std_msgs/String", &RELIABLE).unwrap();
+    publish(&player, other, &CDR).unwrap();
+    for bytes in [&CDR[..3], &CDR[..2]] {
+        // The second may be refused itself, since the first was refused by then.
+        let _handed_over = publish(&player, publisher, bytes);
+    }
+    let mut reported = Vec::new();
+    eventually(|| {
+        match player.flush(Instant::now() + LONG) {
+            Ok(all) => assert!(all),
+            Err(error) => reported.push(error.to_string()),
+        }
+        !reported.is_empty()
+    });
+    assert!(reported[0].contains("on /short were refused"), "{reported:?}");
+    assert!(reported[0].contains("are no serialised message"), "{reported:?}");
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    publish(&player, publisher, &CDR).unwrap();
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    assert_eq!((player.published(publisher), player.published(other)), (1, 1));
+}

@@ -1,0 +1,259 @@
+//! The stand-in of ROS 2 over Debian's Cyclone DDS (`tests/ros2`), built by its Makefile, with nodes
+//! and players in graphs of their own.
+#![allow(dead_code, clippy::unwrap_used)] // Each of those who use it needs a part.
+
+use std::ffi::{OsStr, OsString};
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::{Duration, Instant};
+
+use bagpipe_ros2ledger::{Endpoint, Kind, LIBRARY, Ledger};
+use bagpipe_ros2player::{
+    Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, Qos, Reliability,
+};
+
+/// What no test should need.
+pub const LONG: Duration = Duration::from_secs(30);
+
+pub const RELIABLE: Qos = Qos {
+    history: History::KeepLast(10),
+    reliability: Reliability::Reliable,
+    durability: Durability::Volatile,
+};
+pub const ALL: Qos = Qos { history: History::KeepAll, ..RELIABLE };
+
+/// The encapsulation of little-endian CDR, with which each message begins.
+pub const CDR: [u8; 4] = [0, 1, 0, 0];
+
+fn sources() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../../tests/ros2")
+}
+
+/// Of everything that is built.
+fn digest() -> u64 {
+    let mut hasher = DefaultHasher::new();
+    let mut files: Vec<_> =
+        std::fs::read_dir(sources()).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    for file in files {
+        std::fs::read(file).unwrap().hash(&mut hasher);
+    }
+    (LIBRARY, PROGRAM).hash(&mut hasher);
+    hasher.finish()
+}
+
+/// Where the stand-in is, with the ledger's library and the player's program: built when a source
+/// differs, in a folder that appears as a whole.
+pub fn built() -> &'static Path {
+    static FOLDER: OnceLock<PathBuf> = OnceLock::new();
+    FOLDER.get_or_init(|| {
+        let parent = option_env!("CARGO_TARGET_TMPDIR").map_or_else(std::env::temp_dir, Into::into);
+        let folder = parent.join(format!("ros2-{:016x}", digest()));
+        if !folder.exists() {
+            let unfinished = parent.join(format!("ros2-{}", std::process::id()));
+            build(&unfinished);
+            // Another process may have been faster.
+            if std::fs::rename(&unfinished, &folder).is_err() {
+                std::fs::remove_dir_all(&unfinished).unwrap();
+            }
+        }
+        folder
+    })
+}
+
+fn build(folder: &Path) {
+    let made = Command::new("make")
+        .args(["--silent", "-C"])
+        .arg(sources())
+        .arg(format!("INTO={}", folder.display()))
+        .env_remove("MAKEFLAGS")
+        .output()
+        .unwrap();
+    let errors = String::from_utf8_lossy(&made.stderr);
+    assert!(made.status.success(), "is Debian's cyclonedds-dev installed? {errors}");
+    std::fs::write(folder.join("ledger.so"), LIBRARY).unwrap();
+    write_program(&folder.join("player"), PROGRAM);
+}
+
+/// Writes a file that may be executed. A child of another thread's fork may have it open for a
+/// moment, so that it can't be executed: a copy by another process is nobody's.
+pub fn write_program(file: &Path, bytes: &[u8]) {
+    use std::os::unix::fs::PermissionsExt;
+    let draft = file.with_extension("draft");
+    std::fs::write(&draft, bytes).unwrap();
+    std::fs::set_permissions(&draft, std::fs::Permissions::from_mode(0o755)).unwrap();
+    assert!(Command::new("cp").arg(&draft).arg(file).status().unwrap().success());
+}
+
+/// A graph that nobody else is in: a domain with a tag of this process.
+pub struct Graph {
+    domain: u32,
+    pub ledger: Ledger,
+}
+
+impl Graph {
+    pub fn new() -> Graph {
+        static NEXT: AtomicU32 = AtomicU32::new(1);
+        let domain = NEXT.fetch_add(1, Ordering::SeqCst);
+        Graph { domain, ledger: Ledger::new().unwrap() }
+    }
+
+    /// What a sourced setup would set.
+    pub fn environment(&self) -> Vec<(OsString, OsString)> {
+        self.environment_with(built())
+    }
+
+    pub fn environment_with(&self, folder: &Path) -> Vec<(OsString, OsString)> {
+        let settings = format!(
+            "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" \
+             multicast=\"false\"/></Interfaces><AllowMulticast>false</AllowMulticast></General>\
+             <Discovery><Tag>bagpipe-{}</Tag><ParticipantIndex>auto</ParticipantIndex>\
+             <MaxAutoParticipantIndex>40</MaxAutoParticipantIndex><Peers>\
+             <Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>",
+            std::process::id()
+        );
+        vec![
+            ("LD_LIBRARY_PATH".into(), folder.into()),
+            ("ROS_DOMAIN_ID".into(), self.domain.to_string().into()),
+            ("CYCLONEDDS_URI".into(), settings.into()),
+        ]
+    }
+
+    pub fn options(&self) -> PlayerOptions {
+        PlayerOptions {
+            program: built().join("player"),
+            environment: self.environment(),
+            removed: vec!["LD_PRELOAD".into()],
+            node: "player".into(),
+            namespace: "/bagpipe".into(),
+            room: 16 << 20,
+            deadline: LONG,
+        }
+    }
+
+    pub fn player(&self) -> Player {
+        Player::start(&self.options()).unwrap()
+    }
+
+    /// A node like rclcpp's that counts in the ledger.
+    pub fn node(&self, arguments: &[&str]) -> Node {
+        self.start("standin_node", arguments)
+    }
+
+    pub fn start(&self, program: &str, arguments: &[&str]) -> Node {
+        self.start_counting(program, arguments, &self.ledger)
+    }
+
+    /// A node that counts in another ledger.
+    pub fn start_counting(&self, program: &str, arguments: &[&str], ledger: &Ledger) -> Node {
+        self.spawn(program, arguments, &ledger.environment(&built().join("ledger.so"), None))
+    }
+
+    /// A node that knows of no ledger.
+    pub fn start_uncounted(&self, program: &str, arguments: &[&str]) -> Node {
+        self.spawn(program, arguments, &[])
+    }
+
+    fn spawn(
+        &self,
+        program: &str,
+        arguments: &[&str],
+        variables: &[(&'static str, OsString)],
+    ) -> Node {
+        let child = Command::new(built().join(program))
+            .args(arguments)
+            .envs(self.environment())
+            .envs(variables.iter().map(|(name, value)| (name, value)))
+            .stdin(Stdio::null())
+            .spawn()
+            .unwrap();
+        Node(child)
+    }
+
+    /// The subscription of a node on a topic, once there is one.
+    pub fn subscription(&self, topic: &str) -> Endpoint {
+        let found = || {
+            let all = self.ledger.endpoints().unwrap();
+            all.into_iter().find(|one| one.topic == topic && one.kind == Kind::Subscription)
+        };
+        eventually(|| found().is_some());
+        found().unwrap()
+    }
+}
+
+/// A node that runs; dropping it kills it.
+pub struct Node(Child);
+
+impl Node {
+    pub fn pid(&self) -> u32 {
+        self.0.id()
+    }
+
+    /// Sends SIGTERM, and waits until it has ended: whether with success.
+    pub fn end(mut self) -> bool {
+        assert!(Command::new("kill").arg(self.pid().to_string()).status().unwrap().success());
+        self.0.wait().unwrap().success()
+    }
+}
+
+impl Drop for Node {
+    fn drop(&mut self) {
+        let _ended_already = self.0.kill();
+        let _status = self.0.wait();
+    }
+}
+
+/// Waits until it holds.
+pub fn eventually(mut holds: impl FnMut() -> bool) {
+    let late = Instant::now() + LONG;
+    while !holds() {
+        assert!(Instant::now() < late, "it never held");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Bytes that their number decides, behind the encapsulation.
+pub fn message(number: u64, length: usize) -> Vec<u8> {
+    let mut state = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut bytes = CDR.to_vec();
+    bytes.extend(number.to_le_bytes());
+    while bytes.len() < 12 + length {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        bytes.extend(state.to_le_bytes());
+    }
+    bytes.truncate(12 + length);
+    bytes
+}
+
+/// The number of a message that [`message`] made.
+pub fn number(message: &[u8]) -> u64 {
+    u64::from_le_bytes(message[4..12].try_into().unwrap())
+}
+
+pub fn publish(
+    player: &Player,
+    publisher: bagpipe_ros2player::PublisherId,
+    bytes: &[u8],
+) -> Result<(), PlayerError> {
+    player.publish(publisher, &[bytes], &mut || false)
+}
+
+/// Until both have matched: what is published then arrives.
+pub fn match_own(
+    player: &Player,
+    publisher: bagpipe_ros2player::PublisherId,
+    subscription: bagpipe_ros2player::SubscriptionId,
+) {
+    eventually(|| player.publishers(subscription).unwrap() == 1);
+    eventually(|| player.subscribers(publisher).unwrap() == 1);
+}
+
+/// A variable of an environment.
+pub fn variable<'all>(all: &'all [(OsString, OsString)], name: &str) -> &'all OsStr {
+    &all.iter().find(|(one, _)| one == name).unwrap().1
+}

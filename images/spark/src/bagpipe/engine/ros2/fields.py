@@ -1,0 +1,23 @@
+"""What `stack.engine: ros2` reads of a spec."""
+
+from typing import Any
+
+from bagpipe.engine_fields import EngineFields
+from bagpipe.ros2_spec import parameters_refusal
+
+
+def _refusal(spec: Any) -> str | None:
+    every = [spec.stack.parameters, *(variant.parameters for variant in spec.variants)]
+    return next(filter(None, map(parameters_refusal, every)), None)
+
+
+FIELDS = EngineFields(
+    agent="ros2",
+    unmarked_lines="agent",
+    # Pieces of a sequence are put together to a bag, which holds messages of ROS 1.
+    sources=("bags",),
+    encoding="cdr",
+    needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
+    refusal=_refusal,
+    reasons=frozenset({"DeliveryUnproved"}),
+)

@@ -1,0 +1,136 @@
+"""Messages as values, by the definitions that their recording has: those of ROS 1 and of ROS 2."""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from bagpipe.evaluate.finding import NoEvidenceError
+
+_HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
+_TIME = "builtin_interfaces/msg/Time"
+# Of a message that begins with a header: behind a sequence number in ROS 1, in ROS 2 behind the
+# head of CDR, whose second byte is the order of bytes.
+_STAMP_AT, _STAMPS = 4, {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
+_UNSIGNED_STAMP = struct.Struct("<II")
+# Before each part of a definition that has several, in whatever language.
+_PARTS = "=" * 80 + "\n"
+# Between the request and the response of a service.
+_BETWEEN = "---"
+_SECOND = 1_000_000_000
+
+ROS1, ROS2 = "ros1", "cdr"
+
+
+@dataclass
+class Ros2Time:
+    """A time of ROS 2, whose seconds have a sign; that of ROS 1 has none."""
+
+    sec: int
+    nanosec: int
+    __msgtype__: ClassVar[str] = _TIME
+
+
+def nanoseconds(time: Any) -> int:
+    """A time or a duration of a message in ns.
+
+    ROS 1 counts a time's seconds without a sign, up to the year 2106; rosbags reads them with one.
+    """
+    seconds = int(time.sec)
+    if not isinstance(time, Ros2Time) and getattr(time, "__msgtype__", _TIME) == _TIME:
+        seconds &= 0xFFFFFFFF
+    return seconds * _SECOND + int(time.nanosec)
+
+
+def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
+    """Reads the stamp in ns off a message of a type that begins with a header.
+
+    It gives None where the message is too short to have one, or in no order of bytes. None for
+    other types, and for those whose definition can't be read: who decodes a message says so.
+    """
+    try:
+        fields = _types(connection)[_name(connection)][1]
+    except Exception:  # noqa: BLE001  a definition of any text
+        return None
+    headers = {(Nodetype.NAME, _HEADER), (Nodetype.NAME, _OLD_HEADER)}
+    if not fields or fields[0][1] not in headers:
+        return None
+    return {ROS1: _stamp_of_ros1, ROS2: _stamp_of_cdr}.get(connection.encoding)
+
+
+def decoder(connection: Any) -> Callable[[memoryview], Any]:
+    """Makes values of a connection's messages; it may raise anything at hostile bytes.
+
+    Raises NoEvidenceError for an encoding or a definition that can't be read.
+    """
+    name = _name(connection)
+    if connection.encoding not in (ROS1, ROS2):
+        raise NoEvidenceError(
+            f"messages on {connection.topic} are in {connection.encoding or 'no known encoding'},"
+            f" and criteria read {ROS1} and {ROS2}"
+        )
+    if _BETWEEN in connection.definition.splitlines():
+        raise NoEvidenceError(
+            f"{connection.type} on {connection.topic} is recorded with its service's definition,"
+            " which does not say what its messages are: criteria can only count them"
+        )
+    store = get_typestore(Stores.EMPTY)
+    try:
+        _register(store, connection)
+        if connection.encoding == ROS2:
+            store.types[_TIME] = Ros2Time
+        store.get_msgdef(name)  # which needs all that the definition uses
+    except Exception as error:  # a library's many faults at a definition of any text
+        why = str(error).partition("\n")[0]
+        raise NoEvidenceError(
+            f"the definition of {connection.type} on {connection.topic} can't be read: {why}"
+        ) from error
+    if connection.encoding == ROS1:
+        return lambda raw: store.deserialize_ros1(bytes(raw), name)
+    return lambda raw: store.deserialize_cdr(bytes(raw), name)
+
+
+def _register(store: Typestore, connection: Any) -> None:
+    types = _types(connection)
+    # Before ROS Diamondback the header lived in roslib; definitions say "Header" of both.
+    if _OLD_HEADER in types:
+        types.setdefault(_HEADER, types[_OLD_HEADER])
+    store.register(types)
+
+
+def _types(connection: Any) -> dict[str, Any]:
+    definition: str = connection.definition
+    if connection.schema_encoding != "ros2idl":
+        types: dict[str, Any] = get_types_from_msg(definition, _name(connection))
+        return types
+    if not definition.startswith(_PARTS):
+        return dict(get_types_from_idl(definition))
+    found: dict[str, Any] = {}
+    for part in definition.split(_PARTS)[1:]:
+        _, _, text = part.partition("\n")  # behind the line with the part's name
+        found |= get_types_from_idl(text)
+    return found
+
+
+def _name(connection: Any) -> str:
+    """As rosbags calls the type: one of a service has its folder, too."""
+    folder, _, name = connection.type.rpartition("/")
+    return str(connection.type) if folder.endswith(("/msg", "/action")) else f"{folder}/msg/{name}"
+
+
+def _stamp_of_ros1(raw: memoryview) -> int | None:
+    if len(raw) < _STAMP_AT + _UNSIGNED_STAMP.size:
+        return None
+    seconds, rest = _UNSIGNED_STAMP.unpack_from(raw, _STAMP_AT)
+    return int(seconds) * _SECOND + int(rest)
+
+
+def _stamp_of_cdr(raw: memoryview) -> int | None:
+    if len(raw) < _STAMP_AT + _UNSIGNED_STAMP.size or raw[0] != 0 or raw[1] not in _STAMPS:
+        return None
+    seconds, rest = _STAMPS[raw[1]].unpack_from(raw, _STAMP_AT)
+    return int(seconds) * _SECOND + int(rest)

@@ -1,0 +1,233 @@
+/* A node that relays, as its arguments say. It takes and reports as rclcpp's executors do: threads
+ * wait in turn; a subscription's callbacks exclude each other. -DWITHOUT_TRACEPOINTS makes it one
+ * like rclpy's. SIGINT and SIGTERM end it. */
+#define _GNU_SOURCE
+#include "node.h"
+
+#include <dlfcn.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifdef WITHOUT_TRACEPOINTS
+#define TRACE(call) ((void)0)
+#else
+#include "tracetools.h"
+#define TRACE(call) call
+#endif
+
+struct rmw_context context;
+struct rmw_node *node;
+
+static struct subscription subscriptions[MOST], clock_subscription;
+static struct publisher publishers[MOST];
+static struct rmw_guard *changed, *clock_ends;
+static struct rmw_wait_set *set, *clock_set;
+static pthread_mutex_t waiting = PTHREAD_MUTEX_INITIALIZER; /* one thread waits */
+static pthread_mutex_t choosing = PTHREAD_MUTEX_INITIALIZER; /* of `busy` */
+static _Atomic bool ending;
+
+static _Noreturn void fail(const char *what) {
+  fprintf(stderr, "standin_node: %s: %s\n", what, rcutils_get_error_string().str);
+  exit(1);
+}
+
+static const struct type_support *type_of(const char *package, const char *type) {
+  char library[300], symbol[400];
+  snprintf(library, sizeof library, "lib%s__rosidl_typesupport_c.so", package);
+  snprintf(symbol, sizeof symbol,
+           "rosidl_typesupport_c__get_message_type_support_handle__%s__msg__%s", package, type);
+  void *loaded = dlopen(library, RTLD_NOW);
+  const void *(*get)(void) =
+      loaded == NULL ? NULL : (const void *(*)(void))dlsym(loaded, symbol);
+  if (get == NULL) {
+    fprintf(stderr, "standin_node: %s\n", dlerror());
+    exit(1);
+  }
+  return get();
+}
+
+void publish(struct publisher *into, const uint8_t *bytes, size_t length) {
+  struct message message = {(uint8_t *)bytes, length};
+  if (rmw_publish(into->rmw, &message, NULL) == RMW_OK) into->published++;
+}
+
+static void subscribe(struct subscription *made, const char *topic, const struct type_support *type,
+                      const struct rmw_qos *qos) {
+  snprintf(made->topic, sizeof made->topic, "%s", topic);
+  made->rmw = rmw_create_subscription(node, type, topic, qos, NULL);
+  if (made->rmw == NULL) fail(topic);
+  TRACE(ros_trace_rcl_subscription_init(&made->rcl, node, made->rmw, topic, qos->depth));
+  TRACE(ros_trace_rclcpp_subscription_init(&made->rcl, &made->cpp));
+  TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp, &made->callback));
+}
+
+static void create_endpoints(void) {
+  for (int one = 0; one < asked.publishers; one++) {
+    __typeof__(&asked.publisher[0]) of = &asked.publisher[one];
+    snprintf(publishers[one].topic, sizeof publishers[one].topic, "%s", of->topic);
+    publishers[one].rmw =
+        rmw_create_publisher(node, type_of(of->package, of->type), of->topic, &of->qos, NULL);
+    if (publishers[one].rmw == NULL) fail(of->topic);
+  }
+  for (int one = 0; one < asked.subscriptions; one++) {
+    __typeof__(&asked.subscription[0]) of = &asked.subscription[one];
+    subscribe(&subscriptions[one], of->topic, type_of(of->package, of->type), &of->qos);
+  }
+  struct rmw_qos newest = {.history = HISTORY_KEEP_LAST, .depth = 1,
+                           .reliability = RELIABILITY_BEST_EFFORT,
+                           .durability = DURABILITY_VOLATILE};
+  if (asked.sim_time)
+    subscribe(&clock_subscription, "/clock", type_of("rosgraph_msgs", "Clock"), &newest);
+}
+
+static void connect_relays(void) {
+  for (int one = 0; one < asked.relays; one++) {
+    struct subscription *from = NULL;
+    struct publisher *into = NULL;
+    for (int at = 0; at < asked.subscriptions; at++)
+      if (!strcmp(subscriptions[at].topic, asked.relay[one].from)) from = &subscriptions[at];
+    for (int at = 0; at < asked.publishers; at++)
+      if (!strcmp(publishers[at].topic, asked.relay[one].into)) into = &publishers[at];
+    if (from == NULL || into == NULL) {
+      fprintf(stderr, "standin_node: --relay needs a --sub %s and a --pub %s\n",
+              asked.relay[one].from, asked.relay[one].into);
+      exit(2);
+    }
+    from->into = into;
+    from->work = asked.relay[one].stamp ? WORK_STAMP : WORK_TEXT;
+  }
+}
+
+/* Takes a message, if there is one, and calls back. */
+static void execute(struct subscription *of) {
+  bool taken = false;
+  struct rmw_info info;
+  if (rmw_take_with_info(of->rmw, &of->message, &taken, &info, NULL) != RMW_OK) fail(of->topic);
+  if (!taken) return;
+  of->taken++;
+  TRACE(ros_trace_callback_start(&of->callback, false));
+  if (of == &clock_subscription) {
+    set_time(&of->message);
+    of->called++;
+  } else {
+    work(of);
+  }
+  TRACE(ros_trace_callback_end(&of->callback));
+}
+
+/* Waits for one of the subscriptions that nobody has, and reserves it; NULL if there was none. */
+static struct subscription *next_ready(void) {
+  void *wanted[MOST], *guard[1] = {changed->data};
+  struct subscription *of[MOST], *chosen = NULL;
+  struct rmw_things things = {0, wanted}, guards = {1, guard};
+  struct rmw_time limit = {1, 0};
+  pthread_mutex_lock(&choosing);
+  for (int one = 0; one < asked.subscriptions; one++) {
+    if (subscriptions[one].busy) continue;
+    of[things.count] = &subscriptions[one];
+    wanted[things.count++] = subscriptions[one].rmw->data;
+  }
+  pthread_mutex_unlock(&choosing);
+  if (rmw_wait(&things, &guards, NULL, NULL, NULL, set, &limit) != RMW_OK) return NULL;
+  static size_t turn; /* so that none starves another */
+  pthread_mutex_lock(&choosing);
+  for (size_t one = 0; one < things.count && chosen == NULL; one++) {
+    size_t at = (one + turn) % things.count;
+    if (wanted[at] != NULL) chosen = of[at];
+  }
+  turn++;
+  if (chosen != NULL) chosen->busy = true;
+  pthread_mutex_unlock(&choosing);
+  return chosen;
+}
+
+static void *spin(void *unused) {
+  (void)unused;
+  while (!ending) {
+    pthread_mutex_lock(&waiting);
+    struct subscription *ready = ending ? NULL : next_ready();
+    pthread_mutex_unlock(&waiting);
+    if (ready == NULL) continue;
+    execute(ready);
+    pthread_mutex_lock(&choosing);
+    ready->busy = false;
+    pthread_mutex_unlock(&choosing);
+    if (asked.threads > 1) rmw_trigger_guard_condition(changed);
+  }
+  return NULL;
+}
+
+/* As rclcpp's thread for /clock. */
+static void *follow_clock(void *unused) {
+  (void)unused;
+  while (!ending) {
+    void *wanted[1] = {clock_subscription.rmw->data}, *guard[1] = {clock_ends->data};
+    struct rmw_things things = {1, wanted}, guards = {1, guard};
+    struct rmw_time limit = {1, 0};
+    rmw_wait(&things, &guards, NULL, NULL, NULL, clock_set, &limit);
+    if (wanted[0] != NULL) execute(&clock_subscription);
+  }
+  return NULL;
+}
+
+static void write_counts(void) {
+  FILE *file = asked.counts[0] == 0 ? NULL : fopen(asked.counts, "w");
+  if (file == NULL) return;
+  for (int one = 0; one <= asked.subscriptions; one++) {
+    const struct subscription *of =
+        one < asked.subscriptions ? &subscriptions[one] : &clock_subscription;
+    if (of->rmw != NULL)
+      fprintf(file, "sub %s taken %llu called %llu\n", of->topic, (unsigned long long)of->taken,
+              (unsigned long long)of->called);
+  }
+  for (int one = 0; one < asked.publishers; one++)
+    fprintf(file, "pub %s published %llu\n", publishers[one].topic,
+            (unsigned long long)publishers[one].published);
+  fclose(file);
+}
+
+static void wait_for_signal(const sigset_t *wanted) {
+  int signal;
+  sigwait(wanted, &signal);
+  ending = true;
+  for (int one = 0; one < asked.threads; one++) rmw_trigger_guard_condition(changed);
+  rmw_trigger_guard_condition(clock_ends);
+}
+
+int serve(int argc, char **argv);
+
+int serve(int argc, char **argv) {
+  pthread_t threads[MOST], clock_thread;
+  sigset_t wanted;
+  read_arguments(argc, argv);
+  sigemptyset(&wanted);
+  sigaddset(&wanted, SIGINT);
+  sigaddset(&wanted, SIGTERM);
+  pthread_sigmask(SIG_BLOCK, &wanted, NULL);
+  if (rmw_init(NULL, &context) != RMW_OK) fail("no context");
+  node = rmw_create_node(&context, asked.name, asked.space);
+  if (node == NULL) fail("no node");
+  changed = rmw_create_guard_condition(&context);
+  clock_ends = rmw_create_guard_condition(&context);
+  set = rmw_create_wait_set(&context, MOST);
+  clock_set = rmw_create_wait_set(&context, 2);
+  create_endpoints();
+  connect_relays();
+  for (int one = 0; one < asked.threads; one++) pthread_create(&threads[one], NULL, spin, NULL);
+  if (asked.sim_time) pthread_create(&clock_thread, NULL, follow_clock, NULL);
+  wait_for_signal(&wanted);
+  for (int one = 0; one < asked.threads; one++) pthread_join(threads[one], NULL);
+  if (asked.sim_time) pthread_join(clock_thread, NULL);
+  write_counts();
+  for (int one = 0; one < asked.subscriptions; one++)
+    rmw_destroy_subscription(node, subscriptions[one].rmw);
+  for (int one = 0; one < asked.publishers; one++) rmw_destroy_publisher(node, publishers[one].rmw);
+  rmw_destroy_node(node);
+  return 0;
+}
+
+#ifndef WITHOUT_TRACEPOINTS
+int main(int argc, char **argv) { return serve(argc, argv); }
+#endif

@@ -1,0 +1,59 @@
+/* A node of the stand-in: what it is asked for, and what it counts. */
+#pragma once
+#include <pthread.h>
+#include <stdatomic.h>
+
+#include "rmw.h"
+
+#define MOST 64 /* endpoints of each kind, and threads */
+
+struct publisher {
+  char topic[256];
+  struct rmw_endpoint *rmw;
+  _Atomic uint64_t published;
+};
+
+/* What a subscription's callback does with a message. */
+enum work { WORK_NOTHING, WORK_TEXT, WORK_STAMP };
+
+struct subscription {
+  char topic[256];
+  struct rmw_endpoint *rmw;
+  enum work work;
+  struct publisher *into;
+  struct message message;        /* the one that its callback has */
+  char rcl, cpp, callback;       /* their addresses are what tracepoints name */
+  bool busy;                     /* a thread has it: its callbacks exclude each other */
+  _Atomic uint64_t taken, called;
+};
+
+struct asked {
+  char name[256], space[256];
+  struct {
+    char topic[256], package[128], type[128];
+    struct rmw_qos qos;
+  } subscription[MOST], publisher[MOST];
+  int subscriptions, publishers;
+  struct {
+    char from[256], into[256];
+    bool stamp;
+  } relay[MOST];
+  int relays, threads;
+  bool sim_time;
+  uint64_t delay_us, die_after, drop_every;
+  char counts[512];
+};
+
+extern struct asked asked;
+extern struct rmw_context context;
+extern struct rmw_node *node;
+
+/* node_options.c: reads the arguments; ends the program with a sentence if they make no sense. */
+void read_arguments(int argc, char **argv);
+
+/* node_work.c: the callback of a message, and the simulated time that it reads. */
+void work(struct subscription *of);
+void set_time(const struct message *clock);
+
+/* node.c */
+void publish(struct publisher *into, const uint8_t *bytes, size_t length);

@@ -1,0 +1,99 @@
+#define _GNU_SOURCE
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "node.h"
+
+static const char usage[] =
+    "--name [/NAMESPACE]/NAME   the node\n"
+    "--sub TOPIC:PACKAGE/msg/TYPE:DEPTH:reliable|best_effort[:transient_local]   (DEPTH all: keeps all)\n"
+    "--pub as --sub\n"
+    "--relay IN=OUT         for each message on IN a String on OUT: '<hash of it> <count>[ <time>]'\n"
+    "--relay-stamp IN=OUT   for each message on IN a PoseStamped on OUT, with its header's stamp\n"
+    "--use-sim-time         takes /clock in a thread of its own; --relay adds the time\n"
+    "--delay-us N           how long each callback takes\n"
+    "--drop-every N         each Nth message of a topic gets no answer\n"
+    "--die-after N          aborts in the callback of the Nth message of a topic\n"
+    "--threads N            threads that take and call\n"
+    "--count-to FILE        where its own counts go at its end: lines of\n"
+    "                       'sub TOPIC taken N called N' and 'pub TOPIC published N'\n";
+
+struct asked asked = {.threads = 1};
+
+static _Noreturn void refuse(const char *why, const char *what) {
+  fprintf(stderr, "standin_node: %s: %s\n%s", why, what, usage);
+  exit(2);
+}
+
+static void name(const char *whole) {
+  const char *slash = strrchr(whole, '/');
+  if (slash == NULL || strlen(whole) > 250) refuse("no name", whole);
+  snprintf(asked.name, sizeof asked.name, "%s", slash + 1);
+  snprintf(asked.space, sizeof asked.space, "%.*s", (int)(slash - whole), whole);
+  if (slash == whole) strcpy(asked.space, "/");
+}
+
+static struct rmw_qos qos_of(const char *depth, const char *reliability, const char *durability) {
+  struct rmw_qos qos;
+  memset(&qos, 0, sizeof qos);
+  bool all = strcmp(depth, "all") == 0;
+  qos.history = all ? HISTORY_KEEP_ALL : HISTORY_KEEP_LAST;
+  qos.depth = all ? 0 : strtoul(depth, NULL, 10);
+  bool best_effort = strcmp(reliability, "best_effort") == 0;
+  qos.reliability = best_effort ? RELIABILITY_BEST_EFFORT : RELIABILITY_RELIABLE;
+  bool late = strcmp(durability, "transient_local") == 0;
+  qos.durability = late ? DURABILITY_TRANSIENT_LOCAL : DURABILITY_VOLATILE;
+  return qos;
+}
+
+static void endpoint(bool subscribes, const char *text) {
+  int *count = subscribes ? &asked.subscriptions : &asked.publishers;
+  char depth[32], reliability[32], durability[32] = "";
+  if (*count == MOST) refuse("too many", text);
+  __typeof__(&asked.publisher[0]) into =
+      subscribes ? (void *)&asked.subscription[*count] : &asked.publisher[*count];
+  int found = sscanf(text, "%255[^:]:%127[^/]/msg/%127[^:]:%31[^:]:%31[^:]:%31s", into->topic,
+                     into->package, into->type, depth, reliability, durability);
+  if (found < 5) refuse("no topic with its type and quality of service", text);
+  into->qos = qos_of(depth, reliability, durability);
+  ++*count;
+}
+
+static void relay(bool stamp, const char *text) {
+  if (asked.relays == MOST) refuse("too many", text);
+  if (sscanf(text, "%255[^=]=%255s", asked.relay[asked.relays].from,
+             asked.relay[asked.relays].into) != 2)
+    refuse("no two topics", text);
+  asked.relay[asked.relays++].stamp = stamp;
+}
+
+static void value(const char *option, const char *text) {
+  if (!strcmp(option, "--name")) name(text);
+  else if (!strcmp(option, "--sub")) endpoint(true, text);
+  else if (!strcmp(option, "--pub")) endpoint(false, text);
+  else if (!strcmp(option, "--relay")) relay(false, text);
+  else if (!strcmp(option, "--relay-stamp")) relay(true, text);
+  else if (!strcmp(option, "--delay-us")) asked.delay_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--threads")) asked.threads = atoi(text);
+  else if (!strcmp(option, "--count-to")) snprintf(asked.counts, sizeof asked.counts, "%s", text);
+  else refuse("no option", option);
+}
+
+void read_arguments(int argc, char **argv) {
+  strcpy(asked.name, "standin");
+  strcpy(asked.space, "/");
+  for (int at = 1; at < argc; at++) {
+    if (!strcmp(argv[at], "--use-sim-time")) {
+      asked.sim_time = true;
+    } else if (at + 1 == argc) {
+      refuse("no value", argv[at]);
+    } else {
+      value(argv[at], argv[at + 1]);
+      at++;
+    }
+  }
+  if (asked.threads < 1 || asked.threads > MOST) refuse("no number of threads", "--threads");
+}

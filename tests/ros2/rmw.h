@@ -1,0 +1,148 @@
+/* The stand-in's librmw_implementation.so: functions and structures as the real ones, as far as
+ * nodes, the player and the ledger's library use them. A message that is not serialised is a
+ * `struct message`, of whatever type. */
+#pragma once
+#include <stdbool.h>
+
+#include "rcutils.h"
+
+#define RMW_OK 0
+#define RMW_ERROR 1
+#define RMW_TIMEOUT 2
+#define RMW_UNSUPPORTED 3
+#define RMW_INVALID_ARGUMENT 11
+#define RMW_NODE_NAME_NON_EXISTENT 203
+
+enum { HISTORY_KEEP_LAST = 1, HISTORY_KEEP_ALL = 2 };
+enum { RELIABILITY_RELIABLE = 1, RELIABILITY_BEST_EFFORT = 2 };
+enum { DURABILITY_TRANSIENT_LOCAL = 1, DURABILITY_VOLATILE = 2 };
+
+struct rmw_time {
+  uint64_t seconds, nanoseconds;
+};
+struct rmw_qos {
+  int history; /* of each of these, 0 leaves it to the middleware */
+  size_t depth;
+  int reliability, durability;
+  struct rmw_time deadline, lifespan;
+  int liveliness;
+  struct rmw_time lease;
+  bool without_prefixes;
+};
+struct rmw_context {
+  const char *implementation;
+  size_t domain;
+  void *others[64];
+};
+struct rmw_node {
+  const char *implementation;
+  void *data;
+  const char *name, *space;
+  struct rmw_context *context;
+};
+/* Publishers too; wait sets have the `data` of subscriptions and guard conditions. */
+struct rmw_endpoint {
+  const char *implementation;
+  void *data;
+  const char *topic;
+  void *options[4];
+  bool can_lend;
+};
+struct rmw_guard {
+  const char *implementation;
+  void *data;
+  struct rmw_context *context;
+};
+struct rmw_wait_set {
+  const char *implementation;
+  struct rmw_guard *guards;
+  void *data;
+};
+struct rmw_things {
+  size_t count;
+  void **things;
+};
+struct rmw_info {
+  int64_t source, received;
+  uint64_t publication, reception;
+  const char *implementation;
+  uint8_t gid[24];
+  bool intra;
+};
+struct serialized {
+  uint8_t *buffer;
+  size_t length, capacity;
+  struct allocator allocator;
+};
+struct sequence {
+  void **data;
+  size_t size, capacity;
+};
+struct message {
+  uint8_t *data; /* of malloc */
+  size_t length;
+};
+/* What a library of types gives for a message. */
+struct type_support {
+  const char *identifier;
+  const void *data; /* a `struct type_name` */
+  const void *(*find)(const struct type_support *, const char *);
+};
+struct type_name {
+  const char *package, *folder, *name;
+};
+
+int rmw_init(const void *options, struct rmw_context *context);
+struct rmw_node *rmw_create_node(struct rmw_context *context, const char *name, const char *space);
+int rmw_destroy_node(struct rmw_node *node);
+int rmw_get_node_names(const struct rmw_node *node, struct strings *names, struct strings *spaces);
+int rmw_get_publisher_names_and_types_by_node(const struct rmw_node *node, struct allocator *,
+                                              const char *name, const char *space, bool mangled,
+                                              struct names_and_types *into);
+int rmw_get_subscriber_names_and_types_by_node(const struct rmw_node *node, struct allocator *,
+                                               const char *name, const char *space, bool mangled,
+                                               struct names_and_types *into);
+
+struct rmw_endpoint *rmw_create_publisher(const struct rmw_node *node, const struct type_support *,
+                                          const char *topic, const struct rmw_qos *,
+                                          const void *options);
+struct rmw_endpoint *rmw_create_subscription(const struct rmw_node *node,
+                                             const struct type_support *, const char *topic,
+                                             const struct rmw_qos *, const void *options);
+int rmw_destroy_publisher(struct rmw_node *node, struct rmw_endpoint *publisher);
+int rmw_destroy_subscription(struct rmw_node *node, struct rmw_endpoint *subscription);
+int rmw_publisher_get_actual_qos(const struct rmw_endpoint *publisher, struct rmw_qos *into);
+int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription, struct rmw_qos *into);
+int rmw_publisher_count_matched_subscriptions(const struct rmw_endpoint *publisher, size_t *into);
+int rmw_subscription_count_matched_publishers(const struct rmw_endpoint *subscription,
+                                              size_t *into);
+int rmw_publish(const struct rmw_endpoint *publisher, const void *message, void *allocation);
+int rmw_publish_serialized_message(const struct rmw_endpoint *publisher, const struct serialized *,
+                                   void *allocation);
+int rmw_publish_loaned_message(const struct rmw_endpoint *publisher, void *message,
+                               void *allocation);
+
+int rmw_take(const struct rmw_endpoint *subscription, void *message, bool *taken, void *allocation);
+int rmw_take_with_info(const struct rmw_endpoint *subscription, void *message, bool *taken,
+                       struct rmw_info *info, void *allocation);
+int rmw_take_serialized_message(const struct rmw_endpoint *subscription, struct serialized *,
+                                bool *taken, void *allocation);
+int rmw_take_serialized_message_with_info(const struct rmw_endpoint *subscription,
+                                          struct serialized *, bool *taken, struct rmw_info *info,
+                                          void *allocation);
+int rmw_take_loaned_message(const struct rmw_endpoint *subscription, void **message, bool *taken,
+                            void *allocation);
+int rmw_take_loaned_message_with_info(const struct rmw_endpoint *subscription, void **message,
+                                      bool *taken, struct rmw_info *info, void *allocation);
+int rmw_take_sequence(const struct rmw_endpoint *subscription, size_t count, struct sequence *,
+                      void *infos, size_t *taken, void *allocation);
+
+struct rmw_guard *rmw_create_guard_condition(struct rmw_context *context);
+int rmw_destroy_guard_condition(struct rmw_guard *guard);
+int rmw_trigger_guard_condition(const struct rmw_guard *guard);
+struct rmw_wait_set *rmw_create_wait_set(struct rmw_context *context, size_t most);
+int rmw_destroy_wait_set(struct rmw_wait_set *set);
+/* What is not ready becomes NULL in the things; without a timeout it waits for ever. */
+int rmw_wait(struct rmw_things *subscriptions, struct rmw_things *guards,
+             struct rmw_things *services, struct rmw_things *clients, struct rmw_things *events,
+             struct rmw_wait_set *set, const struct rmw_time *timeout);

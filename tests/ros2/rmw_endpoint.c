@@ -1,0 +1,249 @@
+/* Publishers and subscriptions, over Cyclone's queues: what KEEP_LAST overwrites there is gone. */
+#define _GNU_SOURCE
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "blob.h"
+#include "rmw_parts.h"
+
+#define ENCAPSULATION 4 /* bytes before each serialised message */
+
+/* What is left to the middleware is as rmw_cyclonedds chooses. */
+static struct rmw_qos chosen(const struct rmw_qos *asked) {
+  struct rmw_qos qos = *asked;
+  if (qos.history == 0) qos.history = HISTORY_KEEP_LAST;
+  if (qos.depth == 0) qos.depth = 1;
+  if (qos.reliability == 0) qos.reliability = RELIABILITY_RELIABLE;
+  if (qos.durability == 0) qos.durability = DURABILITY_VOLATILE;
+  return qos;
+}
+
+static dds_qos_t *dds_qos(const struct rmw_qos *qos) {
+  dds_qos_t *made = dds_create_qos();
+  bool all = qos->history == HISTORY_KEEP_ALL;
+  dds_history_kind_t history = all ? DDS_HISTORY_KEEP_ALL : DDS_HISTORY_KEEP_LAST;
+  int32_t depth = all ? DDS_LENGTH_UNLIMITED : (int32_t)qos->depth;
+  dds_qset_history(made, history, depth);
+  dds_qset_reliability(made,
+                       qos->reliability == RELIABILITY_RELIABLE ? DDS_RELIABILITY_RELIABLE
+                                                                : DDS_RELIABILITY_BEST_EFFORT,
+                       DDS_INFINITY);
+  if (qos->durability == DURABILITY_TRANSIENT_LOCAL) {
+    dds_qset_durability(made, DDS_DURABILITY_TRANSIENT_LOCAL);
+    dds_qset_durability_service(made, 0, history, depth, DDS_LENGTH_UNLIMITED, DDS_LENGTH_UNLIMITED,
+                                DDS_LENGTH_UNLIMITED);
+  }
+  dds_qset_writer_data_lifecycle(made, false);
+  dds_qset_ignorelocal(made, DDS_IGNORELOCAL_NONE);
+  return made;
+}
+
+static struct rmw_endpoint *create(const struct rmw_node *node, const struct type_support *support,
+                                   const char *topic, const struct rmw_qos *asked, bool reads) {
+  dds_entity_t participant = ((const struct node *)node->data)->participant;
+  const struct type_name *type = support->data;
+  char dds_name[600], type_name[600];
+  snprintf(dds_name, sizeof dds_name, "rt%s", topic);
+  snprintf(type_name, sizeof type_name, "%s::%s::dds_::%s_", type->package, type->folder,
+           type->name);
+  struct endpoint *made = calloc(1, sizeof *made);
+  made->qos = chosen(asked);
+  made->topic = blob_topic(participant, dds_name, type_name, &made->type);
+  dds_qos_t *qos = dds_qos(&made->qos);
+  made->entity = made->topic < 0 ? made->topic
+                 : reads         ? dds_create_reader(participant, made->topic, qos, NULL)
+                                 : dds_create_writer(participant, made->topic, qos, NULL);
+  dds_delete_qos(qos);
+  if (made->entity < 0) {
+    standin_error(RMW_ERROR, "%s: %s", topic, dds_strretcode(made->entity));
+    free(made);
+    return NULL;
+  }
+  if (reads) made->condition = dds_create_readcondition(made->entity, DDS_ANY_STATE);
+  struct rmw_endpoint *endpoint = calloc(1, sizeof *endpoint);
+  endpoint->implementation = IDENTIFIER;
+  endpoint->data = made;
+  endpoint->topic = strdup(topic);
+  return endpoint;
+}
+
+static int destroy(struct rmw_endpoint *endpoint) {
+  struct endpoint *gone = endpoint->data;
+  dds_delete(gone->entity);
+  dds_delete(gone->topic);
+  free(gone);
+  free((char *)endpoint->topic);
+  free(endpoint);
+  return RMW_OK;
+}
+
+struct rmw_endpoint *rmw_create_publisher(const struct rmw_node *node,
+                                          const struct type_support *type, const char *topic,
+                                          const struct rmw_qos *qos, const void *options) {
+  (void)options;
+  return create(node, type, topic, qos, false);
+}
+
+struct rmw_endpoint *rmw_create_subscription(const struct rmw_node *node,
+                                             const struct type_support *type, const char *topic,
+                                             const struct rmw_qos *qos, const void *options) {
+  (void)options;
+  return create(node, type, topic, qos, true);
+}
+
+int rmw_destroy_publisher(struct rmw_node *node, struct rmw_endpoint *publisher) {
+  (void)node;
+  return destroy(publisher);
+}
+
+int rmw_destroy_subscription(struct rmw_node *node, struct rmw_endpoint *subscription) {
+  (void)node;
+  return destroy(subscription);
+}
+
+int rmw_publisher_get_actual_qos(const struct rmw_endpoint *publisher, struct rmw_qos *into) {
+  *into = ((const struct endpoint *)publisher->data)->qos;
+  return RMW_OK;
+}
+
+int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription,
+                                    struct rmw_qos *into) {
+  return rmw_publisher_get_actual_qos(subscription, into);
+}
+
+int rmw_publisher_count_matched_subscriptions(const struct rmw_endpoint *publisher, size_t *into) {
+  const struct endpoint *of = publisher->data;
+  dds_publication_matched_status_t status;
+  dds_return_t failed = dds_get_publication_matched_status(of->entity, &status);
+  if (failed) return standin_error(RMW_ERROR, "no count: %s", dds_strretcode(failed));
+  *into = status.current_count;
+  return RMW_OK;
+}
+
+int rmw_subscription_count_matched_publishers(const struct rmw_endpoint *subscription,
+                                              size_t *into) {
+  const struct endpoint *of = subscription->data;
+  dds_subscription_matched_status_t status;
+  dds_return_t failed = dds_get_subscription_matched_status(of->entity, &status);
+  if (failed) return standin_error(RMW_ERROR, "no count: %s", dds_strretcode(failed));
+  *into = status.current_count;
+  return RMW_OK;
+}
+
+static int send_bytes(const struct rmw_endpoint *publisher, const uint8_t *bytes, size_t length) {
+  const struct endpoint *of = publisher->data;
+  if (length < ENCAPSULATION)
+    return standin_error(RMW_ERROR, "%zu bytes are no serialised message", length);
+  dds_return_t failed = blob_write(of->entity, of->type, bytes, length);
+  if (failed < 0)
+    return standin_error(RMW_ERROR, "%s: %s", publisher->topic, dds_strretcode(failed));
+  return RMW_OK;
+}
+
+int rmw_publish(const struct rmw_endpoint *publisher, const void *message, void *allocation) {
+  (void)allocation;
+  const struct message *from = message;
+  return send_bytes(publisher, from->data, from->length);
+}
+
+int rmw_publish_serialized_message(const struct rmw_endpoint *publisher,
+                                   const struct serialized *message, void *allocation) {
+  (void)allocation;
+  return send_bytes(publisher, message->buffer, message->length);
+}
+
+int rmw_publish_loaned_message(const struct rmw_endpoint *publisher, void *message,
+                               void *allocation) {
+  (void)publisher, (void)message, (void)allocation;
+  return standin_error(RMW_UNSUPPORTED, "nothing is lent");
+}
+
+/* Takes a message into memory that `grow` gives for its length. */
+typedef uint8_t *grow(void *into, size_t length);
+
+static int take(const struct rmw_endpoint *subscription, void *into, grow *room, bool *taken,
+                struct rmw_info *info) {
+  const struct endpoint *of = subscription->data;
+  dds_sample_info_t sample;
+  const uint8_t *bytes;
+  size_t length;
+  struct ddsi_serdata *found = blob_take(of->entity, &sample, &bytes, &length);
+  *taken = found != NULL;
+  if (found == NULL) return RMW_OK;
+  memcpy(room(into, length), bytes, length);
+  blob_release(found);
+  if (info == NULL) return RMW_OK;
+  memset(info, 0, sizeof *info);
+  info->source = sample.source_timestamp;
+  info->implementation = IDENTIFIER;
+  memcpy(info->gid, &sample.publication_handle, sizeof sample.publication_handle);
+  return RMW_OK;
+}
+
+static uint8_t *grow_message(void *into, size_t length) {
+  struct message *message = into;
+  message->data = realloc(message->data, length + 1);
+  if (message->data == NULL) abort();
+  message->length = length;
+  return message->data;
+}
+
+static uint8_t *grow_serialized(void *into, size_t length) {
+  struct serialized *message = into;
+  const struct allocator *allocator = &message->allocator;
+  if (message->capacity < length) {
+    message->buffer = allocator->reallocate(message->buffer, length, allocator->state);
+    if (message->buffer == NULL) abort();
+    message->capacity = length;
+  }
+  message->length = length;
+  return message->buffer;
+}
+
+int rmw_take_with_info(const struct rmw_endpoint *subscription, void *message, bool *taken,
+                       struct rmw_info *info, void *allocation) {
+  (void)allocation;
+  return take(subscription, message, grow_message, taken, info);
+}
+
+int rmw_take(const struct rmw_endpoint *subscription, void *message, bool *taken,
+             void *allocation) {
+  return rmw_take_with_info(subscription, message, taken, NULL, allocation);
+}
+
+int rmw_take_serialized_message_with_info(const struct rmw_endpoint *subscription,
+                                          struct serialized *message, bool *taken,
+                                          struct rmw_info *info, void *allocation) {
+  (void)allocation;
+  return take(subscription, message, grow_serialized, taken, info);
+}
+
+int rmw_take_serialized_message(const struct rmw_endpoint *subscription, struct serialized *message,
+                                bool *taken, void *allocation) {
+  return rmw_take_serialized_message_with_info(subscription, message, taken, NULL, allocation);
+}
+
+int rmw_take_loaned_message_with_info(const struct rmw_endpoint *subscription, void **message,
+                                      bool *taken, struct rmw_info *info, void *allocation) {
+  (void)subscription, (void)message, (void)info, (void)allocation;
+  *taken = false;
+  return standin_error(RMW_UNSUPPORTED, "nothing is lent");
+}
+
+int rmw_take_loaned_message(const struct rmw_endpoint *subscription, void **message, bool *taken,
+                            void *allocation) {
+  return rmw_take_loaned_message_with_info(subscription, message, taken, NULL, allocation);
+}
+
+int rmw_take_sequence(const struct rmw_endpoint *subscription, size_t count,
+                      struct sequence *messages, void *infos, size_t *taken, void *allocation) {
+  (void)infos;
+  bool any = true;
+  for (*taken = 0; *taken < count; ++*taken) {
+    rmw_take_with_info(subscription, messages->data[*taken], &any, NULL, allocation);
+    if (!any) break;
+  }
+  messages->size = *taken;
+  return RMW_OK;
+}

@@ -1,0 +1,22 @@
+/* What the parts of the stand-in's rmw have in common. */
+#pragma once
+#include <dds/dds.h>
+
+#include "rmw.h"
+
+#define IDENTIFIER "rmw_standin"
+
+/* A node is a DDS participant, whose user data is its name and namespace. */
+struct node {
+  dds_entity_t participant;
+  dds_entity_t participants, publications, subscriptions; /* readers of who is in the graph */
+};
+
+struct endpoint {
+  dds_entity_t topic, entity, condition;
+  const void *type; /* what messages are made with */
+  struct rmw_qos qos;
+};
+
+/* More than a graph of tests has. */
+#define MOST_ENTITIES 4096
