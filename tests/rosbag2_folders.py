@@ -162,8 +162,8 @@ def _sqlite(path: Path, messages: list[Message]) -> None:
         row = (ids[each.topic], each.topic, each.type, each.encoding, each.qos)
         file.execute("INSERT INTO topics VALUES (?, ?, ?, ?, ?, '')", row)
     for each in messages:
-        row = (ids[each.topic], each.time, each.data)
-        file.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)
+        message = (ids[each.topic], each.time, each.data)
+        file.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", message)
     file.commit()
     file.close()
 
