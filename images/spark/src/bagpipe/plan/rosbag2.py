@@ -2,8 +2,8 @@
 
 Its files are planned as if they lay one behind the other in a single file: a place in that is a
 file's own offset behind where the file begins. So fragments are cut over the whole recording, and
-one may need parts of several files. A file whose summary tells is read by ranges; one of SQLite, or
-one that was compressed as a whole, is read whole and its parts have one range: all of it.
+one may need parts of several files. A file of MCAP is read by ranges; one of SQLite, or one that
+was compressed as a whole, is read whole, and its parts have one range: all of it.
 
 Format: https://github.com/ros2/rosbag2, metadata.yaml of versions 4 to 9.
 """
@@ -12,7 +12,7 @@ import bisect
 import contextlib
 import posixpath
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,7 @@ from bagpipe.plan.bag_tail import (
     resolve,
 )
 from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
+from bagpipe.plan.framing import framed
 from bagpipe.plan.parts import Part
 from bagpipe.storage import OpenFile, Storage, StorageError
 
@@ -36,6 +37,8 @@ METADATA = "metadata.yaml"
 MOST_METADATA_BYTES = 4 << 20
 # Of a file that is read whole, as it is stored and again as it is uncompressed, on this disk.
 MOST_WHOLE_BYTES = 4 << 30
+# Of a fragment's bytes as they are stored, of each file, and again of what they hold uncompressed.
+MOST_FRAGMENT_BYTES = 1 << 30
 _PIECE_BYTES = 1 << 20
 
 
@@ -70,6 +73,30 @@ class Metadata:
 def is_folder(uri: str) -> bool:
     """Whether a URI names a folder of rosbag2, by its metadata."""
     return posixpath.basename(uri) == METADATA
+
+
+def in_folders(pattern: str, storage: Storage) -> list[str]:
+    """The URIs that a pattern names, sorted: of files, or where it names or matches folders of
+    rosbag2, of their metadata. Raises StorageError.
+    """
+    # On object storage there is no folder: there are names that begin alike.
+    if pattern.endswith("/"):
+        return storage.expand(f"{pattern}{METADATA}")
+    return storage.expand(pattern) or storage.expand(f"{pattern}/{METADATA}")
+
+
+def without_members(uris: list[str], storage: Storage) -> list[str]:
+    """The recordings without the files that a folder's metadata names: those are none of their own,
+    and would be played twice.
+    """
+    members: set[str] = set()
+    for uri in filter(is_folder, uris):
+        folder = uri.removesuffix(METADATA)
+        if any(other != uri and other.startswith(folder) for other in uris):
+            # Who plans it says what is wrong.
+            with contextlib.suppress(BagError, StorageError):
+                members.update(read_metadata(uri, storage).files)
+    return [uri for uri in uris if uri not in members]
 
 
 def read_metadata(uri: str, storage: Storage) -> Metadata:
@@ -278,6 +305,48 @@ def whole_file(file: OpenFile, metadata: Metadata, storage: Storage) -> Iterator
         except OSError as error:
             raise StorageError(f"{file.uri}: it can't be copied to this disk: {error}") from error
         yield path
+
+
+def joined(parts: Sequence[Part], metadata: Metadata, storage: Storage) -> bytes:
+    """The parts as one file of MCAP: their topics in their window, and what was latched before it.
+
+    Each file counts its channels by itself, so that one of several is written again, in memory: a
+    fragment's worth of messages, at some GB a second. Raises BagError and StorageError.
+    """
+    window = parts[0].window
+    with contextlib.ExitStack() as held:
+        files = [
+            _bytes_of(part, storage)
+            if metadata.by_ranges
+            else held.enter_context(
+                whole_file(storage.open(part.bag, part.version), metadata, storage)
+            )
+            for part in parts
+        ]
+        join = native("joined_mcap", "reading a folder of rosbag2")
+        try:
+            made: bytes = join(
+                files,
+                metadata.text,
+                window.lead_in_start,
+                window.end,
+                parts[0].topics,
+                memory=MOST_FRAGMENT_BYTES,
+            )
+        except ValueError as error:
+            raise BagError("BagUnreadable", str(error)) from error
+        return made
+
+
+def _bytes_of(part: Part, storage: Storage) -> bytes:
+    if part.bytes > MOST_FRAGMENT_BYTES:
+        raise BagError(
+            "BagUnreadable",
+            f"the fragment needs {part.bytes:,} bytes of {part.bag}, above 1 GiB: choose shorter"
+            " fragments",
+        )
+    sources = part.connections + part.ranges
+    return b"".join(framed(sources, storage.pieces(part.bag, sources, _PIECE_BYTES, part.version)))
 
 
 def _parsed(parser: str, *arguments: Any) -> Any:

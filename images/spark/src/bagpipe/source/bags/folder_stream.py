@@ -1,11 +1,9 @@
 """A fragment of a folder of rosbag2, as one stream of MCAP.
 
-A fragment of one file of MCAP travels as its own chunks. One of several files can't: each file
-counts its channels by itself. So the worker makes one file of MCAP of the parts, with one counting,
-in memory: a fragment's worth of messages, at some GB a second.
+A fragment of one file of MCAP travels as its own chunks. One of several files can't, since each of
+them counts its channels by itself: the worker makes one file of MCAP of the parts.
 """
 
-import contextlib
 from pathlib import Path
 
 from bagpipe.native import native
@@ -14,13 +12,16 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import cut_one
 from bagpipe.plan.framing import framed, framing
 from bagpipe.plan.parts import Part
-from bagpipe.plan.rosbag2 import Metadata, Rosbag2, read_metadata, whole_file
+from bagpipe.plan.rosbag2 import (
+    MOST_FRAGMENT_BYTES,
+    Metadata,
+    Rosbag2,
+    joined,
+    read_metadata,
+)
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import InputFile, SessionError
-
-# Of a fragment's bytes as they are stored, and again of what they hold uncompressed.
-MOST_BYTES = 1 << 30
 
 
 def folder_file(case: Case, storage: Storage) -> InputFile:
@@ -60,7 +61,7 @@ def times_of_folder(case: Case, topics: list[str], storage: Storage) -> list[int
 
 def first_time(written: Path) -> int:
     """The time of the first message of a file of MCAP, in ns; 0 without one."""
-    times = native("describe_recording", "reading MCAP")(written, MOST_BYTES)["times"]
+    times = native("describe_recording", "reading MCAP")(written, MOST_FRAGMENT_BYTES)["times"]
     return int(times[0]) if times else 0
 
 
@@ -87,36 +88,7 @@ def _as_stored(part: Part, storage: Storage) -> InputFile:
 
 
 def _joined(parts: list[Part], metadata: Metadata, storage: Storage) -> bytes:
-    window = parts[0].window
-    with contextlib.ExitStack() as held:
-        files: list[bytes | Path] = []
-        for part in parts:
-            if not metadata.by_ranges:
-                file = storage.open(part.bag, part.version)
-                try:
-                    files.append(held.enter_context(whole_file(file, metadata, storage)))
-                except BagError as error:
-                    raise SessionError("BagUnreadable", f"{part.bag}: {error}") from error
-                continue
-            if part.bytes > MOST_BYTES:
-                raise SessionError(
-                    "BagUnreadable",
-                    f"{part.bag}: the fragment needs {part.bytes} bytes of it, above 1 GiB: choose"
-                    " shorter fragments",
-                )
-            sources = part.connections + part.ranges
-            pieces = storage.pieces(part.bag, sources, MAX_PAYLOAD_BYTES, part.version)
-            files.append(b"".join(framed(sources, pieces)))
-        join = native("joined_mcap", "reading a folder of rosbag2")
-        try:
-            made: bytes = join(
-                files,
-                metadata.text,
-                window.lead_in_start,
-                window.end,
-                parts[0].topics,
-                memory=MOST_BYTES,
-            )
-        except ValueError as error:
-            raise SessionError("BagUnreadable", f"{metadata.uri}: {error}") from error
-        return made
+    try:
+        return joined(parts, metadata, storage)
+    except BagError as error:
+        raise SessionError(error.reason, f"{metadata.uri}: {error}") from error
