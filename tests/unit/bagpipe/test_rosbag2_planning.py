@@ -189,6 +189,14 @@ def test_what_can_t_be_planned_says_why(tmp_path: Path) -> None:
     assert "none of the topics /c is in the bag; it has /a, /b, /map" in made.unplanned[0].message
 
 
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_the_metadata_s_encoding_is_the_one_that_counts(storage: str, tmp_path: Path) -> None:
+    # As rosbag2 goes by it, whatever the file says.
+    metadata = folder(tmp_path / "drive", Form(storage), split(drive(), 30))
+    metadata.write_text(metadata.read_text().replace("format: cdr", "format: other"))
+    assert "/map holds messages in other, and the stack" in refused(metadata)
+
+
 def test_a_zstd_bomb_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bagpipe.plan.rosbag2.MOST_WHOLE_BYTES", 100_000)
     assert planned(folder(tmp_path / "fits", Form("mcap", "FILE"), [drive()]), source()).cases
