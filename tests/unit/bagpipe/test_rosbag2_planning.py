@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.made import Plan
@@ -208,6 +209,16 @@ def test_a_zstd_bomb_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             assert "the 100000 bytes of memory" in refused(metadata)
     metadata = folder(tmp_path / "plain", Form("sqlite3"), [large])
     assert "must be read whole, which is done up to 100,000" in refused(metadata)
+
+
+def test_a_part_of_a_folder_alone_says_what_to_name(tmp_path: Path) -> None:
+    metadata = folder(tmp_path / "drive", Form("sqlite3"), [drive()])
+    file = metadata.with_name("drive_0.db3")
+    assert "name the folder that it lies in" in refused(file)
+    # Where no folder is taken, such as in a sequence.
+    data = metadata.read_bytes()
+    with pytest.raises(BagError, match="a folder of rosbag2, which is not taken here"):
+        read_tail(lambda at, length: data[at : at + length], len(data))
 
 
 def test_a_file_that_changed_since_it_was_planned_is_refused(tmp_path: Path) -> None:
