@@ -173,7 +173,7 @@ def test_what_can_t_be_planned_says_why(tmp_path: Path) -> None:
     assert "the path of a file below the folder" in refused(metadata)
     metadata = of("long", Form("mcap"))
     metadata.write_text(metadata.read_text() + "#" * (10 << 20))
-    assert "expected at most 4194304" in refused(metadata)
+    assert "bytes, expected at most 4194304" in refused(metadata)
     metadata = of("bomb", Form("mcap"))
     bomb = "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n"
     metadata.write_text(bomb + metadata.read_text())
