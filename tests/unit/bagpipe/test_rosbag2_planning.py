@@ -10,6 +10,7 @@ from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.made import Plan
+from bagpipe.run.laptop import planned_case, write_fragment
 from bagpipe.source.bags.expanding import recordings
 from bagpipe.source.bags.folder_stream import (
     first_time,
@@ -18,6 +19,8 @@ from bagpipe.source.bags.folder_stream import (
     times_of_folder,
 )
 from bagpipe.source.bags.planning import fragments
+from bagpipe.source.chosen import source_of
+from bagpipe.source.planning import plan
 from bagpipe.source_spec import Source
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
@@ -239,6 +242,36 @@ def test_a_damaged_message_ends_the_case_and_not_the_worker(tmp_path: Path) -> N
     case = planned(plain, source()).cases[0]
     with pytest.raises(SessionError, match="a message as whole zstd data"):
         stream(case, tmp_path / "case.mcap")
+
+
+def test_a_case_is_cut_again_to_be_replayed(tmp_path: Path) -> None:
+    folder(tmp_path / "drive", Form("sqlite3"), split(drive(), 30))
+    storage = Storage({"drives": str(tmp_path)})
+    fields = {
+        "source": {"bags": ["pvc://drives/drive"], "fragment": {"length": "2s"}},
+        "stack": {"image": "stack", "engine": "exec", "command": ["run"]},
+        "output": {"uri": "pvc://results/a"},
+    }
+    spec = SimulationJobSpec.model_validate(fields)
+    case = plan(spec, storage).cases[1]
+    assert case.bag == "pvc://drives/drive/metadata.yaml"
+    window = case.window
+    row = {
+        "case": case.id,
+        "bag": case.bag,
+        "window": [window.lead_in_start, window.start, window.end],
+        "variant": "",
+        "values": {},
+        "seed": 0,
+        "round": 0,
+    }
+    again = planned_case(row, spec, storage)
+    assert again == case
+    written = write_fragment(again, source_of(spec), storage, tmp_path / "fragment")
+    assert written.name == "fragment.mcap"
+    inside = [m for m in read_mcap(written) if window.start <= m.time < window.end]
+    assert inside == [m for m in drive() if window.start <= m.time < window.end]
+    assert source_of(spec).begin(case, storage, written) == START
 
 
 COUNTS = {
