@@ -6,9 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.made import Plan
+from bagpipe.run.laptop import planned_case, write_fragment
 from bagpipe.source.bags.expanding import recordings
 from bagpipe.source.bags.folder_stream import (
     first_time,
@@ -17,6 +19,8 @@ from bagpipe.source.bags.folder_stream import (
     times_of_folder,
 )
 from bagpipe.source.bags.planning import fragments
+from bagpipe.source.chosen import source_of
+from bagpipe.source.planning import plan
 from bagpipe.source_spec import Source
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
@@ -172,7 +176,7 @@ def test_what_can_t_be_planned_says_why(tmp_path: Path) -> None:
     assert "the path of a file below the folder" in refused(metadata)
     metadata = of("long", Form("mcap"))
     metadata.write_text(metadata.read_text() + "#" * (10 << 20))
-    assert "expected at most 4194304" in refused(metadata)
+    assert "bytes, expected at most 4194304" in refused(metadata)
     metadata = of("bomb", Form("mcap"))
     bomb = "a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]\n"
     metadata.write_text(bomb + metadata.read_text())
@@ -189,6 +193,14 @@ def test_what_can_t_be_planned_says_why(tmp_path: Path) -> None:
     assert "none of the topics /c is in the bag; it has /a, /b, /map" in made.unplanned[0].message
 
 
+@pytest.mark.parametrize("storage", ["mcap", "sqlite3"])
+def test_the_metadata_s_encoding_is_the_one_that_counts(storage: str, tmp_path: Path) -> None:
+    # As rosbag2 goes by it, whatever the file says.
+    metadata = folder(tmp_path / "drive", Form(storage), split(drive(), 30))
+    metadata.write_text(metadata.read_text().replace("format: cdr", "format: other"))
+    assert "/map holds messages in other, and the stack" in refused(metadata)
+
+
 def test_a_zstd_bomb_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bagpipe.plan.rosbag2.MOST_WHOLE_BYTES", 100_000)
     assert planned(folder(tmp_path / "fits", Form("mcap", "FILE"), [drive()]), source()).cases
@@ -200,6 +212,16 @@ def test_a_zstd_bomb_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             assert "the 100000 bytes of memory" in refused(metadata)
     metadata = folder(tmp_path / "plain", Form("sqlite3"), [large])
     assert "must be read whole, which is done up to 100,000" in refused(metadata)
+
+
+def test_a_part_of_a_folder_alone_says_what_to_name(tmp_path: Path) -> None:
+    metadata = folder(tmp_path / "drive", Form("sqlite3"), [drive()])
+    file = metadata.with_name("drive_0.db3")
+    assert "name the folder that it lies in" in refused(file)
+    # Where no folder is taken, such as in a sequence.
+    data = metadata.read_bytes()
+    with pytest.raises(BagError, match="a folder of rosbag2, which is not taken here"):
+        read_tail(lambda at, length: data[at : at + length], len(data))
 
 
 def test_a_file_that_changed_since_it_was_planned_is_refused(tmp_path: Path) -> None:
@@ -220,6 +242,36 @@ def test_a_damaged_message_ends_the_case_and_not_the_worker(tmp_path: Path) -> N
     case = planned(plain, source()).cases[0]
     with pytest.raises(SessionError, match="a message as whole zstd data"):
         stream(case, tmp_path / "case.mcap")
+
+
+def test_a_case_is_cut_again_to_be_replayed(tmp_path: Path) -> None:
+    folder(tmp_path / "drive", Form("sqlite3"), split(drive(), 30))
+    storage = Storage({"drives": str(tmp_path)})
+    fields = {
+        "source": {"bags": ["pvc://drives/drive"], "fragment": {"length": "2s"}},
+        "stack": {"image": "stack", "engine": "exec", "command": ["run"]},
+        "output": {"uri": "pvc://results/a"},
+    }
+    spec = SimulationJobSpec.model_validate(fields)
+    case = plan(spec, storage).cases[1]
+    assert case.bag == "pvc://drives/drive/metadata.yaml"
+    window = case.window
+    row = {
+        "case": case.id,
+        "bag": case.bag,
+        "window": [window.lead_in_start, window.start, window.end],
+        "variant": "",
+        "values": {},
+        "seed": 0,
+        "round": 0,
+    }
+    again = planned_case(row, spec, storage)
+    assert again == case
+    written = write_fragment(again, source_of(spec), storage, tmp_path / "fragment")
+    assert written.name == "fragment.mcap"
+    inside = [m for m in read_mcap(written) if window.start <= m.time < window.end]
+    assert inside == [m for m in drive() if window.start <= m.time < window.end]
+    assert source_of(spec).begin(case, storage, written) == START
 
 
 COUNTS = {

@@ -209,6 +209,70 @@ fn a_database_is_never_written_to() {
     assert_eq!(std::fs::read_dir(place.path()).unwrap().count(), 1);
 }
 
+/// Numbers that are the same in every run.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, most: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 % most as u64) as usize
+    }
+
+    /// Bytes that are cut off, or changed in up to thirty places.
+    fn damaged(&mut self, sound: &[u8]) -> Vec<u8> {
+        let mut bytes = sound.to_vec();
+        if self.below(4) == 0 {
+            bytes.truncate(self.below(bytes.len()));
+            return bytes;
+        }
+        for _ in 0..=self.below(30) {
+            let at = self.below(bytes.len());
+            bytes[at] = self.below(256) as u8;
+        }
+        bytes
+    }
+}
+
+#[test]
+fn a_thousand_damaged_folders_give_messages_or_a_sentence() {
+    let forms = [
+        ("mcap", ""),
+        ("mcap", "FILE"),
+        ("mcap", "MESSAGE"),
+        ("sqlite3", ""),
+        ("sqlite3", "FILE"),
+        ("sqlite3", "MESSAGE"),
+    ];
+    let (mut random, mut refused, mut lost) = (Random(0x2545_f491_4f6c_dd1d), 0, 0);
+    for (storage, mode) in forms {
+        let place = tempfile::tempdir().unwrap();
+        folder(place.path(), 5, storage, Form::Humble, mode);
+        let names: Vec<_> =
+            std::fs::read_dir(place.path()).unwrap().map(|file| file.unwrap().path()).collect();
+        let sound: Vec<Vec<u8>> = names.iter().map(|path| std::fs::read(path).unwrap()).collect();
+        for _ in 0..170 {
+            let of = random.below(names.len());
+            std::fs::write(&names[of], random.damaged(&sound[of])).unwrap();
+            match Folder::open(place.path(), Reading { memory: MEMORY, scanned: true }) {
+                Err(error) => {
+                    refused += 1;
+                    assert!(error.to_string().contains(": "), "{error}");
+                }
+                Ok(found) => {
+                    let loss = found.files.iter().any(|file| file.loss().is_some());
+                    lost += usize::from(loss);
+                    let all: u64 = found.files.iter().map(Mcap::message_count).sum();
+                    assert!(all <= MESSAGES || loss || storage == "sqlite3", "{all}");
+                }
+            }
+            std::fs::write(&names[of], &sound[of]).unwrap();
+        }
+    }
+    assert!(refused > 300 && lost > 50, "{refused} refused, {lost} with a loss");
+}
+
 #[test]
 fn a_thousand_damaged_databases_give_messages_or_a_sentence() {
     let place = tempfile::tempdir().unwrap();
@@ -221,23 +285,9 @@ fn a_thousand_damaged_databases_give_messages_or_a_sentence() {
         })
         .collect();
     let path = place.path().join("damaged.db3");
-    let (mut random, mut errors) = (0x9e37_79b9_7f4a_7c15u64, 0);
-    let mut next = |below: usize| {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        (random % below as u64) as usize
-    };
+    let (mut random, mut errors) = (Random(0x9e37_79b9_7f4a_7c15), 0);
     for round in 0..1000 {
-        let mut bytes = sound[round % 3].clone();
-        if round % 4 == 0 {
-            bytes.truncate(next(bytes.len()));
-        } else {
-            for _ in 0..=next(30) {
-                let at = next(bytes.len());
-                bytes[at] = next(256) as u8;
-            }
-        }
+        let bytes = random.damaged(&sound[round % 3]);
         std::fs::write(&path, &bytes).unwrap();
         let made = Database::open(&path).and_then(|database| {
             rows(&database, &[]).ok();

@@ -310,8 +310,8 @@ def whole_file(file: OpenFile, metadata: Metadata, storage: Storage) -> Iterator
 def joined(parts: Sequence[Part], metadata: Metadata, storage: Storage) -> bytes:
     """The parts as one file of MCAP: their topics in their window, and what was latched before it.
 
-    Each file counts its channels by itself, so that one of several is written again, in memory: a
-    fragment's worth of messages, at some GB a second. Raises BagError and StorageError.
+    Each file counts its channels by itself, so that one of several is written again, in memory.
+    Raises BagError and StorageError.
     """
     window = parts[0].window
     with contextlib.ExitStack() as held:
