@@ -10,7 +10,8 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
 use standin::{
-    ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, write_program,
+    ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, threads_are,
+    write_program,
 };
 
 /// A folder for one test.
@@ -42,15 +43,6 @@ fn exists(pid: u32) -> bool {
 fn runs(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with('Z'))
-}
-
-/// Whether each thread of a process is in a state, as `/proc` has it.
-fn threads_are(pid: u32, state: char) -> bool {
-    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap();
-    threads.map(|thread| thread.unwrap().path().join("stat")).all(|file| {
-        let stat = std::fs::read_to_string(file).unwrap();
-        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with(state))
-    })
 }
 
 #[test]
@@ -182,6 +174,7 @@ fn its_threads_are_woken_for_its_end() {
     let took = |_| {
         let player = graph.player();
         player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+        eventually(|| threads_are(player.pid(), 'S'));
         let begun = Instant::now();
         drop(player);
         begun.elapsed()
@@ -377,6 +370,21 @@ fn agent_of_its_own() {
     let options = graph.options();
     let from_thread = std::thread::spawn(move || Player::start(&options).unwrap()).join().unwrap();
     from_thread.advertise("/n", "std_msgs/String", &ALL).unwrap();
+    // One that can't publish on, since a reliable reader was stopped.
+    let node = graph.node(&["--sub", "/stuck:std_msgs/msg/UInt8MultiArray:1:reliable"]);
+    let stuck = Player::start(&PlayerOptions { room: 1 << 20, ..graph.options() }).unwrap();
+    let publisher = stuck.advertise("/stuck", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    graph.met("/stuck", &stuck, publisher);
+    let stop = ["-STOP", &node.pid().to_string()].map(str::to_owned);
+    assert!(Command::new("kill").args(stop).status().unwrap().success());
+    let bytes = message(1, 100_000);
+    loop {
+        let begun = Instant::now();
+        let mut cancelled = || begun.elapsed() > Duration::from_millis(500);
+        if stuck.publish(publisher, &[&bytes], &mut cancelled).is_err() {
+            break;
+        }
+    }
     // One whose parent is not its agent, and lives on: it has its socket to go by.
     let folder = Path::new(&pids).parent().unwrap();
     let program = folder.join("program");
@@ -388,10 +396,20 @@ fn agent_of_its_own() {
     write_program(&program, script.as_bytes());
     let _far = Player::start(&PlayerOptions { program, ..graph.options() }).unwrap();
     let far = std::fs::read_to_string(pid).unwrap();
-    let all = format!("{} {} {} {}", idle.pid(), full.pid(), from_thread.pid(), far.trim());
+    let players = [&idle, &full, &from_thread, &stuck].map(|player| player.pid().to_string());
+    let all = format!("{} {} {}", node.pid(), far.trim(), players.join(" "));
     std::fs::write(pids, all).unwrap();
     println!("ready");
     std::thread::sleep(2 * LONG);
+}
+
+/// A process whose parent was killed; dropping it kills it.
+struct Orphan(u32);
+
+impl Drop for Orphan {
+    fn drop(&mut self) {
+        let _ended_already = Command::new("kill").args(["-KILL", &self.0.to_string()]).status();
+    }
 }
 
 #[test]
@@ -407,12 +425,14 @@ fn its_agent_killed_the_program_ends_within_a_second_whatever_it_waits_for() {
     let lines = BufReader::new(agent.stdout.take().unwrap()).lines();
     assert!(lines.map_while(Result::ok).any(|line| line.contains("ready")));
     let text = std::fs::read_to_string(folder.join("pids")).unwrap();
-    let pids: Vec<u32> = text.split(' ').map(|pid| pid.parse().unwrap()).collect();
+    let mut pids: Vec<u32> = text.split(' ').map(|pid| pid.parse().unwrap()).collect();
+    let node = Orphan(pids.remove(0));
     assert!(pids.iter().all(|pid| runs(*pid)), "{pids:?}");
     agent.kill().unwrap();
     agent.wait().unwrap();
     let killed = Instant::now();
     eventually(|| !pids.iter().any(|pid| runs(*pid)));
     assert!(killed.elapsed() < Duration::from_secs(3), "{:?}", killed.elapsed());
+    drop(node);
     std::fs::remove_dir_all(folder).unwrap();
 }

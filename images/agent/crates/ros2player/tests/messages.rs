@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Event, Waited};
 use bagpipe_ros2player::{Durability, Player, PlayerError, PlayerOptions, Qos, Received};
-use standin::{ALL, CDR, Graph, LONG, RELIABLE, eventually, match_own, message, number, publish};
+use standin::{
+    ALL, CDR, Graph, LONG, RELIABLE, eventually, match_own, message, number, publish, threads_are,
+};
 
 /// Receives until there are so many messages, as the pair of their subscription and their bytes.
 fn receive(player: &Player, count: usize) -> Vec<(bagpipe_ros2player::SubscriptionId, Vec<u8>)> {
@@ -178,11 +180,13 @@ fn who_waits_is_woken() {
         assert_eq!(number(&receive(&player, 1)[0].1), one);
     }
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
-    // For room: two of these fill the ring.
-    let unread = player.advertise("/unread", "std_msgs/UInt8MultiArray", &RELIABLE).unwrap();
+    // For room: two of these fill the ring, and each takes a while, since it goes to another process.
+    let _sink = graph.node(&["--sub", "/far:std_msgs/msg/UInt8MultiArray:1:best_effort"]);
+    let far = player.advertise("/far", "std_msgs/UInt8MultiArray", &RELIABLE).unwrap();
+    graph.met("/far", &player, far);
     let begun = Instant::now();
     for one in 0..1000 {
-        publish(&player, unread, &message(one, 32_000)).unwrap();
+        publish(&player, far, &message(one, 32_000)).unwrap();
     }
     assert!(player.flush(Instant::now() + LONG).unwrap());
     assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
@@ -196,6 +200,7 @@ fn a_subscription_that_is_added_is_taken_from_at_once() {
     let publisher = from.advertise("/late", "std_msgs/String", &late).unwrap();
     publish(&from, publisher, &message(7, 7)).unwrap();
     let took = |_| {
+        eventually(|| threads_are(to.pid(), 'S'));
         let begun = Instant::now();
         to.subscribe("/late", "std_msgs/String", &late).unwrap();
         assert_eq!(number(&receive(&to, 1)[0].1), 7);
