@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #ifdef WITHOUT_TRACEPOINTS
 #define TRACE(call) ((void)0)
@@ -96,6 +97,7 @@ static void connect_relays(void) {
       exit(2);
     }
     from->into = into;
+    into->relays = true;
     from->work = asked.relay[one].stamp ? WORK_STAMP : WORK_TEXT;
   }
 }
@@ -172,6 +174,23 @@ static void *follow_clock(void *unused) {
   return NULL;
 }
 
+static void say_on_all(uint64_t times) {
+  for (int one = 0; one < asked.publishers; one++)
+    for (uint64_t time = 0; time < times && !publishers[one].relays; time++) say(&publishers[one]);
+}
+
+static void *talk(void *unused) {
+  (void)unused;
+  struct timespec pause = {(time_t)(asked.every_us / 1000000),
+                           (long)(asked.every_us % 1000000) * 1000};
+  say_on_all(asked.burst);
+  while (!ending && asked.every_us > 0) {
+    clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, NULL);
+    say_on_all(1);
+  }
+  return NULL;
+}
+
 static void write_counts(void) {
   FILE *file = asked.counts[0] == 0 ? NULL : fopen(asked.counts, "w");
   if (file == NULL) return;
@@ -199,7 +218,7 @@ static void wait_for_signal(const sigset_t *wanted) {
 int serve(int argc, char **argv);
 
 int serve(int argc, char **argv) {
-  pthread_t threads[MOST], clock_thread;
+  pthread_t threads[MOST], clock_thread, talking;
   sigset_t wanted;
   read_arguments(argc, argv);
   sigemptyset(&wanted);
@@ -217,7 +236,9 @@ int serve(int argc, char **argv) {
   connect_relays();
   for (int one = 0; one < asked.threads; one++) pthread_create(&threads[one], NULL, spin, NULL);
   if (asked.sim_time) pthread_create(&clock_thread, NULL, follow_clock, NULL);
+  pthread_create(&talking, NULL, talk, NULL);
   wait_for_signal(&wanted);
+  pthread_join(talking, NULL);
   for (int one = 0; one < asked.threads; one++) pthread_join(threads[one], NULL);
   if (asked.sim_time) pthread_join(clock_thread, NULL);
   write_counts();

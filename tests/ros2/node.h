@@ -10,6 +10,7 @@
 struct publisher {
   char topic[256];
   struct rmw_endpoint *rmw;
+  bool relays;
   _Atomic uint64_t published;
 };
 
@@ -40,7 +41,7 @@ struct asked {
   } relay[MOST];
   int relays, threads;
   bool sim_time;
-  uint64_t delay_us, die_after, drop_every;
+  uint64_t delay_us, die_after, drop_every, burst, every_us;
   char counts[512];
 };
 
@@ -54,6 +55,7 @@ void read_arguments(int argc, char **argv);
 /* node_work.c: the callback of a message, and the simulated time that it reads. */
 void work(struct subscription *of);
 void set_time(const struct message *clock);
+void say(struct publisher *into); /* a String with how many it has said */
 
 /* node.c */
 void publish(struct publisher *into, const uint8_t *bytes, size_t length);

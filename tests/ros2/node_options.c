@@ -18,6 +18,8 @@ static const char usage[] =
     "--drop-every N         each Nth message of a topic gets no answer\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
     "--threads N            threads that take and call\n"
+    "--burst N              Strings at once on each publisher that no relay has\n"
+    "--every-us N           and then one after the other, by a thread outside of callbacks\n"
     "--count-to FILE        where its own counts go at its end: lines of\n"
     "                       'sub TOPIC taken N called N' and 'pub TOPIC published N'\n";
 
@@ -79,6 +81,8 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--delay-us")) asked.delay_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--threads")) asked.threads = atoi(text);
   else if (!strcmp(option, "--count-to")) snprintf(asked.counts, sizeof asked.counts, "%s", text);
   else refuse("no option", option);

@@ -52,6 +52,15 @@ static void answer_text(struct subscription *of, uint64_t count) {
   publish(of->into, bytes, (HEADER + 4 + length + 3) / 4 * 4);
 }
 
+void say(struct publisher *into) {
+  uint8_t bytes[64] = {0};
+  uint64_t count = into->published;
+  char *text = (char *)begin(bytes) + 4;
+  uint32_t length = (uint32_t)snprintf(text, 40, "%llu", (unsigned long long)count) + 1;
+  memcpy(bytes + HEADER, &length, sizeof length);
+  publish(into, bytes, (HEADER + 4 + length + 3) / 4 * 4);
+}
+
 /* std_msgs/Header with an empty frame, then 7 doubles: the number of the message is the first. */
 static void answer_stamp(struct subscription *of, uint64_t count) {
   uint8_t bytes[HEADER + 16 + 7 * 8] = {0};

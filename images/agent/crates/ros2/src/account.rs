@@ -1,50 +1,67 @@
 //! Whether all that is published on a recorded topic has reached us: pure arithmetic over counts.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 
 use bagpipe_ros2ledger::EndpointId;
 
 /// What is published on a topic beside what has been handed on. Publishers may have published before
-/// they knew us: how much, is known once nothing changes between two looks, and holds for as long as
-/// the publishers are the same.
-#[derive(Debug, Default)]
-pub(crate) struct Account {
-    publishers: BTreeSet<EndpointId>,
-    last: Option<Counts>,
-    before: Option<u64>,
+/// they knew us. How much is never known exactly, only at the most: what is missing beyond it is
+/// lost.
+#[derive(Debug)]
+pub(crate) struct Account<P = EndpointId> {
+    /// Of each publisher, also of those that are gone.
+    publishers: BTreeMap<P, Publisher>,
+    /// At most so many messages were published before we were known, by all who know us by now.
+    before: u64,
 }
 
-/// Messages at a moment.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Counts {
-    /// Published by all publishers that count.
-    pub(crate) published: u64,
-    /// Handed to the sink.
-    pub(crate) handed: u64,
+/// One publisher.
+#[derive(Clone, Copy, Debug, Default)]
+struct Publisher {
+    published: u64,
+    /// Looks at which all had found each other.
+    met: u32,
 }
 
-impl Account {
-    /// Takes in who publishes and how much by now. Nothing is learned while something changes.
-    pub(crate) fn look(&mut self, publishers: BTreeSet<EndpointId>, now: Counts) {
-        if publishers != self.publishers {
-            *self = Account { publishers, last: Some(now), before: None };
-            return;
-        }
-        if self.before.is_none() && self.last == Some(now) {
-            self.before = Some(now.published.saturating_sub(now.handed));
-        }
-        self.last = Some(now);
+/// Looks after which a publisher knows us: at the first we know it, and by the next it knows us.
+const KNOWN: u32 = 2;
+
+impl<P> Default for Account<P> {
+    fn default() -> Self {
+        Account { publishers: BTreeMap::new(), before: 0 }
+    }
+}
+
+impl<P: Ord> Account<P> {
+    /// Whether some of these may not know us yet.
+    pub(crate) fn has_strangers(&self, mut publishers: impl Iterator<Item = P>) -> bool {
+        publishers.any(|one| self.publishers.get(&one).is_none_or(|known| known.met < KNOWN))
     }
 
-    /// How many must have been handed on once all that is published by now has come; `None` while
-    /// it can't be known.
-    pub(crate) fn due(&self, published: u64) -> Option<u64> {
-        self.before.map(|before| published.saturating_sub(before))
+    /// Takes in how much each publisher has published by now, which was read after `handed`, what
+    /// was handed to the sink; `met`: we know all of them.
+    pub(crate) fn look(&mut self, now: impl Iterator<Item = (P, u64)>, handed: u64, met: bool) {
+        for (id, published) in now {
+            let one = self.publishers.entry(id).or_default();
+            one.published = one.published.max(published);
+            if met && one.met < KNOWN {
+                one.met += 1;
+                self.before += if one.met == KNOWN { one.published } else { 0 };
+            }
+        }
+        // Whatever was missing at some moment includes what came too early for us.
+        self.before = self.before.min(self.published().saturating_sub(handed));
     }
 
-    /// What is published and has not come; `None` while it can't be known.
-    pub(crate) fn lacking(&self, now: Counts) -> Option<u64> {
-        self.due(now.published).map(|due| due.saturating_sub(now.handed))
+    /// What all have published.
+    pub(crate) fn published(&self) -> u64 {
+        self.publishers.values().map(|one| one.published).sum()
+    }
+
+    /// How many must have been handed on at least, once all that is published by now has come.
+    pub(crate) fn due(&self) -> u64 {
+        let known = self.publishers.values().filter(|one| one.met >= KNOWN);
+        known.map(|one| one.published).sum::<u64>().saturating_sub(self.before)
     }
 }
 
@@ -52,31 +69,70 @@ impl Account {
 mod tests {
     use super::*;
 
-    fn at(published: u64, handed: u64) -> Counts {
-        Counts { published, handed }
+    /// An account after looks at one publisher that knows us, each with what was published and handed.
+    fn after(looks: &[(u64, u64)]) -> Account<u32> {
+        let mut account = Account::default();
+        for (published, handed) in looks {
+            account.look([(1, *published)].into_iter(), *handed, true);
+        }
+        account
     }
 
     #[test]
-    fn what_was_published_before_we_were_known_is_not_lacking() {
-        let mut account = Account::default();
-        account.look(BTreeSet::new(), at(7, 2));
-        assert_eq!(account.lacking(at(7, 2)), None);
-        account.look(BTreeSet::new(), at(8, 2));
-        assert_eq!(account.lacking(at(8, 2)), None);
-        account.look(BTreeSet::new(), at(8, 2));
-        assert_eq!((account.due(8), account.lacking(at(8, 2))), (Some(2), Some(0)));
-        assert_eq!((account.due(11), account.lacking(at(11, 4))), (Some(5), Some(1)));
-        // Once it is known it stays, also if messages are on their way for a while.
-        account.look(BTreeSet::new(), at(12, 4));
-        account.look(BTreeSet::new(), at(12, 4));
-        assert_eq!(account.lacking(at(12, 4)), Some(2));
+    fn what_was_published_before_we_were_known_is_not_due() {
+        assert_eq!(after(&[(7, 2)]).due(), 0);
+        assert_eq!(after(&[(7, 2), (8, 2)]).due(), 2);
+        assert_eq!(after(&[(7, 2), (8, 2), (11, 4)]).due(), 5);
+        // Ones on their way for a while stay due.
+        assert_eq!(after(&[(7, 2), (8, 2), (12, 4), (12, 4)]).due(), 6);
     }
 
     #[test]
     fn more_than_was_published_lacks_nothing() {
-        let mut account = Account::default();
-        account.look(BTreeSet::new(), at(3, 5));
-        account.look(BTreeSet::new(), at(3, 5));
-        assert_eq!(account.lacking(at(4, 5)), Some(0));
+        assert_eq!(after(&[(3, 5), (3, 5), (4, 5)]).due(), 4);
+    }
+
+    #[test]
+    fn who_never_rests_is_compared_too() {
+        // A hundred between two looks, ten of them on their way; then twenty are lost.
+        let looks = [(500, 0), (600, 60), (700, 160), (800, 265), (900, 350)];
+        assert_eq!(after(&looks).due(), 900 - (800 - 265));
+    }
+
+    #[test]
+    fn a_pause_on_the_way_is_not_taken_for_an_early_message() {
+        let mut account = after(&[(0, 0), (10, 7), (10, 7), (10, 10)]);
+        assert_eq!(account.due(), 10);
+        account.look([(1, 20)].into_iter(), 17, true);
+        assert_eq!(account.due(), 20);
+    }
+
+    #[test]
+    fn another_publisher_hides_no_loss_of_the_first() {
+        let mut account = after(&[(0, 0), (0, 0), (100, 90)]);
+        let both = |second: u64| [(1, 100), (2, second)].into_iter();
+        // The second has published five that nobody had a chance to get.
+        account.look(both(5), 90, true);
+        assert_eq!((account.published(), account.due()), (105, 100));
+        account.look(both(5), 90, true);
+        assert_eq!(account.due(), 100);
+        account.look(both(8), 93, true);
+        assert_eq!(account.due(), 103);
+        // Nor does one that took its slot.
+        account.look([(3, 1)].into_iter(), 93, true);
+        assert_eq!((account.published(), account.due()), (109, 103));
+    }
+
+    #[test]
+    fn who_does_not_know_us_yet_owes_nothing() {
+        let mut account = Account::<u32>::default();
+        for published in [5, 6, 7] {
+            assert!(account.has_strangers([1].into_iter()));
+            account.look([(1, published)].into_iter(), 0, false);
+        }
+        assert_eq!(account.due(), 0);
+        account.look([(1, 8)].into_iter(), 0, true);
+        account.look([(1, 9)].into_iter(), 1, true);
+        assert_eq!((account.due(), account.has_strangers([1].into_iter())), (1, false));
     }
 }

@@ -22,8 +22,13 @@ impl Audit for Reader {
         topics: &[String],
     ) -> Result<BTreeMap<String, Received>, GraphError> {
         let mut found = BTreeMap::new();
+        let endpoints = self.ledger.endpoints().map_err(failed)?;
         for topic in self.topics.iter().filter(|topic| topics.contains(&topic.info().topic)) {
             let Some(link) = topic.link_of(node) else { continue };
+            topic.learn_publishers(&endpoints);
+            if !topic.uncounted(&endpoints).is_empty() {
+                continue;
+            }
             if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {
                 let messages = messages.min(link.sent());
                 found.insert(topic.info().topic.clone(), Received { messages, drops: None });

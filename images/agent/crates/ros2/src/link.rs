@@ -1,6 +1,8 @@
 //! One node's subscriptions of a topic that is played, and what it has done with the messages.
 
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{PoisonError, RwLock};
 
 use bagpipe_graph::{LinkState, Share};
 use bagpipe_ros2ledger::{Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Strength};
@@ -26,8 +28,9 @@ pub(crate) struct Link {
 pub(crate) struct Subscriptions {
     pub(crate) process: ProcessId,
     taken: Vec<(EndpointId, u64)>,
-    /// The stack's own publishers of the topic, whose messages it takes too.
-    others: Vec<(EndpointId, u64)>,
+    /// The stack's own publishers of the topic, whose messages it takes too, with what they had
+    /// published before.
+    others: RwLock<BTreeMap<EndpointId, u64>>,
     /// Messages that the smallest of their queues holds.
     pub(crate) depth: u64,
     strength: Strength,
@@ -43,7 +46,9 @@ impl Subscriptions {
         Some(Subscriptions {
             process: subscriptions.first()?.process,
             taken: subscriptions.iter().map(|one| (one.id, one.counts.taken)).collect(),
-            others: publishers.iter().map(|one| (one.id, one.counts.published)).collect(),
+            others: RwLock::new(
+                publishers.iter().map(|one| (one.id, one.counts.published)).collect(),
+            ),
             depth: subscriptions.iter().map(depth).min()?,
             strength: subscriptions.iter().map(|one| one.strength).min()?,
         })
@@ -66,6 +71,16 @@ impl Link {
             lead_in: AtomicU64::new(0),
             window: AtomicU64::new(0),
             window_bytes: AtomicU64::new(0),
+        }
+    }
+
+    /// Takes in which publishers of the topic the stack has by now. One that came later was not
+    /// there to publish before.
+    pub(crate) fn learn(&self, publishers: &[&Endpoint]) {
+        let Some(counted) = &self.counted else { return };
+        let mut others = counted.others.write().unwrap_or_else(PoisonError::into_inner);
+        for one in publishers {
+            others.entry(one.id).or_insert(0);
         }
     }
 
@@ -114,7 +129,8 @@ impl Link {
         for (id, before) in &counted.taken {
             least = least.min(ledger.counts(*id)?.taken.saturating_sub(*before));
         }
-        for (id, before) in &counted.others {
+        let others = counted.others.read().unwrap_or_else(PoisonError::into_inner);
+        for (id, before) in others.iter() {
             least = least.saturating_sub(ledger.counts(*id)?.published.saturating_sub(*before));
         }
         Ok(Some(least))

@@ -8,7 +8,7 @@ use bagpipe_graph::{GraphError, Middleware, NodeOptions, ReadStamp, Sink, TopicI
 use bagpipe_ros2player::{Player, PlayerOptions};
 
 use crate::error::failed;
-use crate::node::Graph;
+use crate::node::{Graph, PLAYER};
 use crate::{Ros2Options, clock, stamp};
 
 /// Room for messages on their way to the player's program, and for those on their way from it, in
@@ -32,19 +32,20 @@ impl Ros2 {
     pub fn start(options: Ros2Options) -> Result<Ros2, GraphError> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
-        let node = format!("bagpipe_player_{}_{number}", std::process::id());
+        let name = format!("{PLAYER}{}_{number}", std::process::id());
+        let node = name.trim_start_matches('/').to_owned();
         let player = Player::start(&PlayerOptions {
             program: options.program.clone(),
             environment: options.environment.clone(),
             // What the player takes and publishes is ours, and none of the stack's.
             removed: vec!["LD_PRELOAD".into(), "BAGPIPE_LEDGER".into()],
-            node: node.clone(),
+            node,
             namespace: "/".to_owned(),
             room: ROOM,
             deadline: options.deadline,
         })
         .map_err(failed)?;
-        let (name, pid) = (format!("/{node}"), player.pid());
+        let pid = player.pid();
         Ok(Ros2 { name, pid, player: Mutex::new(Some(player)), options })
     }
 

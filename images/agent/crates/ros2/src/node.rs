@@ -1,8 +1,8 @@
 //! Our node in the graph.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, AtomicU64};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -10,17 +10,21 @@ use bagpipe_graph::{
     Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Publisher, Seen, Sink, SystemState,
     TopicInfo,
 };
-use bagpipe_ros2ledger::{Endpoint, EndpointId, Kind, Ledger};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 
-use crate::account::Counts;
 use crate::audit::Reader;
 use crate::definition::installed;
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::stillness::Stillness;
-use crate::topic::{Means, Topic};
+use crate::topic::{Means, Topic, uncounted};
 use crate::{QosOverride, Ros2Options, qos, stamp};
+
+/// What our players' names begin with; their process and a number follow.
+pub(crate) const PLAYER: &str = "/bagpipe_player_";
+/// How long a message may be on its way to us once all is over.
+const ON_ITS_WAY: Duration = Duration::from_secs(1);
 
 /// A node of ours: the player's, with what the ledger says of the others.
 pub(crate) struct Graph {
@@ -95,15 +99,15 @@ impl Graph {
             };
             let all: Vec<&Endpoint> = published_on(&topic, endpoints).collect();
             let wanted = qos::recorded(all.iter().map(|one| &one.qos));
-            let subscription =
-                self.means.player.subscribe(&topic, datatype, &wanted).map_err(failed)?;
             let names: BTreeSet<&String> = all.iter().map(|one| &one.node).collect();
             let node = match names.into_iter().collect::<Vec<_>>()[..] {
                 [only] => Some(only.clone()),
                 _ => None,
             };
             let publisher = self.publisher(node, datatype, &all, &wanted);
-            self.inputs.add(&topic, subscription, publisher);
+            let subscription =
+                self.means.player.subscribe(&topic, datatype, &wanted).map_err(failed)?;
+            self.inputs.add(&topic, (subscription, wanted), publisher);
             self.wanted().remove(&topic);
         }
         Ok(())
@@ -135,11 +139,86 @@ impl Graph {
         }
     }
 
-    /// What was published on a recorded topic and handed on, by now.
-    fn counts(&self, input: &Input, endpoints: &[Endpoint]) -> Counts {
-        let handed = input.handed.load(Ordering::Acquire);
-        let published = published_on(&input.topic, endpoints);
-        Counts { published: published.map(|one| one.counts.published).sum(), handed }
+    /// Takes in what was published on a recorded topic and handed on, by now.
+    fn compare(&self, input: &Input, handed: u64, endpoints: &[Endpoint]) {
+        let all = || published_on(&input.topic, endpoints);
+        let strangers = input.account().has_strangers(all().map(|one| one.id));
+        let met = strangers && self.has_met(input, &mut all());
+        let now = all().map(|one| (one.id, one.counts.published));
+        input.account().look(now, handed, met);
+        for one in all().filter(|one| one.counts.published > 0) {
+            if let Some(why) = qos::unrecordable(&one.qos, &input.qos) {
+                input.unrecordable().insert(format!(
+                    "{} publishes {} {why}, for which the recorder was there already: publish it \
+                     with one quality of service",
+                    one.node, input.topic
+                ));
+            }
+        }
+    }
+
+    /// The nodes but ours that publish a topic.
+    fn publishing<'s>(
+        &self,
+        state: &'s SystemState,
+        topic: &str,
+    ) -> impl Iterator<Item = &'s String> {
+        let all = state.publishers.get(topic).into_iter().flatten();
+        all.filter(|node| **node != self.name)
+    }
+
+    /// What nobody compared or could separate, as nodes publish that do not count.
+    fn uncounted(&self) -> Vec<String> {
+        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
+        let mut remarks = Vec::new();
+        for input in self.inputs.all() {
+            let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+            remarks.extend(uncounted(&others, &endpoints).into_iter().map(|node| {
+                format!(
+                    "{node} publishes {} in a process that does not count, so that whether all \
+                     of it was recorded can't be known",
+                    input.topic
+                )
+            }));
+        }
+        for topic in self.topics().iter() {
+            remarks.extend(topic.uncounted(&endpoints).into_iter().map(|node| {
+                format!(
+                    "{node} publishes {} too, in a process that does not count, so that what its \
+                     subscribers got of ours can't be known",
+                    topic.info().topic
+                )
+            }));
+        }
+        remarks.sort();
+        remarks
+    }
+
+    /// Whether we know as many publishers of a topic as there are.
+    fn has_met(&self, input: &Input, publishers: &mut dyn Iterator<Item = &Endpoint>) -> bool {
+        let Ok(processes) = self.ledger().processes() else { return false };
+        let runs = |one: &Endpoint| processes.iter().any(|all| all.id == one.process && all.alive);
+        let there = publishers.filter(|one| !one.destroyed && runs(one)).count();
+        self.means.player.publishers(input.subscription).is_ok_and(|known| known >= there as u64)
+    }
+
+    /// What each recorded topic must have handed on by now at least.
+    fn due(&self) -> Result<Vec<(Arc<Input>, u64)>, GraphError> {
+        let all: Vec<(Arc<Input>, u64)> = self
+            .inputs
+            .all()
+            .into_iter()
+            .map(|input| (Arc::clone(&input), input.handed()))
+            .collect();
+        let endpoints = self.ledger().endpoints().map_err(failed)?;
+        let due = all.into_iter().map(|(input, handed)| {
+            let now = published_on(&input.topic, &endpoints);
+            let now = now.map(|one| (one.id, one.counts.published));
+            input.account().look(now, handed, false);
+            let due = input.account().due();
+            (input, due)
+        });
+        Ok(due.collect())
     }
 }
 
@@ -149,6 +228,15 @@ fn published_on<'e>(
     endpoints: &'e [Endpoint],
 ) -> impl Iterator<Item = &'e Endpoint> {
     endpoints.iter().filter(move |one| one.kind == Kind::Publisher && one.topic == topic)
+}
+
+/// The name, if it is that of a player of another process that runs. One that was killed is in the
+/// graph for a while, and plays no more.
+fn foreign_player(name: &str) -> Option<&str> {
+    let (process, _) = name.strip_prefix(PLAYER)?.split_once('_')?;
+    let process: u32 = process.parse().ok()?;
+    let runs = || Path::new("/proc").join(process.to_string()).exists();
+    (process != std::process::id() && runs()).then_some(name)
 }
 
 /// Whether a name is one that tools hide, such as those of the command line's own nodes.
@@ -186,6 +274,15 @@ impl Node for Graph {
             return Err(failed(why));
         }
         let nodes = self.means.player.graph().map_err(failed)?;
+        if let Some(other) = nodes.iter().find_map(|node| foreign_player(&node.name)) {
+            self.inputs.fail(format!(
+                "{other} of another case is in the same domain, so that each receives what the \
+                 other plays: the stack sets ROS_DOMAIN_ID, which must be left to the agent"
+            ));
+        }
+        // Before what was published is read, so that what comes meanwhile is missing for a moment.
+        let inputs = self.inputs.all();
+        let handed: Vec<u64> = inputs.iter().map(|input| input.handed()).collect();
         let endpoints = self.ledger().endpoints().map_err(failed)?;
         let state = state(&endpoints, &nodes);
         let counting: BTreeSet<&String> = endpoints.iter().map(|one| &one.node).collect();
@@ -193,12 +290,13 @@ impl Node for Graph {
             let named = state.subscribers.get(&topic.info().topic).into_iter().flatten();
             let uncounted = named.filter(|name| **name != self.name && !counting.contains(name));
             topic.refresh(&endpoints, &uncounted.cloned().collect::<Vec<_>>());
+            topic.note_publishers(self.publishing(&state, &topic.info().topic));
         }
         self.subscribe_to_wanted(&endpoints, &nodes)?;
-        for input in self.inputs.all() {
-            let publishers: BTreeSet<EndpointId> =
-                published_on(&input.topic, &endpoints).map(|one| one.id).collect();
-            input.account().look(publishers, self.counts(&input, &endpoints));
+        for (input, handed) in inputs.iter().zip(handed) {
+            let others = self.publishing(&state, &input.topic).cloned();
+            input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
+            self.compare(input, handed, &endpoints);
         }
         Ok(Seen { state, again: 0 })
     }
@@ -228,18 +326,9 @@ impl Node for Graph {
             // A ledger that can't be read fails the next look.
             let _ = self.stillness.wait(self.ledger(), &sent, self.means.stall);
         }
-        let Ok(endpoints) = self.ledger().endpoints() else { return };
-        let due: Vec<(Arc<Input>, u64)> = self
-            .inputs
-            .all()
-            .into_iter()
-            .filter_map(|input| {
-                let published = self.counts(&input, &endpoints).published;
-                let due = input.account().due(published)?;
-                Some((input, due))
-            })
-            .collect();
-        let come = || due.iter().all(|(input, due)| input.handed.load(Ordering::Acquire) >= *due);
+        // Nor can what lacks then be known: it is reported.
+        let Ok(due) = self.due() else { return };
+        let come = || due.iter().all(|(input, due)| input.handed() >= *due);
         let _or_it_is_lacking = self.inputs.wait(limit, come);
     }
 
@@ -248,13 +337,22 @@ impl Node for Graph {
     }
 
     fn lacking(&self) -> Vec<String> {
-        let Ok(endpoints) = self.ledger().endpoints() else { return Vec::new() };
+        let due = match self.due() {
+            Ok(due) => due,
+            Err(error) => {
+                return vec![format!("what was published can't be known: {}", error.source)];
+            }
+        };
+        // What goes out at this moment is on its way.
+        let come = || due.iter().all(|(input, due)| input.handed() >= *due);
+        self.inputs.wait(ON_ITS_WAY, come);
         let mut lacking = Vec::new();
-        for input in self.inputs.all() {
-            let counts = self.counts(&input, &endpoints);
-            let missing = input.account().lacking(counts).unwrap_or(0);
+        lacking.extend(self.inputs.failure());
+        for (input, due) in &due {
+            lacking.extend(input.unrecordable().iter().cloned());
+            let (handed, published) = (input.handed(), input.account().published());
+            let missing = due.saturating_sub(handed);
             if missing > 0 {
-                let Counts { published, handed } = counts;
                 lacking.push(format!(
                     "{missing} messages of {} did not reach the recorder, which has {handed} of \
                      {published} published",
@@ -267,7 +365,7 @@ impl Node for Graph {
     }
 
     fn remarks(&self) -> Vec<String> {
-        self.stillness.remarks()
+        [self.stillness.remarks(), self.uncounted()].concat()
     }
 
     fn audit(&self, _: Duration) -> Box<dyn Audit> {

@@ -112,6 +112,19 @@ pub(crate) fn incompatible(offered: &Qos, wanted: &ledger::Qos) -> Option<&'stat
     }
 }
 
+/// Why a recorder that is there already gets nothing of a publisher; `None` if it does.
+pub(crate) fn unrecordable(offered: &ledger::Qos, recorded: &Qos) -> Option<&'static str> {
+    let best_effort = offered.reliability == ledger::Reliability::BestEffort;
+    let volatile = offered.durability == ledger::Durability::Volatile;
+    if best_effort && recorded.reliability == Reliability::Reliable {
+        Some("as best effort, beside or after a reliable publisher")
+    } else if volatile && recorded.durability == Durability::TransientLocal {
+        Some("as volatile, beside or after a transient-local publisher")
+    } else {
+        None
+    }
+}
+
 /// What one publisher offered, as far as it matters here.
 #[derive(Debug, Default, PartialEq)]
 struct Profile {
@@ -238,6 +251,12 @@ mod tests {
         };
         assert_eq!(of(&[strong]), (Reliability::Reliable, Durability::TransientLocal));
         assert_eq!(of(&[strong, weak]), (Reliability::BestEffort, Durability::Volatile));
+        let of_strong = recorded([strong].iter());
+        assert_eq!(unrecordable(&strong, &of_strong), None);
+        assert!(unrecordable(&weak, &of_strong).unwrap().contains("best effort"));
+        let reliable = asked(R::Reliable, D::Volatile);
+        assert!(unrecordable(&reliable, &of_strong).unwrap().contains("as volatile"));
+        assert_eq!(unrecordable(&weak, &recorded([strong, weak].iter())), None);
         assert_eq!(of(&[]), (Reliability::Reliable, Durability::Volatile));
         assert_eq!(profiles(&yaml([strong, weak].iter())).len(), 2);
         assert_eq!(profiles(&yaml([strong].iter()))[0].depth, 5);

@@ -1,34 +1,51 @@
 //! What is recorded: the topics that the player takes from, and the thread that hands it on.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Incoming, Publisher, Sink};
-use bagpipe_ros2player::{Received, SubscriptionId};
+use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
 use crate::account::Account;
 use crate::topic::Means;
 
 /// How often the thread looks whether it must end.
 const GLANCE: Duration = Duration::from_millis(20);
+/// How long a message may come before its subscription is listed, which the same call does that
+/// makes it.
+const UNLISTED: Duration = Duration::from_secs(20);
 
 /// A recorded topic.
 pub(crate) struct Input {
     pub(crate) topic: String,
     pub(crate) subscription: SubscriptionId,
+    pub(crate) qos: Qos,
     pub(crate) publisher: Publisher,
     link: u64,
     /// Messages that were handed to the sink.
-    pub(crate) handed: AtomicU64,
-    pub(crate) account: Mutex<Account>,
+    handed: AtomicU64,
+    account: Mutex<Account>,
+    /// Whose messages can't be recorded, as sentences.
+    unrecordable: Mutex<BTreeSet<String>>,
+    /// Nodes that publish it, as the graph has them: some may not count.
+    pub(crate) others: Mutex<BTreeSet<String>>,
 }
 
 impl Input {
     pub(crate) fn account(&self) -> MutexGuard<'_, Account> {
         self.account.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(crate) fn unrecordable(&self) -> MutexGuard<'_, BTreeSet<String>> {
+        self.unrecordable.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Messages that were handed to the sink.
+    pub(crate) fn handed(&self) -> u64 {
+        self.handed.load(Ordering::Acquire)
     }
 }
 
@@ -36,20 +53,34 @@ impl Input {
 #[derive(Default)]
 pub(crate) struct Inputs {
     all: RwLock<HashMap<SubscriptionId, Arc<Input>>>,
-    /// Notified after each batch that was handed on.
+    /// Notified after each batch that was handed on, and when an input is added.
     batches: (Mutex<u64>, Condvar),
     stop: AtomicBool,
     failure: Mutex<Option<String>>,
 }
 
 impl Inputs {
-    pub(crate) fn add(&self, topic: &str, subscription: SubscriptionId, publisher: Publisher) {
+    pub(crate) fn add(
+        &self,
+        topic: &str,
+        (subscription, qos): (SubscriptionId, Qos),
+        publisher: Publisher,
+    ) {
         let mut all = self.all.write().unwrap_or_else(PoisonError::into_inner);
-        let link = all.len() as u64;
-        let topic = topic.to_owned();
-        let (handed, account) = (AtomicU64::new(0), Mutex::default());
-        let input = Input { topic, subscription, publisher, link, handed, account };
+        let input = Input {
+            topic: topic.to_owned(),
+            subscription,
+            qos,
+            publisher,
+            link: all.len() as u64,
+            handed: AtomicU64::new(0),
+            account: Mutex::default(),
+            unrecordable: Mutex::default(),
+            others: Mutex::default(),
+        };
         all.insert(subscription, Arc::new(input));
+        drop(all);
+        self.notify();
     }
 
     pub(crate) fn all(&self) -> Vec<Arc<Input>> {
@@ -92,26 +123,44 @@ impl Inputs {
             match handed {
                 Ok(0) => continue,
                 Ok(_) => {}
-                Err(error) => {
-                    *self.failure.lock().unwrap_or_else(PoisonError::into_inner) =
-                        Some(error.to_string());
-                }
+                Err(error) => self.fail(error.to_string()),
             }
-            let (batches, come) = &self.batches;
-            *batches.lock().unwrap_or_else(PoisonError::into_inner) += 1;
-            come.notify_all();
+            self.notify();
             if self.failure().is_some() {
                 return;
             }
         }
     }
 
+    /// The first failure stays.
+    pub(crate) fn fail(&self, why: String) {
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        failure.get_or_insert(why);
+    }
+
+    fn notify(&self) {
+        let (batches, come) = &self.batches;
+        *batches.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        come.notify_all();
+    }
+
+    fn find(&self, subscription: SubscriptionId) -> Option<Arc<Input>> {
+        let all = self.all.read().unwrap_or_else(PoisonError::into_inner);
+        all.get(&subscription).cloned()
+    }
+
     fn hand_on(&self, received: &Received<'_>, sink: &mut dyn Sink) {
-        let input = {
-            let all = self.all.read().unwrap_or_else(PoisonError::into_inner);
-            all.get(&received.subscription).cloned()
+        let mut input = self.find(received.subscription);
+        if input.is_none() {
+            // What was kept for who comes late arrives before the call that subscribes has ended.
+            self.wait(UNLISTED, || {
+                input = self.find(received.subscription);
+                input.is_some() || self.stop.load(Ordering::Relaxed)
+            });
+        }
+        let Some(input) = input else {
+            return self.fail("a message came of a subscription that nobody made".to_owned());
         };
-        let Some(input) = input else { return };
         let Input { topic, publisher, link, .. } = &*input;
         sink.message(Incoming { topic, publisher, link: *link, data: received.data });
         input.handed.fetch_add(1, Ordering::Release);

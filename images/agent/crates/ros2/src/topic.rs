@@ -1,6 +1,6 @@
 //! A topic that is played: its subscribers, and the credit that they give.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
@@ -46,6 +46,8 @@ pub(crate) struct Topic {
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<(ProcessId, String), Instant>>,
     sent: Mutex<Sent>,
+    /// Nodes that publish it beside us, as the graph has them: some may not count.
+    others: Mutex<BTreeSet<String>>,
 }
 
 /// What went out.
@@ -96,7 +98,20 @@ impl Topic {
             links: RwLock::default(),
             strangers: Mutex::default(),
             sent: Mutex::default(),
+            others: Mutex::default(),
         }
+    }
+
+    /// Takes in the nodes that publish it beside us.
+    pub(crate) fn note_publishers<'n>(&self, nodes: impl Iterator<Item = &'n String>) {
+        *self.others.lock().unwrap_or_else(PoisonError::into_inner) = nodes.cloned().collect();
+    }
+
+    /// Nodes that publish it in processes that do not count: what its subscribers take of them
+    /// can't be separated from ours.
+    pub(crate) fn uncounted(&self, endpoints: &[Endpoint]) -> Vec<String> {
+        let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
+        uncounted(&others, endpoints)
     }
 
     /// Takes in who subscribes now: those that count, by the ledger, and the names of others.
@@ -111,6 +126,8 @@ impl Topic {
             nodes.entry((one.process, one.node.clone())).or_default().push(one);
         }
         let there = nodes.values().map(Vec::len).sum();
+        self.learn_publishers(endpoints);
+        let all = self.publishers(endpoints);
         let mut links = Vec::clone(&self.links());
         for link in links.iter().filter(|link| link.is_open()) {
             let there = match &link.counted {
@@ -127,7 +144,7 @@ impl Topic {
             if !has(&links, Some(key.0), &key.1)
                 && self.knows_us(&key, &subscriptions, &publishers, there)
             {
-                let counted = Subscriptions::new(&subscriptions, &publishers);
+                let counted = Subscriptions::new(&subscriptions, &all);
                 links.push(self.link(key.1, counted));
             }
         }
@@ -137,6 +154,18 @@ impl Topic {
             }
         }
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+    }
+
+    /// The stack's publishers of the topic, also those that are gone.
+    fn publishers<'e>(&self, endpoints: &'e [Endpoint]) -> Vec<&'e Endpoint> {
+        let all = endpoints.iter().filter(|one| one.kind == Kind::Publisher);
+        all.filter(|one| one.topic == self.info.topic).collect()
+    }
+
+    /// Takes in whose messages its subscribers take beside ours.
+    pub(crate) fn learn_publishers(&self, endpoints: &[Endpoint]) {
+        let publishers = self.publishers(endpoints);
+        self.links().iter().for_each(|link| link.learn(&publishers));
     }
 
     fn link(&self, node: String, counted: Option<Subscriptions>) -> Arc<Link> {
@@ -246,6 +275,12 @@ impl Topic {
             }
         }
     }
+}
+
+/// Those of some nodes that have nothing in the ledger.
+pub(crate) fn uncounted(nodes: &BTreeSet<String>, endpoints: &[Endpoint]) -> Vec<String> {
+    let counts = |node: &&String| endpoints.iter().any(|one| one.node == **node);
+    nodes.iter().filter(|node| !counts(node)).cloned().collect()
 }
 
 /// Whether a node has an open link.

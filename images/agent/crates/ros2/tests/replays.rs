@@ -6,10 +6,15 @@ mod scene;
 #[path = "../../ros2player/tests/standin/mod.rs"]
 mod standin;
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use bagpipe_replay::{AnswerBy, Mode, Strength};
-use scene::{Ask, MS, Scene, recorded, recording};
+use bagpipe_graph::{Incoming, Middleware as _, NodeOptions, PacedBy, Sink};
+use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
+use bagpipe_ros2player::{Player, PlayerOptions};
+use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
+use standin::{LONG, eventually};
 
 const RELAY: [&str; 8] = [
     "--name",
@@ -218,4 +223,130 @@ fn a_subscriber_that_does_not_count_is_there_and_nothing_of_it_is_proved() {
     let replayed = scene.play(&recording(&["/in"], 20, 100), &Ask::default()).unwrap();
     let line = &replayed.ledger.topics[0].subscribers[0];
     assert_eq!((line.node.as_str(), line.received, line.strength), ("/relay", 0, Strength::Sent));
+}
+
+/// A node that publishes by a thread of its own on a topic that is recorded.
+fn talker<'a>(publisher: &'a str, options: &[&'a str]) -> Vec<&'a str> {
+    [&["--name", "/talker", "--pub", publisher], options].concat()
+}
+
+/// Counts what it is handed.
+struct Counting(Arc<AtomicU64>);
+
+impl Sink for Counting {
+    fn message(&mut self, _: Incoming<'_>) {
+        self.0.fetch_add(1, Ordering::SeqCst);
+    }
+
+    fn too_large(&mut self, topic: &str, bytes: u64) {
+        panic!("{bytes} bytes on {topic}");
+    }
+}
+
+#[test]
+fn what_is_kept_for_who_comes_late_is_recorded_whole() {
+    let scene = Scene::new();
+    let latched = "/out_kept:std_msgs/msg/String:50:reliable:transient_local";
+    let _talker = scene.start("standin_node", &talker(latched, &["--burst", "50"]));
+    scene.await_published("/out_kept", 50);
+    for _ in 0..5 {
+        let handed = Arc::new(AtomicU64::new(0));
+        let options = NodeOptions {
+            name: "/unused".to_owned(),
+            call_deadline: LONG,
+            stall: LONG,
+            max_message: 1 << 20,
+            paced_by: PacedBy::Schedule,
+        };
+        let node = scene.middleware().join(options, Box::new(Counting(handed.clone()))).unwrap();
+        node.subscribe("/out_kept").unwrap();
+        eventually(|| {
+            node.look().unwrap();
+            node.publishers_of("/out_kept") > 0
+        });
+        eventually(|| handed.load(Ordering::SeqCst) == 50);
+        assert_eq!(node.lacking(), [] as [String; 0]);
+    }
+}
+
+/// Of a stack that never is quiet, so that waiting for that is in vain.
+const REALTIME: Ask<'static> =
+    Ask { mode: Mode::Realtime, drain: Duration::from_millis(500), ..DEFAULT };
+
+#[test]
+fn who_never_rests_is_compared_with_the_recording() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let often = "/out_often:std_msgs/msg/String:1000:reliable";
+    let _talker = scene.start("standin_node", &talker(often, &["--every-us", "500"]));
+    let replayed = scene.play(&recording(&["/in"], 500, 100), &REALTIME).unwrap();
+    assert_eq!(replayed.ledger.dropped, 0);
+    let weak = "/out_often:std_msgs/msg/String:1:best_effort";
+    let other = ["--name", "/other", "--pub", weak, "--every-us", "1000"];
+    let mut late = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && late.is_none() {
+            late = Some(scene.start("standin_node", &other));
+        }
+    };
+    let played = scene.play_while(&recording(&["/in"], 2000, 100), &REALTIME, &mut seen);
+    let error = played.err().unwrap();
+    assert_eq!(error.reason(), "RecordingIncomplete");
+    let sentence = error.to_string();
+    assert!(sentence.contains("/other publishes /out_often as best effort"), "{sentence}");
+}
+
+#[test]
+fn what_another_publishes_on_a_played_topic_later_makes_up_for_no_loss() {
+    let scene = Scene::new();
+    // It takes at most half of what comes.
+    let slow = ["--name", "/slow", "--sub", "/in:sensor_msgs/msg/Imu:1:reliable"];
+    let slow = [&slow[..], &["--delay-us", "2000"]].concat();
+    let _slow = scene.start("standin_node", &slow);
+    let other = "/in:sensor_msgs/msg/Imu:10:reliable";
+    let other = ["--name", "/other", "--pub", other, "--every-us", "5000"];
+    let mut late = None;
+    let mut seen = |progress: Progress| {
+        if progress.stage == Stage::Play && late.is_none() {
+            late = Some(scene.start("standin_node", &other));
+        }
+    };
+    let ask = Ask { mode: Mode::Realtime, drain: Duration::from_secs(4), ..DEFAULT };
+    let replayed = scene.play_while(&recording(&["/in"], 400, 100), &ask, &mut seen).unwrap();
+    let ledger = &replayed.ledger;
+    assert_eq!(ledger.sent, 400);
+    assert!(ledger.dropped >= 150, "{ledger:?}");
+}
+
+#[test]
+fn who_publishes_uncounted_is_named_and_hides_no_loss() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let hidden = "/out_hidden:std_msgs/msg/String:10:reliable";
+    let played = "/in:sensor_msgs/msg/Imu:10:reliable";
+    let other = ["--name", "/hidden", "--pub", hidden, "--pub", played, "--burst", "1"];
+    let _hidden = scene.start_uncounted("standin_node", &other);
+    let ask = Ask { record: &["/out_hidden"], ..REALTIME };
+    let replayed = scene.play(&recording(&["/in"], 700, 100), &ask).unwrap();
+    assert_eq!(replayed.ledger.strength, Some(Strength::Sent));
+    let warnings = replayed.playback.warnings.join("; ");
+    assert!(warnings.contains("/hidden publishes /out_hidden in a process"), "{warnings}");
+    assert!(warnings.contains("/hidden publishes /in too"), "{warnings}");
+}
+
+#[test]
+fn a_player_of_another_case_in_the_domain_ends_the_case() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    // Named as one of process 1 would be, which runs.
+    let options = PlayerOptions {
+        node: "bagpipe_player_1_0".into(),
+        namespace: "/".into(),
+        ..scene.graph.options()
+    };
+    let _other = Player::start(&options).unwrap();
+    let error = scene.play(&recording(&["/in"], 700, 100), &REALTIME).err().unwrap();
+    let sentence = error.to_string();
+    assert!(sentence.contains("/bagpipe_player_1_0 of another case"), "{sentence}");
+    assert!(sentence.contains("ROS_DOMAIN_ID"), "{sentence}");
 }

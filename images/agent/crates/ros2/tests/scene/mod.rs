@@ -9,11 +9,11 @@ use std::time::{Duration, Instant};
 use bagpipe_log::{Connection, MessageEncoding, RecordingWriter, SchemaEncoding};
 use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
 use bagpipe_replay::{
-    AnswerBy, CLOCK_RATE, Mode, ReplayError, ReplayRequest, Replayed, StartWhen, Step, Window,
-    replay,
+    AnswerBy, CLOCK_RATE, Mode, Progress, ReplayError, ReplayRequest, Replayed, StartWhen, Step,
+    Window, replay,
 };
 use bagpipe_ros2::{Ros2, Ros2Options};
-use bagpipe_ros2ledger::{Kind, Ledger};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 
 use crate::standin::{Graph, LONG, Node, built, eventually};
 
@@ -107,6 +107,16 @@ impl Scene {
         eventually(|| all().iter().filter(|one| one.kind == Kind::Subscription).count() == many);
     }
 
+    /// Waits until so many messages were published on a topic.
+    pub fn await_published(&self, topic: &str, many: u64) {
+        let published = |one: &Endpoint| one.kind == Kind::Publisher && one.topic == topic;
+        eventually(|| {
+            let all = self.ledger.endpoints().unwrap();
+            all.iter().filter(|one| published(one)).map(|one| one.counts.published).sum::<u64>()
+                >= many
+        });
+    }
+
     pub fn middleware(&self) -> Ros2 {
         Ros2::start(Ros2Options {
             ledger: Arc::clone(&self.ledger),
@@ -120,6 +130,16 @@ impl Scene {
     }
 
     pub fn play(&self, mcap: &Mcap, ask: &Ask<'_>) -> Result<Replayed, ReplayError> {
+        self.play_while(mcap, ask, &mut |_| {})
+    }
+
+    /// `seen` is called now and then while it plays.
+    pub fn play_while(
+        &self,
+        mcap: &Mcap,
+        ask: &Ask<'_>,
+        seen: &mut dyn FnMut(Progress),
+    ) -> Result<Replayed, ReplayError> {
         let (first, last) = mcap.time_range().unwrap();
         let step = |(trigger, answer): &(&str, &str)| Step {
             trigger: (*trigger).to_owned(),
@@ -141,7 +161,7 @@ impl Scene {
             byte_budget: 1 << 30,
             record_to: None,
             subscribe_deadline: ask.deadline,
-            drain_deadline: Duration::from_secs(10),
+            drain_deadline: ask.drain,
             case_deadline: Instant::now() + 4 * LONG,
             use_sim_time: ask.use_sim_time,
             clock_rate: CLOCK_RATE,
@@ -149,7 +169,7 @@ impl Scene {
             pause: None,
             meter: Arc::default(),
         };
-        replay(mcap, &request, &mut |_| {}, &|| None)
+        replay(mcap, &request, seen, &|| None)
     }
 }
 
@@ -165,20 +185,25 @@ pub struct Ask<'a> {
     pub use_sim_time: bool,
     /// How long to wait for the subscribers.
     pub deadline: Duration,
+    /// How long the last answers may take.
+    pub drain: Duration,
 }
+
+pub const DEFAULT: Ask<'static> = Ask {
+    mode: Mode::Max,
+    rate: 1.0,
+    lead_in: 0,
+    steps: &[],
+    by: AnswerBy::Count,
+    record: &["/out.*"],
+    use_sim_time: false,
+    deadline: LONG,
+    drain: Duration::from_secs(10),
+};
 
 impl Default for Ask<'_> {
     fn default() -> Self {
-        Ask {
-            mode: Mode::Max,
-            rate: 1.0,
-            lead_in: 0,
-            steps: &[],
-            by: AnswerBy::Count,
-            record: &["/out.*"],
-            use_sim_time: false,
-            deadline: LONG,
-        }
+        DEFAULT
     }
 }
 
