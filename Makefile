@@ -25,11 +25,10 @@ KIND_VERSION := v0.30.0
 UV_VERSION := 0.13.8
 NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin
-MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/log/Cargo.toml images/agent/crates/log/src/*.rs \
-  images/agent/crates/packing/Cargo.toml images/agent/crates/packing/src/*.rs \
-  images/agent/crates/mcap/Cargo.toml images/agent/crates/mcap/src/*.rs \
-  images/agent/crates/rosbag/Cargo.toml images/agent/crates/rosbag/src/*.rs images/agent/crates/python/*.* \
-  images/agent/crates/python/src/*.rs images/build/module.py)
+MODULE_CRATES := log packing rosbag mcap rosbag2 formats
+MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/python/*.* \
+  images/agent/crates/python/src/*.rs images/build/module.py \
+  $(foreach crate,$(MODULE_CRATES),images/agent/crates/$(crate)/Cargo.toml images/agent/crates/$(crate)/src/*.rs))
 IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
 
 # The demonstration by itself needs no others; whatever else is asked for gets all.

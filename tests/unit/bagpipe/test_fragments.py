@@ -1,13 +1,14 @@
 """Cutting: each message counts once, warm-up and latched state come along, reads stay few."""
 
 import itertools
+from functools import partial
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, read_tail
+from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, message_times, read_tail
 from bagpipe.plan.fragments import FragmentPlan, Window, cut, cut_one
 from tests.recording import fetch
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
@@ -227,7 +228,7 @@ def cut_file(path: Path, topics: list[str], length: int, warm_up: int) -> list[F
     def read(offset: int, count: int) -> bytes:
         return data[offset : offset + count]
 
-    return cut(read_tail(read, len(data)), topics, length, warm_up, read)
+    return cut(read_tail(read, len(data)), topics, length, warm_up, partial(message_times, read))
 
 
 @settings(max_examples=60, deadline=None)
@@ -279,7 +280,7 @@ def test_no_index_behind_a_chunk_is_read_where_the_tail_is_enough() -> None:
 
     for gap in (0.0, 600.0):
         tail = tail_with(drive_with_gap(gap), SCAN, connection(1, "/camera"))
-        assert cut(tail, ["/scan"], 60 * SECOND, 0, refused)
+        assert cut(tail, ["/scan"], 60 * SECOND, 0, partial(message_times, refused))
 
 
 @pytest.mark.parametrize(
@@ -301,7 +302,9 @@ def test_a_chunk_s_own_first_or_last_time_is_enough(
         raise AssertionError(f"{length} bytes at {offset} were read")
 
     tail = tail_with(chunks, SCAN, connection(1, "/camera"))
-    assert [f.number for f in cut(tail, ["/scan"], 4 * SECOND, 0, refused)] == numbers
+    assert [
+        f.number for f in cut(tail, ["/scan"], 4 * SECOND, 0, partial(message_times, refused))
+    ] == numbers
 
 
 def test_of_a_chunk_with_some_of_the_topics_alone_no_index_is_read() -> None:
@@ -309,7 +312,7 @@ def test_of_a_chunk_with_some_of_the_topics_alone_no_index_is_read() -> None:
         raise AssertionError(f"{length} bytes at {offset} were read")
 
     tail = tail_with([(0.0, 6.0, {0: 1})], SCAN, connection(1, "/camera"))
-    assert len(cut(tail, [], 4 * SECOND, 0, refused)) == 2
+    assert len(cut(tail, [], 4 * SECOND, 0, partial(message_times, refused))) == 2
 
 
 def test_a_message_at_a_window_s_end_is_the_next_one_s(tmp_path: Path) -> None:

@@ -92,8 +92,10 @@ def test_info_reads_only_the_tail_and_the_chunks_heads(
     monkeypatch.setattr(LocalBackend, "read", counted)
     chunks = as_json("info", bag)["chunks"]
     assert chunks > 5
-    assert len(read) == 2 + chunks
-    assert read[2:] == [256] * chunks
+    # Its first 16 bytes say what it is.
+    assert read[0] == 16
+    assert len(read) == 3 + chunks
+    assert read[3:] == [256] * chunks
 
 
 def test_info_agrees_with_what_all_of_the_bag_says(bag: Path) -> None:
@@ -101,7 +103,7 @@ def test_info_agrees_with_what_all_of_the_bag_says(bag: Path) -> None:
     same = ("messages", "start", "end", "seconds", "topics", "compressions")
     assert {key: read[key] for key in same} == {key: indexed[key] for key in same}
     assert (read["index"], read["damage"]) == ("missing", None)
-    assert "`bagpipe-agent reindex BAG --output NEW`" in read["advice"]
+    assert "`bagpipe bag reindex BAG --to NEW`" in read["advice"]
 
 
 def test_a_part_has_its_window_its_topics_and_what_is_latched(bag: Path, tmp_path: Path) -> None:

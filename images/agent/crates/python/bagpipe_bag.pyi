@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator, Sequence
 from os import PathLike
-from typing import Literal, final
+from typing import Any, Literal, final
 
 from typing_extensions import Buffer
 
@@ -273,3 +273,74 @@ def split_record(data: bytes, at: int, base: int) -> tuple[dict[str, bytes], int
 
 def connection_fields(record: bytes, offset: int) -> dict[str, bytes]:
     """What a CONNECTION record says of its publisher."""
+
+# A recording's version, storage (mcap, sqlite3), files, what is compressed (none, file, message),
+# messages, and of each topic its type, encoding and messages.
+_Metadata = tuple[int, str, list[str], str, int, list[tuple[str, str, str, int]]]
+
+# Each raises TailError.
+def rosbag2_metadata(text: bytes) -> _Metadata:
+    """The text of a folder's metadata.yaml; its files are below the folder."""
+
+def database_rows(
+    path: str | PathLike[str], text: bytes
+) -> tuple[list[_Publisher], list[tuple[int, int, dict[int, int]]]]:
+    """A file of SQLite of rosbag2: its topics, and stretches of messages with their first and last
+    time in ns and how many of each topic; `text` is the folder's metadata.yaml."""
+
+def uncompress_file(source: str | PathLike[str], target: str | PathLike[str], most: int) -> int:
+    """Uncompresses zstd into a new file of at most `most` bytes; its length. OSError, too."""
+
+def joined_mcap(
+    files: Sequence[bytes | str | PathLike[str]],
+    text: bytes,
+    start: int,
+    end: int,
+    topics: Sequence[str],
+    *,
+    memory: int,
+) -> bytes:
+    """One file of MCAP of files that follow each other: MCAP's bytes, or paths of a folder's files.
+
+    It has the messages of the topics (none: of all) with start <= t < end (ns), and each
+    publisher's last latched one from before, at its own time. Raises BagError.
+    """
+
+# Bytes, messages in them, and what was lost.
+_Written = tuple[bytes, int, Damage | None]
+
+# Recordings of this machine, of every format. Each raises OSError and BagError; `memory` bounds
+# what is read of each and again what it holds uncompressed, in bytes.
+def recording_kind(path: str | PathLike[str]) -> Literal["bag", "mcap", "database", "folder"]:
+    """By a file's first bytes; bytes of no known format are a bag's."""
+
+def describe_recording(path: str | PathLike[str], memory: int) -> dict[str, Any]:
+    """What is in a recording that is no bag: files, bytes, times, messages, chunks, compressions,
+    topics (name, type, encoding, messages) and damage."""
+
+def check_recording(path: str | PathLike[str], memory: int) -> Checked:
+    """Reads every record of one that is no bag."""
+
+def slice_recording(
+    path: str | PathLike[str],
+    start: int,
+    end: int,
+    topics: Sequence[str] | None,
+    *,
+    compression: str,
+    memory: int,
+) -> _Written:
+    """A part of one that is no bag as MCAP, and at its start what was latched then."""
+
+def merge_recordings(
+    paths: Sequence[str | PathLike[str]], *, compression: str, memory: int
+) -> _Written:
+    """Several that are no bags as MCAP."""
+
+def mend_recording(path: str | PathLike[str], *, compression: str, memory: int) -> _Written:
+    """What is whole, with an index: of a bag a bag, of all else MCAP."""
+
+def convert_recording(
+    path: str | PathLike[str], target: str, *, compression: str, memory: int
+) -> _Written:
+    """The same messages as a file of the name `target`, which ends in .bag or .mcap."""

@@ -8,6 +8,7 @@ use crate::engine::maps::MapName;
 use crate::serve::options::ServeOptions;
 use crate::verbs::bagfile::Memory;
 use crate::verbs::check;
+use crate::verbs::convert;
 use crate::verbs::merge;
 use crate::verbs::play::PlayOptions;
 use crate::verbs::record::RecordOptions;
@@ -50,9 +51,9 @@ pub enum Verb {
         #[arg(long, value_name = "DIR")]
         shared: PathBuf,
     },
-    /// Show what is in a bag: times, topics, types, counts, and damage.
+    /// Show what is in a recording: times, topics, types, counts, and damage.
     Info {
-        /// A bag of format 2.0 or 1.2.
+        /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
         #[arg(value_name = "FILE")]
         file: PathBuf,
         #[command(flatten)]
@@ -77,14 +78,16 @@ pub enum Verb {
         Bags are made in memory and written whole, the last one after Ctrl-C or SIGTERM.\n\
         If the master is restarted meanwhile, the recorder registers with it again.")]
     Record(RecordOptions),
-    /// Write a part of a bag, by time and topic, as a bag of its own.
+    /// Write a part of a recording, by time and topic, as one of its own.
     Slice(slice::Options),
-    /// Write several bags as one.
+    /// Write several recordings as one.
     Merge(merge::Options),
-    /// Save what is whole of a bag without an index, or with a damaged one.
+    /// Save what is whole of a recording without an index, or with a damaged one.
     Reindex(reindex::Options),
-    /// Read every record of a bag and say whether it is whole.
+    /// Read every record of a recording and say whether it is whole.
     Check(check::Options),
+    /// Write a recording in another format, or compressed in another way.
+    Convert(convert::Options),
     /// Print the cases of HELLO frames from stdin as JSON, as the agent reads them; for tests.
     #[command(hide = true)]
     Hello,

@@ -18,7 +18,7 @@ use std::process::ExitCode;
 use clap::Parser;
 
 use crate::serve::{layout, slot};
-use crate::verbs::{check, hello, info, install, merge, play, record, reindex, slice};
+use crate::verbs::{check, convert, hello, info, install, merge, play, record, reindex, slice};
 
 fn main() -> ExitCode {
     let outcome = match cli::Cli::parse().verb {
@@ -32,6 +32,7 @@ fn main() -> ExitCode {
         cli::Verb::Merge(options) => merge::merge(&options),
         cli::Verb::Reindex(options) => reindex::reindex(&options),
         cli::Verb::Check(options) => check::check(&options),
+        cli::Verb::Convert(options) => convert::convert(&options),
         cli::Verb::Hello => hello::hello(),
         cli::Verb::Maps { of } => engine::maps::maps(of),
         cli::Verb::Slot { slot, port, serve } => slot::run(&serve, slot, port),

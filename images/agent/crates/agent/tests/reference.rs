@@ -4,7 +4,10 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-const VERBS: [&str; 6] = ["install", "serve", "ready", "info", "play", "record"];
+const VERBS: [&str; 11] = [
+    "install", "serve", "ready", "info", "play", "record", "slice", "merge", "reindex", "check",
+    "convert",
+];
 
 fn help(arguments: &[&str]) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_bagpipe-agent"));

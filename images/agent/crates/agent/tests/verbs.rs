@@ -60,21 +60,11 @@ fn info_shows_a_bag_and_its_damage() {
 }
 
 #[test]
-fn verbs_that_take_bags_alone_name_the_one_that_takes_mcap() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("drive.mcap");
-    let path = path.to_str().unwrap();
-    std::fs::write(path, b"\x89MCAP0\r\n\x01").unwrap();
-    for verb in ["info", "check"] {
-        let text = String::from_utf8(agent(&[verb, path]).stderr).unwrap();
-        assert!(text.trim_end().ends_with("; it is MCAP, which `play` alone takes"), "{text}");
-    }
-}
-
-#[test]
 fn help_teaches_the_way_of_a_case() {
     let text = String::from_utf8(agent(&["--help"]).stdout).unwrap();
-    for word in ["install", "serve", "ready", "info", "slice", "merge", "reindex", "check"] {
+    for word in
+        ["install", "serve", "ready", "info", "slice", "merge", "reindex", "check", "convert"]
+    {
         assert!(text.contains(word), "{word} is not in:\n{text}");
     }
     for word in ["startup probe", "python3-rosmaster"] {

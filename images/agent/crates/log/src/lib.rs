@@ -6,18 +6,22 @@
 //! Not for: bytes of files, or compression, which belong to a format's own crate.
 #![forbid(unsafe_code)]
 
+mod checked;
 mod copy;
 mod error;
 mod index;
 mod model;
 mod reading;
 mod timeline;
+mod window;
 mod writing;
 
+pub use checked::{Checked, mixed_types};
 pub use copy::copy;
 pub use error::RecordingError;
 pub use index::{Index, Publisher, Reason, Refusal, Span};
 pub use model::{Connection, Loss, Message, MessageEncoding, SchemaEncoding};
 pub use reading::Recording;
 pub use timeline::{Place, Timeline};
+pub use window::Window;
 pub use writing::{RecordingFormat, RecordingWriter};

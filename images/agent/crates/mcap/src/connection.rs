@@ -13,6 +13,15 @@ const LATCHING: &str = "latching";
 const MD5SUM: &str = "md5sum";
 const QOS: &str = "offered_qos_profiles";
 
+impl Channel {
+    /// Whether a new subscriber gets its last message: in ROS 1 because it is latched, in ROS 2
+    /// because it is transient local.
+    pub fn is_latched(&self) -> bool {
+        let word = |key: &str| self.metadata.get(key).map(String::as_str);
+        matches!(word(LATCHING), Some("1" | "true")) || word(QOS).is_some_and(is_transient_local)
+    }
+}
+
 /// The channel as whoever knows no format sees it. A definition that is no text loses what is
 /// none; [`crate::Mcap::schemas`] has it.
 pub(crate) fn connection(channel: &Channel, schema: Option<&Schema>) -> Connection {
@@ -32,7 +41,6 @@ pub(crate) fn connection(channel: &Channel, schema: Option<&Schema>) -> Connecti
         (None, _) => String::new(),
     };
     let offered_qos = word(QOS).cloned();
-    let latched = word(LATCHING).is_some_and(|value| value == "1" || value == "true");
     Connection {
         id: u32::from(channel.id),
         topic: channel.topic.clone(),
@@ -40,7 +48,7 @@ pub(crate) fn connection(channel: &Channel, schema: Option<&Schema>) -> Connecti
         md5sum,
         definition,
         caller_id: word(CALLER_ID).cloned(),
-        latching: latched || offered_qos.as_deref().is_some_and(is_transient_local),
+        latching: channel.is_latched(),
         message_encoding: MessageEncoding::from_name(&channel.message_encoding),
         schema_encoding,
         offered_qos,

@@ -42,6 +42,11 @@ pub(crate) struct Made {
 }
 
 impl Part {
+    /// Whether it is a chunk, whose records lie behind a head of its own.
+    pub fn is_chunk(&self) -> bool {
+        self.position != self.data.start
+    }
+
     /// How many messages there are, as far as it is known.
     pub fn messages(&self) -> u64 {
         match self.made.get() {

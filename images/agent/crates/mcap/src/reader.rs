@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::thread;
 
-use bagpipe_log::{Connection, Message, Place, Timeline};
+use bagpipe_log::{Connection, Message, Place, Timeline, Window};
 use bagpipe_packing::threads;
 
 use crate::layout::{Layout, lay_out};
@@ -46,12 +46,12 @@ const LEAST_BYTES: u64 = 1 << 20;
 #[derive(Debug)]
 pub struct Mcap {
     /// Half of each publish time that lies here gave way to a length ([`crate::publish`]).
-    file: Vec<u8>,
+    pub(crate) file: Vec<u8>,
     profile: String,
     library: String,
     names: Names,
     connections: Vec<Connection>,
-    parts: Vec<Part>,
+    pub(crate) parts: Vec<Part>,
     attachments: Vec<std::ops::Range<usize>>,
     metadata: Vec<Metadata>,
     limits: Limits,
@@ -79,7 +79,19 @@ impl Mcap {
     ///
     /// # Errors
     /// As [`Mcap::open`].
-    pub fn open_limited(mut file: Vec<u8>, limits: Limits) -> Result<Self, McapError> {
+    pub fn open_limited(file: Vec<u8>, limits: Limits) -> Result<Self, McapError> {
+        Self::opened(file, limits, true)
+    }
+
+    /// The same, with every chunk uncompressed, so that [`Mcap::loss`] is all that is lost.
+    ///
+    /// # Errors
+    /// As [`Mcap::open`].
+    pub fn open_scanned(file: Vec<u8>, limits: Limits) -> Result<Self, McapError> {
+        Self::opened(file, limits, false)
+    }
+
+    fn opened(mut file: Vec<u8>, limits: Limits, by_index: bool) -> Result<Self, McapError> {
         let Layout { profile, library, parts, attachments, metadata, declared, statistics, lost } =
             lay_out(&mut file)?;
         let mut mcap = Self {
@@ -100,7 +112,7 @@ impl Mcap {
             mcap.names.add(offset, declared, &mut mcap.lost);
         }
         mcap.learn();
-        mcap.indexed = mcap.is_indexed(statistics);
+        mcap.indexed = by_index && mcap.is_indexed(statistics);
         if !mcap.indexed {
             let all: Vec<usize> = (0..mcap.parts.len()).collect();
             mcap.unpack(&all)?;
@@ -178,8 +190,32 @@ impl Mcap {
         &self,
         wanted: impl Fn(&Connection) -> bool,
     ) -> Result<Timeline<'_>, McapError> {
+        self.ordered(wanted, None)
+    }
+
+    /// Those of them that lie in the window; chunks that state other times are not touched.
+    ///
+    /// # Errors
+    /// As [`Mcap::timeline`].
+    pub fn timeline_within(
+        &self,
+        window: Window,
+        wanted: impl Fn(&Connection) -> bool,
+    ) -> Result<Timeline<'_>, McapError> {
+        self.ordered(wanted, Some(window))
+    }
+
+    fn ordered(
+        &self,
+        wanted: impl Fn(&Connection) -> bool,
+        window: Option<Window>,
+    ) -> Result<Timeline<'_>, McapError> {
         let asked = self.asked(wanted);
-        let chosen = self.holding(&asked);
+        let mut chosen = self.holding(&asked);
+        if let Some(window) = window {
+            let near = |(first, last): (u64, u64)| window.overlaps(first, last);
+            chosen.retain(|at| self.parts[*at].times().is_some_and(near));
+        }
         self.unpack(&chosen)?;
         let mut chunks: Vec<&[u8]> = vec![&[]; self.parts.len()];
         let expected: u64 = chosen.iter().map(|at| self.parts[*at].messages()).sum();
@@ -187,12 +223,14 @@ impl Mcap {
         for at in chosen {
             let (bytes, walked) = self.found(at)?;
             chunks[at] = bytes;
-            if walked.counts.iter().all(|count| asked.has(count.channel.into())) {
+            let all = walked.counts.iter().all(|count| asked.has(count.channel.into()));
+            if all && window.is_none() {
                 places.extend_from_slice(&walked.places);
-            } else {
-                let of_these = |place: &&Place| asked.has(place.connection);
-                places.extend(walked.places.iter().filter(of_these));
+                continue;
             }
+            let inside = |time: u64| window.is_none_or(|window| window.contains(time));
+            let of_these = |place: &&Place| asked.has(place.connection) && inside(place.time);
+            places.extend(walked.places.iter().filter(of_these));
         }
         Ok(Timeline::new(chunks, places))
     }

@@ -177,7 +177,7 @@ impl Schema {
 }
 
 /// Messages of one topic and one type.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Hash)]
 pub struct Channel {
     /// Its number in the file.
     pub id: u16,

@@ -11,6 +11,8 @@ mod mcap;
 mod memory;
 mod messages;
 mod model;
+mod recordings;
+mod rosbag2;
 mod tail;
 mod view;
 mod writer;
@@ -30,6 +32,13 @@ mod bagpipe_bag {
     use crate::messages::Messages;
     #[pymodule_export]
     use crate::model::{Checked, Connection, Damage};
+    #[pymodule_export]
+    use crate::recordings::{
+        check_recording, convert_recording, describe_recording, mend_recording, merge_recordings,
+        recording_kind, slice_recording,
+    };
+    #[pymodule_export]
+    use crate::rosbag2::{database_rows, joined_mcap, rosbag2_metadata, uncompress_file};
     #[pymodule_export]
     use crate::tail::{
         TailError, bag_index, chunk_compression, chunk_length, connection_fields, index_times,

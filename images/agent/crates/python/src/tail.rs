@@ -22,7 +22,7 @@ fn raised(refusal: Refusal) -> PyErr {
 /// (index_pos, conn_count, chunk_count)
 type HeadFields = (u64, u32, u32);
 /// (id, topic, type, caller id, encoding, latching, offset, length)
-type PublisherFields = (u32, String, String, String, String, bool, u64, u64);
+pub type PublisherFields = (u32, String, String, String, String, bool, u64, u64);
 /// (offset, end, start time, end time, counts, index, compression)
 type SpanFields<'py> = (u64, u64, u64, u64, Bound<'py, PyDict>, Option<u64>, Option<String>);
 /// (declarations, connections, chunks)

@@ -19,7 +19,7 @@ struct subscription {
 static struct subscription subscriptions[PLAYER_ENDPOINTS];
 static pthread_mutex_t listing = PTHREAD_MUTEX_INITIALIZER; /* of `live` */
 static struct blob guard;
-static bool guarded;
+static _Atomic bool guarded;
 static struct serialized taken;
 
 bool take_prepare(struct answer *into) {

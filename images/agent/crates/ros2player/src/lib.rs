@@ -55,6 +55,6 @@ pub use player::{Player, PublisherId, SubscriptionId};
 pub use qos::{Durability, History, Qos, Reliability};
 pub use receive::Received;
 
-/// The program: an ELF file of 31 KiB for this processor and any glibc from 2.17 on, to be written
+/// The program: an ELF file of some 30 KiB for this processor and any glibc from 2.17 on, to be written
 /// where the user's container can execute it.
 pub const PROGRAM: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/bagpipe-ros2player"));

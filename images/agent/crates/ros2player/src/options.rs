@@ -11,7 +11,7 @@ pub struct PlayerOptions {
     pub program: PathBuf,
     /// Variables that it gets besides this process's own: those of the user's sourced setup.
     pub environment: Vec<(OsString, OsString)>,
-    /// Variables that it does not get, such as `LD_PRELOAD`.
+    /// Variables that it does not get, wherever they come from, such as `LD_PRELOAD`.
     pub removed: Vec<OsString>,
     /// Its node's name.
     pub node: String,

@@ -4,7 +4,6 @@ use std::io::IoSlice;
 use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::sync::Mutex;
-use std::sync::atomic::AtomicU64;
 use std::sync::atomic::Ordering::SeqCst;
 use std::time::{Duration, Instant};
 
@@ -45,8 +44,6 @@ pub struct Player {
     pub(crate) taken: Mutex<Reader>,
     publishers: Mutex<Vec<Publisher>>,
     pub(crate) subscriptions: Mutex<Vec<String>>,
-    /// Messages of all publishers whose refusal was reported.
-    reported: AtomicU64,
 }
 
 struct Publisher {
@@ -75,7 +72,6 @@ impl Player {
             taken: Mutex::new(Reader::new(Which::In)),
             publishers: Mutex::default(),
             subscriptions: Mutex::default(),
-            reported: AtomicU64::new(0),
         };
         let request = Request::new(Verb::Start).text(&options.node).text(&options.namespace);
         player.ask("join the graph", &request, None)?;
@@ -146,26 +142,32 @@ impl Player {
         Ok(())
     }
 
-    /// How many messages of it the middleware has taken.
+    /// How many messages of it the middleware has taken. One may be received before it is counted
+    /// here; after [`flush`](Player::flush) all are.
     pub fn published(&self, publisher: PublisherId) -> u64 {
         let slot = self.memory.publisher.get(usize::from(publisher.0));
         slot.map_or(0, |slot| slot.published.load(SeqCst))
     }
 
-    /// Waits until all that was handed over is published; false if it is not until the deadline.
+    /// Waits until all that was handed over by now is published; false if it is not until the
+    /// deadline.
     ///
     /// # Errors
     /// The program has ended, or messages were [`Refused`](PlayerError::Refused).
     pub fn flush(&self, deadline: Instant) -> Result<bool, PlayerError> {
-        let is_empty = || Ok(lock(&self.out).waiting(&self.memory)? == 0);
+        let until = lock(&self.out).written();
+        let is_read = || {
+            let out = lock(&self.out);
+            Ok(out.written() - out.waiting(&self.memory)? >= until)
+        };
         loop {
-            let empty = is_empty()?;
+            let all = is_read()?;
             self.check()?;
             let left = deadline.saturating_duration_since(Instant::now());
-            if empty || left.is_zero() {
-                return Ok(empty);
+            if all || left.is_zero() {
+                return Ok(all);
             }
-            ring::sleep_for_room(&self.memory, Which::Out, LOOK.min(left), is_empty)?;
+            ring::sleep_for_room(&self.memory, Which::Out, LOOK.min(left), is_read)?;
         }
     }
 
@@ -258,7 +260,7 @@ impl Player {
         if self.program.has_ended() {
             return Err(ended(&self.program));
         }
-        if self.memory.refused.load(SeqCst) == self.reported.load(SeqCst) {
+        if self.memory.refused.load(SeqCst) == 0 {
             return Ok(());
         }
         let found = {
@@ -273,7 +275,6 @@ impl Player {
             )
         };
         let Some((slot, topic, count)) = found else { return Ok(()) };
-        self.reported.fetch_add(count, SeqCst);
         let request = Request::new(Verb::Refusal).number(slot);
         let reason = self.ask("explain a refusal", &request, None)?.text()?;
         Err(PlayerError::Refused { topic, count, reason })

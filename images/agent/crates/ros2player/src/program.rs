@@ -48,14 +48,11 @@ impl Program {
     pub(crate) fn start(options: &PlayerOptions, socket: OwnedFd) -> Result<Program, PlayerError> {
         let failed = |error| PlayerError::Program { program: options.program.clone(), error };
         let mut command = Command::new(&options.program);
+        command.envs(options.environment.iter().map(|(name, value)| (name, value)));
         for name in &options.removed {
             command.env_remove(name);
         }
-        command
-            .envs(options.environment.iter().map(|(name, value)| (name, value)))
-            .stdin(Stdio::from(socket))
-            .stdout(Stdio::null())
-            .stderr(Stdio::piped());
+        command.stdin(Stdio::from(socket)).stdout(Stdio::null()).stderr(Stdio::piped());
         let mut child = command.spawn().map_err(failed)?;
         let pid = child.id();
         let errors = child.stderr.take();

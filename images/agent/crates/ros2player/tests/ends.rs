@@ -9,7 +9,10 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
-use standin::{ALL, Graph, LONG, RELIABLE, built, eventually, message, publish, write_program};
+use standin::{
+    ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, threads_are,
+    write_program,
+};
 
 /// A folder for one test.
 fn folder(name: &str) -> PathBuf {
@@ -40,15 +43,6 @@ fn exists(pid: u32) -> bool {
 fn runs(pid: u32) -> bool {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
     stat.rsplit_once(") ").is_some_and(|(_, rest)| !rest.starts_with('Z'))
-}
-
-/// Whether each thread of a process is in a state, as `/proc` has it.
-fn threads_are(pid: u32, state: char) -> bool {
-    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap();
-    threads.map(|thread| thread.unwrap().path().join("stat")).all(|file| {
-        let stat = std::fs::read_to_string(file).unwrap();
-        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with(state))
-    })
 }
 
 #[test]
@@ -175,6 +169,89 @@ fn dropping_it_ends_the_program_and_leaves_no_zombie() {
 }
 
 #[test]
+fn its_threads_are_woken_for_its_end() {
+    let graph = Graph::new();
+    let took = |_| {
+        let player = graph.player();
+        player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+        eventually(|| threads_are(player.pid(), 'S'));
+        let begun = Instant::now();
+        drop(player);
+        begun.elapsed()
+    };
+    // Who is not woken looks by itself after half a second.
+    let fastest = (0..8).map(took).min().unwrap();
+    assert!(fastest < Duration::from_millis(150), "{fastest:?}");
+}
+
+#[test]
+fn variables_are_added_and_removed() {
+    let graph = Graph::new();
+    let folder = folder("variables");
+    let program = folder.join("program");
+    write_program(&program, b"#!/bin/sh\necho added=$ADDED removed=$REMOVED home=$PATH >&2\n");
+    let variables = [("ADDED", "1"), ("REMOVED", "1"), ("PATH", "/bin")];
+    let environment = variables.map(|(name, value)| (name.into(), value.into())).to_vec();
+    let removed = vec!["REMOVED".into()];
+    let options = PlayerOptions { program, environment, removed, ..graph.options() };
+    let error = start_error(&options).to_string();
+    assert!(error.ends_with("its last lines: added=1 removed= home=/bin"), "{error}");
+    std::fs::remove_dir_all(folder).unwrap();
+}
+
+#[test]
+fn an_answer_that_comes_too_late_is_not_taken_for_the_next() {
+    let graph = Graph::new();
+    let deadline = Duration::from_millis(300);
+    let player = Player::start(&PlayerOptions { deadline, ..graph.options() }).unwrap();
+    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+    match_own(&player, publisher, subscription);
+    let pid = player.pid().to_string();
+    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
+    assert!(signal("-STOP"));
+    eventually(|| threads_are(player.pid(), 'T'));
+    let begun = Instant::now();
+    std::thread::scope(|scope| {
+        // Each waits for the other, and still no longer than its own deadline.
+        for _ in 0..4 {
+            scope.spawn(|| {
+                let error = player.graph().unwrap_err().to_string();
+                assert!(error.contains("has not answered within 0.3 s"), "{error}");
+            });
+        }
+    });
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    assert!(signal("-CONT"));
+    assert_eq!(player.subscribers(publisher).unwrap(), 1);
+    assert_eq!(player.graph().unwrap().len(), 1);
+}
+
+#[test]
+fn a_program_that_is_killed_is_noticed_by_who_waits_for_room() {
+    let graph = Graph::new();
+    let player = Player::start(&PlayerOptions { room: 1 << 16, ..graph.options() }).unwrap();
+    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+    let pid = player.pid().to_string();
+    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
+    assert!(signal("-STOP"));
+    eventually(|| threads_are(player.pid(), 'T'));
+    let late = Instant::now() + LONG;
+    let mut waited = 0;
+    let error = loop {
+        let mut kill = || {
+            waited += 1;
+            assert!(waited > 1 || signal("-KILL"));
+            Instant::now() > late
+        };
+        if let Err(error) = player.publish(publisher, &[&[0; 1000]], &mut kill) {
+            break error;
+        }
+    };
+    assert!(matches!(error, PlayerError::Ended { .. }), "{error}");
+}
+
+#[test]
 fn a_program_that_was_killed_is_an_error_in_every_call_at_once() {
     let graph = Graph::new();
     let player = graph.player();
@@ -185,11 +262,8 @@ fn a_program_that_was_killed_is_an_error_in_every_call_at_once() {
     eventually(|| player.taken(subscription) == 1);
     std::thread::scope(|scope| {
         let receiving = scope.spawn(|| {
-            let mut last = player.receive(LONG, &mut |_| ());
-            while last.is_ok() {
-                last = player.receive(LONG, &mut |_| ());
-            }
-            last.unwrap_err()
+            assert_eq!(player.receive(LONG, &mut |_| ()).unwrap(), 1);
+            player.receive(LONG, &mut |_| ()).unwrap_err()
         });
         let kill = ["-KILL", &player.pid().to_string()].map(str::to_owned);
         assert!(Command::new("kill").args(kill).status().unwrap().success());
@@ -260,6 +334,7 @@ fn a_full_ring_is_waited_for_until_the_caller_cancels() {
     let error = loop {
         let mut cancelled = || {
             asked += 1;
+            assert!(asked <= 3);
             asked == 3
         };
         match player.publish(publisher, &[&message(sent, 1000)], &mut cancelled) {
@@ -295,10 +370,46 @@ fn agent_of_its_own() {
     let options = graph.options();
     let from_thread = std::thread::spawn(move || Player::start(&options).unwrap()).join().unwrap();
     from_thread.advertise("/n", "std_msgs/String", &ALL).unwrap();
-    let all = format!("{} {} {}", idle.pid(), full.pid(), from_thread.pid());
+    // One that can't publish on, since a reliable reader was stopped.
+    let node = graph.node(&["--sub", "/stuck:std_msgs/msg/UInt8MultiArray:1:reliable"]);
+    let stuck = Player::start(&PlayerOptions { room: 1 << 20, ..graph.options() }).unwrap();
+    let publisher = stuck.advertise("/stuck", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    graph.met("/stuck", &stuck, publisher);
+    let stop = ["-STOP", &node.pid().to_string()].map(str::to_owned);
+    assert!(Command::new("kill").args(stop).status().unwrap().success());
+    let bytes = message(1, 100_000);
+    loop {
+        let begun = Instant::now();
+        let mut cancelled = || begun.elapsed() > Duration::from_millis(500);
+        if stuck.publish(publisher, &[&bytes], &mut cancelled).is_err() {
+            break;
+        }
+    }
+    // One whose parent is not its agent, and lives on: it has its socket to go by.
+    let folder = Path::new(&pids).parent().unwrap();
+    let program = folder.join("program");
+    let (real, pid) = (built().join("player"), folder.join("pid"));
+    let (real, pid_file) = (real.display(), pid.display());
+    let script = format!(
+        "#!/bin/sh\nexec 3<&0 0<&-\n{real} <&3 3<&- &\nexec 3<&-\necho $! > {pid_file}\nwait\n"
+    );
+    write_program(&program, script.as_bytes());
+    let _far = Player::start(&PlayerOptions { program, ..graph.options() }).unwrap();
+    let far = std::fs::read_to_string(pid).unwrap();
+    let players = [&idle, &full, &from_thread, &stuck].map(|player| player.pid().to_string());
+    let all = format!("{} {} {}", node.pid(), far.trim(), players.join(" "));
     std::fs::write(pids, all).unwrap();
     println!("ready");
     std::thread::sleep(2 * LONG);
+}
+
+/// A process whose parent was killed; dropping it kills it.
+struct Orphan(u32);
+
+impl Drop for Orphan {
+    fn drop(&mut self) {
+        let _ended_already = Command::new("kill").args(["-KILL", &self.0.to_string()]).status();
+    }
 }
 
 #[test]
@@ -314,12 +425,14 @@ fn its_agent_killed_the_program_ends_within_a_second_whatever_it_waits_for() {
     let lines = BufReader::new(agent.stdout.take().unwrap()).lines();
     assert!(lines.map_while(Result::ok).any(|line| line.contains("ready")));
     let text = std::fs::read_to_string(folder.join("pids")).unwrap();
-    let pids: Vec<u32> = text.split(' ').map(|pid| pid.parse().unwrap()).collect();
+    let mut pids: Vec<u32> = text.split(' ').map(|pid| pid.parse().unwrap()).collect();
+    let node = Orphan(pids.remove(0));
     assert!(pids.iter().all(|pid| runs(*pid)), "{pids:?}");
     agent.kill().unwrap();
     agent.wait().unwrap();
     let killed = Instant::now();
     eventually(|| !pids.iter().any(|pid| runs(*pid)));
     assert!(killed.elapsed() < Duration::from_secs(3), "{:?}", killed.elapsed());
+    drop(node);
     std::fs::remove_dir_all(folder).unwrap();
 }

@@ -60,6 +60,24 @@ fn a_message_of_nobodys_subscription_is_damage() {
 }
 
 #[test]
+fn the_program_ends_with_a_sentence_where_what_it_is_to_publish_can_not_be() {
+    for (length, head) in [(1 << 30, 48), (49, 64), (0, 2 * ROOM)] {
+        let graph = Graph::new();
+        let (player, file) = filled(&graph);
+        let mut position = [0; 8];
+        file.read_exact_at(&mut position, OUT).unwrap();
+        let position = u64::from_le_bytes(position);
+        file.write_all_at(&u32::to_le_bytes(length), RINGS + position).unwrap();
+        file.write_all_at(&u64::to_le_bytes(position + head), OUT).unwrap();
+        eventually(|| player.graph().is_err());
+        let error = player.graph().unwrap_err().to_string();
+        let sentence = "(exit status: 2); its last lines: ros2player: the ring of messages to \
+                        publish is damaged";
+        assert!(error.contains(sentence), "{length}: {error}");
+    }
+}
+
+#[test]
 fn its_length_is_sealed() {
     let graph = Graph::new();
     let (_player, file) = filled(&graph);

@@ -7,7 +7,9 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Event, Waited};
 use bagpipe_ros2player::{Durability, Player, PlayerError, PlayerOptions, Qos, Received};
-use standin::{ALL, CDR, Graph, LONG, RELIABLE, eventually, match_own, message, number, publish};
+use standin::{
+    ALL, CDR, Graph, LONG, RELIABLE, eventually, match_own, message, number, publish, threads_are,
+};
 
 /// Receives until there are so many messages, as the pair of their subscription and their bytes.
 fn receive(player: &Player, count: usize) -> Vec<(bagpipe_ros2player::SubscriptionId, Vec<u8>)> {
@@ -46,6 +48,7 @@ fn bytes_of_any_length_arrive_as_they_were_around_the_rings_end() {
         }
     }
     eventually(|| player.taken(subscription) == sent);
+    assert!(player.flush(Instant::now() + LONG).unwrap());
     assert_eq!(player.published(publisher), sent);
 }
 
@@ -155,8 +158,57 @@ fn a_fast_publisher_loses_nothing_to_a_subscription_that_keeps_all() {
         }
     });
     eventually(|| to.taken(subscription) == 100_000);
+    assert!(from.flush(Instant::now() + LONG).unwrap());
     assert_eq!(from.published(publisher), 100_000);
     assert_eq!(to.receive(Duration::ZERO, &mut |_| panic!("one too many")).unwrap(), 0);
+}
+
+/// Each wait has an end of its own, 20 ms or more: were nobody woken before, these would take ten
+/// seconds each.
+#[test]
+fn who_waits_is_woken() {
+    let graph = Graph::new();
+    let small = PlayerOptions { room: 1 << 16, ..graph.options() };
+    let player = Player::start(&small).unwrap();
+    let publisher = player.advertise("/step", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    let subscription = player.subscribe("/step", "std_msgs/UInt8MultiArray", &ALL).unwrap();
+    match_own(&player, publisher, subscription);
+    // For a message that comes: the program's publishing thread, and who receives.
+    let begun = Instant::now();
+    for one in 0..500 {
+        publish(&player, publisher, &message(one, 20)).unwrap();
+        assert_eq!(number(&receive(&player, 1)[0].1), one);
+    }
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+    // For room: two of these fill the ring, and each takes a while, since it goes to another process.
+    let _sink = graph.node(&["--sub", "/far:std_msgs/msg/UInt8MultiArray:1:best_effort"]);
+    let far = player.advertise("/far", "std_msgs/UInt8MultiArray", &RELIABLE).unwrap();
+    graph.met("/far", &player, far);
+    let begun = Instant::now();
+    for one in 0..1000 {
+        publish(&player, far, &message(one, 32_000)).unwrap();
+    }
+    assert!(player.flush(Instant::now() + LONG).unwrap());
+    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+}
+
+#[test]
+fn a_subscription_that_is_added_is_taken_from_at_once() {
+    let graph = Graph::new();
+    let (from, to) = (graph.player(), graph.player());
+    let late = Qos { durability: Durability::TransientLocal, ..RELIABLE };
+    let publisher = from.advertise("/late", "std_msgs/String", &late).unwrap();
+    publish(&from, publisher, &message(7, 7)).unwrap();
+    let took = |_| {
+        eventually(|| threads_are(to.pid(), 'S'));
+        let begun = Instant::now();
+        to.subscribe("/late", "std_msgs/String", &late).unwrap();
+        assert_eq!(number(&receive(&to, 1)[0].1), 7);
+        begun.elapsed()
+    };
+    // Its thread looks by itself twice a second.
+    let fastest = (0..10).map(took).min().unwrap();
+    assert!(fastest < Duration::from_millis(150), "{fastest:?}");
 }
 
 #[test]

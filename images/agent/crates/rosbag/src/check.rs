@@ -2,25 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use crate::{Bag, BagError, ChunkedFile, Connection, Limits, Loss};
+use bagpipe_log::{Checked, mixed_types};
 
-/// What a look at every record has found.
-#[derive(Debug)]
-pub struct Checked {
-    /// Whole messages.
-    pub messages: u64,
-    /// What is damaged, if anything is.
-    pub loss: Option<Loss>,
-    /// Sentences about what contradicts itself; none for a sound bag.
-    pub problems: Vec<String>,
-}
-
-impl Checked {
-    /// True when nothing is lost and nothing contradicts itself.
-    pub fn sound(&self) -> bool {
-        self.loss.is_none() && self.problems.is_empty()
-    }
-}
+use crate::{Bag, BagError, ChunkedFile, Limits};
 
 /// Reads every record of the bag, uncompresses every chunk, and compares what it finds with
 /// what the index says.
@@ -47,7 +31,7 @@ pub fn check_limited<F: ChunkedFile>(file: &F, limits: Limits) -> Result<Checked
             Err(error) => problems.push(format!("the index is unusable: {error}")),
         }
     }
-    types(scanned.connections(), &mut problems);
+    problems.extend(mixed_types(scanned.connections()));
     Ok(Checked { messages, loss: scanned.loss().cloned(), problems })
 }
 
@@ -77,21 +61,6 @@ fn compare<F: ChunkedFile>(indexed: &Bag<F>, scanned: &Bag<F>, problems: &mut Ve
         } else if (listed.start, listed.end) != (chunk.start, chunk.end) {
             let at = chunk.position;
             problems.push(format!("the index has wrong times for the chunk at byte {at}"));
-        }
-    }
-}
-
-/// One topic has one type, or no subscriber can take all of its messages.
-fn types(connections: &[Connection], problems: &mut Vec<String>) {
-    let mut types: BTreeMap<&str, (&str, &str)> = BTreeMap::new();
-    for each in connections {
-        let found = (&*each.datatype, &*each.md5sum);
-        let first = *types.entry(&each.topic).or_insert(found);
-        if first != found {
-            problems.push(format!(
-                "topic {} is {} ({}) and {} ({})",
-                each.topic, first.0, first.1, found.0, found.1
-            ));
         }
     }
 }

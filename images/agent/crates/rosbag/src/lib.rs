@@ -39,8 +39,8 @@ mod upgrade;
 mod writer;
 
 pub use bag::{Bag, Limits};
-pub use bagpipe_log::{Connection, Loss, Message, Place};
-pub use check::{Checked, check, check_limited};
+pub use bagpipe_log::{Checked, Connection, Loss, Message, Place, Window};
+pub use check::{check, check_limited};
 pub use compression::Compression;
 pub use error::BagError;
 pub use file::{ChunkedFile, DiskChunkedFile, MemoryChunkedFile};
@@ -48,7 +48,7 @@ pub use merge::merge;
 pub use messages::Messages;
 pub use model::ChunkInfo;
 pub use reindex::{Reindexed, reindex, reindex_limited};
-pub use slice::{Sliced, Window, slice};
+pub use slice::{Sliced, slice};
 pub use timeline::{Timeline, TimelineIter};
 pub use writer::{BagWriter, WriterOptions};
 

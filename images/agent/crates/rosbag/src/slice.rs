@@ -3,31 +3,11 @@
 use std::collections::BTreeMap;
 use std::collections::HashSet;
 
+use bagpipe_log::Window;
+
 use crate::copy::Carrier;
 use crate::unpack::unpack;
-use crate::{Bag, BagError, BagWriter, ChunkInfo, ChunkedFile, Connection, WriterOptions};
-
-/// The times that a slice holds: `start <= time < end`, in nanoseconds.
-#[derive(Debug, Clone, Copy)]
-pub struct Window {
-    /// The first time that is in it.
-    pub start: u64,
-    /// The first time that is behind it.
-    pub end: u64,
-}
-
-impl Default for Window {
-    fn default() -> Self {
-        Self { start: 0, end: u64::MAX }
-    }
-}
-
-impl Window {
-    /// True when a message of the chunk may lie in it.
-    pub(crate) fn overlaps(&self, chunk: &ChunkInfo) -> bool {
-        chunk.start < self.end && self.start <= chunk.end
-    }
-}
+use crate::{Bag, BagError, BagWriter, ChunkedFile, Connection, WriterOptions};
 
 /// A slice, and how it was made.
 #[derive(Debug)]
@@ -56,10 +36,12 @@ pub fn slice<F: ChunkedFile>(
         bag.connections.iter().filter(|each| filter(each)).map(|each| each.id).collect();
     let mut carrier = Carrier::new(bag, BagWriter::new(options));
     let latched = carry_latched(&mut carrier, bag, window.start, &wanted)?;
-    let inside = |time: u64| window.start <= time && time < window.end;
+    let inside = |time: u64| window.contains(time);
     let mut parts = Vec::new();
     for (at, chunk) in bag.chunks.iter().enumerate() {
-        if window.overlaps(chunk) && chunk.counts.iter().any(|(id, _)| wanted.contains(id)) {
+        if window.overlaps(chunk.start, chunk.end)
+            && chunk.counts.iter().any(|(id, _)| wanted.contains(id))
+        {
             let all = inside(chunk.start)
                 && inside(chunk.end)
                 && chunk.counts.iter().all(|(id, _)| wanted.contains(id));

@@ -64,7 +64,7 @@ pub(crate) fn ordered<F: ChunkedFile>(
 ) -> Result<bagpipe_log::Timeline<'_>, BagError> {
     let wanted = Wanted::new(bag.connections.iter().filter(|each| filter(each)));
     let mut chunks = wanted.chunks(bag);
-    chunks.retain(|at| window.overlaps(&bag.chunks[*at]));
+    chunks.retain(|at| window.overlaps(bag.chunks[*at].start, bag.chunks[*at].end));
     unpack(bag, &chunks);
     let expected: u64 = chunks.iter().map(|at| expected(&bag.chunks[*at], &wanted)).sum();
     let mut draft = Draft {

@@ -1,5 +1,6 @@
-"""`bagpipe bag`: look into bags, cut, join and check them, wherever they lie."""
+"""`bagpipe bag`: look into recordings, cut, join, check, mend and convert them."""
 
+import contextlib
 import re
 from collections.abc import Callable, Iterator
 from decimal import Decimal
@@ -10,7 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_of, naming, native
+from bagpipe.cli.bag_here import Elsewhere, Written, kind_of, merged
+from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_data, damage_of, naming, native
 from bagpipe.cli.places import (
     RefusedError,
     folders,
@@ -19,6 +21,7 @@ from bagpipe.cli.places import (
     uri_of,
     volume_option,
 )
+from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.storage import Storage, StorageError
 
 _PIECE_BYTES = 1 << 20
@@ -68,19 +71,21 @@ _target_option = click.option(
 )
 _compression_option = click.option(
     "--compression",
-    type=click.Choice(["none", "lz4", "bz2"]),
+    type=click.Choice(["none", "lz4", "bz2", "zstd"]),
     default="none",
     show_default=True,
-    help="Of chunks that are rewritten; whole chunks stay as they are.",
+    help="Of chunks that are rewritten (a bag: none, lz4 or bz2; MCAP: none, lz4 or zstd); a bag's"
+    " whole chunks stay as they are.",
 )
 
 
 @click.group("bag")
 def bag_group() -> None:
-    """Look into ROS 1 bags, cut, join and check them.
+    """Look into recordings, cut, join, check, mend and convert them.
 
-    BAG is a path of this machine, or a URI as in a manifest: pvc:// (with --volume), s3://, hdfs://,
-    gs://, az:// or https://. To save what is whole of a damaged bag, see `bagpipe-agent reindex`.
+    BAG is a bag of ROS 1, an MCAP file, or a folder of rosbag2 (of MCAP or SQLite): a path of this
+    machine, or a URI as in a manifest: pvc:// (with --volume), s3://, hdfs://, gs://, az:// or
+    https://. What is made of a bag is a bag; what is made of all else is MCAP.
     """
 
 
@@ -92,14 +97,15 @@ def bag_group() -> None:
 def info_command(bag: str, volumes: tuple[str, ...], budget: int, output: str) -> None:
     """Show what is in BAG: times, topics, types, counts, and damage.
 
-    Of a bag with an index only its tail is read, however large it is and wherever it lies. The exit
-    status is 0 if it can be read, also where a part of it is lost, and 2 if not.
+    Of a bag or MCAP with an index only its tail is read, however large it is and wherever it lies;
+    a folder of rosbag2, and what has no index, is read whole. The exit status is 0 if it can be
+    read, also where a part of it is lost, and 2 if not.
 
     \b
     bagpipe bag info drive.bag
     bagpipe bag info s3://fleet/2026-11/drive.bag --output json | jq '.topics[].topic'
     """
-    found = _done(lambda: _bag(bag, volumes, budget).described())
+    found = _done(lambda: _opened(bag, volumes, budget).described())
     _print(found, output, _show_info)
 
 
@@ -129,9 +135,9 @@ def slice_command(bag: str, target: str, output: str, **given: Any) -> None:
         end, start = given["end"], given["start"]
         if end is not None and end <= start:
             raise BagRefusedError("--start must lie before --end")
-        file = _bag(bag, given["volumes"], given["budget"])
+        file = _opened(bag, given["volumes"], given["budget"])
         uri = _new(target, file.storage)
-        made = file.part(start, end, given["topics"], given["compression"])
+        made: Any = file.part(start, end, given["topics"], given["compression"])
         return _written(made, target, uri, file.storage)
 
     _print(_done(done), output, _show_written)
@@ -156,9 +162,18 @@ def merge_command(bags: tuple[str, ...], target: str, output: str, **given: Any)
     """
 
     def done() -> dict[str, Any]:
-        files = [_bag(bag, given["volumes"], given["budget"]) for bag in bags]
+        files = [_opened(bag, given["volumes"], given["budget"]) for bag in bags]
         uri = _new(target, files[0].storage)
-        read = [file.whole() for file in files]
+        of_ros1 = [file for file in files if isinstance(file, BagFile)]
+        others = [file for file in files if isinstance(file, Elsewhere)]
+        if of_ros1 and others:
+            raise BagRefusedError(
+                f"{of_ros1[0].uri} is a bag and {others[0].uri} is none: `bagpipe bag convert`"
+                " makes them alike first"
+            )
+        if others:
+            return _written(merged(others, given["compression"]), target, uri, files[0].storage)
+        read = [file.whole() for file in of_ros1]
         with naming(target):
             made = native().merge(read, compression=given["compression"])
         return _written(made, target, uri, files[0].storage)
@@ -188,9 +203,69 @@ def check_command(
     raise SystemExit(2 if "unreadable" in states else 1 if "damaged" in states else 0)
 
 
-def _bag(where: str, volumes: tuple[str, ...], budget: int) -> BagFile:
+@bag_group.command("reindex")
+@click.argument("bag", metavar="BAG")
+@_target_option
+@_compression_option
+@volume_option
+@_budget_option
+@output_option
+def reindex_command(bag: str, target: str, output: str, **given: Any) -> None:
+    """Save what is whole of BAG, with an index.
+
+    For a recording whose recorder died, a file that was cut off, or one that `check` complains
+    about. Every whole message before the damage is kept; BAG is not changed. The exit status is 2
+    if nothing of it can be read.
+
+    \b
+    bagpipe bag reindex drive.bag.active --to drive.bag
+    bagpipe bag reindex s3://fleet/cut.mcap --to whole.mcap --compression lz4
+    """
+
+    def done() -> dict[str, Any]:
+        file = _elsewhere(bag, given["volumes"], given["budget"])
+        uri = _new(target, file.storage)
+        return _written(file.mended(given["compression"]), target, uri, file.storage)
+
+    _print(_done(done), output, _show_written)
+
+
+@bag_group.command("convert")
+@click.argument("bag", metavar="BAG")
+@_target_option
+@_compression_option
+@volume_option
+@_budget_option
+@output_option
+def convert_command(bag: str, target: str, output: str, **given: Any) -> None:
+    """Write BAG in another format, or compressed in another way.
+
+    The new name ends in .bag or .mcap. Messages stay as they are: a bag takes those of ROS 1 alone,
+    and MCAP takes all. The exit status is 2 if BAG is damaged, can't be read, or can't be that.
+
+    \b
+    bagpipe bag convert rosbag2_2026_11_23/ --to drive.mcap --compression zstd
+    bagpipe bag convert drive.bag --to drive.mcap
+    """
+
+    def done() -> dict[str, Any]:
+        file = _elsewhere(bag, given["volumes"], given["budget"])
+        uri = _new(target, file.storage)
+        return _written(file.converted(target, given["compression"]), target, uri, file.storage)
+
+    _print(_done(done), output, _show_written)
+
+
+def _elsewhere(where: str, volumes: tuple[str, ...], budget: int) -> Elsewhere:
     here = folders(volumes)
-    return BagFile(uri_of(where, here), Storage(here), budget)
+    storage = Storage(here)
+    kind, uri = kind_of(uri_of(where, here), storage)[:2]
+    return Elsewhere(uri, kind, storage, budget)
+
+
+def _opened(where: str, volumes: tuple[str, ...], budget: int) -> BagFile | Elsewhere:
+    found = _elsewhere(where, volumes, budget)
+    return found if found.kind != "bag" else BagFile(found.uri, found.storage, budget)
 
 
 def _done(work: Callable[[], Any]) -> Any:
@@ -202,7 +277,9 @@ def _done(work: Callable[[], Any]) -> Any:
 
 def _checked(where: str, volumes: tuple[str, ...], budget: int) -> dict[str, Any]:
     try:
-        file = _bag(where, volumes, budget)
+        file = _opened(where, volumes, budget)
+        if isinstance(file, Elsewhere):
+            return _checked_elsewhere(where, file)
         described = file.described()
         bag = file.whole()
         with naming(file.uri):
@@ -218,6 +295,14 @@ def _checked(where: str, volumes: tuple[str, ...], budget: int) -> dict[str, Any
     return {"bag": where, "state": state, "messages": found.messages, "problems": problems}
 
 
+def _checked_elsewhere(where: str, file: Elsewhere) -> dict[str, Any]:
+    found = file.checked()
+    lost = damage_data(found.damage)
+    problems = ([_lost(lost)] if lost else []) + found.problems
+    state = "sound" if found.sound else "damaged"
+    return {"bag": where, "state": state, "messages": found.messages, "problems": problems}
+
+
 def _new(target: str, storage: Storage) -> str:
     """The URI of a bag that is not there yet, known before anything is read for it."""
     uri = uri_of(target, storage.volumes)
@@ -227,10 +312,12 @@ def _new(target: str, storage: Storage) -> str:
 
 
 def _written(made: Any, target: str, uri: str, storage: Storage) -> dict[str, Any]:
-    view = made.view()
+    view = memoryview(made.data) if isinstance(made, Written) else made.view()
     with storage.create(uri) as file:
         for first in range(0, len(view), _PIECE_BYTES):
             file.write(bytes(view[first : first + _PIECE_BYTES]))
+    if isinstance(made, Written):
+        return {"bag": target, "bytes": len(view)} | _of_written(made)
     return {
         "bag": target,
         "bytes": len(view),
@@ -238,6 +325,21 @@ def _written(made: Any, target: str, uri: str, storage: Storage) -> dict[str, An
         "chunks": made.chunk_count,
         "start": made.start,
         "end": made.end,
+    }
+
+
+def _of_written(made: Written) -> dict[str, Any]:
+    data = made.data
+    chunks = []
+    # What has no message has no index that could be planned.
+    with contextlib.suppress(BagError):
+        chunks = read_tail(lambda at, length: data[at : at + length], len(data)).chunks
+    return {
+        "messages": made.messages,
+        "chunks": len(chunks),
+        "start": min((chunk.start_time for chunk in chunks), default=None),
+        "end": max((chunk.end_time for chunk in chunks), default=None),
+        "damage": made.damage,
     }
 
 
@@ -294,6 +396,8 @@ def _lost(damage: dict[str, Any]) -> str:
 
 def _show_written(found: dict[str, Any], console: Console) -> None:
     text = f"{found['bag']}: {found['messages']:,} messages, {found['bytes']:,} bytes"
+    if found.get("damage"):
+        text += f"\nlost of the old one: {_lost(found['damage'])}"
     console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -24,10 +24,10 @@ _STATES = {"BagNotIndexed": "missing", "BagCut": "cut", "BagUnreadable": "damage
 # Bags of before 2010, which have no index of this kind.
 _OLD = b"#ROSBAG V1.2\n"
 _ADVICE = {
-    "none": "format 1.2, which a job refuses: `bagpipe-agent reindex BAG --output NEW` writes 2.0",
-    "missing": "a job refuses it: `bagpipe-agent reindex BAG --output NEW` writes its index",
-    "cut": "copy it again, or `bagpipe-agent reindex BAG --output NEW` saves what is whole",
-    "damaged": "`bagpipe-agent reindex BAG --output NEW` saves what is whole",
+    "none": "format 1.2, which a job refuses: `bagpipe bag reindex BAG --to NEW` writes 2.0",
+    "missing": "a job refuses it: `bagpipe bag reindex BAG --to NEW` writes its index",
+    "cut": "copy it again, or `bagpipe bag reindex BAG --to NEW` saves what is whole",
+    "damaged": "`bagpipe bag reindex BAG --to NEW` saves what is whole",
 }
 
 
@@ -142,7 +142,11 @@ def naming(uri: str) -> Iterator[None]:
 
 def damage_of(bag: "MemoryBag") -> dict[str, Any] | None:
     """What a bag has lost, as data."""
-    lost = bag.damage
+    return damage_data(bag.damage)
+
+
+def damage_data(lost: Any) -> dict[str, Any] | None:
+    """The native module's damage as data; None where nothing is lost."""
     if lost is None:
         return None
     return {

@@ -15,6 +15,13 @@ from bagpipe.plan import mcap_summary
 
 MAGIC = b"#ROSBAG V2.0\n"
 _FILE_HEADER_BYTES = 4096
+# What is a part of a recording, and what to do with it.
+_OTHERS = {
+    b"SQLite format 3\0": "it is a file of SQLite: name the folder that it lies in, whose"
+    " metadata.yaml makes it a recording, or make MCAP of it by `bagpipe bag convert`",
+    b"rosbag2_bagfile_information:": "it is a folder of rosbag2, which is not taken here: make MCAP"
+    " of it by `bagpipe bag convert`",
+}
 # op, compression and size, each with its name and length, are some 50 bytes.
 _CHUNK_HEADER_BYTES = 256
 # An index has a time and an offset for each message (12 bytes in a bag, 16 in MCAP), and a header
@@ -95,6 +102,8 @@ def read_tail(read: Read, size: int) -> BagTail:
     head = read(0, min(_FILE_HEADER_BYTES + len(MAGIC) + 64, size))
     if head.startswith(mcap_summary.MAGIC):
         return _tail(size, mcap_summary.read_index(read, size, head, _parsed))
+    if advice := next((text for magic, text in _OTHERS.items() if head.startswith(magic)), None):
+        raise BagError("BagUnreadable", advice)
     if not head.startswith(MAGIC):
         raise BagError(
             "BagUnreadable",

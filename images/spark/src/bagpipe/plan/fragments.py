@@ -7,16 +7,19 @@ A window in which nothing was recorded becomes no fragment, as it would prove no
 
 import bisect
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Read, message_times
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk
 
 # A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
 # than it becomes a fragment of its own.
 _SNAP = 0.25
 # As many windows as the driver can hold: a single wrong time makes more of them.
 _MOST_WINDOWS = 1_000_000
+
+# Times in ns of a chunk's messages for each connection; it raises BagError where nothing says them.
+Times = Callable[[Chunk], dict[int, list[int]]]
 
 
 @dataclass(frozen=True)
@@ -42,12 +45,12 @@ class FragmentPlan:
 
 
 def cut(
-    tail: BagTail, topics: list[str], length: int, warm_up: int, read: Read | None = None
+    tail: BagTail, topics: list[str], length: int, warm_up: int, times: Times | None = None
 ) -> list[FragmentPlan]:
     """The fragments of a bag for `topics` (resolved names; empty: all); times in ns.
 
     Empty where the bag has no message on any of the topics. A chunk that was open during a gap
-    reaches over windows that it has no message in: `read` gets at its index records. Raises
+    reaches over windows that it has no message in: `times` looks at its index records. Raises
     ValueError for a length of less than a nanosecond, and BagError where the times of the messages
     lie too far apart for that length.
     """
@@ -68,7 +71,7 @@ def cut(
             " the fragments are too short",
         )
     edges = _edges(begin, end, length, sorted(chunk.start_time for chunk in chunks))
-    recorded = _Recorded(chunks, wanted, read)
+    recorded = _Recorded(chunks, wanted, times)
     return [
         replace(
             _fragment(chunks, Window(max(begin, start - warm_up), start, stop), wanted, latching),
@@ -127,8 +130,8 @@ def near(tail: BagTail, wanted: set[int], start: int, end: int) -> list[Chunk]:
 class _Recorded:
     """When messages of some connections were recorded, as far as a bag's indexes show."""
 
-    def __init__(self, chunks: list[Chunk], wanted: set[int], read: Read | None) -> None:
-        self._chunks, self._wanted, self._read = chunks, wanted, read
+    def __init__(self, chunks: list[Chunk], wanted: set[int], times: Times | None) -> None:
+        self._chunks, self._wanted, self._asked = chunks, wanted, times
         self._times: dict[int, list[int] | None] = {}
 
     def between(self, start: int, end: int) -> bool:
@@ -146,17 +149,17 @@ class _Recorded:
         return (first and last) or ((first or last) and holding(chunk) <= self._wanted)
 
     def _maybe(self, chunk: Chunk, start: int, end: int) -> bool:
-        if self._read is None:
+        if self._asked is None:
             return True
         if chunk.offset not in self._times:
-            self._times[chunk.offset] = self._times_of(chunk, self._read)
+            self._times[chunk.offset] = self._times_of(chunk, self._asked)
         times = self._times[chunk.offset]
         return times is None or bisect.bisect_left(times, start) < bisect.bisect_left(times, end)
 
-    def _times_of(self, chunk: Chunk, read: Read) -> list[int] | None:
+    def _times_of(self, chunk: Chunk, times: Times) -> list[int] | None:
         """None where the chunk's own index is damaged: players don't need it, so it is no fault."""
         try:
-            found = message_times(read, chunk)
+            found = times(chunk)
         except BagError:
             return None
         return sorted(time for each in self._wanted for time in found.get(each, []))
@@ -188,7 +191,7 @@ def _fragment(
     messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in wanted)
     for chunk in _in_force(chunks, window.lead_in_start, latching):
         needed[chunk.offset] = chunk
-    return FragmentPlan(window, _ranges(list(needed.values())), messages)
+    return FragmentPlan(window, ranges_of(list(needed.values())), messages)
 
 
 def _in_force(chunks: list[Chunk], before: int, latching: set[int]) -> list[Chunk]:
@@ -204,7 +207,7 @@ def _in_force(chunks: list[Chunk], before: int, latching: set[int]) -> list[Chun
     return found
 
 
-def _ranges(chunks: list[Chunk]) -> list[tuple[int, int]]:
+def ranges_of(chunks: list[Chunk]) -> list[tuple[int, int]]:
     """Adjacent chunks join, so that storage sees few large reads."""
     ranges: list[tuple[int, int]] = []
     for chunk in sorted(chunks, key=lambda chunk: chunk.offset):

@@ -12,7 +12,7 @@ from typing import Any
 import pyarrow as pa
 from pyspark.sql import types
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from bagpipe.rosbag_source.planning import TopicType
@@ -55,6 +55,8 @@ _SCALARS = {
 }
 _OCTETS = {"uint8", "char", "byte", "int8"}
 _HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
+# Before each part of a definition that has several, in whatever language.
+_PARTS = "=" * 80 + "\n"
 _TIMES = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
 
 
@@ -63,8 +65,9 @@ class Decoder:
 
     def __init__(self, kind: TopicType) -> None:
         self._type = kind.type.replace("/", "/msg/") if "/msg/" not in kind.type else kind.type
+        self._cdr = kind.encoding == "cdr"
         self._store: Typestore = get_typestore(Stores.EMPTY)
-        found = get_types_from_msg(kind.definition, self._type)
+        found = _definitions(kind, self._type)
         # Before ROS Diamondback the header lived in roslib; definitions say just "Header" of both.
         if _OLD_HEADER in found:
             found.setdefault(_HEADER, found[_OLD_HEADER])
@@ -73,6 +76,8 @@ class Decoder:
 
     def decode(self, data: bytes) -> Any:
         """A message's value, as its column's Arrow type takes it."""
+        if self._cdr:
+            return self.column.convert(self._store.deserialize_cdr(data, self._type))
         return self.column.convert(self._store.deserialize_ros1(data, self._type))
 
     def _named(self, name: str) -> Column:
@@ -104,6 +109,18 @@ class Decoder:
             return Column(spark, arrow, _listed)
         convert = inner.convert
         return Column(spark, arrow, lambda values: [convert(value) for value in values])
+
+
+def _definitions(kind: TopicType, name: str) -> dict[str, Any]:
+    if kind.schema_encoding != "ros2idl":
+        return dict(get_types_from_msg(kind.definition, name))
+    found: dict[str, Any] = {}
+    for part in kind.definition.split(_PARTS):
+        # Behind the line with the part's name, where there are several.
+        text = part.partition("\n")[2] if part.startswith("IDL: ") else part
+        if text.strip():
+            found |= get_types_from_idl(text)
+    return found
 
 
 def _nanoseconds(time: Any) -> int:

@@ -1,4 +1,4 @@
-"""The messages of a fragment; one chunk is in memory at a time."""
+"""The messages of a fragment; of a bag one chunk is in memory at a time, of others all of it."""
 
 import bz2
 import struct
@@ -8,7 +8,8 @@ from typing import NamedTuple
 import lz4.frame
 
 from bagpipe.plan.bag_tail import BagError, split_record
-from bagpipe.rosbag_source.planning import Fragment, TopicType
+from bagpipe.rosbag_source.parts import in_window
+from bagpipe.rosbag_source.planning import Fragment, TopicType, kind_of
 from bagpipe.storage import Storage, StorageError
 
 _OP_MESSAGE, _OP_CHUNK, _OP_CONNECTION = b"\x02", b"\x05", b"\x07"
@@ -23,16 +24,27 @@ class Message(NamedTuple):
 
 
 def messages(fragment: Fragment, storage: Storage) -> Iterator[Message]:
-    """In the chunks' order, which is the recorder's.
+    """In the chunks' order, which is the recorder's; of MCAP and of folders by time.
 
     Raises StorageError with the byte offset, also where the bag is another one than was planned.
     """
+    if fragment.parts:
+        yield from _of_parts(fragment, storage)
+        return
     file = storage.open(fragment.uri, fragment.version)
     for offset, end in fragment.chunks:
         try:
             yield from _of_chunk(fragment, file.read(offset, end - offset), offset)
         except BagError as error:
             raise StorageError(f"{fragment.uri}: {error}") from error
+
+
+def _of_parts(fragment: Fragment, storage: Storage) -> Iterator[Message]:
+    kinds: dict[int, TopicType] = {}
+    for connection, time, raw in in_window(fragment.uri, fragment.parts, storage):
+        if connection.id not in kinds:
+            kinds[connection.id] = kind_of(connection)
+        yield Message(kinds[connection.id], time, bytes(raw))
 
 
 def _of_chunk(fragment: Fragment, record: bytes, offset: int) -> Iterator[Message]:

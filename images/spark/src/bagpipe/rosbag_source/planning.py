@@ -1,12 +1,17 @@
 """Partitions of `spark.read.format("rosbag")`, from the bags' heads and tails alone."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
-from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields
 from bagpipe.plan.bag_tail import resolve as resolved
-from bagpipe.plan.fragments import Window, cut
+from bagpipe.plan.fragments import Window, cut, cut_one
+from bagpipe.plan.parts import Part
+from bagpipe.plan.rosbag2 import Rosbag2, in_folders, without_members
+from bagpipe.rosbag_source.parts import opened, wanted
+from bagpipe.rosbag_source.recordings import Bag, McapFile, recording
 from bagpipe.storage import OpenFile, Storage, StorageError
 from bagpipe.storage.reading import REQUEST_BYTES
 
@@ -66,13 +71,20 @@ class TopicType:
 
     topic: str
     type: str
+    # Empty in ROS 2, which has none.
     md5sum: str
     definition: str
+    # What the messages' bytes are, and what the definition is written in.
+    encoding: str = "ros1"
+    schema_encoding: str = "ros1msg"
 
 
 @dataclass(frozen=True)
 class Fragment:
-    """One task: the messages with start <= time < end in the (offset, end) chunks of a bag."""
+    """One task: the messages with start <= time < end in the (offset, end) chunks of a bag.
+
+    Of MCAP and of a folder of rosbag2 they are in `parts` of its files, which say the types.
+    """
 
     uri: str
     window: Window
@@ -80,25 +92,32 @@ class Fragment:
     types: dict[int, TopicType]
     # The bag's mark when it was planned: another bag's bytes are none of its messages.
     version: str
+    parts: tuple[Part, ...] = ()
 
 
 def plan(options: Options, storage: Storage) -> list[Fragment]:
     """All fragments of all bags. Raises StorageError, also for a bag that can't be planned."""
-    uris = storage.expand(options.path)
+    uris = _named(options, storage)
     if not uris:
         raise StorageError(f"{options.path} names no bag")
-    return [fragment for uri in uris for fragment in _of_bag(options, storage, uri)]
+    return [fragment for uri in uris for fragment in _of_recording(options, storage, uri)]
+
+
+def _named(options: Options, storage: Storage) -> list[str]:
+    return without_members(in_folders(options.path, storage), storage)
 
 
 def topic_type(options: Options, storage: Storage) -> TopicType:
     """The one type of the one topic. Raises StorageError where bags differ or none has it."""
-    found: dict[str, TopicType] = {}
-    for uri in storage.expand(options.path):
-        file = storage.open(uri)
-        for kind in _types(options, file, _tail(file).connections).values():
-            found[kind.md5sum] = kind
+    found: dict[tuple[str, str], TopicType] = {}
+    for uri in _named(options, storage):
+        for kind in _kinds(options, storage, uri):
+            found[kind.type, kind.md5sum or kind.definition] = kind
     if len(found) != 1:
-        kinds = ", ".join(sorted(f"{kind.type} {md5}" for md5, kind in found.items())) or "none"
+        kinds = (
+            ", ".join(sorted(f"{kind.type} {kind.md5sum}".strip() for kind in found.values()))
+            or "none"
+        )
         raise StorageError(
             f"{options.topics[0]} in {options.path} has {len(found)} types ({kinds}); columns need"
             " one: read without decode, or fewer bags"
@@ -106,41 +125,74 @@ def topic_type(options: Options, storage: Storage) -> TopicType:
     return next(iter(found.values()))
 
 
-def _of_bag(options: Options, storage: Storage, uri: str) -> list[Fragment]:
-    file = storage.open(uri)
-    tail = _tail(file)
+def _kinds(options: Options, storage: Storage, uri: str) -> Iterable[TopicType]:
+    found = recording(uri, storage)
+    if isinstance(found, Bag):
+        return _types(options, found.file, found.tail.connections).values()
+    # What declares the topic stands before its first message.
+    fragments = _of_parts(options, found, uri)
+    if not fragments:
+        return []
+    parts = fragments[0].parts
+    mcap = opened(uri, parts, storage)
+    named = wanted(mcap, parts)
+    return [kind_of(each) for each in mcap.connections if each.topic in named]
+
+
+def kind_of(connection: Any) -> TopicType:
+    """What a connection of the native module says."""
+    return TopicType(
+        resolved(connection.topic),
+        connection.type,
+        connection.md5sum,
+        connection.definition,
+        connection.encoding,
+        connection.schema_encoding,
+    )
+
+
+def _of_recording(options: Options, storage: Storage, uri: str) -> list[Fragment]:
+    found = recording(uri, storage)
+    if isinstance(found, Bag):
+        return _of_bag(options, found.file, found.tail)
+    return _of_parts(options, found, uri)
+
+
+def _of_bag(options: Options, file: OpenFile, tail: BagTail) -> list[Fragment]:
     types = _types(options, file, tail.connections)
     found = []
-    try:
-        parts = cut(tail, list(options.topics), options.fragment, 0)
-    except BagError as error:
-        raise StorageError(f"{file.uri}: {error}") from error
-    for part in parts:
-        start = max(part.window.start, options.start or part.window.start)
-        end = min(part.window.end, options.end or part.window.end)
+    for window in _windows(options, tail, file.uri):
         chunks = tuple(
             (chunk.offset, chunk.end)
             for chunk in tail.chunks
-            if chunk.start_time < end and chunk.end_time >= start
+            if chunk.start_time < window.end and chunk.end_time >= window.start
             if any(chunk.counts.get(connection) for connection in types)
         )
-        if start < end and chunks:
-            window = Window(start, start, end)
-            found.append(Fragment(uri, window, chunks, types, file.version))
+        if chunks:
+            found.append(Fragment(file.uri, window, chunks, types, file.version))
     return found
 
 
-def _tail(file: OpenFile) -> BagTail:
+def _of_parts(options: Options, found: McapFile | Rosbag2, uri: str) -> list[Fragment]:
+    topics = list(options.topics)
+    fragments = []
+    for window in _windows(options, found.tail, uri):
+        parts = found.parts(cut_one(found.tail, topics, window), topics)
+        if parts:
+            fragments.append(Fragment(uri, window, (), {}, found.version, tuple(parts)))
+    return fragments
+
+
+def _windows(options: Options, tail: BagTail, uri: str) -> Iterator[Window]:
     try:
-        tail = read_tail(file.read, file.size)
+        parts = cut(tail, list(options.topics), options.fragment, 0)
     except BagError as error:
-        raise StorageError(f"{file.uri}: {error}") from error
-    if tail.is_mcap:
-        raise StorageError(
-            f"{file.uri} is MCAP, and format('rosbag') reads bags alone: bagpipe.MemoryBag reads"
-            " it, and the fragments of BinPipedRDD are made of it"
-        )
-    return tail
+        raise StorageError(f"{uri}: {error}") from error
+    for part in parts:
+        start = max(part.window.start, options.start or part.window.start)
+        end = min(part.window.end, options.end or part.window.end)
+        if start < end:
+            yield Window(start, start, end)
 
 
 def _types(options: Options, file: OpenFile, connections: list[Connection]) -> dict[int, TopicType]:

@@ -7,8 +7,11 @@ _ENDINGS = (".bag", ".mcap")
 
 
 def stem(uri: str) -> str:
-    """A recording's name without its ending, of letters that a case's name may have."""
-    name = posixpath.basename(uri)
+    """A recording's name without its ending, of letters that a case's name may have.
+
+    A folder of rosbag2, which its metadata.yaml stands for, has the folder's name.
+    """
+    name = posixpath.basename(uri.removesuffix("/metadata.yaml").rstrip("/"))
     ending = next((each for each in _ENDINGS if name.endswith(each)), "")
     return plain(name.removesuffix(ending), "bag")
 

@@ -1,10 +1,11 @@
-//! `check`: whether a bag is whole and says the truth about itself.
+//! `check`: whether a recording is whole and says the truth about itself.
 
 use std::path::PathBuf;
 
+use bagpipe_formats::{Kind, Recordings};
 use clap::Args;
 
-use crate::verbs::bagfile::{Memory, file, loss, unreadable};
+use crate::verbs::bagfile::{Memory, failed, file, kind, loss, unreadable};
 
 #[derive(Debug, Args)]
 #[command(
@@ -13,7 +14,7 @@ use crate::verbs::bagfile::{Memory, file, loss, unreadable};
     Example: bagpipe-agent check drive.bag"
 )]
 pub struct Options {
-    /// A bag of format 2.0 or 1.2.
+    /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     #[command(flatten)]
@@ -23,8 +24,12 @@ pub struct Options {
 /// Prints what was found; anything wrong is the error.
 pub fn check(options: &Options) -> Result<(), String> {
     let path = options.file.display();
-    let found = bagpipe_rosbag::check_limited(&file(&options.file)?, options.memory.limits())
-        .map_err(|error| unreadable(&options.file, &error))?;
+    let found = match kind(&options.file)? {
+        Kind::Bag => bagpipe_rosbag::check_limited(&file(&options.file)?, options.memory.limits())
+            .map_err(|error| unreadable(&options.file, &error))?,
+        _ => Recordings::check(&options.file, options.memory.memory_budget)
+            .map_err(|error| failed(&options.file, &error))?,
+    };
     println!("{path}: {} whole messages", found.messages);
     if found.sound() {
         return Ok(());

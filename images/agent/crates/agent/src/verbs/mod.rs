@@ -2,6 +2,7 @@
 
 pub(crate) mod bagfile;
 pub(crate) mod check;
+pub(crate) mod convert;
 pub(crate) mod delivery_table;
 pub(crate) mod graph_options;
 pub(crate) mod hello;

@@ -1,20 +1,22 @@
-//! `slice`: a part of a bag as a bag.
+//! `slice`: a part of a recording as a recording.
 
 use std::path::PathBuf;
 
-use bagpipe_rosbag::Window;
+use bagpipe_formats::Kind;
+use bagpipe_log::{Connection, Window};
 use clap::Args;
 
-use crate::verbs::bagfile::{Memory, Output, unreadable};
+use crate::verbs::bagfile::{Memory, Output, failed, kind, unreadable};
 
 #[derive(Debug, Args)]
 #[command(after_help = "Times are seconds after the bag's first message, such as 12.5; messages\n\
     with start <= t < end are taken. A latched message from before (/tf_static, a map) goes\n\
     with the slice, at its start, because a subscriber that joined then would have got it.\n\
-    Chunks that lie in the window as a whole are copied as they are.\n\n\
+    A bag's chunks that lie in the window as a whole are copied as they are. Of all other\n\
+    recordings the slice is MCAP, without attachments and metadata, which are about the whole.\n\n\
     Example: bagpipe-agent slice drive.bag --start 60 --end 80 --topic /imu --output part.bag")]
 pub struct Options {
-    /// A bag of format 2.0 or 1.2.
+    /// A bag of format 2.0 or 1.2, MCAP, a file of SQLite of rosbag2, or a folder of rosbag2.
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Where the slice starts; without it, at the first message.
@@ -32,24 +34,47 @@ pub struct Options {
     memory: Memory,
 }
 
-/// Writes the slice and says what is in it.
-pub fn slice(options: &Options) -> Result<(), String> {
-    let bag = options.memory.open_whole(&options.file)?;
-    let first = bag.time_range().map_or(0, |(first, _)| first);
-    let at = |offset: Option<u64>| offset.map(|offset| first.saturating_add(offset));
-    let start = at(options.start).unwrap_or(0);
-    let window = Window { start, end: at(options.end).unwrap_or(u64::MAX) };
-    if window.start >= window.end {
-        return Err("--start must lie before --end".to_owned());
+impl Options {
+    /// The window that is asked for, of a recording whose messages have these times.
+    fn window(&self, times: Option<(u64, u64)>) -> Result<Window, String> {
+        let first = times.map_or(0, |(first, _)| first);
+        let at = |offset: Option<u64>| offset.map(|offset| first.saturating_add(offset));
+        let start = at(self.start).unwrap_or(0);
+        let window = Window { start, end: at(self.end).unwrap_or(u64::MAX) };
+        if window.start >= window.end {
+            return Err("--start must lie before --end".to_owned());
+        }
+        Ok(window)
     }
-    for topic in &options.topics {
-        if !bag.connections().iter().any(|each| each.topic == *topic) {
-            return Err(format!("{} has no topic {topic}", options.file.display()));
+
+    /// Refuses topics that the recording does not have.
+    fn known<'a>(&self, connections: impl Iterator<Item = &'a Connection>) -> Result<(), String> {
+        let present: Vec<&str> = connections.map(|each| each.topic.as_str()).collect();
+        match self.topics.iter().find(|topic| !present.contains(&topic.as_str())) {
+            None => Ok(()),
+            Some(topic) => Err(format!("{} has no topic {topic}", self.file.display())),
         }
     }
-    let wanted = |topic: &String| options.topics.is_empty() || options.topics.contains(topic);
-    let settings = options.output.options();
-    let made = bagpipe_rosbag::slice(&bag, window, |each| wanted(&each.topic), settings)
+
+    fn wants(&self, each: &Connection) -> bool {
+        self.topics.is_empty() || self.topics.contains(&each.topic)
+    }
+}
+
+/// Writes the slice and says what is in it.
+pub fn slice(options: &Options) -> Result<(), String> {
+    match kind(&options.file)? {
+        Kind::Bag => of_bag(options),
+        _ => of_recordings(options),
+    }
+}
+
+fn of_bag(options: &Options) -> Result<(), String> {
+    let settings = options.output.of_bag()?;
+    let bag = options.memory.open_whole(&options.file)?;
+    let window = options.window(bag.time_range())?;
+    options.known(bag.connections().iter())?;
+    let made = bagpipe_rosbag::slice(&bag, window, |each| options.wants(each), settings)
         .map_err(|error| unreadable(&options.file, &error))?;
     options.output.write(&made.bytes)?;
     println!(
@@ -59,6 +84,21 @@ pub fn slice(options: &Options) -> Result<(), String> {
         made.latched,
         made.whole_chunks
     );
+    Ok(())
+}
+
+fn of_recordings(options: &Options) -> Result<(), String> {
+    let settings = options.output.of_mcap()?;
+    let recordings = options.memory.whole_recordings(&options.file)?;
+    let window = options.window(recordings.time_range())?;
+    options.known(recordings.connections())?;
+    let made = recordings
+        .slice(window, |each| options.wants(each), settings)
+        .map_err(|error| failed(&options.file, &error))?;
+    options.output.write(&made.bytes)?;
+    let (path, bagpipe_mcap::Sliced { messages, latched, .. }) =
+        (options.output.output.display(), made);
+    println!("{path}: {messages} messages, {latched} latched before them");
     Ok(())
 }
 

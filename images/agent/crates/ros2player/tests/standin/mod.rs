@@ -231,6 +231,15 @@ pub fn eventually(mut holds: impl FnMut() -> bool) {
     }
 }
 
+/// Whether each thread of a process is in a state, as `/proc` has it.
+pub fn threads_are(pid: u32, state: char) -> bool {
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).unwrap();
+    threads.map(|thread| thread.unwrap().path().join("stat")).all(|file| {
+        let stat = std::fs::read_to_string(file).unwrap();
+        stat.rsplit_once(") ").is_some_and(|(_, rest)| rest.starts_with(state))
+    })
+}
+
 /// Bytes that their number decides, behind the encapsulation.
 pub fn message(number: u64, length: usize) -> Vec<u8> {
     let mut state = number.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;

@@ -2,11 +2,12 @@
 
 from collections import Counter
 
-from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
+from bagpipe.plan.bag_tail import BagError, BagTail
 from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import check_encoding, cut, holding
 from bagpipe.plan.made import Plan, Unplanned
+from bagpipe.source.bags.opening import opened
 from bagpipe.source.naming import stem
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage, StorageError
@@ -34,25 +35,17 @@ def fragments(
 def _fragments_of(
     uri: str, name: str, spec: Source, encoding: str | None, storage: Storage
 ) -> list[Case]:
-    file = storage.open(uri)
-    tail = read_tail(file.read, file.size)
+    recording = opened(uri, storage)
+    tail = recording.tail
     if encoding is not None:
         check_encoding(tail, spec.topics, encoding)
     length = int(duration_seconds(spec.fragment.length) * 1e9)
     warm_up = int(duration_seconds(spec.fragment.warm_up) * 1e9)
-    fragments = cut(tail, spec.topics, length, warm_up, file.read)
+    fragments = cut(tail, spec.topics, length, warm_up, recording.times)
     if not fragments:
         raise BagError("NoMatchingTopics", _without_messages(tail, spec.topics))
     return [
-        Case(
-            id=f"{name}-{fragment.number:04d}",
-            bag=uri,
-            bag_version=file.version,
-            window=fragment.window,
-            connections=tail.declarations,
-            ranges=fragment.ranges,
-            messages=fragment.messages,
-        )
+        recording.case(f"{name}-{fragment.number:04d}", fragment, spec.topics)
         for fragment in fragments
     ]
 

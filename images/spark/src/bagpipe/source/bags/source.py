@@ -9,11 +9,19 @@ from bagpipe.plan.bag_tail import read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
+from bagpipe.source.bags.expanding import recordings
+from bagpipe.source.bags.folder_stream import (
+    first_time,
+    folder_file,
+    folder_truth,
+    times_of_folder,
+)
+from bagpipe.source.bags.opening import opened
 from bagpipe.source.bags.planning import fragments
 from bagpipe.source.bags.stream import fragment_file
 from bagpipe.source.bags.times import times_in
 from bagpipe.source.bags.truth import chunks_with
-from bagpipe.source.expanding import expanded
+from bagpipe.source.naming import stem
 from bagpipe.source.source import JobSource
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage
@@ -25,40 +33,47 @@ class Bags(JobSource):
 
     def plan(self, conditions: Crossing, storage: Storage) -> Plan:
         """The fragments of all bags, under every condition."""
-        bags, missing = expanded(self.spec.source.uris, storage, "BagMissing")
+        bags, missing = recordings(self.spec.source.uris, storage)
         encoding = fields_of(self.spec.stack.engine).encoding
         made = fragments(bags, self.spec.source, encoding, conditions, storage)
         return Plan.of(made.cases, missing + made.unplanned)
 
     def input(self, case: Case, storage: Storage) -> InputFile:
-        """The fragment's chunks as they are stored."""
+        """The fragment's chunks as they are stored; of a folder's files, one file of MCAP."""
+        if case.parts:
+            return folder_file(case, storage)
         return fragment_file(case, storage)
 
     def file_name(self, case: Case) -> str:
-        """The bag's own."""
-        return posixpath.basename(case.bag)
+        """The bag's own; that of a folder with the ending of what is made of it."""
+        return f"{stem(case.bag)}.mcap" if case.parts else posixpath.basename(case.bag)
 
     def input_times(self, case: Case, storage: Storage) -> Callable[[], list[int]]:
-        """Read from the bag's indexes."""
+        """Read from the bag's indexes; of a folder, from the messages themselves."""
 
         def read() -> list[int]:
-            file = storage.open(case.bag)
-            tail = read_tail(file.read, file.size)
-            window = case.window
-            return times_in(tail, self.spec.source.topics, window.start, window.end, file.read)
+            topics, window = self.spec.source.topics, case.window
+            if case.parts:
+                return times_of_folder(case, topics, storage)
+            recording = opened(case.bag, storage)
+            return times_in(recording.tail, topics, window.start, window.end, recording.times)
 
         return read
 
     def truth(self, case: Case, topics: set[str], storage: Storage) -> bytes:
         """The chunks that hold one of the topics in the window."""
+        if case.parts:
+            return folder_truth(case, topics, storage)
         return chunks_with(topics, case, storage)
 
     def alone(self, uri: str) -> Source:
         """One bag."""
         return self.spec.source.model_copy(update={"bags": [uri]})
 
-    def begin(self, case: Case, storage: Storage, _written: Path) -> int:
-        """Read from the bag's index."""
+    def begin(self, case: Case, storage: Storage, written: Path) -> int:
+        """Read from the bag's index; of a folder, from what was made of it."""
+        if case.parts:
+            return first_time(written)
         file = storage.open(case.bag)
         starts = {offset for offset, _ in case.ranges}
         chunks = read_tail(file.read, file.size).chunks

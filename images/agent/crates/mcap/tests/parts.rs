@@ -1,0 +1,235 @@
+//! Slices and merges: nothing is lost, nothing is doubled, the order stays; and what `check` finds.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod sample;
+
+use bagpipe_mcap::{
+    Connection, Latched, Limits, Mcap, McapWriter, Sliced, Stamp, Window, WriterOptions, check,
+    merge, slice,
+};
+use proptest::prelude::*;
+use sample::{ALL, ATTACHMENT, Form, Plain, connection, forms, metadata, read, sample, theirs};
+
+fn open(bytes: &[u8]) -> Mcap {
+    Mcap::open(bytes.to_vec()).unwrap()
+}
+
+fn options(chunk_threshold: usize) -> WriterOptions {
+    WriterOptions { chunk_threshold, profile: "ros2".to_owned(), ..WriterOptions::default() }
+}
+
+/// As rosbag2 records a transient-local topic.
+fn latched(topic: &str) -> Connection {
+    let offered_qos = Some("- history: 3\n  durability: 1\n".to_owned());
+    Connection { offered_qos, latching: true, ..connection(topic) }
+}
+
+/// Messages of (topic, time) on /a, /b and the latched /map, each with data and a number of its
+/// own.
+fn written(messages: &[(usize, u64)], chunk_threshold: usize) -> Vec<u8> {
+    let mut writer = McapWriter::new(options(chunk_threshold));
+    let ids = [connection("/a"), connection("/b"), latched("/map")];
+    let ids = ids.map(|each| writer.add_connection(&each));
+    for (number, (topic, time)) in messages.iter().enumerate() {
+        let stamp = Stamp { sequence: number as u32, publish_time: time / 2 };
+        writer.write_stamped(ids[*topic], *time, stamp, &[number as u8; 40]).unwrap();
+    }
+    writer.finish().unwrap()
+}
+
+fn cut(files: &[Mcap], start: u64, end: u64, latched: Latched) -> Sliced {
+    slice(files, Window { start, end }, latched, |_| true, options(500)).unwrap()
+}
+
+fn sound(bytes: &[u8]) -> u64 {
+    let found = check(bytes.to_vec(), Limits::default()).unwrap();
+    assert!(found.sound(), "{found:?}");
+    found.messages
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn slices_of_a_recording_are_the_recording(
+        messages in prop::collection::vec((0..3usize, 0..1000u64), 1..60),
+        mut edges in prop::collection::vec(1..1000u64, 0..4),
+        threshold in 40..2000usize,
+    ) {
+        let whole = open(&written(&messages, threshold));
+        let all = read(&whole);
+        edges.extend([0, u64::MAX]);
+        edges.sort_unstable();
+        edges.dedup();
+        let files = [whole];
+        let mut parts: Vec<Plain> = Vec::new();
+        for pair in edges.windows(2) {
+            let made = cut(&files, pair[0], pair[1], Latched::AtStart);
+            sound(&made.bytes);
+            let found = read(&open(&made.bytes));
+            let (first, rest) = found.split_at(made.latched as usize);
+            let before = |each: &&Plain| each.0 == "/map" && each.1 < pair[0];
+            let last = all.iter().rfind(before).map(|each| (pair[0], each.2, each.3));
+            let carried: Vec<_> = first.iter().map(|each| (each.1, each.2, each.3)).collect();
+            prop_assert_eq!(carried, Vec::from_iter(last));
+            prop_assert_eq!(rest.len() as u64, made.messages);
+            parts.extend_from_slice(rest);
+        }
+        prop_assert_eq!(parts, all);
+    }
+
+    #[test]
+    fn files_that_follow_each_other_are_cut_as_one(
+        messages in prop::collection::vec((0..3usize, 0..1000u64), 2..60),
+        split in 0..60usize,
+        start in 1..1000u64,
+    ) {
+        let mut ordered = messages;
+        ordered.sort_by_key(|(_, time)| *time);
+        let whole = open(&written(&ordered, 300));
+        // The numbers of messages count on, and the channels of the second file are others.
+        let (first, second) = ordered.split_at(split.min(ordered.len()));
+        let mut writer = McapWriter::new(options(300));
+        let ids = [latched("/map"), connection("/b"), connection("/a")];
+        let ids = ids.map(|each| writer.add_connection(&each));
+        for (number, (topic, time)) in second.iter().enumerate() {
+            let number = number + first.len();
+            let stamp = Stamp { sequence: number as u32, publish_time: time / 2 };
+            writer.write_stamped(ids[2 - topic], *time, stamp, &[number as u8; 40]).unwrap();
+        }
+        let files = [open(&written(first, 300)), open(&writer.finish().unwrap())];
+        let joined = open(&merge(&files, options(300)).unwrap());
+        prop_assert_eq!(read(&joined), read(&whole));
+        let topics = joined.connections().iter().map(|each| &each.topic);
+        prop_assert_eq!(topics.collect::<std::collections::BTreeSet<_>>().len(),
+                        joined.connections().len());
+        for latched in [Latched::AtStart, Latched::AsRecorded] {
+            let (of_files, of_one) =
+                (cut(&files, start, 900, latched), cut(std::slice::from_ref(&whole), start, 900, latched));
+            prop_assert_eq!(read(&open(&of_files.bytes)), read(&open(&of_one.bytes)));
+            prop_assert_eq!(of_files.latched, of_one.latched);
+        }
+    }
+}
+
+#[test]
+fn a_slice_has_only_the_topics_that_are_asked_for_and_nothing_about_the_whole() {
+    for compression in ALL {
+        let file = open(&sample(compression));
+        let all = read(&file);
+        let asked = |each: &Connection| each.topic == "/b";
+        let window = Window { start: all[20].1, end: all[70].1 };
+        let made = slice(&[file], window, Latched::AtStart, asked, options(900)).unwrap();
+        let part = open(&made.bytes);
+        let expected: Vec<Plain> =
+            all[20..70].iter().filter(|each| each.0 == "/b").cloned().collect();
+        assert_eq!((made.messages, made.latched), (25, 0));
+        assert!(read(&part) == expected);
+        assert_eq!(part.connections().len(), 1);
+        assert_eq!((part.metadata().len(), part.attachments().count()), (0, 0));
+        assert_eq!(part.profile(), "ros2");
+    }
+}
+
+#[test]
+fn a_message_at_the_last_time_that_there_is_belongs_to_the_whole() {
+    let file = open(&written(&[(0, 5), (1, u64::MAX)], 40));
+    assert_eq!(read(&file).len(), 2);
+    assert_eq!(read(&open(&merge(&[file], options(40)).unwrap())).len(), 2);
+}
+
+#[test]
+fn a_merge_keeps_what_stands_beside_the_messages() {
+    let one = open(&sample(ALL[1]));
+    let merged = open(&merge(&[&one, &one], options(1000)).unwrap());
+    assert_eq!(merged.message_count(), 200);
+    assert_eq!(merged.connections().len(), 2);
+    assert_eq!(merged.metadata(), [metadata(), metadata()]);
+    assert_eq!(merged.attachments().collect::<Vec<_>>(), [ATTACHMENT, ATTACHMENT]);
+    assert_eq!(merged.profile(), "ros2");
+}
+
+#[test]
+fn what_rosbag2_wrote_about_a_folder_is_untrue_of_a_merge() {
+    let mut writer = McapWriter::new(options(1000));
+    let about = bagpipe_mcap::Metadata { name: "rosbag2".to_owned(), ..metadata() };
+    writer.describe(&about).unwrap();
+    let file = open(&writer.finish().unwrap());
+    let count = |files: &[&Mcap]| open(&merge(files, options(9)).unwrap()).metadata().len();
+    assert_eq!((count(&[&file]), count(&[&file, &file])), (1, 0));
+}
+
+#[test]
+fn two_publishers_that_look_alike_stay_two() {
+    let mut writer = McapWriter::new(options(1000));
+    let ids = [0, 1].map(|_| writer.add_connection(&connection("/a")));
+    for (time, id) in [(1, ids[0]), (2, ids[1])] {
+        writer.write(id, time, b"data").unwrap();
+    }
+    let file = open(&writer.finish().unwrap());
+    assert_eq!(open(&merge(&[&file, &file], options(9)).unwrap()).connections().len(), 2);
+}
+
+#[test]
+fn every_form_of_a_sound_file_checks() {
+    for form in forms() {
+        assert_eq!(sound(&theirs(form)), 100, "{form:?}");
+    }
+    for compression in ALL {
+        assert_eq!(sound(&sample(compression)), 100);
+    }
+}
+
+/// Where the fields of the records of that kind begin.
+fn records(bytes: &[u8], kind: u8) -> Vec<usize> {
+    let (mut at, mut found) = (8, Vec::new());
+    while at + 9 < bytes.len() {
+        if bytes[at] == kind {
+            found.push(at + 9);
+        }
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    found
+}
+
+#[test]
+fn an_index_that_contradicts_the_chunks_is_found() {
+    let form = Form { compression: ALL[1], chunked: true, summary: true, index: true, crc: false };
+    let whole = theirs(form);
+    let problems = |bytes: Vec<u8>| check(bytes, Limits::default()).unwrap().problems;
+    // The first chunk has declarations alone.
+    let chunk = records(&whole, 6)[1] - 9;
+    for (field, byte, expected) in [
+        (0, 1, format!("the summary has wrong times for the chunk at byte {chunk}")),
+        (16, 1, format!("the message indexes of the chunk at byte {} lie", chunk + 1)),
+    ] {
+        let mut bytes = whole.clone();
+        bytes[records(&whole, 8)[1] + field] += byte;
+        let found = problems(bytes).join("\n");
+        assert!(found.contains(&expected), "{found}\n{expected}");
+    }
+}
+
+#[test]
+fn damage_in_a_chunk_is_found_though_the_index_is_whole() {
+    let whole = sample(ALL[2]);
+    let chunk = records(&whole, 6)[2];
+    let mut bytes = whole.clone();
+    bytes[chunk + 60] ^= 0xff;
+    let found = check(bytes, Limits::default()).unwrap();
+    assert!(found.messages < 100 && !found.sound(), "{found:?}");
+    let lost = found.loss.unwrap();
+    assert!(lost.bytes > 1000, "{lost:?}");
+}
+
+#[test]
+fn a_topic_of_two_types_is_a_problem() {
+    let mut writer = McapWriter::new(options(1000));
+    let other = Connection { datatype: "a/msg/B".to_owned(), ..connection("/a") };
+    for (time, each) in [(1, connection("/a")), (2, other)] {
+        let id = writer.add_connection(&each);
+        writer.write(id, time, b"data").unwrap();
+    }
+    let found = check(writer.finish().unwrap(), Limits::default()).unwrap();
+    assert_eq!(found.problems, ["topic /a is std_msgs/msg/String and a/msg/B"]);
+}

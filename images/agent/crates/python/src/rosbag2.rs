@@ -1,0 +1,145 @@
+//! Folders of rosbag2, as a planner and a worker read them from storage.
+
+use std::fs::File;
+use std::path::PathBuf;
+
+use bagpipe_log::{Connection, Window};
+use bagpipe_mcap::{Latched, Limits, Mcap, WriterOptions};
+use bagpipe_rosbag2::{
+    Compressed, Database, Metadata, Rosbag2Error, Selection, Storage, mcap_of_database, metadata,
+    rows, uncompress, unpacked,
+};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+use pyo3::types::{PyBytes, PyDict};
+
+use crate::error::bag_error;
+use crate::tail::{PublisherFields, TailError};
+
+/// (version, storage, files, what is compressed, messages, topics)
+type MetadataFields = (u64, &'static str, Vec<String>, &'static str, u64, Vec<TopicFields>);
+/// (topic, type, encoding, messages)
+type TopicFields = (String, String, String, u64);
+/// (start time, end time, counts)
+type StretchFields<'py> = (u64, u64, Bound<'py, PyDict>);
+
+fn refused(error: &Rosbag2Error) -> PyErr {
+    TailError::new_err(("BagUnreadable", error.to_string()))
+}
+
+#[pyfunction]
+pub fn rosbag2_metadata(text: PyBackedBytes) -> PyResult<MetadataFields> {
+    let found = metadata(&text).map_err(|error| refused(&error))?;
+    let storage = match found.storage {
+        Storage::Mcap => "mcap",
+        Storage::Sqlite3 => "sqlite3",
+    };
+    let compressed = match found.compressed {
+        None => "none",
+        Some(Compressed::File) => "file",
+        Some(Compressed::Message) => "message",
+    };
+    let topics = found.topics.into_iter();
+    let topics = topics.map(|each| (each.topic, each.datatype, each.encoding, each.messages));
+    Ok((found.version, storage, found.files, compressed, found.messages, topics.collect()))
+}
+
+/// What a file of SQLite holds, and when it was recorded.
+#[pyfunction]
+pub fn database_rows<'py>(
+    py: Python<'py>,
+    path: PathBuf,
+    text: PyBackedBytes,
+) -> PyResult<(Vec<PublisherFields>, Vec<StretchFields<'py>>)> {
+    let found = py.detach(|| rows(&Database::open(&path)?, &metadata(&text)?.topics));
+    let found = found.map_err(|error| refused(&error))?;
+    let publisher = |each: Connection| {
+        let encoding = each.message_encoding.name().to_owned();
+        (each.id, each.topic, each.datatype, String::new(), encoding, each.latching, 0, 0)
+    };
+    let stretch = |each: bagpipe_rosbag2::Stretch| {
+        let counts = PyDict::new(py);
+        for (connection, count) in each.counts {
+            counts.set_item(connection, count)?;
+        }
+        Ok((each.times.0, each.times.1, counts))
+    };
+    let stretches = found.stretches.into_iter().map(stretch).collect::<PyResult<_>>()?;
+    Ok((found.connections.into_iter().map(publisher).collect(), stretches))
+}
+
+/// Uncompresses a file into one that is not there yet; returns its length.
+#[pyfunction]
+pub fn uncompress_file(py: Python<'_>, from: PathBuf, to: PathBuf, most: u64) -> PyResult<u64> {
+    let done = py.detach(|| uncompress(File::open(&from)?, &mut File::create_new(&to)?, most));
+    done.map_err(|error| refused(&error))
+}
+
+/// A file of a folder: the bytes of MCAP, or where a file of SQLite or MCAP is.
+#[derive(FromPyObject)]
+pub enum Source {
+    Bytes(PyBackedBytes),
+    File(PathBuf),
+}
+
+/// One stream of MCAP of files that follow each other: the messages of topics (none: of all) with
+/// `start` <= t < `end`, in ns, and each publisher's last latched one from before, at its own time.
+#[pyfunction]
+#[pyo3(signature = (files, text, start, end, topics, *, memory))]
+pub fn joined_mcap<'py>(
+    py: Python<'py>,
+    files: Vec<Source>,
+    text: PyBackedBytes,
+    start: u64,
+    end: u64,
+    topics: Vec<String>,
+    memory: u64,
+) -> PyResult<Bound<'py, PyBytes>> {
+    let window = Window { start, end };
+    let bytes = py.detach(|| {
+        let about = metadata(&text)?;
+        let bare = |topic: &str| topic.strip_prefix('/').unwrap_or(topic).to_owned();
+        let named: Vec<String> = topics.iter().map(|topic| bare(topic)).collect();
+        let wanted = |topic: &str| named.is_empty() || named.contains(&bare(topic));
+        let mut opened = Vec::with_capacity(files.len());
+        for file in files {
+            opened.push(mcap_of(file, &about, window, &wanted, memory)?);
+        }
+        let of = |each: &Connection| wanted(&each.topic);
+        let profile = "ros2".to_owned();
+        let options = WriterOptions { profile, ..WriterOptions::default() };
+        let made = bagpipe_mcap::slice(&opened, window, Latched::AsRecorded, of, options)?;
+        Ok::<_, Rosbag2Error>(made.bytes)
+    });
+    let bytes = bytes.map_err(|error| bag_error(None, &error.to_string()))?;
+    Ok(PyBytes::new(py, &bytes))
+}
+
+fn mcap_of(
+    file: Source,
+    about: &Metadata,
+    window: Window,
+    wanted: &dyn Fn(&str) -> bool,
+    memory: u64,
+) -> Result<Mcap, Rosbag2Error> {
+    let limits = Limits { decompressed_bytes: memory };
+    let compressed = about.compressed == Some(Compressed::Message);
+    let bytes = match (file, about.storage) {
+        (Source::Bytes(bytes), _) => bytes.to_vec(),
+        (Source::File(path), Storage::Mcap) => std::fs::read(path)?,
+        (Source::File(path), Storage::Sqlite3) => {
+            let selection = Selection { window, topics: wanted, about: &about.topics, compressed };
+            let bytes = mcap_of_database(&Database::open(&path)?, &selection, memory)?;
+            return Ok(Mcap::open_limited(bytes, limits)?);
+        }
+    };
+    let opened = Mcap::open_limited(bytes, limits)?;
+    if let Some(loss) = opened.loss() {
+        let (offset, expected) = (loss.offset, loss.description.clone());
+        return Err(bagpipe_mcap::McapError::Damaged { offset, expected }.into());
+    }
+    if compressed {
+        return Ok(Mcap::open_limited(unpacked(&opened, memory)?, limits)?);
+    }
+    Ok(opened)
+}

@@ -1,0 +1,121 @@
+//! When which messages of a file of SQLite were recorded, without reading one.
+
+use std::collections::BTreeMap;
+
+use bagpipe_log::{Connection, MessageEncoding};
+
+use crate::channel::connection;
+use crate::sqlite::integer;
+use crate::{Database, Rosbag2Error, TopicCount};
+
+/// A stretch ends behind so many messages.
+const MOST_MESSAGES: u64 = 256;
+/// And before a message that lies so many nanoseconds from those before it.
+const PAUSE: u64 = 100_000_000;
+
+/// Messages that follow each other in the file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Stretch {
+    /// The first and the last time, in nanoseconds.
+    pub times: (u64, u64),
+    /// Messages for each connection id, each id once.
+    pub counts: Vec<(u32, u32)>,
+}
+
+/// What a file holds.
+#[derive(Debug, Clone)]
+pub struct Rows {
+    /// The topics; their ids count from 1.
+    pub connections: Vec<Connection>,
+    /// All messages.
+    pub stretches: Vec<Stretch>,
+}
+
+/// Reads the times and topics of all messages; `about` is what a folder's metadata says of its
+/// topics.
+///
+/// # Errors
+/// [`Rosbag2Error::Sqlite`], [`Rosbag2Error::Database`].
+pub fn rows(database: &Database, about: &[TopicCount]) -> Result<Rows, Rosbag2Error> {
+    let topics = database.topics(about)?;
+    let definitions = database.definitions()?;
+    let ids: BTreeMap<i64, u32> =
+        topics.iter().zip(1..).map(|(topic, id)| (topic.id, id)).collect();
+    let connections = topics.iter().zip(1..);
+    let connections = connections
+        .map(|(topic, id)| {
+            let (schema, channel) = connection(topic, definitions.get(&topic.datatype));
+            Connection {
+                id,
+                topic: topic.name.clone(),
+                datatype: schema.name,
+                message_encoding: MessageEncoding::from_name(&topic.encoding),
+                latching: channel.is_latched(),
+                ..Connection::default()
+            }
+        })
+        .collect();
+    let mut found =
+        database.connection.prepare("SELECT topic_id, timestamp FROM messages NOT INDEXED")?;
+    let mut read = found.query([])?;
+    let mut stretches = Vec::new();
+    let mut open = Open::default();
+    let mut count = 0;
+    while let Some(row) = read.next()? {
+        count += 1;
+        let topic = integer(row, 0, "messages")?;
+        let time = time(integer(row, 1, "messages")?, count, database)?;
+        let id = *ids.get(&topic).ok_or_else(|| unknown(topic, count))?;
+        if !open.takes(time) {
+            stretches.extend(open.close());
+        }
+        open.add(id, time);
+    }
+    stretches.extend(open.close());
+    Ok(Rows { connections, stretches })
+}
+
+/// The time of a message, by its place in the table; behind too many rows an error, because a
+/// damaged file may lead in a circle.
+pub(crate) fn time(value: i64, row: u64, database: &Database) -> Result<u64, Rosbag2Error> {
+    if row > database.most_rows() {
+        let expected = format!("at most {} rows in a file of its size", database.most_rows());
+        return Err(Rosbag2Error::database("messages", expected));
+    }
+    u64::try_from(value).map_err(|_| {
+        let table = format!("messages, row {row}");
+        Rosbag2Error::database(table, format!("a time of at least 0 ns, found {value}"))
+    })
+}
+
+pub(crate) fn unknown(topic: i64, row: u64) -> Rosbag2Error {
+    let table = format!("messages, row {row}");
+    Rosbag2Error::database(table, format!("the id of a topic, found {topic}"))
+}
+
+/// A stretch that is not whole yet.
+#[derive(Default)]
+struct Open {
+    times: (u64, u64),
+    counts: BTreeMap<u32, u32>,
+    messages: u64,
+}
+
+impl Open {
+    fn takes(&self, time: u64) -> bool {
+        let near = self.times.0.saturating_sub(PAUSE)..=self.times.1.saturating_add(PAUSE);
+        self.messages < MOST_MESSAGES && near.contains(&time)
+    }
+
+    fn add(&mut self, id: u32, time: u64) {
+        let (first, last) = if self.messages == 0 { (time, time) } else { self.times };
+        self.times = (first.min(time), last.max(time));
+        self.messages += 1;
+        *self.counts.entry(id).or_default() += 1;
+    }
+
+    fn close(&mut self) -> Option<Stretch> {
+        let Self { times, counts, messages } = std::mem::take(self);
+        (messages > 0).then(|| Stretch { times, counts: counts.into_iter().collect() })
+    }
+}

@@ -1,0 +1,357 @@
+"""A folder of rosbag2 as one recording: which bytes of which of its files hold which times.
+
+Its files are planned as if they lay one behind the other in a single file: a place in that is a
+file's own offset behind where the file begins. So fragments are cut over the whole recording, and
+one may need parts of several files. A file of MCAP is read by ranges; one of SQLite, or one that
+was compressed as a whole, is read whole, and its parts have one range: all of it.
+
+Format: https://github.com/ros2/rosbag2, metadata.yaml of versions 4 to 9.
+"""
+
+import bisect
+import contextlib
+import posixpath
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bagpipe.native import native
+from bagpipe.plan.bag_tail import (
+    BagError,
+    BagTail,
+    Chunk,
+    Connection,
+    message_times,
+    read_tail,
+    resolve,
+)
+from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
+from bagpipe.plan.framing import framed
+from bagpipe.plan.parts import Part
+from bagpipe.storage import OpenFile, Storage, StorageError
+
+METADATA = "metadata.yaml"
+# A longer one is refused; rosbag2 writes about a kilobyte for each topic.
+MOST_METADATA_BYTES = 4 << 20
+# Of a file that is read whole, as it is stored and again as it is uncompressed, on this disk.
+MOST_WHOLE_BYTES = 4 << 30
+# Of a fragment's bytes as they are stored, of each file, and again of what they hold uncompressed.
+MOST_FRAGMENT_BYTES = 1 << 30
+_PIECE_BYTES = 1 << 20
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """What metadata.yaml says; `text` is the file itself.
+
+    `files` are URIs in the recording's order. `storage` is mcap or sqlite3, `compressed` none, file
+    or message. `encodings` are those of the topics by their resolved names.
+    """
+
+    uri: str
+    version: str
+    text: bytes
+    storage: str
+    compressed: str
+    files: list[str]
+    messages: int
+    encodings: dict[str, str]
+
+    @property
+    def by_ranges(self) -> bool:
+        """Whether a file's summary says which bytes are needed."""
+        return self.storage == "mcap" and self.compressed != "file"
+
+    @property
+    def as_stored(self) -> bool:
+        """Whether the chunks of a file are those of the recording, so that they can be sent."""
+        return self.storage == "mcap" and self.compressed == "none"
+
+
+def is_folder(uri: str) -> bool:
+    """Whether a URI names a folder of rosbag2, by its metadata."""
+    return posixpath.basename(uri) == METADATA
+
+
+def in_folders(pattern: str, storage: Storage) -> list[str]:
+    """The URIs that a pattern names, sorted: of files, or where it names or matches folders of
+    rosbag2, of their metadata. Raises StorageError.
+    """
+    # On object storage there is no folder: there are names that begin alike.
+    if pattern.endswith("/"):
+        return storage.expand(f"{pattern}{METADATA}")
+    return storage.expand(pattern) or storage.expand(f"{pattern}/{METADATA}")
+
+
+def without_members(uris: list[str], storage: Storage) -> list[str]:
+    """The recordings without the files that a folder's metadata names: those are none of their own,
+    and would be played twice.
+    """
+    members: set[str] = set()
+    for uri in filter(is_folder, uris):
+        folder = uri.removesuffix(METADATA)
+        if any(other != uri and other.startswith(folder) for other in uris):
+            # Who plans it says what is wrong.
+            with contextlib.suppress(BagError, StorageError):
+                members.update(read_metadata(uri, storage).files)
+    return [uri for uri in uris if uri not in members]
+
+
+def read_metadata(uri: str, storage: Storage) -> Metadata:
+    """The metadata at a URI. Raises BagError and StorageError."""
+    file = storage.open(uri)
+    if file.size > MOST_METADATA_BYTES:
+        raise BagError(
+            "BagUnreadable", f"it has {file.size} bytes, expected at most {MOST_METADATA_BYTES}"
+        )
+    text = file.read(0, file.size)
+    _, kind, files, compressed, messages, topics = _parsed("rosbag2_metadata", text)
+    folder = uri.removesuffix(METADATA)
+    return Metadata(
+        uri,
+        file.version,
+        text,
+        kind,
+        compressed,
+        [folder + name for name in files],
+        messages,
+        {resolve(topic): encoding for topic, _, encoding, _ in topics},
+    )
+
+
+@dataclass(frozen=True)
+class _File:
+    """One file, which begins at `base` of the recording; `channels` are its own connection ids."""
+
+    file: OpenFile
+    base: int
+    tail: BagTail
+    channels: dict[int, int]
+
+
+class Rosbag2:
+    """A folder that was looked at. `tail` is that of the whole recording."""
+
+    def __init__(self, metadata: Metadata, storage: Storage) -> None:
+        self.metadata = metadata
+        self._files: list[_File] = []
+        self._ids: dict[tuple[object, ...], int] = {}
+        self._chunks: dict[int, tuple[_File, Chunk]] = {}
+        connections: dict[int, Connection] = {}
+        chunks: list[Chunk] = []
+        size = 0
+        for uri in metadata.files:
+            try:
+                file, tail = _tail_of(uri, metadata, storage)
+            except BagError as error:
+                if error.reason == "BagEmpty" and len(metadata.files) > 1:
+                    continue
+                raise BagError(error.reason, f"{posixpath.basename(uri)}: {error}") from error
+            channels = {each.id: self._id_of(each) for each in tail.connections}
+            known = _File(file, size, tail, channels)
+            self._files.append(known)
+            for each in tail.connections:
+                number = channels[each.id]
+                connections.setdefault(number, replace(each, id=number))
+            chunks += [self._moved(known, chunk) for chunk in tail.chunks]
+            size += file.size
+        self.tail = BagTail(size, [], list(connections.values()), chunks)
+        if not chunks:
+            raise BagError("BagEmpty", "its files hold no messages")
+
+    @property
+    def version(self) -> str:
+        """The mark of its metadata; those of its files are in the parts of a case."""
+        return self.metadata.version
+
+    def times(self, chunk: Chunk) -> dict[int, list[int]]:
+        """Times in ns of a chunk's messages, for each connection of the recording.
+
+        Raises BagError where its file does not say them.
+        """
+        file, own = self._chunks[chunk.offset]
+        if not self.metadata.by_ranges:
+            raise BagError("BagUnreadable", "a file that is read whole has no index of a part")
+        times: dict[int, list[int]] = {}
+        for number, found in message_times(file.file.read, own).items():
+            times.setdefault(file.channels[number], []).extend(found)
+        return times
+
+    def parts(self, fragment: FragmentPlan, topics: list[str]) -> list[Part]:
+        """What a fragment needs of each file, in their order."""
+        needed: dict[int, list[Chunk]] = {}
+        starts = [file.base for file in self._files]
+        for chunk in self.tail.chunks:
+            if _lies_in(chunk, fragment.ranges):
+                at = bisect.bisect_right(starts, chunk.offset) - 1
+                needed.setdefault(at, []).append(self._chunks[chunk.offset][1])
+        return [
+            self._part(self._files[at], chunks, fragment.window, topics)
+            for at, chunks in needed.items()
+        ]
+
+    def _part(self, file: _File, chunks: list[Chunk], window: Window, topics: list[str]) -> Part:
+        by_ranges = self.metadata.by_ranges
+        wanted = {c.id for c in file.tail.connections if not topics or resolve(c.topic) in topics}
+        near = [c for c in chunks if c.start_time < window.end]
+        near = [c for c in near if c.end_time >= window.lead_in_start]
+        return Part(
+            bag=file.file.uri,
+            version=file.file.version,
+            topics=topics,
+            window=window,
+            at=window.start,
+            connections=file.tail.declarations if by_ranges else [],
+            ranges=ranges_of(chunks) if by_ranges else [(0, file.file.size)],
+            messages=sum(n for c in near for k, n in c.counts.items() if k in wanted),
+        )
+
+    def _id_of(self, each: Connection) -> int:
+        """Publishers that several files declare alike are one."""
+        key = (resolve(each.topic), each.datatype, each.encoding, each.latching, each.caller_id)
+        return self._ids.setdefault(key, len(self._ids))
+
+    def _moved(self, file: _File, chunk: Chunk) -> Chunk:
+        counts: dict[int, int] = {}
+        for number, count in chunk.counts.items():
+            counts[file.channels[number]] = counts.get(file.channels[number], 0) + count
+        moved = replace(
+            chunk,
+            offset=file.base + chunk.offset,
+            end=file.base + chunk.end,
+            counts=counts,
+        )
+        self._chunks[moved.offset] = (file, chunk)
+        return moved
+
+
+def _lies_in(chunk: Chunk, ranges: list[tuple[int, int]]) -> bool:
+    at = bisect.bisect_right(ranges, (chunk.offset, chunk.end)) - 1
+    found = [each for each in ranges[max(0, at) : at + 2] if each[0] <= chunk.offset]
+    return any(chunk.end <= offset + length for offset, length in found)
+
+
+def _tail_of(uri: str, metadata: Metadata, storage: Storage) -> tuple[OpenFile, BagTail]:
+    file = storage.open(uri)
+    if metadata.by_ranges:
+        tail = read_tail(file.read, file.size)
+    else:
+        with whole_file(file, metadata, storage) as path:
+            tail = _of_whole(path, metadata, file.size)
+    encoded = [
+        replace(each, encoding=metadata.encodings.get(each.topic) or each.encoding)
+        for each in tail.connections
+    ]
+    return file, replace(tail, connections=encoded)
+
+
+def _of_whole(path: Path, metadata: Metadata, size: int) -> BagTail:
+    """The tail of a file that lies on this disk, whose chunks have places of no meaning."""
+    if metadata.storage == "mcap":
+        with path.open("rb") as stream:
+
+            def read(offset: int, length: int) -> bytes:
+                stream.seek(offset)
+                return stream.read(length)
+
+            tail = read_tail(read, path.stat().st_size)
+    else:
+        connections, stretches = _parsed("database_rows", path, metadata.text)
+        tail = BagTail(
+            size,
+            [],
+            [Connection(number, resolve(topic), *rest) for number, topic, *rest in connections],
+            [Chunk(0, 0, start, end, counts) for start, end, counts in stretches],
+        )
+        if not stretches:
+            raise BagError("BagEmpty", "the file holds no messages")
+    if len(tail.chunks) > size:
+        raise BagError("BagUnreadable", f"{len(tail.chunks)} chunks in a file of {size} bytes")
+    placed = [replace(each, offset=at, end=at + 1) for at, each in enumerate(tail.chunks)]
+    return replace(tail, chunks=placed)
+
+
+@contextlib.contextmanager
+def whole_file(file: OpenFile, metadata: Metadata, storage: Storage) -> Iterator[Path]:
+    """A file of a folder on this disk, uncompressed where it is compressed as a whole.
+
+    Raises BagError and StorageError.
+    """
+    if metadata.storage == "sqlite3" and storage.exists(f"{file.uri}-wal"):
+        raise BagError(
+            "BagUnreadable",
+            "beside it lies a write-ahead log (-wal), which holds messages that are not in the file"
+            " yet: open the file once by `sqlite3 FILE 'PRAGMA user_version'`, and copy it again",
+        )
+    if file.size > MOST_WHOLE_BYTES:
+        raise BagError(
+            "BagUnreadable",
+            f"it has {file.size:,} bytes and must be read whole, which is done up to"
+            f" {MOST_WHOLE_BYTES:,}: `bagpipe bag convert` makes MCAP of it",
+        )
+    with tempfile.TemporaryDirectory(prefix="bagpipe-") as folder:
+        path = Path(folder, "stored")
+        try:
+            with path.open("wb") as stored:
+                for piece in file.pieces([(0, file.size)], _PIECE_BYTES):
+                    stored.write(piece)
+            if metadata.compressed == "file":
+                whole = Path(folder, "whole")
+                _parsed("uncompress_file", path, whole, MOST_WHOLE_BYTES)
+                path.unlink()
+                path = whole
+        except OSError as error:
+            raise StorageError(f"{file.uri}: it can't be copied to this disk: {error}") from error
+        yield path
+
+
+def joined(parts: Sequence[Part], metadata: Metadata, storage: Storage) -> bytes:
+    """The parts as one file of MCAP: their topics in their window, and what was latched before it.
+
+    Each file counts its channels by itself, so that one of several is written again, in memory.
+    Raises BagError and StorageError.
+    """
+    window = parts[0].window
+    with contextlib.ExitStack() as held:
+        files = [
+            _bytes_of(part, storage)
+            if metadata.by_ranges
+            else held.enter_context(
+                whole_file(storage.open(part.bag, part.version), metadata, storage)
+            )
+            for part in parts
+        ]
+        join = native("joined_mcap", "reading a folder of rosbag2")
+        try:
+            made: bytes = join(
+                files,
+                metadata.text,
+                window.lead_in_start,
+                window.end,
+                parts[0].topics,
+                memory=MOST_FRAGMENT_BYTES,
+            )
+        except ValueError as error:
+            raise BagError("BagUnreadable", str(error)) from error
+        return made
+
+
+def _bytes_of(part: Part, storage: Storage) -> bytes:
+    if part.bytes > MOST_FRAGMENT_BYTES:
+        raise BagError(
+            "BagUnreadable",
+            f"the fragment needs {part.bytes:,} bytes of {part.bag}, above 1 GiB: choose shorter"
+            " fragments",
+        )
+    sources = part.connections + part.ranges
+    return b"".join(framed(sources, storage.pieces(part.bag, sources, _PIECE_BYTES, part.version)))
+
+
+def _parsed(parser: str, *arguments: Any) -> Any:
+    refused = native("TailError", "reading a bag")
+    try:
+        return native(parser, "reading a folder of rosbag2")(*arguments)
+    except refused as error:
+        raise BagError(*error.args) from None

@@ -1,0 +1,94 @@
+"""A fragment of a folder of rosbag2, as one stream of MCAP.
+
+A fragment of one file of MCAP travels as its own chunks. One of several files can't, since each of
+them counts its channels by itself: the worker makes one file of MCAP of the parts.
+"""
+
+from pathlib import Path
+
+from bagpipe.native import native
+from bagpipe.plan.bag_tail import BagError, resolve
+from bagpipe.plan.case import Case
+from bagpipe.plan.fragments import cut_one
+from bagpipe.plan.framing import framed, framing
+from bagpipe.plan.parts import Part
+from bagpipe.plan.rosbag2 import (
+    MOST_FRAGMENT_BYTES,
+    Metadata,
+    Rosbag2,
+    joined,
+    read_metadata,
+)
+from bagpipe.storage import Storage
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.session import InputFile, SessionError
+
+
+def folder_file(case: Case, storage: Storage) -> InputFile:
+    """The case's input. Raises SessionError and StorageError."""
+    metadata = _metadata(case, storage)
+    if len(case.parts) == 1 and metadata.as_stored:
+        return _as_stored(case.parts[0], storage)
+    made = memoryview(_joined(case.parts, metadata, storage))
+    pieces = range(0, len(made), MAX_PAYLOAD_BYTES)
+    return InputFile(
+        case.bag, len(made), [], lambda: (bytes(made[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
+    )
+
+
+def folder_truth(case: Case, topics: set[str], storage: Storage) -> bytes:
+    """These topics in the case's window as MCAP, played or not.
+
+    Raises SessionError, BagError and StorageError.
+    """
+    metadata = _metadata(case, storage)
+    folder = Rosbag2(metadata, storage)
+    named = sorted(topics)
+    parts = folder.parts(cut_one(folder.tail, named, case.window), named)
+    if not parts:
+        raise SessionError("BagUnreadable", f"{case.bag}: no message of {', '.join(named)}")
+    return _joined(parts, metadata, storage)
+
+
+def times_of_folder(case: Case, topics: list[str], storage: Storage) -> list[int]:
+    """When the case's inputs were recorded. Raises SessionError and StorageError."""
+    made = _joined(case.parts, _metadata(case, storage), storage)
+    recording = native("MemoryMcap", "reading a folder of rosbag2")(made)
+    named = [topic for topic in recording.topics if not topics or resolve(topic) in topics]
+    window = case.window
+    return [time for _, time, _ in recording.messages(named, window.start, window.end)]
+
+
+def first_time(written: Path) -> int:
+    """The time of the first message of a file of MCAP, in ns; 0 without one."""
+    times = native("describe_recording", "reading MCAP")(written, MOST_FRAGMENT_BYTES)["times"]
+    return int(times[0]) if times else 0
+
+
+def _metadata(case: Case, storage: Storage) -> Metadata:
+    try:
+        return read_metadata(case.bag, storage)
+    except BagError as error:
+        raise SessionError("BagUnreadable", f"{case.bag}: {error}") from error
+
+
+def _as_stored(part: Part, storage: Storage) -> InputFile:
+    sources = part.connections + part.ranges
+    _, end = framing(sources)
+    ranges, at = [], 0
+    for offset, length in sources:
+        ranges.append((at, offset, length))
+        at += length
+    return InputFile(
+        part.bag,
+        at + len(end),
+        ranges,
+        lambda: framed(sources, storage.pieces(part.bag, sources, MAX_PAYLOAD_BYTES, part.version)),
+    )
+
+
+def _joined(parts: list[Part], metadata: Metadata, storage: Storage) -> bytes:
+    try:
+        return joined(parts, metadata, storage)
+    except BagError as error:
+        raise SessionError(error.reason, f"{metadata.uri}: {error}") from error
