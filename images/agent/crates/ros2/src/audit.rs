@@ -57,8 +57,9 @@ impl Audit for Reader {
             .map(|one| &one.topic)
             .collect();
         let connected = there.filter(|one| one.kind == Kind::Subscription && one.node != node);
-        // How many publishers a subscription knows is known, not which: one of them will do.
-        let connected = connected.filter(|one| one.matched.is_none_or(|known| known > 0));
+        // How many publishers a subscription knows is known, not which: one of them will do. A
+        // process that has not reported yet is waited for, as long as anything is before a play.
+        let connected = connected.filter(|one| one.matched.is_some_and(|known| known > 0));
         let links = connected.filter(|one| published.contains(&one.topic));
         Ok(links.map(|one| (one.topic.clone(), one.node.clone())).collect())
     }

@@ -21,7 +21,7 @@ pub(crate) enum Waits {
     Bytes(u64),
     /// A time.
     Time,
-    /// A processor, unless it has one.
+    /// A processor, unless it has one; or what a disk has to bring before it can go on.
     Processor,
     /// Something else.
     Else,
@@ -63,6 +63,12 @@ pub(crate) fn waits(syscall: &str) -> Option<Waits> {
     Some(Waits::Bytes(descriptor))
 }
 
+/// Whether a thread waits for a disk, by its line of /proc/PID/task/TID/stat (proc(5), field 3).
+pub(crate) fn waits_for_disk(stat: &str) -> bool {
+    // The name, in brackets, may have any letters.
+    stat.rsplit(')').next().is_some_and(|rest| rest.trim_start().starts_with('D'))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -85,6 +91,14 @@ mod tests {
         assert_eq!(waits("230 0x1 0x0 0x7ff 0x0 0x0 0x0 0x7 0x7"), Some(Waits::Time));
         assert_eq!(waits("202 0x1 0x0"), Some(Waits::Else));
         assert_eq!(waits("45"), None);
+    }
+
+    #[test]
+    fn a_thread_in_uninterruptible_sleep_waits_for_a_disk() {
+        assert!(waits_for_disk("7 (py) S) D 1 7 7 0"));
+        assert!(!waits_for_disk("7 (D D) S 1 7 7 0"));
+        assert!(!waits_for_disk("7 (a) R 1 7 7 0"));
+        assert!(!waits_for_disk(""));
     }
 
     proptest! {
