@@ -55,7 +55,7 @@ void read_arguments(int argc, char **argv);
 /* node_work.c: the callback of a message, and the simulated time that it reads. */
 void work(struct subscription *of);
 void set_time(const struct message *clock);
-void say(struct publisher *into); /* a String with how many it has said */
+void say(struct publisher *into); /* a String with how many it has reported */
 
 /* node.c */
 void publish(struct publisher *into, const uint8_t *bytes, size_t length);
