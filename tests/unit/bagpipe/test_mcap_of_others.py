@@ -13,12 +13,10 @@ from bagpipe.pieces import SequencePart
 from bagpipe.plan.bag_tail import BagError
 from bagpipe.plan.fragments import cut
 from bagpipe.plan.parts import PartPlanner
-from bagpipe.rosbag_source.planning import parse_options
-from bagpipe.rosbag_source.planning import plan as plan_rows
 from bagpipe.source.bags.truth import chunks_with
 from bagpipe.source.part_reader import PartReader
 from bagpipe.source.planning import plan
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.mcap_records import (
     SCHEMA,
@@ -157,14 +155,6 @@ def test_one_wrong_time_is_refused_before_it_makes_millions_of_windows(times: Ti
     with pytest.raises(BagError, match="1,000,000 fragments of 60 s: a time among them is wrong"):
         cut(tail, [], 60 * SECOND, 0)
     assert len(cut(tail, [], 1 << 64, 0)) == 1
-
-
-def test_the_source_of_rows_says_that_it_reads_bags_alone(tmp_path: Path) -> None:
-    path = tmp_path / "a.mcap"
-    path.write_bytes(two_seconds())
-    options = parse_options({"path": f"file://{path}"})
-    with pytest.raises(StorageError, match=r"a\.mcap is MCAP, and format\('rosbag'\) reads bags"):
-        plan_rows(options, options.storage)
 
 
 def test_recordings_of_one_name_are_numbered_whatever_their_formats(

@@ -75,8 +75,8 @@ class TopicType:
     md5sum: str
     definition: str
     # What the messages' bytes are, and what the definition is written in.
-    encoding: str = "ros1"
-    schema_encoding: str = "ros1msg"
+    encoding: str
+    schema_encoding: str
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,14 @@ def _types(options: Options, file: OpenFile, connections: list[Connection]) -> d
         text = fields.get("message_definition", b"").decode(errors="replace")
         md5sum = fields.get("md5sum", b"").decode(errors="replace")
         definition = text if options.decode else ""
-        found[connection.id] = TopicType(connection.topic, connection.datatype, md5sum, definition)
+        found[connection.id] = TopicType(
+            connection.topic,
+            connection.datatype,
+            md5sum,
+            definition,
+            connection.encoding,
+            "ros1msg",
+        )
     return found
 
 

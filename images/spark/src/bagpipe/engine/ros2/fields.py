@@ -19,5 +19,5 @@ FIELDS = EngineFields(
     encoding="cdr",
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     refusal=_refusal,
-    reasons=frozenset({"DeliveryUnproved"}),
+    reasons=frozenset({"DeliveryUnproved", "RecordingIncomplete", "Ros2Failed"}),
 )
