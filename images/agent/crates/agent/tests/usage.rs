@@ -6,13 +6,20 @@ mod worker;
 use worker::exec::*;
 use worker::*;
 
-/// Holds so many MiB, burns half a second of its own CPU time and rests for so many seconds.
+/// Holds so many MiB, burns half a second of its own CPU time, and rests for so many seconds once as
+/// many as are named hold theirs: on a busy machine one may begin when another would have ended.
 const BURN: &str = "
-import sys, time
+import os, sys, time
 held = b'x' * (int(sys.argv[1]) << 20)
 while time.process_time() < 0.5:
     pass
-time.sleep(float(sys.argv[2]))
+mebibytes, seconds, folder, many = sys.argv[1], float(sys.argv[2]), sys.argv[3], int(sys.argv[4])
+open(os.path.join(folder, mebibytes + '-' + str(os.getpid())), 'w').close()
+late = time.monotonic() + 60
+while sum(name.startswith(mebibytes + '-') for name in os.listdir(folder)) < many:
+    assert time.monotonic() < late
+    time.sleep(0.01)
+time.sleep(seconds)
 ";
 
 #[test]
@@ -23,7 +30,9 @@ fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
     let burn = format!("/usr/bin/python3 {}", program.display());
     // One that the shell waits for, two at a time, and one that left its parent and group.
     let script = format!(
-        "{burn} 1 0; {burn} 128 2 & {burn} 128 2 & wait; (setsid {burn} 1 0 &); sleep 2 & wait; cat"
+        "met=$(mktemp -d -p {folder}); {burn} 1 0 $met 1; {burn} 128 2 $met 2 & \
+         {burn} 128 2 $met 2 & wait; (setsid {burn} 1 0 $met 1 &); sleep 2 & wait; cat",
+        folder = folder.path().display()
     );
     let agent = Agent::start(1);
     for round in 0..2 {

@@ -19,8 +19,16 @@ fn main() {
     let relay = [NODE, ANSWERS].concat();
     measure("full speed, 1 KB, messages/s", rounds, (&bare, Mode::Max, 100_000, 1000));
     measure("full speed, 1 MB, messages/s", rounds, (&bare, Mode::Max, 300, 1_000_000));
-    measure("full speed, 1 KB, answered and recorded, messages/s", rounds, (&relay, Mode::Max, 50_000, 1000));
-    measure("lock-step, 1 KB, answered and recorded, messages/s", rounds, (&relay, Mode::Lockstep, 5_000, 1000));
+    measure(
+        "full speed, 1 KB, answered and recorded, messages/s",
+        rounds,
+        (&relay, Mode::Max, 50_000, 1000),
+    );
+    measure(
+        "lock-step, 1 KB, answered and recorded, messages/s",
+        rounds,
+        (&relay, Mode::Lockstep, 5_000, 1000),
+    );
 }
 
 fn measure(what: &str, rounds: usize, how: (&[&str], Mode, u64, usize)) {
