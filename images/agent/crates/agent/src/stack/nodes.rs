@@ -24,11 +24,3 @@ pub enum Found {
     /// Another process has its name.
     Another,
 }
-
-/// Whether a process runs, and is no zombie.
-pub fn is_alive(pid: i32) -> bool {
-    let stat = std::fs::read(format!("/proc/{pid}/stat")).unwrap_or_default();
-    let text = String::from_utf8_lossy(&stat);
-    let state = text.rsplit(')').next().and_then(|after| after.split_whitespace().next());
-    state.is_some_and(|state| !matches!(state, "Z" | "X"))
-}

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use bagpipe_ros2ledger::{Endpoint, Ledger, ProcessId};
 
-use crate::stack::nodes::{Found, Known, is_alive};
+use crate::stack::nodes::{Found, Known};
 
 /// All nodes. A ledger that can't be read fails the replay, so no error is reported here.
 pub fn roll(ledger: &Ledger) -> Vec<Known> {
-    let alive = live_nodes(&endpoints(ledger));
+    let alive = live_nodes(ledger, &endpoints(ledger));
     let known = alive.into_iter().map(|(name, process)| Known {
         name,
         uri: mark(process),
@@ -20,7 +20,7 @@ pub fn roll(ledger: &Ledger) -> Vec<Known> {
 
 /// Notes who is still there.
 pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
-    let alive = live_nodes(&endpoints(ledger));
+    let alive = live_nodes(ledger, &endpoints(ledger));
     for known in roll {
         known.stayed = alive.contains_key(&known.name);
     }
@@ -29,7 +29,7 @@ pub fn note_stayed(ledger: &Ledger, roll: &mut [Known]) {
 /// What has become of each.
 pub fn look(ledger: &Ledger, roll: &[Known]) -> Vec<Found> {
     let endpoints = endpoints(ledger);
-    let alive = live_nodes(&endpoints);
+    let alive = live_nodes(ledger, &endpoints);
     roll.iter().map(|known| found(known, &endpoints, &alive)).collect()
 }
 
@@ -43,9 +43,11 @@ fn found(known: &Known, all: &[Endpoint], alive: &BTreeMap<String, ProcessId>) -
 }
 
 /// Each node that has an endpoint in a process that runs.
-fn live_nodes(endpoints: &[Endpoint]) -> BTreeMap<String, ProcessId> {
+fn live_nodes(ledger: &Ledger, endpoints: &[Endpoint]) -> BTreeMap<String, ProcessId> {
+    let processes = ledger.processes().unwrap_or_default();
+    let runs = |id: ProcessId| processes.iter().any(|process| process.id == id && process.alive);
     let there = endpoints.iter().filter(|one| !one.destroyed && !one.node.is_empty());
-    let alive = there.filter(|one| i32::try_from(one.process.pid).is_ok_and(is_alive));
+    let alive = there.filter(|one| runs(one.process));
     alive.map(|one| (one.node.clone(), one.process)).collect()
 }
 
