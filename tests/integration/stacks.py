@@ -6,8 +6,11 @@ from typing import Any
 
 import yaml
 
+from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
-from tests.integration.conftest import ROOT
+from bagpipe.storage import Storage
+from tests.integration.conftest import ROOT, RunningAgent
 from tests.recording import fetch
 
 EXAMPLE = ROOT / "docs/examples/robot-state-publisher/job.yaml"
@@ -44,6 +47,19 @@ def whole_fields() -> dict[str, Any]:
 def spec_with(playback: dict[str, Any] | None = None, **stack: Any) -> SimulationJobSpec:
     """The real-time example's spec with fields of its playback and its stack replaced."""
     return _spec(REALTIME, playback or {}, stack)
+
+
+def over(spec: SimulationJobSpec, recording: str) -> SimulationJobSpec:
+    """The same spec over another recording, which lies beside the example's."""
+    dumped = spec.model_dump(by_alias=True, exclude_unset=True)
+    dumped["source"]["bags"] = [f"pvc://recordings/pr2/{recording}"]
+    return SimulationJobSpec.model_validate(dumped)
+
+
+def run_all(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> list[Row]:
+    """The rows of all cases."""
+    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
+    return [run_case(case, context) for case in plan(spec, Storage(folders)).cases]
 
 
 def _spec(path: Path, playback: dict[str, Any], stack: dict[str, Any]) -> SimulationJobSpec:

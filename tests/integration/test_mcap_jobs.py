@@ -6,12 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from bagpipe.run.case_run import Row, RunContext, run_case
-from bagpipe.source.planning import plan
-from bagpipe.spec import SimulationJobSpec
-from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent
-from tests.integration.stacks import folders_with_recording, in_one_piece, stepped
+from tests.integration.stacks import folders_with_recording, in_one_piece, over, run_all, stepped
 from tests.mcap_of_bag import COMPRESSIONS, mcap_of
 from tests.recording import MESSAGES
 
@@ -28,19 +24,6 @@ def folders(tmp_path: Path) -> dict[str, str]:
     return claims
 
 
-def over(spec: SimulationJobSpec, file: str) -> SimulationJobSpec:
-    """The same spec over another recording."""
-    dumped = spec.model_dump(by_alias=True, exclude_unset=True)
-    dumped["source"]["bags"] = [f"pvc://recordings/pr2/{file}"]
-    return SimulationJobSpec.model_validate(dumped)
-
-
-def run(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> list[Row]:
-    """The rows of all cases."""
-    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
-    return [run_case(case, context) for case in plan(spec, Storage(folders)).cases]
-
-
 def test_in_lock_step_the_answers_are_the_same_bytes_as_to_the_bag(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent], tmp_path: Path
 ) -> None:
@@ -50,7 +33,7 @@ def test_in_lock_step_the_answers_are_the_same_bytes_as_to_the_bag(
     digests = set()
     files = ["joint_states.bag", *(f"{compression}.mcap" for compression in COMPRESSIONS)]
     for file, agent in [*((file, in_memory) for file in files), ("zstd.mcap", on_disk)]:
-        (row,) = run(over(in_one_piece(), file), folders, agent)
+        (row,) = run_all(over(in_one_piece(), file), folders, agent)
         assert (row["outcome"], row["attempts"]) == ("passed", 1), row
         ledger = row["result"]["ledger"]
         assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
@@ -62,7 +45,7 @@ def test_in_lock_step_the_answers_are_the_same_bytes_as_to_the_bag(
 def test_its_fragments_play_every_message_once(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
-    rows = run(over(stepped(), "lz4.mcap"), folders, start_agent())
+    rows = run_all(over(stepped(), "lz4.mcap"), folders, start_agent())
     assert [row["outcome"] for row in rows] == ["passed"] * len(rows)
     assert len(rows) == 4
     assert sum(row["result"]["ledger"]["sent"] for row in rows) == MESSAGES
@@ -76,7 +59,7 @@ def test_damage_in_a_chunk_is_reported_with_its_place_in_the_file(
     place = len(data) // 4
     data[place : place + 64] = bytes(64)
     path.write_bytes(data)
-    (row,) = run(over(in_one_piece(), "zstd.mcap"), folders, start_agent())
+    (row,) = run_all(over(in_one_piece(), "zstd.mcap"), folders, start_agent())
     assert (row["outcome"], row["reason"]) == ("errored", "BagUnreadable")
     assert "zstd.mcap" in row["message"]
     assert "byte " in row["message"]

@@ -15,12 +15,11 @@ import pytest
 import yaml
 
 from bagpipe import MemoryBag
-from bagpipe.run.case_run import Row, RunContext, run_case
+from bagpipe.run.case_run import RunContext, run_case
 from bagpipe.source.planning import plan
-from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent
-from tests.integration.stacks import folders_with_recording, in_one_piece, stepped
+from tests.integration.stacks import folders_with_recording, in_one_piece, over, run_all, stepped
 from tests.mcap_of_bag import mcap_of
 from tests.recording import MESSAGES
 
@@ -53,26 +52,13 @@ def folders(tmp_path: Path) -> dict[str, str]:
     return claims
 
 
-def over(spec: SimulationJobSpec, recording: str) -> SimulationJobSpec:
-    """The same spec over another recording."""
-    dumped = spec.model_dump(by_alias=True, exclude_unset=True)
-    dumped["source"]["bags"] = [f"pvc://recordings/pr2/{recording}"]
-    return SimulationJobSpec.model_validate(dumped)
-
-
-def run(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> list[Row]:
-    """The rows of all cases."""
-    context = RunContext("lab/pr2", spec, folders, "pvc://results/r", str(agent.shared))
-    return [run_case(case, context) for case in plan(spec, Storage(folders)).cases]
-
-
 def test_in_lock_step_the_answers_are_the_same_bytes_as_to_the_bag(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
     agent = start_agent()
     digests = set()
     for recording in ("joint_states.bag", "drive/"):
-        (row,) = run(over(in_one_piece(), recording), folders, agent)
+        (row,) = run_all(over(in_one_piece(), recording), folders, agent)
         assert (row["outcome"], row["attempts"]) == ("passed", 1), row
         ledger = row["result"]["ledger"]
         assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)
@@ -86,7 +72,7 @@ def test_in_lock_step_the_answers_are_the_same_bytes_as_to_the_bag(
 def test_its_fragments_play_every_message_once(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
-    rows = run(over(stepped(), "drive"), folders, start_agent())
+    rows = run_all(over(stepped(), "drive"), folders, start_agent())
     assert [row["outcome"] for row in rows] == ["passed"] * len(rows)
     assert len(rows) == 4
     assert sum(row["result"]["ledger"]["sent"] for row in rows) == MESSAGES
