@@ -98,7 +98,7 @@ static void connect_relays(void) {
     }
     from->into = into;
     into->relays = true;
-    from->work = asked.relay[one].stamp ? WORK_STAMP : WORK_TEXT;
+    from->work = asked.relay[one].work;
   }
 }
 

@@ -15,7 +15,7 @@ struct publisher {
 };
 
 /* What a subscription's callback does with a message. */
-enum work { WORK_NOTHING, WORK_TEXT, WORK_STAMP };
+enum work { WORK_NOTHING, WORK_TEXT, WORK_STAMP, WORK_STEER };
 
 struct subscription {
   char topic[256];
@@ -37,7 +37,7 @@ struct asked {
   int subscriptions, publishers;
   struct {
     char from[256], into[256];
-    bool stamp;
+    enum work work;
   } relay[MOST];
   int relays, threads;
   bool sim_time;

@@ -13,6 +13,8 @@ static const char usage[] =
     "--relay IN=OUT         for each message on IN a String on OUT:\n"
     "                       '<hash of it> <count>[ <time>]'\n"
     "--relay-stamp IN=OUT   for each message on IN a PoseStamped on OUT, with its header's stamp\n"
+    "--steer IN=OUT         for each message on IN a Twist on OUT: as many tenths of a m/s as\n"
+    "                       messages came\n"
     "--use-sim-time         takes /clock in a thread of its own; --relay adds the time\n"
     "--delay-us N           how long each callback takes\n"
     "--drop-every N         each Nth message of a topic gets no answer\n"
@@ -64,20 +66,21 @@ static void endpoint(bool subscribes, const char *text) {
   ++*count;
 }
 
-static void relay(bool stamp, const char *text) {
+static void relay(enum work work, const char *text) {
   if (asked.relays == MOST) refuse("too many", text);
   if (sscanf(text, "%255[^=]=%255s", asked.relay[asked.relays].from,
              asked.relay[asked.relays].into) != 2)
     refuse("no two topics", text);
-  asked.relay[asked.relays++].stamp = stamp;
+  asked.relay[asked.relays++].work = work;
 }
 
 static void value(const char *option, const char *text) {
   if (!strcmp(option, "--name")) name(text);
   else if (!strcmp(option, "--sub")) endpoint(true, text);
   else if (!strcmp(option, "--pub")) endpoint(false, text);
-  else if (!strcmp(option, "--relay")) relay(false, text);
-  else if (!strcmp(option, "--relay-stamp")) relay(true, text);
+  else if (!strcmp(option, "--relay")) relay(WORK_TEXT, text);
+  else if (!strcmp(option, "--relay-stamp")) relay(WORK_STAMP, text);
+  else if (!strcmp(option, "--steer")) relay(WORK_STEER, text);
   else if (!strcmp(option, "--delay-us")) asked.delay_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);

@@ -74,6 +74,14 @@ static void answer_stamp(struct subscription *of, uint64_t count) {
   publish(of->into, bytes, sizeof bytes);
 }
 
+/* geometry_msgs/Twist: straight on, faster with each message. */
+static void steer(struct subscription *of, uint64_t count) {
+  uint8_t bytes[HEADER + 6 * 8] = {0};
+  double speed = (double)count / 10;
+  memcpy(begin(bytes), &speed, sizeof speed);
+  publish(of->into, bytes, sizeof bytes);
+}
+
 void work(struct subscription *of) {
   uint64_t count = of->called + 1;
   if (asked.delay_us > 0) {
@@ -89,5 +97,6 @@ void work(struct subscription *of) {
   bool dropped = asked.drop_every > 0 && count % asked.drop_every == 0;
   if (of->work == WORK_TEXT && !dropped) answer_text(of, count);
   if (of->work == WORK_STAMP && !dropped) answer_stamp(of, count);
+  if (of->work == WORK_STEER && !dropped) steer(of, count);
   of->called = count;
 }

@@ -24,8 +24,7 @@ NAMED = {
     # The API's default for a job that names none.
     ("images/spark/src/bagpipe/engine_fields.py", "ros1"),
     # What the messages of a bag are, as recordings call it.
-    ("images/spark/src/bagpipe/plan/parts.py", "ros1"),
-    ("images/spark/src/bagpipe/evaluate/decoding.py", "ros1"),
+    ("images/spark/src/bagpipe/encodings.py", "ros1"),
     # The kind of a probe, as Kubernetes calls it.
     ("operator/src/bagpipe_operator/jobs/pods/executor_template.py", "exec"),
 }
@@ -127,11 +126,11 @@ def test_the_crd_s_rules_let_an_engine_take_what_it_declares() -> None:
     for words in (
         "!has(self.source.files) || (has(self.stack.engine) && self.stack.engine in ['exec', ",
         "source.files are for stack.engine: exec or other, which reads",
-        "!has(self.stack.engine) || self.stack.engine in ['ros1', 'other']",
+        "!has(self.stack.engine) || self.stack.engine in ['ros1', 'ros2', 'other']",
         "has(self.record) || (has(self.stack.engine) && self.stack.engine in ['exec', 'other'])",
         "only stack.engine: exec or other goes without it",
         "enum: [ros1, exec, ros2, other]",
-        "source.simulator is for stack.engine: ros1 or other: write that",
+        "source.simulator is for stack.engine: ros1 or ros2 or other: write that",
     ):
         assert words in text
     with pytest.raises(SystemExit, match=r"generate\.py looks for one line with"):

@@ -7,6 +7,7 @@ import pytest
 
 from bagpipe.simulator.model import START, Simulator
 from bagpipe.simulator.scenario import Scenario
+from bagpipe.simulator.serialisation import ROS1
 from bagpipe.simulator.world import MOST_UNANSWERED, NeverAnsweredError, Steering, World
 
 ALWAYS = Steering(frozenset({"/ego/odom"}), required=True)
@@ -15,7 +16,7 @@ NOTHING: dict[str, Any] = {"messages": []}
 
 def world(steering: Steering = ALWAYS, duration: str = "2s", **described: Any) -> World:
     simulator = Simulator.model_validate({"duration": duration, **described})
-    return World(simulator, Scenario.model_validate(simulator.described), steering)
+    return World(simulator, Scenario.model_validate(simulator.described), steering, ROS1)
 
 
 def twist(speed: float, yaw_rate: float = 0.0) -> dict[str, Any]:

@@ -18,6 +18,10 @@ pub trait Middleware: Debug + Send + Sync {
     /// What the bytes of its messages are, by the name that recordings have for it, such as `ros1`.
     fn encoding(&self) -> &'static str;
 
+    /// The language of its messages' definitions, by the name that recordings have for it, such as
+    /// `ros1msg`.
+    fn schema_encoding(&self) -> &'static str;
+
     /// How to read the stamps of messages of this definition; `None` if they have none.
     fn read_stamp(&self, definition: &str) -> Option<ReadStamp>;
 

@@ -9,8 +9,8 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use bagpipe_graph::{Outlet, Share, TopicInfo};
-use bagpipe_log::Connection;
+use bagpipe_graph::{Middleware, Outlet, Share, TopicInfo};
+use bagpipe_log::{Connection, MessageEncoding, SchemaEncoding};
 
 use crate::ReplayError;
 use crate::answers::Answers;
@@ -43,10 +43,11 @@ impl<'a> Turns<'a> {
         answers: &'a Answers,
         recorder: &'a Recorder,
         topics: &[TopicInfo],
+        middleware: &dyn Middleware,
     ) -> Turns<'a> {
         let hidden = world.unrecorded();
         let connections = topics.iter().map(|info| Spoken {
-            connection: Arc::new(own_connection(info)),
+            connection: Arc::new(own_connection(info, middleware)),
             recorded: !hidden.contains(&info.topic),
         });
         let connections = connections.collect();
@@ -117,7 +118,7 @@ impl<'a> Turns<'a> {
     }
 }
 
-fn own_connection(info: &TopicInfo) -> Connection {
+fn own_connection(info: &TopicInfo, middleware: &dyn Middleware) -> Connection {
     Connection {
         topic: info.topic.clone(),
         datatype: info.datatype.clone(),
@@ -125,6 +126,8 @@ fn own_connection(info: &TopicInfo) -> Connection {
         definition: info.definition.clone(),
         caller_id: Some(PUBLISHER.to_owned()),
         latching: info.latching,
+        message_encoding: MessageEncoding::from_name(middleware.encoding()),
+        schema_encoding: SchemaEncoding::from_name(middleware.schema_encoding()),
         ..Connection::default()
     }
 }

@@ -54,6 +54,10 @@ impl Middleware for Loopback {
         "ros1"
     }
 
+    fn schema_encoding(&self) -> &'static str {
+        "ros1msg"
+    }
+
     fn read_stamp(&self, _: &str) -> Option<ReadStamp> {
         None
     }

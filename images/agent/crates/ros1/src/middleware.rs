@@ -25,6 +25,10 @@ impl Middleware for Ros1 {
         "ros1"
     }
 
+    fn schema_encoding(&self) -> &'static str {
+        "ros1msg"
+    }
+
     fn read_stamp(&self, definition: &str) -> Option<ReadStamp> {
         stamp::reader(definition)
     }

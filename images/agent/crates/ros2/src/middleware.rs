@@ -80,6 +80,10 @@ impl Middleware for Ros2 {
         "cdr"
     }
 
+    fn schema_encoding(&self) -> &'static str {
+        "ros2msg"
+    }
+
     fn read_stamp(&self, definition: &str) -> Option<ReadStamp> {
         stamp::reader(definition)
     }

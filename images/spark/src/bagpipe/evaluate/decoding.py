@@ -9,6 +9,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from bagpipe.encodings import CDR, ROS1
 from bagpipe.evaluate.finding import NoEvidenceError
 
 _HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
@@ -22,8 +23,6 @@ _PARTS = "=" * 80 + "\n"
 # Between the request and the response of a service.
 _BETWEEN = "---"
 _SECOND = 1_000_000_000
-
-ROS1, ROS2 = "ros1", "cdr"
 
 
 @dataclass
@@ -59,7 +58,7 @@ def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
     headers = {(Nodetype.NAME, _HEADER), (Nodetype.NAME, _OLD_HEADER)}
     if not fields or fields[0][1] not in headers:
         return None
-    return {ROS1: _stamp_of_ros1, ROS2: _stamp_of_cdr}.get(connection.encoding)
+    return {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}.get(connection.encoding)
 
 
 def decoder(connection: Any) -> Callable[[memoryview], Any]:
@@ -68,10 +67,10 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
     Raises NoEvidenceError for an encoding or a definition that can't be read.
     """
     name = _name(connection)
-    if connection.encoding not in (ROS1, ROS2):
+    if connection.encoding not in (ROS1, CDR):
         raise NoEvidenceError(
             f"messages on {connection.topic} are in {connection.encoding or 'no known encoding'},"
-            f" and criteria read {ROS1} and {ROS2}"
+            f" and criteria read {ROS1} and {CDR}"
         )
     if _BETWEEN in connection.definition.splitlines():
         raise NoEvidenceError(
@@ -81,7 +80,7 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
     store = get_typestore(Stores.EMPTY)
     try:
         _register(store, connection)
-        if connection.encoding == ROS2:
+        if connection.encoding == CDR:
             store.types[_TIME] = Ros2Time
         store.get_msgdef(name)  # which needs all that the definition uses
     except Exception as error:  # a library's many faults at a definition of any text

@@ -4,13 +4,11 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 
+from bagpipe.encodings import ROS1
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart, nanoseconds
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import Window, check_encoding, cut_one
 from bagpipe.storage import Storage, StorageError
-
-# Pieces are put together to a bag, which holds messages of ROS 1.
-_OF_BAGS = "ros1"
 
 
 class PartError(Exception):
@@ -104,7 +102,7 @@ class PartPlanner:
     def _part(self, piece: Piece, to: int | None, topics: list[str], lead_in: int) -> Part:
         tail, version = self._tail(piece.bag)
         try:
-            check_encoding(tail, topics, _OF_BAGS)
+            check_encoding(tail, topics, ROS1)
         except BagError as error:
             raise PartError(piece.bag, error.reason, str(error)) from error
         begin = min(chunk.start_time for chunk in tail.chunks)

@@ -15,6 +15,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from bagpipe.encodings import CDR
 from bagpipe.rosbag_source.planning import TopicType
 
 Convert = Callable[[Any], Any]
@@ -65,7 +66,7 @@ class Decoder:
 
     def __init__(self, kind: TopicType) -> None:
         self._type = kind.type.replace("/", "/msg/") if "/msg/" not in kind.type else kind.type
-        self._cdr = kind.encoding == "cdr"
+        self._cdr = kind.encoding == CDR
         self._store: Typestore = get_typestore(Stores.EMPTY)
         found = _definitions(kind, self._type)
         # Before ROS Diamondback the header lived in roslib; definitions say just "Header" of both.

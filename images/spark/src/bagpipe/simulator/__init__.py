@@ -1,1 +1,1 @@
-"""A closed-loop driving simulator that speaks ROS 1 messages (docs/concepts/simulator.md)."""
+"""A closed-loop driving simulator that speaks ROS 1 and ROS 2 (docs/concepts/simulator.md)."""

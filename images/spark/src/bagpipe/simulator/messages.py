@@ -1,4 +1,4 @@
-"""The simulator's messages as ROS 1 serialises them, written straight into bytes.
+"""The simulator's messages, written straight into bytes, as ROS 1 or ROS 2 serialises them.
 
 Which type, md5 sum and definition a topic has comes from rosbags; the tests compare every layout
 here with that library's own serialisation.
@@ -7,12 +7,9 @@ here with that library's own serialisation.
 import math
 import struct
 from dataclasses import dataclass
-from functools import cache
-from typing import Any
-
-from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.simulator.actors import Body
+from bagpipe.simulator.serialisation import MessageWriter, Serialisation
 from bagpipe.simulator.vehicle import Pose, Wish
 
 FRAME = "map"
@@ -46,101 +43,101 @@ class Publication:
     latching: bool
 
 
-@cache
-def typestore() -> Any:
-    return get_typestore(Stores.ROS1_NOETIC)
-
-
-def publication(topic: str, kind: str, *, latching: bool = False) -> Publication:
-    """A topic of a type that ROS 1 ships, such as `nav_msgs/Odometry`."""
+def publication(
+    own: Serialisation, topic: str, kind: str, *, latching: bool = False
+) -> Publication:
+    """A topic of a type that ROS ships, such as `nav_msgs/Odometry`."""
     name = kind.replace("/", "/msg/")
-    definition, md5sum = typestore().generate_msgdef(name, ros_version=1)
-    return Publication(topic, kind, md5sum, definition, latching)
-
-
-def _text(text: str) -> bytes:
-    data = text.encode()
-    return struct.pack("<I", len(data)) + data
-
-
-def header(number: int, time: int, frame: str = FRAME) -> bytes:
-    """std_msgs/Header: the moment's number, its time in ns, the frame."""
-    return struct.pack("<III", number, *divmod(time, 1_000_000_000)) + _text(frame)
+    definition, md5sum = own.types.generate_msgdef(name, ros_version=own.ros_version)
+    return Publication(topic, own.type_name(kind), md5sum, definition, latching)
 
 
 def _turned(heading: float) -> tuple[float, float, float, float]:
     return 0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)
 
 
-def odometry(number: int, time: int, pose: Pose) -> bytes:
+def odometry(own: Serialisation, number: int, time: int, pose: Pose) -> bytes:
     """nav_msgs/Odometry: the body's middle in the map, its motion in its own frame."""
-    return b"".join((
-        header(number, time),
-        _text(BODY_FRAME),
-        struct.pack("<7d", pose.x, pose.y, 0.0, *_turned(pose.heading)),
-        _NO_COVARIANCE,
-        struct.pack("<6d", pose.speed, pose.lateral_speed, 0.0, 0.0, 0.0, pose.yaw_rate),
-        _NO_COVARIANCE,
-    ))  # fmt: skip
+    message = own.writer()
+    message.header(number, time, FRAME)
+    message.text(BODY_FRAME)
+    message.add(8, struct.pack("<7d", pose.x, pose.y, 0.0, *_turned(pose.heading)))
+    message.add(8, _NO_COVARIANCE)
+    motion = (pose.speed, pose.lateral_speed, 0.0, 0.0, 0.0, pose.yaw_rate)
+    message.add(8, struct.pack("<6d", *motion) + _NO_COVARIANCE)
+    return message.finish()
 
 
-def poses(number: int, time: int, bodies: list[Body]) -> bytes:
+def poses(own: Serialisation, number: int, time: int, bodies: list[Body]) -> bytes:
     """geometry_msgs/PoseArray: the middles of bodies, each always at its own place."""
+    message = own.writer()
+    message.header(number, time, FRAME)
+    message.add(4, struct.pack("<I", len(bodies)))
     packed = [struct.pack("<7d", body.x, body.y, 0.0, *_turned(body.heading)) for body in bodies]
-    return header(number, time) + struct.pack("<I", len(bodies)) + b"".join(packed)
+    message.add(8, b"".join(packed))
+    return message.finish()
 
 
-def flag(value: bool) -> bytes:
+def flag(own: Serialisation, value: bool) -> bytes:
     """std_msgs/Bool."""
-    return bytes([value])
+    message = own.writer()
+    message.add(1, bytes([value]))
+    return message.finish()
 
 
-def lights(shown: list[int]) -> bytes:
+def lights(own: Serialisation, shown: list[int]) -> bytes:
     """std_msgs/UInt8MultiArray without dimensions: one number for each light."""
-    return struct.pack("<III", 0, 0, len(shown)) + bytes(shown)
+    message = own.writer()
+    message.add(4, struct.pack("<III", 0, 0, len(shown)))
+    message.add(1, bytes(shown))
+    return message.finish()
 
 
-def cloud(number: int, time: int, points: bytes) -> bytes:
+def cloud(own: Serialisation, number: int, time: int, points: bytes) -> bytes:
     """sensor_msgs/PointCloud2 in the body's frame: x, y and z as float32, in one row."""
-    count = len(points) // _POINT_BYTES
-    fields = b"".join(
-        _text(name) + struct.pack("<IBI", offset, _FLOAT32, 1)
-        for name, offset in (("x", 0), ("y", 4), ("z", 8))
-    )
-    return b"".join((
-        header(number, time, BODY_FRAME),
-        struct.pack("<III", 1, count, 3),
-        fields,
-        struct.pack("<BIII", 0, _POINT_BYTES, len(points), len(points)),
-        points,
-        b"\x01",
-    ))  # fmt: skip
+    message = own.writer()
+    message.header(number, time, BODY_FRAME)
+    message.add(4, struct.pack("<III", 1, len(points) // _POINT_BYTES, 3))
+    for name, offset in (("x", 0), ("y", 4), ("z", 8)):
+        _point_field(message, name, offset)
+    message.add(1, b"\x00")
+    message.add(4, struct.pack("<III", _POINT_BYTES, len(points), len(points)))
+    message.add(1, points)
+    message.add(1, b"\x01")
+    return message.finish()
 
 
-def wish(topic: str, kind: str, data: bytes) -> Wish:
+def _point_field(message: MessageWriter, name: str, offset: int) -> None:
+    message.text(name)
+    message.add(4, struct.pack("<I", offset))
+    message.add(1, bytes([_FLOAT32]))
+    message.add(4, struct.pack("<I", 1))
+
+
+def wish(own: Serialisation, topic: str, kind: str, data: bytes) -> Wish:
     """What a control message asks for: `linear.x` in m/s and `angular.z` in rad/s.
 
     Raises ControlError for another type, and for what is no number.
     """
-    if kind not in CONTROLS:
+    controls = [own.type_name(each) for each in CONTROLS]
+    if kind not in controls:
         raise ControlError(
             f"the stack publishes {kind or 'an unknown type'} on {topic}, and the simulator obeys"
-            f" {' or '.join(CONTROLS)}: publish one of them, or name another topic in"
+            f" {' or '.join(controls)}: publish one of them, or name another topic in"
             " source.simulator.topics.control"
         )
-    body = data[_header_bytes(data) :] if kind == CONTROLS[1] else data
-    if len(body) != struct.calcsize("<6d"):
-        raise ControlError(f"a message on {topic} is no {kind}: it has {len(data)} bytes")
-    numbers = struct.unpack("<6d", body)
+    try:
+        message = own.reader(data)
+        if kind == controls[1]:
+            message.skip_header()
+        numbers = message.doubles(6)
+    except ValueError as error:
+        raise ControlError(
+            f"a message on {topic} is no {kind}: it has {len(data)} bytes, and {error}"
+        ) from error
     if not (math.isfinite(numbers[0]) and math.isfinite(numbers[5])):
         raise ControlError(
             f"a message on {topic} asks for the speed {numbers[0]} and the yaw rate {numbers[5]}:"
             " both must be numbers"
         )
     return Wish(numbers[0], numbers[5])
-
-
-def _header_bytes(data: bytes) -> int:
-    if len(data) < 16:
-        return len(data)
-    return 16 + int(struct.unpack_from("<I", data, 12)[0])

@@ -16,6 +16,7 @@ from bagpipe.simulator.markers import markers
 from bagpipe.simulator.messages import Publication, publication, wish
 from bagpipe.simulator.model import START, Simulator, Topics
 from bagpipe.simulator.scenario import Scenario
+from bagpipe.simulator.serialisation import Serialisation
 from bagpipe.simulator.vehicle import SUBSTEP, Vehicle, Wish
 
 # With each deadline of 2 s a stack that is deaf costs 40 s of its case, and no more.
@@ -53,6 +54,7 @@ class World:
         simulator: Simulator,
         scenario: Scenario,
         steering: Steering,
+        own: Serialisation,
         beside: Beside | None = None,
     ) -> None:
         self._simulator, self._scenario, self._steering = simulator, scenario, steering
@@ -66,8 +68,8 @@ class World:
         self._unanswered = 0
         self._due = False
         self.collided = False
-        self._beside = beside
-        self.publications = publications(simulator.topics, scenario)
+        self._beside, self._own = beside, own
+        self.publications = publications(own, simulator.topics, scenario)
         if beside is not None:
             self.publications += beside.publications
         self._places = {each.topic: place for place, each in enumerate(self.publications)}
@@ -99,7 +101,7 @@ class World:
         control = self._simulator.topics.control
         commands = [(kind, data) for topic, kind, data in answer["messages"] if topic == control]
         for kind, data in commands:
-            self._wish = wish(control, kind, data)
+            self._wish = wish(self._own, control, kind, data)
         if commands:
             self._unanswered = 0
         elif self._due and self._steering.required:
@@ -135,32 +137,35 @@ class World:
     def _speak(self) -> list[tuple[str, bytes]]:
         """What is published at this moment, in the order in which it goes out."""
         number, time, seconds = self._number, self._time(self._number), self._seconds()
+        own = self._own
         names, pose, others = self._simulator.topics, self.car.pose, self._others(seconds)
         if not number:
             self.collided = self._touches(0.0)
-        spoken = [(names.collision, messages.flag(self.collided))]
+        spoken = [(names.collision, messages.flag(own, self.collided))]
         if not number:
-            spoken.append((names.scene, markers(self._scenario.scene, time)))
+            spoken.append((names.scene, markers(own, self._scenario.scene, time)))
         if self._scenario.scene.lights:
-            spoken.append((names.lights, messages.lights(shown(self._scenario.scene, seconds))))
+            spoken.append(
+                (names.lights, messages.lights(own, shown(self._scenario.scene, seconds)))
+            )
         if self._scanner and self._scenario.lidar and number % self._scenario.lidar.every == 0:
             points = self._scanner.points(pose, others)
-            spoken.append((names.points, messages.cloud(number, time, points)))
-        spoken.append((names.obstacles, messages.poses(number, time, others)))
-        spoken.append((names.odometry, messages.odometry(number, time, pose)))
+            spoken.append((names.points, messages.cloud(own, number, time, points)))
+        spoken.append((names.obstacles, messages.poses(own, number, time, others)))
+        spoken.append((names.odometry, messages.odometry(own, number, time, pose)))
         return spoken
 
 
-def publications(names: Topics, scenario: Scenario) -> list[Publication]:
+def publications(own: Serialisation, names: Topics, scenario: Scenario) -> list[Publication]:
     """What a scenario's simulator speaks on."""
     made = [
-        publication(names.collision, messages.FLAG),
-        publication(names.scene, messages.MARKERS, latching=True),
-        publication(names.obstacles, messages.POSES),
-        publication(names.odometry, messages.ODOMETRY),
+        publication(own, names.collision, messages.FLAG),
+        publication(own, names.scene, messages.MARKERS, latching=True),
+        publication(own, names.obstacles, messages.POSES),
+        publication(own, names.odometry, messages.ODOMETRY),
     ]
     if scenario.scene.lights:
-        made.append(publication(names.lights, messages.LIGHTS))
+        made.append(publication(own, names.lights, messages.LIGHTS))
     if scenario.lidar:
-        made.append(publication(names.points, messages.CLOUD))
+        made.append(publication(own, names.points, messages.CLOUD))
     return made

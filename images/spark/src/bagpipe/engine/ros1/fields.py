@@ -1,12 +1,13 @@
 """What `stack.engine: ros1` reads of a spec."""
 
+from bagpipe.encodings import ROS1
 from bagpipe.engine_fields import EngineFields
 
 FIELDS = EngineFields(
     agent="ros1",
     unmarked_lines="agent",
     sources=("bags", "sequence", "simulator"),
-    encoding="ros1",
+    encoding=ROS1,
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     meaningless={
         ("stack.ros2",): (

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from bagpipe.encodings import CDR
 from bagpipe.engine_fields import EngineFields
 from bagpipe.ros2_spec import parameters_refusal
 
@@ -15,8 +16,8 @@ FIELDS = EngineFields(
     agent="ros2",
     unmarked_lines="agent",
     # Pieces of a sequence are put together to a bag, which holds messages of ROS 1.
-    sources=("bags",),
-    encoding="cdr",
+    sources=("bags", "simulator"),
+    encoding=CDR,
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     refusal=_refusal,
     reasons=frozenset({"DeliveryUnproved", "RecordingIncomplete", "Ros2Failed"}),

@@ -2,9 +2,11 @@
 
 from typing import Any
 
+from bagpipe.engine_fields import fields_of
 from bagpipe.plan.case import Case
 from bagpipe.simulator.messages import ControlError
 from bagpipe.simulator.model import Simulator
+from bagpipe.simulator.serialisation import serialisation
 from bagpipe.simulator.world import NeverAnsweredError, Steering, World
 from bagpipe.source.simulator.beside import RecordedTopics
 from bagpipe.source.simulator.planning import scenario_of
@@ -26,7 +28,8 @@ class Drive:
         steering = Steering(required, bool(required))
         beside = RecordedTopics(case, storage) if case.parts else None
         scenario = scenario_of(simulator, case.conditions)
-        self._world = World(simulator, scenario, steering, beside)
+        written = serialisation(fields_of(spec.stack.engine).encoding)
+        self._world = World(simulator, scenario, steering, written, beside)
         named = spec.record.topics if spec.record else []
         own = set(simulator.topics.spoken)
         self._recorded = {
