@@ -1,16 +1,29 @@
 """Stamps of headers moved in serialised messages, compared with what rosbags reads of them."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
-from bagpipe.source.stamps import StampError, moved
+from bagpipe.source import stamps
+from bagpipe.source.stamps import StampError
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 TYPES = STORE.types
 SECOND = 1_000_000_000
+
+
+def moved(kind: str, definition: str, raw: bytes, shift: int) -> bytes:
+    """Of a message of ROS 1."""
+    return stamps.moved(connection(kind, definition, "ros1", "ros1msg"), raw, shift)
+
+
+def connection(kind: str, definition: str, encoding: str, schema: str) -> SimpleNamespace:
+    return SimpleNamespace(
+        type=kind, definition=definition, encoding=encoding, schema_encoding=schema
+    )
 
 
 def stamp(ns: int) -> Any:

@@ -6,20 +6,17 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
+from rosbags.typesys import Stores, get_typestore
 
+from bagpipe.definitions import HEADER, OLD_HEADER, full_name, types_in
 from bagpipe.encodings import CDR, ROS1
 from bagpipe.evaluate.finding import NoEvidenceError
 
-_HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
 _TIME = "builtin_interfaces/msg/Time"
 # Of a message that begins with a header: behind a sequence number in ROS 1, in ROS 2 behind the
 # head of CDR, whose second byte is the order of bytes.
 _STAMP_AT, _STAMPS = 4, {0: struct.Struct(">iI"), 1: struct.Struct("<iI")}
 _UNSIGNED_STAMP = struct.Struct("<II")
-# Before each part of a definition that has several, in whatever language.
-_PARTS = "=" * 80 + "\n"
 # Between the request and the response of a service.
 _BETWEEN = "---"
 _SECOND = 1_000_000_000
@@ -52,10 +49,10 @@ def stamp_reader(connection: Any) -> Callable[[memoryview], int | None] | None:
     other types, and for those whose definition can't be read: who decodes a message says so.
     """
     try:
-        fields = _types(connection)[_name(connection)][1]
+        fields = _types(connection)[full_name(connection.type)][1]
     except Exception:  # noqa: BLE001  a definition of any text
         return None
-    headers = {(Nodetype.NAME, _HEADER), (Nodetype.NAME, _OLD_HEADER)}
+    headers = {(Nodetype.NAME, HEADER), (Nodetype.NAME, OLD_HEADER)}
     if not fields or fields[0][1] not in headers:
         return None
     return {ROS1: _stamp_of_ros1, CDR: _stamp_of_cdr}.get(connection.encoding)
@@ -66,7 +63,7 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
 
     Raises NoEvidenceError for an encoding or a definition that can't be read.
     """
-    name = _name(connection)
+    name = full_name(connection.type)
     if connection.encoding not in (ROS1, CDR):
         raise NoEvidenceError(
             f"messages on {connection.topic} are in {connection.encoding or 'no known encoding'},"
@@ -79,7 +76,7 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
         )
     store = get_typestore(Stores.EMPTY)
     try:
-        _register(store, connection)
+        store.register(_types(connection))
         if connection.encoding == CDR:
             store.types[_TIME] = Ros2Time
         store.get_msgdef(name)  # which needs all that the definition uses
@@ -93,32 +90,8 @@ def decoder(connection: Any) -> Callable[[memoryview], Any]:
     return lambda raw: store.deserialize_cdr(bytes(raw), name)
 
 
-def _register(store: Typestore, connection: Any) -> None:
-    types = _types(connection)
-    # Before ROS Diamondback the header lived in roslib; definitions say "Header" of both.
-    if _OLD_HEADER in types:
-        types.setdefault(_HEADER, types[_OLD_HEADER])
-    store.register(types)
-
-
 def _types(connection: Any) -> dict[str, Any]:
-    definition: str = connection.definition
-    if connection.schema_encoding != "ros2idl":
-        types: dict[str, Any] = get_types_from_msg(definition, _name(connection))
-        return types
-    if not definition.startswith(_PARTS):
-        return dict(get_types_from_idl(definition))
-    found: dict[str, Any] = {}
-    for part in definition.split(_PARTS)[1:]:
-        _, _, text = part.partition("\n")  # behind the line with the part's name
-        found |= get_types_from_idl(text)
-    return found
-
-
-def _name(connection: Any) -> str:
-    """As rosbags calls the type: one of a service has its folder, too."""
-    folder, _, name = connection.type.rpartition("/")
-    return str(connection.type) if folder.endswith(("/msg", "/action")) else f"{folder}/msg/{name}"
+    return types_in(connection.type, connection.definition, connection.schema_encoding)
 
 
 def _stamp_of_ros1(raw: memoryview) -> int | None:

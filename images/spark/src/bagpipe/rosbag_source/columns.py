@@ -12,9 +12,10 @@ from typing import Any
 import pyarrow as pa
 from pyspark.sql import types
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
+from bagpipe.definitions import full_name, types_in
 from bagpipe.encodings import CDR
 from bagpipe.rosbag_source.planning import TopicType
 
@@ -55,9 +56,6 @@ _SCALARS = {
     "string": Column(types.StringType(), pa.string(), str),
 }
 _OCTETS = {"uint8", "char", "byte", "int8"}
-_HEADER, _OLD_HEADER = "std_msgs/msg/Header", "roslib/msg/Header"
-# Before each part of a definition that has several, in whatever language.
-_PARTS = "=" * 80 + "\n"
 _TIMES = {"builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"}
 
 
@@ -65,14 +63,10 @@ class Decoder:
     """Turns one topic's bytes into rows, by the definition that the bag itself carries."""
 
     def __init__(self, kind: TopicType) -> None:
-        self._type = kind.type.replace("/", "/msg/") if "/msg/" not in kind.type else kind.type
+        self._type = full_name(kind.type)
         self._cdr = kind.encoding == CDR
         self._store: Typestore = get_typestore(Stores.EMPTY)
-        found = _definitions(kind, self._type)
-        # Before ROS Diamondback the header lived in roslib; definitions say just "Header" of both.
-        if _OLD_HEADER in found:
-            found.setdefault(_HEADER, found[_OLD_HEADER])
-        self._store.register(found)
+        self._store.register(types_in(kind.type, kind.definition, kind.schema_encoding))
         self.column = self._named(self._type)
 
     def decode(self, data: bytes) -> Any:
@@ -110,18 +104,6 @@ class Decoder:
             return Column(spark, arrow, _listed)
         convert = inner.convert
         return Column(spark, arrow, lambda values: [convert(value) for value in values])
-
-
-def _definitions(kind: TopicType, name: str) -> dict[str, Any]:
-    if kind.schema_encoding != "ros2idl":
-        return dict(get_types_from_msg(kind.definition, name))
-    found: dict[str, Any] = {}
-    for part in kind.definition.split(_PARTS):
-        # Behind the line with the part's name, where there are several.
-        text = part.partition("\n")[2] if part.startswith("IDL: ") else part
-        if text.strip():
-            found |= get_types_from_idl(text)
-    return found
 
 
 def _nanoseconds(time: Any) -> int:

@@ -84,7 +84,7 @@ class PartReader:
     def _message(self, connection: Any, time: int, raw: memoryview) -> PartMessage:
         recorded = bytes(raw)
         try:
-            data = moved(connection.type, connection.definition, recorded, self._part.shift)
+            data = moved(connection, recorded, self._part.shift)
         except StampError as error:
             raise _unreadable(
                 self._part,
