@@ -13,7 +13,7 @@ from bagpipe.source.bags.opening import opened
 from bagpipe.source.naming import stem
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage, StorageError
-from bagpipe.texts import duration_seconds
+from bagpipe.texts import duration_nanoseconds
 
 
 def fragments(
@@ -52,8 +52,8 @@ def _fragments_of(
     tail = as_wanted(recording.tail, late)
     if encoding is not None:
         check_encoding(tail, spec.topics, encoding)
-    length = int(duration_seconds(spec.fragment.length) * 1e9)
-    warm_up = int(duration_seconds(spec.fragment.warm_up) * 1e9)
+    length = duration_nanoseconds(spec.fragment.length)
+    warm_up = duration_nanoseconds(spec.fragment.warm_up)
     fragments = cut(tail, spec.topics, length, warm_up, recording.times)
     if not fragments:
         raise BagError("NoMatchingTopics", _without_messages(tail, spec.topics))
