@@ -123,7 +123,7 @@ test-real-parts: AT_ITS_END := --output-at-its-end
 test-real-parts: test-rust test-integration
 
 .PHONY: set-up
-set-up: preflight-all venv tools test-programs test-agent recording images ## Build all that tests need, at once
+set-up: preflight-all venv tools test-programs test-agent npm-packages recording images ## Build all that tests need, at once
 
 .PHONY: quick
 quick: venv ## Check what differs from SINCE=HEAD in under a minute: style, and the nearest unit tests
@@ -170,9 +170,20 @@ test-agent: preflight-all
 	$(STEP) "Compiling the agent's tests" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
 	  $(TEST_AGENT) --quiet --no-run
 
+# As their lock names them, each with its hash; no script of theirs is run. Node.js is in .venv.
+NPM_LOCK := images/agent/crates/mcap/tests/languages
+NPM_FOLDER := $(BAGPIPE_CACHE)/npm/mcap
+.PHONY: npm-packages
+npm-packages: $(VENV)
+	$(STEP) "Getting npm's packages" --if-it-fails "Is the npm registry reachable? Then run it again." -- \
+	  bash -euc 'if [ -d "$(NPM_FOLDER)/node_modules" ] && cmp -s $(NPM_LOCK)/package-lock.json "$(NPM_FOLDER)/package-lock.json"; then exit; fi; \
+	    rm -rf "$(NPM_FOLDER).new"; mkdir -p "$(NPM_FOLDER).new"; cp $(NPM_LOCK)/package*.json "$(NPM_FOLDER).new"; \
+	    PATH="$$PWD/.venv/bin:$$PATH" npm ci --prefix "$(NPM_FOLDER).new" --ignore-scripts --no-audit --no-fund --silent; \
+	    rm -rf "$(NPM_FOLDER)"; mv "$(NPM_FOLDER).new" "$(NPM_FOLDER)"'
+
 # Without ROS or the recording its tests fail; BAGPIPE_WITHOUT_ROS=1 leaves out what needs ROS.
 .PHONY: test-rust
-test-rust: recording test-agent ## Run the agent's tests, against Debian's ROS (part of test)
+test-rust: recording test-agent npm-packages ## Run the agent's tests, against Debian's ROS (part of test)
 	$(STEP) "Testing the agent" $(AT_ITS_END) -- $(TEST_AGENT) --no-fail-fast
 
 .PHONY: test-integration

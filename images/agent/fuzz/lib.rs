@@ -47,6 +47,13 @@ pub fn bag_bound(length: usize) -> usize {
     16 * length + 3 * LIMIT as usize + (8 << 20)
 }
 
+/// The metadata.yaml and the files of a folder of rosbag2, from an input that begins with the
+/// length of the first.
+pub fn split_folder(bytes: &[u8]) -> (&[u8], &[u8]) {
+    let Some((length, rest)) = bytes.split_first_chunk() else { return (&[], bytes) };
+    rest.split_at(rest.len().min(u16::from_le_bytes(*length).into()))
+}
+
 /// A stream that gives so many bytes at a time.
 pub struct Pieces<'a> {
     /// What is left of it.

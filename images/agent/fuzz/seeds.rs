@@ -51,6 +51,7 @@ fn main() -> Outcome {
         old.add(&format!("old-{messages}"), &old_bag(messages))?;
     }
     mcap(&Folder::new(root, "mcap")?)?;
+    rosbag2(&Folder::new(root, "rosbag2")?)?;
     chunks(&Folder::new(root, "chunks")?)?;
     frames(&Folder::new(root, "frames")?)?;
     greetings(&Folder::new(root, "greetings")?)?;
@@ -99,6 +100,76 @@ fn mcap(folder: &Folder) -> Outcome {
         }
     }
     Ok(())
+}
+
+const QOS: &str = "- history: 3\n  depth: 0\n  durability: 1";
+/// As rosbag2 makes them.
+const TABLES: &str = "
+CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL,
+  serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL);
+CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL,
+  timestamp INTEGER NOT NULL, data BLOB NOT NULL);
+CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT NOT NULL,
+  encoding TEXT NOT NULL, encoded_message_definition TEXT NOT NULL,
+  type_description_hash TEXT NOT NULL);
+INSERT INTO message_definitions VALUES (1, 'std_msgs/msg/String', 'ros2msg', 'string data', '');";
+
+/// Folders of one file in each storage and compression: the metadata behind its length, the file.
+fn rosbag2(folder: &Folder) -> Outcome {
+    for (version, storage) in [(4, "sqlite3"), (6, "mcap"), (9, "sqlite3"), (9, "mcap")] {
+        for mode in ["", "FILE", "MESSAGE"] {
+            let packed = |data: &[u8], wanted: bool| {
+                if wanted { zstd::encode_all(data, 1) } else { Ok(data.to_vec()) }
+            };
+            let data = packed(&[7; 90], mode == "MESSAGE")?;
+            let bytes = if storage == "mcap" { mcap_of(&data)? } else { database(&data)? };
+            let bytes = packed(&bytes, mode == "FILE")?;
+            let about = about(version, storage, mode);
+            let length = (about.len() as u16).to_le_bytes();
+            let input = [&length[..], about.as_bytes(), &bytes].concat();
+            folder.add(&format!("{storage}-{version}-{mode}"), &input)?;
+        }
+    }
+    Ok(())
+}
+
+fn mcap_of(data: &[u8]) -> Result<Vec<u8>, Box<dyn Error>> {
+    let mut writer = bagpipe_mcap::McapWriter::new(bagpipe_mcap::WriterOptions::default());
+    let id = writer.add_connection(&Connection { topic: "/a".to_owned(), ..Connection::default() });
+    for number in 0..8 {
+        writer.write(id, number * 5_000_000, data)?;
+    }
+    Ok(writer.finish()?)
+}
+
+fn database(data: &[u8]) -> Result<Vec<u8>, Box<dyn Error>> {
+    let file = rusqlite::Connection::open_in_memory()?;
+    // The smallest pages, so that damage finds what is in them.
+    file.execute_batch("PRAGMA page_size = 512;")?;
+    file.execute_batch(TABLES)?;
+    let topic = "INSERT INTO topics VALUES (?1, ?2, 'std_msgs/msg/String', 'cdr', ?3)";
+    file.execute(topic, (7, "/a", QOS))?;
+    file.execute(topic, (8, "/b", ""))?;
+    for number in 0..8i64 {
+        let message = "INSERT INTO messages (topic_id, timestamp, data) VALUES (?1, ?2, ?3)";
+        file.execute(message, (7 + number % 2, number * 5_000_000, data))?;
+    }
+    Ok(file.serialize("main")?.to_vec())
+}
+
+fn about(version: u64, storage: &str, mode: &str) -> String {
+    let format = if mode.is_empty() { "" } else { "zstd" };
+    let qos = match version {
+        9 => format!("\n          {}", QOS.replace('\n', "\n          ")),
+        _ => format!("{QOS:?}"),
+    };
+    format!(
+        "rosbag2_bagfile_information:\n  version: {version}\n  storage_identifier: {storage}\n  \
+         message_count: 8\n  topics_with_message_count:\n    - topic_metadata:\n        name: /a\n\
+         \x20       type: std_msgs/msg/String\n        serialization_format: cdr\n        \
+         offered_qos_profiles: {qos}\n      message_count: 8\n  compression_format: \"{format}\"\n\
+         \x20 compression_mode: \"{mode}\"\n  relative_file_paths:\n    - a.{storage}\n"
+    )
 }
 
 fn record(fields: &[(&str, &[u8])], data: &[u8]) -> Vec<u8> {

@@ -3,6 +3,7 @@
 import re
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any, ClassVar
 
@@ -16,9 +17,10 @@ DATA = pattern(9 * MIB)
 
 
 class WebServer(BaseHTTPRequestHandler):
-    """One file, /bags/x.bag, with an ETag."""
+    """Files by their paths, with an ETag."""
 
     protocol_version = "HTTP/1.1"
+    files: ClassVar[dict[str, bytes]] = {"/bags/x.bag": DATA}
     knows_ranges: ClassVar[bool] = True
     tag: ClassVar[str] = '"1"'
 
@@ -27,16 +29,17 @@ class WebServer(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with the range that is asked for, if any."""
-        if self.path != "/bags/x.bag":
+        data = self.files.get(self.path)
+        if data is None:
             self._answer(404, b"", {})
             return
         asked = re.fullmatch(r"bytes=(\d+)-(\d+)", self.headers.get("Range", ""))
         if asked and self.knows_ranges:
-            begin, end = int(asked[1]), min(int(asked[2]) + 1, len(DATA))
-            headers = {"Content-Range": f"bytes {begin}-{end - 1}/{len(DATA)}"}
-            self._answer(206, DATA[begin:end], headers)
+            begin, end = int(asked[1]), min(int(asked[2]) + 1, len(data))
+            headers = {"Content-Range": f"bytes {begin}-{end - 1}/{len(data)}"}
+            self._answer(206, data[begin:end], headers)
         else:
-            self._answer(200, DATA, {})
+            self._answer(200, data, {})
 
     def _answer(self, status: int, body: bytes, headers: dict[str, str]) -> None:
         self.send_response_only(status)
@@ -50,16 +53,25 @@ class WebServer(BaseHTTPRequestHandler):
         """Nobody reads it."""
 
 
+@contextmanager
+def web_server() -> Iterator[str]:
+    """A server on a port of its own, which serves until the block ends; the URL of its bags."""
+    server = ThreadingHTTPServer(("127.0.0.1", 0), WebServer)
+    server.daemon_threads = True
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+    try:
+        yield f"http://127.0.0.1:{server.server_address[1]}/bags"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
 @pytest.fixture
 def web(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     monkeypatch.setattr(WebServer, "tag", '"1"')
     monkeypatch.setattr(WebServer, "knows_ranges", True)
-    server = ThreadingHTTPServer(("127.0.0.1", 0), WebServer)
-    server.daemon_threads = True
-    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-    yield f"http://127.0.0.1:{server.server_address[1]}/bags"
-    server.shutdown()
-    server.server_close()
+    with web_server() as url:
+        yield url
 
 
 def test_a_recording_is_read_in_ranges(web: str) -> None:

@@ -27,7 +27,7 @@ def two_topics(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 def test_counts_times_and_connections(two_topics: bytes) -> None:
     tail = tail_of(two_topics)
-    assert [(c.topic, c.latching) for c in tail.connections] == [("/scan", False), ("/map", True)]
+    assert [(c.topic, c.in_force) for c in tail.connections] == [("/scan", 0), ("/map", 1)]
     assert sum(sum(chunk.counts.values()) for chunk in tail.chunks) == 201
     assert len(tail.chunks) > 3
     assert tail.chunks[0].start_time == 1_000_000_000

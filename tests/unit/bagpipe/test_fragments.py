@@ -16,8 +16,8 @@ from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 SECOND = 1_000_000_000
 
 
-def connection(identity: int, topic: str, latching: bool = False) -> Connection:
-    return Connection(identity, topic, "std_msgs/String", "/recorded", "ros1", latching, 0, 10)
+def connection(identity: int, topic: str, in_force: int = 0) -> Connection:
+    return Connection(identity, topic, "std_msgs/String", "/recorded", "ros1", in_force, "", 0, 10)
 
 
 def tail_with(chunks: list[tuple[float, float, dict[int, int]]], *topics: Connection) -> BagTail:
@@ -113,7 +113,7 @@ def test_a_window_of_one_s_own_has_what_it_touches_and_the_state_before_it() -> 
         (4.5, 5.5, {0: 7, 2: 1}),
         (6.0, 7.0, {0: 8}),  # starts as the window ends
     ]
-    map_, camera = connection(1, "/map", latching=True), connection(2, "/camera")
+    map_, camera = connection(1, "/map", in_force=1), connection(2, "/camera")
     tail = tail_with(chunks, SCAN, map_, camera)
     window = Window(4 * SECOND, 5 * SECOND, 6 * SECOND)
     fragment = cut_one(tail, ["/scan", "/map"], window)
@@ -126,7 +126,7 @@ def test_a_window_of_one_s_own_has_what_it_touches_and_the_state_before_it() -> 
 
 def test_the_state_of_a_topic_that_is_not_wanted_stays_behind() -> None:
     chunks = [(0.0, 1.0, {1: 1}), (4.0, 5.0, {0: 5})]
-    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
     window = Window(4 * SECOND, 4 * SECOND, 9 * SECOND)
     assert cut_one(tail, ["/scan"], window).ranges == [(2000, 1000)]
 
@@ -135,7 +135,7 @@ def test_a_latched_message_of_the_lead_in_s_first_moment_replaces_none_before_it
     """The chunk of the older one is needed: only what lies before the lead-in is certain."""
     for end, ranges in ((4.0, [(1000, 1000), (3000, 2000)]), (3.9, [(3000, 2000)])):
         chunks = [(0.0, 1.0, {1: 1}), (2.0, 2.5, {0: 1}), (3.0, end, {1: 1}), (4.5, 5.0, {0: 1})]
-        tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+        tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
         window = Window(4 * SECOND, 4 * SECOND, 9 * SECOND)
         assert cut_one(tail, [], window).ranges == ranges
 
@@ -147,7 +147,7 @@ def test_a_short_remainder_joins_the_last_fragment() -> None:
 
 def test_latched_state_before_the_window_comes_along() -> None:
     chunks = [(0.0, 1.0, {0: 5, 1: 1}), (1.5, 7.9, {0: 5}), (8.0, 12.0, {0: 5})]
-    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
     last = cut(tail, [], 4 * SECOND, 0)[-1]
     assert last.window.start == 8 * SECOND
     assert last.ranges == [(1000, 1000), (3000, 1000)]
@@ -155,7 +155,7 @@ def test_latched_state_before_the_window_comes_along() -> None:
 
 def test_of_overlapping_chunks_all_that_may_hold_the_newest_latched_message_come_along() -> None:
     chunks = [(0.0, 5.0, {1: 1}), (1.0, 2.0, {1: 1}), (8.0, 12.0, {0: 5})]
-    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
     assert cut(tail, [], 4 * SECOND, 0)[-1].ranges == [(1000, 3000)]
 
 
@@ -200,7 +200,7 @@ def test_a_gap_that_leaves_no_window_empty_changes_nothing(gap: int, numbers: li
 
 def test_behind_a_gap_warm_up_and_latched_state_are_those_of_the_recording() -> None:
     chunks = [(0.0, 1.0, {0: 5, 1: 1}), (1.5, 3.9, {0: 5}), (40.0, 44.0, {0: 5})]
-    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
     first, last = cut(tail, [], 4 * SECOND, 2 * SECOND)
     assert (first.number, first.window.start, first.messages) == (0, 0, 11)
     # Neither the lead-in behind the first fragment nor the map makes cases of the gap.
@@ -328,14 +328,14 @@ def test_a_message_at_a_window_s_end_is_the_next_one_s(tmp_path: Path) -> None:
 
 def test_latched_state_that_may_be_of_after_the_window_s_begin_replaces_none() -> None:
     chunks = [(0.0, 1.0, {1: 1}), (2.0, 2.5, {0: 1}), (3.0, 6.0, {1: 1})]
-    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
     window = Window(5 * SECOND, 5 * SECOND, 9 * SECOND)
     assert cut_one(tail, [], window).ranges == [(1000, 1000), (3000, 1000)]
 
 
 def test_latched_state_may_be_as_old_as_a_newer_chunk_s_first_message_and_never_younger() -> None:
     chunks = [(0.0, 5.0, {1: 1}), (5.0, 6.0, {1: 1}), (6.5, 7.0, {0: 1}), (9.5, 9.9, {1: 1})]
-    tail = tail_with(chunks, SCAN, connection(1, "/map", latching=True))
+    tail = tail_with(chunks, SCAN, connection(1, "/map", in_force=1))
     assert cut_one(tail, [], Window(8 * SECOND, 8 * SECOND, 9 * SECOND)).ranges == [(1000, 2000)]
 
 

@@ -38,10 +38,10 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_it_says_what_the_bag_of_the_same_messages_says(bag: Path, compression: str) -> None:
     data = mcap_of(bag, bag.with_suffix(f".{compression}"), compression, 2048).read_bytes()
     ours, other = tail_of(data), tail_of(bag.read_bytes())
-    named = [(c.topic, c.datatype, c.latching, c.encoding) for c in ours.connections]
+    named = [(c.topic, c.datatype, c.in_force, c.encoding) for c in ours.connections]
     assert named == [
-        ("/scan", "std_msgs/String", False, "ros1"),
-        ("/map", "std_msgs/String", True, "ros1"),
+        ("/scan", "std_msgs/String", 0, "ros1"),
+        ("/map", "std_msgs/String", 1, "ros1"),
     ]
     assert [c.caller_id for c in ours.connections] == [c.caller_id for c in other.connections]
     assert len(ours.chunks) > 3

@@ -48,12 +48,14 @@ def source(topics: list[str] | None = None, length: str = "2s", warm_up: str = "
 
 
 def planned(metadata: Path, spec: Source, encoding: str | None = "cdr") -> Plan:
-    return fragments([metadata.as_uri()], spec, encoding, Crossing([("", Conditions())]), STORAGE)
+    return fragments(
+        [metadata.as_uri()], spec, encoding, Crossing([("", Conditions())]), STORAGE, {}
+    )
 
 
 def stream(case: Case, to: Path) -> list[Message]:
     """The case's input, read by MCAP's own library."""
-    made = folder_file(case, STORAGE)
+    made = folder_file(case, STORAGE, {})
     data = b"".join(made.pieces())
     assert len(data) == made.size
     to.write_bytes(data)
@@ -112,7 +114,7 @@ def test_a_fragment_of_one_file_travels_as_its_own_chunks(tmp_path: Path) -> Non
     as_stored = [case for case in made.cases if len(case.parts) == 1]
     assert as_stored
     for case in as_stored:
-        given = folder_file(case, STORAGE)
+        given = folder_file(case, STORAGE, {})
         stored = Path(case.parts[0].bag.removeprefix("file://")).read_bytes()
         data = b"".join(given.pieces())
         for at, offset, length in given.ranges:

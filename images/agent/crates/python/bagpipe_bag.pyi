@@ -2,7 +2,7 @@
 `bagpipe.plan.bag_tail`, which decides what is read.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from typing import Any, Literal, final
 
@@ -33,6 +33,9 @@ class Connection:
     @property
     def latching(self) -> bool:
         """Whether the publisher latched its last message: in ROS 2, transient local."""
+    @property
+    def in_force(self) -> int:
+        """How many of its last messages a subscriber that joins late gets."""
     @property
     def encoding(self) -> str:
         """What its messages' bytes are: ros1, cdr or another."""
@@ -232,8 +235,9 @@ class TailError(ValueError):
 
 # index_pos, conn_count, chunk_count
 _Head = tuple[int, int, int]
-# id, topic, type, caller id, encoding, latching, offset, length
-_Publisher = tuple[int, str, str, str, str, bool, int, int]
+# id, topic, type, caller id, encoding, how many messages late subscribers get, the publishers'
+# quality of service as ROS 2 recorded it, offset, length
+_Publisher = tuple[int, str, str, str, str, int, str, int, int]
 # offset, end, start and end time in ns, messages for each connection, where its index begins and
 # how it is compressed (None: its own record says that)
 _Span = tuple[int, int, int, int, dict[int, int], int | None, str | None]
@@ -298,12 +302,14 @@ def joined_mcap(
     end: int,
     topics: Sequence[str],
     *,
+    late: Mapping[str, tuple[bool | None, int | None]],
     memory: int,
 ) -> bytes:
     """One file of MCAP of files that follow each other: MCAP's bytes, or paths of a folder's files.
 
-    It has the messages of the topics (none: of all) with start <= t < end (ns), and each
-    publisher's last latched one from before, at its own time. Raises BagError.
+    It has the messages of the topics (none: of all) with start <= t < end (ns), and what is latched
+    and in force before, at its own time. `late` has of a topic whether it latches and how many
+    messages late subscribers get; None: as recorded. Raises BagError.
     """
 
 # Bytes, messages in them, and what was lost.

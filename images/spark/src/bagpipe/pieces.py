@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, Field, JsonValue, ValidationErro
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.matrix.templates import filled_text, has_template
 from bagpipe.pod_spec import SPEC_CONFIG
-from bagpipe.texts import BagUri, Name, duration_seconds, each_once
+from bagpipe.texts import BagUri, Name, duration_nanoseconds, each_once
 
 
 def _one_bag(uri: str) -> str:
@@ -23,7 +23,7 @@ def _one_bag(uri: str) -> str:
 
 def _offset(text: str) -> str:
     if not has_template(text):
-        duration_seconds(text)
+        duration_nanoseconds(text)
     return text
 
 
@@ -43,7 +43,7 @@ class Piece(BaseModel):
     @property
     def from_nanoseconds(self) -> int:
         """Of a piece without templates."""
-        return nanoseconds(self.from_)
+        return duration_nanoseconds(self.from_)
 
 
 class SequencePart(Piece):
@@ -57,7 +57,7 @@ class SequencePart(Piece):
     def _ends_behind_its_start(self) -> Self:
         if self.to is None or has_template([self.from_, self.to]):
             return self
-        if nanoseconds(self.to) <= self.from_nanoseconds:
+        if duration_nanoseconds(self.to) <= self.from_nanoseconds:
             raise ValueError(f"the piece ends at {self.to}, not behind its start at {self.from_}")
         return self
 
@@ -71,11 +71,6 @@ class RecordedTopics(Piece):
 def bags_of(pieces: Sequence[Piece]) -> list[str]:
     """The URIs of the pieces' bags, each once."""
     return list(dict.fromkeys(piece.bag for piece in pieces))
-
-
-def nanoseconds(offset: str) -> int:
-    """An offset without templates in ns."""
-    return round(duration_seconds(offset) * 1e9)
 
 
 def filled_pieces(pieces: list[P], known: Mapping[str, JsonValue], where: str) -> list[P]:

@@ -5,23 +5,31 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-_DURATION = re.compile(r"([0-9]{1,6}(?:\.[0-9]{1,6})?)(ms|s|m|h)")
-_UNIT_SECONDS = {"ms": 0.001, "s": 1.0, "m": 60.0, "h": 3600.0}
-# The API server counts in nanoseconds, of which an int64 holds 292 years.
-_LONGEST_SECONDS = (2**63 - 1) / 1e9
+_DURATION = re.compile(r"([0-9]{1,6})(?:\.([0-9]{1,6}))?(ms|s|m|h)")
+# A millionth of each, which is the least that a number can say, in nanoseconds.
+_MILLIONTHS = {"ms": 1, "s": 1_000, "m": 60_000, "h": 3_600_000}
+# The API server counts in nanoseconds, in an int64, which holds 292 years.
+_LONGEST = 2**63 - 1
 
 
-def duration_seconds(text: str) -> float:
-    """Seconds of a duration such as `20s`, `1m30s` or `500ms`: one to four numbers with units.
+def duration_nanoseconds(text: str) -> int:
+    """Nanoseconds of a duration such as `20s`, `1m30s` or `500ms`: one to four numbers with units,
+    of at most six digits before and behind the point. None is rounded.
 
     Raises ValueError for anything else, and for more than 292 years.
     """
     if not re.fullmatch(rf"(?:{_DURATION.pattern}){{1,4}}", text):
         raise ValueError(f"{text!r} is not a duration: write for example 20s, 1m30s or 500ms")
-    seconds = sum(float(n) * _UNIT_SECONDS[unit] for n, unit in _DURATION.findall(text))
-    if seconds > _LONGEST_SECONDS:
+    parts = _DURATION.findall(text)
+    whole = sum(int(f"{n}{part:0<6}") * _MILLIONTHS[unit] for n, part, unit in parts)
+    if whole > _LONGEST:
         raise ValueError(f"{text!r} is longer than 292 years: write for example 20s or 1h30m")
-    return seconds
+    return whole
+
+
+def duration_seconds(text: str) -> float:
+    """The same in seconds, the float that is nearest. Raises ValueError."""
+    return duration_nanoseconds(text) / 10**9
 
 
 _KNOWN_URI = re.compile(

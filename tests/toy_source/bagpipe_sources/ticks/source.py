@@ -13,7 +13,7 @@ from bagpipe.plan.made import Plan
 from bagpipe.source.source import JobSource
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage
-from bagpipe.texts import duration_seconds
+from bagpipe.texts import duration_nanoseconds
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import InputFile
 
@@ -65,7 +65,7 @@ class Counter(JobSource):
 
     def _times(self) -> list[int]:
         ticks = self.spec.source.own
-        step = round(duration_seconds(ticks.every) * 1e9)
+        step = duration_nanoseconds(ticks.every)
         return [_BEGIN + number * step for number in range(ticks.count)]
 
     def _bag(self) -> bytes:

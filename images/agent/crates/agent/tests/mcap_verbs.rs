@@ -190,7 +190,7 @@ fn rosbag2(counted: u64) -> tempfile::TempDir {
     let middle = 100_200_000_000;
     for (number, (start, end)) in [(0, middle), (middle, u64::MAX)].into_iter().enumerate() {
         let window = bagpipe_log::Window { start, end };
-        let latched = bagpipe_mcap::Latched::AsRecorded;
+        let latched = bagpipe_mcap::Latched::AS_RECORDED;
         let none = WriterOptions::default();
         let all = std::slice::from_ref(&whole);
         let part = bagpipe_mcap::slice(all, window, latched, |_| true, none).unwrap();

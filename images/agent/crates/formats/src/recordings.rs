@@ -95,7 +95,7 @@ impl Recordings {
         options: WriterOptions,
     ) -> Result<Sliced, FormatError> {
         let options = self.profiled(options);
-        Ok(bagpipe_mcap::slice(&self.files, window, Latched::AtStart, wanted, options)?)
+        Ok(bagpipe_mcap::slice(&self.files, window, Latched::AT_START, wanted, options)?)
     }
 
     /// All of it as one MCAP file, mended where it was damaged.

@@ -49,8 +49,10 @@ pub struct Publisher {
     pub caller_id: String,
     /// What its messages' bytes are, such as `ros1`.
     pub encoding: String,
-    /// Whether new subscribers get the last message.
-    pub latching: bool,
+    /// How many of its last messages a subscriber that joins late gets.
+    pub in_force: u32,
+    /// The publishers' quality of service, as ROS 2's recorder wrote it down; empty without one.
+    pub offered_qos: String,
     /// Byte offset of the record that declares it.
     pub offset: u64,
     /// Bytes of the whole record.

@@ -9,6 +9,7 @@
 mod checked;
 mod copy;
 mod error;
+mod in_force;
 mod index;
 mod model;
 mod reading;
@@ -19,6 +20,9 @@ mod writing;
 pub use checked::{Checked, mixed_types};
 pub use copy::copy;
 pub use error::RecordingError;
+pub use in_force::{
+    InForce, Latcher, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,
+};
 pub use index::{Index, Publisher, Reason, Refusal, Span};
 pub use model::{Connection, Loss, Message, MessageEncoding, SchemaEncoding};
 pub use reading::Recording;

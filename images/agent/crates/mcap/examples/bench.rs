@@ -1,5 +1,6 @@
 //! Times reading and writing MCAP in memory beside the crate `mcap`, the same messages in turn
-//! in one process: `cargo run --release -p bagpipe-mcap --example bench -- [rounds] [scale]`.
+//! in one process: `cargo run --release -p bagpipe-mcap --example bench -- [rounds] [scale] [case]`,
+//! where a case is such as `zstd` or `1 KB lz4`.
 //! `pass` gives each message once, as the crate does; `order` has all of them by time, in memory.
 //! For each case a line: the median of each, of the rounds' ratios with the least and most, and
 //! of the ratios of processor time, which a busy machine disturbs less.
@@ -20,11 +21,14 @@ fn main() {
     let mut words = std::env::args().skip(1);
     let rounds: usize = words.next().map_or(7, |word| word.parse().unwrap());
     let scale: f64 = words.next().map_or(1.0, |word| word.parse().unwrap());
+    let wanted = words.next().unwrap_or_default();
     let payload = payload();
     for (name, size, base) in [("1 KB", 1 << 10, 200_000.0), ("1 MB", 1 << 20, 200.0)] {
         let count = (base * scale) as usize;
         for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
-            Case { name, size, count, compression, payload: &payload }.measure(rounds);
+            if format!("{name} {}", compression.name()).contains(&wanted) {
+                Case { name, size, count, compression, payload: &payload }.measure(rounds);
+            }
         }
     }
 }

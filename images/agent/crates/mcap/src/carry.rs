@@ -59,17 +59,7 @@ impl Carrier {
         place: &Place,
         time: u64,
     ) -> Result<(), McapError> {
-        self.carried((recording, chunks[place.chunk as usize], ids), place, time)
-    }
-
-    /// The same, of the chunk that holds it.
-    pub fn carried(
-        &mut self,
-        (recording, chunk, ids): (&Mcap, &[u8], &HashMap<u32, u32>),
-        place: &Place,
-        time: u64,
-    ) -> Result<(), McapError> {
-        let data = &chunk[place.start as usize + 4..place.end as usize];
+        let data = &chunks[place.chunk as usize][place.start as usize + 4..place.end as usize];
         let unknown = McapError::UnknownConnection(place.connection);
         let id = *ids.get(&place.connection).ok_or(unknown)?;
         let stamp = recording.stamp(place).unwrap_or_default();

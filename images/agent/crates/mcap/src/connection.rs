@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bagpipe_log::{Connection, MessageEncoding, SchemaEncoding};
+use bagpipe_log::{Connection, MessageEncoding, SchemaEncoding, latched_depths};
 
 use crate::definition::ros1_md5;
 use crate::record::{Channel, Schema};
@@ -18,7 +18,8 @@ impl Channel {
     /// because it is transient local.
     pub fn is_latched(&self) -> bool {
         let word = |key: &str| self.metadata.get(key).map(String::as_str);
-        matches!(word(LATCHING), Some("1" | "true")) || word(QOS).is_some_and(is_transient_local)
+        matches!(word(LATCHING), Some("1" | "true"))
+            || word(QOS).is_some_and(|profiles| !latched_depths(profiles).is_empty())
     }
 }
 
@@ -55,16 +56,6 @@ pub(crate) fn connection(channel: &Channel, schema: Option<&Schema>) -> Connecti
     }
 }
 
-/// Whether one of the profiles has that durability: 1, or its name since rosbag2 of Jazzy.
-fn is_transient_local(profiles: &str) -> bool {
-    profiles.lines().any(|line| {
-        let line = line.trim_start_matches(['-', ' ']);
-        let value =
-            line.strip_prefix("durability:").map(|rest| rest.trim().trim_matches(['"', '\'']));
-        matches!(value, Some("1" | "transient_local"))
-    })
-}
-
 /// What is written of a connection, without the numbers; no schema where it has no type.
 pub(crate) fn channel(connection: &Connection) -> (Option<Schema>, Channel) {
     let ros1 = connection.message_encoding == MessageEncoding::Ros1;
@@ -96,25 +87,4 @@ pub(crate) fn channel(connection: &Connection) -> (Option<Schema>, Channel) {
         ..Channel::default()
     };
     (named.then_some(schema), channel)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::is_transient_local;
-
-    #[test]
-    fn durability_is_read_in_all_of_rosbag2_s_forms() {
-        for (profiles, latched) in [
-            ("- history: 3\n  depth: 0\n  durability: 1\n  deadline:\n    sec: 1", true),
-            ("- history: 1\n  durability: 2\n- history: 1\n  durability: 1", true),
-            ("- history: keep_last\n  durability: transient_local\n", true),
-            ("- durability: \"transient_local\"", true),
-            ("- history: 1\n  durability: 2\n  depth: 1", false),
-            ("- history: keep_last\n  durability: volatile\n  depth: 1", false),
-            ("", false),
-            ("durability: 10", false),
-        ] {
-            assert_eq!(is_transient_local(profiles), latched, "{profiles:?}");
-        }
-    }
 }

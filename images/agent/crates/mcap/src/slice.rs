@@ -1,9 +1,9 @@
 //! A part of a recording as a recording of its own.
 
 use std::borrow::Borrow;
-use std::collections::BTreeMap;
+use std::collections::HashMap;
 
-use bagpipe_log::Window;
+use bagpipe_log::{InForce, Window, latchers};
 
 use crate::carry::Carrier;
 use crate::merge::Together;
@@ -21,26 +21,34 @@ pub struct Sliced {
     pub latched: u64,
 }
 
-/// At which time a slice has what was latched before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Latched {
-    /// At the slice's start, where a subscriber that joined then would have got it.
-    AtStart,
-    /// When it was recorded.
-    AsRecorded,
+/// What a slice has of what was latched before it.
+#[derive(Clone, Copy)]
+pub struct Latched<'a> {
+    /// True: when it was recorded; else at the slice's start, where a subscriber that joined then
+    /// would have got it.
+    pub as_recorded: bool,
+    /// How many messages of a channel are in force.
+    pub in_force: &'a dyn Fn(&Connection) -> u32,
+}
+
+impl Latched<'_> {
+    /// As the recording says, at the slice's start.
+    pub const AT_START: Self = Self { as_recorded: false, in_force: &Connection::in_force };
+    /// As the recording says, at the times that it says.
+    pub const AS_RECORDED: Self = Self { as_recorded: true, in_force: &Connection::in_force };
 }
 
 /// The messages of a window and of the connections that `wanted` keeps, by time, of recordings
-/// that follow each other; before them each publisher's last latched message, because a
-/// subscriber that joined at the window's start would have got it. Attachments and metadata are
-/// about the whole, and stay there.
+/// that follow each other; before them what is latched and in force ([`bagpipe_log::InForce`]),
+/// because a subscriber that joined at the window's start would have got it. Attachments and
+/// metadata are about the whole, and stay there.
 ///
 /// # Errors
 /// As [`Mcap::timeline`] and [`crate::McapWriter::write_stamped`].
 pub fn slice<M: Borrow<Mcap>>(
     recordings: &[M],
     window: Window,
-    latched: Latched,
+    latched: Latched<'_>,
     wanted: impl Fn(&Connection) -> bool,
     options: WriterOptions,
 ) -> Result<Sliced, McapError> {
@@ -50,29 +58,32 @@ pub fn slice<M: Borrow<Mcap>>(
         ids.push(carrier.channels(recording, &wanted));
     }
     let before = Window { start: 0, end: window.start };
-    // By topic and publisher; a later recording's message takes the place of an earlier one's.
-    let mut in_force = BTreeMap::new();
+    let mut in_force = InForce::default();
+    let mut read = Vec::with_capacity(recordings.len());
     for (of, recording) in recordings.iter().map(Borrow::borrow).enumerate() {
-        let timeline = recording.timeline_within(before, |each| each.latching && wanted(each))?;
-        let publishers: BTreeMap<u32, (&str, Option<&str>)> = recording
-            .connections()
+        let connections = recording.connections();
+        let latchers = latchers(connections);
+        let most: HashMap<u32, u32> = connections
             .iter()
-            .map(|each| (each.id, (each.topic.as_str(), each.caller_id.as_deref())))
+            .filter(|each| wanted(each))
+            .map(|each| (each.id, (latched.in_force)(each)))
+            .filter(|(_, most)| *most > 0)
             .collect();
+        let timeline = recording.timeline_within(before, |each| most.contains_key(&each.id))?;
         let (chunks, places) = timeline.into_parts();
-        for place in places {
-            let data: &[u8] = chunks[place.chunk as usize];
-            let known = in_force.entry(publishers.get(&place.connection).copied());
-            let found = known.or_insert((place.time, of, place, data));
-            if found.0 <= place.time {
-                *found = (place.time, of, place, data);
+        for (at, place) in places.iter().enumerate() {
+            if let Some(latcher) = latchers.get(&place.connection) {
+                let most = most.get(&place.connection).copied().unwrap_or_default();
+                in_force.take(latcher, most, place.time, (of, at));
             }
         }
+        read.push((recording, chunks, places));
     }
-    for (time, of, place, data) in in_force.values() {
-        let recording = recordings[*of].borrow();
-        let at = if latched == Latched::AtStart { window.start } else { *time };
-        carrier.carried((recording, data, &ids[*of]), place, at)?;
+    let in_force = in_force.into_messages();
+    for (time, (of, at)) in &in_force {
+        let (recording, chunks, places) = &read[*of];
+        let time = if latched.as_recorded { *time } else { window.start };
+        carrier.message((recording, chunks, &ids[*of]), &places[*at], time)?;
     }
     let latched = in_force.len() as u64;
     let mut together = Together::default();

@@ -358,11 +358,12 @@ fn publisher(channel: &Channel, schema: Option<&Schema>, (offset, length): Range
     let connection = crate::connection::connection(channel, schema);
     Publisher {
         id: connection.id,
+        in_force: connection.in_force(),
+        offered_qos: connection.offered_qos.unwrap_or_default(),
         topic: connection.topic,
         datatype: connection.datatype,
         caller_id: connection.caller_id.unwrap_or_default(),
         encoding: connection.message_encoding.name().to_owned(),
-        latching: connection.latching,
         offset,
         length,
     }

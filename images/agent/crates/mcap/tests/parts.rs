@@ -18,18 +18,47 @@ fn options(chunk_threshold: usize) -> WriterOptions {
     WriterOptions { chunk_threshold, profile: "ros2".to_owned(), ..WriterOptions::default() }
 }
 
-/// As rosbag2 records a transient-local topic.
+/// As rosbag2 records a topic of transient-local publishers, and a volatile one.
 fn latched(topic: &str) -> Connection {
-    let offered_qos = Some("- history: 3\n  durability: 1\n".to_owned());
-    Connection { offered_qos, latching: true, ..connection(topic) }
+    let profiles = match topic {
+        "/deep" => {
+            "- history: keep_last\n  depth: 2\n  durability: transient_local\n- durability: 2\n  \
+             depth: 9\n- history: 3\n  depth: 0\n  durability: 1\n"
+        }
+        _ => "- history: 3\n  durability: 1\n",
+    };
+    let datatype = if topic == "/tf_static" { "tf2_msgs/msg/TFMessage" } else { "room_msgs/Map" };
+    Connection {
+        offered_qos: Some(profiles.to_owned()),
+        latching: true,
+        datatype: datatype.to_owned(),
+        ..connection(topic)
+    }
 }
 
-/// Messages of (topic, time) on /a, /b and the latched /map, each with data and a number of its
-/// own.
+/// Two plain topics, and latched ones with how many of their messages are in force.
+fn topics() -> [Connection; 5] {
+    [connection("/a"), connection("/b"), latched("/map"), latched("/tf_static"), latched("/deep")]
+}
+
+const IN_FORCE: [(&str, usize); 3] = [("/map", 1), ("/tf_static", 100), ("/deep", 3)];
+
+/// What a subscriber that joins at that time would get, of messages by time.
+fn in_force(all: &[Plain], at: u64) -> Vec<Plain> {
+    let mut wanted = Vec::new();
+    for (topic, most) in IN_FORCE {
+        let before = |each: &&(usize, &Plain)| each.1.0 == topic && each.1.1 < at;
+        let found: Vec<_> = all.iter().enumerate().filter(|each| before(&each)).collect();
+        wanted.extend_from_slice(&found[found.len().saturating_sub(most)..]);
+    }
+    wanted.sort_by_key(|(number, _)| *number);
+    wanted.into_iter().map(|(_, each)| each.clone()).collect()
+}
+
+/// Messages of (topic, time), each with data and a number of its own.
 fn written(messages: &[(usize, u64)], chunk_threshold: usize) -> Vec<u8> {
     let mut writer = McapWriter::new(options(chunk_threshold));
-    let ids = [connection("/a"), connection("/b"), latched("/map")];
-    let ids = ids.map(|each| writer.add_connection(&each));
+    let ids = topics().map(|each| writer.add_connection(&each));
     for (number, (topic, time)) in messages.iter().enumerate() {
         let stamp = Stamp { sequence: number as u32, publish_time: time / 2 };
         writer.write_stamped(ids[*topic], *time, stamp, &[number as u8; 40]).unwrap();
@@ -37,7 +66,7 @@ fn written(messages: &[(usize, u64)], chunk_threshold: usize) -> Vec<u8> {
     writer.finish().unwrap()
 }
 
-fn cut(files: &[Mcap], start: u64, end: u64, latched: Latched) -> Sliced {
+fn cut(files: &[Mcap], start: u64, end: u64, latched: Latched<'_>) -> Sliced {
     slice(files, Window { start, end }, latched, |_| true, options(500)).unwrap()
 }
 
@@ -52,7 +81,7 @@ proptest! {
 
     #[test]
     fn slices_of_a_recording_are_the_recording(
-        messages in prop::collection::vec((0..3usize, 0..1000u64), 1..60),
+        messages in prop::collection::vec((0..5usize, 0..1000u64), 1..60),
         mut edges in prop::collection::vec(1..1000u64, 0..4),
         threshold in 40..2000usize,
     ) {
@@ -64,14 +93,13 @@ proptest! {
         let files = [whole];
         let mut parts: Vec<Plain> = Vec::new();
         for pair in edges.windows(2) {
-            let made = cut(&files, pair[0], pair[1], Latched::AtStart);
+            let made = cut(&files, pair[0], pair[1], Latched::AT_START);
             sound(&made.bytes);
             let found = read(&open(&made.bytes));
             let (first, rest) = found.split_at(made.latched as usize);
-            let before = |each: &&Plain| each.0 == "/map" && each.1 < pair[0];
-            let last = all.iter().rfind(before).map(|each| (pair[0], each.2, each.3));
-            let carried: Vec<_> = first.iter().map(|each| (each.1, each.2, each.3)).collect();
-            prop_assert_eq!(carried, Vec::from_iter(last));
+            let mut expected = in_force(&all, pair[0]);
+            expected.iter_mut().for_each(|each| each.1 = pair[0]);
+            prop_assert_eq!(first, expected);
             prop_assert_eq!(rest.len() as u64, made.messages);
             parts.extend_from_slice(rest);
         }
@@ -80,7 +108,7 @@ proptest! {
 
     #[test]
     fn files_that_follow_each_other_are_cut_as_one(
-        messages in prop::collection::vec((0..3usize, 0..1000u64), 2..60),
+        messages in prop::collection::vec((0..5usize, 0..1000u64), 2..60),
         split in 0..60usize,
         start in 1..1000u64,
     ) {
@@ -90,12 +118,13 @@ proptest! {
         // The numbers of messages count on, and the channels of the second file are others.
         let (first, second) = ordered.split_at(split.min(ordered.len()));
         let mut writer = McapWriter::new(options(300));
-        let ids = [latched("/map"), connection("/b"), connection("/a")];
+        let mut ids = topics();
+        ids.reverse();
         let ids = ids.map(|each| writer.add_connection(&each));
         for (number, (topic, time)) in second.iter().enumerate() {
             let number = number + first.len();
             let stamp = Stamp { sequence: number as u32, publish_time: time / 2 };
-            writer.write_stamped(ids[2 - topic], *time, stamp, &[number as u8; 40]).unwrap();
+            writer.write_stamped(ids[4 - topic], *time, stamp, &[number as u8; 40]).unwrap();
         }
         let files = [open(&written(first, 300)), open(&writer.finish().unwrap())];
         let joined = open(&merge(&files, options(300)).unwrap());
@@ -103,7 +132,7 @@ proptest! {
         let topics = joined.connections().iter().map(|each| &each.topic);
         prop_assert_eq!(topics.collect::<std::collections::BTreeSet<_>>().len(),
                         joined.connections().len());
-        for latched in [Latched::AtStart, Latched::AsRecorded] {
+        for latched in [Latched::AT_START, Latched::AS_RECORDED] {
             let (of_files, of_one) =
                 (cut(&files, start, 900, latched), cut(std::slice::from_ref(&whole), start, 900, latched));
             prop_assert_eq!(read(&open(&of_files.bytes)), read(&open(&of_one.bytes)));
@@ -119,7 +148,7 @@ fn a_slice_has_only_the_topics_that_are_asked_for_and_nothing_about_the_whole() 
         let all = read(&file);
         let asked = |each: &Connection| each.topic == "/b";
         let window = Window { start: all[20].1, end: all[70].1 };
-        let made = slice(&[file], window, Latched::AtStart, asked, options(900)).unwrap();
+        let made = slice(&[file], window, Latched::AT_START, asked, options(900)).unwrap();
         let part = open(&made.bytes);
         let expected: Vec<Plain> =
             all[20..70].iter().filter(|each| each.0 == "/b").cloned().collect();
@@ -232,4 +261,37 @@ fn a_topic_of_two_types_is_a_problem() {
     }
     let found = check(writer.finish().unwrap(), Limits::default()).unwrap();
     assert_eq!(found.problems, ["topic /a is std_msgs/msg/String and a/msg/B"]);
+}
+
+#[test]
+fn of_transforms_whose_publishers_are_not_named_a_hundred_are_in_force() {
+    let transforms: Vec<_> = (0..150).map(|time| (3, time)).chain([(2, 3), (2, 4)]).collect();
+    let file = open(&written(&transforms, 300));
+    let all = read(&file);
+    let files = [file];
+    let made = cut(&files, 150, 900, Latched::AS_RECORDED);
+    let found = read(&open(&made.bytes));
+    assert_eq!((made.messages, made.latched, found.len()), (0, 101, 101));
+    assert!(found == in_force(&all, 150));
+    assert_eq!((found[0].0.as_str(), found[0].1, found[1].1), ("/map", 4, 50));
+    let none = |_: &Connection| 0;
+    let volatile = Latched { as_recorded: true, in_force: &none };
+    assert_eq!(cut(&files, 150, 900, volatile).latched, 0);
+    let two = |each: &Connection| if each.topic == "/tf_static" { 2 } else { 0 };
+    let fewer = cut(&files, 150, 900, Latched { as_recorded: false, in_force: &two });
+    let times: Vec<_> = read(&open(&fewer.bytes)).iter().map(|each| (each.1, each.3)).collect();
+    assert_eq!(times, [(150, 148), (150, 149)]);
+}
+
+#[test]
+fn channels_that_are_alike_are_publishers_of_their_own() {
+    let mut writer = McapWriter::new(options(300));
+    let ids = [latched("/map"), latched("/map")].map(|each| writer.add_connection(&each));
+    for (id, time) in [(0, 1), (0, 2), (1, 3), (1, 4)] {
+        writer.write_stamped(ids[id], time, Stamp::default(), &[time as u8]).unwrap();
+    }
+    let files = [open(&writer.finish().unwrap())];
+    let made = cut(&files, 9, 10, Latched::AS_RECORDED);
+    let times: Vec<_> = read(&open(&made.bytes)).iter().map(|each| each.1).collect();
+    assert_eq!(times, [2, 4]);
 }

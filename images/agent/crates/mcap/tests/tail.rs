@@ -88,7 +88,7 @@ fn it_is_what_a_reader_of_all_of_it_finds() {
         let topics: Vec<_> = index.connections.iter().map(|each| each.topic.as_str()).collect();
         assert_eq!(topics, ["/a", "/b", "/c"]);
         let b = &index.connections[1];
-        assert_eq!((b.latching, b.caller_id.as_str()), (true, "/talker"));
+        assert_eq!((b.in_force, b.caller_id.as_str()), (1, "/talker"));
         assert_eq!(b.datatype, "std_msgs/String");
     }
 }

@@ -20,6 +20,8 @@ pub struct Connection {
     callerid: Option<String>,
     /// True when the publisher latched its last message, or its durability is transient local.
     latching: bool,
+    /// How many of its last messages a subscriber that joins late gets.
+    in_force: u32,
     /// What its messages' bytes are, such as `ros1` or `cdr`.
     encoding: String,
     /// What the definition is written in, such as `ros1msg`, `ros2msg` or `ros2idl`.
@@ -44,6 +46,7 @@ impl From<&bagpipe_log::Connection> for Connection {
             definition: each.definition.clone(),
             callerid: each.caller_id.clone(),
             latching: each.latching,
+            in_force: each.in_force(),
             encoding: each.message_encoding.name().to_owned(),
             schema_encoding: each.schema_encoding.name().to_owned(),
         }

@@ -1,13 +1,14 @@
 //! Folders of rosbag2, as a planner and a worker read them from storage.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::path::PathBuf;
 
-use bagpipe_log::{Connection, Window};
+use bagpipe_log::{Connection, Late, Window};
 use bagpipe_mcap::{Latched, Limits, Mcap, WriterOptions};
 use bagpipe_rosbag2::{
-    Compressed, Database, Metadata, Rosbag2Error, Selection, Storage, mcap_of_database, metadata,
-    rows, uncompress, unpacked,
+    Compressed, Database, Rosbag2Error, Selection, Storage, mcap_of_database, metadata, rows,
+    uncompress, unpacked,
 };
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -55,7 +56,9 @@ pub fn database_rows<'py>(
     let found = found.map_err(|error| refused(&error))?;
     let publisher = |each: Connection| {
         let encoding = each.message_encoding.name().to_owned();
-        (each.id, each.topic, each.datatype, String::new(), encoding, each.latching, 0, 0)
+        let in_force = each.in_force();
+        let qos = each.offered_qos.unwrap_or_default();
+        (each.id, each.topic, each.datatype, String::new(), encoding, in_force, qos, 0, 0)
     };
     let stretch = |each: bagpipe_rosbag2::Stretch| {
         let counts = PyDict::new(py);
@@ -83,9 +86,12 @@ pub enum Source {
 }
 
 /// One stream of MCAP of files that follow each other: the messages of topics (none: of all) with
-/// `start` <= t < `end`, in ns, and each publisher's last latched one from before, at its own time.
+/// `start` <= t < `end`, in ns, and what is latched and in force before, at its own time. `late` has
+/// of a topic whether it latches and how many late subscribers get, where the recording does not
+/// decide that.
 #[pyfunction]
-#[pyo3(signature = (files, text, start, end, topics, *, memory))]
+#[pyo3(signature = (files, text, start, end, topics, *, late, memory))]
+#[allow(clippy::too_many_arguments)] // as Python names them
 pub fn joined_mcap<'py>(
     py: Python<'py>,
     files: Vec<Source>,
@@ -93,6 +99,7 @@ pub fn joined_mcap<'py>(
     start: u64,
     end: u64,
     topics: Vec<String>,
+    late: HashMap<String, (Option<bool>, Option<u32>)>,
     memory: u64,
 ) -> PyResult<Bound<'py, PyBytes>> {
     let window = Window { start, end };
@@ -101,14 +108,24 @@ pub fn joined_mcap<'py>(
         let bare = |topic: &str| topic.strip_prefix('/').unwrap_or(topic).to_owned();
         let named: Vec<String> = topics.iter().map(|topic| bare(topic)).collect();
         let wanted = |topic: &str| named.is_empty() || named.contains(&bare(topic));
+        let late: HashMap<String, Late> = late
+            .into_iter()
+            .map(|(topic, (latching, depth))| (bare(&topic), Late { latching, depth }))
+            .collect();
+        let late = |topic: &str| late.get(&bare(topic)).copied().unwrap_or_default();
+        let compressed = about.compressed == Some(Compressed::Message);
+        let selection =
+            Selection { window, topics: &wanted, about: &about.topics, compressed, late: &late };
         let mut opened = Vec::with_capacity(files.len());
         for file in files {
-            opened.push(mcap_of(file, &about, window, &wanted, memory)?);
+            opened.push(mcap_of(file, about.storage, &selection, memory)?);
         }
         let of = |each: &Connection| wanted(&each.topic);
         let profile = "ros2".to_owned();
         let options = WriterOptions { profile, ..WriterOptions::default() };
-        let made = bagpipe_mcap::slice(&opened, window, Latched::AsRecorded, of, options)?;
+        let in_force = |each: &Connection| late(&each.topic).in_force(each.in_force());
+        let latched = Latched { as_recorded: true, in_force: &in_force };
+        let made = bagpipe_mcap::slice(&opened, window, latched, of, options)?;
         Ok::<_, Rosbag2Error>(made.bytes)
     });
     let bytes = bytes.map_err(|error| bag_error(None, &error.to_string()))?;
@@ -117,19 +134,16 @@ pub fn joined_mcap<'py>(
 
 fn mcap_of(
     file: Source,
-    about: &Metadata,
-    window: Window,
-    wanted: &dyn Fn(&str) -> bool,
+    storage: Storage,
+    selection: &Selection<'_>,
     memory: u64,
 ) -> Result<Mcap, Rosbag2Error> {
     let limits = Limits { decompressed_bytes: memory };
-    let compressed = about.compressed == Some(Compressed::Message);
-    let bytes = match (file, about.storage) {
+    let bytes = match (file, storage) {
         (Source::Bytes(bytes), _) => bytes.to_vec(),
         (Source::File(path), Storage::Mcap) => std::fs::read(path)?,
         (Source::File(path), Storage::Sqlite3) => {
-            let selection = Selection { window, topics: wanted, about: &about.topics, compressed };
-            let bytes = mcap_of_database(&Database::open(&path)?, &selection, memory)?;
+            let bytes = mcap_of_database(&Database::open(&path)?, selection, memory)?;
             return Ok(Mcap::open_limited(bytes, limits)?);
         }
     };
@@ -138,7 +152,7 @@ fn mcap_of(
         let (offset, expected) = (loss.offset, loss.description.clone());
         return Err(bagpipe_mcap::McapError::Damaged { offset, expected }.into());
     }
-    if compressed {
+    if selection.compressed {
         return Ok(Mcap::open_limited(unpacked(&opened, memory)?, limits)?);
     }
     Ok(opened)

@@ -21,8 +21,8 @@ fn raised(refusal: Refusal) -> PyErr {
 
 /// (index_pos, conn_count, chunk_count)
 type HeadFields = (u64, u32, u32);
-/// (id, topic, type, caller id, encoding, latching, offset, length)
-pub type PublisherFields = (u32, String, String, String, String, bool, u64, u64);
+/// (id, topic, type, caller id, encoding, in force, offered QoS, offset, length)
+pub type PublisherFields = (u32, String, String, String, String, u32, String, u64, u64);
 /// (offset, end, start time, end time, counts, index, compression)
 type SpanFields<'py> = (u64, u64, u64, u64, Bound<'py, PyDict>, Option<u64>, Option<String>);
 /// (declarations, connections, chunks)
@@ -48,9 +48,9 @@ pub fn bag_index<'py>(
 
 fn fields(py: Python<'_>, found: Index) -> PyResult<IndexFields<'_>> {
     let connections = found.connections.into_iter().map(|publisher| {
-        let Publisher { id, topic, datatype, caller_id, encoding, latching, offset, length } =
-            publisher;
-        (id, topic, datatype, caller_id, encoding, latching, offset, length)
+        let Publisher { id, topic, datatype, caller_id, encoding, .. } = publisher;
+        let Publisher { in_force, offered_qos, offset, length, .. } = publisher;
+        (id, topic, datatype, caller_id, encoding, in_force, offered_qos, offset, length)
     });
     let chunks = found.chunks.into_iter().map(|span| {
         let Span { offset, end, index, compression, start_time, end_time, counts } = span;

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
 use bagpipe_graph::TopicInfo;
-use bagpipe_log::{Connection, Message, Recording, Timeline};
+use bagpipe_log::{Connection, InForce, Latcher, Late, Message, Recording, Timeline, latchers};
 
 use crate::names::resolved;
 use crate::{ReplayError, ReplayRequest};
@@ -116,41 +116,45 @@ impl<'a> Plan<'a> {
 }
 
 /// The part of a plan that comes of the bags' connections.
-struct Draft<'a> {
+struct Draft {
     names: Names,
     /// What the graph's messages are.
     plays: &'static str,
     topics: Vec<TopicInfo>,
     places: BTreeMap<String, usize>,
     routes: HashMap<u32, Route>,
-    /// Topic and publisher of the latching connections.
-    latching: HashMap<u32, (&'a str, String)>,
+    /// What late subscribers get of a recorded topic, where a job says so.
+    late: BTreeMap<String, Late>,
+    /// Whose latched messages are in force, and how many.
+    latching: HashMap<u32, (Latcher, u32)>,
 }
 
-impl<'a> Draft<'a> {
-    fn new(request: &ReplayRequest) -> Draft<'a> {
+impl Draft {
+    fn new(request: &ReplayRequest) -> Draft {
         Draft {
             names: Names::new(request),
             plays: request.middleware.encoding(),
             topics: Vec::new(),
             places: BTreeMap::new(),
             routes: HashMap::new(),
+            late: request.late.iter().map(|(topic, late)| (resolved(topic), *late)).collect(),
             latching: HashMap::new(),
         }
     }
 
     /// Takes a bag's connections in; answers the numbers that those to be played have in the
     /// play: their own ones if the bag is `alone`.
-    fn add(
-        &mut self,
-        bag: &'a dyn Recording,
-        alone: bool,
-    ) -> Result<HashMap<u32, u32>, ReplayError> {
+    fn add(&mut self, bag: &dyn Recording, alone: bool) -> Result<HashMap<u32, u32>, ReplayError> {
         let mut numbers = HashMap::new();
+        let mut latchers = latchers(bag.connections());
         for connection in bag.connections() {
+            let late = self.late.get(&resolved(&connection.topic)).copied().unwrap_or_default();
+            let in_force = late.in_force(connection.in_force());
             let mut topics = Vec::new();
             for name in self.names.published_as(&connection.topic) {
-                topics.push(place(&mut self.topics, &mut self.places, &name, connection)?);
+                let at = place(&mut self.topics, &mut self.places, &name, connection)?;
+                self.topics[at].latching |= in_force > 0;
+                topics.push(at);
             }
             if topics.is_empty() {
                 continue;
@@ -159,10 +163,10 @@ impl<'a> Draft<'a> {
             let number = if alone { connection.id } else { self.routes.len() as u32 };
             numbers.insert(connection.id, number);
             let caller_id = connection.caller_id.clone().unwrap_or_default();
-            if connection.latching {
-                self.latching.insert(number, (connection.topic.as_str(), caller_id.clone()));
+            if let Some(latcher) = latchers.remove(&connection.id).filter(|_| in_force > 0) {
+                self.latching.insert(number, (latcher, in_force));
             }
-            self.routes.insert(number, Route { topics, caller_id, latching: connection.latching });
+            self.routes.insert(number, Route { topics, caller_id, latching: in_force > 0 });
         }
         Ok(numbers)
     }
@@ -190,13 +194,13 @@ fn place(
             datatype: connection.datatype.clone(),
             md5sum: connection.md5sum.clone(),
             definition: connection.definition.clone(),
-            latching: connection.latching,
+            latching: false,
             offered_qos: connection.offered_qos.clone(),
         });
         places.insert(name.to_owned(), topics.len() - 1);
         return Ok(topics.len() - 1);
     };
-    let topic = &mut topics[at];
+    let topic = &topics[at];
     if topic.md5sum != connection.md5sum || topic.datatype != connection.datatype {
         return Err(ReplayError::TwoTypes {
             topic: connection.topic.clone(),
@@ -204,29 +208,28 @@ fn place(
             second: format!("{} ({})", connection.datatype, connection.md5sum),
         });
     }
-    topic.latching |= connection.latching;
     Ok(at)
 }
 
-/// The last message of each latching publisher before `end`, per topic and publisher, in
-/// the timeline's order. `latching` has them by connection.
+/// What is latched and in force before `end`, in the timeline's order. `latching` has the
+/// publishers by connection.
 fn latched_before(
-    latching: &HashMap<u32, (&str, String)>,
+    latching: &HashMap<u32, (Latcher, u32)>,
     timeline: &Timeline<'_>,
     end: usize,
 ) -> Vec<usize> {
     if latching.is_empty() {
         return Vec::new();
     }
-    let mut last = HashMap::new();
+    let mut in_force = InForce::default();
     for place in 0..end {
-        if let Some(publisher) = timeline.get(place).and_then(|m| latching.get(&m.connection)) {
-            last.insert(publisher, place);
+        if let Some(message) = timeline.get(place)
+            && let Some((latcher, most)) = latching.get(&message.connection)
+        {
+            in_force.take(latcher, *most, message.time, place);
         }
     }
-    let mut places: Vec<usize> = last.into_values().collect();
-    places.sort_unstable();
-    places
+    in_force.into_messages().into_iter().map(|(_, place)| place).collect()
 }
 
 /// Which recorded topic is published under which names.

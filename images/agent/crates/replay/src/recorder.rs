@@ -1,6 +1,6 @@
 //! The recorder: what the stack publishes goes, stamped with bag time, into a bag in memory.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, VecDeque};
 use std::fs::File;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -56,7 +56,9 @@ struct State {
     unrecorded: BTreeSet<String>,
     /// Whether the counted part has begun; before it only latched messages are kept.
     counting: bool,
-    latched: BTreeMap<(String, String), (Connection, Vec<u8>)>,
+    /// By topic and publisher, what of their messages is in force, and its bytes in all.
+    latched: BTreeMap<(String, String), VecDeque<Latched>>,
+    latched_bytes: u64,
     /// Connections of the bag by topic, publisher and md5sum.
     connections: HashMap<(String, String, String), u32>,
     /// Connections of the bag by the graph's connection.
@@ -65,6 +67,9 @@ struct State {
     bytes: u64,
     failure: Option<Failure>,
 }
+
+/// A message that is latched, and whose.
+type Latched = (Connection, Vec<u8>);
 
 #[derive(Clone)]
 enum Failure {
@@ -109,6 +114,7 @@ impl Recorder {
             unrecorded: BTreeSet::new(),
             counting: false,
             latched: BTreeMap::new(),
+            latched_bytes: 0,
             connections: HashMap::new(),
             links: HashMap::new(),
             topics: BTreeMap::new(),
@@ -128,10 +134,11 @@ impl Recorder {
         }
     }
 
-    /// Begins to count: the last messages of latching publishers are written at `start`.
+    /// Begins to count: what latching publishers have in force is written at `start`.
     pub(crate) fn count_from(&self, start: u64) {
         let mut state = self.state();
-        for ((topic, _), (connection, data)) in std::mem::take(&mut state.latched) {
+        for (connection, data) in std::mem::take(&mut state.latched).into_values().flatten() {
+            let topic = connection.topic.clone();
             if let Some(hold) = &mut state.hold {
                 hold.push(Arc::new(connection), &data);
                 continue;
@@ -221,13 +228,7 @@ impl Recorder {
         }
         if !state.counting {
             if incoming.publisher.latching {
-                let caller = incoming.publisher.node.clone().unwrap_or_default();
-                let mut connection = connection_of(incoming);
-                if state.hold.is_some() {
-                    connection.caller_id = connection.caller_id.as_deref().map(settled_name);
-                }
-                let kept = (connection, incoming.data.to_vec());
-                state.latched.insert((incoming.topic.to_owned(), caller), kept);
+                self.latch(&mut state, incoming);
             }
             return;
         }
@@ -244,6 +245,29 @@ impl Recorder {
         };
         let now = self.shared.clock.now();
         self.write(&mut state, id, incoming.topic, now, incoming.data);
+    }
+
+    /// Keeps what will be in force when the counted part begins.
+    fn latch(&self, state: &mut State, incoming: &Incoming<'_>) {
+        let mut connection = connection_of(incoming);
+        let most = connection.in_force().max(1) as usize;
+        if state.hold.is_some() {
+            connection.caller_id = connection.caller_id.as_deref().map(settled_name);
+        }
+        let caller = incoming.publisher.node.clone().unwrap_or_default();
+        let messages = state.latched.entry((incoming.topic.to_owned(), caller)).or_default();
+        messages.push_back((connection, incoming.data.to_vec()));
+        state.latched_bytes += incoming.data.len() as u64;
+        while messages.len() > most {
+            state.latched_bytes -= messages.pop_front().map_or(0, |(_, data)| data.len() as u64);
+        }
+        if state.latched_bytes > self.shared.byte_budget {
+            let why = format!(
+                "what is latched before the play is larger than the recording may be, {} bytes",
+                self.shared.byte_budget
+            );
+            state.failure = Some(Failure::Budget(why));
+        }
     }
 
     fn hold(&self, state: &mut State, incoming: &Incoming<'_>) {

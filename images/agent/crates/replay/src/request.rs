@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::Middleware;
-use bagpipe_log::RecordingFormat;
+use bagpipe_log::{Late, RecordingFormat};
 
 use crate::{AnswerBy, Meter, Mode, Pause, ReplayError};
 
@@ -47,6 +47,8 @@ pub struct ReplayRequest {
     pub window: Window,
     /// Recorded topics to play; empty: all of the bag.
     pub topics: Vec<String>,
+    /// By recorded topic: what late subscribers get of it, where that is not as it was recorded.
+    pub late: BTreeMap<String, Late>,
     /// The stack's topic name to the recorded one: the recorded topic is published as the
     /// stack's.
     pub remap: BTreeMap<String, String>,

@@ -214,6 +214,7 @@ fn played(middleware: Loopback, mode: Mode) -> Result<Replayed, ReplayError> {
         middleware: Arc::new(middleware),
         window: Window { lead_in_start: first, start: first, end: last + 1 },
         topics: vec!["/a".to_owned()],
+        late: BTreeMap::new(),
         remap: BTreeMap::new(),
         mode,
         steps: if mode == Mode::Lockstep { vec![step] } else { Vec::new() },

@@ -1,9 +1,8 @@
 //! A part of a bag as a bag of its own.
 
-use std::collections::BTreeMap;
 use std::collections::HashSet;
 
-use bagpipe_log::Window;
+use bagpipe_log::{InForce, Window, latchers};
 
 use crate::copy::Carrier;
 use crate::unpack::unpack;
@@ -24,8 +23,8 @@ pub struct Sliced {
 }
 
 /// The messages of a window and of the connections that `filter` keeps, in the bag's own
-/// order; before them each publisher's last latched message, because a subscriber that
-/// joined at the window's start would have got it.
+/// order; before them what is latched and in force ([`bagpipe_log::InForce`]), because a
+/// subscriber that joined at the window's start would have got it.
 pub fn slice<F: ChunkedFile>(
     bag: &Bag<F>,
     window: Window,
@@ -71,16 +70,19 @@ fn carry_latched<F: ChunkedFile>(
         return Ok(0);
     }
     let timeline = bag.timeline(|each| each.latching && wanted.contains(&each.id))?;
-    let mut last = BTreeMap::new();
+    let latchers = latchers(&bag.connections);
+    let mut in_force = InForce::default();
     for place in timeline.between(0, start) {
         if let Some(message) = timeline.get(place)
             && let Some(connection) = bag.connection(message.connection)
+            && let Some(latcher) = latchers.get(&message.connection)
         {
-            last.insert((&connection.topic, &connection.caller_id), message);
+            in_force.take(latcher, connection.in_force(), message.time, place);
         }
     }
-    for message in last.values() {
+    let in_force = in_force.into_messages();
+    for message in in_force.iter().filter_map(|(_, place)| timeline.get(*place)) {
         carrier.message(message.connection, start, message.data)?;
     }
-    Ok(last.len() as u64)
+    Ok(in_force.len() as u64)
 }

@@ -6,7 +6,7 @@
 
 use std::collections::HashMap;
 
-use bagpipe_log::{Index, Publisher, Reason, Refusal, Span};
+use bagpipe_log::{Connection, Index, Publisher, Reason, Refusal, Span};
 
 use crate::MAGIC;
 use crate::record::{
@@ -267,13 +267,20 @@ impl<'a> Records<'a> {
 
 fn publisher(record: &Record<'_>) -> Result<Publisher, Refusal> {
     let fields = Header::parse(record.data, record.offset)?;
+    let connection = Connection {
+        datatype: fields.text("type"),
+        caller_id: fields.get("callerid").map(|_| fields.text("callerid")),
+        latching: fields.get("latching") == Some(b"1"),
+        ..Connection::default()
+    };
     Ok(Publisher {
         id: record.header.u32("conn", record.offset)?,
         topic: record.header.text("topic"),
-        datatype: fields.text("type"),
-        caller_id: fields.text("callerid"),
+        in_force: connection.in_force(),
+        datatype: connection.datatype,
+        caller_id: connection.caller_id.unwrap_or_default(),
         encoding: "ros1".to_owned(),
-        latching: fields.get("latching") == Some(b"1"),
+        offered_qos: String::new(),
         offset: record.offset,
         length: record.length,
     })

@@ -48,7 +48,7 @@ fn it_is_what_the_bag_says() {
             assert_eq!((publisher.id, &publisher.topic), (connection.id, &connection.topic));
             assert_eq!(publisher.datatype, connection.datatype);
             assert_eq!(Some(&publisher.caller_id), connection.caller_id.as_ref());
-            assert_eq!(publisher.latching, connection.latching);
+            assert_eq!(publisher.in_force, connection.in_force());
             let begin = publisher.offset as usize;
             let record = &bytes[begin..begin + publisher.length as usize];
             let fields = connection_fields(record, publisher.offset).unwrap();

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use bagpipe_log::Window;
+use bagpipe_log::{Late, Window};
 use bagpipe_mcap::{Limits, Mcap, McapError, McapWriter, Stamp, WriterOptions};
 use rusqlite::types::ValueRef;
 
@@ -131,12 +131,15 @@ pub struct Selection<'a> {
     pub about: &'a [TopicCount],
     /// Whether each of them is compressed.
     pub compressed: bool,
+    /// What late subscribers get of a topic, where that is not as it was recorded.
+    pub late: &'a dyn Fn(&str) -> Late,
 }
 
 impl<'a> Selection<'a> {
     /// Messages of these topics at any time, which are as they were published.
     pub fn all(topics: &'a dyn Fn(&str) -> bool) -> Self {
-        Self { window: Window { start: 0, end: u64::MAX }, topics, about: &[], compressed: false }
+        let window = Window { start: 0, end: u64::MAX };
+        Self { window, topics, about: &[], compressed: false, late: &|_| Late::default() }
     }
 }
 
@@ -158,8 +161,8 @@ pub fn mcap_of_database(
     let mut wanted: BTreeMap<i64, (u32, bool)> = BTreeMap::new();
     for topic in topics.iter().filter(|topic| (selection.topics)(&topic.name)) {
         let (schema, channel) = connection(topic, definitions.get(&topic.datatype));
-        wanted
-            .insert(topic.id, (writer.add_channel(Some(&schema), &channel), channel.is_latched()));
+        let in_force = (selection.late)(&topic.name).in_force(u32::from(channel.is_latched()));
+        wanted.insert(topic.id, (writer.add_channel(Some(&schema), &channel), in_force > 0));
     }
     let window = selection.window;
     let mut found = database

@@ -51,6 +51,7 @@ pub fn rows(database: &Database, about: &[TopicCount]) -> Result<Rows, Rosbag2Er
                 datatype: schema.name,
                 message_encoding: MessageEncoding::from_name(&topic.encoding),
                 latching: channel.is_latched(),
+                offered_qos: Some(topic.offered_qos.clone()),
                 ..Connection::default()
             }
         })

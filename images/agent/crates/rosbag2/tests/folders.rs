@@ -69,7 +69,7 @@ fn a_part_of_a_database_has_what_was_latched_before_it() {
     let all = messages(0..MESSAGES);
     let window = Window { start: all[20].3, end: all[30].3 };
     let topics = |topic: &str| topic != "/b";
-    let selection = Selection { window, topics: &topics, about: &[], compressed: false };
+    let selection = Selection { window, ..Selection::all(&topics) };
     let bytes = mcap_of_database(&Database::open(&path).unwrap(), &selection, 1 << 20).unwrap();
     let expected: Vec<_> = all
         .iter()

@@ -75,7 +75,7 @@ def bag_fragments(
         file = storage.open(uri)
         try:
             tail = read_tail(file.read, file.size)
-            parts = cut(tail, list(topics), int(seconds * _NANOSECONDS), 0)
+            parts = cut(tail, list(topics), round(seconds * _NANOSECONDS), 0)
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
         (head, end), declarations = framing(tail.declarations), tuple(tail.declarations)

@@ -39,8 +39,8 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
         if case is None or not is_of(row, case):
             raise CannotResumeError(
                 f"case {row['case']} of job {earlier.job} was made of {row['bag']} as it was then,"
-                " and is not among this job's cases: the bag has changed since. Leave out"
-                " spec.resumeFrom to run all cases."
+                " and is not among this job's cases: the bag has changed since, or another release"
+                " planned it. Leave out spec.resumeFrom to run all cases."
             )
         if row["outcome"] == "passed":
             yield _taken_over(row, earlier)

@@ -12,7 +12,7 @@ from bagpipe.evaluate.fields import no_number, number_at, turned
 from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError
 from bagpipe.evaluate.model import Error
 from bagpipe.evaluate.window import begin_of, credible, frames_differ, messages_of, samples
-from bagpipe.texts import duration_seconds
+from bagpipe.texts import duration_nanoseconds
 
 # In a gap of the truth, of so many usual steps or more, it may have been anywhere.
 _GAP = 3
@@ -48,7 +48,7 @@ class Matched:
 
 def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     """Raises NoEvidenceError for stamps that can't be true, and for a truth that is no number."""
-    most = int(duration_seconds(wanted.stamp_tolerance) * 1e9)
+    most = duration_nanoseconds(wanted.stamp_tolerance)
     found = messages_of(wanted.topic, evidence, most)
     answers = samples(found, evidence)
     truth = _truth(wanted, evidence)

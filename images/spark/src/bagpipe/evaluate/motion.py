@@ -11,7 +11,7 @@ from bagpipe.evaluate.finding import Clock, Finding, NoEvidenceError, covering
 from bagpipe.evaluate.limits import bounded
 from bagpipe.evaluate.model import Separation
 from bagpipe.evaluate.window import frames_differ, messages_of, samples
-from bagpipe.texts import duration_seconds
+from bagpipe.texts import duration_nanoseconds
 
 Point = tuple[float, float]
 # Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it.
@@ -100,7 +100,7 @@ def _met(wanted: Separation, evidence: Evidence) -> Met:
     )
     if not any(points for _, points in scenes):
         raise NoEvidenceError(f"no obstacle was ever on {wanted.obstacles}")
-    age = int(duration_seconds(wanted.max_age) * 1e9)
+    age = duration_nanoseconds(wanted.max_age)
     with_ego = _with_ego(course, scenes, age)
     return Met(
         course,

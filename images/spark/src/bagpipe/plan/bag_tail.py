@@ -43,7 +43,8 @@ class BagError(Exception):
 class Connection:
     """One recorded publisher of a topic; its record lies `length` bytes from `offset`.
 
-    `encoding` says what its messages' bytes are, such as ros1 or cdr.
+    `encoding` says what its messages' bytes are, such as ros1 or cdr; `in_force` how many of its
+    last messages a subscriber that joins late gets.
     """
 
     id: int
@@ -51,7 +52,8 @@ class Connection:
     datatype: str
     caller_id: str
     encoding: str
-    latching: bool
+    in_force: int
+    offered_qos: str
     offset: int
     length: int
 

@@ -10,7 +10,8 @@ import itertools
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection
+from bagpipe.plan.in_force import chunks_in_force
 
 # A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
 # than it becomes a fragment of its own.
@@ -57,7 +58,7 @@ def cut(
     if length < 1:
         raise ValueError(f"a fragment lasts at least 1 ns, and not {length}")
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
-    latching = {c.id for c in tail.connections if c.latching} & wanted
+    latching = [c for c in tail.connections if c.in_force and c.id in wanted]
     chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
     if not chunks:
         return []
@@ -85,7 +86,7 @@ def cut(
 def cut_one(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
     """The fragment of a window of one's own choice; it may have no message."""
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
-    latching = {c.id for c in tail.connections if c.latching} & wanted
+    latching = [c for c in tail.connections if c.in_force and c.id in wanted]
     chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
     return _fragment(chunks, window, wanted, latching)
 
@@ -181,7 +182,7 @@ def _snap(nominal: int, boundaries: list[int], tolerance: int) -> int:
 
 
 def _fragment(
-    chunks: list[Chunk], window: Window, wanted: set[int], latching: set[int]
+    chunks: list[Chunk], window: Window, wanted: set[int], latching: list[Connection]
 ) -> FragmentPlan:
     needed = {
         chunk.offset: chunk
@@ -189,22 +190,9 @@ def _fragment(
         if chunk.start_time < window.end and chunk.end_time >= window.lead_in_start
     }
     messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in wanted)
-    for chunk in _in_force(chunks, window.lead_in_start, latching):
+    for chunk in chunks_in_force(chunks, window.lead_in_start, latching):
         needed[chunk.offset] = chunk
     return FragmentPlan(window, ranges_of(list(needed.values())), messages)
-
-
-def _in_force(chunks: list[Chunk], before: int, latching: set[int]) -> list[Chunk]:
-    """The chunks that may hold each latching connection's last message before a time.
-
-    Chunks may overlap, so all those are taken that could hold a later one than is certain.
-    """
-    found = []
-    for connection in latching:
-        earlier = [c for c in chunks if c.counts.get(connection) and c.start_time < before]
-        certain = max((c.start_time for c in earlier if c.end_time < before), default=0)
-        found += [c for c in earlier if c.end_time >= certain]
-    return found
 
 
 def ranges_of(chunks: list[Chunk]) -> list[tuple[int, int]]:

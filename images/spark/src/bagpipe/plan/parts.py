@@ -5,10 +5,11 @@ import json
 from dataclasses import dataclass, replace
 
 from bagpipe.encodings import ROS1
-from bagpipe.pieces import Piece, RecordedTopics, SequencePart, nanoseconds
+from bagpipe.pieces import Piece, RecordedTopics, SequencePart
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import Window, check_encoding, cut_one
 from bagpipe.storage import Storage, StorageError
+from bagpipe.texts import duration_nanoseconds
 
 
 class PartError(Exception):
@@ -73,8 +74,8 @@ class PartPlanner:
         parts: list[Part] = []
         for piece in pieces:
             lead_in = 0 if parts else warm_up
-            to = None if piece.to is None else nanoseconds(piece.to)
-            pause = nanoseconds(piece.pause)
+            to = None if piece.to is None else duration_nanoseconds(piece.to)
+            pause = duration_nanoseconds(piece.pause)
             planned = self._part(piece, to, topics, lead_in)
             for _ in range(piece.times):
                 at = parts[-1].end + pause if parts else planned.window.start

@@ -12,7 +12,8 @@ import bisect
 import contextlib
 import posixpath
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,7 @@ from bagpipe.plan.bag_tail import (
 )
 from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
 from bagpipe.plan.framing import framed
+from bagpipe.plan.in_force import Late
 from bagpipe.plan.parts import Part
 from bagpipe.storage import OpenFile, Storage, StorageError
 
@@ -137,7 +139,7 @@ class Rosbag2:
     def __init__(self, metadata: Metadata, storage: Storage) -> None:
         self.metadata = metadata
         self._files: list[_File] = []
-        self._ids: dict[tuple[object, ...], int] = {}
+        self._ids: dict[tuple[Connection, int], int] = {}
         self._chunks: dict[int, tuple[_File, Chunk]] = {}
         connections: dict[int, Connection] = {}
         chunks: list[Chunk] = []
@@ -149,7 +151,7 @@ class Rosbag2:
                 if error.reason == "BagEmpty" and len(metadata.files) > 1:
                     continue
                 raise BagError(error.reason, f"{posixpath.basename(uri)}: {error}") from error
-            channels = {each.id: self._id_of(each) for each in tail.connections}
+            channels = self._channels(tail)
             known = _File(file, size, tail, channels)
             self._files.append(known)
             for each in tail.connections:
@@ -208,10 +210,17 @@ class Rosbag2:
             messages=sum(n for c in near for k, n in c.counts.items() if k in wanted),
         )
 
-    def _id_of(self, each: Connection) -> int:
-        """Publishers that several files declare alike are one."""
-        key = (resolve(each.topic), each.datatype, each.encoding, each.latching, each.caller_id)
-        return self._ids.setdefault(key, len(self._ids))
+    def _channels(self, tail: BagTail) -> dict[int, int]:
+        """A file's channels in the recording's numbers; such as several files declare alike are
+        one, and of those that are alike in one file each is a publisher of its own.
+        """
+        alike: Counter[Connection] = Counter()
+        numbers = {}
+        for each in tail.connections:
+            key = replace(each, id=0, offset=0, length=0)
+            numbers[each.id] = self._ids.setdefault((key, alike[key]), len(self._ids))
+            alike[key] += 1
+        return numbers
 
     def _moved(self, file: _File, chunk: Chunk) -> Chunk:
         counts: dict[int, int] = {}
@@ -307,11 +316,13 @@ def whole_file(file: OpenFile, metadata: Metadata, storage: Storage) -> Iterator
         yield path
 
 
-def joined(parts: Sequence[Part], metadata: Metadata, storage: Storage) -> bytes:
+def joined(
+    parts: Sequence[Part], metadata: Metadata, storage: Storage, late: Mapping[str, Late]
+) -> bytes:
     """The parts as one file of MCAP: their topics in their window, and what was latched before it.
 
-    Each file counts its channels by itself, so that one of several is written again, in memory.
-    Raises BagError and StorageError.
+    `late` says of recorded topics what late subscribers get. Each file counts its channels by
+    itself, so that one of several is written again, in memory. Raises BagError and StorageError.
     """
     window = parts[0].window
     with contextlib.ExitStack() as held:
@@ -331,6 +342,7 @@ def joined(parts: Sequence[Part], metadata: Metadata, storage: Storage) -> bytes
                 window.lead_in_start,
                 window.end,
                 parts[0].topics,
+                late={topic: (each.latching, each.depth) for topic, each in late.items()},
                 memory=MOST_FRAGMENT_BYTES,
             )
         except ValueError as error:

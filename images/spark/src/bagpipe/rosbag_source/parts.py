@@ -17,7 +17,7 @@ def opened(uri: str, parts: Sequence[Part], storage: Storage) -> Any:
     """The native module's MemoryMcap of a fragment. Raises StorageError."""
     try:
         if is_folder(uri):
-            data = joined(parts, read_metadata(uri, storage), storage)
+            data = joined(parts, read_metadata(uri, storage), storage, {})
         else:
             (part,) = parts
             if part.bytes > MOST_FRAGMENT_BYTES:

@@ -49,7 +49,7 @@ def parse_options(given: Mapping[str, str]) -> Options:
     try:
         topics = tuple(resolved(t.strip()) for t in given.get("topics", "").split(",") if t.strip())
         seconds = float(given.get("fragment", DEFAULT_FRAGMENT_SECONDS))
-        length = int(seconds * _NANOSECONDS)
+        length = round(seconds * _NANOSECONDS)
         times = [int(given[key]) if key in given else None for key in ("start", "end")]
         volumes = tuple(sorted(json.loads(given.get("volumes", "{}")).items()))
     except (ValueError, OverflowError, AttributeError) as error:

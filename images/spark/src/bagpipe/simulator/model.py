@@ -8,8 +8,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, mo
 from pydantic.alias_generators import to_camel
 
 from bagpipe.matrix.templates import has_template
-from bagpipe.pieces import RecordedTopics, nanoseconds
+from bagpipe.pieces import RecordedTopics
 from bagpipe.simulator.scenario import Scenario
+from bagpipe.texts import duration_nanoseconds
 
 # Steps of one case: its recording and the answers' time are bounded with them.
 _MOST_STEPS = 100_000
@@ -23,7 +24,7 @@ def _length(text: str) -> str:
     if "h" in text:  # as the CRD has it: no drive lasts for hours
         raise refusal
     try:
-        length = nanoseconds(text)
+        length = duration_nanoseconds(text)
     except ValueError:
         raise refusal from None
     if length < _SHORTEST_STEP:
@@ -122,12 +123,12 @@ class Simulator(BaseModel):
     @property
     def step_nanoseconds(self) -> int:
         """Simulated time between two moments that the stack sees."""
-        return nanoseconds(self.step)
+        return duration_nanoseconds(self.step)
 
     @property
     def steps(self) -> int:
         """How many moments the stack sees."""
-        return nanoseconds(self.duration) // self.step_nanoseconds
+        return duration_nanoseconds(self.duration) // self.step_nanoseconds
 
     @property
     def described(self) -> dict[str, JsonValue]:

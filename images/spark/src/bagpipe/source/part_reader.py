@@ -1,5 +1,7 @@
 """The messages of a part of a recording, shifted into the case's time."""
 
+import itertools
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -45,6 +47,18 @@ class PartReader:
             )
         except ValueError as error:
             raise _unreadable(part, str(error)) from error
+        alike: Counter[str] = Counter()
+        self._publishers: dict[int, tuple[str, str | int]] = {}
+        for each in self._bag.connections:
+            topic = resolve(each.topic)
+            self._publishers[each.id] = (topic, each.callerid or alike[topic])
+            alike[topic] += not each.callerid
+
+    def publisher(self, connection: Any) -> tuple[str, str | int]:
+        """Whose latched messages later ones replace: the topic, and the node's name or, where none
+        was recorded, the number of the connection among the topic's.
+        """
+        return self._publishers[connection.id]
 
     @property
     def connections(self) -> list[Any]:
@@ -53,15 +67,16 @@ class PartReader:
         return [c for c in self._bag.connections if not wanted or resolve(c.topic) in wanted]
 
     def latched(self) -> list[PartMessage]:
-        """What each latching publisher sent last before the part, at the part's start."""
+        """What of each latching publisher is in force before the part, at the part's start."""
         start = self._part.window.lead_in_start
-        last: dict[tuple[str, str], tuple[Any, int, memoryview]] = {}
-        topics = sorted({c.topic for c in self.connections if c.latching})
+        last: dict[tuple[str, str | int], deque[tuple[Any, int, memoryview]]] = {}
+        topics = sorted({c.topic for c in self.connections if c.in_force})
         if topics:
             for found in self._messages(topics, 0, start):
-                if found[0].latching:
-                    last[publisher(found[0])] = found
-        in_order = sorted(last.values(), key=lambda found: found[1])
+                if most := found[0].in_force:
+                    known = last.setdefault(self.publisher(found[0]), deque(maxlen=most))
+                    known.append(found)
+        in_order = sorted(itertools.chain(*last.values()), key=lambda found: found[1])
         return [self._message(connection, start, raw) for connection, _, raw in in_order]
 
     def messages(self) -> Iterator[PartMessage]:
@@ -92,11 +107,6 @@ class PartReader:
                 " the topic out",
             ) from error
         return PartMessage(connection, time + self._part.shift, data, recorded)
-
-
-def publisher(connection: Any) -> tuple[str, str]:
-    """Whose latched message it is that another one replaces."""
-    return resolve(connection.topic), connection.callerid or ""
 
 
 def _unreadable(part: Part, why: str) -> SessionError:

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use std::num::NonZeroU32;
 use std::time::Duration;
 
+use bagpipe_log::Late;
 use rmpv::Value;
 use serde::{Deserialize, Serialize};
 
@@ -116,6 +117,16 @@ pub struct Qos {
     pub reliability: Option<Reliability>,
     pub durability: Option<Durability>,
     pub depth: Option<NonZeroU32>,
+}
+
+impl Qos {
+    /// What late subscribers get.
+    pub fn late(&self) -> Late {
+        Late {
+            latching: self.durability.map(|wanted| wanted == Durability::TransientLocal),
+            depth: self.depth.map(u32::from),
+        }
+    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]

@@ -229,6 +229,7 @@ impl PlayOptions {
             middleware: graph(self.master.as_deref())?,
             window: Window { lead_in_start: start, start, end: end.min(rest) },
             topics: self.topics.clone(),
+            late: BTreeMap::new(),
             remap: self.names(bags),
             mode,
             steps: self.step.clone(),

@@ -7,6 +7,7 @@ mod deadlines;
 mod drain;
 mod formats;
 mod kept;
+mod latched;
 mod lockstep;
 mod master;
 mod pause;
@@ -60,6 +61,7 @@ fn request(by_hand: &ByHand, window: Window) -> ReplayRequest {
         middleware: graph_of("http://127.0.0.1:9/"),
         window,
         topics: vec!["/a".to_owned(), "/b".to_owned()],
+        late: BTreeMap::new(),
         remap: BTreeMap::new(),
         mode: Mode::Realtime,
         steps: Vec::new(),

@@ -41,6 +41,7 @@ pub fn request(bag: &Bag<MemoryChunkedFile>, master: &str) -> ReplayRequest {
         middleware: Arc::new(Ros1 { master_uri: master.to_owned() }),
         window: Window { lead_in_start: first, start: first, end: last + 1 },
         topics: Vec::new(),
+        late: BTreeMap::new(),
         remap: BTreeMap::new(),
         mode: Mode::Max,
         steps: Vec::new(),

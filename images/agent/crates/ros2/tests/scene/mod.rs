@@ -152,6 +152,7 @@ impl Scene {
             middleware: Arc::new(self.middleware()),
             window: Window { lead_in_start: first, start: first + ask.lead_in, end: last + 1 },
             topics: Vec::new(),
+            late: BTreeMap::new(),
             remap: BTreeMap::new(),
             mode: ask.mode,
             steps: ask.steps.iter().map(step).collect(),

@@ -4,6 +4,7 @@ A fragment of one file of MCAP travels as its own chunks. One of several files c
 them counts its channels by itself: the worker makes one file of MCAP of the parts.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from bagpipe.native import native
@@ -11,6 +12,7 @@ from bagpipe.plan.bag_tail import BagError, resolve
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import cut_one
 from bagpipe.plan.framing import framed, framing
+from bagpipe.plan.in_force import Late
 from bagpipe.plan.parts import Part
 from bagpipe.plan.rosbag2 import (
     MOST_FRAGMENT_BYTES,
@@ -24,12 +26,15 @@ from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import InputFile, SessionError
 
 
-def folder_file(case: Case, storage: Storage) -> InputFile:
-    """The case's input. Raises SessionError and StorageError."""
+def folder_file(case: Case, storage: Storage, late: Mapping[str, Late]) -> InputFile:
+    """The case's input; `late` says of recorded topics what late subscribers get.
+
+    Raises SessionError and StorageError.
+    """
     metadata = _metadata(case, storage)
     if len(case.parts) == 1 and metadata.as_stored:
         return _as_stored(case.parts[0], storage)
-    made = memoryview(_joined(case.parts, metadata, storage))
+    made = memoryview(_joined(case.parts, metadata, storage, late))
     pieces = range(0, len(made), MAX_PAYLOAD_BYTES)
     return InputFile(
         case.bag, len(made), [], lambda: (bytes(made[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
@@ -47,12 +52,12 @@ def folder_truth(case: Case, topics: set[str], storage: Storage) -> bytes:
     parts = folder.parts(cut_one(folder.tail, named, case.window), named)
     if not parts:
         raise SessionError("BagUnreadable", f"{case.bag}: no message of {', '.join(named)}")
-    return _joined(parts, metadata, storage)
+    return _joined(parts, metadata, storage, {})
 
 
 def times_of_folder(case: Case, topics: list[str], storage: Storage) -> list[int]:
     """When the case's inputs were recorded. Raises SessionError and StorageError."""
-    made = _joined(case.parts, _metadata(case, storage), storage)
+    made = _joined(case.parts, _metadata(case, storage), storage, {})
     recording = native("MemoryMcap", "reading a folder of rosbag2")(made)
     named = [topic for topic in recording.topics if not topics or resolve(topic) in topics]
     window = case.window
@@ -87,8 +92,10 @@ def _as_stored(part: Part, storage: Storage) -> InputFile:
     )
 
 
-def _joined(parts: list[Part], metadata: Metadata, storage: Storage) -> bytes:
+def _joined(
+    parts: list[Part], metadata: Metadata, storage: Storage, late: Mapping[str, Late]
+) -> bytes:
     try:
-        return joined(parts, metadata, storage)
+        return joined(parts, metadata, storage, late)
     except BagError as error:
         raise SessionError(error.reason, f"{metadata.uri}: {error}") from error

@@ -1,31 +1,39 @@
 """The cases of bags: every fragment of every bag, as often as it is to be played."""
 
 from collections import Counter
+from collections.abc import Mapping
 
 from bagpipe.plan.bag_tail import BagError, BagTail
 from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import check_encoding, cut, holding
+from bagpipe.plan.in_force import Late, as_wanted
 from bagpipe.plan.made import Plan, Unplanned
 from bagpipe.source.bags.opening import opened
 from bagpipe.source.naming import stem
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage, StorageError
-from bagpipe.texts import duration_seconds
+from bagpipe.texts import duration_nanoseconds
 
 
 def fragments(
-    bags: list[str], spec: Source, encoding: str | None, conditions: Crossing, storage: Storage
+    bags: list[str],
+    spec: Source,
+    encoding: str | None,
+    conditions: Crossing,
+    storage: Storage,
+    late: Mapping[str, Late],
 ) -> Plan:
     """The fragments of bags under every condition; a bag that yields none has a sentence.
 
-    `encoding` is what their messages must be; None: anything.
+    `encoding` is what their messages must be; None: anything. `late` says of recorded topics what
+    late subscribers get.
     """
     cases: list[Case] = []
     unplanned: list[Unplanned] = []
     for uri, name in zip(bags, _names(bags), strict=True):
         try:
-            cases += crossed(_fragments_of(uri, name, spec, encoding, storage), conditions)
+            cases += crossed(_fragments_of(uri, name, spec, encoding, storage, late), conditions)
         except (BagError, StorageError) as error:
             reason = error.reason if isinstance(error, BagError) else "BagUnreadable"
             unplanned.append(Unplanned(name, uri, reason, f"{uri}: {error}"))
@@ -33,14 +41,19 @@ def fragments(
 
 
 def _fragments_of(
-    uri: str, name: str, spec: Source, encoding: str | None, storage: Storage
+    uri: str,
+    name: str,
+    spec: Source,
+    encoding: str | None,
+    storage: Storage,
+    late: Mapping[str, Late],
 ) -> list[Case]:
     recording = opened(uri, storage)
-    tail = recording.tail
+    tail = as_wanted(recording.tail, late)
     if encoding is not None:
         check_encoding(tail, spec.topics, encoding)
-    length = int(duration_seconds(spec.fragment.length) * 1e9)
-    warm_up = int(duration_seconds(spec.fragment.warm_up) * 1e9)
+    length = duration_nanoseconds(spec.fragment.length)
+    warm_up = duration_nanoseconds(spec.fragment.warm_up)
     fragments = cut(tail, spec.topics, length, warm_up, recording.times)
     if not fragments:
         raise BagError("NoMatchingTopics", _without_messages(tail, spec.topics))

@@ -16,6 +16,7 @@ from bagpipe.source.bags.folder_stream import (
     folder_truth,
     times_of_folder,
 )
+from bagpipe.source.bags.late import late_of
 from bagpipe.source.bags.opening import opened
 from bagpipe.source.bags.planning import fragments
 from bagpipe.source.bags.stream import fragment_file
@@ -35,13 +36,15 @@ class Bags(JobSource):
         """The fragments of all bags, under every condition."""
         bags, missing = recordings(self.spec.source.uris, storage)
         encoding = fields_of(self.spec.stack.engine).encoding
-        made = fragments(bags, self.spec.source, encoding, conditions, storage)
+        made = fragments(
+            bags, self.spec.source, encoding, conditions, storage, late_of(self.spec.stack)
+        )
         return Plan.of(made.cases, missing + made.unplanned)
 
     def input(self, case: Case, storage: Storage) -> InputFile:
         """The fragment's chunks as they are stored; of a folder's files, one file of MCAP."""
         if case.parts:
-            return folder_file(case, storage)
+            return folder_file(case, storage, late_of(self.spec.stack))
         return fragment_file(case, storage)
 
     def file_name(self, case: Case) -> str:

@@ -9,7 +9,7 @@ from bagpipe.plan.parts import Part, PartPlanner, version_of
 from bagpipe.plan.put_together import put_together
 from bagpipe.source_spec import Source
 from bagpipe.storage import Storage
-from bagpipe.texts import duration_seconds
+from bagpipe.texts import duration_nanoseconds
 
 # The name of the one fragment of a sequence, and what stands in a row in place of a bag's URI.
 SEQUENCE = "sequence"
@@ -21,7 +21,7 @@ def sequences(source: Source, conditions: Crossing, storage: Storage) -> Plan:
     Raises MatrixError where a template is filled with what makes no piece.
     """
     planner = PartPlanner(storage)
-    warm_up = int(duration_seconds(source.fragment.warm_up) * 1e9)
+    warm_up = duration_nanoseconds(source.fragment.warm_up)
 
     def parts_of(pieces: list[SequencePart]) -> list[Part]:
         return planner.sequence(pieces, source.topics, warm_up)

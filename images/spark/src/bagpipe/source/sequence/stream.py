@@ -1,10 +1,11 @@
 """A sequence of parts as one bag."""
 
+from collections import deque
 from typing import Any
 
 import bagpipe
 from bagpipe.plan.case import Case
-from bagpipe.source.part_reader import MOST_BYTES, PartMessage, PartReader, publisher
+from bagpipe.source.part_reader import MOST_BYTES, PartMessage, PartReader
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 from bagpipe.wire.session import InputFile, SessionError
@@ -18,18 +19,27 @@ def sequence_bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
     as latched and not as played. Raises SessionError and StorageError.
     """
     writer = bagpipe.MemoryBag.writer(byte_budget=MOST_BYTES)
-    in_force: dict[tuple[str, str], bytes] = {}
+    in_force: dict[tuple[str, str | int], deque[bytes]] = {}
     for number, part in enumerate(case.parts):
         reader = PartReader(part, storage)
         for message in reader.latched():
-            if in_force.get(publisher(message.connection)) != message.recorded:
+            known = _known(in_force, reader, message)
+            if message.recorded not in known:
                 _write(writer, message, message.time if number else max(0, message.time - 1))
-                in_force[publisher(message.connection)] = message.recorded
+                known.append(message.recorded)
         for message in reader.messages():
             _write(writer, message, message.time)
-            if message.connection.latching:
-                in_force[publisher(message.connection)] = message.recorded
+            if message.connection.in_force:
+                _known(in_force, reader, message).append(message.recorded)
     return writer.finish()
+
+
+def _known(
+    in_force: dict[tuple[str, str | int], deque[bytes]], reader: PartReader, message: PartMessage
+) -> deque[bytes]:
+    """What the sequence has sent of the message's publisher that is still in force."""
+    publisher = reader.publisher(message.connection)
+    return in_force.setdefault(publisher, deque(maxlen=message.connection.in_force))
 
 
 def sequence_file(case: Case, storage: Storage, name: str) -> InputFile:

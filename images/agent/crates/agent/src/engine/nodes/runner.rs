@@ -166,6 +166,7 @@ impl Runner<'_> {
             middleware,
             window: Window { lead_in_start, start, end },
             topics: topics.clone(),
+            late: stack.qos.iter().map(|(topic, qos)| (topic.clone(), qos.late())).collect(),
             remap: stack.remap.clone(),
             mode: match playback.mode {
                 case::Mode::Realtime => Mode::Realtime,
