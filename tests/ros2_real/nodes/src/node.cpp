@@ -22,7 +22,7 @@ int main(int count, char **words) {
   const auto own = rclcpp::init_and_remove_ros_arguments(count, words);
   const auto executor = own.size() > 2 ? executor_named(own[1]) : nullptr;
   if (executor == nullptr) {
-    std::fprintf(stderr, "usage: node single|multi|events Answering|Passing|Ticking|Keeping...\n");
+    std::fprintf(stderr, "usage: node single|multi|events Answering|Counting|Keeping|Passing|...\n");
     return 2;
   }
   class_loader::ClassLoader loader("libbagpipe_nodes.so");
