@@ -1,9 +1,5 @@
 """An agent beside a real ROS 2, once for each middleware that is installed."""
 
-import signal
-import subprocess
-import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,15 +7,14 @@ from typing import Any
 
 import pytest
 
-from bagpipe.run.master_ports import master_ports
 from tests import ros2_recording
 from tests.agent_binary import built as built_agent
 from tests.integration.conftest import RunningAgent
 from tests.ros2_real import nodes
+from tests.ros2_real.agent import agent
 from tests.ros2_real.jobs import Trial
 from tests.ros2_real.place import NowhereError, Place, found
 
-_PATIENCE_SECONDS = 90
 MESSAGES = 400
 
 
@@ -61,43 +56,10 @@ def start_agent(
     place: Place, prefix: Path, agent_binary: Path, tmp_path: Path
 ) -> Iterator[Callable[..., RunningAgent]]:
     """Starts an agent where ROS 2 is, with a number of slots; it is ended after the test."""
-    started: list[RunningAgent] = []
-    with ExitStack() as ports:
-
-        def start(slots: int = 1) -> RunningAgent:
-            shared = tmp_path / f"shared{len(started)}"
-            shared.mkdir()
-            port = ports.enter_context(master_ports(slots))
-            words = [str(agent_binary), "serve", "--shared", str(shared), "--slots", str(slots)]
-            folders = [tmp_path, agent_binary.parent]
-            command = place.command([*words, "--master-port", str(port)], prefix, folders)
-            log = tmp_path / f"agent{len(started)}.log"
-            with log.open("wb") as output:
-                process = subprocess.Popen(
-                    command,
-                    stdout=output,
-                    stderr=subprocess.STDOUT,
-                    env=place.environment() | {"TMPDIR": str(tmp_path)},
-                    start_new_session=True,
-                )
-            agent = RunningAgent(shared, process, log)
-            started.append(agent)
-            _await_ready(agent_binary, agent)
-            return agent
-
-        yield start
-        for agent in started:
-            agent.process.send_signal(signal.SIGTERM)
-            agent.process.wait(timeout=_PATIENCE_SECONDS)
-
-
-def _await_ready(binary: Path, agent: RunningAgent) -> None:
-    deadline = time.monotonic() + _PATIENCE_SECONDS
-    pause = threading.Event()
-    while subprocess.run([binary, "ready", "--shared", agent.shared], check=False).returncode:
-        assert agent.process.poll() is None, agent.log.read_text()
-        assert time.monotonic() < deadline, agent.log.read_text()
-        pause.wait(0.05)
+    with ExitStack() as stack:
+        yield lambda slots=1: stack.enter_context(
+            agent(place, prefix, agent_binary, tmp_path, slots)
+        )
 
 
 @pytest.fixture

@@ -17,8 +17,10 @@ def text(data: str) -> bytes:
     return bytes(_STORE.serialize_cdr(_STORE.types[TEXT](data=data), TEXT))
 
 
-def write_texts(path: Path, topics: dict[str, Iterable[str]], qos: str = QOS) -> Path:
-    """Texts of each topic, 5 ms after each other; those of the first topic come first."""
+def write_texts(
+    path: Path, topics: dict[str, Iterable[str]], qos: str = QOS, period: int = 5_000_000
+) -> Path:
+    """Texts of each topic, `period` ns after each other; those of the first topic come first."""
     definition, _ = _STORE.generate_msgdef(TEXT, ros_version=2)
     with path.open("wb") as stream:
         writer = Writer(stream, chunk_size=4 << 20, compression=CompressionType.LZ4)
@@ -30,6 +32,6 @@ def write_texts(path: Path, topics: dict[str, Iterable[str]], qos: str = QOS) ->
             channel = writer.register_channel(topic, "cdr", schema, metadata=metadata)
             for number, data in enumerate(texts):
                 writer.add_message(channel, time, text(data), time, number)
-                time += 5_000_000
+                time += period
         writer.finish()
     return path
