@@ -191,6 +191,15 @@ test-integration: preflight-all venv test-programs recording agent ## Run worker
 	$(STEP) "Testing worker, agent and real nodes" -- $(PYTEST) $(BESIDE_WAITING) -m "not alone and not slow" tests/integration $(AND)
 	$(STEP) "Testing what measures the machine" -- $(PYTEST) -m alone tests/integration
 
+# Not part of test: it needs a ROS 2, sourced or as an image, which is asked for before anything is
+# built. OPTIONS are pytest's.
+.PHONY: test-ros2
+test-ros2: ## Test under a real ROS 2: one that is sourced, or ROS2_IMAGE=ros:jazzy
+	@python3 -m tests.ros2_real.place
+	@$(MAKE) venv agent
+	$(STEP) "Testing under a real ROS 2" --if-it-fails "It says above which test failed." -- \
+	  .venv/bin/python -m tests.ros2_real.run $(OPTIONS)
+
 .PHONY: test-liars
 test-liars: preflight-all venv ## Put stacks that lie, and odd honest ones, before the gate (part of test)
 	$(STEP) "Testing that no liar passes" -- $(PYTEST) tests/liars
@@ -217,7 +226,7 @@ test-nodes:
 endif
 
 .PHONY: bench
-bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale, operator, gate or spark_start)
+bench: preflight-all venv ## Measure beside the peers (BENCH=bag, play, binpipe, cache, scale, operator, gate, spark_start or ros2)
 	$(STEP) "Measuring" -- .venv/bin/python tests/bench/run.py $(BENCH)
 
 .PHONY: fuzz

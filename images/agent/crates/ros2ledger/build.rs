@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 
-const SOURCES: [&str; 9] = [
+const SOURCES: [&str; 10] = [
     "addresses.c",
     "attach.c",
     "count.c",
+    "guards.c",
     "list.c",
     "matches.c",
     "next.c",

@@ -27,7 +27,9 @@ struct State {
     sent: Vec<u64>,
     /// Node and topic of what did not come once: it is not waited for again.
     given_up: BTreeSet<(String, String)>,
-    /// Those whose callback did not end: nor is it.
+    /// Those whose callback did not end: nor is it. Of timers and services the node is not known: in
+    /// its place is nothing, and in the topic's the process with how many run, of which one more is
+    /// waited for.
     stuck: BTreeSet<(String, String)>,
 }
 
@@ -86,8 +88,7 @@ impl Stillness {
             None => ledger.mark()?,
         });
         if waited == Waited::Late {
-            // Of a timer or service neither node nor topic is known: another one may end.
-            stuck.extend(called.iter().filter(|one| !one.1.is_empty()).cloned());
+            stuck.extend(called.iter().cloned());
         }
         given_up.extend(left.difference(&called).cloned());
         *sent = now;
@@ -106,9 +107,9 @@ impl Stillness {
         let named =
             state.given_up.iter().filter(|(node, topic)| !node.is_empty() && !topic.is_empty());
         let endless = state.stuck.iter().map(|(node, topic)| {
+            let whose = if node.is_empty() { topic.clone() } else { format!("{node} on {topic}") };
             format!(
-                "a callback of {node} on {topic} did not end, so that lock-step does not wait for \
-                 it any more"
+                "a callback of {whose} did not end, so that lock-step does not wait for it any more"
             )
         });
         named.map(remark).chain(endless).collect()
@@ -116,5 +117,7 @@ impl Stillness {
 }
 
 fn of_busy(busy: &Busy) -> (String, String) {
-    (busy.node.clone(), busy.topic.clone().unwrap_or_default())
+    let others =
+        || format!("process {}, of {} timers and services,", busy.process.pid, busy.in_hand);
+    (busy.node.clone(), busy.topic.clone().unwrap_or_else(others))
 }

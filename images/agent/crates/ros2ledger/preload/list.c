@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "guards.h"
 #include "matches.h"
 
 /* Callbacks whose subscription was not yet introduced. */
@@ -18,6 +19,7 @@ static uint32_t next_stray;
 static void forget_all(void) {
   address_forget_all();
   matches_forget();
+  guards_forget();
   memset(strays, 0, sizeof strays);
 }
 

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "count.h"
+#include "guards.h"
 #include "interpose.h"
 #include "list.h"
 #include "matches.h"
@@ -74,14 +75,30 @@ PUBLIC int rmw_destroy_publisher(void *node, void *publisher) {
   return next(node, publisher);
 }
 
-PUBLIC int rmw_wait(void *subscriptions, void *guards, void *services, void *clients, void *events,
+PUBLIC int rmw_wait(void *subscriptions, struct set *guards, void *services, void *clients, void *events,
                     void *wait_set, const void *timeout) {
   NEXT_RMW(rmw_wait)
   count_wait();
-  if (matches_watched() == 0)
-    return next(subscriptions, guards, services, clients, events, wait_set, timeout);
+  struct awaited awaited;
+  guards_wait(guards, &awaited);
   struct wait wait = {next, {subscriptions, guards, services, clients, events}, wait_set, timeout};
-  return wait_in_slices(&wait);
+  int result = matches_watched() != 0
+      ? wait_in_slices(&wait)
+      : next(subscriptions, guards, services, clients, events, wait_set, timeout);
+  guards_woken(guards, &awaited, result == RMW_OK);
+  return result;
+}
+
+PUBLIC int rmw_trigger_guard_condition(const struct guard_head *guard) {
+  NEXT_RMW(rmw_trigger_guard_condition)
+  guard_triggered(guard);
+  return next(guard);
+}
+
+PUBLIC int rmw_destroy_guard_condition(struct guard_head *guard) {
+  NEXT_RMW(rmw_destroy_guard_condition)
+  guard_destroyed(guard);
+  return next(guard);
 }
 
 /* A take of one message, with the arguments that come after `taken`. */

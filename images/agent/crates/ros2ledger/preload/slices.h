@@ -15,7 +15,7 @@ struct set {
 struct span {
   uint64_t seconds, nanoseconds;
 };
-typedef int rmw_wait_function(void *subscriptions, void *guards, void *services, void *clients,
+typedef int rmw_wait_function(void *subscriptions, struct set *guards, void *services, void *clients,
                               void *events, void *wait_set, const void *timeout);
 
 /* What the node calls rmw_wait with; NULL for a set that it has not. */

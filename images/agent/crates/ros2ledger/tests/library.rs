@@ -52,6 +52,7 @@ fn it_stands_before_these_functions_and_no_other() {
     let expected = [
         "rmw_create_publisher",
         "rmw_create_subscription",
+        "rmw_destroy_guard_condition",
         "rmw_destroy_publisher",
         "rmw_destroy_subscription",
         "rmw_publish",
@@ -66,6 +67,7 @@ fn it_stands_before_these_functions_and_no_other() {
         "rmw_take_serialized_message",
         "rmw_take_serialized_message_with_info",
         "rmw_take_with_info",
+        "rmw_trigger_guard_condition",
         "rmw_wait",
         "ros_trace_callback_end",
         "ros_trace_callback_start",

@@ -212,6 +212,24 @@ static void *sleep_on(void *rmw) {
   return NULL;
 }
 
+static bool triggered;
+static struct guard guard = {"standin", &triggered};
+
+/* A thread that waits for the guard, and as many times as is said for it again: what woke it is in
+ * its hand until then. */
+static _Atomic uint64_t guard_waits, guard_woken;
+static void *await_guard(void *unused) {
+  (void)unused;
+  for (;;) {
+    while (guard_waits == 0) usleep(100);
+    guard_waits--;
+    void *data[1] = {guard.data};
+    struct set none = {0, NULL}, guards = {1, data};
+    guard_woken += rmw_wait(&none, &guards, NULL, NULL, NULL, NULL, NULL) == 0;
+  }
+  return NULL;
+}
+
 static struct publisher *flood_publisher;
 static void *flood(void *messages) {
   for (uint64_t i = 0; i < (uint64_t)messages; i++) publish(flood_publisher, i, "plain");
@@ -352,6 +370,16 @@ static void obey(char **argv, const char *verb, const char *topic, uint64_t n, c
   else if (!strcmp(verb, "match")) standin_match(publisher_on(topic)->rmw, false);
   else if (!strcmp(verb, "hand")) subscription_on(topic)->intra_waiting += n;
   else if (!strcmp(verb, "stick")) stick = 1;
+  else if (!strcmp(verb, "guard")) { /* as many waits for it */
+    static bool begun;
+    guard_waits += n;
+    if (!begun) pthread_create(&thread, NULL, await_guard, NULL);
+    begun = true;
+  } else if (!strcmp(verb, "trigger"))
+    while (n-- > 0) rmw_trigger_guard_condition(&guard);
+  else if (!strcmp(verb, "woken"))
+    while (guard_woken < n) usleep(100);
+  else if (!strcmp(verb, "unguard")) rmw_destroy_guard_condition(&guard);
   else if (!strcmp(verb, "nest")) nest = 1;
   else if (!strcmp(verb, "ghost")) /* a timer whose callback is where a subscription's was */
     call(ghost, &ghost->callback, &ghost->called);

@@ -195,9 +195,34 @@ int rmw_take_sequence(const void *subscription, size_t count, void *messages, vo
   return 0;
 }
 
-int rmw_wait(struct set *wanted, void *guards, void *services, void *clients, void *events,
+int rmw_trigger_guard_condition(const struct guard *guard) {
+  pthread_mutex_lock(&lock);
+  *(bool *)guard->data = true;
+  pthread_cond_broadcast(&arrived);
+  pthread_mutex_unlock(&lock);
+  return 0;
+}
+
+int rmw_destroy_guard_condition(struct guard *guard) {
+  guard->data = NULL;
+  return 0;
+}
+
+/* Under the lock: how many are triggered, which they are no more then; what is not is NULL. */
+static size_t guards_taken(const struct set *guards, bool take) {
+  size_t ready = 0;
+  for (size_t one = 0; guards != NULL && one < guards->count; one++) {
+    bool *triggered = guards->subscribers[one];
+    ready += *triggered;
+    if (take && !*triggered) guards->subscribers[one] = NULL;
+    if (take) *triggered = false;
+  }
+  return ready;
+}
+
+int rmw_wait(struct set *wanted, struct set *guards, void *services, void *clients, void *events,
              void *wait_set, const struct span *timeout) {
-  (void)guards, (void)services, (void)clients, (void)events, (void)wait_set;
+  (void)services, (void)clients, (void)events, (void)wait_set;
   struct span endless = {1 << 30, 0};
   struct timespec until;
   clock_gettime(CLOCK_REALTIME, &until);
@@ -208,11 +233,13 @@ int rmw_wait(struct set *wanted, void *guards, void *services, void *clients, vo
   size_t ready = 0;
   pthread_mutex_lock(&lock);
   for (int late = 0; late == 0;) {
+    ready = guards_taken(guards, false);
     for (size_t one = 0; one < wanted->count; one++)
       ready += ((struct endpoint *)wanted->subscribers[one])->count > 0;
     if (ready > 0) break;
     late = pthread_cond_timedwait(&arrived, &lock, &until);
   }
+  guards_taken(guards, true);
   for (size_t one = 0; one < wanted->count; one++) {
     if (((struct endpoint *)wanted->subscribers[one])->count == 0) wanted->subscribers[one] = NULL;
   }

@@ -36,6 +36,10 @@ struct set {
   size_t count;
   void **subscribers;
 };
+struct guard {
+  const char *implementation;
+  void *data; /* here: whether it is triggered */
+};
 struct span {
   uint64_t seconds, nanoseconds;
 };
@@ -65,8 +69,10 @@ int rmw_take_loaned_message_with_info(const void *subscription, void **message, 
                                       void *info, void *allocation);
 int rmw_take_sequence(const void *subscription, size_t count, void *messages, void *infos,
                       size_t *taken, void *allocation);
-int rmw_wait(struct set *subscriptions, void *guards, void *services, void *clients, void *events,
-             void *wait_set, const struct span *timeout);
+int rmw_wait(struct set *subscriptions, struct set *guards, void *services, void *clients,
+             void *events, void *wait_set, const struct span *timeout);
+int rmw_trigger_guard_condition(const struct guard *guard);
+int rmw_destroy_guard_condition(struct guard *guard);
 
 /* What only the stand-in has: a wait until somebody is at the other end, what a queue overwrote
  * (0 where the middleware does not say), and what waits in it. */

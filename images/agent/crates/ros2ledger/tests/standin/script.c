@@ -56,7 +56,7 @@ static void clear(struct set **sets) {
       sets[set]->subscribers[thing] = NULL;
 }
 
-int rmw_wait(struct set *subscriptions, void *guards, void *services, void *clients, void *events,
+int rmw_wait(struct set *subscriptions, struct set *guards, void *services, void *clients, void *events,
              void *wait_set, const struct span *timeout) {
   (void)wait_set;
   struct set *sets[SETS] = {subscriptions, guards, services, clients, events};

@@ -1,0 +1,45 @@
+#!/usr/bin/env python3
+"""Answers each message of in on out, in Python; with the parameter `deaf` no SIGINT ends it."""
+
+import contextlib
+import signal
+
+import rclpy
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Imu
+from std_msgs.msg import String
+
+
+class Answering(Node):
+    def __init__(self):
+        super().__init__("answering")
+        self.threads = self.declare_parameter("threads", 1).value
+        if self.declare_parameter("deaf", False).value:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        group = ReentrantCallbackGroup() if self.threads > 1 else None
+        self.out = self.create_publisher(String, "out", 1000)
+        self.subscription = self.create_subscription(
+            Imu, "in", self.answer, 10, callback_group=group
+        )
+
+    def answer(self, message):
+        stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+        said = f"{stamp} {message.angular_velocity.z:f}"
+        if self.get_parameter("use_sim_time").value:
+            said += f" {self.get_clock().now().nanoseconds}"
+        self.out.publish(String(data=said))
+
+
+def main():
+    rclpy.init()
+    node = Answering()
+    executor = MultiThreadedExecutor(node.threads) if node.threads > 1 else SingleThreadedExecutor()
+    executor.add_node(node)
+    with contextlib.suppress(KeyboardInterrupt, ExternalShutdownException):
+        executor.spin()
+
+
+if __name__ == "__main__":
+    main()

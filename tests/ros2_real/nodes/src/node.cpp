@@ -1,0 +1,40 @@
+// A program with one of the nodes, or several: node EXECUTOR KIND... [--ros-args ...]
+#include <cstdio>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include <class_loader/class_loader.hpp>
+#include <rclcpp/experimental/executors/events_executor/events_executor.hpp>
+#include <rclcpp/rclcpp.hpp>
+#include <rclcpp_components/node_factory.hpp>
+
+static std::shared_ptr<rclcpp::Executor> executor_named(const std::string &name) {
+  if (name == "single") return std::make_shared<rclcpp::executors::SingleThreadedExecutor>();
+  if (name == "multi")
+    return std::make_shared<rclcpp::executors::MultiThreadedExecutor>(rclcpp::ExecutorOptions(), 4);
+  if (name == "events")
+    return std::make_shared<rclcpp::experimental::executors::EventsExecutor>();
+  return nullptr;
+}
+
+int main(int count, char **words) {
+  const auto own = rclcpp::init_and_remove_ros_arguments(count, words);
+  const auto executor = own.size() > 2 ? executor_named(own[1]) : nullptr;
+  if (executor == nullptr) {
+    std::fprintf(stderr, "usage: node single|multi|events Answering|Counting|Keeping|Passing|...\n");
+    return 2;
+  }
+  class_loader::ClassLoader loader("libbagpipe_nodes.so");
+  std::vector<rclcpp_components::NodeInstanceWrapper> nodes;
+  for (size_t at = 2; at < own.size(); at++) {
+    const auto name = "rclcpp_components::NodeFactoryTemplate<bagpipe_nodes::" + own[at] + ">";
+    auto factory = loader.createInstance<rclcpp_components::NodeFactory>(name);
+    nodes.push_back(factory->create_node_instance(rclcpp::NodeOptions()));
+    executor->add_node(nodes.back().get_node_base_interface());
+  }
+  executor->spin();
+  nodes.clear();
+  rclcpp::shutdown();
+  return 0;
+}

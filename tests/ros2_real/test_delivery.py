@@ -1,0 +1,103 @@
+"""What nodes of a real ROS 2 got is proved by their own counts, or said to be lost."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.ros2_real.conftest import MESSAGES
+from tests.ros2_real.jobs import NODE, PYTHON, Trial, ledger_of, passed
+from tests.ros2_real.recordings import write_texts
+
+ANSWERS = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
+REENTRANT = ["--ros-args", "-p", "reentrant:=true"]
+EXECUTORS = {
+    "single": ["single", "Answering"],
+    "multi": ["multi", "Answering", *REENTRANT],
+    "events": ["events", "Answering"],
+}
+
+
+@pytest.mark.parametrize("executor", EXECUTORS)
+@pytest.mark.parametrize("mode", ["max", "realtime"])
+def test_all_that_is_sent_is_called_and_recorded(trial: Trial, mode: str, executor: str) -> None:
+    job = trial.spec([*NODE, *EXECUTORS[executor]], {"mode": mode}, evaluate=ANSWERS)
+    row = trial.run(job)
+    assert passed(row), row
+    assert ledger_of(row) == (MESSAGES, MESSAGES, 0, "called")
+    assert row["result"]["recorded"]["messages"] == MESSAGES
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_what_rclpy_takes_is_proved_as_taken(trial: Trial, threads: int) -> None:
+    command = [*PYTHON, "--ros-args", "-p", f"threads:={threads}"]
+    row = trial.run(trial.spec(command, {"mode": "max"}, evaluate=ANSWERS))
+    assert passed(row), row
+    assert ledger_of(row) == (MESSAGES, MESSAGES, 0, "taken")
+
+
+@pytest.mark.parametrize("qos", [["best_effort:=true"], ["depth:=1"]])
+def test_the_smallest_queue_loses_nothing_at_full_speed(trial: Trial, qos: list[str]) -> None:
+    slow = ["-p", "work_us:=500", *(word for one in qos for word in ("-p", one))]
+    job = trial.spec([*NODE, "single", "Answering", "--ros-args", *slow], {"mode": "max"})
+    row = trial.run(job)
+    assert passed(row), row
+    assert ledger_of(row) == (MESSAGES, MESSAGES, 0, "called")
+    assert len(trial.texts(row)) == MESSAGES
+
+
+def test_what_a_queue_overwrites_is_lost_in_the_ledger(trial: Trial) -> None:
+    """Every 5 ms a message, 20 ms for each, and room for two: most can't be called."""
+    slow = ["--ros-args", "-p", "work_us:=20000", "-p", "depth:=2"]
+    row = trial.run(trial.spec([*NODE, "single", "Answering", *slow], {"mode": "realtime"}))
+    sent, received, dropped, strength = ledger_of(row)
+    assert (row["outcome"], row["reason"]) != ("passed", None), row
+    assert (sent, received + dropped, strength) == (MESSAGES, MESSAGES, "called")
+    # What was called was answered, no more and no less.
+    assert received == len(trial.texts(row))
+    assert MESSAGES // 8 < received < MESSAGES // 2
+
+
+def test_a_node_that_publishes_twice_is_recorded_twice(trial: Trial) -> None:
+    command = [*NODE, "single", "Answering", "--ros-args", "-p", "copies:=2"]
+    row = trial.run(trial.spec(command, {"mode": "max"}))
+    assert passed(row), row
+    texts = trial.texts(row)
+    assert len(texts) == len(set(texts)) == 2 * MESSAGES
+
+
+def test_messages_of_a_megabyte_arrive_whole(trial: Trial) -> None:
+    recording = Path(trial.folders["recordings"]) / "drive.mcap"
+    lengths = [1_000_000 + number for number in range(100)]
+    write_texts(recording, {"/in": ("x" * length for length in lengths)})
+    row = trial.run(trial.spec([*NODE, "single", "Passing"], {"mode": "max"}))
+    assert passed(row), row
+    assert ledger_of(row) == (100, 100, 0, "called")
+    assert [int(text.split()[0]) for text in trial.texts(row)] == lengths
+
+
+def test_a_node_that_is_killed_has_crashed(trial: Trial) -> None:
+    command = [*NODE, "single", "Answering", "--ros-args", "-p", "die_after:=50"]
+    row = trial.run(trial.spec(command, {"mode": "max"}))
+    assert (row["outcome"], row["reason"]) == ("failed", "StackCrashed"), row
+
+
+def test_a_node_that_nobody_counts_proves_nothing(trial: Trial) -> None:
+    command = ["env", "-u", "LD_PRELOAD", *NODE, "single", "Answering"]
+    row = trial.run(trial.spec(command, {"mode": "max"}))
+    assert (row["outcome"], row["reason"]) == ("invalid", "DeliveryUnproved"), row
+    assert "what /answering got on /in is proved no further than `sent`" in row["message"]
+
+
+def test_late_subscribers_of_latched_topics_get_them(trial: Trial) -> None:
+    """A recorded one comes to the node, and what the node published first is recorded."""
+    recording = Path(trial.folders["recordings"]) / "drive.mcap"
+    latched = (
+        "- history: keep_last\n  depth: 1\n  reliability: reliable\n  durability: transient_local\n"
+    )
+    write_texts(recording, {"/in": ["map"]}, latched)
+    command = [*NODE, "single", "Keeping", "--ros-args", "-p", "settings:=seven"]
+    job = trial.spec(command, {"mode": "max"}, record={"topics": ["/out", "/settings"]})
+    row = trial.run(job)
+    assert passed(row), row
+    assert ledger_of(row) == (1, 1, 0, "called")
+    assert (trial.texts(row), trial.texts(row, "/settings")) == (["map"], ["seven"])

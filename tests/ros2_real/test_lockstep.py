@@ -1,0 +1,97 @@
+"""Lock-step under a real ROS 2: the same bytes each time, whatever else the machine does."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+
+from tests.ros2_real.conftest import MESSAGES
+from tests.ros2_real.jobs import LOCKSTEP, NODE, PYTHON, SIM_TIME, Trial, ledger_of, passed
+from tests.ros2_recording import BEGIN
+
+PERIOD = 5_000_000
+REENTRANT = ["--ros-args", "-p", "reentrant:=true"]
+STACKS = {
+    "rclcpp, one thread": [*NODE, "single", "Answering"],
+    "rclcpp, events": [*NODE, "events", "Answering"],
+    "rclcpp, four threads": [*NODE, "multi", "Answering", *REENTRANT],
+    "rclpy, one thread": list(PYTHON),
+}
+
+
+@pytest.fixture
+def busy() -> Iterator[None]:
+    """Two loops that want a processor each."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    yield
+    for loop in loops:
+        loop.kill()
+        loop.wait()
+
+
+@pytest.mark.parametrize("stack", STACKS)
+def test_two_runs_record_the_same_bytes(trial: Trial, stack: str) -> None:
+    digests = set()
+    for _ in range(2):
+        row = trial.run(trial.spec(STACKS[stack], LOCKSTEP))
+        assert passed(row), row
+        assert row["result"]["playback"]["steps"][0]["answered"] == MESSAGES
+        digests.add(trial.digest(row))
+    assert len(digests) == 1
+
+
+@pytest.mark.parametrize("stack", ["rclcpp, one thread", "rclpy, one thread"])
+def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> None:
+    job = trial.spec(STACKS[stack], LOCKSTEP, stack={"parameters": SIM_TIME})
+    row = trial.run(job)
+    assert passed(row), row
+    texts = [text.split() for text in trial.texts(row)]
+    assert [(words[0], words[-1]) for words in texts] == [
+        (str(BEGIN + number * PERIOD),) * 2 for number in range(MESSAGES)
+    ]
+
+
+def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
+    """Every 20 ms of simulated time a tick, which says how many messages there were by then."""
+    playback = {"mode": "lockstep"}
+    fields = {"stack": {"parameters": SIM_TIME}, "record": {"topics": ["/tick"]}}
+    ticks = []
+    for _ in range(3):
+        row = trial.run(trial.spec([*NODE, "single", "Ticking"], playback, **fields))
+        assert passed(row), row
+        ticks.append((trial.digest(row), trial.texts(row, "/tick")))
+    assert len({digest for digest, _ in ticks}) == 1, ticks
+    said = [[int(word) for word in text.split()] for text in ticks[0][1]]
+    for number, (tick, at, seen) in enumerate(said, 1):
+        assert (tick, seen) == (number, (at - BEGIN) // PERIOD)
+    assert len(said) >= MESSAGES // 4 - 1
+
+
+@pytest.mark.usefixtures("busy")
+def test_twenty_runs_beside_busy_loops_record_the_same_bytes(trial: Trial) -> None:
+    command = [*NODE, "single", "Answering", "Passing", "--ros-args"]
+    chain = ["-r", "answering:out:=/mid", "-r", "passing:in:=/mid"]
+    job = trial.spec(
+        [*command, *chain], LOCKSTEP, stack={"parameters": SIM_TIME}, record={"topics": ["/.*"]}
+    )
+    digests = set()
+    for _ in range(20):
+        row = trial.run(job)
+        assert passed(row), row
+        assert len(trial.texts(row)) == MESSAGES
+        digests.add(trial.digest(row))
+    assert len(digests) == 1
+
+
+def test_without_steps_the_ends_of_callbacks_are_awaited(trial: Trial) -> None:
+    slow = ["--ros-args", "-p", "work_us:=1000", "-p", "copies:=3"]
+    digests = set()
+    for _ in range(2):
+        command = [*NODE, "single", "Answering", *slow]
+        row = trial.run(trial.spec(command, {"mode": "lockstep"}))
+        assert passed(row), row
+        assert ledger_of(row) == (MESSAGES, MESSAGES, 0, "called")
+        assert len(trial.texts(row)) == 3 * MESSAGES
+        digests.add(trial.digest(row))
+    assert len(digests) == 1
