@@ -177,8 +177,7 @@ fn perform(
     watch.enter(Stage::Subscribe);
     let mut discovery = Discovery::start(node, &request.record_topics, watch.time())?;
     discovery.listen_for(&lockstep, recorder)?;
-    let turns = world
-        .map(|world| Turns::new(world, &answers, recorder, &plan.topics, &*request.middleware));
+    let turns = world.map(|world| Turns::new(world, &answers, recorder, plan, request));
     let stepper = (request.mode == Mode::Lockstep)
         .then(|| Stepper::new(node, lockstep, Arc::clone(&answers), recorder));
     let mut player = Player::advertise(node, plan, clock, request, stepper)?;

@@ -14,8 +14,10 @@ use bagpipe_log::{Connection, MessageEncoding, SchemaEncoding};
 
 use crate::ReplayError;
 use crate::answers::Answers;
+use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::recorder::Recorder;
+use crate::request::ReplayRequest;
 use crate::watch::Watch;
 use crate::world::{Moment, World};
 
@@ -42,12 +44,12 @@ impl<'a> Turns<'a> {
         world: &'a mut dyn World,
         answers: &'a Answers,
         recorder: &'a Recorder,
-        topics: &[TopicInfo],
-        middleware: &dyn Middleware,
+        plan: &Plan<'_>,
+        request: &ReplayRequest,
     ) -> Turns<'a> {
         let hidden = world.unrecorded();
-        let connections = topics.iter().map(|info| Spoken {
-            connection: Arc::new(own_connection(info, middleware)),
+        let connections = plan.topics.iter().map(|info| Spoken {
+            connection: Arc::new(own_connection(info, &*request.middleware)),
             recorded: !hidden.contains(&info.topic),
         });
         let connections = connections.collect();

@@ -9,6 +9,7 @@ use super::{AnswerBy, ByHand, MS, Mode, Rehearsal, graph_of, ms, request, say, s
 use crate::answers::Answers;
 use crate::lockstep::Lockstep;
 use crate::outcome::StepReport;
+use crate::plan::Plan;
 use crate::play::{Pace, Player};
 use crate::simulate::Turns;
 use crate::world::{LatestMessage, Moment, World};
@@ -153,9 +154,11 @@ fn a_simulated_play_takes_what_the_world_and_the_answers_take() {
     rehearsal.answers_after([Some(20), None, Some(30)]);
     let (answers, recorder) = (&rehearsal.answers, &rehearsal.recorder);
     let mut world = Thinker(Arc::clone(&by_hand), 0);
-    let topics = [bagpipe_graph::TopicInfo { topic: "/a".to_owned(), ..Default::default() }];
+    let topic = bagpipe_graph::TopicInfo { topic: "/a".to_owned(), ..Default::default() };
+    let plan = Plan::of_topics(vec![topic]);
+    let asked = request(&by_hand, window(0, 9_000));
     let pace = rehearsal.play(&bag_of_times(&[0]), |player: &mut Player<'_, _>, _, watch| {
-        Turns::new(&mut world, answers, recorder, &topics).play(player, watch).unwrap()
+        Turns::new(&mut world, answers, recorder, &plan, &asked).play(player, watch).unwrap()
     });
     assert_eq!(rehearsal.moments(), [100, 220, 570].map(ms));
     assert_eq!((pace.took, pace.late, pace.last), (ms(600), ms(0), Some(3 * MS)));
