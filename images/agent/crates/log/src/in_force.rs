@@ -121,17 +121,17 @@ pub fn latchers(connections: &[Connection]) -> HashMap<u32, Latcher> {
 
 /// Keeps of messages that come in order of time what is in force behind the last of them.
 #[derive(Debug)]
-pub struct InForce<T> {
+pub struct LatchedState<T> {
     found: HashMap<Latcher, (u32, Vec<(u64, T)>)>,
 }
 
-impl<T> Default for InForce<T> {
+impl<T> Default for LatchedState<T> {
     fn default() -> Self {
         Self { found: HashMap::new() }
     }
 }
 
-impl<T> InForce<T> {
+impl<T> LatchedState<T> {
     /// Takes in a message of a publisher of whom `most` are in force.
     pub fn take(&mut self, from: &Latcher, most: u32, time: u64, message: T) {
         if most == 0 {

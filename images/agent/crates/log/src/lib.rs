@@ -21,7 +21,7 @@ pub use checked::{Checked, mixed_types};
 pub use copy::copy;
 pub use error::RecordingError;
 pub use in_force::{
-    InForce, Latcher, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,
+    LatchedState, Latcher, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,
 };
 pub use index::{Index, Publisher, Reason, Refusal, Span};
 pub use model::{Connection, Loss, Message, MessageEncoding, SchemaEncoding};

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used)]
 
 use bagpipe_log::{
-    Connection, InForce, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,
+    Connection, LatchedState, Late, MOST_IN_FORCE, TRANSFORMS_IN_FORCE, latched_depths, latchers,
 };
 
 #[test]
@@ -91,7 +91,7 @@ fn the_last_of_each_publisher_are_kept_by_time() {
     // The next recording declares them in another order.
     let again = latchers(&[unnamed(8), unnamed(9), named(1, "/a"), named(2, "/b")]);
     assert_eq!([&again[&8], &again[&9], &again[&1]], [&whose[&3], &whose[&4], &whose[&0]]);
-    let mut in_force = InForce::default();
+    let mut in_force = LatchedState::default();
     for time in 0..1000u64 {
         in_force.take(&whose[&((time % 3) as u32)], 2, time, time);
         in_force.take(&whose[&3], 0, time, 5000 + time);

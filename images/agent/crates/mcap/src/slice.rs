@@ -3,7 +3,7 @@
 use std::borrow::Borrow;
 use std::collections::HashMap;
 
-use bagpipe_log::{InForce, Window, latchers};
+use bagpipe_log::{LatchedState, Window, latchers};
 
 use crate::carry::Carrier;
 use crate::merge::Together;
@@ -39,7 +39,7 @@ impl Latched<'_> {
 }
 
 /// The messages of a window and of the connections that `wanted` keeps, by time, of recordings
-/// that follow each other; before them what is latched and in force ([`bagpipe_log::InForce`]),
+/// that follow each other; before them what is latched and in force ([`bagpipe_log::LatchedState`]),
 /// because a subscriber that joined at the window's start would have got it. Attachments and
 /// metadata are about the whole, and stay there.
 ///
@@ -58,7 +58,7 @@ pub fn slice<M: Borrow<Mcap>>(
         ids.push(carrier.channels(recording, &wanted));
     }
     let before = Window { start: 0, end: window.start };
-    let mut in_force = InForce::default();
+    let mut in_force = LatchedState::default();
     let mut read = Vec::with_capacity(recordings.len());
     for (of, recording) in recordings.iter().map(Borrow::borrow).enumerate() {
         let connections = recording.connections();

@@ -4,7 +4,9 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
 use bagpipe_graph::TopicInfo;
-use bagpipe_log::{Connection, InForce, Latcher, Late, Message, Recording, Timeline, latchers};
+use bagpipe_log::{
+    Connection, LatchedState, Latcher, Late, Message, Recording, Timeline, latchers,
+};
 
 use crate::names::resolved;
 use crate::{ReplayError, ReplayRequest};
@@ -221,7 +223,7 @@ fn latched_before(
     if latching.is_empty() {
         return Vec::new();
     }
-    let mut in_force = InForce::default();
+    let mut in_force = LatchedState::default();
     for place in 0..end {
         if let Some(message) = timeline.get(place)
             && let Some((latcher, most)) = latching.get(&message.connection)

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use bagpipe_log::{InForce, Window, latchers};
+use bagpipe_log::{LatchedState, Window, latchers};
 
 use crate::copy::Carrier;
 use crate::unpack::unpack;
@@ -23,7 +23,7 @@ pub struct Sliced {
 }
 
 /// The messages of a window and of the connections that `filter` keeps, in the bag's own
-/// order; before them what is latched and in force ([`bagpipe_log::InForce`]), because a
+/// order; before them what is latched and in force ([`bagpipe_log::LatchedState`]), because a
 /// subscriber that joined at the window's start would have got it.
 pub fn slice<F: ChunkedFile>(
     bag: &Bag<F>,
@@ -71,7 +71,7 @@ fn carry_latched<F: ChunkedFile>(
     }
     let timeline = bag.timeline(|each| each.latching && wanted.contains(&each.id))?;
     let latchers = latchers(&bag.connections);
-    let mut in_force = InForce::default();
+    let mut in_force = LatchedState::default();
     for place in timeline.between(0, start) {
         if let Some(message) = timeline.get(place)
             && let Some(connection) = bag.connection(message.connection)
