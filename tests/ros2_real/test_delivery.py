@@ -1,4 +1,4 @@
-"""What nodes of a real ROS 2 got is proved by their own counts, or said to be lost."""
+"""What nodes of a real ROS 2 got is proved by their own counts, or is named as lost."""
 
 from pathlib import Path
 

@@ -54,7 +54,8 @@ def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> No
 
 def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
     """Every 20 ms of simulated time a tick, which says how many messages there were by then."""
-    playback = {"mode": "lockstep"}
+    tick = {"trigger": "/in", "answer": "/tick", "optional": True}
+    playback = {"mode": "lockstep", "steps": [tick]}
     fields = {"stack": {"parameters": SIM_TIME}, "record": {"topics": ["/tick"]}}
     ticks = []
     for _ in range(3):
@@ -62,10 +63,10 @@ def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
         assert passed(row), row
         ticks.append((trial.digest(row), trial.texts(row, "/tick")))
     assert len({digest for digest, _ in ticks}) == 1, ticks
-    said = [[int(word) for word in text.split()] for text in ticks[0][1]]
-    for number, (tick, at, seen) in enumerate(said, 1):
+    reported = [[int(word) for word in text.split()] for text in ticks[0][1]]
+    for number, (tick, at, seen) in enumerate(reported, 1):
         assert (tick, seen) == (number, (at - BEGIN) // PERIOD)
-    assert len(said) >= MESSAGES // 4 - 1
+    assert len(reported) >= MESSAGES // 4 - 1
 
 
 @pytest.mark.usefixtures("busy")
@@ -84,12 +85,14 @@ def test_twenty_runs_beside_busy_loops_record_the_same_bytes(trial: Trial) -> No
     assert len(digests) == 1
 
 
-def test_without_steps_the_ends_of_callbacks_are_awaited(trial: Trial) -> None:
+def test_a_callback_that_goes_on_after_its_first_answer_ends_before_the_next_message(
+    trial: Trial,
+) -> None:
     slow = ["--ros-args", "-p", "work_us:=1000", "-p", "copies:=3"]
     digests = set()
     for _ in range(2):
         command = [*NODE, "single", "Answering", *slow]
-        row = trial.run(trial.spec(command, {"mode": "lockstep"}))
+        row = trial.run(trial.spec(command, LOCKSTEP))
         assert passed(row), row
         assert ledger_of(row) == (MESSAGES, MESSAGES, 0, "called")
         assert len(trial.texts(row)) == 3 * MESSAGES

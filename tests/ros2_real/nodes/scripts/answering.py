@@ -26,10 +26,10 @@ class Answering(Node):
 
     def answer(self, message):
         stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        said = f"{stamp} {message.angular_velocity.z:f}"
+        text = f"{stamp} {message.angular_velocity.z:f}"
         if self.get_parameter("use_sim_time").value:
-            said += f" {self.get_clock().now().nanoseconds}"
-        self.out.publish(String(data=said))
+            text += f" {self.get_clock().now().nanoseconds}"
+        self.out.publish(String(data=text))
 
 
 def main():

@@ -19,9 +19,9 @@ public:
     in_ = create_subscription<String>("in", kept, [this](const String &message) {
       out_->publish(message);
     });
-    String said;
-    said.data = declare_parameter("settings", std::string("none"));
-    settings_->publish(said);
+    String text;
+    text.data = declare_parameter("settings", std::string("none"));
+    settings_->publish(text);
   }
 
 private:

@@ -24,10 +24,10 @@ public:
 
 private:
   void tick() {
-    String said;
-    said.data = std::to_string(++ticks_) + " " + std::to_string(now().nanoseconds()) + " " +
+    String text;
+    text.data = std::to_string(++ticks_) + " " + std::to_string(now().nanoseconds()) + " " +
                 std::to_string(seen_);
-    out_->publish(said);
+    out_->publish(text);
   }
 
   int64_t seen_ = 0, ticks_ = 0;
