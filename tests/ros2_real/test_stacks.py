@@ -9,7 +9,6 @@ import pytest
 from tests.integration.conftest import RunningAgent
 from tests.ros2_real.conftest import MESSAGES
 from tests.ros2_real.jobs import LOCKSTEP, NODE, PYTHON, Trial, ledger_of, passed
-from tests.ros2_real.place import Place
 from tests.ros2_recording import BEGIN
 
 LAUNCH = ["ros2", "launch", "bagpipe_nodes", "all.launch.py"]
@@ -73,11 +72,3 @@ def test_two_slots_never_receive_from_each_other(
         texts = trial.texts(row)
         assert (len(texts), {text[:2] for text in texts}) == (MESSAGES, {f"{name}-"})
     assert trial.digest(rows[0]) == trial.digest(rows[2]) != trial.digest(rows[1])
-
-
-def test_robot_state_publisher_answers_in_lock_step(trial: Trial, place: Place) -> None:
-    if not place.has("demo_nodes_cpp"):
-        pytest.skip("this ROS 2 has no demo_nodes_cpp")
-    command = ["ros2", "run", "demo_nodes_cpp", "listener", "--ros-args", "-r", "chatter:=/in"]
-    row = trial.run(trial.spec(command, {"mode": "max"}, record={"topics": ["/rosout"]}))
-    assert row["outcome"] in {"passed", "failed"}, row
