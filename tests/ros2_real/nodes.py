@@ -9,7 +9,7 @@ from pathlib import Path
 from tests.ros2_real.place import Place
 
 SOURCES = Path(__file__).parent / "nodes"
-# A ROS 2 that was installed anew has other libraries below the same path.
+# A ROS 2 that was installed again has other libraries below the same path.
 _WHICH = (
     'echo "$AMENT_PREFIX_PATH $(stat --dereference --format "%Y %s" $(printf "%s\\n"'
     ' ${AMENT_PREFIX_PATH//://lib/librclcpp.so }/lib/librclcpp.so) 2> /dev/null)"'

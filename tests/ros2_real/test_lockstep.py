@@ -54,8 +54,8 @@ def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> No
 
 def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
     """Every 20 ms of simulated time a tick, which says how many messages there were by then."""
-    tick = {"trigger": "/in", "answer": "/tick", "optional": True}
-    playback = {"mode": "lockstep", "steps": [tick]}
+    step = {"trigger": "/in", "answer": "/tick", "optional": True}
+    playback = {"mode": "lockstep", "steps": [step]}
     fields = {"stack": {"parameters": SIM_TIME}, "record": {"topics": ["/tick"]}}
     ticks = []
     for _ in range(3):

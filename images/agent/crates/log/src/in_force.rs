@@ -3,7 +3,7 @@
 //! In ROS 1 that is each publisher's last message, and a recording names the publishers. In ROS 2
 //! it is as many as a transient-local publisher's queue is deep, and a recording has one channel
 //! for all publishers of a topic, with the profiles of those that the recorder knew when it began;
-//! DDS does not tell it their depths. So of such a channel as many are in force as its profiles
+//! DDS does not show it their depths. So of such a channel as many are in force as its profiles
 //! show at the least. Of transforms that would be too few: each of many publishers has one message,
 //! which completes the others', and most come up behind the recorder.
 

@@ -215,7 +215,7 @@ static void *sleep_on(void *rmw) {
 static bool triggered;
 static struct guard guard = {"standin", &triggered};
 
-/* A thread that waits for the guard, and as many times as is said for it again: what woke it is in
+/* A thread that waits for the guard, and as many times as are asked for again: what woke it is in
  * its hand until then. */
 static _Atomic uint64_t guard_waits, guard_woken;
 static void *await_guard(void *unused) {
