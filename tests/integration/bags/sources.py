@@ -50,9 +50,12 @@ class Source:
         return [topic.as_read(time, data) for topic, time, data in self.messages]
 
     def sliced(self, start: int, end: int) -> list[ReadMessage]:
-        """What a slice holds: the window, and at its start what was latched before."""
+        """What a slice holds: the window, and at its start what each publisher latched before.
+
+        Publishers without names are distinguished by their connections.
+        """
         latched = {
-            (topic.name, topic.callerid): (topic, data)
+            (topic.name, topic.callerid or topic.id): (topic, data)
             for topic, time, data in self.messages
             if topic.latching and time < start
         }
