@@ -92,12 +92,13 @@ TOLERANT = Job(
 PROGRAMS = Job("programs", {}, engine="exec")
 
 
-
 def of_ros2(job: Job) -> Job:
     """The same, played to nodes of ROS 2."""
     changed = dict(job.changed)
     if "parameters" in changed:
-        changed["parameters"] = {f"/**{name}": value for name, value in changed["parameters"].items()}
+        changed["parameters"] = {
+            f"/**{name}": value for name, value in changed["parameters"].items()
+        }
     return replace(job, name=f"ros2-{job.name}", changed=changed, engine="ros2")
 
 

@@ -19,7 +19,7 @@ IN_2017 = 1_500_000_000 * 10**9
 AT_ZERO = 40_000_000
 IN_2040 = (2**31 + 60_000_000) * 10**9
 
-# Of each topic, what x and y are of the nth pose: a multiple of n, and y; and how late it is, in ms.
+# Of each topic: what n is multiplied by for the nth pose's x, its y, and how late it is, in ms.
 TOPICS = {"/pose": (1.0, 0.0, 0), "/truth": (2.0, 1.0, 0), "/answer": (2.0, 1.0, 1)}
 
 _STORE = get_typestore(Stores.ROS1_NOETIC)

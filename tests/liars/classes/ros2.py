@@ -10,6 +10,7 @@ from tests.liars.classes import arithmetic, death, loss, order, silence, time, w
 from tests.liars.jobs import (
     ERROR_LIVE,
     ERROR_SIM,
+    LEAD_IN_LIVE,
     PRESENCE,
     PRESENCE_LIVE,
     SOME_LIVE,
@@ -170,7 +171,7 @@ _OWN = [
         "blocks-at-first-called",
         OF,
         "blocks for 1.6 s at the first pose of the lead-in, in a callback that it reports",
-        loss.LEAD_IN_LIVE,
+        LEAD_IN_LIVE,
         _traced(*python("loss", "first-callback-blocks")),
         "passed",
     ),

@@ -10,11 +10,9 @@ import struct
 from genpy.message import get_message_class
 
 _HEAD = b"\x00\x01\x00\x00"
-_NUMBERS = {
-    **{"bool": "?", "byte": "b", "char": "B", "int8": "b", "uint8": "B", "int16": "h"},
-    **{"uint16": "H", "int32": "i", "uint32": "I", "int64": "q", "uint64": "Q"},
-    **{"float32": "f", "float64": "d"},
-}
+_NUMBERS = {"bool": "?", "byte": "b", "char": "B", "float32": "f", "float64": "d"}
+_NUMBERS |= {"int8": "b", "int16": "h", "int32": "i", "int64": "q"}
+_NUMBERS |= {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}
 _ARRAY = re.compile(r"(.*)\[(\d*)\]")
 
 
@@ -67,7 +65,7 @@ def read(kind, data):
 
 def _fields(stream, message):
     """Both ways: each value is given, and replaced by what the stream has for it."""
-    for name, kind in zip(message.__slots__, message._slot_types):
+    for name, kind in zip(message.__slots__, message._slot_types, strict=True):
         if not (message._type == "std_msgs/Header" and name == "seq"):
             setattr(message, name, _value(stream, kind, getattr(message, name)))
 

@@ -1,7 +1,7 @@
 """The part of ROS 2's middleware interface that a node needs, as C has it (tests/ros2/rmw.h).
 
-Its functions are looked for among all that the process has loaded, as a linked program does it: what
-was preloaded comes first.
+Its functions are looked for among all that the process has loaded, as a linked program does it:
+what was preloaded comes first.
 """
 
 import ctypes
@@ -100,7 +100,10 @@ class Tracepoints:
         _loaded("libtracetools.so")
         self._rcl, self._cpp, self._callback = (ctypes.create_string_buffer(8) for _ in range(3))
         started = ("ros_trace_callback_start", None, c_void_p, c_bool)
-        self._start, self._end = _function(*started), _function("ros_trace_callback_end", None, c_void_p)
+        self._start, self._end = (
+            _function(*started),
+            _function("ros_trace_callback_end", None, c_void_p),
+        )
         words = (c_void_p, c_void_p, POINTER(Holder), c_char_p, c_size_t)
         _function("ros_trace_rcl_subscription_init", None, *words)(
             self._rcl, node, subscription, topic.encode(), depth

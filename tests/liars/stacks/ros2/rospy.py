@@ -19,7 +19,8 @@ import traceback
 import cdr
 import genpy
 import rmw
-from genpy import Duration, Time as _Time
+from genpy import Duration
+from genpy import Time as _Time
 from rosgraph_msgs.msg import Clock
 
 __all__ = ["Duration"]
@@ -73,7 +74,7 @@ class _Node:
         limit = rmw.Span(0, _PAUSE)
         nothing = [None] * 4
         rmw.wait(ctypes.byref(things), *nothing, self.set, ctypes.byref(limit))
-        return [one for one, ready in zip(known, room) if ready]
+        return [one for one, ready in zip(known, room, strict=True) if ready]
 
     def end(self):
         with self.lock:
