@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bagpipe.evaluate.finding import Finding, verdict
+from tests import ros2_standin
 from tests.integration.laptop import Laptop
 from tests.liars import recordings
 from tests.liars.jobs import Job
@@ -129,8 +130,13 @@ class Army:
             "LIAR_COMMANDS": str(commands),
             "LIAR_MARKS": str(self.marks),
             "PYTHONDONTWRITEBYTECODE": "1",
-            "PYTHONPATH": str(ROOT / "docs/examples/exec-highway") * (job.engine == "exec"),
         }
+        if job.engine == "exec":
+            environment["PYTHONPATH"] = str(ROOT / "docs/examples/exec-highway")
+        if job.engine == "ros2":
+            environment |= ros2_standin.environment(ros2_standin.built())
+            # By which the stacks are nodes of ROS 2; and Debian's classes of messages.
+            environment["PYTHONPATH"] = str(STACKS / "ros2")
         return job.spec(files_of(rows)) | {
             "stack": {
                 "image": "liars",
@@ -152,9 +158,8 @@ class Army:
 
 def files_of(rows: Iterable[Row]) -> list[str]:
     """The recordings that rows are played, each once."""
-    suffix = {True: "txt", False: "bag"}
-    asked = [row.asked for row in rows]
-    return sorted({f"{a.drive}.{suffix[a.job.engine == 'exec']}" for a in asked})
+    suffix = {"ros1": "bag", "ros2": "mcap", "exec": "txt"}
+    return sorted({f"{row.asked.drive}.{suffix[row.asked.job.engine]}" for row in rows})
 
 
 def cases_of(rows: list[Row]) -> list[str]:

@@ -6,7 +6,7 @@ them, to save a start of Spark for each; a row is judged by the one that it name
 had no other.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 ANSWER = "/answer"
@@ -90,6 +90,16 @@ TOLERANT = Job(
     },
 )
 PROGRAMS = Job("programs", {}, engine="exec")
+
+
+def of_ros2(job: Job) -> Job:
+    """The same, played to nodes of ROS 2."""
+    changed = dict(job.changed)
+    if "parameters" in changed:
+        changed["parameters"] = {
+            f"/**{name}": value for name, value in changed["parameters"].items()
+        }
+    return replace(job, name=f"ros2-{job.name}", changed=changed, engine="ros2")
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,7 @@ def _lines(rows: Iterable[Row]) -> Iterator[str]:
 
 
 def _asked(question: Question) -> str:
-    mode = MODES[question.job.name]
+    mode = MODES[question.job.name.removeprefix("ros2-")]
     if not question.criterion:
         return mode
     kind, fields = next(

@@ -2,10 +2,10 @@
 
 from types import ModuleType
 
-from tests.liars.classes import arithmetic, death, loss, order, programs, silence, time, wrong
+from tests.liars.classes import arithmetic, death, loss, order, programs, ros2, silence, time, wrong
 from tests.liars.row import Row
 
-CLASSES: list[ModuleType] = [time, arithmetic, silence, death, loss, order, wrong, programs]
+CLASSES: list[ModuleType] = [time, arithmetic, silence, death, loss, order, wrong, programs, ros2]
 ROWS: list[Row] = [row for part in CLASSES for row in [*part.LIARS, *part.HONEST]]
 LIARS = [row for row in ROWS if not row.honest]
 HONEST = [row for row in ROWS if row.honest]

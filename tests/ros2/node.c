@@ -59,9 +59,11 @@ static void subscribe(struct subscription *made, const char *topic, const struct
   snprintf(made->topic, sizeof made->topic, "%s", topic);
   made->rmw = rmw_create_subscription(node, type, topic, qos, NULL);
   if (made->rmw == NULL) fail(topic);
-  TRACE(ros_trace_rcl_subscription_init(&made->rcl, node, made->rmw, topic, qos->depth));
-  TRACE(ros_trace_rclcpp_subscription_init(&made->rcl, &made->cpp));
-  TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp, &made->callback));
+  int turn = made->turn;
+  (void)turn;
+  TRACE(ros_trace_rcl_subscription_init(&made->rcl[turn], node, made->rmw, topic, qos->depth));
+  TRACE(ros_trace_rclcpp_subscription_init(&made->rcl[turn], &made->cpp[turn]));
+  TRACE(ros_trace_rclcpp_subscription_callback_added(&made->cpp[turn], &made->callback[turn]));
 }
 
 static void create_endpoints(void) {
@@ -102,6 +104,14 @@ static void connect_relays(void) {
   }
 }
 
+/* Destroys it and creates it again, as nodes do whose parameters change. */
+static void renew(struct subscription *of) {
+  __typeof__(&asked.subscription[0]) as = &asked.subscription[of - subscriptions];
+  rmw_destroy_subscription(node, of->rmw);
+  of->turn = 1 - of->turn;
+  subscribe(of, as->topic, type_of(as->package, as->type), &as->qos);
+}
+
 /* Takes a message, if there is one, and calls back. */
 static void execute(struct subscription *of) {
   bool taken = false;
@@ -109,14 +119,17 @@ static void execute(struct subscription *of) {
   if (rmw_take_with_info(of->rmw, &of->message, &taken, &info, NULL) != RMW_OK) fail(of->topic);
   if (!taken) return;
   of->taken++;
-  TRACE(ros_trace_callback_start(&of->callback, false));
+  const void *callback = &of->callback[of->turn];
+  (void)callback;
+  TRACE(ros_trace_callback_start(callback, false));
   if (of == &clock_subscription) {
     set_time(&of->message);
     of->called++;
   } else {
     work(of);
   }
-  TRACE(ros_trace_callback_end(&of->callback));
+  if (asked.renew_every > 0 && of->taken % asked.renew_every == 0) renew(of);
+  TRACE(ros_trace_callback_end(callback));
 }
 
 /* Waits for one of the subscriptions that nobody has, and reserves it; NULL if there was none. */

@@ -23,7 +23,8 @@ struct subscription {
   enum work work;
   struct publisher *into;
   struct message message;        /* the one that its callback has */
-  char rcl, cpp, callback;       /* their addresses are what tracepoints name */
+  char rcl[2], cpp[2], callback[2]; /* their addresses are what tracepoints name */
+  int turn;                         /* which of the two: one ends while the next one is there */
   bool busy;                     /* a thread has it: its callbacks exclude each other */
   _Atomic uint64_t taken, called;
 };
@@ -41,7 +42,7 @@ struct asked {
   } relay[MOST];
   int relays, threads;
   bool sim_time;
-  uint64_t delay_us, die_after, drop_every, burst, every_us;
+  uint64_t delay_us, first_us, die_after, drop_every, renew_every, answers, burst, every_us;
   char counts[512];
 };
 

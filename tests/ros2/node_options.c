@@ -17,7 +17,10 @@ static const char usage[] =
     "                       messages came\n"
     "--use-sim-time         takes /clock in a thread of its own; --relay adds the time\n"
     "--delay-us N           how long each callback takes\n"
+    "--first-us N           how long the first of a topic takes besides\n"
     "--drop-every N         each Nth message of a topic gets no answer\n"
+    "--answers N            each other one gets so many, in place of one\n"
+    "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
     "--threads N            threads that take and call\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
@@ -25,7 +28,7 @@ static const char usage[] =
     "--count-to FILE        where its own counts go at its end: lines of\n"
     "                       'sub TOPIC taken N called N' and 'pub TOPIC published N'\n";
 
-struct asked asked = {.threads = 1};
+struct asked asked = {.threads = 1, .answers = 1};
 
 static _Noreturn void refuse(const char *why, const char *what) {
   fprintf(stderr, "standin_node: %s: %s\n%s", why, what, usage);
@@ -82,7 +85,10 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--relay-stamp")) relay(WORK_STAMP, text);
   else if (!strcmp(option, "--steer")) relay(WORK_STEER, text);
   else if (!strcmp(option, "--delay-us")) asked.delay_us = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--first-us")) asked.first_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--answers")) asked.answers = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
@@ -106,4 +112,7 @@ void read_arguments(int argc, char **argv) {
     }
   }
   if (asked.threads < 1 || asked.threads > MOST) refuse("no number of threads", "--threads");
+  /* Another thread may wait for the subscription that is destroyed. */
+  if (asked.renew_every > 0 && (asked.threads > 1 || asked.sim_time))
+    refuse("one thread renews alone", "--renew-every");
 }

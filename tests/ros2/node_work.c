@@ -84,9 +84,9 @@ static void steer(struct subscription *of, uint64_t count) {
 
 void work(struct subscription *of) {
   uint64_t count = of->called + 1;
-  if (asked.delay_us > 0) {
-    struct timespec delay = {(time_t)(asked.delay_us / 1000000),
-                             (long)(asked.delay_us % 1000000) * 1000};
+  uint64_t delay_us = asked.delay_us + (count == 1 ? asked.first_us : 0);
+  if (delay_us > 0) {
+    struct timespec delay = {(time_t)(delay_us / 1000000), (long)(delay_us % 1000000) * 1000};
     clock_nanosleep(CLOCK_MONOTONIC, 0, &delay, NULL);
   }
   if (asked.die_after > 0 && count == asked.die_after) {
@@ -95,8 +95,10 @@ void work(struct subscription *of) {
     abort();
   }
   bool dropped = asked.drop_every > 0 && count % asked.drop_every == 0;
-  if (of->work == WORK_TEXT && !dropped) answer_text(of, count);
-  if (of->work == WORK_STAMP && !dropped) answer_stamp(of, count);
-  if (of->work == WORK_STEER && !dropped) steer(of, count);
+  for (uint64_t answer = 0; answer < asked.answers && !dropped; answer++) {
+    if (of->work == WORK_TEXT) answer_text(of, count);
+    if (of->work == WORK_STAMP) answer_stamp(of, count);
+    if (of->work == WORK_STEER) steer(of, count);
+  }
   of->called = count;
 }

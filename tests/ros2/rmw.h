@@ -29,6 +29,10 @@ struct rmw_qos {
   struct rmw_time lease;
   bool without_prefixes;
 };
+struct rmw_subscription_options {
+  void *payload;
+  bool ignore_local_publications;
+};
 struct rmw_context {
   const char *implementation;
   size_t domain;

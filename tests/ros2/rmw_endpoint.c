@@ -40,7 +40,8 @@ static dds_qos_t *dds_qos(const struct rmw_qos *qos) {
 }
 
 static struct rmw_endpoint *create(const struct rmw_node *node, const struct type_support *support,
-                                   const char *topic, const struct rmw_qos *asked, bool reads) {
+                                   const char *topic, const struct rmw_qos *asked, bool reads,
+                                   bool ignores_own) {
   dds_entity_t participant = ((const struct node *)node->data)->participant;
   const struct type_name *type = support->data;
   char dds_name[600], type_name[600];
@@ -51,6 +52,7 @@ static struct rmw_endpoint *create(const struct rmw_node *node, const struct typ
   made->qos = chosen(asked);
   made->topic = blob_topic(participant, dds_name, type_name, &made->type);
   dds_qos_t *qos = dds_qos(&made->qos);
+  if (ignores_own) dds_qset_ignorelocal(qos, DDS_IGNORELOCAL_PARTICIPANT);
   made->entity = made->topic < 0 ? made->topic
                  : reads         ? dds_create_reader(participant, made->topic, qos, NULL)
                                  : dds_create_writer(participant, made->topic, qos, NULL);
@@ -82,14 +84,14 @@ struct rmw_endpoint *rmw_create_publisher(const struct rmw_node *node,
                                           const struct type_support *type, const char *topic,
                                           const struct rmw_qos *qos, const void *options) {
   (void)options;
-  return create(node, type, topic, qos, false);
+  return create(node, type, topic, qos, false, false);
 }
 
 struct rmw_endpoint *rmw_create_subscription(const struct rmw_node *node,
                                              const struct type_support *type, const char *topic,
                                              const struct rmw_qos *qos, const void *options) {
-  (void)options;
-  return create(node, type, topic, qos, true);
+  const struct rmw_subscription_options *asked = options;
+  return create(node, type, topic, qos, true, asked != NULL && asked->ignore_local_publications);
 }
 
 int rmw_destroy_publisher(struct rmw_node *node, struct rmw_endpoint *publisher) {

@@ -24,16 +24,16 @@ impl Received {
 /// Asks nodes, each within the deadline that it was made with. Figures may vanish with a link: ask
 /// while the connections stand, unless it [outlives](Audit::outlives_nodes) them.
 pub trait Audit: Send {
-    /// What `node` has received from us on these topics. A topic of which it knows nothing is
-    /// absent.
+    /// What `node` has received from us over these connections, which are given and answered by
+    /// topic and number, the oldest first. One of which nothing is known is absent.
     ///
     /// # Errors
     /// The node is not known, does not answer, or refuses.
     fn ask(
         &mut self,
         node: &str,
-        topics: &[String],
-    ) -> Result<BTreeMap<String, Received>, GraphError>;
+        links: &BTreeMap<String, Vec<u64>>,
+    ) -> Result<BTreeMap<(String, u64), Received>, GraphError>;
 
     /// Whether figures of nodes that are gone can be asked for as well.
     fn outlives_nodes(&self) -> bool {

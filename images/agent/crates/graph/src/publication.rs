@@ -58,6 +58,9 @@ pub struct LinkState {
     pub id: u64,
     /// The subscriber's node name.
     pub node: String,
+    /// Distinguishes nodes of one name that are there at the same time: 0 of the first. Where a
+    /// graph has each name once, 0.
+    pub instance: u32,
     /// Lead-in messages sent to it.
     pub lead_in: u64,
     /// Counted messages sent to it.

@@ -19,7 +19,7 @@ pub(crate) fn ledger(
 ) -> Ledger {
     let mut ledger = Ledger::default();
     for (at, publication) in topics.iter().enumerate() {
-        let mut nodes: BTreeMap<String, LedgerSubscriber> = BTreeMap::new();
+        let mut nodes: BTreeMap<(String, u32), LedgerSubscriber> = BTreeMap::new();
         let sent = played[at].counted;
         for link in publication.subscribers() {
             if present[at].contains(&link.id) {
@@ -62,11 +62,12 @@ pub(crate) fn present(topics: &[Arc<dyn Publication>]) -> Vec<BTreeSet<u64>> {
     topics.iter().map(ids).collect()
 }
 
-/// A node that left and came back has several connections and one line.
-fn add(nodes: &mut BTreeMap<String, LedgerSubscriber>, link: &LinkState, known: &Known) {
+/// A node that left and came back has several connections and one line. Nodes that share a name
+/// have a line each: what one of them got makes up for nothing that another lost.
+fn add(nodes: &mut BTreeMap<(String, u32), LedgerSubscriber>, link: &LinkState, known: &Known) {
     let strength = known.strength();
     let new = || LedgerSubscriber { node: link.node.clone(), strength, ..Default::default() };
-    let line = nodes.entry(link.node.clone()).or_insert_with(new);
+    let line = nodes.entry((link.node.clone(), link.instance)).or_insert_with(new);
     line.strength = line.strength.min(strength);
     line.received += known.reached(link);
     line.bytes += link.counted_bytes;

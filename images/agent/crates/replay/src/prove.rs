@@ -79,26 +79,28 @@ impl Proof {
     /// figures. A node that does not answer keeps its last ones: what can't be proved will count as
     /// lost.
     pub(crate) fn ask(&mut self, topics: &[Arc<dyn Publication>]) {
-        let mut links: BTreeMap<String, BTreeMap<String, Key>> = BTreeMap::new();
+        let mut nodes: BTreeMap<String, BTreeMap<String, Vec<u64>>> = BTreeMap::new();
+        let mut places = BTreeMap::new();
         let seen = self.see(topics);
         for (at, publication) in topics.iter().enumerate() {
+            let topic = &publication.info().topic;
             let can_be_asked = |link: &LinkState| link.open || self.audit.outlives_nodes();
             for link in publication.subscribers().into_iter().filter(can_be_asked) {
-                let of_node = links.entry(link.node).or_default();
-                of_node.insert(publication.info().topic.clone(), (at, link.id));
+                let of_node = nodes.entry(link.node).or_default();
+                of_node.entry(topic.clone()).or_default().push(link.id);
+                places.insert((topic.clone(), link.id), at);
             }
         }
-        for (node, keys) in links {
-            let names: Vec<String> = keys.keys().cloned().collect();
-            let Ok(answer) = self.audit.ask(&node, &names) else { continue };
-            for (topic, received) in answer {
-                if let Some(key) = keys.get(&topic) {
-                    let known = self.known.entry(*key).or_default();
-                    known.now = Some(received);
-                    // Of who is gone nobody sees where it was in the end.
-                    if !seen.contains_key(key) {
-                        known.place = Place::Unknown;
-                    }
+        for (node, links) in nodes {
+            let Ok(answer) = self.audit.ask(&node, &links) else { continue };
+            for (link, received) in answer {
+                let Some(at) = places.get(&link) else { continue };
+                let key = (*at, link.1);
+                let known = self.known.entry(key).or_default();
+                known.now = Some(received);
+                // Of who is gone nobody sees where it was in the end.
+                if !seen.contains_key(&key) {
+                    known.place = Place::Unknown;
                 }
             }
         }
@@ -266,7 +268,8 @@ mod tests {
     use super::*;
 
     fn link(lead_in: u64, counted: u64) -> LinkState {
-        LinkState { id: 1, node: "/n".into(), lead_in, counted, counted_bytes: 0, open: true }
+        let node = "/n".to_owned();
+        LinkState { id: 1, node, instance: 0, lead_in, counted, counted_bytes: 0, open: true }
     }
 
     fn reported(messages: u64, drops: Option<u64>) -> Option<Received> {

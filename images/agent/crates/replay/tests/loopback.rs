@@ -78,7 +78,8 @@ impl Node for Member {
 
     fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Publication>, GraphError> {
         let node = STACK.to_owned();
-        let link = LinkState { id: 1, node, lead_in: 0, counted: 0, counted_bytes: 0, open: true };
+        let (instance, lead_in, counted, counted_bytes) = (0, 0, 0, 0);
+        let link = LinkState { id: 1, node, instance, lead_in, counted, counted_bytes, open: true };
         let sink = Arc::clone(&self.sink);
         let topic = Relayed { info, sink, link: Mutex::new(link), deaf: self.deaf };
         let topic = Arc::new(topic);
@@ -181,11 +182,15 @@ impl Publication for Relayed {
 struct Counts(Vec<Arc<Relayed>>, bool);
 
 impl Audit for Counts {
-    fn ask(&mut self, _: &str, _: &[String]) -> Result<BTreeMap<String, Received>, GraphError> {
+    fn ask(
+        &mut self,
+        _: &str,
+        _: &BTreeMap<String, Vec<u64>>,
+    ) -> Result<BTreeMap<(String, u64), Received>, GraphError> {
         let of = |topic: &Arc<Relayed>| {
             let link = topic.link.lock().unwrap();
             let messages = if self.1 { 0 } else { link.lead_in + link.counted };
-            (topic.info.topic.clone(), Received { messages, drops: Some(0) })
+            ((topic.info.topic.clone(), link.id), Received { messages, drops: Some(0) })
         };
         Ok(self.0.iter().map(of).collect())
     }

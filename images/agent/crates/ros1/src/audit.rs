@@ -57,13 +57,13 @@ impl Questions for Audit {
     fn ask(
         &mut self,
         node: &str,
-        topics: &[String],
-    ) -> Result<BTreeMap<String, Received>, GraphError> {
+        links: &BTreeMap<String, Vec<u64>>,
+    ) -> Result<BTreeMap<(String, u64), Received>, GraphError> {
         let caller = self.master.caller().to_owned();
         let publisher = self.publisher.clone();
         let asked = self.asked(node)?;
         let stats = asked.client.call_statistics(&[caller.as_str().into()])?;
-        let known = topics.iter().all(|topic| asked.ours.contains_key(topic));
+        let known = links.keys().all(|topic| asked.ours.contains_key(topic));
         if !known {
             let info = asked.client.call("getBusInfo", &[caller.as_str().into()])?;
             asked.ours = our_links(&info, &publisher);
@@ -72,15 +72,16 @@ impl Questions for Audit {
         let found = rows.iter().filter_map(|row| {
             let row = row.as_list()?;
             let topic = row.first()?.as_str()?;
-            let wanted = topics.iter().any(|t| t == topic);
-            let links = row.get(1)?.as_list()?;
-            let ours = asked.ours.get(topic);
-            wanted.then(|| Some((topic.to_owned(), pick(links, ours)?))).flatten()
+            // The node has numbers of its own; it speaks of the connection that it made last.
+            let link = *links.get(topic)?.last()?;
+            let stats = row.get(1)?.as_list()?;
+            Some(((topic.to_owned(), link), pick(stats, asked.ours.get(topic))?))
         });
         let found: BTreeMap<_, _> = found.collect();
-        if found.len() < topics.len() {
+        if found.len() < links.len() {
             // A link that was made again has a new number: learn it the next time.
-            asked.ours.retain(|topic, _| found.contains_key(topic));
+            let topics: BTreeSet<&String> = found.keys().map(|(topic, _)| topic).collect();
+            asked.ours.retain(|topic, _| topics.contains(topic));
         }
         Ok(found)
     }

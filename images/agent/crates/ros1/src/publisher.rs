@@ -88,6 +88,7 @@ impl Publication {
         let state = LinkState {
             id: links.next,
             node: header.text("callerid").to_owned(),
+            instance: 0,
             lead_in: 0,
             counted: 0,
             counted_bytes: 0,

@@ -124,8 +124,9 @@ fn rostopic_receives_our_messages_and_we_receive_its_messages() {
     assert_eq!((links[0].lead_in, links[0].counted, links[0].counted_bytes), (2, 2, 18));
     assert!(!echo.lines().iter().any(|line| line.contains("older")));
     let mut audit = node.audit(Duration::from_secs(5));
-    let topics = ["/chatter".to_owned()];
-    let received = audit.ask(&links[0].node, &topics).unwrap()["/chatter"];
+    let link = ("/chatter".to_owned(), links[0].id);
+    let asked = BTreeMap::from([(link.0.clone(), vec![link.1])]);
+    let received = audit.ask(&links[0].node, &asked).unwrap()[&link];
     assert_eq!((received.messages, received.drops), (4, None));
     drop(echo);
     wait_until("the subscriber has left", || !publication.subscribers()[0].open);

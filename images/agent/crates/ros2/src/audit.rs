@@ -18,20 +18,23 @@ pub(crate) struct Reader {
 impl Audit for Reader {
     fn ask(
         &mut self,
-        node: &str,
-        topics: &[String],
-    ) -> Result<BTreeMap<String, Received>, GraphError> {
+        _: &str,
+        links: &BTreeMap<String, Vec<u64>>,
+    ) -> Result<BTreeMap<(String, u64), Received>, GraphError> {
         let mut found = BTreeMap::new();
         let endpoints = self.ledger.endpoints().map_err(failed)?;
-        for topic in self.topics.iter().filter(|topic| topics.contains(&topic.info().topic)) {
-            let Some(link) = topic.link_of(node) else { continue };
+        for topic in &self.topics {
+            let name = &topic.info().topic;
+            let Some(numbers) = links.get(name) else { continue };
             topic.learn_publishers(&endpoints);
             if !topic.uncounted(&endpoints).is_empty() {
                 continue;
             }
-            if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {
-                let messages = messages.min(link.sent());
-                found.insert(topic.info().topic.clone(), Received { messages, drops: None });
+            for link in numbers.iter().filter_map(|number| topic.link_with(*number)) {
+                if let Some(messages) = link.taken(&self.ledger).map_err(failed)? {
+                    let messages = messages.min(link.sent());
+                    found.insert((name.clone(), link.id()), Received { messages, drops: None });
+                }
             }
         }
         Ok(found)

@@ -1,77 +1,199 @@
 //! One node's subscriptions of a topic that is played, and what it has done with the messages.
 
 use std::collections::BTreeMap;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{PoisonError, RwLock};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError, RwLock};
+use std::time::{Duration, Instant};
 
 use bagpipe_graph::{LinkState, Share};
-use bagpipe_ros2ledger::{Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Strength};
+use bagpipe_ros2ledger::{
+    Counts, Endpoint, EndpointId, History, Ledger, LedgerError, ProcessId, Strength,
+};
 
 /// The most messages that may wait for a node to take them, however deep its queue.
 pub(crate) const MOST_WAITING: u64 = 1000;
 
-/// A subscribing node of a topic.
+/// How long a callback is waited for whose end is not reported.
+const UNSEEN: Duration = Duration::from_secs(5);
+
+/// A subscribing node of a topic, in one process: also after it has left the topic, and come back.
 #[derive(Debug)]
 pub(crate) struct Link {
     id: u64,
     pub(crate) node: String,
+    /// Distinguishes nodes of one name that are there at the same time.
+    pub(crate) instance: u32,
     /// `None` where the node does not count, so that nothing is known of it.
     pub(crate) counted: Option<Subscriptions>,
     open: AtomicBool,
-    lead_in: AtomicU64,
-    window: AtomicU64,
-    window_bytes: AtomicU64,
+    sent: Mutex<Totals>,
+    last: Mutex<Last>,
 }
 
-/// The subscriptions of one node, with what they had done when the link was first seen.
+/// When a link was last seen to take.
+#[derive(Debug)]
+struct Last {
+    known: u64,
+    since: Instant,
+    stuck: bool,
+}
+
+/// How much went out.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Totals {
+    lead_in: u64,
+    window: u64,
+    window_bytes: u64,
+}
+
+/// The subscriptions of one node.
 #[derive(Debug)]
 pub(crate) struct Subscriptions {
     pub(crate) process: ProcessId,
-    taken: Vec<(EndpointId, u64)>,
+    now: RwLock<Now>,
     /// The stack's own publishers of the topic, whose messages it takes too, with what they had
     /// published before.
     others: RwLock<BTreeMap<EndpointId, u64>>,
+}
+
+/// Those that are there now.
+#[derive(Debug)]
+struct Now {
+    /// Each with what it had taken of which nothing counts here.
+    taken: Vec<(EndpointId, u64)>,
+    /// What those before them have taken.
+    earlier: u64,
+    /// What went out to those before them and nobody will take any more.
+    lost: u64,
     /// Messages that the smallest of their queues holds.
-    pub(crate) depth: u64,
+    depth: u64,
+    /// The weakest of them.
     strength: Strength,
 }
 
+impl Totals {
+    /// Takes in that a message of so many bytes goes out.
+    pub(crate) fn add(&mut self, share: Share, bytes: usize) {
+        match share {
+            Share::LeadIn => self.lead_in += 1,
+            Share::Counted => {
+                self.window += 1;
+                self.window_bytes += bytes as u64;
+            }
+        }
+    }
+
+    pub(crate) fn messages(self) -> u64 {
+        self.lead_in + self.window
+    }
+
+    fn join(&mut self, more: Totals) {
+        self.lead_in += more.lead_in;
+        self.window += more.window;
+        self.window_bytes += more.window_bytes;
+    }
+
+    /// What went out since.
+    pub(crate) fn since(self, before: Totals) -> Totals {
+        Totals {
+            lead_in: self.lead_in - before.lead_in,
+            window: self.window - before.window,
+            window_bytes: self.window_bytes - before.window_bytes,
+        }
+    }
+}
+
+impl Now {
+    /// What each of them has taken at least.
+    fn least(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
+        let mut least = None;
+        for (id, before) in &self.taken {
+            let taken = ledger.counts(*id)?.taken.saturating_sub(*before);
+            least = Some(least.map_or(taken, |least: u64| least.min(taken)));
+        }
+        Ok(least.unwrap_or(0))
+    }
+}
+
 impl Subscriptions {
-    /// Of the subscriptions of one node and the publishers of the topic, as they are now.
-    pub(crate) fn new(subscriptions: &[&Endpoint], publishers: &[&Endpoint]) -> Option<Self> {
-        let depth = |one: &&Endpoint| match one.qos.history {
-            History::KeepLast => one.qos.depth.clamp(1, MOST_WAITING),
-            History::KeepAll | History::Other(_) => MOST_WAITING,
-        };
+    /// Of the subscriptions of one node and the publishers of the topic, as they are now. What they
+    /// have taken is none of ours if `before`.
+    pub(crate) fn new(
+        subscriptions: &[&Endpoint],
+        publishers: &[&Endpoint],
+        before: bool,
+    ) -> Option<Self> {
+        let known = |one: &&Endpoint| (one.id, if before { one.counts.taken } else { 0 });
         Some(Subscriptions {
             process: subscriptions.first()?.process,
-            taken: subscriptions.iter().map(|one| (one.id, one.counts.taken)).collect(),
+            now: RwLock::new(Now {
+                taken: subscriptions.iter().map(known).collect(),
+                earlier: 0,
+                lost: 0,
+                depth: depth(subscriptions),
+                strength: subscriptions.iter().map(|one| one.strength).min()?,
+            }),
             others: RwLock::new(
                 publishers.iter().map(|one| (one.id, one.counts.published)).collect(),
             ),
-            depth: subscriptions.iter().map(depth).min()?,
-            strength: subscriptions.iter().map(|one| one.strength).min()?,
         })
     }
 
     /// Whether these are still all that there are.
     pub(crate) fn is_of(&self, subscriptions: &[&Endpoint]) -> bool {
-        let ids = |known: &(EndpointId, u64)| known.0;
-        self.taken.iter().map(ids).eq(subscriptions.iter().map(|one| one.id))
+        let now = self.now.read().unwrap_or_else(PoisonError::into_inner);
+        now.taken.iter().map(|known| known.0).eq(subscriptions.iter().map(|one| one.id))
+    }
+
+    /// Takes in that these are there in place of those before, to whom so many were sent: one that
+    /// stays goes on to count, and one that is new has taken nothing but ours.
+    fn replace(
+        &self,
+        subscriptions: &[&Endpoint],
+        sent: u64,
+        ledger: &Ledger,
+    ) -> Result<(), LedgerError> {
+        let mut now = self.now.write().unwrap_or_else(PoisonError::into_inner);
+        let least = now.least(ledger)?;
+        let before: BTreeMap<EndpointId, u64> = now.taken.iter().copied().collect();
+        let known =
+            |one: &&Endpoint| (one.id, before.get(&one.id).map_or(0, |taken| taken + least));
+        now.earlier += least;
+        if !subscriptions.iter().any(|one| before.contains_key(&one.id)) {
+            now.lost = sent.saturating_sub(now.earlier);
+        }
+        now.taken = subscriptions.iter().map(known).collect();
+        now.depth = depth(subscriptions);
+        Ok(())
+    }
+
+    /// Takes in how far they prove what they take, which a subscription shows when it is complete.
+    fn note_strength(&self, subscriptions: &[&Endpoint]) {
+        if let Some(weakest) = subscriptions.iter().map(|one| one.strength).min() {
+            self.now.write().unwrap_or_else(PoisonError::into_inner).strength = weakest;
+        }
     }
 }
 
+fn depth(subscriptions: &[&Endpoint]) -> u64 {
+    let depth = |one: &&Endpoint| match one.qos.history {
+        History::KeepLast => one.qos.depth.clamp(1, MOST_WAITING),
+        History::KeepAll | History::Other(_) => MOST_WAITING,
+    };
+    subscriptions.iter().map(depth).min().unwrap_or(MOST_WAITING)
+}
+
 impl Link {
-    pub(crate) fn new(id: u64, node: String, counted: Option<Subscriptions>) -> Link {
-        Link {
-            id,
-            node,
-            counted,
-            open: AtomicBool::new(true),
-            lead_in: AtomicU64::new(0),
-            window: AtomicU64::new(0),
-            window_bytes: AtomicU64::new(0),
-        }
+    /// A link to which `sent` went out before it was noticed.
+    pub(crate) fn new(
+        id: u64,
+        (node, instance): (String, u32),
+        counted: Option<Subscriptions>,
+        sent: Totals,
+    ) -> Link {
+        let (open, sent) = (AtomicBool::new(true), Mutex::new(sent));
+        let last = Mutex::new(Last { known: 0, since: Instant::now(), stuck: false });
+        Link { id, node, instance, counted, open, sent, last }
     }
 
     /// Takes in which publishers of the topic the stack has by now. One that came later was not
@@ -84,26 +206,55 @@ impl Link {
         }
     }
 
+    /// Takes in the node's subscriptions as they are now, and returns whether they are others.
+    pub(crate) fn replace(
+        &self,
+        subscriptions: &[&Endpoint],
+        ledger: &Ledger,
+    ) -> Result<bool, LedgerError> {
+        let Some(counted) = &self.counted else { return Ok(false) };
+        let others = !counted.is_of(subscriptions);
+        if others {
+            counted.replace(subscriptions, self.sent(), ledger)?;
+        }
+        counted.note_strength(subscriptions);
+        Ok(others)
+    }
+
+    /// Whether it is of this node in this process.
+    pub(crate) fn is_of(&self, (process, node): &(ProcessId, String)) -> bool {
+        self.node == *node && self.counted.as_ref().is_some_and(|one| one.process == *process)
+    }
+
+    /// Whether it is there, and nothing is known of it.
+    pub(crate) fn is_uncounted(&self) -> bool {
+        self.counted.is_none() && self.is_open()
+    }
+
     /// Takes in that a message of so many bytes goes out.
     pub(crate) fn count(&self, share: Share, bytes: usize) {
-        match share {
-            Share::LeadIn => _ = self.lead_in.fetch_add(1, Ordering::Relaxed),
-            Share::Counted => {
-                self.window.fetch_add(1, Ordering::Relaxed);
-                self.window_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
-            }
-        }
+        self.totals().add(share, bytes);
+    }
+
+    fn totals(&self) -> MutexGuard<'_, Totals> {
+        self.sent.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(crate) fn state(&self) -> LinkState {
+        let Totals { lead_in, window, window_bytes } = *self.totals();
         LinkState {
             id: self.id,
             node: self.node.clone(),
-            lead_in: self.lead_in.load(Ordering::Relaxed),
-            counted: self.window.load(Ordering::Relaxed),
-            counted_bytes: self.window_bytes.load(Ordering::Relaxed),
+            instance: self.instance,
+            lead_in,
+            counted: window,
+            counted_bytes: window_bytes,
             open: self.is_open(),
         }
+    }
+
+    pub(crate) fn id(&self) -> u64 {
+        self.id
     }
 
     pub(crate) fn is_open(&self) -> bool {
@@ -115,9 +266,15 @@ impl Link {
         self.open.store(false, Ordering::Relaxed);
     }
 
+    /// It has subscriptions again; so much went out that it could have had of late.
+    pub(crate) fn open(&self, sent: Totals) {
+        self.totals().join(sent);
+        self.open.store(true, Ordering::Relaxed);
+    }
+
     /// Messages that went out while it was there.
     pub(crate) fn sent(&self) -> u64 {
-        self.lead_in.load(Ordering::Relaxed) + self.window.load(Ordering::Relaxed)
+        self.totals().messages()
     }
 
     /// Messages of ours that each of its subscriptions has taken; `None` where nobody counts. Of a
@@ -125,41 +282,65 @@ impl Link {
     /// none of them.
     pub(crate) fn taken(&self, ledger: &Ledger) -> Result<Option<u64>, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(None) };
-        let mut least = u64::MAX;
-        for (id, before) in &counted.taken {
-            least = least.min(ledger.counts(*id)?.taken.saturating_sub(*before));
-        }
+        let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
+        let mut taken = now.earlier + now.least(ledger)?;
         let others = counted.others.read().unwrap_or_else(PoisonError::into_inner);
         for (id, before) in others.iter() {
-            least = least.saturating_sub(ledger.counts(*id)?.published.saturating_sub(*before));
+            taken = taken.saturating_sub(ledger.counts(*id)?.published.saturating_sub(*before));
         }
-        Ok(Some(least))
+        Ok(Some(taken))
     }
 
     /// Messages that wait in the middleware or are on their way to it; 0 where nobody counts.
     pub(crate) fn waiting(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
-        let taken = self.taken(ledger)?;
-        Ok(taken.map_or(0, |taken| self.sent().saturating_sub(taken)))
+        let Some(taken) = self.taken(ledger)? else { return Ok(0) };
+        let lost = self.of_now(|now| now.lost).unwrap_or(0);
+        Ok(self.sent().saturating_sub(taken + lost))
     }
 
     /// Messages that it has taken and not done with.
     pub(crate) fn in_hand(&self, ledger: &Ledger) -> Result<u64, LedgerError> {
         let Some(counted) = &self.counted else { return Ok(0) };
-        let in_hand =
-            |(id, _): &(EndpointId, u64)| Ok(ledger.counts(*id)?.in_hand(counted.strength));
-        counted.taken.iter().map(in_hand).sum()
+        let now = counted.now.read().unwrap_or_else(PoisonError::into_inner);
+        let in_hand = |counts: Counts| counts.in_hand(now.strength);
+        now.taken.iter().map(|(id, _)| Ok(in_hand(ledger.counts(*id)?))).sum()
+    }
+
+    /// Whether it has taken nothing more for `UNSEEN`, by which the thread of an executor with several
+    /// may be back that does not take again. Once it was so, it is.
+    fn is_stuck(&self, ledger: &Ledger) -> Result<bool, LedgerError> {
+        let taken = self.taken(ledger)?.unwrap_or(0);
+        let mut last = self.last.lock().unwrap_or_else(PoisonError::into_inner);
+        let Last { known, since, stuck } = &mut *last;
+        if *known != taken {
+            (*known, *since) = (taken, Instant::now());
+        }
+        *stuck |= since.elapsed() >= UNSEEN;
+        Ok(*stuck)
+    }
+
+    /// Messages that the smallest of its queues holds.
+    pub(crate) fn depth(&self) -> u64 {
+        self.of_now(|now| now.depth).unwrap_or(MOST_WAITING)
+    }
+
+    fn of_now<T>(&self, read: impl Fn(&Now) -> T) -> Option<T> {
+        let counted = self.counted.as_ref()?;
+        Some(read(&counted.now.read().unwrap_or_else(PoisonError::into_inner)))
     }
 
     /// Whether its library reports when callbacks end.
     pub(crate) fn reports_calls(&self) -> bool {
-        self.counted.as_ref().is_some_and(|counted| counted.strength == Strength::Called)
+        self.of_now(|now| now.strength) == Some(Strength::Called)
     }
 
     /// Whether the callbacks of all that was sent have ended; `None` where it can't be known, or
-    /// something may have been lost.
+    /// something may have been lost. Of who does not report calls it is known that one runs, until
+    /// that has taken so long that it may have ended unseen.
     pub(crate) fn called_back(&self, ledger: &Ledger) -> Result<Option<bool>, LedgerError> {
         if !self.reports_calls() {
-            return Ok(None);
+            let in_hand = self.in_hand(ledger)? > 0;
+            return Ok((in_hand && !self.is_stuck(ledger)?).then_some(false));
         }
         match (self.in_hand(ledger)?, self.waiting(ledger)?) {
             (0, 0) => Ok(Some(true)),

@@ -10,7 +10,7 @@ use bagpipe_graph::{
     Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Publisher, Seen, Sink, SystemState,
     TopicInfo,
 };
-use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
+use bagpipe_ros2ledger::{Endpoint, Kind, Ledger, Unlisted};
 use bagpipe_ros2player::{GraphNode, Player, Qos, Reliability};
 
 use crate::audit::Reader;
@@ -18,7 +18,7 @@ use crate::definition::installed;
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
 use crate::stillness::Stillness;
-use crate::topic::{Means, Topic, uncounted};
+use crate::topic::{Look, Means, Topic, uncounted};
 use crate::{QosOverride, Ros2Options, qos, stamp};
 
 /// What our players' names begin with; their process and a number follow.
@@ -55,6 +55,7 @@ impl Graph {
             paced_by: options.paced_by,
             stall: options.stall,
             links: AtomicU64::new(1),
+            patience: Mutex::new(options.stall),
             watching: AtomicBool::new(true),
         });
         let inputs = Arc::new(Inputs::default());
@@ -106,7 +107,7 @@ impl Graph {
             };
             let publisher = self.publisher(node, datatype, &all, &wanted);
             let subscription =
-                self.means.player.subscribe(&topic, datatype, &wanted).map_err(failed)?;
+                self.means.player.listen(&topic, datatype, &wanted).map_err(failed)?;
             self.inputs.add(&topic, (subscription, wanted), publisher);
             self.wanted().remove(&topic);
         }
@@ -183,7 +184,7 @@ impl Graph {
         let mut remarks = Vec::new();
         for input in self.inputs.all() {
             let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
-            remarks.extend(uncounted(&others, &endpoints).into_iter().map(|node| {
+            remarks.extend(uncounted(&input.topic, &others, &endpoints).into_iter().map(|node| {
                 format!(
                     "{node} publishes {} in a process that does not count, so that whether all \
                      of it was recorded can't be known",
@@ -200,8 +201,31 @@ impl Graph {
                 )
             }));
         }
+        let Unlisted { processes, endpoints } = self.ledger().unlisted();
+        if processes + endpoints > 0 {
+            remarks.push(format!(
+                "the ledger had no room for {processes} processes and {endpoints} endpoints of the \
+                 stack: nothing is proved of these"
+            ));
+        }
         remarks.sort();
         remarks
+    }
+
+    /// What a recording has of our own messages, which are none of the stack's, where the RMW hands
+    /// them to us all the same: `more` than others have published.
+    fn own(&self, input: &Input, more: u64) -> Option<String> {
+        let played = self.topics().iter().any(|topic| topic.info().topic == input.topic);
+        let others = input.others.lock().unwrap_or_else(PoisonError::into_inner);
+        let endpoints = self.ledger().endpoints().ok()?;
+        let known = uncounted(&input.topic, &others, &endpoints).is_empty();
+        (played && known && more > 0).then(|| {
+            format!(
+                "{more} messages of {} were recorded that the stack has not published: it is \
+                 played too, and this RMW does not separate them; do not play it, or remap it",
+                input.topic
+            )
+        })
     }
 
     /// Whether we know as many publishers of a topic as there are.
@@ -230,6 +254,29 @@ impl Graph {
         });
         Ok(due.collect())
     }
+}
+
+/// Names that more nodes of the graph have than count: what one of these subscribes to the graph
+/// does not show by itself.
+fn namesakes(endpoints: &[Endpoint], nodes: &[GraphNode]) -> BTreeSet<String> {
+    let mut there: BTreeMap<&String, usize> = BTreeMap::new();
+    for node in nodes.iter().filter(|node| !is_hidden(&node.name)) {
+        *there.entry(&node.name).or_default() += 1;
+    }
+    let counting = |name: &String| {
+        let own = endpoints.iter().filter(|one| one.node == *name);
+        own.map(|one| one.process).collect::<BTreeSet<_>>().len()
+    };
+    let more = there.into_iter().filter(|(name, many)| *many > counting(name).max(1));
+    more.map(|(name, _)| name.clone()).collect()
+}
+
+/// The subscriptions of a topic that count, also those that are gone.
+fn subscribed_to<'e>(
+    topic: &'e str,
+    endpoints: &'e [Endpoint],
+) -> impl Iterator<Item = &'e Endpoint> {
+    endpoints.iter().filter(move |one| one.kind == Kind::Subscription && one.topic == topic)
 }
 
 /// The publishers of a topic that count, also those that are gone.
@@ -288,20 +335,29 @@ impl Node for Graph {
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.handed()).collect();
-        let endpoints = self.ledger().endpoints().map_err(failed)?;
-        let state = state(&endpoints, &nodes);
-        let counting: BTreeSet<&String> = endpoints.iter().map(|one| &one.node).collect();
+        let look = Look::at(self.ledger()).map_err(failed)?;
+        let state = state(&look.endpoints, &nodes);
+        let namesakes = namesakes(&look.endpoints, &nodes);
         for topic in self.topics().iter() {
-            let named = state.subscribers.get(&topic.info().topic).into_iter().flatten();
-            let uncounted = named.filter(|name| **name != self.name && !counting.contains(name));
-            topic.refresh(&endpoints, &uncounted.cloned().collect::<Vec<_>>());
-            topic.note_publishers(self.publishing(&state, &topic.info().topic));
+            let name = &topic.info().topic;
+            let named = state.subscribers.get(name).into_iter().flatten();
+            // By topic: a node may count in one of its processes, or with some of its endpoints.
+            let counts = |node: &String| {
+                let mut subscriptions = subscribed_to(name, &look.endpoints);
+                subscriptions.any(|one| one.node == *node)
+            };
+            let uncounted = named.filter(|node| **node != self.name && !counts(node));
+            let mut uncounted: BTreeSet<String> = uncounted.cloned().collect();
+            uncounted.extend(topic.hidden(&look, &namesakes, uncounted.len()));
+            let uncounted: Vec<String> = uncounted.into_iter().collect();
+            topic.refresh(&look, Some(&uncounted)).map_err(failed)?;
+            topic.note_publishers(self.publishing(&state, name));
         }
-        self.subscribe_to_wanted(&endpoints, &nodes)?;
+        self.subscribe_to_wanted(&look.endpoints, &nodes)?;
         for (input, handed) in inputs.iter().zip(handed) {
             let others = self.publishing(&state, &input.topic).cloned();
             input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
-            self.compare(input, handed, &endpoints);
+            self.compare(input, handed, &look.endpoints);
         }
         Ok(Seen { state, again: 0 })
     }
@@ -360,6 +416,7 @@ impl Node for Graph {
         for (input, due) in &due {
             lacking.extend(input.unrecordable().iter().cloned());
             let (handed, published) = (input.handed(), input.account().published());
+            lacking.extend(self.own(input, handed.saturating_sub(published)));
             let missing = due.saturating_sub(handed);
             if missing > 0 {
                 lacking.push(format!(

@@ -1,7 +1,7 @@
 //! A topic that is played: its subscribers, and the credit that they give.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::time::{Duration, Instant};
 
@@ -11,7 +11,7 @@ use bagpipe_graph::{
 use bagpipe_ros2ledger::{Endpoint, Event, Kind, Ledger, LedgerError, ProcessId, Waited};
 use bagpipe_ros2player::{Player, PlayerError, PublisherId, Qos};
 
-use crate::link::{Link, MOST_WAITING, Subscriptions};
+use crate::link::{Link, MOST_WAITING, Subscriptions, Totals};
 use crate::qos::incompatible;
 
 /// Bytes that may be on their way to a subscriber: with more in flight of large messages a
@@ -21,6 +21,11 @@ const WINDOW: u64 = 1 << 20;
 const ASK: Duration = Duration::from_millis(20);
 /// A subscription whose process has not reported for so long whom it knows is believed to know us.
 const UNREPORTED: Duration = Duration::from_secs(2);
+/// How long we may take to know a subscription in place of another of the same node, at which the
+/// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
+const RENEWED: Duration = Duration::from_millis(300);
+/// How often somebody who waits for new subscriptions looks at them.
+const MATCHES: Duration = Duration::from_millis(5);
 /// How long a node without tracepoints may take to come back for more, after it has taken all: of
 /// several threads some never show it.
 const COMES_BACK: Duration = Duration::from_millis(100);
@@ -32,6 +37,8 @@ pub(crate) struct Means {
     pub(crate) paced_by: PacedBy,
     pub(crate) stall: Duration,
     pub(crate) links: AtomicU64,
+    /// How long a lead-in that is played by the clock may still wait for its subscribers.
+    pub(crate) patience: Mutex<Duration>,
     /// Whether the nodes still report whom they have matched, which costs them time at each wait.
     pub(crate) watching: AtomicBool,
 }
@@ -44,29 +51,67 @@ pub(crate) struct Topic {
     qos: Qos,
     links: RwLock<Arc<Vec<Arc<Link>>>>,
     /// Subscriptions that have not matched yet: since when they are known.
-    strangers: Mutex<BTreeMap<(ProcessId, String), Instant>>,
+    strangers: Mutex<BTreeMap<Owner, Instant>>,
     sent: Mutex<Sent>,
+    /// Held by who looks at the subscriptions; what had gone out by the look before.
+    looked: Mutex<Totals>,
+    /// Endpoints that the ledger had listed when somebody last looked.
+    listed: AtomicUsize,
     /// Nodes that publish it beside us, as the graph has them: some may not count.
     others: Mutex<BTreeSet<String>>,
+}
+
+/// A node's name, and its process.
+type Owner = (ProcessId, String);
+
+/// The ledger at a moment.
+pub(crate) struct Look {
+    pub(crate) endpoints: Vec<Endpoint>,
+    running: BTreeSet<ProcessId>,
+    /// Endpoints that had been listed before.
+    listed: usize,
+}
+
+impl Look {
+    pub(crate) fn at(ledger: &Ledger) -> Result<Look, LedgerError> {
+        let listed = ledger.listed();
+        let running =
+            ledger.processes()?.iter().filter(|one| one.alive).map(|one| one.id).collect();
+        Ok(Look { endpoints: ledger.endpoints()?, running, listed })
+    }
+
+    /// The subscriptions that are there, by whose they are.
+    fn subscriptions(&self, topic: &str) -> BTreeMap<Owner, Vec<&Endpoint>> {
+        let mut nodes: BTreeMap<Owner, Vec<&Endpoint>> = BTreeMap::new();
+        for one in self.there(Kind::Subscription, topic) {
+            nodes.entry((one.process, one.node.clone())).or_default().push(one);
+        }
+        nodes
+    }
+
+    fn there<'l>(&'l self, kind: Kind, topic: &str) -> impl Iterator<Item = &'l Endpoint> {
+        let all = self.endpoints.iter().filter(move |one| one.kind == kind && !one.destroyed);
+        all.filter(move |one| one.topic == topic && self.running.contains(&one.process))
+    }
 }
 
 /// What went out.
 #[derive(Default)]
 struct Sent {
-    messages: u64,
+    totals: Totals,
     bytes: u64,
     /// The bytes that had gone out before each of the last messages, oldest first.
     before: VecDeque<u64>,
 }
 
 impl Sent {
-    fn add(&mut self, bytes: u64) {
+    fn add(&mut self, share: Share, bytes: usize) {
         if self.before.len() as u64 > MOST_WAITING {
             self.before.pop_front();
         }
         self.before.push_back(self.bytes);
-        self.messages += 1;
-        self.bytes += bytes;
+        self.totals.add(share, bytes);
+        self.bytes += bytes as u64;
     }
 
     /// Bytes of the last `messages`.
@@ -98,6 +143,8 @@ impl Topic {
             links: RwLock::default(),
             strangers: Mutex::default(),
             sent: Mutex::default(),
+            looked: Mutex::default(),
+            listed: AtomicUsize::new(0),
             others: Mutex::default(),
         }
     }
@@ -111,49 +158,109 @@ impl Topic {
     /// can't be separated from ours.
     pub(crate) fn uncounted(&self, endpoints: &[Endpoint]) -> Vec<String> {
         let others = self.others.lock().unwrap_or_else(PoisonError::into_inner);
-        uncounted(&others, endpoints)
+        uncounted(&self.info.topic, &others, endpoints)
     }
 
-    /// Takes in who subscribes now: those that count, by the ledger, and the names of others.
-    pub(crate) fn refresh(&self, endpoints: &[Endpoint], uncounted: &[String]) {
-        let ours = |kind| {
-            let all = endpoints.iter().filter(move |one| one.kind == kind && !one.destroyed);
-            all.filter(|one| one.topic == self.info.topic)
-        };
-        let publishers: Vec<&Endpoint> = ours(Kind::Publisher).collect();
-        let mut nodes: BTreeMap<(ProcessId, String), Vec<&Endpoint>> = BTreeMap::new();
-        for one in ours(Kind::Subscription) {
-            nodes.entry((one.process, one.node.clone())).or_default().push(one);
-        }
-        let there = nodes.values().map(Vec::len).sum();
-        self.learn_publishers(endpoints);
-        let all = self.publishers(endpoints);
+    /// Takes in who subscribes now: those that count, and the names of others, where somebody asked
+    /// for them.
+    pub(crate) fn refresh(
+        &self,
+        look: &Look,
+        uncounted: Option<&[String]>,
+    ) -> Result<(), LedgerError> {
+        let mut looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+        // What goes out from here on is counted by the links.
+        let now = self.sent().totals;
+        let missed = now.since(*looked);
+        *looked = now;
+        let nodes = look.subscriptions(&self.info.topic);
+        self.learn_publishers(&look.endpoints);
+        self.strangers().retain(|owner, _| nodes.contains_key(owner));
         let mut links = Vec::clone(&self.links());
-        for link in links.iter().filter(|link| link.is_open()) {
-            let there = match &link.counted {
-                None => uncounted.contains(&link.node),
-                Some(counted) => nodes
-                    .get(&(counted.process, link.node.clone()))
-                    .is_some_and(|now| counted.is_of(now)),
-            };
-            if !there {
+        for link in &links {
+            let Some(counted) = &link.counted else { continue };
+            let owner = (counted.process, link.node.clone());
+            let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
+            let others = link.replace(there, &self.means.ledger)?;
+            if there.is_empty() || (others && self.means.paced_by == PacedBy::Subscribers) {
                 link.close();
             }
         }
-        for (key, subscriptions) in nodes {
-            if !has(&links, Some(key.0), &key.1)
-                && self.knows_us(&key, &subscriptions, &publishers, there)
-            {
-                let counted = Subscriptions::new(&subscriptions, &all);
-                links.push(self.link(key.1, counted));
-            }
+        for (owner, subscriptions) in &nodes {
+            self.welcome(&mut links, owner, subscriptions, (look, missed));
         }
-        for name in uncounted {
-            if !has(&links, None, name) {
-                links.push(self.link(name.clone(), None));
-            }
+        if let Some(uncounted) = uncounted {
+            self.refresh_uncounted(&mut links, uncounted, missed);
         }
         *self.links.write().unwrap_or_else(PoisonError::into_inner) = Arc::new(links);
+        self.listed.store(look.listed, Ordering::Relaxed);
+        Ok(())
+    }
+
+    /// A node subscribes: if it is new, or has come back, it has a link from now on, or from when it
+    /// knows us. By the clock nobody waits for that once the play has begun: `missed` went out since
+    /// the last look.
+    fn welcome(
+        &self,
+        links: &mut Vec<Arc<Link>>,
+        owner: &Owner,
+        subscriptions: &[&Endpoint],
+        (look, missed): (&Look, Totals),
+    ) {
+        let known = links.iter().rev().find(|link| link.is_of(owner)).cloned();
+        if known.as_ref().is_some_and(|link| link.is_open()) {
+            return;
+        }
+        let begun = self.sent().totals.messages() > 0;
+        let at_once = begun && self.means.paced_by == PacedBy::Schedule;
+        if !at_once && !self.knows_us(owner, subscriptions, look, known.is_some()) {
+            return;
+        }
+        let missed = if at_once { missed } else { Totals::default() };
+        if let Some(link) = known {
+            return link.open(missed);
+        }
+        let publishers = self.publishers(&look.endpoints);
+        let counted = Subscriptions::new(subscriptions, &publishers, !begun);
+        let name = self.named(links, &owner.1);
+        links.push(self.link(name, counted, missed));
+    }
+
+    fn refresh_uncounted(&self, links: &mut Vec<Arc<Link>>, names: &[String], missed: Totals) {
+        let without = |link: &&Arc<Link>| link.is_uncounted();
+        for link in links.iter().filter(without).filter(|link| !names.contains(&link.node)) {
+            link.close();
+        }
+        for name in names {
+            if !links.iter().filter(without).any(|link| link.node == *name) {
+                let name = self.named(links, name);
+                links.push(self.link(name, None, missed));
+            }
+        }
+    }
+
+    /// One of some nodes that share their names with others, where more subscribe than can be seen:
+    /// `others` are those that do not count.
+    pub(crate) fn hidden(
+        &self,
+        look: &Look,
+        namesakes: &BTreeSet<String>,
+        others: usize,
+    ) -> Option<String> {
+        let name = namesakes.first()?;
+        // Those of processes that have ended are known for a while.
+        let all = look.endpoints.iter().filter(|one| one.kind == Kind::Subscription);
+        let there = all.filter(|one| !one.destroyed && one.topic == self.info.topic).count();
+        let known = self.means.player.subscribers(self.publisher).unwrap_or_default();
+        (known > (there + others) as u64).then(|| name.clone())
+    }
+
+    /// A node's name, with a number that no other of this name has that is there.
+    fn named(&self, links: &[Arc<Link>], node: &str) -> (String, u32) {
+        let there = links.iter().filter(|link| link.is_open() && link.node == node);
+        let taken: BTreeSet<u32> = there.map(|link| link.instance).collect();
+        let free = (0..).find(|number| !taken.contains(number)).unwrap_or_default();
+        (node.to_owned(), free)
     }
 
     /// The stack's publishers of the topic, also those that are gone.
@@ -168,33 +275,114 @@ impl Topic {
         self.links().iter().for_each(|link| link.learn(&publishers));
     }
 
-    fn link(&self, node: String, counted: Option<Subscriptions>) -> Arc<Link> {
+    fn link(
+        &self,
+        name: (String, u32),
+        counted: Option<Subscriptions>,
+        missed: Totals,
+    ) -> Arc<Link> {
         let id = self.means.links.fetch_add(1, Ordering::Relaxed);
-        Arc::new(Link::new(id, node, counted))
+        Arc::new(Link::new(id, name, counted, missed))
     }
 
     /// Whether all subscriptions of a node have matched us, as far as they report: they know more
-    /// publishers than there are others, and we know all subscriptions that are there.
+    /// publishers than there are others, and we know all subscriptions that are there. Of a node
+    /// that is `known`, new ones know us from the beginning.
     fn knows_us(
         &self,
-        key: &(ProcessId, String),
+        owner: &Owner,
         subscriptions: &[&Endpoint],
-        others: &[&Endpoint],
-        there: usize,
+        look: &Look,
+        known: bool,
     ) -> bool {
-        let mut strangers = self.strangers.lock().unwrap_or_else(PoisonError::into_inner);
-        let reported =
-            |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others.len());
+        let others = look.there(Kind::Publisher, &self.info.topic).count();
+        let there = look.there(Kind::Subscription, &self.info.topic).count();
+        let there = there + self.links().iter().filter(|link| link.is_uncounted()).count();
+        let reported = |one: &&Endpoint| one.matched.is_some_and(|known| known as usize > others);
         // Either side may know of the other first, and what is published in between never comes.
         let known_to_us = || self.means.player.subscribers(self.publisher).unwrap_or_default();
-        if subscriptions.iter().all(reported) && known_to_us() >= there as u64 {
-            strangers.remove(key);
+        let mut strangers = self.strangers();
+        let since = *strangers.entry(owner.clone()).or_insert_with(Instant::now);
+        let know_us = match known {
+            true => since.elapsed() >= RENEWED,
+            false => subscriptions.iter().all(reported),
+        };
+        if know_us && known_to_us() == there as u64 {
+            strangers.remove(owner);
             return true;
         }
-        let since = *strangers.entry(key.clone()).or_insert_with(Instant::now);
         // One of the others may be none that it can match.
         let some = |one: &&Endpoint| one.matched.is_none_or(|known| known > 0);
         since.elapsed() >= UNREPORTED && subscriptions.iter().all(some)
+    }
+
+    fn strangers(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
+        self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Before a message goes out: whoever has begun to subscribe since the last one is noticed, and
+    /// at the subscribers' pace it gets to know us first, within a bound.
+    fn meet(&self, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        let ledger = &*self.means.ledger;
+        let failed = |error: LedgerError| failed(&error);
+        if self.listed.load(Ordering::Relaxed) == ledger.listed() && !self.has_strangers() {
+            return Ok(());
+        }
+        loop {
+            self.refresh(&Look::at(ledger).map_err(failed)?, None).map_err(failed)?;
+            if !self.has_strangers() {
+                return Ok(());
+            }
+            if !self.means.watching.swap(true, Ordering::Relaxed) {
+                ledger.watch_matches(true);
+            }
+            let changes = [Event::Matched, Event::Listed];
+            let never = |_: &Ledger| Ok(false);
+            ledger.wait(&changes, &[], Instant::now() + MATCHES, never).map_err(failed)?;
+            if cancelled() {
+                return Err(SendError::Cancelled);
+            }
+        }
+    }
+
+    /// Whether somebody is to be waited for who subscribes and does not know us yet, and was not
+    /// waited for in vain. By the clock nobody is.
+    fn has_strangers(&self) -> bool {
+        let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
+        self.means.paced_by == PacedBy::Subscribers && self.strangers().values().any(is_new)
+    }
+
+    /// Waits until there is room for a message of so many bytes at each subscriber.
+    fn await_room(&self, bytes: u64, cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        loop {
+            let room = |link: &Link, ledger: &Ledger| {
+                Ok(self.sent().has_room(link.waiting(ledger)?, link.depth(), bytes))
+            };
+            self.wait(&[Event::Taken], room, cancelled)?;
+            // Meanwhile one may have been replaced that had none.
+            if !self.has_strangers() {
+                return Ok(());
+            }
+            self.meet(cancelled)?;
+        }
+    }
+
+    /// By the clock: a lead-in waits for its subscribers, as long as all of it may, so that a first
+    /// callback that takes its time loses nothing of it. What is lost of a lead-in can't be separated
+    /// from what is lost of the window: which messages a queue has overwritten is not known.
+    fn await_first(&self, message: &[u8], cancelled: Cancelled<'_>) -> Result<(), SendError> {
+        let mut patience = self.means.patience.lock().unwrap_or_else(PoisonError::into_inner);
+        let begun = Instant::now();
+        let mut over = || cancelled() || begun.elapsed() >= *patience;
+        let waited = match patience.is_zero() {
+            true => Ok(()),
+            false => self.await_room(message.len() as u64, &mut over),
+        };
+        *patience = patience.saturating_sub(begun.elapsed());
+        match waited {
+            Err(SendError::Cancelled | SendError::Stalled { .. }) if !cancelled() => Ok(()),
+            other => other,
+        }
     }
 
     fn links(&self) -> Arc<Vec<Arc<Link>>> {
@@ -203,12 +391,12 @@ impl Topic {
 
     /// Messages that went out by now.
     pub(crate) fn messages(&self) -> u64 {
-        self.sent().messages
+        self.sent().totals.messages()
     }
 
-    /// The link of a node that counts, or has one without.
-    pub(crate) fn link_of(&self, node: &str) -> Option<Arc<Link>> {
-        self.links().iter().rev().find(|link| link.node == node).cloned()
+    /// The link with this number.
+    pub(crate) fn link_with(&self, id: u64) -> Option<Arc<Link>> {
+        self.links().iter().find(|link| link.id() == id).cloned()
     }
 
     fn sent(&self) -> MutexGuard<'_, Sent> {
@@ -221,10 +409,14 @@ impl Topic {
         message: &[u8],
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
-        for link in self.links().iter().filter(|link| link.is_open()) {
-            link.count(share, message.len());
+        {
+            // Whoever looks at the subscribers meanwhile waits, so that none has it twice.
+            let _looked = self.looked.lock().unwrap_or_else(PoisonError::into_inner);
+            for link in self.links().iter().filter(|link| link.is_open()) {
+                link.count(share, message.len());
+            }
+            self.sent().add(share, message.len());
         }
-        self.sent().add(message.len() as u64);
         if share == Share::Counted && self.means.watching.swap(false, Ordering::Relaxed) {
             self.means.ledger.watch_matches(false);
         }
@@ -243,10 +435,10 @@ impl Topic {
         mut holds: impl FnMut(&Link, &Ledger) -> Result<bool, LedgerError>,
         cancelled: Cancelled<'_>,
     ) -> Result<(), SendError> {
-        let links = self.links();
         let ledger = &self.means.ledger;
         let mut progress = (0, Instant::now());
         loop {
+            let links = self.links();
             let there: Vec<&Arc<Link>> =
                 links.iter().filter(|link| link.is_open() && link.counted.is_some()).collect();
             let mut all = |ledger: &Ledger| {
@@ -260,7 +452,9 @@ impl Topic {
                 Ok(Waited::Late | Waited::Ended(_)) => {}
                 Err(error) => return Err(failed(&error)),
             }
-            end_dead(&there, ledger).map_err(|error| failed(&error))?;
+            // Nobody wakes us for who has ended.
+            let look = Look::at(ledger).map_err(|error| failed(&error))?;
+            self.refresh(&look, None).map_err(|error| failed(&error))?;
             if cancelled() {
                 return Err(SendError::Cancelled);
             }
@@ -277,29 +471,15 @@ impl Topic {
     }
 }
 
-/// Those of some nodes that have nothing in the ledger.
-pub(crate) fn uncounted(nodes: &BTreeSet<String>, endpoints: &[Endpoint]) -> Vec<String> {
-    let counts = |node: &&String| endpoints.iter().any(|one| one.node == **node);
+/// Those of a topic's publishing nodes whose publishers of it the ledger does not have.
+pub(crate) fn uncounted(
+    topic: &str,
+    nodes: &BTreeSet<String>,
+    endpoints: &[Endpoint],
+) -> Vec<String> {
+    let publishes = |one: &&Endpoint| one.kind == Kind::Publisher && one.topic == topic;
+    let counts = |node: &&String| endpoints.iter().filter(publishes).any(|one| one.node == **node);
     nodes.iter().filter(|node| !counts(node)).cloned().collect()
-}
-
-/// Whether a node has an open link.
-fn has(links: &[Arc<Link>], process: Option<ProcessId>, node: &str) -> bool {
-    links.iter().filter(|link| link.is_open()).any(|link| {
-        link.node == node && link.counted.as_ref().map(|counted| counted.process) == process
-    })
-}
-
-/// Closes the links whose processes have ended, of which nobody wakes us.
-fn end_dead(links: &[&Arc<Link>], ledger: &Ledger) -> Result<(), LedgerError> {
-    let processes = ledger.processes()?;
-    let runs = |id: ProcessId| processes.iter().any(|process| process.id == id && process.alive);
-    for link in links {
-        if link.counted.as_ref().is_some_and(|counted| !runs(counted.process)) {
-            link.close();
-        }
-    }
-    Ok(())
 }
 
 /// A figure that changes with each message that is taken or done with.
@@ -328,13 +508,11 @@ impl Outlet for Topic {
     ) -> Result<(), SendError> {
         for frame in frames {
             let message = frame.get(4..).unwrap_or_default();
-            if self.means.paced_by == PacedBy::Subscribers {
-                let bytes = message.len() as u64;
-                let room = |link: &Link, ledger: &Ledger| {
-                    let depth = link.counted.as_ref().map_or(MOST_WAITING, |counted| counted.depth);
-                    Ok(self.sent().has_room(link.waiting(ledger)?, depth, bytes))
-                };
-                self.wait(&[Event::Taken], room, cancelled)?;
+            self.meet(cancelled)?;
+            match (self.means.paced_by, share) {
+                (PacedBy::Subscribers, _) => self.await_room(message.len() as u64, cancelled)?,
+                (PacedBy::Schedule, Share::LeadIn) => self.await_first(message, cancelled)?,
+                (PacedBy::Schedule, Share::Counted) => {}
             }
             self.publish(share, message, cancelled)?;
         }
@@ -371,7 +549,7 @@ impl Publication for Topic {
 
     fn unsent(&self) -> u64 {
         let published = self.means.player.published(self.publisher);
-        self.sent().messages.saturating_sub(published)
+        self.messages().saturating_sub(published)
     }
 
     fn far_ends(&self) -> Vec<FarEnd> {
@@ -409,7 +587,7 @@ mod tests {
         let mut sent = Sent::default();
         assert!(sent.has_room(0, 1, 5 << 20));
         for _ in 0..10 {
-            sent.add(100 << 10);
+            sent.add(Share::Counted, 100 << 10);
         }
         // Nine of a hundred KiB are below a mebibyte with one more, and below the depth.
         assert!(sent.has_room(9, 10, 100 << 10));
@@ -422,7 +600,7 @@ mod tests {
     fn only_the_last_messages_are_remembered() {
         let mut sent = Sent::default();
         for _ in 0..5 * MOST_WAITING {
-            sent.add(3);
+            sent.add(Share::LeadIn, 3);
         }
         assert_eq!(sent.bytes_of_last(MOST_WAITING), 3 * MOST_WAITING);
         assert_eq!(sent.bytes_of_last(1), 3);

@@ -15,6 +15,7 @@ enum verb {
   VERB_PUBLISHERS,  /* a subscription's slot; as above */
   VERB_GRAPH,       /* nodes: namespace, name, what it publishes, what it subscribes to */
   VERB_REFUSAL,     /* a publisher's slot; text: why its last message was refused */
+  VERB_LISTEN,      /* as to subscribe, but to what this program publishes itself */
 };
 
 enum status {

@@ -21,8 +21,8 @@ static bool read_whole(void *into, size_t length) {
 
 typedef void add(const struct wanted *, struct answer *);
 
-static void create(struct request *from, struct answer *into, add *endpoint) {
-  struct wanted wanted = {.slot = request_number(from)};
+static void create(struct request *from, struct answer *into, add *endpoint, bool others) {
+  struct wanted wanted = {.slot = request_number(from), .others = others};
   wanted.topic = request_text(from);
   const char *package = request_text(from), *folder = request_text(from);
   const char *name = request_text(from);
@@ -61,8 +61,9 @@ static void obey(struct request *from, struct answer *into) {
       start(from, into);
       started = true;
       return;
-    case VERB_ADVERTISE: create(from, into, publisher_add); return;
-    case VERB_SUBSCRIBE: create(from, into, subscription_add); return;
+    case VERB_ADVERTISE: create(from, into, publisher_add, false); return;
+    case VERB_SUBSCRIBE: create(from, into, subscription_add, false); return;
+    case VERB_LISTEN: create(from, into, subscription_add, true); return;
     case VERB_GRAPH: graph(into); return;
     default: slot = request_number(from);
   }

@@ -12,6 +12,7 @@ struct wanted {
   const void *type;
   const char *topic;
   struct qos qos;
+  bool others; /* a subscription: to what other programs publish alone */
 };
 
 /* Sets the head of the options of a publisher or a subscription. */

@@ -32,6 +32,14 @@ struct qos {
   int reliability; /* 1 reliable, 2 best effort */
   int durability;  /* 1 transient local, 2 volatile */
 };
+/* The beginning of a subscription's options, up to what it says of its own node's publishers. */
+struct subscription_options {
+  struct qos qos;
+  uint64_t rest_of_qos[8];
+  struct allocator allocator;
+  void *payload;
+  bool ignore_local_publications;
+};
 struct strings {
   size_t size;
   char **data;

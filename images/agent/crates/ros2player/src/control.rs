@@ -24,6 +24,7 @@ pub(crate) enum Verb {
     Publishers,
     Graph,
     Refusal,
+    Listen,
 }
 
 /// A request, written up.

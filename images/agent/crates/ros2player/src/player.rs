@@ -198,6 +198,21 @@ impl Player {
         Ok(SubscriptionId(slot))
     }
 
+    /// The same, without what this player publishes itself, as far as the RMW can do that.
+    ///
+    /// # Errors
+    /// As [`advertise`](Player::advertise).
+    pub fn listen(
+        &self,
+        topic: &str,
+        datatype: &str,
+        qos: &Qos,
+    ) -> Result<SubscriptionId, PlayerError> {
+        let slot = slot(&self.subscriptions, topic.to_owned(), topic)?;
+        self.create(Verb::Listen, slot, topic, datatype, qos)?;
+        Ok(SubscriptionId(slot))
+    }
+
     /// How many publishers a subscription has matched.
     ///
     /// # Errors

@@ -114,13 +114,13 @@ fn what_is_missing_is_a_sentence_that_says_what_to_do() {
 fn a_type_that_is_missing_names_its_package() {
     let graph = Graph::new();
     let player = graph.player();
-    let error = player.advertise("/n", "nav_msgs/Odometry", &RELIABLE).unwrap_err().to_string();
-    let library = "libnav_msgs__rosidl_typesupport_c.so";
+    let error = player.advertise("/n", "shape_msgs/Mesh", &RELIABLE).unwrap_err().to_string();
+    let library = "libshape_msgs__rosidl_typesupport_c.so";
     assert!(
-        error.contains(&format!("/n needs the messages of nav_msgs, and {library}")),
+        error.contains(&format!("/n needs the messages of shape_msgs, and {library}")),
         "{error}"
     );
-    assert!(error.contains("install the package nav_msgs in the image"), "{error}");
+    assert!(error.contains("install the package shape_msgs in the image"), "{error}");
     let error = player.subscribe("/n", "sensor_msgs/msg/Radar", &ALL).unwrap_err().to_string();
     assert!(error.contains("/n needs sensor_msgs/msg/Radar"), "{error}");
     let error = player.subscribe("/a b", "sensor_msgs/msg/Imu", &ALL).unwrap_err().to_string();

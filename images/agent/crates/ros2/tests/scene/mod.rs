@@ -3,7 +3,8 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use bagpipe_log::{Connection, MessageEncoding, RecordingWriter, SchemaEncoding};
@@ -59,11 +60,16 @@ pub fn recording(topics: &[&str], messages: u64, length: usize) -> Mcap {
     Mcap::open(RecordingWriter::finish(Box::new(writer)).unwrap()).unwrap()
 }
 
-/// A prefix where a package with a message is installed that begins with a header.
-fn definitions() -> &'static PathBuf {
-    static PREFIX: OnceLock<PathBuf> = OnceLock::new();
-    PREFIX.get_or_init(|| {
-        let prefix = std::env::temp_dir().join(format!("ros2-prefix-{}", std::process::id()));
+/// A prefix where a package with a message is installed that begins with a header; gone with its
+/// scene.
+struct Prefix(PathBuf);
+
+impl Prefix {
+    fn new() -> Prefix {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let number = NEXT.fetch_add(1, Ordering::Relaxed);
+        let name = format!("ros2-prefix-{}-{number}", std::process::id());
+        let prefix = std::env::temp_dir().join(name);
         for (package, name, text) in [
             ("geometry_msgs", "PoseStamped", "std_msgs/Header header\nfloat64[7] pose\n"),
             ("std_msgs", "Header", "builtin_interfaces/Time stamp\nstring frame_id\n"),
@@ -74,21 +80,28 @@ fn definitions() -> &'static PathBuf {
             std::fs::create_dir_all(&folder).unwrap();
             std::fs::write(folder.join(name).with_extension("msg"), text).unwrap();
         }
-        prefix
-    })
+        Prefix(prefix)
+    }
+}
+
+impl Drop for Prefix {
+    fn drop(&mut self) {
+        std::fs::remove_dir_all(&self.0).unwrap();
+    }
 }
 
 /// A stack that starts, and what it is played into.
 pub struct Scene {
     pub graph: Graph,
     pub ledger: Arc<Ledger>,
+    prefix: Prefix,
 }
 
 impl Scene {
     pub fn new() -> Scene {
         let ledger = Arc::new(Ledger::new().unwrap());
         ledger.watch_matches(true);
-        Scene { graph: Graph::new(), ledger }
+        Scene { graph: Graph::new(), ledger, prefix: Prefix::new() }
     }
 
     /// A node that counts in the scene's ledger.
@@ -123,7 +136,7 @@ impl Scene {
             program: built().join("player"),
             environment: self.graph.environment(),
             qos: BTreeMap::new(),
-            prefixes: vec![definitions().clone()],
+            prefixes: vec![self.prefix.0.clone()],
             deadline: LONG,
         })
         .unwrap()

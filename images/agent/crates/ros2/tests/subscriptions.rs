@@ -1,0 +1,158 @@
+//! Subscriptions that come and go while a recording is played, and nodes that share a name: what
+//! each has lost is counted, and nothing else.
+#![allow(clippy::unwrap_used)]
+
+mod scene;
+#[path = "../../ros2player/tests/standin/mod.rs"]
+mod standin;
+
+use std::time::Duration;
+
+use bagpipe_replay::{LedgerSubscriber, Mode, Progress, Replayed, Stage, Strength};
+use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
+
+/// Of a node that is still once all is over.
+const REALTIME: Ask<'static> =
+    Ask { mode: Mode::Realtime, drain: Duration::from_secs(4), ..DEFAULT };
+const LOCKSTEP: Ask<'static> = Ask { mode: Mode::Lockstep, ..DEFAULT };
+
+/// A relay from /in to /out with a queue of so many messages.
+fn relay<'a>(name: &'a str, subscription: &'a str, options: &[&'a str]) -> Vec<&'a str> {
+    let out = "/out:std_msgs/msg/String:10:reliable";
+    let words = ["--name", name, "--sub", subscription, "--pub", out, "--relay", "/in=/out"];
+    [&words[..], options].concat()
+}
+
+const TEN: &str = "/in:sensor_msgs/msg/Imu:10:reliable";
+const ONE: &str = "/in:sensor_msgs/msg/Imu:1:reliable";
+
+fn lines(replayed: &Replayed) -> &[LedgerSubscriber] {
+    &replayed.ledger.topics[0].subscribers
+}
+
+#[test]
+fn a_node_that_subscribes_again_and_again_loses_nothing_where_it_is_waited_for() {
+    for program in ["standin_node", "standin_node_py"] {
+        let scene = Scene::new();
+        let _relay = scene.start(program, &relay("/renews", TEN, &["--renew-every", "20"]));
+        let replayed = scene.play(&recording(&["/in"], 100, 50), &LOCKSTEP).unwrap();
+        let line = &lines(&replayed)[0];
+        assert_eq!((line.received, line.dropped), (100, 0), "{program}");
+        assert_eq!(recorded(&replayed).len(), 100);
+        assert!(line.strength >= Strength::Taken);
+    }
+}
+
+#[test]
+fn at_full_speed_what_lay_in_the_queue_of_a_subscription_that_is_destroyed_is_lost_and_no_more() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &relay("/renews", ONE, &["--renew-every", "20"]));
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &DEFAULT).unwrap();
+    let line = &lines(&replayed)[0];
+    // It is played ahead by the one that its queue holds, whenever it takes its callback that long.
+    assert_eq!(line.received, recorded(&replayed).len() as u64);
+    assert!(line.dropped <= 5, "{line:?}");
+}
+
+#[test]
+fn by_the_clock_what_a_node_took_before_and_after_it_subscribed_again_counts() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &relay("/renews", TEN, &["--renew-every", "150"]));
+    let replayed = scene.play(&recording(&["/in"], 1000, 50), &REALTIME).unwrap();
+    let line = &lines(&replayed)[0];
+    // It has answered each that it took, and no other.
+    assert_eq!(line.received, recorded(&replayed).len() as u64);
+    // A subscription takes some milliseconds to be known: what goes out meanwhile may be lost.
+    assert!(line.received >= 900, "{line:?}");
+}
+
+#[test]
+fn two_processes_with_one_name_have_a_line_each() {
+    let scene = Scene::new();
+    let _whole = scene.start("standin_node", &relay("/twin", TEN, &[]));
+    let slow = ["--name", "/twin", "--sub", ONE, "--delay-us", "4000"];
+    let _slow = scene.start("standin_node", &slow);
+    scene.await_subscriptions(2);
+    let replayed = scene.play(&recording(&["/in"], 400, 50), &REALTIME).unwrap();
+    let mut dropped: Vec<u64> = lines(&replayed).iter().map(|line| line.dropped).collect();
+    dropped.sort_unstable();
+    assert_eq!((dropped.len(), dropped[0]), (2, 0), "{:?}", replayed.ledger);
+    assert!(dropped[1] > 100, "{dropped:?}");
+    assert_eq!(replayed.ledger.dropped, dropped[1]);
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &LOCKSTEP).unwrap();
+    let all: Vec<(u64, u64)> =
+        lines(&replayed).iter().map(|line| (line.received, line.dropped)).collect();
+    assert_eq!(all, [(100, 0), (100, 0)]);
+}
+
+#[test]
+fn a_namesake_that_does_not_count_is_no_proof_of_its_own() {
+    let scene = Scene::new();
+    // One counts and publishes alone; the other has the subscription.
+    let talker = ["--name", "/twin", "--pub", "/out_other:std_msgs/msg/String:1:reliable"];
+    let _talker = scene.start("standin_node", &talker);
+    let _hidden = scene.start_uncounted("standin_node", &["--name", "/twin", "--sub", TEN]);
+    let replayed = scene.play(&recording(&["/in"], 20, 50), &DEFAULT).unwrap();
+    let all: Vec<(&str, u64, Strength)> = lines(&replayed)
+        .iter()
+        .map(|line| (line.node.as_str(), line.received, line.strength))
+        .collect();
+    assert_eq!(all, [("/twin", 0, Strength::Sent)]);
+}
+
+#[test]
+fn who_begins_to_subscribe_during_the_play_lacks_what_went_out_before_and_no_more() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let late = ["--name", "/late", "--sub", ONE];
+    for mode in [Mode::Max, Mode::Lockstep, Mode::Realtime] {
+        let mut started = None;
+        let mut seen = |progress: Progress| {
+            if progress.stage == Stage::Play && started.is_none() {
+                started = Some(scene.start("standin_node", &late));
+            }
+        };
+        let ask = Ask { mode, drain: Duration::from_secs(4), ..DEFAULT };
+        let replayed = scene.play_while(&recording(&["/in"], 3000, 50), &ask, &mut seen).unwrap();
+        let line = lines(&replayed).iter().find(|line| line.node == "/late");
+        let counts = scene.ledger.endpoints().unwrap();
+        let took = counts.iter().rfind(|one| one.node == "/late").map(|one| one.counts.taken);
+        if let Some(line) = line {
+            assert_eq!(Some(line.received), took, "{mode:?}");
+            assert_eq!(line.received + line.dropped, 3000);
+        }
+        assert_eq!(lines(&replayed).iter().find(|line| line.node == "/relay").unwrap().dropped, 0);
+    }
+}
+
+#[test]
+fn a_first_callback_that_takes_its_time_loses_nothing_of_the_window() {
+    for program in ["standin_node", "standin_node_py"] {
+        let scene = Scene::new();
+        let blocks = relay("/blocks", TEN, &["--first-us", "2500000"]);
+        let _blocks = scene.start(program, &blocks);
+        let ask = Ask { lead_in: 300 * MS, ..REALTIME };
+        let replayed = scene.play(&recording(&["/in"], 600, 50), &ask).unwrap();
+        let line = &lines(&replayed)[0];
+        assert_eq!(
+            (replayed.ledger.lead_in, line.received, line.dropped),
+            (300, 300, 0),
+            "{program}"
+        );
+        assert_eq!(recorded(&replayed).len(), 300);
+    }
+}
+
+#[test]
+fn what_is_played_is_none_of_the_stacks_answers() {
+    for mode in [Mode::Max, Mode::Lockstep] {
+        let scene = Scene::new();
+        // It says that it could publish what is played to it, and publishes twenty of its own.
+        let silent = ["--name", "/silent", "--sub", TEN, "--pub", TEN, "--burst", "20"];
+        let _silent = scene.start("standin_node", &silent);
+        let ask = Ask { mode, record: &["/in"], drain: Duration::from_secs(2), ..DEFAULT };
+        let replayed = scene.play(&recording(&["/in"], 50, 100), &ask).unwrap();
+        assert!(recorded(&replayed).len() <= 20, "{mode:?}");
+        assert_eq!(replayed.ledger.sent, 50);
+    }
+}
