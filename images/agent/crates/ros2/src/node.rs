@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -38,6 +38,8 @@ pub(crate) struct Graph {
     topics: Mutex<Vec<Arc<Topic>>>,
     wanted: Mutex<BTreeSet<String>>,
     stillness: Stillness,
+    /// Whether what was published did once not come to us.
+    lacked: AtomicBool,
 }
 
 impl Graph {
@@ -70,6 +72,7 @@ impl Graph {
             topics: Mutex::default(),
             wanted: Mutex::default(),
             stillness: Stillness::default(),
+            lacked: AtomicBool::new(false),
         })
     }
 
@@ -385,12 +388,17 @@ impl Node for Graph {
             let sent: Vec<(String, u64)> =
                 all.iter().map(|topic| (topic.info().topic.clone(), topic.messages())).collect();
             // A ledger that can't be read fails the next look.
-            let _ = self.stillness.wait(self.ledger(), &sent, self.means.stall);
+            let ours = (self.means.player.pid(), &sent[..]);
+            let _ = self.stillness.wait(self.ledger(), ours, self.means.stall);
         }
         // Nor can what lacks then be known: it is reported.
         let Ok(due) = self.due() else { return };
         let come = || due.iter().all(|(input, due)| input.handed() >= *due);
-        let _or_it_is_lacking = self.inputs.wait(limit, come);
+        let exact = self.means.paced_by == PacedBy::Subscribers;
+        let first = exact && !self.lacked.load(Ordering::Relaxed);
+        let limit = if first { limit.max(ON_ITS_WAY) } else { limit };
+        // What did not come then is lacking: nothing after it is waited for as long.
+        self.lacked.fetch_or(!self.inputs.wait(limit, come), Ordering::Relaxed);
     }
 
     fn counts_publishes(&self) -> bool {

@@ -6,10 +6,13 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Busy, Event, Ledger, LedgerError, Mark, Quiet, Waited};
 
-/// How long something is waited for that may never come: a message that a queue has overwritten, or
-/// that a subscription does not match. A node that gets no processor for a while, as where a
-/// container's share is used up, must not be taken for one of these: it is not waited for again.
+/// How long something is waited for that may never come, while everybody sleeps: a message that a
+/// queue has overwritten, or that a subscription does not match. A node that gets no processor for a
+/// while, as where a container's share is used up, is none of these; what is given up is not waited
+/// for again.
 const DOUBTFUL: Duration = Duration::from_secs(1);
+/// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
+const LOOK: Duration = Duration::from_millis(40);
 
 /// What moves a stack on.
 const EVENTS: [Event; 3] = [Event::Taken, Event::Ended, Event::Published];
@@ -33,14 +36,32 @@ struct State {
     stuck: BTreeSet<(String, String)>,
 }
 
+/// For how long nobody was seen to do anything, and yet not all had come.
+#[derive(Default)]
+struct Doubt {
+    looked: Option<Instant>,
+    asleep: Duration,
+}
+
+impl Doubt {
+    /// Takes in a look at a moment, and whether all slept then.
+    fn look(&mut self, now: Instant, asleep: bool) -> Duration {
+        let passed = self.looked.replace(now).map_or(Duration::ZERO, |before| now - before);
+        if asleep {
+            self.asleep += passed.min(LOOK);
+        }
+        self.asleep
+    }
+}
+
 impl Stillness {
     /// Waits until nobody has work any more; `topics` are ours with the messages that went out by
-    /// now. A callback is waited for as long as `patience`, and what may never come for a moment,
+    /// now through the process `player`. A callback is waited for as long as `patience`, and what may never come for a moment,
     /// once.
     pub(crate) fn wait(
         &self,
         ledger: &Ledger,
-        topics: &[(String, u64)],
+        (player, topics): (u32, &[(String, u64)]),
         patience: Duration,
     ) -> Result<(), LedgerError> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -56,12 +77,14 @@ impl Stillness {
             .zip(&*sent)
             .map(|(topic, sent)| (topic.0.as_str(), topic.1 - sent))
             .collect();
-        let (mut still, mut doubtful) = (None, None);
+        let (mut still, mut doubt) = (None, Doubt::default());
         let (mut left, mut called) = (BTreeSet::new(), BTreeSet::new());
         let over = |ledger: &Ledger| {
             (left, called) = match ledger.quiet(before, &since)? {
                 Quiet::Still(mark) => {
                     still = Some(mark);
+                    // What was on its way at an earlier look has come.
+                    (left, called) = Default::default();
                     return Ok(true);
                 }
                 Quiet::Working(busy) => {
@@ -75,12 +98,11 @@ impl Stillness {
                 }
             };
             if !called.is_subset(stuck) {
-                doubtful = None;
+                doubt = Doubt::default();
                 return Ok(false);
             }
-            let begun = *doubtful.get_or_insert_with(Instant::now);
             let known = left.iter().all(|one| given_up.contains(one) || stuck.contains(one));
-            Ok(known || begun.elapsed() >= DOUBTFUL)
+            Ok(known || doubt.look(Instant::now(), ledger.all_asleep(&[player])?) >= DOUBTFUL)
         };
         let waited = ledger.wait(&EVENTS, &[], Instant::now() + patience, over)?;
         *mark = Some(match still {
@@ -120,4 +142,22 @@ fn of_busy(busy: &Busy) -> (String, String) {
     let others =
         || format!("process {}, of {} timers and services,", busy.process.pid, busy.in_hand);
     (busy.node.clone(), busy.topic.clone().unwrap_or_else(others))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_time_in_which_all_slept_and_we_looked_makes_a_doubt() {
+        let begun = Instant::now();
+        let ms = Duration::from_millis;
+        let mut doubt = Doubt::default();
+        assert_eq!(doubt.look(begun, true), ms(0));
+        assert_eq!(doubt.look(begun + ms(20), true), ms(20));
+        assert_eq!(doubt.look(begun + ms(40), false), ms(20));
+        assert_eq!(doubt.look(begun + ms(55), true), ms(35));
+        // A machine that stood still.
+        assert_eq!(doubt.look(begun + ms(5_000), true), ms(75));
+    }
 }

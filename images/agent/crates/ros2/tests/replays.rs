@@ -18,7 +18,7 @@ use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
 use bagpipe_ros2::Ros2;
 use bagpipe_ros2player::{Player, PlayerOptions};
 use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
-use standin::{LONG, eventually};
+use standin::{LONG, Node as Process, eventually};
 
 const RELAY: [&str; 8] = [
     "--name",
@@ -143,39 +143,58 @@ fn two_lock_step_runs_record_the_same_messages_at_the_same_times() {
     assert_eq!(in_lock_step("standin_node_py", AnswerBy::Count), first);
 }
 
-#[test]
-fn what_nobody_awaits_belongs_to_the_step_that_caused_it_through_a_chain_of_nodes() {
-    let scene = Scene::new();
-    let mut nodes = Vec::new();
-    for (name, from, to) in [
+/// Three nodes, of which each passes on what the one before it publishes.
+fn chain_of_nodes(scene: &Scene) -> Vec<Process> {
+    let links = [
         ("/a", "/in:sensor_msgs/msg/Imu", "/b"),
         ("/b", "/b:std_msgs/msg/String", "/c"),
         ("/c", "/c:std_msgs/msg/String", "/out"),
-    ] {
+    ];
+    let node = |(name, from, to): (&str, &str, &str)| {
         let (topic, _) = from.split_once(':').unwrap();
         let subscription = format!("{from}:2:reliable");
         let publisher = format!("{to}:std_msgs/msg/String:2:reliable");
         let relay = format!("{topic}={to}");
-        let arguments = [
-            "--name",
-            name,
-            "--sub",
-            &subscription,
-            "--pub",
-            &publisher,
-            "--relay",
-            &relay,
-            "--delay-us",
-            "500",
-        ];
-        nodes.push(scene.start("standin_node", &arguments));
-    }
+        let [name, from, to] = [["--name", name], ["--sub", &subscription], ["--pub", &publisher]];
+        let does = ["--relay", &relay, "--delay-us", "500"];
+        scene.start("standin_node", &[&name[..], &from, &to, &does].concat())
+    };
+    let nodes = links.map(node).into();
     scene.await_subscriptions(3);
+    nodes
+}
+
+#[test]
+fn what_nobody_awaits_belongs_to_the_step_that_caused_it_through_a_chain_of_nodes() {
+    let scene = Scene::new();
+    let _nodes = chain_of_nodes(&scene);
     let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
     let replayed = scene.play(&recording(&["/in"], 200, 50), &ask).unwrap();
+    // First: it would explain the times.
+    assert_eq!(replayed.playback.warnings, [] as [String; 0]);
     let times: Vec<u64> = recorded(&replayed).iter().map(|(_, time, _)| time / MS).collect();
     assert_eq!(times, (1000..1200).collect::<Vec<_>>());
+}
+
+#[test]
+fn a_node_that_gets_no_processor_for_a_while_is_waited_for_and_trusted_after() {
+    let scene = Scene::new();
+    let nodes = chain_of_nodes(&scene);
+    let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
+    let replayed = std::thread::scope(|threads| {
+        threads.spawn(|| {
+            scene.await_published("/out", 50);
+            nodes[1].signal("STOP");
+            // Longer than what may never come is waited for.
+            std::thread::sleep(Duration::from_millis(2500));
+            nodes[1].signal("CONT");
+        });
+        scene.play(&recording(&["/in"], 200, 50), &ask).unwrap()
+    });
+    // First: it would explain the times.
     assert_eq!(replayed.playback.warnings, [] as [String; 0]);
+    let times: Vec<u64> = recorded(&replayed).iter().map(|(_, time, _)| time / MS).collect();
+    assert_eq!(times, (1000..1200).collect::<Vec<_>>());
 }
 
 #[test]

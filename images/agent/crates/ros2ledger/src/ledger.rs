@@ -12,7 +12,7 @@ use crate::layout::{
     PHASE_LIVE, PROCESS_FREE, PROCESS_LIVE, PROCESS_REPLACED, PROCESSES, ProcessEntry,
 };
 use crate::memory::Memory;
-use crate::process::{is_alive, uses_ros2};
+use crate::process::{is_alive, is_asleep, uses_ros2};
 use crate::{Counts, Endpoint, EndpointId, LedgerError, Process, ProcessId, Strength, library};
 
 /// A ledger: the nodes that are started with its [`environment`](Ledger::environment) count in it.
@@ -62,6 +62,17 @@ impl Ledger {
     pub fn processes(&self) -> Result<Vec<Process>, LedgerError> {
         let listed = (0..PROCESSES).map(|entry| self.entry(entry)).filter_map(Result::transpose);
         listed.map(|one| one.map(|one| Process { alive: self.runs(one.id), ..one })).collect()
+    }
+
+    /// Whether every process that counts is asleep, and so are these others: no thread of it runs,
+    /// waits for a processor or a disk, or was stopped. What a process has not done while it is not
+    /// asleep, it may still do.
+    ///
+    /// # Errors
+    /// [`LedgerError::Damaged`].
+    pub fn all_asleep(&self, others: &[u32]) -> Result<bool, LedgerError> {
+        let alive = self.processes()?.into_iter().filter(|one| one.alive).map(|one| one.id.pid);
+        Ok(alive.chain(others.iter().copied()).all(is_asleep))
     }
 
     /// The subscriptions and publishers, also those that were destroyed or whose process ended,

@@ -48,6 +48,23 @@ pub(crate) fn is_alive(process: ProcessId, stack: u64) -> bool {
     now.start == process.start && (!known || now.stack == stack)
 }
 
+/// Whether no thread of a process wants to go on: none runs, waits for a processor or a disk, or was
+/// stopped. What has ended sleeps.
+pub(crate) fn is_asleep(pid: u32) -> bool {
+    let Ok(threads) = std::fs::read_dir(format!("/proc/{pid}/task")) else { return true };
+    threads.flatten().all(|thread| {
+        let stat = std::fs::read(thread.path().join("stat")).unwrap_or_default();
+        !matches!(state(&stat), Some(b'R' | b'D' | b'T' | b't'))
+    })
+}
+
+/// The state of a process or thread, by its line of proc(5)'s `stat`, field 3.
+fn state(stat: &[u8]) -> Option<u8> {
+    // The name, in brackets, may have any bytes.
+    let name_ends = stat.iter().rposition(|byte| *byte == b')')?;
+    stat.get(name_ends + 2).copied()
+}
+
 /// When a process began, and where its stack does: 0 if that is hidden.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Began {
@@ -60,11 +77,10 @@ fn began(stat: &[u8]) -> Option<Began> {
     // The name, in brackets, may have any bytes.
     let name_ends = stat.iter().rposition(|byte| *byte == b')')?;
     let mut fields = std::str::from_utf8(&stat[name_ends + 1..]).ok()?.split_ascii_whitespace();
-    let state = fields.next()?;
-    if matches!(state, "Z" | "X" | "x") {
+    if matches!(state(stat)?, b'Z' | b'X' | b'x') {
         return None;
     }
-    let start = fields.nth(18)?.parse().ok()?;
+    let start = fields.nth(19)?.parse().ok()?;
     let stack = fields.nth(5)?.parse().ok()?;
     Some(Began { start, stack })
 }
@@ -95,6 +111,23 @@ mod tests {
 
     const STAT: &str = "7 (a) (b c) S 1 7 7 0 -1 4194560 1 2 3 4 5 6 7 8 20 0 1 0 991 1000 50 9 1 2 \
         77 0 0";
+
+    #[test]
+    fn who_waits_is_asleep_and_who_runs_is_not() {
+        assert_eq!(state(STAT.as_bytes()), Some(b'S'));
+        assert_eq!(state(b"7 (a"), None);
+        // This very thread runs.
+        assert!(!is_asleep(std::process::id()));
+        let mut waits = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        let deadline = std::time::Instant::now() + std::time::Duration::from_secs(10);
+        while !is_asleep(waits.id()) {
+            assert!(std::time::Instant::now() < deadline);
+            std::thread::yield_now();
+        }
+        waits.kill().unwrap();
+        waits.wait().unwrap();
+        assert!(is_asleep(waits.id()));
+    }
 
     #[test]
     fn the_start_time_is_field_22_behind_any_name_and_the_stack_field_28() {

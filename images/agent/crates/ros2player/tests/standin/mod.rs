@@ -203,9 +203,15 @@ impl Node {
         self.0.id()
     }
 
+    /// Sends a signal by its name.
+    pub fn signal(&self, name: &str) {
+        let pid = self.pid().to_string();
+        assert!(Command::new("kill").args(["-s", name, &pid]).status().unwrap().success());
+    }
+
     /// Sends SIGTERM, and waits until it has ended: whether with success.
     pub fn end(mut self) -> bool {
-        assert!(Command::new("kill").arg(self.pid().to_string()).status().unwrap().success());
+        self.signal("TERM");
         self.0.wait().unwrap().success()
     }
 
