@@ -117,6 +117,13 @@ def test_receipts_of_mode_max_leave_open_what_they_cover_and_stamps_do_not() -> 
     assert over_window(receipts, given, 0.0) == (
         None, "2 messages, whose times mode max leaves open",
     )  # fmt: skip
+    # As the log of a node of ROS 2, whose publisher is transient local.
+    latched = on_topic("receipt", [received(9, latching=True), received(9, latching=True)])
+    assert over_window(latched, given, 0.0) == (
+        None, "2 messages, whose times mode max leaves open",
+    )  # fmt: skip
+    at_first = on_topic("receipt", [received(0, latching=True)])
+    assert over_window(at_first, window(0.0, paced=False), 0.0)[0] == 1.0
     stamps = on_topic("header", [received(1, 5)], [received(12, 9)])
     assert over_window(stamps, given, 0.0)[0] == pytest.approx(0.5 + A_BIT)
 

@@ -147,8 +147,8 @@ class Playback(_Model):
 
     @model_validator(mode="after")
     def _steps_belong_to_lockstep(self) -> Self:
-        if (self.mode == "lockstep") != bool(self.steps):
-            raise ValueError("playback.steps and playback.mode: lockstep belong together")
+        if self.steps and self.mode != "lockstep":
+            raise ValueError("playback.steps are for playback.mode: lockstep: write that as well")
         return self
 
 

@@ -207,13 +207,15 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
 def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple[float | None, str]:
     """How much of the window a topic's messages speak for, as a share and in words."""
     times = times_of(found)
+    # In mode max bag time runs ahead of the stack: when a message came does not show what it
+    # covers, unless it is one that was in force from the start on.
+    unknown = found.clock == "receipt" and not evidence.paced
+    if unknown and not (found.latching and min(times, default=evidence.end) <= evidence.start):
+        return None, f"{len(times)} messages, whose times mode max leaves open"
     if found.latching and times:
         held = evidence.end - max(min(times), evidence.start)
         share = min(1.0, max(0.0, held / max(1, evidence.end - evidence.start)))
         return share, f"{len(times)} latched messages, in force for {share:.0%} of the window"
-    if found.clock == "receipt" and not evidence.paced:
-        # Bag time runs ahead of the stack: when a message came does not show what it covers.
-        return None, f"{len(times)} messages, whose times mode max leaves open"
     share = spread(times, evidence, least)
     covered = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
     return share, covered

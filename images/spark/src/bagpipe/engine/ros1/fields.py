@@ -1,7 +1,20 @@
 """What `stack.engine: ros1` reads of a spec."""
 
+from typing import Any
+
 from bagpipe.encodings import ROS1
 from bagpipe.engine_fields import EngineFields
+
+
+def _refusal(spec: Any) -> str | None:
+    # Nobody counts what a node of ROS 1 has done with its input: an answer alone shows it.
+    if spec.playback.mode == "lockstep" and not spec.playback.steps:
+        return (
+            "playback.mode: lockstep waits for answers, and playback.steps are missing: write for"
+            " example steps: [{trigger: /camera/image, answer: /lane/markings, deadline: 2s}]"
+        )
+    return None
+
 
 FIELDS = EngineFields(
     agent="ros1",
@@ -9,6 +22,7 @@ FIELDS = EngineFields(
     sources=("bags", "sequence", "simulator"),
     encoding=ROS1,
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
+    refusal=_refusal,
     meaningless={
         ("stack.ros2",): (
             "stack.ros2 has a meaning with stack.engine: ros2 alone: write that, or leave it out"
