@@ -11,15 +11,16 @@ from rosbags.typesys import Stores, get_typestore
 
 import bagpipe
 from bagpipe.run.case_run import Row, RunContext, run_case
-from bagpipe.simulator.model import Simulator
+from bagpipe.simulator.model import START, Simulator
 from bagpipe.simulator.scenario import Scenario
 from bagpipe.simulator.serialisation import CDR
 from bagpipe.simulator.world import Steering, World
 from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
-from tests import ros2_standin
+from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
+from tests.ros2_recording import IMU, imu
 
 pytestmark = pytest.mark.integration
 
@@ -40,8 +41,10 @@ def driver(standin: Path, answer: str = TWIST, work: str = "--steer") -> list[st
     return [str(standin / "standin_node"), "--name", "/driver", *topics, work, "/ego/odom=/cmd"]
 
 
-def drive(command: list[str], standin: Path, folder: Path, agent: RunningAgent) -> Row:
-    """The row of a drive with a barrier on the road, 8 m ahead."""
+def drive(
+    command: list[str], standin: Path, folder: Path, agent: RunningAgent, *beside: dict[str, Any]
+) -> Row:
+    """The row of a drive with a barrier on the road, 8 m ahead, and with recorded topics."""
     setup = ros2_standin.environment(standin)
     spec = SimulationJobSpec.model_validate({
         "source": {
@@ -49,6 +52,7 @@ def drive(command: list[str], standin: Path, folder: Path, agent: RunningAgent) 
                 "duration": f"{STEPS / 10:g}s",
                 "ego": {"speed": 10},
                 "scene": {"barriers": [{"x": 8, "y": 0}]},
+                "recorded": list(beside),
             }
         },
         "stack": {
@@ -58,13 +62,13 @@ def drive(command: list[str], standin: Path, folder: Path, agent: RunningAgent) 
             "env": [{"name": name, "value": value} for name, value in setup.items()],
         },
         "playback": {"mode": "lockstep", "steps": [STEP]},
-        "record": {"topics": ["/cmd", "/ego/odom"]},
+        "record": {"topics": ["/cmd", "/ego/odom", "/in"]},
         "evaluate": [
             {"name": "safe", "expression": {"topic": "/ego/collision", "holds": "!msg.data"}}
         ],
         "output": {"uri": "pvc://results/r"},
     })  # fmt: skip
-    claims = {"results": str(folder)}
+    claims = {"results": str(folder), "recordings": str(folder)}
     (case,) = plan(spec, Storage(claims)).cases
     row = run_case(
         case, RunContext("lab/drive", spec, claims, "pvc://results/r", str(agent.shared))
@@ -126,3 +130,20 @@ def test_what_is_no_wish_ends_the_drive_with_the_types_that_are(
     assert (row["outcome"], row["reason"]) == ("errored", "BadControl"), row
     assert "publishes std_msgs/msg/String on /cmd, and the simulator obeys" in row["message"]
     assert "geometry_msgs/msg/Twist or geometry_msgs/msg/TwistStamped" in row["message"]
+
+
+def test_recorded_topics_are_played_beside_the_drive_with_their_stamps_in_its_time(
+    tmp_path: Path, standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    ros2_recording.write(tmp_path / "a.mcap", ["/in"], 60)
+    beside = {"bag": "pvc://recordings/a.mcap", "from": "100ms", "topics": ["/in"]}
+    command = [*driver(standin), "--sub", f"/in:{IMU}:10:reliable"]
+    row = drive(command, standin, tmp_path, start_agent(), beside)
+    assert (row["outcome"], row["reason"]) == ("failed", "CriterionFailed"), row
+    assert (row["result"]["ledger"]["dropped"], row["result"]["ledger"]["strength"]) == (
+        0,
+        "called",
+    )
+    # 40 of them, 5 ms after each other, from the drive's first moment on.
+    expected = [imu(START + number * 5_000_000, 20 + number) for number in range(40)]
+    assert recorded(row, tmp_path, "/in") == expected

@@ -14,9 +14,10 @@ from typing import Any
 import pytest
 
 from bagpipe import MemoryBag
+from bagpipe.encodings import ROS1
 from bagpipe.run.case_run import RunContext, run_case
 from bagpipe.source.planning import plan
-from bagpipe.source.sequence.stream import sequence_bag
+from bagpipe.source.sequence.stream import sequence
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.bags.readers import (
@@ -177,7 +178,7 @@ def test_sequences_are_read_by_all(readers: dict[str, ReadAll], tmp_path: Path) 
     )
     storage = Storage({"recordings": str(tmp_path)})
     (case,) = plan(spec, storage).cases
-    path = written(tmp_path, "sequence", sequence_bag(case, storage))
+    path = written(tmp_path, "sequence", MemoryBag(sequence(case, storage, ROS1)))
     expected = by_bagpipe(path)
     assert len(expected) == 1000
     assert_all_read(readers, {path: expected})

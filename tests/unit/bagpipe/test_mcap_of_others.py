@@ -8,6 +8,7 @@ import pytest
 from bagpipe import BagError as NoBagError
 from bagpipe import MemoryBag
 from bagpipe.cli.bag_reading import BagFile
+from bagpipe.encodings import ROS1
 from bagpipe.evaluate.evidence import Recording
 from bagpipe.pieces import SequencePart
 from bagpipe.plan.bag_tail import BagError
@@ -59,7 +60,7 @@ def test_a_chunk_without_a_message_does_not_begin_the_recording(
     path.write_bytes(mcap([{}, {1: [START, START + 2 * SECOND]}], [A], before=SCHEMA + A))
     assert BagFile(f"file://{path}", storage, 1 << 20).described()["seconds"] == 2.0
     piece = SequencePart.model_validate({"bag": "pvc://drives/a.mcap", "from": "1s"})
-    (part,) = PartPlanner(storage).sequence([piece], [], 0)
+    (part,) = PartPlanner(storage, ROS1).sequence([piece], [], 0)
     assert (part.window.start, part.messages) == (START + SECOND, 2)
 
 
@@ -126,8 +127,8 @@ def test_other_encodings_beside_the_topics_are_no_hindrance_after_planning(
     truth = Recording(lambda: chunks_with({"/a"}, case, storage), window.start, window.end)
     assert truth.times("/a") == [START]
     piece = SequencePart.model_validate({"bag": "pvc://drives/a.mcap"})
-    (part,) = PartPlanner(storage).sequence([piece], ["/a"], 0)
-    assert [found.time for found in PartReader(part, storage).messages()] == [START]
+    (part,) = PartPlanner(storage, ROS1).sequence([piece], ["/a"], 0)
+    assert [found.time for found in PartReader(part, storage, ROS1).messages()] == [START]
     file = BagFile("pvc://drives/a.mcap", storage, 1 << 20)
     assert file.part(0, None, ("/a",), "none").message_count == 1
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bagpipe.encodings import ROS1
 from bagpipe.pieces import RecordedTopics, SequencePart
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.parts import Part, PartError, PartPlanner, version_of
@@ -33,7 +34,7 @@ def sequence(
     storage: Storage, *written: dict[str, Any], topics: list[str] | None = None, warm_up: int = 0
 ) -> list[Part]:
     pieces = [SequencePart.model_validate({"bag": BAG} | each) for each in written]
-    return PartPlanner(storage).sequence(pieces, topics or [], warm_up)
+    return PartPlanner(storage, ROS1).sequence(pieces, topics or [], warm_up)
 
 
 def test_the_first_piece_alone_has_a_lead_in_and_only_once(storage: Storage) -> None:
@@ -105,7 +106,7 @@ def test_a_missing_bag_is_reported_as_unreadable(storage: Storage) -> None:
 
 def beside(storage: Storage, *topics: str, begin: str = "2s", length: int = SECOND) -> list[Part]:
     piece = RecordedTopics.model_validate({"bag": BAG, "from": begin, "topics": list(topics)})
-    return PartPlanner(storage).beside([piece, piece], 70 * SECOND, length)
+    return PartPlanner(storage, ROS1).beside([piece, piece], 70 * SECOND, length)
 
 
 def test_pieces_beside_a_drive_begin_with_it_and_last_as_long(storage: Storage) -> None:

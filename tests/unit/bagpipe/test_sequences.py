@@ -10,6 +10,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from bagpipe import MemoryBag
+from bagpipe.encodings import ROS1
 from bagpipe.engine.chosen import engine_of
 from bagpipe.engine.ros1.by_hand import play_command
 from bagpipe.matrix.faults import MatrixError
@@ -18,7 +19,7 @@ from bagpipe.run.case_run import is_of, lost_row
 from bagpipe.run.laptop import planned_case, write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.source.planning import plan
-from bagpipe.source.sequence.stream import sequence_bag, sequence_file
+from bagpipe.source.sequence.stream import sequence, sequence_file
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage
 from bagpipe.wire.session import InputFile, SessionError
@@ -49,6 +50,10 @@ def folder(tmp_path: Path) -> Path:
     late = steady("/scan", 50, SECOND // 10, 100 * SECOND)
     write_bag(tmp_path / "b.bag", late, chunk_bytes=500)
     return tmp_path
+
+
+def sequence_bag(case: Case, storage: Storage) -> MemoryBag:
+    return MemoryBag(sequence(case, storage, ROS1))
 
 
 def texts(bag: MemoryBag) -> list[tuple[int, str]]:
@@ -102,7 +107,7 @@ def test_a_recording_may_lack_the_leading_slash(folder: Path) -> None:
 def test_the_stream_is_the_bag_in_pieces_of_a_frame(folder: Path) -> None:
     (case,) = planned(folder, {}, {"name": "b"})
     storage = Storage({"recordings": str(folder)})
-    file = sequence_file(case, storage, "sequence")
+    file = sequence_file(case, storage, "sequence", ROS1)
     data = b"".join(file.pieces())
     assert (file.size, file.ranges) == (len(data), [])
     assert MemoryBag(data).message_count == 150

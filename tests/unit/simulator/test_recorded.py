@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from bagpipe.encodings import ROS1
 from bagpipe.plan.case import Case
 from bagpipe.simulator.model import START
 from bagpipe.source.planning import plan
@@ -33,7 +34,7 @@ def cases_of(spec: SimulationJobSpec, folder: Path) -> list[Case]:
 
 def due(case: Case, folder: Path, *moments: float) -> list[list[str]]:
     """The texts that are due at these seconds of the drive."""
-    topics = RecordedTopics(case, Storage({"recordings": str(folder)}))
+    topics = RecordedTopics(case, Storage({"recordings": str(folder)}), ROS1)
     found = [topics.due(START + round(moment * SECOND)) for moment in moments]
     return [[f"{topic} {data[4:].decode()}" for topic, data in messages] for messages in found]
 
@@ -120,7 +121,7 @@ def test_a_topic_that_the_recording_lacks_is_named(tmp_path: Path) -> None:
 def test_one_topic_of_two_types_is_refused(tmp_path: Path) -> None:
     write_bag(tmp_path / "a.bag", steady("/a", 5, SECOND))
     (case,) = cases_of(recorded({"bag": BAG, "topics": ["/a"]}), tmp_path)
-    topics = RecordedTopics(case, Storage({"recordings": str(tmp_path)}))
+    topics = RecordedTopics(case, Storage({"recordings": str(tmp_path)}), ROS1)
     assert [(each.topic, each.type) for each in topics.publications] == [("/a", "std_msgs/String")]
     data = (tmp_path / "a.bag").read_bytes()
     # The same length, so that everything else stays where it is.
@@ -135,7 +136,7 @@ def two_types(pieces: list[dict[str, Any]], folder: Path) -> None:
     pieces[1]["topics"] = ["/a"]
     cases = [cases_of(recorded(piece), folder)[0] for piece in pieces]
     cases[0].parts.extend(cases[1].parts)
-    RecordedTopics(cases[0], Storage({"recordings": str(folder)}))
+    RecordedTopics(cases[0], Storage({"recordings": str(folder)}), ROS1)
 
 
 @pytest.mark.parametrize(

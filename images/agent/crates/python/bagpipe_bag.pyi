@@ -42,6 +42,9 @@ class Connection:
     @property
     def schema_encoding(self) -> str:
         """What the definition is written in: ros1msg, ros2msg, ros2idl or another."""
+    @property
+    def offered_qos(self) -> str | None:
+        """The publishers' quality of service, as ROS 2's recorder wrote it down (YAML)."""
 
 @final
 class Damage:
@@ -220,6 +223,18 @@ class MemoryMcap:
     @property
     def damage(self) -> Damage | None:
         """What was lost to damage; None when the file is whole as far as it has been read."""
+
+@final
+class MemoryMcapWriter:
+    """Writes messages of recorded connections into MCAP in memory."""
+
+    def __new__(cls, *, byte_budget: int | None = None) -> MemoryMcapWriter:
+        """An empty file; the finished one has at most `byte_budget` bytes."""
+    def write(self, connection: Connection, time_ns: int, raw: bytes) -> None:
+        """Appends a serialised message; connections that differ in their ids alone are one channel.
+        Raises BagError when the file would exceed its budget."""
+    def finish(self) -> bytes:
+        """Writes the summary and gives the file; nothing can be written after that."""
 
 @final
 class McapMessages(Iterator[tuple[Connection, int, memoryview]]):

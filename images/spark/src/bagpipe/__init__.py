@@ -12,12 +12,19 @@ from typing import TYPE_CHECKING, Any
 from bagpipe.native import native
 
 if TYPE_CHECKING:
-    from bagpipe_bag import BagError, MemoryBag, MemoryBagWriter, MemoryMcap
+    from bagpipe_bag import BagError, MemoryBag, MemoryBagWriter, MemoryMcap, MemoryMcapWriter
 
-__all__ = ["BagError", "MemoryBag", "MemoryBagWriter", "MemoryMcap", "__version__"]
+__all__ = [
+    "BagError",
+    "MemoryBag",
+    "MemoryBagWriter",
+    "MemoryMcap",
+    "MemoryMcapWriter",
+    "__version__",
+]
 __version__ = "0.1.0"
 
-_NATIVE = frozenset({"BagError", "MemoryBag", "MemoryBagWriter", "MemoryMcap"})
+_NATIVE = frozenset({"BagError", "MemoryBag", "MemoryBagWriter", "MemoryMcap", "MemoryMcapWriter"})
 _ON_SPARK = {
     "BinPipedError": "bagpipe.binpiped",
     "BinPipedRDD": "bagpipe.binpiped",

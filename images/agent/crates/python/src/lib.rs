@@ -8,6 +8,7 @@ mod bag;
 mod error;
 mod from_mcap;
 mod mcap;
+mod mcap_writer;
 mod memory;
 mod messages;
 mod model;
@@ -28,6 +29,8 @@ mod bagpipe_bag {
     use crate::error::BagError;
     #[pymodule_export]
     use crate::mcap::{McapMessages, MemoryMcap};
+    #[pymodule_export]
+    use crate::mcap_writer::MemoryMcapWriter;
     #[pymodule_export]
     use crate::messages::Messages;
     #[pymodule_export]

@@ -26,6 +26,44 @@ pub struct Connection {
     encoding: String,
     /// What the definition is written in, such as `ros1msg`, `ros2msg` or `ros2idl`.
     schema_encoding: String,
+    /// The publishers' quality of service, as ROS 2's recorder wrote it down (YAML), or None.
+    offered_qos: Option<String>,
+}
+
+impl Connection {
+    /// The topic's resolved name.
+    pub fn topic(&self) -> &str {
+        &self.topic
+    }
+
+    /// Whether a recording's connection is the same but for its number.
+    pub fn is(&self, known: &bagpipe_log::Connection) -> bool {
+        self.topic == known.topic
+            && self.r#type == known.datatype
+            && self.md5sum == known.md5sum
+            && self.definition == known.definition
+            && self.callerid == known.caller_id
+            && self.latching == known.latching
+            && self.encoding == known.message_encoding.name()
+            && self.schema_encoding == known.schema_encoding.name()
+            && self.offered_qos == known.offered_qos
+    }
+
+    /// As a recording declares it.
+    pub fn recorded(&self) -> bagpipe_log::Connection {
+        bagpipe_log::Connection {
+            id: self.id,
+            topic: self.topic.clone(),
+            datatype: self.r#type.clone(),
+            md5sum: self.md5sum.clone(),
+            definition: self.definition.clone(),
+            caller_id: self.callerid.clone(),
+            latching: self.latching,
+            message_encoding: bagpipe_log::MessageEncoding::from_name(&self.encoding),
+            schema_encoding: bagpipe_log::SchemaEncoding::from_name(&self.schema_encoding),
+            offered_qos: self.offered_qos.clone(),
+        }
+    }
 }
 
 #[pymethods]
@@ -49,6 +87,7 @@ impl From<&bagpipe_log::Connection> for Connection {
             in_force: each.in_force(),
             encoding: each.message_encoding.name().to_owned(),
             schema_encoding: each.schema_encoding.name().to_owned(),
+            offered_qos: each.offered_qos.clone(),
         }
     }
 }

@@ -4,7 +4,6 @@ import hashlib
 import json
 from dataclasses import dataclass, replace
 
-from bagpipe.encodings import ROS1
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import Window, check_encoding, cut_one
@@ -60,10 +59,11 @@ class Part:
 
 
 class PartPlanner:
-    """Plans pieces; each bag's tail is read once."""
+    """Plans pieces whose messages have one encoding; each bag's tail is read once."""
 
-    def __init__(self, storage: Storage) -> None:
+    def __init__(self, storage: Storage, encoding: str) -> None:
         self._storage = storage
+        self._encoding = encoding
         self._read: dict[str, tuple[BagTail, str]] = {}
 
     def sequence(self, pieces: list[SequencePart], topics: list[str], warm_up: int) -> list[Part]:
@@ -103,7 +103,7 @@ class PartPlanner:
     def _part(self, piece: Piece, to: int | None, topics: list[str], lead_in: int) -> Part:
         tail, version = self._tail(piece.bag)
         try:
-            check_encoding(tail, topics, ROS1)
+            check_encoding(tail, topics, self._encoding)
         except BagError as error:
             raise PartError(piece.bag, error.reason, str(error)) from error
         begin = min(chunk.start_time for chunk in tail.chunks)

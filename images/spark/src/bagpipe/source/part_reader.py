@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import bagpipe
+from bagpipe.encodings import ROS1
+from bagpipe.native import native
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.framing import framed
 from bagpipe.plan.parts import Part
@@ -32,9 +34,9 @@ class PartMessage:
 
 
 class PartReader:
-    """One part's piece of its bag, held in memory."""
+    """One part's piece of its recording, held in memory; its messages have one encoding."""
 
-    def __init__(self, part: Part, storage: Storage) -> None:
+    def __init__(self, part: Part, storage: Storage, encoding: str) -> None:
         self._part = part
         if part.bytes > MOST_BYTES:
             raise _unreadable(part, f"the piece has {part.bytes} bytes, above 1 GiB: cut it")
@@ -42,9 +44,7 @@ class PartReader:
         pieces = storage.pieces(part.bag, ranges, MAX_PAYLOAD_BYTES, part.version)
         data = b"".join(framed(ranges, pieces))
         try:
-            self._bag = bagpipe.MemoryBag(
-                data, decompressed_bytes=MOST_BYTES, mcap_topics=part.topics or None
-            )
+            self._bag = in_memory(data, encoding, part.topics or None)
         except ValueError as error:
             raise _unreadable(part, str(error)) from error
         alike: Counter[str] = Counter()
@@ -107,6 +107,16 @@ class PartReader:
                 " the topic out",
             ) from error
         return PartMessage(connection, time + self._part.shift, data, recorded)
+
+
+def in_memory(data: bytes | memoryview, encoding: str, topics: list[str] | None = None) -> Any:
+    """A recording, of which these topics are needed (none: all), for its messages of one encoding.
+
+    Raises ValueError.
+    """
+    if encoding == ROS1:
+        return bagpipe.MemoryBag(data, decompressed_bytes=MOST_BYTES, mcap_topics=topics)
+    return native("MemoryMcap", "reading MCAP")(data, decompressed_bytes=MOST_BYTES)
 
 
 def _unreadable(part: Part, why: str) -> SessionError:

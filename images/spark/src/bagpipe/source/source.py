@@ -10,7 +10,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import bagpipe
+from bagpipe.encodings import ROS1
+from bagpipe.engine_fields import fields_of
 from bagpipe.judgement import Judgement
+from bagpipe.native import native
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
@@ -19,6 +22,9 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from bagpipe.wire.hello_case import HelloSimulator
 from bagpipe.wire.session import InputFile, Partner
+
+# Of a case's input, in memory and uncompressed.
+_MOST_BYTES = 1 << 30
 
 
 class Turns(Partner, Protocol):
@@ -34,6 +40,11 @@ class JobSource(ABC):
     """The source of one job, made of its spec."""
 
     spec: SimulationJobSpec
+
+    @property
+    def encoding(self) -> str:
+        """Of the messages of recordings that are read here; a program takes bags of ROS 1."""
+        return fields_of(self.spec.stack.engine).encoding or ROS1
 
     @abstractmethod
     def plan(self, conditions: Crossing, storage: Storage, /) -> Plan:
@@ -70,5 +81,11 @@ class JobSource(ABC):
         return None
 
     def begin(self, _case: Case, _storage: Storage, written: Path, /) -> int:
-        """The time of the first message of the case's input, which was written as a bag, in ns."""
-        return bagpipe.MemoryBag.open(written).start or 0
+        """The time of the first message of the case's input, which was written to a file, in ns.
+
+        0 without one.
+        """
+        if native("recording_kind", "reading a recording")(written) == "bag":
+            return bagpipe.MemoryBag.open(written).start or 0
+        described = native("describe_recording", "reading MCAP")(written, _MOST_BYTES)
+        return int(described["times"][0]) if described["times"] else 0

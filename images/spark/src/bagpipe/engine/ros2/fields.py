@@ -15,8 +15,7 @@ def _refusal(spec: Any) -> str | None:
 FIELDS = EngineFields(
     agent="ros2",
     unmarked_lines="agent",
-    # Pieces of a sequence are put together to a bag, which holds messages of ROS 1.
-    sources=("bags", "simulator"),
+    sources=("bags", "sequence", "simulator"),
     encoding=CDR,
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     refusal=_refusal,

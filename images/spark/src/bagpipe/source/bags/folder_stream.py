@@ -5,7 +5,6 @@ them counts its channels by itself: the worker makes one file of MCAP of the par
 """
 
 from collections.abc import Mapping
-from pathlib import Path
 
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, resolve
@@ -15,7 +14,6 @@ from bagpipe.plan.framing import framed, framing
 from bagpipe.plan.in_force import Late
 from bagpipe.plan.parts import Part
 from bagpipe.plan.rosbag2 import (
-    MOST_FRAGMENT_BYTES,
     Metadata,
     Rosbag2,
     joined,
@@ -62,12 +60,6 @@ def times_of_folder(case: Case, topics: list[str], storage: Storage) -> list[int
     named = [topic for topic in recording.topics if not topics or resolve(topic) in topics]
     window = case.window
     return [time for _, time, _ in recording.messages(named, window.start, window.end)]
-
-
-def first_time(written: Path) -> int:
-    """The time of the first message of a file of MCAP, in ns; 0 without one."""
-    times = native("describe_recording", "reading MCAP")(written, MOST_FRAGMENT_BYTES)["times"]
-    return int(times[0]) if times else 0
 
 
 def _metadata(case: Case, storage: Storage) -> Metadata:

@@ -11,7 +11,6 @@ from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
 from bagpipe.source.bags.expanding import recordings
 from bagpipe.source.bags.folder_stream import (
-    first_time,
     folder_file,
     folder_truth,
     times_of_folder,
@@ -76,7 +75,7 @@ class Bags(JobSource):
     def begin(self, case: Case, storage: Storage, written: Path) -> int:
         """Read from the bag's index; of a folder, from what was made of it."""
         if case.parts:
-            return first_time(written)
+            return super().begin(case, storage, written)
         file = storage.open(case.bag)
         starts = {offset for offset, _ in case.ranges}
         chunks = read_tail(file.read, file.size).chunks

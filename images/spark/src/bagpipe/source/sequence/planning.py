@@ -15,12 +15,13 @@ from bagpipe.texts import duration_nanoseconds
 SEQUENCE = "sequence"
 
 
-def sequences(source: Source, conditions: Crossing, storage: Storage) -> Plan:
+def sequences(source: Source, encoding: str, conditions: Crossing, storage: Storage) -> Plan:
     """The pieces of `source.sequence` one after the other, under every condition.
 
+    All have messages of one encoding.
     Raises MatrixError where a template is filled with what makes no piece.
     """
-    planner = PartPlanner(storage)
+    planner = PartPlanner(storage, encoding)
     warm_up = duration_nanoseconds(source.fragment.warm_up)
 
     def parts_of(pieces: list[SequencePart]) -> list[Part]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-import bagpipe
+from bagpipe.encodings import ROS1
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan
@@ -18,23 +18,26 @@ class Sequence(JobSource):
 
     def plan(self, conditions: Crossing, storage: Storage) -> Plan:
         """The sequence under every condition."""
-        return sequences(self.spec.source, conditions, storage)
+        return sequences(self.spec.source, self.encoding, conditions, storage)
 
     def input(self, case: Case, storage: Storage) -> InputFile:
-        """The whole sequence as a bag."""
+        """The whole sequence as one file."""
         from bagpipe.source.sequence.stream import sequence_file  # noqa: PLC0415
 
-        return sequence_file(case, storage, case.bag)
+        return sequence_file(case, storage, case.bag, self.encoding)
 
     def file_name(self, case: Case) -> str:
-        """A bag's name."""
-        return f"{case.bag}.bag"
+        """A bag's name, or that of MCAP."""
+        return f"{case.bag}.{'bag' if self.encoding == ROS1 else 'mcap'}"
 
     def input_times(self, case: Case, storage: Storage) -> Callable[[], list[int]]:
         """Taken from the sequence itself."""
 
+        from bagpipe.source.part_reader import in_memory  # noqa: PLC0415
+
         def read() -> list[int]:
-            bag = _bag(case, storage)
+            made = self._made(case, storage)
+            bag = in_memory(made, self.encoding)
             topics = self.spec.source.topics
             there = [topic for topic in bag.topics if not topics or topic in topics]
             window = bag.messages(topics=there, start=case.window.start, end=case.window.end)
@@ -44,17 +47,16 @@ class Sequence(JobSource):
 
     def truth(self, case: Case, _topics: set[str], storage: Storage) -> bytes:
         """The sequence whole."""
-        return _bag(case, storage).to_bytes()
+        return bytes(self._made(case, storage))
 
     def alone(self, _uri: str) -> Source:
         """A sequence needs all of its recordings."""
         return self.spec.source
 
+    def _made(self, case: Case, storage: Storage) -> memoryview:
+        from bagpipe.source.sequence.stream import sequence  # noqa: PLC0415
 
-def _bag(case: Case, storage: Storage) -> "bagpipe.MemoryBag":
-    from bagpipe.source.sequence.stream import sequence_bag  # noqa: PLC0415
-
-    return sequence_bag(case, storage)
+        return sequence(case, storage, self.encoding)
 
 
 SOURCE = Sequence

@@ -19,8 +19,8 @@ class RecordedTopics:
     topic was recorded with two types, and StorageError.
     """
 
-    def __init__(self, case: Case, storage: Storage) -> None:
-        readers = [PartReader(part, storage) for part in case.parts]
+    def __init__(self, case: Case, storage: Storage, encoding: str) -> None:
+        readers = [PartReader(part, storage, encoding) for part in case.parts]
         self.publications = _publications([c for each in readers for c in each.connections])
         self._latched = [each for reader in readers for each in reader.latched()]
         by_time = [reader.messages() for reader in readers]

@@ -26,9 +26,9 @@ class Drive:
         steps = [s for s in spec.playback.steps if s.answer == simulator.topics.control]
         required = frozenset(step.trigger for step in steps if not step.optional)
         steering = Steering(required, bool(required))
-        beside = RecordedTopics(case, storage) if case.parts else None
-        scenario = scenario_of(simulator, case.conditions)
         written = serialisation(fields_of(spec.stack.engine).encoding)
+        beside = RecordedTopics(case, storage, written.name) if case.parts else None
+        scenario = scenario_of(simulator, case.conditions)
         self._world = World(simulator, scenario, steering, written, beside)
         named = spec.record.topics if spec.record else []
         own = set(simulator.topics.spoken)

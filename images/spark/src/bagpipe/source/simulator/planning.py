@@ -53,9 +53,9 @@ def check_scenarios(simulator: Simulator, conditions: Crossing) -> None:
         scenario_of(simulator, condition)
 
 
-def drives(simulator: Simulator, conditions: Crossing, storage: Storage) -> Plan:
+def drives(simulator: Simulator, encoding: str, conditions: Crossing, storage: Storage) -> Plan:
     """The simulated drive with its recorded topics, under every condition. Raises MatrixError."""
-    planner = PartPlanner(storage)
+    planner = PartPlanner(storage, encoding)
     length = simulator.steps * simulator.step_nanoseconds
     drive = simulated_case(simulator)
 

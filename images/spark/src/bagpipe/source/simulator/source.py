@@ -25,7 +25,7 @@ class Simulated(JobSource):
     def plan(self, conditions: Crossing, storage: Storage) -> Plan:
         """One drive under every condition. Raises MatrixError."""
         check_scenarios(self.simulator, conditions)
-        return drives(self.simulator, conditions, storage)
+        return drives(self.simulator, self.encoding, conditions, storage)
 
     def input(self, case: Case, storage: Storage) -> Turns:
         """The case's world."""
@@ -43,9 +43,9 @@ class Simulated(JobSource):
 
     def truth(self, case: Case, _topics: set[str], storage: Storage) -> bytes:
         """The recorded topics beside the drive."""
-        from bagpipe.source.sequence.stream import sequence_bag  # noqa: PLC0415
+        from bagpipe.source.sequence.stream import sequence  # noqa: PLC0415
 
-        return sequence_bag(case, storage).to_bytes()
+        return bytes(sequence(case, storage, self.encoding))
 
     def judge(self, result: dict[str, Any], judgement: Judgement) -> Judgement:
         """A drive that nobody steered proves nothing."""
