@@ -11,7 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from bagpipe.engine.delivery import judge
+from bagpipe.engine.ros2.proof import PROOF
 from bagpipe.evaluate.finding import Finding, verdict
+from bagpipe.judgement import Judgement
 from tests import ros2_standin
 from tests.integration.laptop import Laptop
 from tests.liars import recordings
@@ -54,7 +57,19 @@ def judged(row: Row, case: dict[str, Any], marks: dict[str, int]) -> RowResult:
     (found,) = named
     finding = Finding(found["name"], found["kind"], found["outcome"], message=found["message"])
     outcome, reason, message = verdict([finding])
+    # What is unproved hides behind the criteria of others that the row fails.
+    unproved = unproved_of(row.asked.job, case.get("result"))
+    if unproved is not None and outcome != "failed":
+        return RowResult("invalid", unproved.reason, unproved.message, marks, case)
     return RowResult(outcome, reason, f"{found['message']} {message}", marks, case)
+
+
+def unproved_of(job: Job, result: dict[str, Any] | None) -> Judgement | None:
+    """What a case of ROS 2 is whose delivery is not proved."""
+    if job.engine != "ros2" or result is None:
+        return None
+    found = judge(result, mode=job.playback["mode"], proof=PROOF)
+    return found if found.reason == "DeliveryUnproved" else None
 
 
 def compiled(folder: Path) -> Path:

@@ -25,7 +25,8 @@ SEED, COUNT = 13, 2000
 _LATE = re.compile(
     r"matrix\b|source\.simulator\b|stack\.parameters\.|variants\.\d+\.parameters\."
     r"|source\.(bags|files|sequence)\.\d+.*has no known scheme"
-    r"|: Value error, (evaluate\[.*reads .*record\.topics|the step's trigger)"
+    r"|: Value error, (evaluate\[.*reads .*record\.topics|the step's trigger"
+    r"|stack\.parameters has .*which names no node)"
 )
 # What only a cluster has is refused there, and of no concern on a laptop.
 _CLUSTER_S = re.compile(

@@ -71,7 +71,7 @@ class SaysNothing(Localiser):
 
 
 class FeedsItself(Localiser):
-    """Publishes poses of its own beside the recording's, and answers those as well."""
+    """Publishes poses of its own beside the recording's, and answers the recording's alone."""
 
     def begin(self):
         self.own = rospy.Publisher("/pose", PoseStamped, queue_size=None)

@@ -77,10 +77,6 @@ def test_other_engines_know_no_quality_of_service(engine: str) -> None:
     ("changed", "says"),
     [
         ({"record": None}, "record is missing: write for example record: {topics: [/tf]}"),
-        (
-            {"source": {"sequence": [{"bag": "pvc://r/a.mcap"}]}},
-            "source.sequence need stack.engine: ros1 or exec: write source.bags",
-        ),
         ({"source": {"files": ["pvc://r/a"]}}, "source.files need stack.engine: exec: write"),
         ({"variants": [{"name": "a", "parameters": {"/rate": 1}}]}, "stack.parameters has /rate"),
     ],

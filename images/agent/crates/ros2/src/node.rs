@@ -161,6 +161,25 @@ impl Graph {
         }
     }
 
+    /// Takes in who publishes a recorded topic as another type, which reaches no recorder of this one.
+    fn compare_types(&self, input: &Input, nodes: &[GraphNode], endpoints: &[Endpoint]) {
+        let recorded = &input.publisher.datatype;
+        for node in nodes.iter().filter(|node| node.name != self.name) {
+            let mut types = node.publishes.iter().filter(|(topic, _)| *topic == input.topic);
+            let Some((_, other)) = types.find(|(_, datatype)| datatype != recorded) else {
+                continue;
+            };
+            let mut own = published_on(&input.topic, endpoints).filter(|one| one.node == node.name);
+            if own.any(|one| one.counts.published > 0) {
+                input.unrecordable().insert(format!(
+                    "{} publishes {} as {other}, and it is recorded as {recorded}: a topic has one \
+                     type",
+                    node.name, input.topic
+                ));
+            }
+        }
+    }
+
     /// Fails where another case plays into the same domain.
     fn must_be_alone(&self, nodes: &[GraphNode]) {
         if let Some(other) = nodes.iter().find_map(|node| foreign_player(&node.name)) {
@@ -361,6 +380,7 @@ impl Node for Graph {
             let others = self.publishing(&state, &input.topic).cloned();
             input.others.lock().unwrap_or_else(PoisonError::into_inner).extend(others);
             self.compare(input, handed, &look.endpoints);
+            self.compare_types(input, &nodes, &look.endpoints);
         }
         Ok(Seen { state, again: 0 })
     }
@@ -418,6 +438,9 @@ impl Node for Graph {
         // Once more for a play that was shorter than who comes needs to be seen.
         if let Ok(nodes) = self.means.player.graph() {
             self.must_be_alone(&nodes);
+            if let Ok(endpoints) = self.ledger().endpoints() {
+                due.iter().for_each(|(input, _)| self.compare_types(input, &nodes, &endpoints));
+            }
         }
         let mut lacking = Vec::new();
         lacking.extend(self.inputs.failure());

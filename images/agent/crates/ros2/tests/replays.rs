@@ -248,6 +248,31 @@ fn a_subscriber_that_does_not_count_is_there_and_nothing_of_it_is_proved() {
     assert_eq!((line.node.as_str(), line.received, line.strength), ("/relay", 0, Strength::Sent));
 }
 
+#[test]
+fn a_topic_that_is_published_as_two_types_has_no_whole_recording() {
+    let scene = Scene::new();
+    let _relay = scene.start("standin_node", &RELAY);
+    let other = [
+        "--name",
+        "/other",
+        "--sub",
+        "/in:sensor_msgs/msg/Imu:10:reliable",
+        "--pub",
+        "/out:geometry_msgs/msg/PoseStamped:10:reliable",
+        "--relay-stamp",
+        "/in=/out",
+    ];
+    let _other = scene.start("standin_node", &other);
+    scene.await_subscriptions(2);
+    let error = scene.play(&recording(&["/in"], 200, 100), &DEFAULT).err().unwrap();
+    assert_eq!(error.reason(), "RecordingIncomplete");
+    let sentence = error.to_string();
+    assert!(
+        sentence.contains(" publishes /out as ") && sentence.contains(", and it is recorded as "),
+        "{sentence}"
+    );
+}
+
 /// A node that publishes by a thread of its own on a topic that is recorded.
 fn talker<'a>(publisher: &'a str, options: &[&'a str]) -> Vec<&'a str> {
     [&["--name", "/talker", "--pub", publisher], options].concat()
