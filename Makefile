@@ -167,6 +167,7 @@ TEST_AGENT := env -u MAKEFLAGS -C images/agent CARGO_TARGET_DIR="$(BAGPIPE_CACHE
 
 .PHONY: test-agent
 test-agent: preflight-all
+	python3 images/build/claim.py "$(BAGPIPE_CACHE)/cargo-debug"
 	$(STEP) "Compiling the agent's tests" --if-it-fails "Is the crates' registry reachable? Then run it again." -- \
 	  $(TEST_AGENT) --quiet --no-run
 

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from claim import claim
 from lock import locked
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,16 +89,19 @@ def compile_rust(what: str, command: list[str], **environment: str) -> None:
     """Run cargo or maturin on the workspace, which is quick when nothing changed."""
     # Where cargo leaves what it builds, and for which machines, is not the user's to choose here.
     inherited = {name: value for name, value in os.environ.items() if name != "CARGO_BUILD_TARGET"}
-    done = subprocess.run(
-        command,
-        cwd=ROOT / "images" / "agent",
-        env={**inherited, "CARGO_TARGET_DIR": str(cache() / "cargo"), **environment},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=CARGO_SECONDS,
-        check=False,
-    )
+    target = cache() / "cargo"
+    with locked(cache() / "cargo.lock", CARGO_SECONDS):
+        claim(target)
+        done = subprocess.run(
+            command,
+            cwd=ROOT / "images" / "agent",
+            env={**inherited, "CARGO_TARGET_DIR": str(target), **environment},
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=CARGO_SECONDS,
+            check=False,
+        )
     if done.returncode:
         last = "\n".join(done.stderr.splitlines()[-30:])
         raise BuildError(f"cargo could not build {what} in images/agent. Its last lines:\n{last}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import threading
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import build
+import claim
 import context
 import engines
 import pytest
@@ -203,6 +205,19 @@ def test_the_same_sources_give_the_same_wheel(tmp_path: Path) -> None:
     with zipfile.ZipFile(wheels[0]) as wheel:
         held = {Path(name).name for name in wheel.namelist() if "dist-info" not in name}
     assert held == {"__init__.py", "__init__.pyi", "bagpipe_bag.abi3.so", "py.typed"}
+
+
+def test_of_two_checkouts_that_share_a_cache_each_builds_its_own_sources(tmp_path: Path) -> None:
+    target, roots = tmp_path / "cargo", [tmp_path / "one", tmp_path / "two"]
+    for root in roots:
+        (root / "images/agent/crates/a/src").mkdir(parents=True)
+        source = root / "images/agent/crates/a/src/lib.rs"
+        source.touch()
+        os.utime(source, (0, 0))
+    claimed = [claim.claim(target, root) for root in [*roots, roots[1], roots[0]]]
+    assert claimed == [True, True, False, True]
+    times = [(root / "images/agent/crates/a/src/lib.rs").stat().st_mtime for root in roots]
+    assert times[0] >= times[1] > 0
 
 
 def test_only_the_spark_image_gets_the_native_module(
