@@ -1,4 +1,6 @@
-"""`bagpipe run` as people start it: a process, with real Spark, a real agent and real ROS nodes."""
+"""`bagpipe run` as people start it: a program, with a real agent and real ROS nodes; without Java,
+and with a real Spark.
+"""
 
 import json
 import signal
@@ -81,7 +83,7 @@ def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> N
     assert len(list((folder / "cases").iterdir())) == 4
     assert list((folder / "journal").iterdir()) == []
     lines = errors.splitlines()
-    assert "starting Spark and 2 slots" in lines
+    assert "starting 2 slots" in lines
     assert lines[-1] == "bagpipe-results/pr2 has report.html, results.jsonl and more"
     assert any(line.startswith("4 of 4 cases (4 passed)") for line in lines), errors
     assert any("images are not used here" in line for line in lines)
@@ -92,6 +94,20 @@ def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> N
     assert (status, "page.html" in output) == (0, True)
     status, _, errors = laptop.job(manifest)
     assert (status, "has a run already: write --replace" in errors) == (2, True)
+
+
+def test_spark_and_processes_record_the_same_bytes(laptop: Laptop) -> None:
+    with_recording(laptop)
+    manifest = laptop.manifest("pr2", example())
+    recorded = []
+    for words in (["--results", "here"], ["--results", "spark", "--spark"]):
+        status, _, errors = laptop.job(manifest, "--cases", "2", "--slots", "2", *words)
+        assert status == 0, errors
+        folder = laptop.folder / words[1]
+        recorded.append([(folder / row["recorded"]).read_bytes() for row in rows_of(folder)])
+    assert "starting Spark and 2 slots" in errors.splitlines()
+    assert len(recorded[0]) == 2
+    assert recorded[0] == recorded[1]
 
 
 def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Laptop) -> None:
@@ -200,12 +216,15 @@ def await_cases(laptop: Laptop, count: int, process: "subprocess.Popen[str]") ->
         pause.wait(0.1)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("number", "engine"),
+    [(signal.SIGINT, []), (signal.SIGTERM, []), (signal.SIGTERM, ["--spark"])],
+)
 def test_an_interruption_ends_all_that_was_started_and_is_gone_on_with(
-    laptop: Laptop, number: signal.Signals
+    laptop: Laptop, number: signal.Signals, engine: list[str]
 ) -> None:
     manifest = waiting(laptop, 3)
-    process = laptop.start(*laptop.words(manifest), "--slots", "2")
+    process = laptop.start(*laptop.words(manifest), "--slots", "2", *engine)
     await_cases(laptop, 2, process)
     process.send_signal(number)
     output, errors = process.communicate(timeout=STEP_SECONDS)
@@ -242,8 +261,11 @@ def test_what_was_done_before_an_interruption_is_not_done_again(laptop: Laptop) 
     assert [row["case"] for row in others] == ["1", "2"]
 
 
-def test_a_run_that_is_killed_takes_its_processes_with_it(laptop: Laptop) -> None:
-    process = laptop.start(*laptop.words(waiting(laptop, 1)))
+@pytest.mark.parametrize("engine", [[], ["--spark"]])
+def test_a_run_that_is_killed_takes_its_processes_with_it(
+    laptop: Laptop, engine: list[str]
+) -> None:
+    process = laptop.start(*laptop.words(waiting(laptop, 1)), *engine)
     await_cases(laptop, 1, process)
     process.kill()
     process.communicate(timeout=STEP_SECONDS)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from py4j.protocol import Py4JError, Py4JNetworkError
 
-from bagpipe.driver import __main__ as driver
+from bagpipe.driver import job as driver
 from bagpipe.driver.cases_on_spark import active_tasks, run_cases
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
@@ -58,7 +58,7 @@ class FakeSpark:
         raise self._error
 
 
-class Place(driver.Cluster):
+class Place(driver.Place):
     """Two cases over such a Spark."""
 
     def __init__(self, spark: FakeSpark) -> None:

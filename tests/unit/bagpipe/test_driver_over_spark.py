@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from pyspark import SparkConf, SparkContext
 
-from bagpipe.driver import __main__ as driver
 from bagpipe.driver import cases_on_spark
+from bagpipe.driver import job as driver
 from bagpipe.driver.cases_on_spark import run_cases
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
@@ -30,6 +30,7 @@ from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
+from tests.unit.bagpipe.places import By, nothing
 
 COMPLETED = "spark_executor_completed_tasks_total"
 
@@ -176,7 +177,7 @@ def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
         threading.Event().wait(0.05)
         return make_row(case.id)
 
-    def shares(_job: object, cases: list[Case], keeper: Keeper, _seen: object) -> None:
+    def shares(cases: list[Case], keeper: Keeper) -> None:
         def interrupt() -> None:
             deadline = time.monotonic() + 60
             while not keeper.progress.snapshot()["cases"]["passed"] and time.monotonic() < deadline:
@@ -188,12 +189,11 @@ def test_an_interruption_journals_and_leaves_the_rest_to_a_successor(
         run_cases(spark, many, world.context, keeper)
 
     monkeypatch.setattr(cases_on_spark, "run_case", passes)
-    monkeypatch.setattr(driver, "_run_cases", shares)
     interruption, progress = driver.Interruption(), Progress(world.results.folder)
     before = signal.signal(signal.SIGTERM, interruption)
     try:
         with pytest.raises(SystemExit) as ended:
-            driver.run(world.job, progress, interruption)
+            driver.run(world.job, progress, By(shares), interruption)
     finally:
         signal.signal(signal.SIGTERM, before)
     assert ended.value.code == 143
@@ -278,7 +278,7 @@ def test_a_driver_after_a_commit_runs_nothing(
     world.results.commit(world.rows, keeper.progress, "the first driver")
     monkeypatch.setattr(driver, "plan", None)
     progress = Progress(world.results.folder)
-    assert driver.run(world.job, progress)
+    assert driver.run(world.job, progress, By(nothing))
     snapshot = progress.snapshot()
     assert (snapshot["phase"], snapshot["verdict"], snapshot["cases"]["passed"]) == (
         "Complete",
@@ -289,15 +289,12 @@ def test_a_driver_after_a_commit_runs_nothing(
     assert world.storage.names(f"{world.results.folder}/journal") == []
 
 
-def test_a_successor_runs_only_what_is_left(
-    spark: SparkContext, world: World, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def shares(_job: object, cases: list[Case], keeper: Keeper, _seen: object) -> None:
+def test_a_successor_runs_only_what_is_left(spark: SparkContext, world: World) -> None:
+    def shares(cases: list[Case], keeper: Keeper) -> None:
         ran.append([case.id for case in cases])
         run_cases(spark, cases, world.context, keeper)
 
     ran: list[list[str]] = []
-    monkeypatch.setattr(driver, "_run_cases", shares)
     done = world.cases[:4]
     world.journal.append(
         [
@@ -313,7 +310,7 @@ def test_a_successor_runs_only_what_is_left(
     )
     progress = Progress(world.results.folder)
     with FakeAgent(world.slot, *[well_behaved()] * 2):
-        assert driver.run(world.job, progress)
+        assert driver.run(world.job, progress, By(shares))
     assert ran == [sorted(case.id for case in world.cases[4:])]
     assert progress.snapshot()["cases"]["passed"] == 6
     manifest = world.results.committed()

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.driver import __main__ as driver
+from bagpipe.driver import job as driver
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.patience import PATIENCE_SECONDS
@@ -119,7 +119,7 @@ def test_the_first_reason_that_leaves_the_rest_to_another_driver_stays(
     assert not keeper.interrupted
 
 
-class OneFails(driver.Cluster):
+class OneFails(driver.Place):
     """A plan of two cases, of which one is run and fails."""
 
     def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002  the base class's signature

@@ -15,7 +15,7 @@ import obstore
 import pytest
 from obstore.store import MemoryStore
 
-from bagpipe.driver import __main__ as driver
+from bagpipe.driver import job as driver
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
 from bagpipe.storage import Patience, Storage, StorageError, StorageUnfitError
@@ -23,6 +23,7 @@ from bagpipe.storage.backend import TransientError
 from bagpipe.storage.hdfs import HdfsBackend
 from bagpipe.storage.objects import ObjectBackend
 from tests.unit.bagpipe.jobs import make_job
+from tests.unit.bagpipe.places import By, nothing
 from tests.unit.bagpipe.test_hdfs_rename import NameNode, backend
 
 LINK = Path.hardlink_to
@@ -176,11 +177,11 @@ def test_a_job_on_such_a_server_fails_before_it_plans(
     job = make_job({}, output={"uri": "s3://bucket/out"})
     progress = Progress("s3://bucket/out/drive/uid-1")
 
-    class Never(driver.Cluster):
+    class Never(By):
         def planned(self, *_arguments: object) -> Any:
             raise AssertionError("planned")
 
-    assert not driver.ended(progress, lambda: driver.run(job, progress, place=Never()))
+    assert not driver.ended(progress, lambda: driver.run(job, progress, place=Never(nothing)))
     assert progress.reason == "StorageFailed"
     assert "two drivers could both count" in progress.message
 

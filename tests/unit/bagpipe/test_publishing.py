@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.driver import __main__ as driver
+from bagpipe.driver import job as driver
 from bagpipe.driver.artefacts import Artefacts
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
@@ -15,6 +15,7 @@ from bagpipe.driver.results import results_uri
 from bagpipe.run.case_run import unplanned_row
 from bagpipe.storage import StorageError
 from tests.unit.bagpipe.drivers import MISSING, World, finish, ran
+from tests.unit.bagpipe.places import By, nothing
 
 
 @pytest.fixture
@@ -78,7 +79,7 @@ def committed(world: World) -> tuple[dict[str, Any], Keeper, Journal]:
 def assert_adopted(world: World) -> None:
     """Another driver finishes what the one that committed did not live to."""
     progress = Progress(results_uri(world.job))
-    assert driver.run(world.job, progress)
+    assert driver.run(world.job, progress, By(nothing))
     assert progress.verdict == "Passed"
     assert [row["case"] for row in world.lines()] == ["a", "b"]
     assert world.names("cases") == ["a.bag", "b.bag"]

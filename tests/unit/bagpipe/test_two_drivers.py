@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.driver import __main__ as driver
+from bagpipe.driver import job as driver
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.progress import Progress
 from bagpipe.plan.case import Case
@@ -29,7 +29,7 @@ MANIFEST, LINES = f"{FOLDER}/manifest.json", f"{FOLDER}/results.jsonl"
 doors = threading.local()
 
 
-class Place(driver.Cluster):
+class Place(driver.Place):
     """One case that records and one that does not; every driver's end in another way."""
 
     def __init__(self, door: Door) -> None:
@@ -149,10 +149,10 @@ def follow(
 
 @pytest.fixture(autouse=True)
 def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bagpipe.driver.__main__.Storage", lambda _volumes: doors.mine)
+    monkeypatch.setattr("bagpipe.driver.job.Storage", lambda _volumes: doors.mine)
     monkeypatch.setattr("bagpipe.driver.results.Artefacts", NoArtefacts)
     unhurried = SimpleNamespace(Event=lambda: SimpleNamespace(wait=lambda _seconds: None))
-    monkeypatch.setattr("bagpipe.driver.__main__.threading", unhurried)
+    monkeypatch.setattr("bagpipe.driver.job.threading", unhurried)
     # Two runs may differ in their order alone: neither in random names nor in times.
     monkeypatch.setattr("bagpipe.driver.results.provenance_of", lambda *_: {}, raising=False)
     named = SimpleNamespace(uuid4=lambda: SimpleNamespace(hex=doors.name))

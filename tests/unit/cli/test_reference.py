@@ -21,9 +21,9 @@ HEAD = """\
 # bagpipe
 
 The program for people: what a job would run, and what became of it. It is installed with the Python
-package `bagpipe` and its extras `jobs`, `storage` and `cli`; `run` needs `spark`, too. In a
-checkout, `make venv` puts it at `.venv/bin/bagpipe`. `kubectl bagpipe` is the same program
-([plugin](../tasks/kubectl-plugin.md)).
+package `bagpipe` and its extras `jobs`, `storage` and `cli`; the verb `run` needs the extra `run`,
+too, and `run --spark` the extra `spark`. In a checkout, `make venv` puts it at `.venv/bin/bagpipe`.
+`kubectl bagpipe` is the same program ([plugin](../tasks/kubectl-plugin.md)).
 This page is the program's own help; a test compares them.
 
 | exit status | meaning |

@@ -64,14 +64,24 @@ def test_what_can_t_run_is_refused_with_2_and_nothing_is_made(
 
 def test_without_java_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("JAVA_HOME", "/nowhere")
-    status, text = run(tmp_path)
+    status, text = run(tmp_path, "--spark")
     assert (status, "Spark needs Java 17 or newer" in text) == (2, True)
 
 
 def test_without_pyspark_it_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyspark", None)
-    status, text = run(tmp_path)
-    assert (status, "PySpark is not installed: install bagpipe with" in text) == (2, True), text
+    status, text = run(tmp_path, "--spark")
+    assert (status, "PySpark is not installed: leave --spark out, or" in text) == (2, True), text
+
+
+def test_neither_java_nor_pyspark_is_asked_for_without_spark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("JAVA_HOME", "/nowhere")
+    monkeypatch.setitem(sys.modules, "pyspark", None)
+    _, text = run(tmp_path)
+    assert "Java" not in text
+    assert "PySpark" not in text
 
 
 def test_an_agent_that_does_not_start_is_reported_with_its_output(tmp_path: Path) -> None:
@@ -86,7 +96,7 @@ def test_an_agent_that_does_not_start_is_reported_with_its_output(tmp_path: Path
 def wanted(**changed: Any) -> module.Wanted:
     fields: dict[str, Any] = {
         "volumes": (), "results": None, "slots": None, "cases": (), "variants": (), "agent": "a",
-        "resume": False, "replace": False, "output": "table",
+        "resume": False, "replace": False, "spark": False, "output": "table",
     }  # fmt: skip
     return module.Wanted(**fields | changed)
 

@@ -68,7 +68,7 @@ class Clock:
 
 def test_a_log_gets_a_line_every_few_seconds_and_the_last_one() -> None:
     stream, clock = io.StringIO(), Clock()
-    with Showing(Console(file=stream), 2, clock) as showing:
+    with Showing(Console(file=stream), 2, clock=clock) as showing:
         showing.show(progress(phase="Planning", planned=0))
         for count in range(13):
             showing.show(progress(count, 13))
@@ -79,7 +79,7 @@ def test_a_log_gets_a_line_every_few_seconds_and_the_last_one() -> None:
         showing.show(progress(13, 13, "Complete"))
     lines = stream.getvalue().splitlines()
     assert lines[:2] == [
-        "starting Spark and 2 slots",
+        "starting 2 slots",
         "planning: reading the recordings' indexes",
     ]
     assert [text.split(" cases")[0] for text in lines[2:]] == ["5 of 13", "10 of 13", "13 of 13"]

@@ -6,7 +6,8 @@ from typing import Any
 
 from bagpipe.row_facts import OUTCOMES
 
-# The rate is that of the last minute: the first case waits for Spark, and long ones come first.
+# The rate is that of the last minute: the first case waits for its slot's start, and long ones
+# come first.
 _WINDOW_SECONDS = 60.0
 
 

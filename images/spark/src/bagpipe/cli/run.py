@@ -24,7 +24,7 @@ from bagpipe.cli.places import (
     volume_option,
 )
 from bagpipe.cli.results import describe, print_results
-from bagpipe.cli.running import RunError, run_here
+from bagpipe.cli.running import Driver, RunError, run_here
 from bagpipe.cli.showing import Showing
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.native import NativeModuleError, native
@@ -57,6 +57,7 @@ class Wanted:
     agent: str
     resume: bool
     replace: bool
+    spark: bool
     output: str
 
 
@@ -91,12 +92,14 @@ class Wanted:
 )
 @click.option("--resume", is_flag=True, help="Go on with an interrupted run of this folder.")
 @click.option("--replace", is_flag=True, help="Remove the folder's earlier run first.")
+@click.option("--spark", is_flag=True, help="Run the cases on a local Spark, as a cluster does.")
 @output_option
 def run_command(manifest: Path, **given: Any) -> None:
     """Run the SimulationJob in MANIFEST on this machine, without Kubernetes.
 
-    A local Spark, the agent and the stack run as processes of this machine, with the same planner,
-    player, judge and results as on a cluster. Images are not used: this machine must have what the
+    The agent, the stack and a process for each slot run on this machine, with the same planner,
+    player, judge and results as on a cluster; with --spark a local Spark is in the slots' place,
+    for which there must be Java and PySpark. Images are not used: this machine must have what the
     stack's image has, the command, and for ROS 1 a rosmaster, or for ROS 2 that it is sourced. Run
     it inside of that image, or where the stack is built. Where the job is goes to stderr; Ctrl-C
     ends all that was started.
@@ -145,8 +148,9 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
         labels=marks["labels"],
         annotations=marks["annotations"],
     )
-    with Showing(console, slots) as showing:
-        progress = run_here(job, agent, slots, wanted.cases, folder, showing.show)
+    with Showing(console, slots, wanted.spark) as showing:
+        driver = Driver(slots, wanted.cases, wanted.spark)
+        progress = run_here(job, agent, driver, folder, showing.show)
     results = results_at(str(folder), {})
     if not (folder / "manifest.json").exists():
         message = f"{progress['reason']}: {progress['message']}"
@@ -162,15 +166,8 @@ def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -
     program = agent_program(wanted.agent)
     if program is None:
         lacking.append(f"there is no {wanted.agent} on this machine: give --agent")
-    java = os.environ.get("JAVA_HOME")
-    if shutil.which("java", path=f"{java}/bin" if java else None) is None:
-        lacking.append("Spark needs Java 17 or newer: install a JRE, or set JAVA_HOME")
-    if importlib.util.find_spec("pyspark") is None:
-        lacking.append(
-            "PySpark is not installed: install bagpipe with its extra spark, as in"
-            " pip install './images/spark[cli,spark,storage]'"
-        )
-    # The driver would miss it only when Spark has started.
+    lacking += _spark_lacks() if wanted.spark else []
+    # The driver would miss it only when cases are planned.
     if spec.source.uris and source_fields(spec.source.kind).bags:
         try:
             native("TailError", "reading a bag")
@@ -179,6 +176,21 @@ def _checked(spec: SimulationJobSpec, volumes: dict[str, str], wanted: Wanted) -
     if lacking or program is None:
         raise RunError("\n".join(lacking))
     return program
+
+
+def _spark_lacks() -> list[str]:
+    lacking = []
+    java = os.environ.get("JAVA_HOME")
+    if shutil.which("java", path=f"{java}/bin" if java else None) is None:
+        lacking.append(
+            "Spark needs Java 17 or newer: install a JRE, or set JAVA_HOME; or leave --spark out"
+        )
+    if importlib.util.find_spec("pyspark") is None:
+        lacking.append(
+            "PySpark is not installed: leave --spark out, or install bagpipe with its extra spark,"
+            " as in pip install './images/spark[cli,spark,storage]'"
+        )
+    return lacking
 
 
 def _slots(spec: SimulationJobSpec) -> int:

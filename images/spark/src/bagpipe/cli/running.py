@@ -20,7 +20,7 @@ from bagpipe.run.laptop import die_with_parent, serving_agent
 from bagpipe.spec import JobFile
 
 _GLANCE_SECONDS = 0.2
-# A driver that was asked to end first cancels its cases, then ends Spark, which takes seconds.
+# A driver that was asked to end first cancels its cases, then a Spark, which takes seconds.
 _END_SECONDS = 40.0
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _ENDED_OF_ITSELF = (0, 1)
@@ -56,11 +56,28 @@ class Ending:
         self.count += 1
 
 
+@dataclass(frozen=True)
+class Driver:
+    """How a job's driver is started: slots, names or a number of the wanted cases (none: all), and
+    whether a local Spark runs them.
+    """
+
+    slots: int
+    wanted: Sequence[str] = ()
+    spark: bool = False
+
+    def command(self, job: Path, shared: Path) -> list[str]:
+        """Its words."""
+        words = [sys.executable, "-m", "bagpipe.driver.local", "--job", str(job)]
+        words += ["--shared", str(shared), "--slots", str(self.slots)]
+        words += ["--spark"] if self.spark else []
+        return words + [f"--cases={word}" for word in self.wanted]
+
+
 def run_here(
     job: JobFile,
     agent: str,
-    slots: int,
-    wanted: Sequence[str],
+    wanted: Driver,
     logs: Path,
     show: Callable[[ProgressReport], None],
 ) -> ProgressReport:
@@ -73,12 +90,9 @@ def run_here(
         shared, file = Path(scratch, "shared"), Path(scratch, "job.json")
         shared.mkdir()
         file.write_text(job.model_dump_json(by_alias=True))
-        command = [sys.executable, "-m", "bagpipe.driver.local", "--job", str(file)]
-        command += ["--shared", str(shared), "--slots", str(slots)]
-        command += [f"--cases={word}" for word in wanted]
         with (
-            serving_agent(agent, shared, logs / "agent.log", slots),
-            _driver(command, logs / "driver.log") as driver,
+            serving_agent(agent, shared, logs / "agent.log", wanted.slots),
+            _driver(wanted.command(file, shared), logs / "driver.log") as driver,
         ):
             progress = _followed(driver, ending, show)
     if ending.count and (progress is None or progress["phase"] not in ENDED):

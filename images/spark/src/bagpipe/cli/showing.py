@@ -16,11 +16,16 @@ class Showing:
     """Shows a driver's accounts while a block runs."""
 
     def __init__(
-        self, console: Console, slots: int, clock: Callable[[], float] = time.monotonic
+        self,
+        console: Console,
+        slots: int,
+        spark: bool = False,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._console = console
         self._clock = clock
-        self._first = f"starting Spark and {slots} {'slot' if slots == 1 else 'slots'}"
+        starting = "starting Spark and" if spark else "starting"
+        self._first = f"{starting} {slots} {'slot' if slots == 1 else 'slots'}"
         self._pace = Pace()
         self._status = console.status(self._first)
         self._shown = ("", 0.0)

@@ -11,21 +11,13 @@ from pyspark.accumulators import AccumulatorParam
 
 from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
+from bagpipe.driver.spark_gone import SparkGoneError
 from bagpipe.plan.case import Case
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 from bagpipe.run.ran_on import ran_on
 
 log = logging.getLogger(__name__)
-
-
-class SparkGoneError(Exception):
-    """Spark's JVM has ended, or has stopped its work, while cases were to run."""
-
-    def __init__(self) -> None:
-        super().__init__(
-            "Spark's Java process is gone or has stopped its work; what is done is in the journal"
-        )
 
 
 class _RowsParam(AccumulatorParam[list[Row]]):
