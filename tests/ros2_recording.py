@@ -8,10 +8,16 @@ from rosbags.typesys import Stores, get_typestore
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 IMU = "sensor_msgs/msg/Imu"
+# As rosbag2 writes it, which plays nothing with less.
 QOS = """- history: keep_last
   depth: 10
   reliability: reliable
   durability: volatile
+  deadline: {sec: 9223372036, nsec: 854775807}
+  lifespan: {sec: 9223372036, nsec: 854775807}
+  liveliness: automatic
+  liveliness_lease_duration: {sec: 9223372036, nsec: 854775807}
+  avoid_ros_namespace_conventions: false
 """
 BEGIN = 1_700_000_000_000_000_000
 
