@@ -9,7 +9,7 @@ import sys
 from functools import partial
 
 from bagpipe.driver import __main__ as driver
-from bagpipe.driver import spark_context
+from bagpipe.driver import job, spark_context
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.spark_context import DriverPod
 from bagpipe.run.case_run import RunContext
@@ -18,11 +18,11 @@ from bagpipe.spec import JobFile
 _job, _master, _shared, _seconds = sys.argv[1:]
 
 
-def settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
+def settings(of: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """The job's own settings, less Kubernetes."""
-    made = spark_context.spark_settings(job, pod, cases) | {
+    made = spark_context.spark_settings(of, pod, cases) | {
         "spark.master": _master,
-        "spark.cores.max": str(job.spec.spark.executors * job.spec.spark.slots),
+        "spark.cores.max": str(of.spec.spark.executors * of.spec.spark.slots),
         # Only Spark's Kubernetes backend makes the secret by itself.
         "spark.authenticate": "false",
         "spark.network.crypto.enabled": "false",
@@ -41,9 +41,9 @@ class PrintingJournal(Journal):
         super().remove()
 
 
+vars(job)["Journal"] = PrintingJournal
 vars(driver).update(
     PROGRESS_PORT=0,
-    Journal=PrintingJournal,
     RunContext=partial(RunContext, shared=_shared),
     spark_settings=settings,
 )
