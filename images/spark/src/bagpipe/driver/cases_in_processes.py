@@ -188,7 +188,7 @@ class _Pool:
                 self._busy.remove(worker)
             if row is not None:
                 return worker, row
-            # Another process: of this one nobody knows what it has left behind.
+            # Another process: what this one has left behind is not known.
             worker.kill()
             worker.end()
             worker = None
