@@ -23,6 +23,8 @@ static const char usage[] =
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
     "--threads N            threads that take and call\n"
+    "--meets-late-ms N      what it publishes so soon after it created a publisher reaches nobody, as\n"
+    "                       its middleware knows no subscription until then\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
     "--every-us N           and then one after the other, by a thread outside of callbacks\n"
     "--count-to FILE        where its own counts go at its end: lines of\n"
@@ -93,6 +95,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--threads")) asked.threads = atoi(text);
+  else if (!strcmp(option, "--meets-late-ms")) setenv(MEETS_LATE, text, 1);
   else if (!strcmp(option, "--count-to")) snprintf(asked.counts, sizeof asked.counts, "%s", text);
   else refuse("no option", option);
 }

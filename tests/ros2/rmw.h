@@ -117,6 +117,9 @@ int rmw_destroy_publisher(struct rmw_node *node, struct rmw_endpoint *publisher)
 int rmw_destroy_subscription(struct rmw_node *node, struct rmw_endpoint *subscription);
 int rmw_publisher_get_actual_qos(const struct rmw_endpoint *publisher, struct rmw_qos *into);
 int rmw_subscription_get_actual_qos(const struct rmw_endpoint *subscription, struct rmw_qos *into);
+/* For so many ms a new publisher knows no subscription, though these know it: one that matches late,
+ * as Fast DDS' do. */
+#define MEETS_LATE "STANDIN_MEETS_LATE_MS"
 int rmw_publisher_count_matched_subscriptions(const struct rmw_endpoint *publisher, size_t *into);
 int rmw_subscription_count_matched_publishers(const struct rmw_endpoint *subscription,
                                               size_t *into);

@@ -16,6 +16,7 @@ struct endpoint {
   dds_entity_t topic, entity, condition;
   const void *type; /* what messages are made with */
   struct rmw_qos qos;
+  dds_time_t meets; /* a publisher knows nobody before */
 };
 
 /* More than a graph of tests has. */

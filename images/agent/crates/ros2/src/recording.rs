@@ -1,22 +1,53 @@
 //! What is recorded: the topics that the player takes from, and the thread that hands it on.
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Incoming, Publisher, Sink};
+use bagpipe_ros2ledger::{Endpoint, EndpointId};
 use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
 use crate::account::Account;
-use crate::topic::Means;
+use crate::topic::{Means, UNREPORTED};
 
 /// How often the thread looks whether it must end.
 const GLANCE: Duration = Duration::from_millis(20);
 /// How long a message may come before its subscription is listed, which the same call does that
 /// makes it.
 const UNLISTED: Duration = Duration::from_secs(20);
+
+/// How many messages of a topic have come.
+#[derive(Debug, Default)]
+pub(crate) struct Arrivals {
+    handed: AtomicU64,
+    /// Messages that were waited for in vain: they are not waited for again.
+    given_up: AtomicU64,
+}
+
+impl Arrivals {
+    /// Messages that were handed to the sink.
+    pub(crate) fn handed(&self) -> u64 {
+        self.handed.load(Ordering::Acquire)
+    }
+
+    /// Whether so many have come, without those that were waited for in vain.
+    pub(crate) fn has_come(&self, due: u64) -> bool {
+        self.handed() + self.given_up.load(Ordering::Relaxed) >= due
+    }
+
+    /// Takes in that so many were due and waited for.
+    pub(crate) fn give_up(&self, due: u64) {
+        let missing = due.saturating_sub(self.handed());
+        self.given_up.fetch_max(missing, Ordering::Relaxed);
+    }
+
+    fn add(&self) {
+        self.handed.fetch_add(1, Ordering::Release);
+    }
+}
 
 /// A recorded topic.
 pub(crate) struct Input {
@@ -25,9 +56,10 @@ pub(crate) struct Input {
     pub(crate) qos: Qos,
     pub(crate) publisher: Publisher,
     link: u64,
-    /// Messages that were handed to the sink.
-    handed: AtomicU64,
+    pub(crate) arrivals: Arrivals,
     account: Mutex<Account>,
+    /// Publishers of the stack that have not reported that they know us: since when they are known.
+    strangers: Mutex<BTreeMap<EndpointId, Instant>>,
     /// Whose messages can't be recorded, as sentences.
     unrecordable: Mutex<BTreeSet<String>>,
     /// Nodes that publish it, as the graph has them: some may not count.
@@ -43,9 +75,17 @@ impl Input {
         self.unrecordable.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Messages that were handed to the sink.
-    pub(crate) fn handed(&self) -> u64 {
-        self.handed.load(Ordering::Acquire)
+    /// How many of the stack's publishers, which are there, may not know us yet, where `subscribed`
+    /// subscriptions of the stack are theirs as well. Of one that does not report whom it knows, or
+    /// that finds none of them, it is believed after a while.
+    pub(crate) fn strangers(&self, publishers: &[&Endpoint], subscribed: usize) -> usize {
+        let mut strangers = self.strangers.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = Instant::now();
+        let is_stranger = |one: &&&Endpoint| {
+            let reported = one.matched.is_some_and(|known| known as usize > subscribed);
+            !reported && now - *strangers.entry(one.id).or_insert(now) < UNREPORTED
+        };
+        publishers.iter().filter(is_stranger).count()
     }
 }
 
@@ -73,7 +113,8 @@ impl Inputs {
             qos,
             publisher,
             link: all.len() as u64,
-            handed: AtomicU64::new(0),
+            arrivals: Arrivals::default(),
+            strangers: Mutex::default(),
             account: Mutex::default(),
             unrecordable: Mutex::default(),
             others: Mutex::default(),
@@ -163,7 +204,7 @@ impl Inputs {
         };
         let Input { topic, publisher, link, .. } = &*input;
         sink.message(Incoming { topic, publisher, link: *link, data: received.data });
-        input.handed.fetch_add(1, Ordering::Release);
+        input.arrivals.add();
     }
 }
 
@@ -195,5 +236,24 @@ impl Drop for Receiving {
         if let Some(thread) = self.thread.take() {
             let _its_own_panic = thread.join();
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_waited_for_in_vain_is_not_waited_for_again_and_what_follows_is() {
+        let arrivals = Arrivals::default();
+        arrivals.add();
+        assert!(arrivals.has_come(1) && !arrivals.has_come(3));
+        arrivals.give_up(3);
+        assert!(arrivals.has_come(3) && !arrivals.has_come(4));
+        // The next one comes after all, so that none lacks that was not given up.
+        arrivals.add();
+        assert!(arrivals.has_come(4) && !arrivals.has_come(5));
+        arrivals.give_up(4);
+        assert!(!arrivals.has_come(5));
     }
 }

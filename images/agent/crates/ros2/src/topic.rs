@@ -19,8 +19,9 @@ use crate::qos::incompatible;
 const WINDOW: u64 = 1 << 20;
 /// How often somebody who waits asks whether to give up.
 const ASK: Duration = Duration::from_millis(20);
-/// A subscription whose process has not reported for so long whom it knows is believed to know us.
-const UNREPORTED: Duration = Duration::from_secs(2);
+/// A subscription or publisher whose process has not reported for so long whom it knows is believed
+/// to know us.
+pub(crate) const UNREPORTED: Duration = Duration::from_secs(2);
 /// How long we may take to know a subscription in place of another of the same node, at which the
 /// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
 const RENEWED: Duration = Duration::from_millis(300);
@@ -89,7 +90,12 @@ impl Look {
         nodes
     }
 
-    fn there<'l>(&'l self, kind: Kind, topic: &str) -> impl Iterator<Item = &'l Endpoint> {
+    /// The endpoints of a topic that are there.
+    pub(crate) fn there<'l>(
+        &'l self,
+        kind: Kind,
+        topic: &str,
+    ) -> impl Iterator<Item = &'l Endpoint> {
         let all = self.endpoints.iter().filter(move |one| one.kind == kind && !one.destroyed);
         all.filter(move |one| one.topic == topic && self.running.contains(&one.process))
     }

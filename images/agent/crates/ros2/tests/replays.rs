@@ -445,3 +445,15 @@ fn without_a_player_or_a_ledger_no_recording_is_whole() {
     let lacking = node.lacking();
     assert!(lacking[0].starts_with("what was published can't be known"), "{lacking:?}");
 }
+
+#[test]
+fn nothing_is_played_before_the_stacks_publishers_know_the_recorder() {
+    let late = [&RELAY[..], &["--meets-late-ms", "1700"]].concat();
+    for mode in [Mode::Max, Mode::Lockstep, Mode::Realtime] {
+        let scene = Scene::new();
+        let _relay = scene.start("standin_node", &late);
+        let ask = Ask { mode, drain: Duration::from_secs(4), ..DEFAULT };
+        let replayed = scene.play(&recording(&["/in"], 20, 50), &ask).unwrap();
+        assert_eq!(recorded(&replayed).len(), 20, "{mode:?}");
+    }
+}

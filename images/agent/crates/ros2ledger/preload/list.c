@@ -82,7 +82,7 @@ static bool list(struct ledger *ledger, uint32_t owner, const struct creation *o
   fill(endpoint, of, node);
   note_used(ledger, slot);
   bool known = address_put(of->address, slot);
-  if (known && of->kind == KIND_SUBSCRIPTION) matches_of(slot, of->address);
+  if (known) matches_of(slot, of->kind, of->address);
   uint32_t phase = known ? PHASE_LIVE : PHASE_DESTROYED;
   atomic_store(&endpoint->state, phase | owner << LEDGER_OWNER_SHIFT);
   return known;
@@ -112,7 +112,7 @@ void list_destroyed(const void *address) {
   struct ledger_endpoint *endpoint = listed(address, &slot);
   if (endpoint != NULL) {
     address_forget(slot);
-    matches_of(slot, NULL);
+    matches_of(slot, endpoint->kind, NULL);
     atomic_store(&endpoint->state, PHASE_DESTROYED | owner << LEDGER_OWNER_SHIFT);
     changed(ledger, EVENT_LISTED);
   }

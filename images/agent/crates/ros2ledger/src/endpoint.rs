@@ -131,8 +131,9 @@ pub struct Endpoint {
     pub destroyed: bool,
     /// Whether rclcpp hands it messages of its own process too, which are not taken.
     pub intra_process: bool,
-    /// Publishers that a subscription has matched, as its middleware says, when its process last
-    /// began to wait, or within 20 ms of a wait that goes on. `None` outside of
+    /// Publishers that a subscription has matched, or subscriptions that a publisher has, as its
+    /// middleware says, when its process last began to wait, or within 20 ms of a wait that goes on.
+    /// `None` outside of
     /// [`watch_matches`](crate::Ledger::watch_matches), and until its process has looked.
     pub matched: Option<u32>,
     /// What its counts prove; of a publisher, nothing about callbacks.

@@ -117,13 +117,13 @@ impl Ledger {
         self.slot(id).map(|_| counts)
     }
 
-    /// Has the nodes report how many publishers their subscriptions have matched, or no longer:
-    /// [`Endpoint::matched`] and [`Event::Matched`](crate::Event::Matched). Each watch begins
-    /// without figures.
+    /// Has the nodes report how many publishers their subscriptions have matched, and how many
+    /// subscriptions their publishers, or no longer: [`Endpoint::matched`] and
+    /// [`Event::Matched`](crate::Event::Matched). Each watch begins without figures.
     ///
     /// A player needs both: that its writer has matched the readers, which it knows itself, and
-    /// that they have matched it. Either may be the first, by milliseconds; what goes out before
-    /// both is lost to a volatile reader.
+    /// that they have matched it; so does a recorder of the writers. Either may be the first, by
+    /// milliseconds; what goes out before both is lost to a volatile reader.
     ///
     /// Meanwhile a node's waits are cut into pieces of 20 ms; it is asked all the same if it waits
     /// without end, unless it began to before the watch: then not until something wakes it. So

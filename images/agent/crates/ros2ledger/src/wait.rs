@@ -26,7 +26,8 @@ pub enum Event {
     Published,
     /// An endpoint was created or destroyed.
     Listed,
-    /// A subscription has matched another number of publishers, while these are watched.
+    /// A subscription or publisher has matched another number of the other kind, while these are
+    /// watched.
     Matched,
 }
 

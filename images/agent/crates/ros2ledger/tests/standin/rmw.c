@@ -95,13 +95,22 @@ int rmw_publisher_get_actual_qos(const void *publisher, struct qos *qos) {
   return 0;
 }
 
-int rmw_subscription_count_matched_publishers(const void *subscription, size_t *matched) {
-  const struct endpoint *of = subscription;
-  *matched = 0;
+static size_t on_topic(struct endpoint *list, const char *topic) {
+  size_t count = 0;
   pthread_mutex_lock(&lock);
-  for (struct endpoint *from = publishers; from != NULL; from = from->next)
-    *matched += strcmp(from->topic, of->topic) == 0;
+  for (struct endpoint *one = list; one != NULL; one = one->next)
+    count += strcmp(one->topic, topic) == 0;
   pthread_mutex_unlock(&lock);
+  return count;
+}
+
+int rmw_subscription_count_matched_publishers(const void *subscription, size_t *matched) {
+  *matched = on_topic(publishers, ((const struct endpoint *)subscription)->topic);
+  return 0;
+}
+
+int rmw_publisher_count_matched_subscriptions(const void *publisher, size_t *matched) {
+  *matched = on_topic(subscriptions, ((const struct endpoint *)publisher)->topic);
   return 0;
 }
 

@@ -53,6 +53,7 @@ int rmw_destroy_publisher(void *node, void *publisher);
 int rmw_subscription_get_actual_qos(const void *subscription, struct qos *qos);
 int rmw_publisher_get_actual_qos(const void *publisher, struct qos *qos);
 int rmw_subscription_count_matched_publishers(const void *subscription, size_t *publishers);
+int rmw_publisher_count_matched_subscriptions(const void *publisher, size_t *subscriptions);
 int rmw_publish(const void *publisher, const void *message, void *allocation);
 int rmw_publish_serialized_message(const void *publisher, const void *message, void *allocation);
 int rmw_publish_loaned_message(const void *publisher, void *message, void *allocation);

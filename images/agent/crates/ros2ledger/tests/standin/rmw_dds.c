@@ -104,6 +104,12 @@ int rmw_subscription_count_matched_publishers(const void *subscription, size_t *
   return matched < 0;
 }
 
+int rmw_publisher_count_matched_subscriptions(const void *publisher, size_t *subscriptions) {
+  int matched = dds_get_matched_subscriptions(((const struct endpoint *)publisher)->entity, NULL, 0);
+  *subscriptions = matched < 0 ? 0 : (size_t)matched;
+  return matched < 0;
+}
+
 int rmw_publish(const void *publisher, const void *message, void *allocation) {
   (void)allocation;
   return dds_write(((const struct endpoint *)publisher)->entity, message) < 0;
