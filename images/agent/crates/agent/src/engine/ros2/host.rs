@@ -19,7 +19,7 @@ use crate::case::{self, Case};
 use crate::engine::nodes::host::{Host, Occasion};
 use crate::engine::ros2::environment::{of_a_node, prefixes};
 use crate::engine::ros2::files::Files;
-use crate::engine::ros2::{parameters, roll};
+use crate::engine::ros2::{parameters, roll, transports};
 use crate::engine::task::Task;
 use crate::stack::Variables;
 use crate::stack::nodes::{Found, Known};
@@ -133,6 +133,11 @@ impl Host for Ros2Host<'_> {
 
     fn meet(&self, occasion: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure> {
         let environment = of_a_node(&self.ledger, occasion)?;
+        let environment =
+            transports::with_transports(environment, &self.folder).map_err(|error| {
+                let folder = self.folder.display();
+                Failure::new("Internal", format!("cannot write into {folder}: {error}"))
+            })?;
         let ros2 = Ros2::start(Ros2Options {
             ledger: Arc::clone(&self.ledger),
             program: self.files.program.clone(),

@@ -7,3 +7,4 @@ mod files;
 pub(crate) mod host;
 mod parameters;
 mod roll;
+mod transports;
