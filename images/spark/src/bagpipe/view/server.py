@@ -1,0 +1,101 @@
+"""Serves one file to viewers in a browser of this machine, in the ranges that they ask for."""
+
+import http.server
+import re
+import urllib.parse
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+_RANGE = re.compile(r"bytes=(\d+)-(\d*)")
+_PIECE = 1 << 20
+# Who waits for a slow reader waits no longer.
+_SECONDS = 60
+
+
+class FileServer(http.server.ThreadingHTTPServer):
+    """On 127.0.0.1 at a free port; any page may read the file, and nothing else is there."""
+
+    daemon_threads = True
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        super().__init__(("127.0.0.1", 0), _Handler)
+
+    @property
+    def url(self) -> str:
+        """Where the file is."""
+        return f"http://127.0.0.1:{self.server_port}/{urllib.parse.quote(self.file.name)}"
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    server: FileServer
+    protocol_version = "HTTP/1.1"
+    timeout = _SECONDS
+
+    def do_OPTIONS(self) -> None:
+        self._head(204, 0)
+
+    def do_HEAD(self) -> None:
+        self._answer(with_body=False)
+
+    def do_GET(self) -> None:
+        self._answer(with_body=True)
+
+    def _answer(self, *, with_body: bool) -> None:
+        if self.path.partition("?")[0] != urllib.parse.urlsplit(self.server.url).path:
+            self._head(404, 0)
+            return
+        size = self.server.file.stat().st_size
+        begin, end = _range(self.headers.get("Range"), size)
+        if begin >= end:
+            self._head(416, 0, {"Content-Range": f"bytes */{size}"})
+            return
+        if self.headers.get("Range"):
+            self._head(206, end - begin, {"Content-Range": f"bytes {begin}-{end - 1}/{size}"})
+        else:
+            self._head(200, size)
+        if with_body:
+            self._send(begin, end)
+
+    def _send(self, begin: int, end: int) -> None:
+        with self.server.file.open("rb") as file:
+            file.seek(begin)
+            while begin < end:
+                piece = file.read(min(_PIECE, end - begin))
+                self.wfile.write(piece)
+                begin += len(piece)
+
+    def _head(self, status: int, length: int, more: dict[str, str] | None = None) -> None:
+        self.send_response(status)
+        fixed = {
+            "Accept-Ranges": "bytes",
+            "Access-Control-Allow-Headers": "Range",
+            "Access-Control-Allow-Origin": "*",
+            "Access-Control-Expose-Headers": "Accept-Ranges, Content-Length, Content-Range",
+            "Content-Length": str(length),
+            "Content-Type": "application/octet-stream",
+        }
+        for name, value in (fixed | (more or {})).items():
+            self.send_header(name, value)
+        self.end_headers()
+
+    def log_message(self, *_args: Any) -> None:
+        """A browser's many requests are no news."""
+
+
+def _range(asked: str | None, size: int) -> tuple[int, int]:
+    """First byte and the one behind the last; all of it where no range was asked for."""
+    found = _RANGE.fullmatch(asked or "")
+    if found is None:
+        return 0, size
+    begin, last = int(found[1]), found[2]
+    return begin, min(int(last) + 1, size) if last else size
+
+
+def foxglove_link(url: str, time: int) -> str:
+    """The page of Foxglove that shows a file at a URL from a time, in ns since 1970."""
+    seconds, rest = divmod(time, 1_000_000_000)
+    at = f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest:09d}Z"
+    query = {"ds": "remote-file", "ds.url": url, "time": at}
+    return f"https://app.foxglove.dev/~/view?{urllib.parse.urlencode(query)}"
