@@ -36,8 +36,9 @@ class Placed:
         if "*" in path:
             path = path.rpartition("/")[0]
         stem = re.sub(r"[.](bag|mcap)$", "", path.rpartition("/")[2])
-        plain = re.sub(r"[^a-z0-9]+", "-", stem.lower())[:_LONGEST_NAME].strip("-")
-        return plain if plain[:1].isalpha() else f"job-{plain}".strip("-")
+        plain = re.sub(r"[^a-z0-9]+", "-", stem.lower()).strip("-")
+        name = plain if plain[:1].isalpha() else f"job-{plain}"
+        return name[:_LONGEST_NAME].strip("-")
 
 
 def placed(recordings: Sequence[str], volumes: dict[str, str]) -> Placed:

@@ -14,6 +14,8 @@ MOST_TOPICS = 500
 MOST_OUTPUTS = 30
 _NAME = re.compile(r"(?:/[A-Za-z0-9_-]+)+")
 _LONGEST_NAME = 256
+_JOB_NAME = re.compile(r"[a-z]([-a-z0-9]*[a-z0-9])?")
+_LONGEST_JOB_NAME = 40
 # Lengths of a fragment in seconds, of which the longest is taken that keeps within the bytes.
 _LENGTHS = (60, 20, 10, 5, 2, 1)
 _FRAGMENT_BYTES = 256 << 20
@@ -26,6 +28,8 @@ _STEP_BYTES = 256 << 20
 _LONGEST_AGE = 60 * 10**9
 _LATEST_STAMP = 10**6
 _LEAST_AGES = 5
+# A busy machine is no fault of the stack: closer bounds are for those who know it.
+_LEAST_GAP, _LEAST_LATENCY_MS = 0.25, 100
 _MS = 10**6
 
 
@@ -152,6 +156,11 @@ def is_name(topic: str) -> bool:
 
 
 def _check_names(asked: Asked, topics: dict[str, Topic]) -> None:
+    if not _JOB_NAME.fullmatch(asked.name) or len(asked.name) > _LONGEST_JOB_NAME:
+        raise ProposalError(
+            f"--name {ascii(asked.name)} is no job's name: write small letters, digits and hyphens,"
+            " such as lane-keeping"
+        )
     for option, names in (("--input", asked.inputs), ("--output", asked.outputs)):
         for name in names:
             if not is_name(name):
@@ -280,8 +289,10 @@ def _of_rates(
     limit = {"topic": topic.name, "min": _floor(0.8 * course.slowest)}
     why = f"80 % of the slowest of {course.fragments} fragments, {course.slowest:.3g}"
     found.append(ProposedCriterion({"name": f"{label} rate", "rate": limit}, why))
-    limit = {"topic": topic.name, "min": _floor(0.5 / course.longest_gap), "over": "worst"}
-    why = f"no gap longer than twice the recorded one, {course.longest_gap:.3g} s"
+    allowed = max(_LEAST_GAP, 3 * course.longest_gap)
+    limit = {"topic": topic.name, "min": _floor(1 / allowed), "over": "worst"}
+    why = f"no gap longer than {allowed:.3g} s; the longest that was recorded is"
+    why += f" {course.longest_gap:.3g} s"
     found.append(ProposedCriterion({"name": f"{label} gap", "rate": limit}, why))
 
 
@@ -301,7 +312,7 @@ def _of_latency(
         )
         return
     recorded = percentile(ages, 0.99)
-    most = max(20, _ceil(2 * recorded / _MS))
+    most = max(_LEAST_LATENCY_MS, _ceil(2 * recorded / _MS))
     found.append(
         ProposedCriterion(
             {"name": f"{label} latency", "latency": {"topic": topic.name, "max": f"{most}ms"}},

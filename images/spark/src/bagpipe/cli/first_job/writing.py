@@ -65,7 +65,7 @@ def manifest(proposal: Proposal, recordings: Recordings, beside: Written) -> str
 
 
 def _head(beside: Written) -> Iterator[str]:
-    yield "# Written by `bagpipe init` from what the recordings show. Lines with CHANGE are guesses,"
+    yield "# Written by `bagpipe init` from what recordings show. Lines with CHANGE are guesses,"
     yield "# or what no recording shows."
     yield "#"
     for line in beside.how:
