@@ -23,7 +23,7 @@ from tests.unit.crds.offline import refusals
 CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
 SCHEMA = yaml.safe_load(CRD.read_text())["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
 # What the API server adds to every schema.
-SCHEMA["properties"] |= dict.fromkeys(("apiVersion", "kind"), {"type": "string"})
+SCHEMA["properties"] |= {name: {"type": "string"} for name in ("apiVersion", "kind")}
 SCHEMA["properties"]["metadata"] = {"type": "object"}
 SECOND = 1_000_000_000
 
@@ -153,7 +153,7 @@ def test_criteria_say_what_the_recording_shows(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stamp", "why"),
     [
-        (lambda t: 0, "recorded stamps are no times of the recording"),
+        (lambda _: 0, "recorded stamps are no times of the recording"),
         (lambda t: t + 2_000_000, "recorded stamps are no times of the recording"),
         (lambda t: t - 61 * SECOND, "recorded stamps are no times of the recording"),
     ],

@@ -158,7 +158,7 @@ def is_name(topic: str) -> bool:
 def _check_names(asked: Asked, topics: dict[str, Topic]) -> None:
     if not _JOB_NAME.fullmatch(asked.name) or len(asked.name) > _LONGEST_JOB_NAME:
         raise ProposalError(
-            f"--name {ascii(asked.name)} is no job's name: write small letters, digits and hyphens,"
+            f"--name {asked.name!a} is no job's name: write small letters, digits and hyphens,"
             " such as lane-keeping"
         )
     for option, names in (("--input", asked.inputs), ("--output", asked.outputs)):
