@@ -22,6 +22,7 @@ def main() -> None:
 # Each by its command in the module of its name, and in so few words that a list cuts none.
 for name, command, short_help in (
     ("init", "init_command", "Write a job for recordings."),
+    ("doctor", "doctor_command", "Show what is missing for jobs."),
     ("plan", "plan_command", "Show the cases that a job would run."),
     ("run", "run_command", "Run a job on this machine, without a cluster."),
     ("submit", "submit_command", "Create a job in the cluster."),
