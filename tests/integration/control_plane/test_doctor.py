@@ -1,7 +1,6 @@
-"""`bagpipe doctor` against a real API server: as an administrator, and as people with few rights."""
+"""`bagpipe doctor` against a real API server: as an administrator, and with few rights."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,14 +17,16 @@ from tests.integration.control_plane.server import ControlPlane
 pytestmark = pytest.mark.integration
 
 RBAC = "/apis/rbac.authorization.k8s.io/v1"
-Doctor = Callable[..., tuple[int, dict[str, Object]]]
+
+
+def a_whole_job() -> Object:
+    return {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"} | a_job("lane")
 
 
 @pytest.fixture
 def manifest(tmp_path: Path) -> Path:
     path = tmp_path / "job.yaml"
-    job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"} | a_job("lane")
-    path.write_text(yaml.safe_dump(job))
+    path.write_text(yaml.safe_dump(a_whole_job()))
     return path
 
 
@@ -114,7 +115,7 @@ def test_a_namespace_that_nobody_made_fit(
 def test_names_that_a_job_has_are_looked_for_without_their_values(
     control_plane: ControlPlane, admin: Client, namespace: str, tmp_path: Path
 ) -> None:
-    job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"} | a_job("lane")
+    job = a_whole_job()
     job["spec"]["storage"] = {"secrets": ["there", "gone"]}
     job["spec"]["spark"] = {"executor": {"pod": {"priorityClassName": "nobody-s"}}}
     (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
@@ -133,7 +134,7 @@ def test_names_that_a_job_has_are_looked_for_without_their_values(
 def test_a_job_that_the_api_server_refuses_is_shown_with_its_faults(
     control_plane: ControlPlane, namespace: str, tmp_path: Path
 ) -> None:
-    job = {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"} | a_job("lane")
+    job = a_whole_job()
     job["metadata"]["name"] = "a-name-of-more-than-forty-letters-for-one-job"
     (tmp_path / "job.yaml").write_text(yaml.safe_dump(job))
     status, found = asked(control_plane.kubeconfig, str(tmp_path / "job.yaml"), "-n", namespace)

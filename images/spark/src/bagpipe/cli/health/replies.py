@@ -17,7 +17,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """HTTP's status, 0 where there was no answer; the object, and why not, in the server's words."""
+    """HTTP's status, 0 where there was no answer; the object, or why not, as the server says."""
 
     status: int
     body: Json = field(default_factory=dict)
