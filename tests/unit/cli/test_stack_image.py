@@ -75,9 +75,9 @@ def test_a_folder_of_an_image_is_read_through_its_indexes(tmp_path: Path, packed
     jazzy = layer("./opt/ros/jazzy/setup.bash", "./opt/ros/jazzy/bin/ros2")
     found = look_at(str(layout(tmp_path, [packed(jazzy)])))
     assert found.files == Files(False, True, False, ("jazzy",))
-    said = found.sentences("ros2")
-    assert "Found: ROS 2." in said
-    assert any(each.startswith("MISSING: /ros_entrypoint.sh: write a command") for each in said)
+    shown = found.sentences("ros2")
+    assert "Found: ROS 2." in shown
+    assert any(each.startswith("MISSING: /ros_entrypoint.sh: write a command") for each in shown)
     assert any(each.startswith("MISSING: rosmaster") for each in found.sentences("ros1"))
 
 

@@ -241,5 +241,5 @@ def _show(findings: list[Finding], console: Console) -> None:
 
 
 def _plain(text: str) -> str:
-    """What a server said, without what a terminal would obey."""
+    """What a server wrote, without what a terminal would obey."""
     return "".join(letter if letter.isprintable() else " " for letter in text)
