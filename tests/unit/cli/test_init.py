@@ -153,9 +153,9 @@ def test_criteria_say_what_the_recording_shows(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("stamp", "why"),
     [
-        (lambda _: 0, "recorded stamps are no times of the recording"),
-        (lambda t: t + 2_000_000, "recorded stamps are no times of the recording"),
-        (lambda t: t - 61 * SECOND, "recorded stamps are no times of the recording"),
+        (lambda _: 0, r"a recorded stamp is 1\d\d s earlier than its receipt"),
+        (lambda t: t + 2_000_000, "a recorded stamp is 0.002 s later than its receipt"),
+        (lambda t: t - 61 * SECOND, "a recorded stamp is 61 s earlier than its receipt"),
     ],
     ids=["empty", "later than the receipt", "of another time"],
 )
@@ -164,7 +164,7 @@ def test_stamps_that_can_t_be_true_make_no_criterion(tmp_path: Path, stamp: Any,
     bag = stamped(tmp_path / "a.bag", {"/out": [(t, stamp(t)) for t in times]})
     done = init(bag, "--output", "/out")
     assert [each["name"] for each in done.spec["evaluate"]] == ["out rate", "out gap"]
-    assert f"# /out: {why}" in done.stdout
+    assert re.search(f"# /out: {why}: the clocks differ", done.stdout)
 
 
 def test_an_output_that_is_silent_in_a_fragment_has_no_rate(tmp_path: Path) -> None:

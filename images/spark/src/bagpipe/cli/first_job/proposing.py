@@ -305,10 +305,11 @@ def _of_latency(
         without.append(f"{topic.name}: {reason}, so no latency is demanded")
         return
     if min(ages) < -_LATEST_STAMP or max(ages) > _LONGEST_AGE:
+        worst = max(ages) if max(ages) > _LONGEST_AGE else min(ages)
+        side = "earlier" if worst > 0 else "later"
         without.append(
-            f"{topic.name}: recorded stamps are no times of the recording (from"
-            f" {-max(ages) / 1e9:.3g} to {-min(ages) / 1e9:.3g} s beside the receipt), so no"
-            " latency is demanded"
+            f"{topic.name}: a recorded stamp is {abs(worst) / 1e9:.3g} s {side} than its receipt:"
+            " the clocks differ, so no latency is demanded"
         )
         return
     recorded = percentile(ages, 0.99)
