@@ -29,6 +29,8 @@ for name, command, short_help in (
     ("watch", "watch_command", "Follow a job in the cluster to its end."),
     ("logs", "logs_command", "Show what was written in a case of a job."),
     ("results", "results_command", "Show the verdict of a job, and its cases."),
+    ("list", "list_command", "List the results below a folder."),
+    ("delete", "delete_command", "Remove the results of a job."),
     ("compare", "compare_command", "Compare two jobs' results, case by case."),
     ("report", "report_command", "Make the HTML page of a job's results."),
     ("replay", "replay_command", "Run a case of a job again on this machine."),

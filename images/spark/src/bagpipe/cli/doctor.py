@@ -18,6 +18,7 @@ from bagpipe.cli.health.needs import Needs, needs_of
 from bagpipe.cli.health.replies import Answer, Question
 from bagpipe.cli.manifest import ManifestError, read_job, read_object
 from bagpipe.cli.places import RefusedError, output_option, print_as
+from bagpipe.cli.terminal import plain
 from bagpipe.spec import SimulationJobSpec
 
 _API = "/apis/sim.bagpipe.io/v1alpha1"
@@ -233,13 +234,8 @@ def _show(findings: list[Finding], console: Console) -> None:
         )
         table.add_row(
             escape(each.part),
-            escape(_plain(each.what)),
+            escape(plain(each.what)),
             f"[{colour}]{state}[/]",
-            escape(_plain(text)),
+            escape(plain(text)),
         )
     console.print(table)
-
-
-def _plain(text: str) -> str:
-    """What a server wrote, without what a terminal would obey."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
