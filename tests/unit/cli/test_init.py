@@ -13,8 +13,10 @@ from rosbags.typesys import Stores, get_typestore
 
 from bagpipe.cli.__main__ import main
 from bagpipe.cli.first_job.facts import Looked, Recordings, Stretch
+from bagpipe.cli.first_job.looking import Bounds, Looking
 from bagpipe.cli.first_job.proposing import fragment_length
 from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
 from tests.rosbag2_folders import FORMS, Form, drive, folder
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 from tests.unit.bagpipe.mcap_records import channel, mcap
@@ -387,6 +389,38 @@ def test_times_of_centuries_are_written_and_take_no_time(tmp_path: Path) -> None
     done = init(tmp_path / "a.mcap", "--output", "/scan")
     assert done.status == 0, done.stderr
     assert done.spec["source"]["fragment"] == {"length": "60s", "warmUp": "2s"}
+
+
+def test_a_credential_in_a_uri_is_refused_and_not_repeated() -> None:
+    for uri in ("s3://AKIA:hunter2@bucket/a.bag", "https://a/b.bag?sig=hunter2"):
+        done = init(uri)
+        assert (done.status, "hold no credential" in done.stderr) == (2, True)
+        assert "hunter2" not in done.stderr
+
+
+def test_the_time_for_looking_ends_and_what_was_seen_counts(tmp_path: Path) -> None:
+    for number in range(3):
+        write_bag(tmp_path / f"{number}.bag", steady("/scan", 10, 50_000_000))
+    moments = iter(range(100))
+    bounds = Bounds(seconds=2.5, clock=lambda: float(next(moments)))
+    uris = [f"pvc://recordings/{number}.bag" for number in range(3)]
+    storage = Storage({"recordings": str(tmp_path)})
+    found = Looking(storage, ("/scan",), bounds).into(uris, fragment_length)
+    # The clock is asked when it begins, before the sample of each, and before the next.
+    assert ([each.uri for each in found.looked], found.named) == (uris[:2], 3)
+    assert found.looked[0].topics["/scan"].sample.messages == 10
+    assert found.looked[1].topics["/scan"].sample.messages == 0
+    assert found.course("/scan") is None
+
+
+def test_a_folder_of_many_files_is_described_by_its_metadata(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder(tmp_path / "drive", Form("mcap"), [drive(10), drive(10), drive(10)])
+    monkeypatch.setattr("bagpipe.cli.first_job.looking._MOST_FILES", 2)
+    done = init(tmp_path / "drive")
+    assert (done.status, "by its metadata.yaml" in done.stdout) == (0, True)
+    assert re.search(r"#\s+\S+\s+15\s+-  /a  std_msgs", done.stdout)
 
 
 def test_large_chunks_make_short_fragments() -> None:

@@ -18,11 +18,13 @@ from bagpipe.cli.places import RefusedError, folders, volume_option
 from bagpipe.native import NativeModuleError, native
 from bagpipe.source.bags.expanding import recordings as named_by
 from bagpipe.spec import SimulationJobSpec
-from bagpipe.storage import Storage, StorageError
+from bagpipe.storage import Patience, Storage, StorageError
 
 # What a job names (spec.source.bags).
 _MOST_BAGS = 1000
 _LONGEST_SENTENCE = 600
+# Somebody waits at a terminal.
+_PATIENCE = Patience(request_seconds=15.0, tries=3)
 
 
 @click.command("init")
@@ -107,7 +109,7 @@ def _proposed(
             f"{len(places.bags)} recordings are named, and a job names at most {_MOST_BAGS}: write"
             " a pattern in quotes, such as 'drives/*.bag', or their folder"
         )
-    storage = Storage(places.volumes)
+    storage = Storage(places.volumes, _PATIENCE)
     uris, missing = named_by(places.bags, storage)
     found = Looking(storage, outputs).into(uris, fragment_length)
     found.refused.extend(bag.message for bag in missing)

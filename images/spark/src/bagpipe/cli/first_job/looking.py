@@ -34,8 +34,10 @@ _SECOND = 1_000_000_000
 # Of one request for an index. That of a bag of a terabyte has some 50 MB; whoever wrote a greater
 # place into a bag's head would have the whole bag read.
 _MOST_INDEX_BYTES = 256 << 20
-# Of a folder's files that have no index: below it they are read whole.
-_MOST_WHOLE_BYTES = 64 << 20
+# Of a folder's files that have no index: below it they are read whole. Compressed ones grow.
+_MOST_WHOLE_BYTES, _MOST_PACKED_BYTES = 64 << 20, 8 << 20
+# Of a folder: each takes requests of its own.
+_MOST_FILES = 200
 # Messages whose times are read, and chunks: each is a request, where there is no file.
 _MOST_TIMES = 2_000_000
 _MOST_CHUNKS, _MOST_REMOTE_CHUNKS = 4_000, 64
@@ -121,10 +123,12 @@ class Looking:
 
     def _folder(self, uri: str) -> "_Opened":
         metadata = read_metadata(uri, self.storage)
-        sizes = [self.storage.size(each) for each in metadata.files[:_MOST_CHUNKS]]
+        sizes = [self.storage.size(each) for each in metadata.files[:_MOST_FILES]]
         remote = not uri.startswith(("file://", "pvc://"))
         kind = f"folder of rosbag2 ({metadata.storage})"
-        if not metadata.by_ranges and sum(sizes) > _MOST_WHOLE_BYTES:
+        most = _MOST_PACKED_BYTES if metadata.compressed == "file" else _MOST_WHOLE_BYTES
+        large = sum(sizes) > most and not metadata.by_ranges
+        if large or len(metadata.files) > _MOST_FILES:
             return _Opened(kind, sum(sizes), metadata=metadata, remote=remote)
         folder = Rosbag2(metadata, self.storage)
 
@@ -148,7 +152,7 @@ class Looking:
         start = min(chunk.start_time for chunk in tail.chunks)
         end = max(chunk.end_time for chunk in tail.chunks)
         sampled = Sampled({}, None) if self._late() else opened.sampled()
-        packed = {opened.compression(chunk) for chunk in tail.chunks[:3]} != {"none"}
+        packed = any(_is_packed(opened, chunk) for chunk in tail.chunks[:3])
         return Looked(
             uri,
             opened.kind,
@@ -194,6 +198,13 @@ class Looking:
             for number, topic in ids.items():
                 times[topic] += found.get(number, [])
         return times
+
+
+def _is_packed(opened: "_Opened", chunk: Chunk) -> bool:
+    try:
+        return opened.compression(chunk) != "none"
+    except BagError:  # a damaged chunk: whoever plays it says what is wrong
+        return True
 
 
 def _no_sample() -> Sampled:

@@ -8,12 +8,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from pydantic import TypeAdapter, ValidationError
+
 from bagpipe.plan.rosbag2 import METADATA
 from bagpipe.storage import StorageError
+from bagpipe.texts import BagUri
 
 CLAIM = "recordings"
 _PATTERNS = ("*.bag", "*.mcap", f"*/{METADATA}")
 _LONGEST_NAME = 40
+_URI: TypeAdapter[str] = TypeAdapter(BagUri)
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,8 @@ def placed(recordings: Sequence[str], volumes: dict[str, str]) -> Placed:
 
     Raises StorageError for what is not there or can't be named.
     """
+    for each in filter(_is_uri, recordings):
+        _check(each)
     paths = [_path(each) for each in recordings if not _is_uri(each)]
     known = dict(volumes)
     outside = [path for path in paths if _claim_of(path, volumes) is None]
@@ -64,6 +70,15 @@ def placed(recordings: Sequence[str], volumes: dict[str, str]) -> Placed:
     ]
     used = {uri.removeprefix("pvc://").split("/", 1)[0] for uri in bags if uri.startswith("pvc://")}
     return Placed(list(dict.fromkeys(bags)), {c: f for c, f in known.items() if c in used})
+
+
+def _check(uri: str) -> None:
+    """A URI that no job can have is not asked for, and what may be a credential not repeated."""
+    try:
+        _URI.validate_python(uri)
+    except ValidationError as error:
+        fault = error.errors(include_url=False, include_input=False, include_context=False)[0]
+        raise StorageError(fault["msg"].removeprefix("Value error, ")) from None
 
 
 def _is_uri(recording: str) -> bool:
