@@ -259,7 +259,10 @@ def test_what_a_job_needs() -> None:
         "image": "i",
         "command": ["c"],
         "env": [{"name": "A", "valueFrom": {"secretKeyRef": key}}],
-        "envFrom": [{"configMapRef": {"name": "settings"}}],
+        "envFrom": [
+            {"configMapRef": {"name": "settings"}},
+            {"secretRef": {"name": "may-lack", "optional": True}},
+        ],
         "resources": {"requests": {"cpu": "2"}, "limits": {"memory": "3Gi"}},
         "securityContext": {"runAsNonRoot": False, "runAsUser": 0},
     }

@@ -1,5 +1,6 @@
 """`bagpipe init`: what is written is a job that is taken as it is, whatever the recording says."""
 
+import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -237,7 +238,10 @@ def test_odd_names_of_files_are_found_again(tmp_path: Path, name: str) -> None:
     write_bag(tmp_path / "a 1.bag", steady("/scan", 10, 50_000_000))
     done = init(tmp_path / name)
     assert done.status == 0, done.stderr
-    assert "1 cases: 1 fragments" in planned(tmp_path, done.stdout, tmp_path).stdout
+    (tmp_path / "job.yaml").write_text(done.stdout)
+    words = ["plan", str(tmp_path / "job.yaml"), "--volume", f"recordings={tmp_path}"]
+    made = json.loads(CliRunner().invoke(main, [*words, "--output", "json"]).stdout)
+    assert [each["bag"] for each in made["cases"]] == [f"pvc://recordings/{name}"]
 
 
 def test_a_bag_of_ten_thousand_topics(tmp_path: Path) -> None:
@@ -381,6 +385,18 @@ def test_a_large_database_is_described_by_its_metadata(
     # 20 in 3.901 s; when they came is not known.
     assert done.spec["evaluate"][0] == {"name": "a rate", "rate": {"topic": "/a", "min": 2.5}}
     assert "half of the recorded mean, 5.13: when they came was not read" in done.stdout
+
+
+def test_fragments_without_end_are_not_cut_to_see_when_outputs_came(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # 900,000 fragments of 60 s, for each of which six chunks would be looked at.
+    times = [SECOND, 900_000 * 60 * SECOND]
+    (tmp_path / "a.mcap").write_bytes(mcap([{0: times}] * 6, [channel(0, "/scan")]))
+    monkeypatch.setattr("bagpipe.cli.first_job.looking.cut", None)
+    done = init(tmp_path / "a.mcap", "--output", "/scan")
+    assert done.status == 0, done.stderr
+    assert "when they came was not read" in done.stdout
 
 
 def test_times_of_centuries_are_written_and_take_no_time(tmp_path: Path) -> None:
