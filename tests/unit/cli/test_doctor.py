@@ -11,6 +11,7 @@ import yaml
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
+from bagpipe.cli.doctor import in_namespace
 from bagpipe.cli.health import cluster
 from bagpipe.cli.health.finding import Finding, status_of
 from bagpipe.cli.health.machine import Seen, free_memory, java_version, of_machine
@@ -383,6 +384,19 @@ def test_a_cluster_that_never_answers_ends_with_2(tmp_path: Path) -> None:
     found = [each for each in json.loads(done.stdout) if each["part"] == "cluster"]
     assert [each["state"] for each in found] == ["unknown"]
     assert "context lab does not answer" in found[0]["found"]
+
+
+@pytest.mark.parametrize(
+    ("name", "path"),
+    [
+        ("robots", "/api/namespaces/robots"),
+        ("a/pods?watch=1&x=", "/api/namespaces/a%2Fpods%3Fwatch%3D1%26x%3D"),
+        ("..", "/api/namespaces/%2E%2E"),
+        ("a#b", "/api/namespaces/a%23b"),
+    ],
+)
+def test_a_name_changes_no_other_part_of_a_path(name: str, path: str) -> None:
+    assert in_namespace("/api", name) == path
 
 
 def test_a_manifest_that_is_none_is_refused(tmp_path: Path) -> None:

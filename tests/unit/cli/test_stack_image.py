@@ -117,6 +117,23 @@ def test_what_can_t_be_unpacked_is_unknown_and_not_missing(tmp_path: Path) -> No
         assert not any("MISSING" in each for each in found.sentences("ros1"))
 
 
+def test_names_without_end_and_files_without_number_are_no_image(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flood = tarfile.TarInfo("././@LongLink")
+    flood.type, flood.size = tarfile.GNUTYPE_LONGNAME, 2 << 30
+    # In a layer it is a fault of that, and in the archive of the whole.
+    found = look_at(str(saved(tmp_path / "a.tar", [layer(*NOETIC), flood.tobuf() + bytes(1024)])))
+    assert "a member's name has 2,147,483,648 bytes" in found.unseen[0]
+    (tmp_path / "b.tar").write_bytes(flood.tobuf() + bytes(1024))
+    with pytest.raises(ImageError, match="a member's name has 2,147,483,648 bytes"):
+        look_at(str(tmp_path / "b.tar"))
+    monkeypatch.setattr(stack_image, "_MOST_FILES", 3)
+    many = saved(tmp_path / "c.tar", [layer("a"), layer("b")])
+    with pytest.raises(ImageError, match="it has more than 3 files"):
+        look_at(str(many))
+
+
 def test_a_layer_that_never_ends_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +151,7 @@ def test_a_layer_that_never_ends_is_given_up(
 @pytest.mark.parametrize(
     "manifest",
     [
-        b"{}", b"[]", b"[{}]", b"no json", b'[{"Config": 1, "Layers": []}]',
+        b"{}", b"[]", b"[{}]", b"[3]", b"[" * 100_000, b"no json", b'[{"Config": 1, "Layers": []}]',
         b'[{"Config": "../../etc/passwd", "Layers": []}]', b'[{"Config": "c", "Layers": null}]',
     ],
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import click
 from rich.console import Console
@@ -131,7 +132,7 @@ class _Asked:
         return found, True
 
     def _questions(self, namespace: str) -> dict[str, Question]:
-        inside = f"/api/v1/namespaces/{namespace}"
+        inside = in_namespace("/api/v1", namespace)
         review = {"verb": "create", "namespace": namespace, "resource": "simulationjobs"}
         review["group"] = "sim.bagpipe.io"
         return {
@@ -147,37 +148,41 @@ class _Asked:
                 },
             ),
             "operator": Question(
-                f"/apis/apps/v1/namespaces/{self._home}/deployments"
+                f"{in_namespace('/apis/apps/v1', self._home)}/deployments"
                 "?labelSelector=app.kubernetes.io%2Fname%3Dbagpipe-operator&limit=10"
             ),
-            "jobs": Question(f"{_API}/namespaces/{namespace}/simulationjobs?limit=20"),
+            "jobs": Question(f"{in_namespace(_API, namespace)}/simulationjobs?limit=20"),
             "bagpipe-driver": Question(f"{inside}/serviceaccounts/bagpipe-driver"),
             "bagpipe-executor": Question(f"{inside}/serviceaccounts/bagpipe-executor"),
             "quota": Question(f"{inside}/resourcequotas?limit=100"),
             "policies": Question(
-                f"/apis/networking.k8s.io/v1/namespaces/{namespace}/networkpolicies?limit=200"
+                f"{in_namespace('/apis/networking.k8s.io/v1', namespace)}/networkpolicies?limit=200"
             ),
         }
 
     def _objects(self, namespace: str, secrets: list[str]) -> dict[str, Question]:
-        inside = f"/api/v1/namespaces/{namespace}"
-        asked = {f"Secret {n}": Question(f"{inside}/secrets/{n}", metadata=True) for n in secrets}
+        inside = in_namespace("/api/v1", namespace)
+        asked = {
+            f"Secret {name}": Question(f"{inside}/secrets/{_quoted(name)}", metadata=True)
+            for name in secrets
+        }
         if self._job is None:
             return asked
         needs = self._job.needs
         for name in needs.config_maps:
-            asked[f"ConfigMap {name}"] = Question(f"{inside}/configmaps/{name}", metadata=True)
+            path = f"{inside}/configmaps/{_quoted(name)}"
+            asked[f"ConfigMap {name}"] = Question(path, metadata=True)
         for name in needs.priorities:
-            path = f"/apis/scheduling.k8s.io/v1/priorityclasses/{name}"
+            path = f"/apis/scheduling.k8s.io/v1/priorityclasses/{_quoted(name)}"
             asked[f"priority class {name}"] = Question(path, metadata=True)
         for name in needs.claims:
-            path = f"{inside}/persistentvolumeclaims/{name}"
+            path = f"{inside}/persistentvolumeclaims/{_quoted(name)}"
             asked[f"claim {name}"] = Question(path)
         asked = dict(list(asked.items())[:_MOST_OBJECTS])
         job = self._job.written | {
             "metadata": self._job.written["metadata"] | {"namespace": namespace}
         }
-        path = f"{_API}/namespaces/{namespace}/simulationjobs?dryRun=All&fieldValidation=Strict"
+        path = f"{in_namespace(_API, namespace)}/simulationjobs?dryRun=All&fieldValidation=Strict"
         return asked | {"job": Question(path, job)}
 
     def _of_cluster(self, answers: dict[str, Answer]) -> list[Finding]:
@@ -215,6 +220,16 @@ class _Asked:
             found.append(Finding("job", "more objects", "unknown", text))
         judged = answers["job"]
         return [*found, deciders.of_dry_run(judged, refusals(judged.body, judged.why))]
+
+
+def in_namespace(api: str, namespace: str) -> str:
+    """A namespace's path. A name that is none changes no other part of it."""
+    return f"{api}/namespaces/{_quoted(namespace)}"
+
+
+def _quoted(name: str) -> str:
+    # The server would resolve these two as it resolves them in any path.
+    return "%2E" * len(name) if name in (".", "..") else quote(name, safe="")
 
 
 def _show(findings: list[Finding], console: Console) -> None:

@@ -103,7 +103,7 @@ def described(folder: str, storage: Storage, committed: bool) -> dict[str, Any]:
             "counts": counts_of(manifest),
             "note": "",
         }
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return {"results": folder} | empty | {"note": "its manifest can't be read"}
 
 

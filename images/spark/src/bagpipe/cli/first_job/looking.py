@@ -111,7 +111,7 @@ class Looking:
         remote = not uri.startswith(("file://", "pvc://"))
 
         def sampled() -> Sampled:
-            return sample_of_file(file, tail)
+            return sample_of_file(file, tail, self.outputs)
 
         def times(chunk: Chunk) -> dict[int, list[int]]:
             return message_times(_bounded(file), chunk)
@@ -133,7 +133,7 @@ class Looking:
         folder = Rosbag2(metadata, self.storage)
 
         def sampled() -> Sampled:
-            return sample_of_folder(folder, self.storage)
+            return sample_of_folder(folder, self.storage, self.outputs)
 
         def compression(chunk: Chunk) -> str:
             # Its own file is known to the folder alone; what is packed otherwise is never plain.

@@ -1,6 +1,6 @@
 """Reads a few chunks of a recording, to see how large messages are and whether they have stamps."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,8 +33,10 @@ class Sampled:
     growth: float | None
 
 
-def sample_of_file(file: OpenFile, tail: BagTail) -> Sampled:
-    """Of a bag or a file of MCAP. Never raises for what is in it."""
+def sample_of_file(file: OpenFile, tail: BagTail, stamped: Collection[str]) -> Sampled:
+    """Of a bag or a file of MCAP; stamps are read of the topics `stamped` alone, as each definition
+    takes its time. Never raises for what is in it.
+    """
     chunks = _with_each_topic(tail)
     ranges = tail.declarations + ranges_of(chunks)
     if not chunks or sum(length for _, length in ranges) > 2 * _MOST_BYTES:
@@ -42,13 +44,13 @@ def sample_of_file(file: OpenFile, tail: BagTail) -> Sampled:
     try:
         data = b"".join(framed(ranges, file.pieces(ranges, _PIECE_BYTES)))
         stored = sum(chunk.end - chunk.offset for chunk in chunks)
-        return _sampled(lambda: _opened(data), stored)
+        return _sampled(lambda: _opened(data), stored, stamped)
     except StorageError:
         return Sampled({}, None)
 
 
-def sample_of_folder(folder: Rosbag2, storage: Storage) -> Sampled:
-    """Of the first seconds of a folder of rosbag2. Never raises for what is in it."""
+def sample_of_folder(folder: Rosbag2, storage: Storage, stamped: Collection[str]) -> Sampled:
+    """The same of the first seconds of a folder of rosbag2."""
     begin = min(chunk.start_time for chunk in folder.tail.chunks)
     for seconds in (10, 1):
         window = Window(begin, begin, begin + seconds * _SECOND)
@@ -59,7 +61,8 @@ def sample_of_folder(folder: Rosbag2, storage: Storage) -> Sampled:
         return Sampled({}, None)
     stored = sum(part.bytes for part in parts) if folder.metadata.as_stored else 0
     try:
-        return _sampled(lambda: _opened(joined(parts, folder.metadata, storage, {})), stored)
+        made = joined(parts, folder.metadata, storage, {})
+        return _sampled(lambda: _opened(made), stored, stamped)
     except (BagError, StorageError):
         return Sampled({}, None)
 
@@ -86,15 +89,14 @@ def _opened(data: bytes) -> Any:
     return bagpipe.MemoryBag(data, decompressed_bytes=_MOST_UNPACKED_BYTES)
 
 
-def _sampled(opened: Callable[[], Any], stored: int) -> Sampled:
+def _sampled(opened: Callable[[], Any], stored: int, stamped: Collection[str]) -> Sampled:
     try:
-        found = opened()
-        return _of_messages(found.messages(), stored)
+        return _of_messages(opened().messages(), stored, stamped)
     except ValueError:  # a damaged chunk: whoever plays it says what is wrong
         return Sampled({}, None)
 
 
-def _of_messages(messages: Iterable[Any], stored: int) -> Sampled:
+def _of_messages(messages: Iterable[Any], stored: int, stamped: Collection[str]) -> Sampled:
     readers: dict[int, Callable[[memoryview], int | None] | None] = {}
     counts: dict[str, list[int]] = {}
     ages: dict[str, list[int]] = {}
@@ -102,9 +104,9 @@ def _of_messages(messages: Iterable[Any], stored: int) -> Sampled:
     for number, (connection, time, raw) in enumerate(messages):
         if number == _MOST_MESSAGES:
             break
-        if connection.id not in readers:
-            readers[connection.id] = stamp_reader(connection)
         topic = resolve(connection.topic)
+        if connection.id not in readers:
+            readers[connection.id] = stamp_reader(connection) if topic in stamped else None
         count = counts.setdefault(topic, [0, 0])
         count[0] += 1
         count[1] += len(raw)

@@ -20,6 +20,16 @@ from typing import IO, Any
 _MOST_JSON_BYTES = 16 << 20
 _MOST_LAYER_BYTES = 16 << 30
 _MOST_LAYERS = 200
+# Of the archive of an image: layers, and a few files for each.
+_MOST_FILES = 10_000
+# What stands before a member: a long name, or attributes, which tarfile reads whole.
+_MOST_HEADER_BYTES = 1 << 20
+_BEFORE_MEMBERS = frozenset(
+    {
+        tarfile.XHDTYPE, tarfile.XGLTYPE, tarfile.SOLARIS_XHDTYPE, tarfile.GNUTYPE_LONGNAME,
+        tarfile.GNUTYPE_LONGLINK,
+    }
+)  # fmt: skip
 _MOST_MEMBERS = 2_000_000
 _SECONDS = 60.0
 _ASK_SECONDS = 15.0
@@ -110,7 +120,7 @@ def look_at(image: str, clock: Callable[[], float] = time.monotonic) -> StackIma
         return _of_store(_Folder(path), clock)
     if path.is_file():
         try:
-            with tarfile.open(path, "r:") as archive:
+            with tarfile.open(path, "r:", tarinfo=_Member) as archive:
                 return _of_store(_Archive(archive), clock)
         except (tarfile.TarError, OSError) as error:
             raise ImageError(
@@ -134,11 +144,24 @@ class _Folder:
         return path.open("rb")
 
 
+class _Member(tarfile.TarInfo):
+    """A member of an archive whose name, or what else stands before it, is no flood."""
+
+    def _proc_member(self, archive: tarfile.TarFile) -> tarfile.TarInfo:
+        if self.type in _BEFORE_MEMBERS and self.size > _MOST_HEADER_BYTES:
+            raise tarfile.ReadError(f"a member's name has {self.size:,} bytes")
+        made: tarfile.TarInfo = super()._proc_member(archive)  # type: ignore[misc]
+        return made
+
+
 class _Archive:
     """An archive of an OCI layout, or of `docker save`."""
 
     def __init__(self, archive: tarfile.TarFile) -> None:
         self._archive = archive
+        for number, _ in enumerate(archive):
+            if number == _MOST_FILES:
+                raise tarfile.ReadError(f"it has more than {_MOST_FILES:,} files")
 
     def open(self, name: str) -> IO[bytes]:
         """A file; raises KeyError where there is none."""
@@ -158,7 +181,15 @@ def _of_store(store: _Folder | _Archive, clock: Callable[[], float]) -> StackIma
     try:
         name, config_at, layers = _parts(store)
         whole = _json(store, config_at)
-    except (KeyError, TypeError, IndexError, ValueError, OSError, tarfile.TarError) as error:
+    except (
+        LookupError,
+        TypeError,
+        AttributeError,
+        ValueError,
+        RecursionError,
+        OSError,
+        tarfile.TarError,
+    ) as error:
         raise ImageError(
             f"this is no image ({type(error).__name__}: {error}): an index.json or a manifest.json"
             " with its blobs is expected, as `docker save` or `buildah push oci-archive:` write it"
@@ -237,7 +268,7 @@ def _lay_over(there: set[str], file: IO[bytes], budget: "_Budget") -> None:
     packed = magic.startswith(b"\x1f\x8b")
     plain: Any = gzip.GzipFile(fileobj=file) if packed else file
     added: set[str] = set()
-    with tarfile.open(fileobj=_Counted(plain, budget), mode="r|") as layer:
+    with tarfile.open(fileobj=_Counted(plain, budget), mode="r|", tarinfo=_Member) as layer:
         for member in layer:
             budget.take(0, 1)
             name = member.name.removeprefix("./").strip("/")

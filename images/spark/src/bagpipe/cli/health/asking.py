@@ -61,7 +61,7 @@ def _answer(cluster: Cluster, question: Question, seconds: float) -> Answer:
 def _read(status: int, data: bytes) -> Answer:
     try:
         body = json.loads(data)
-    except ValueError:
+    except (ValueError, RecursionError):
         body = None
     if not isinstance(body, dict):
         why = data[:200].decode(errors="replace")
