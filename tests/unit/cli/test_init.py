@@ -2,6 +2,7 @@
 
 import json
 import re
+import struct
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,8 @@ from typing import Any
 import pytest
 import yaml
 from click.testing import CliRunner
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -19,6 +22,7 @@ from bagpipe.cli.first_job.proposing import fragment_length
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.rosbag2_folders import FORMS, Form, drive, folder
+from tests.unit.bagpipe import mcap_records
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 from tests.unit.bagpipe.mcap_records import channel, mcap
 from tests.unit.crds.offline import refusals
@@ -228,6 +232,37 @@ def test_hostile_names_stay_comments_in_ascii(tmp_path: Path) -> None:
     assert done.stdout.count("CAN'T BE PLAYED") == len(HOSTILE)
     assert r"\x1b]0;owned\x07\x1b[31m" in done.stdout
     assert all(len(line) < 400 for line in done.stdout.splitlines())
+
+
+# UTF-8 has no surrogates, and a recording's names are read as that.
+WORDS = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=30)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.one_of(WORDS, WORDS.map("/{}".format)), min_size=1, max_size=5, unique=True))
+def test_whatever_topics_are_called_the_job_is_one(tmp_path: Path, topics: list[str]) -> None:
+    channels = [channel(n, topic) for n, topic in enumerate(topics)] + [channel(90, "/scan")]
+    times = {n: [SECOND, 2 * SECOND] for n in [*range(len(topics)), 90]}
+    (tmp_path / "a.mcap").write_bytes(mcap([times], channels))
+    # What is written is read again, by YAML, the CRD and the model.
+    done = init(tmp_path / "a.mcap", "--output", "/answer")
+    assert done.status == 0, done.stderr
+    assert done.spec["source"]["bags"] == ["pvc://recordings/a.mcap"]
+    assert done.spec["record"] == {"topics": ["/answer"]}
+    assert "/scan" in done.spec["source"].get("topics", ["/scan"])
+
+
+@pytest.mark.parametrize("kind", [*HOSTILE, "%s", "{0}", "std_msgs/String\x00"])
+def test_whatever_a_type_is_called_it_is_a_comment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    named = mcap_records.text(kind.encode()) + mcap_records.text(b"ros1msg")
+    definition = struct.pack("<H", 1) + named + mcap_records.text(b"string data\n" + kind.encode())
+    monkeypatch.setattr(mcap_records, "SCHEMA", mcap_records.record(3, definition))
+    (tmp_path / "a.mcap").write_bytes(mcap([{0: [SECOND, 2 * SECOND]}], [channel(0, "/scan")]))
+    done = init(tmp_path / "a.mcap", "--output", "/scan")
+    assert done.status == 0, done.stderr
+    assert done.spec["stack"]["image"] == "registry.example/your-stack:1"
 
 
 @pytest.mark.parametrize(
