@@ -9,7 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import yaml
+from click.testing import CliRunner
 
+from bagpipe.cli.__main__ import main
 from bagpipe.plan.bag_tail import MAGIC
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
@@ -69,7 +72,7 @@ class BigBag:
 @pytest.fixture
 def big_bag(s3: S3Server) -> Iterator[BigBag]:
     path = s3.root / BUCKET / "big" / "drive.bag"
-    path.parent.mkdir()
+    path.parent.mkdir(exist_ok=True)
     index = b"".join(
         [connection(0, "/camera"), connection(1, "/lidar"), *map(chunk_info, range(CHUNKS))]
     )
@@ -108,3 +111,25 @@ def test_a_bag_of_100_gb_is_planned_with_a_few_requests(
     read = sum(int(end) - int(begin) + 1 for begin, end in (r.split("-") for r in proxy.ranges()))
     assert read == 4173 + big_bag.index_bytes
     assert read < 15_000_000
+
+
+def test_a_job_for_a_bag_of_100_gb_is_written_with_a_few_requests(
+    big_bag: BigBag, proxy: FaultyProxy
+) -> None:
+    done = CliRunner().invoke(main, ["init", big_bag.uri, "--output", "/lidar"])
+    assert done.exit_code == 0, done.output
+    spec = yaml.safe_load(done.stdout)["spec"]
+    assert spec["source"] == {
+        "bags": [big_bag.uri],
+        # 12 s of 20 MB each keep within 256 MiB, 22 s don't.
+        "fragment": {"length": "10s", "warmUp": "2s"},
+    }
+    # Half of 100 a second: when they came would take a request for each of 95,367 chunks.
+    assert spec["evaluate"] == [{"name": "lidar rate", "rate": {"topic": "/lidar", "min": 50.0}}]
+    assert "# /lidar: no header with a stamp was seen, so no latency is demanded." in done.stdout
+    tail_requests = -(-big_bag.index_bytes // REQUEST_BYTES)
+    # The head and the index; the connections again, a chunk, which is sparse and no chunk at all,
+    # and the head of that.
+    assert proxy.count("GET") == 1 + tail_requests + 3
+    read = sum(int(end) - int(begin) + 1 for begin, end in (r.split("-") for r in proxy.ranges()))
+    assert read < 16_000_000

@@ -29,7 +29,7 @@ This page is the program's own help; a test compares them.
 | exit status | meaning |
 |---|---|
 | 0 | passed; or nothing is worse; or what was asked for is written |
-| 1 | the verdict is Failed or Invalid; or a variant is worse or lacks cases; or a bag is damaged |
+| 1 | Failed or Invalid; a variant is worse; cases, or what `doctor` seeks, lack; a damaged bag |
 | 2 | it could not be read or run, or there is no verdict; or the program has a fault of its own |
 | 130 | Ctrl-C ended it; a job in the cluster goes on |
 

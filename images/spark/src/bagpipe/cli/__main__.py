@@ -21,12 +21,16 @@ def main() -> None:
 
 # Each by its command in the module of its name, and in so few words that a list cuts none.
 for name, command, short_help in (
+    ("init", "init_command", "Write a job for recordings."),
+    ("doctor", "doctor_command", "Show what is missing for jobs."),
     ("plan", "plan_command", "Show the cases that a job would run."),
     ("run", "run_command", "Run a job on this machine, without a cluster."),
     ("submit", "submit_command", "Create a job in the cluster."),
     ("watch", "watch_command", "Follow a job in the cluster to its end."),
     ("logs", "logs_command", "Show what was written in a case of a job."),
     ("results", "results_command", "Show the verdict of a job, and its cases."),
+    ("list", "list_command", "List the results below a folder."),
+    ("delete", "delete_command", "Remove the results of a job."),
     ("compare", "compare_command", "Compare two jobs' results, case by case."),
     ("report", "report_command", "Make the HTML page of a job's results."),
     ("replay", "replay_command", "Run a case of a job again on this machine."),

@@ -1,5 +1,6 @@
 """`bagpipe plan`: the cases of a job before anything runs."""
 
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from bagpipe.cli.estimate import Earlier, earlier_of, estimate, sentences
 from bagpipe.cli.manifest import ManifestError, read_job
-from bagpipe.cli.places import RefusedError, folders, print_as, volume_option
+from bagpipe.cli.places import RefusedError, folders, print_as, results_at, volume_option
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
@@ -34,37 +36,55 @@ _MOST_ROWS = 40
     show_default=True,
     help="How the plan is written. A table shows the first 40 cases.",
 )
-def plan_command(manifest: Path, volumes: tuple[str, ...], output: str) -> None:
-    """Show the cases of the SimulationJob in MANIFEST, and what its rules left out.
+@click.option(
+    "--results",
+    multiple=True,
+    metavar="RESULTS",
+    help="Earlier results, a folder or a URI, whose times and memory the estimate rests on. May be"
+    " repeated.",
+)
+def plan_command(
+    manifest: Path, volumes: tuple[str, ...], output: str, results: tuple[str, ...]
+) -> None:
+    """Show the cases of the SimulationJob in MANIFEST, what its rules left out, and an estimate.
 
     Of bags only the indexes are read. Numbers that are missing among a bag's fragments are of times
     in which nothing was recorded. Where bags can't be reached from here, such as those of a claim
     without --volume, the scenarios and variants of one fragment are shown.
 
+    The estimate is of the time on the job's slots, as a range, and of the memory that an executor's
+    stack container needs at least. It says what it rests on.
+
     \b
     bagpipe plan job.yaml
+    bagpipe plan job.yaml --results bagpipe-results/lane
     bagpipe plan job.yaml --volume recordings=/data/recordings
     bagpipe plan job.yaml --output json | jq '.cases[].case'
     """
     try:
         name, spec = read_job(manifest)
         check_templates(spec)
-        description = describe(name, spec, folders(volumes))
+        known = folders(volumes)
+        stored = [results_at(where, known) for where in results]
+        earlier = earlier_of(itertools.chain.from_iterable(each.rows() for each in stored))
+        description = describe(name, spec, known, earlier)
     except (ManifestError, MatrixError, StorageError) as error:
         raise RefusedError(str(error)) from error
     if output == "table":
-        _show(description, Console(emoji=False))
+        _show(description, Console(emoji=False), spec.playback.mode)
     else:
         print_as(description, output)
     if description["unplanned"]:
         raise SystemExit(2)
 
 
-def describe(name: str, spec: SimulationJobSpec, volumes: dict[str, str]) -> dict[str, Any]:
+def describe(
+    name: str, spec: SimulationJobSpec, volumes: dict[str, str], earlier: Earlier
+) -> dict[str, Any]:
     """The plan as data: `cases`, `excluded`, `unplanned`, and counts. Raises MatrixError.
 
-    `fragments` is null when the recordings are not reachable from here; cases are then named as
-    those of a fragment called `*`.
+    `fragments` and `estimate` are null when the recordings are not reachable from here; cases are
+    then named as those of a fragment called `*`.
     """
     conditions = crossing(spec)
     missing = sorted(set(claims(spec)) - set(volumes) - _output_only(spec))
@@ -83,6 +103,7 @@ def describe(name: str, spec: SimulationJobSpec, volumes: dict[str, str]) -> dic
             {"bag": bag.bag, "reason": bag.reason, "message": bag.message}
             for bag in (made.unplanned if made else [])
         ],
+        "estimate": estimate(spec, made.cases, earlier) if made else None,
     }  # fmt: skip
 
 
@@ -124,7 +145,7 @@ def _matrix(expansion: Expansion | None) -> dict[str, Any] | None:
     }
 
 
-def _show(description: dict[str, Any], console: Console) -> None:
+def _show(description: dict[str, Any], console: Console, mode: str) -> None:
     cases = description["cases"]
     names = list(dict.fromkeys(name for case in cases for name in case["values"]))
     table = Table(box=None, header_style="bold")
@@ -144,6 +165,9 @@ def _show(description: dict[str, Any], console: Console) -> None:
     _show_parts(cases, console)
     _show_exclusions(description["matrix"], console)
     _show_sums(description, console)
+    if description["estimate"] is not None:
+        for line in sentences(description["estimate"], mode):
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 def _row(case: dict[str, Any], names: list[str], variants: bool) -> list[str]:

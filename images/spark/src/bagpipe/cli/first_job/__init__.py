@@ -1,0 +1,1 @@
+"""`bagpipe init`: what recordings show by their indexes, and the job that follows from it."""

@@ -1,0 +1,54 @@
+"""The first own job: `bagpipe init` over a recording, and what it writes runs as it is."""
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.integration.laptop import Laptop
+from tests.integration.stacks import folders_with_recording
+from tests.recording import MESSAGES
+
+pytestmark = pytest.mark.integration
+
+RELAY = Path(__file__).parent / "nodes/relay_type.py"
+
+
+@pytest.fixture
+def laptop(tmp_path: Path, agent_binary: Path) -> Iterator[Laptop]:
+    made = Laptop(tmp_path, agent_binary)
+    yield made
+    made.await_nothing_left()
+
+
+def test_what_init_writes_is_planned_runs_and_passes_unchanged(laptop: Laptop) -> None:
+    folders_with_recording(laptop.folder)
+    bag = laptop.folder / "recordings/pr2/joint_states.bag"
+    volume = ("--volume", f"recordings={laptop.folder / 'recordings'}")
+    # The recording's own topic as an output: it is played under another name, from which the
+    # stack makes it.
+    command = f"/usr/bin/python3 {RELAY} sensor_msgs/JointState /recorded/joint_states"
+    words = ["--output", "/joint_states", "--command", f"{command} /joint_states", "-o", "job.yaml"]
+    status, output, errors = laptop.run("init", bag, *volume, *words)
+    assert (status, errors) == (0, ""), errors
+    assert output.startswith("job.yaml is written\n")
+    job = laptop.folder / "job.yaml"
+    spec = yaml.safe_load(job.read_text())["spec"]
+    assert [each["name"] for each in spec["evaluate"]] == ["joint_states rate", "joint_states gap"]
+    # The recorder's clock was behind the robot's.
+    assert "# /joint_states: a recorded stamp is 0.028 s later than its receipt" in job.read_text()
+    status, output, _ = laptop.run("plan", job, *volume)
+    assert status == 0
+    assert re.search(r"Estimate: 18 s to 36 s on 1 slot", output), output
+    status, output, errors = laptop.job(job, "--output", "json")
+    assert status == 0, (output, errors)
+    result = json.loads(output)
+    assert result["verdict"] == "Passed"
+    assert result["ledger"]["received"] == MESSAGES
+    # Now the estimate rests on what it took.
+    results = laptop.folder / "bagpipe-results/joint-states"
+    status, output, _ = laptop.run("plan", job, *volume, "--results", results)
+    assert "It rests on: 1 cases by what the same case took." in output

@@ -1,0 +1,488 @@
+"""`bagpipe init`: what is written is a job that is taken as it is, whatever the recording says."""
+
+import json
+import re
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from bagpipe.cli.__main__ import main
+from bagpipe.cli.first_job.facts import Looked, Recordings, Stretch
+from bagpipe.cli.first_job.looking import Bounds, Looking
+from bagpipe.cli.first_job.proposing import fragment_length
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import Storage
+from tests.rosbag2_folders import FORMS, Form, drive, folder
+from tests.unit.bagpipe import mcap_records
+from tests.unit.bagpipe.bags import Recorded, steady, write_bag
+from tests.unit.bagpipe.mcap_records import channel, mcap
+from tests.unit.crds.offline import refusals
+
+CRD = Path(__file__).parents[3] / "crds/simulationjobs.yaml"
+SCHEMA = yaml.safe_load(CRD.read_text())["spec"]["versions"][0]["schema"]["openAPIV3Schema"]
+# What the API server adds to every schema.
+SCHEMA["properties"] |= {name: {"type": "string"} for name in ("apiVersion", "kind")}
+SCHEMA["properties"]["metadata"] = {"type": "object"}
+SECOND = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How the verb ended, and the job that it wrote."""
+
+    status: int
+    stdout: str
+    stderr: str
+
+    @property
+    def spec(self) -> dict[str, Any]:
+        found: dict[str, Any] = yaml.safe_load(self.stdout)["spec"]
+        return found
+
+
+def init(*words: str | Path) -> Ended:
+    done = CliRunner().invoke(main, ["init", *map(str, words)])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    assert (done.stdout + done.stderr).isascii()
+    assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f]", done.stdout + done.stderr)
+    if done.exit_code == 0 and done.stdout.startswith("#"):
+        job = yaml.safe_load(done.stdout)
+        assert refusals(SCHEMA, job) == []
+        SimulationJobSpec.model_validate(job["spec"])
+    return Ended(done.exit_code, done.stdout, done.stderr)
+
+
+def planned(tmp_path: Path, text_of: str, volume: Path) -> Any:
+    (tmp_path / "job.yaml").write_text(text_of)
+    words = ["plan", str(tmp_path / "job.yaml"), "--volume", f"recordings={volume}"]
+    return CliRunner().invoke(main, words)
+
+
+def stamped(path: Path, topics: dict[str, list[tuple[int, int]]]) -> Path:
+    """A bag of std_msgs/Header-ed messages: (receipt, stamp) in ns for each topic."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    kind = "geometry_msgs/msg/PointStamped"
+    rows = sorted((time, stamp, topic) for topic, each in topics.items() for time, stamp in each)
+    with Writer(path) as writer:
+        writer.chunk_threshold = 4096
+        connections = {t: writer.add_connection(t, kind, typestore=store) for t in topics}
+        for time, stamp, topic in rows:
+            moment = store.types["builtin_interfaces/msg/Time"](stamp // SECOND, stamp % SECOND)
+            header = store.types["std_msgs/msg/Header"](seq=0, stamp=moment, frame_id="")
+            point = store.types["geometry_msgs/msg/Point"](0.0, 0.0, 0.0)
+            raw = store.serialize_ros1(store.types[kind](header, point), kind)
+            writer.write(connections[topic], time, raw)
+    return path
+
+
+def test_a_bag_becomes_a_job_that_can_be_planned(tmp_path: Path) -> None:
+    write_bag(tmp_path / "drive 1.bag", steady("/scan", 1000, 50_000_000), chunk_bytes=1024)
+    done = init(tmp_path / "drive 1.bag")
+    assert done.status == 0, done.stderr
+    assert done.spec["source"] == {
+        "bags": ["pvc://recordings/drive 1.bag"],
+        "fragment": {"length": "20s", "warmUp": "2s"},
+    }
+    assert done.spec["stack"]["engine"] == "ros1"
+    assert done.spec["stack"]["parameters"] == {"/use_sim_time": True}
+    assert done.spec["record"] == {"topics": ["/.*"]}
+    assert "evaluate" not in done.spec
+    assert "#         20       1,000          12  /scan  std_msgs/String" in done.stdout
+    assert f"--volume recordings={tmp_path}" in done.stdout
+    made = planned(tmp_path, done.stdout, tmp_path)
+    # 49.95 s: two whole fragments and one of 9.95 s.
+    assert "3 cases: 3 fragments" in made.stdout, made.output
+
+
+@pytest.mark.parametrize("form", FORMS, ids=str)
+def test_a_folder_of_rosbag2_is_for_ros2(tmp_path: Path, form: Form) -> None:
+    folder(tmp_path / "drive", form, [drive(40), drive(40)])
+    done = init(tmp_path / "drive", "--output", "/a")
+    assert done.status == 0, done.stderr
+    assert done.spec["source"]["bags"] == ["pvc://recordings/drive"]
+    assert done.spec["stack"]["engine"] == "ros2"
+    assert done.spec["stack"]["parameters"] == {"/**/use_sim_time": True}
+    assert done.spec["stack"]["remap"] == {"/recorded/a": "/a"}
+    (row,) = re.findall(r"#\s+(\S+)\s+(\S+)\s+(\S+)  /map  (.*)", done.stdout)
+    # Twice, as both files begin with it: 2 in 3.901 s.
+    assert row == ("0.513", "2", "16", "std_msgs/msg/String, latched")
+    made = planned(tmp_path, done.stdout, tmp_path)
+    assert "1 cases: 1 fragments" in made.stdout, made.output
+
+
+def test_a_folder_of_recordings_becomes_patterns(tmp_path: Path) -> None:
+    folder(tmp_path / "a", FORMS[0], [drive(10)])
+    folder(tmp_path / "b", FORMS[3], [drive(20)])
+    done = init(tmp_path)
+    assert done.status == 0, done.stderr
+    assert done.spec["source"]["bags"] == ["pvc://recordings/*/metadata.yaml"]
+    assert re.search(r"#\s+\S+\s+15\s+\S+  /a  std_msgs", done.stdout)
+    assert "2 cases: 2 fragments" in planned(tmp_path, done.stdout, tmp_path).stdout
+
+
+def test_ros1_and_ros2_are_jobs_of_their_own(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 10, 50_000_000))
+    folder(tmp_path / "b", FORMS[0], [drive(10)])
+    done = init(tmp_path)
+    assert done.status == 2
+    assert "a.bag is for the engine ros1, and others are for ros2: write a job for" in done.stderr
+
+
+def test_criteria_say_what_the_recording_shows(tmp_path: Path) -> None:
+    # 10 a second for 50 s, but for 1.5 s of silence; stamps 80 ms before their receipt.
+    times = [t * 100_000_000 + SECOND for t in range(500) if not 230 < t < 245]
+    slow = [(t, t - 80_000_000) for t in times]
+    bag = stamped(tmp_path / "a.bag", {"/out": slow, "/in": [(t, t) for t in times]})
+    done = init(bag, "--output", "/out")
+    assert done.status == 0, done.stderr
+    assert done.spec["record"] == {"topics": ["/out"]}
+    assert done.spec["stack"]["remap"] == {"/recorded/out": "/out"}
+    # The second of three fragments, of 20 s and a chunk less, has 1.4 s less; the silence thrice.
+    assert done.spec["evaluate"] == [
+        {"name": "out rate", "rate": {"topic": "/out", "min": 7.3}},
+        {"name": "out gap", "rate": {"topic": "/out", "min": 0.22, "over": "worst"}},
+        {"name": "out latency", "latency": {"topic": "/out", "max": "160ms"}},
+    ]
+    (slowest,) = re.findall(r"# 80 % of the slowest of 3 fragments, (\S+)\n", done.stdout)
+    assert 9.2 <= float(slowest) <= 9.3
+    assert "the longest that was recorded is 1.5 s\n" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("stamp", "why"),
+    [
+        (lambda _: 0, r"a recorded stamp is 1\d\d s earlier than its receipt"),
+        (lambda t: t + 2_000_000, "a recorded stamp is 0.002 s later than its receipt"),
+        (lambda t: t - 61 * SECOND, "a recorded stamp is 61 s earlier than its receipt"),
+    ],
+    ids=["empty", "later than the receipt", "of another time"],
+)
+def test_stamps_that_can_t_be_true_make_no_criterion(tmp_path: Path, stamp: Any, why: str) -> None:
+    times = [t * 100_000_000 + 100 * SECOND for t in range(100)]
+    bag = stamped(tmp_path / "a.bag", {"/out": [(t, stamp(t)) for t in times]})
+    done = init(bag, "--output", "/out")
+    assert [each["name"] for each in done.spec["evaluate"]] == ["out rate", "out gap"]
+    assert re.search(f"# /out: {why}: the clocks differ", done.stdout)
+
+
+def test_an_output_that_is_silent_in_a_fragment_has_no_rate(tmp_path: Path) -> None:
+    messages = steady("/in", 600, 100_000_000) + steady("/out", 10, 100_000_000)
+    write_bag(tmp_path / "a.bag", sorted(messages, key=lambda m: m.time), chunk_bytes=512)
+    done = init(tmp_path / "a.bag", "--output", "/out")
+    assert "evaluate" not in done.spec
+    assert "# /out: 2 of 3 fragments have no message of it, so no rate is demanded." in done.stdout
+    assert "# /out: no header with a stamp was seen, so no latency is demanded." in done.stdout
+
+
+def test_what_has_no_rate_is_only_to_be_there(tmp_path: Path) -> None:
+    messages = [*steady("/in", 50, 100_000_000), Recorded("/map", 2 * SECOND, "m", latching=True)]
+    messages.append(Recorded("/once", 3 * SECOND, "o"))
+    write_bag(tmp_path / "a.bag", sorted(messages, key=lambda m: m.time))
+    outputs = [word for topic in ("/map", "/once", "/new") for word in ("--output", topic)]
+    done = init(tmp_path / "a.bag", *outputs)
+    assert [each["presence"] for each in done.spec["evaluate"]] == [
+        {"topic": topic, "min": 1} for topic in ("/map", "/once", "/new")
+    ]
+    for why in ("it is latched", "one message: there is no rate", "it is not in the recordings"):
+        assert f"# {why}" in done.stdout
+    # What is not in the recording needs no other name.
+    assert done.spec["stack"]["remap"] == {"/recorded/map": "/map", "/recorded/once": "/once"}
+    assert re.search(r"#\s+-\s+1\s+5  /once", done.stdout)
+
+
+def test_inputs_are_those_that_are_played(tmp_path: Path) -> None:
+    messages = steady("/in", 50, 100_000_000) + steady("/other", 50, 100_000_000)
+    write_bag(tmp_path / "a.bag", sorted(messages, key=lambda m: m.time))
+    done = init(tmp_path / "a.bag", "--input", "/in", "--output", "/other")
+    assert done.spec["source"]["topics"] == ["/in"]
+    assert "remap" not in done.spec["stack"]
+    done = init(tmp_path / "a.bag", "--input", "/inn")
+    assert (done.status, "did you mean '/in'?" in done.stderr) == (2, True), done.stderr
+
+
+HOSTILE = [
+    '/a"]\nkind: Pod #',
+    "/\x1b]0;owned\x07\x1b[31m",
+    "/ünïcode/\u2028\u202etopic",
+    "/{{ x }}: !!python/object",
+    "/a\r\n  image: evil",
+    "/" + "x" * 300,
+]
+
+
+def test_hostile_names_stay_comments_in_ascii(tmp_path: Path) -> None:
+    numbers = range(len(HOSTILE))
+    channels = [channel(n, topic) for n, topic in enumerate(HOSTILE)] + [channel(90, "/scan")]
+    times = {n: [SECOND, 2 * SECOND] for n in [*numbers, 90]}
+    (tmp_path / "a.mcap").write_bytes(mcap([times], channels))
+    done = init(tmp_path / "a.mcap")
+    assert done.status == 0, done.stderr
+    # Those that can be named are played, which leaves the others out.
+    assert done.spec["source"]["topics"] == ["/scan"]
+    assert done.spec["stack"]["image"] == "registry.example/your-stack:1"
+    assert done.stdout.count("CAN'T BE PLAYED") == len(HOSTILE)
+    assert r"\x1b]0;owned\x07\x1b[31m" in done.stdout
+    assert all(len(line) < 400 for line in done.stdout.splitlines())
+
+
+# UTF-8 has no surrogates, and a recording's names are read as that.
+WORDS = st.text(st.characters(exclude_categories=["Cs"]), min_size=1, max_size=30)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.one_of(WORDS, WORDS.map("/{}".format)), min_size=1, max_size=5, unique=True))
+def test_whatever_topics_are_called_the_job_is_one(tmp_path: Path, topics: list[str]) -> None:
+    channels = [channel(n, topic) for n, topic in enumerate(topics)] + [channel(90, "/scan")]
+    times = {n: [SECOND, 2 * SECOND] for n in [*range(len(topics)), 90]}
+    (tmp_path / "a.mcap").write_bytes(mcap([times], channels))
+    # What is written is read again, by YAML, the CRD and the model.
+    done = init(tmp_path / "a.mcap", "--output", "/answer")
+    assert done.status == 0, done.stderr
+    assert done.spec["source"]["bags"] == ["pvc://recordings/a.mcap"]
+    assert done.spec["record"] == {"topics": ["/answer"]}
+    assert "/scan" in done.spec["source"].get("topics", ["/scan"])
+
+
+@pytest.mark.parametrize("kind", [*HOSTILE, "%s", "{0}", "std_msgs/String\x00"])
+def test_whatever_a_type_is_called_it_is_a_comment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    named = mcap_records.text(kind.encode()) + mcap_records.text(b"ros1msg")
+    definition = struct.pack("<H", 1) + named + mcap_records.text(b"string data\n" + kind.encode())
+    monkeypatch.setattr(mcap_records, "SCHEMA", mcap_records.record(3, definition))
+    (tmp_path / "a.mcap").write_bytes(mcap([{0: [SECOND, 2 * SECOND]}], [channel(0, "/scan")]))
+    done = init(tmp_path / "a.mcap", "--output", "/scan")
+    assert done.status == 0, done.stderr
+    assert done.spec["stack"]["image"] == "registry.example/your-stack:1"
+
+
+@pytest.mark.parametrize(
+    "name", ["9" * 60 + "-" * 9 + ".bag", "a [1].bag", "q\"\\uot'e.bag", "stär*.bag", "#x: y.bag"]
+)
+def test_odd_names_of_files_are_found_again(tmp_path: Path, name: str) -> None:
+    write_bag(tmp_path / name, steady("/scan", 10, 50_000_000))
+    write_bag(tmp_path / "a 1.bag", steady("/scan", 10, 50_000_000))
+    done = init(tmp_path / name)
+    assert done.status == 0, done.stderr
+    (tmp_path / "job.yaml").write_text(done.stdout)
+    words = ["plan", str(tmp_path / "job.yaml"), "--volume", f"recordings={tmp_path}"]
+    made = json.loads(CliRunner().invoke(main, [*words, "--output", "json"]).stdout)
+    assert [each["bag"] for each in made["cases"]] == [f"pvc://recordings/{name}"]
+
+
+def test_a_bag_of_ten_thousand_topics(tmp_path: Path) -> None:
+    count = 10_000
+    channels = [channel(n, f"/t{n:05d}") for n in range(count)]
+    (tmp_path / "a.mcap").write_bytes(mcap([{n: [SECOND + n] for n in range(count)}], channels))
+    done = init(tmp_path / "a.mcap")
+    assert done.status == 0, done.stderr
+    assert "topics" not in done.spec["source"]
+    assert "# and 9900 more topics" in done.stdout
+    assert len(done.stdout) < 20_000
+    # One that can't be played would need the others to be named, which a job can't.
+    (tmp_path / "b.mcap").write_bytes(
+        mcap(
+            [{n: [SECOND + n] for n in range(count)}], [channel(0, "/json", "json"), *channels[1:]]
+        )
+    )
+    done = init(tmp_path / "b.mcap")
+    assert done.status == 2
+    assert "at most 500 of the 9999 others: name your stack's by --input" in done.stderr
+    done = init(tmp_path / "b.mcap", "--input", "/t00007")
+    assert done.spec["source"]["topics"] == ["/t00007"]
+
+
+def test_what_is_no_message_of_ros_is_left_out_or_refused(tmp_path: Path) -> None:
+    channels = [channel(0, "/scan"), channel(1, "/meta", "json"), channel(2, "/none", schema=0)]
+    times = {n: [SECOND, 2 * SECOND] for n in range(3)}
+    (tmp_path / "a.mcap").write_bytes(mcap([times], channels))
+    done = init(tmp_path / "a.mcap")
+    assert done.spec["source"]["topics"] == ["/scan"]
+    assert "2 messages" not in done.stderr
+    assert "1 cases: 1 fragments" in planned(tmp_path, done.stdout, tmp_path).stdout
+    done = init(tmp_path / "a.mcap", "--input", "/meta")
+    assert (done.status, "(in 'json'): leave it out" in done.stderr) == (2, True), done.stderr
+    (tmp_path / "b.mcap").write_bytes(mcap([{1: [SECOND]}], channels[1:2]))
+    done = init(tmp_path / "b.mcap")
+    assert (done.status, "hold messages in 'json'" in done.stderr) == (2, True), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"", "the file is empty (0 bytes)"),
+        (b"PK\x03\x04\x1b[31mzip", "the file begins with b"),
+        (b"#ROSBAG V2.0\n", "a.bag: "),
+        (mcap([], [channel(0, "/scan")]), "a.bag: "),
+    ],
+    ids=["empty", "no recording", "cut", "without messages"],
+)
+def test_what_can_t_be_looked_into_is_refused(
+    tmp_path: Path, content: bytes, sentence: str
+) -> None:
+    (tmp_path / "a.bag").write_bytes(content)
+    done = init(tmp_path / "a.bag")
+    assert (done.status, done.stdout) == (2, "")
+    assert sentence in done.stderr
+
+
+def test_one_bad_recording_of_several_is_named_and_the_others_count(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 10, 50_000_000))
+    (tmp_path / "b.bag").write_bytes(b"nothing")
+    done = init(tmp_path / "a.bag", tmp_path / "b.bag")
+    assert done.status == 0
+    assert "# CAN'T BE PLAYED: pvc://recordings/b.bag: the file begins with" in done.stdout
+    assert "can't be played: pvc://recordings/b.bag" in done.stderr
+
+
+def test_the_first_twenty_of_many_are_looked_into(tmp_path: Path) -> None:
+    for number in range(23):
+        write_bag(tmp_path / f"{number:02d}.bag", steady("/scan", 10, 50_000_000))
+    done = init(tmp_path)
+    assert done.spec["source"]["bags"] == ["pvc://recordings/*.bag"]
+    assert "# 3 of 23 recordings were not looked into" in done.stdout
+
+
+def test_volumes_name_the_claims(tmp_path: Path) -> None:
+    (tmp_path / "deep").mkdir()
+    write_bag(tmp_path / "deep/a.bag", steady("/scan", 10, 50_000_000))
+    volume = ("--volume", f"fleet={tmp_path}")
+    assert init(tmp_path / "deep/a.bag", *volume).spec["source"]["bags"] == [
+        "pvc://fleet/deep/a.bag"
+    ]
+    assert init("pvc://fleet/deep/a.bag", *volume).spec["source"]["bags"] == [
+        "pvc://fleet/deep/a.bag"
+    ]
+    done = init(tmp_path / "deep/a.bag", "--volume", "recordings=/tmp")
+    assert done.status == (0 if tmp_path.is_relative_to("/tmp") else 2)
+
+
+def test_a_file_is_written_once(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 10, 50_000_000))
+    job = tmp_path / "job.yaml"
+    done = init(tmp_path / "a.bag", "-o", job, "--name", "lane")
+    assert (done.status, done.stdout.splitlines()[0]) == (0, f"{job} is written")
+    assert yaml.safe_load(job.read_text())["metadata"] == {"name": "lane"}
+    written = job.read_bytes()
+    done = init(tmp_path / "a.bag", "-o", job)
+    assert (done.status, "is there already: choose another" in done.stderr) == (2, True)
+    assert job.read_bytes() == written
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--output", "scan"], "--output 'scan' is no topic's name"),
+        (["--output", "/a", "--output", "/a"], "names a topic twice"),
+        (["--input", "/scan", "--output", "/scan"], "is --input and --output"),
+        (["--command", "a 'b"], "close the quotes"),
+        (["--image", "a b"], "is no image's name"),
+        (["--name", "Not A Name"], "is no job's name"),
+    ],
+)
+def test_options_that_can_t_be(tmp_path: Path, words: list[str], sentence: str) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 10, 50_000_000))
+    done = init(tmp_path / "a.bag", *words)
+    assert (done.status, sentence in done.stderr) == (2, True), done.stderr
+
+
+def test_a_place_of_an_index_that_is_a_lie_reads_no_whole_bag(tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "a.bag", steady("/scan", 10, 50_000_000))
+    data = bytearray(bag.read_bytes())
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    data[at : at + 8] = (4117).to_bytes(8, "little")
+    bag.write_bytes(data)
+    with bag.open("r+b") as file:
+        file.truncate(300 << 20)  # sparse
+    done = init(bag)
+    assert done.status == 2
+    assert "its index would have" in done.stderr
+
+
+def test_a_large_database_is_described_by_its_metadata(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder(tmp_path / "drive", Form("sqlite3", "", 6), [drive(40)])
+    monkeypatch.setattr("bagpipe.cli.first_job.looking._MOST_WHOLE_BYTES", 100)
+    monkeypatch.setattr("bagpipe.plan.rosbag2.whole_file", None)
+    done = init(tmp_path / "drive", "--output", "/a")
+    assert done.status == 0, done.stderr
+    assert "3.9 s, by its metadata.yaml" in done.stdout
+    # 20 in 3.901 s; when they came is not known.
+    assert done.spec["evaluate"][0] == {"name": "a rate", "rate": {"topic": "/a", "min": 2.5}}
+    assert "half of the recorded mean, 5.13: when they came was not read" in done.stdout
+
+
+def test_fragments_without_end_are_not_cut_to_see_when_outputs_came(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # 900,000 fragments of 60 s, for each of which six chunks would be looked at.
+    times = [SECOND, 900_000 * 60 * SECOND]
+    (tmp_path / "a.mcap").write_bytes(mcap([{0: times}] * 6, [channel(0, "/scan")]))
+    monkeypatch.setattr("bagpipe.cli.first_job.looking.cut", None)
+    done = init(tmp_path / "a.mcap", "--output", "/scan")
+    assert done.status == 0, done.stderr
+    assert "when they came was not read" in done.stdout
+
+
+def test_times_of_centuries_are_written_and_take_no_time(tmp_path: Path) -> None:
+    times = [SECOND, 9 * 10**18]
+    (tmp_path / "a.mcap").write_bytes(mcap([{0: times}] * 3, [channel(0, "/scan")]))
+    done = init(tmp_path / "a.mcap", "--output", "/scan")
+    assert done.status == 0, done.stderr
+    assert done.spec["source"]["fragment"] == {"length": "60s", "warmUp": "2s"}
+
+
+def test_a_credential_in_a_uri_is_refused_and_not_repeated() -> None:
+    for uri in ("s3://AKIA:hunter2@bucket/a.bag", "https://a/b.bag?sig=hunter2"):
+        done = init(uri)
+        assert (done.status, "hold no credential" in done.stderr) == (2, True)
+        assert "hunter2" not in done.stderr
+
+
+def test_the_time_for_looking_ends_and_what_was_seen_counts(tmp_path: Path) -> None:
+    for number in range(3):
+        write_bag(tmp_path / f"{number}.bag", steady("/scan", 10, 50_000_000))
+    moments = iter(range(100))
+    bounds = Bounds(seconds=2.5, clock=lambda: float(next(moments)))
+    uris = [f"pvc://recordings/{number}.bag" for number in range(3)]
+    storage = Storage({"recordings": str(tmp_path)})
+    found = Looking(storage, ("/scan",), bounds).into(uris, fragment_length)
+    # The clock is asked when it begins, before the sample of each, and before the next.
+    assert ([each.uri for each in found.looked], found.named) == (uris[:2], 3)
+    assert found.looked[0].topics["/scan"].sample.messages == 10
+    assert found.looked[1].topics["/scan"].sample.messages == 0
+    assert found.course("/scan") is None
+
+
+def test_a_folder_of_many_files_is_described_by_its_metadata(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder(tmp_path / "drive", Form("mcap"), [drive(10), drive(10), drive(10)])
+    monkeypatch.setattr("bagpipe.cli.first_job.looking._MOST_FILES", 2)
+    done = init(tmp_path / "drive")
+    assert (done.status, "by its metadata.yaml" in done.stdout) == (0, True)
+    assert re.search(r"#\s+\S+\s+15\s+-  /a  std_msgs", done.stdout)
+
+
+def test_large_chunks_make_short_fragments() -> None:
+    # 40 MB each second: 256 MiB are 6.7 s, and a fragment of 5 s has 2 s of warm-up before it.
+    seconds = tuple(Stretch(n * SECOND, (n + 1) * SECOND - 1, 40_000_000) for n in range(60))
+    found = Recordings([Looked("u", "bag", 2_400_000_000, 0, 60 * SECOND, {}, seconds)], 1, [])
+    assert fragment_length(found) == (2.0, 1.0)
+    assert found.peak(2.0, 1.0) == 3 * 40_000_000
+    assert found.peak(60.0, 0.0) == 2_400_000_000
+
+
+def test_bytes_without_places_are_spread_evenly() -> None:
+    found = Recordings([Looked("u", "folder", 600, 0, 60 * SECOND, {})], 1, [])
+    assert (found.peak(10.0, 2.0), found.peak(100.0, 0.0)) == (120, 600)
