@@ -1,0 +1,121 @@
+"""What many runs show: criteria over time, cases that flip, and slow ones. Pure."""
+
+import itertools
+import statistics
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from bagpipe.history.run import Run
+from bagpipe.history.steps import more_fail_since, moved_since
+
+_MOST = 10
+
+
+@dataclass(frozen=True)
+class Night:
+    """A criterion in one run: cases that it judged, those that failed, the median of figures."""
+
+    judged: int
+    failed: int
+    median: float | None
+
+
+@dataclass(frozen=True)
+class CriterionHistory:
+    """A criterion over all runs, oldest first.
+
+    `worse` is the run (its place) since which more cases fail, and `cases` are those that failed
+    since and not before; `moved` is the run since which the median is another.
+    """
+
+    name: str
+    unit: str
+    nights: tuple[Night, ...]
+    worse: int | None
+    moved: int | None
+    cases: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Flaky:
+    """A case whose outcome changed from one run to the next so many times of so many."""
+
+    case: str
+    flips: int
+    of: int
+
+
+@dataclass(frozen=True)
+class History:
+    """What the runs show, oldest first. `slowest` has the median seconds of cases."""
+
+    runs: tuple[Run, ...]
+    criteria: tuple[CriterionHistory, ...]
+    flaky: tuple[Flaky, ...]
+    slowest: tuple[tuple[str, float], ...]
+
+    @property
+    def regressions(self) -> list[CriterionHistory]:
+        """What got worse and is."""
+        return [each for each in self.criteria if each.worse is not None]
+
+
+def history_of(runs: Sequence[Run]) -> History:
+    """What these runs show, oldest first."""
+    names: dict[str, str] = {}
+    for run in runs:
+        for case in run.cases:
+            for found in case.criteria:
+                names[found.name] = found.unit or names.get(found.name, "")
+    criteria = tuple(_criterion(name, unit, runs) for name, unit in names.items())
+    return History(tuple(runs), criteria, tuple(_flaky(runs)), tuple(_slowest(runs)))
+
+
+def _criterion(name: str, unit: str, runs: Sequence[Run]) -> CriterionHistory:
+    nights, failing = [], []
+    for run in runs:
+        found = [(case.name, each) for case in run.cases for each in case.criteria]
+        mine = [(case, each) for case, each in found if each.name == name]
+        judged = [(case, each) for case, each in mine if each.outcome in ("passed", "failed")]
+        figures = [each.figure for _, each in mine if each.figure is not None]
+        failing.append({case for case, each in judged if each.outcome == "failed"})
+        median = statistics.median(figures) if figures else None
+        nights.append(Night(len(judged), len(failing[-1]), median))
+    worse = more_fail_since([night.failed for night in nights], [night.judged for night in nights])
+    cases: list[str] = []
+    if worse is not None:
+        before: set[str] = set().union(*failing[:worse])
+        counts = Counter(case for run in failing[worse:] for case in run if case not in before)
+        cases = [case for case, _ in sorted(counts.items(), key=lambda each: (-each[1], each[0]))]
+    moved = moved_since([night.median for night in nights])
+    return CriterionHistory(name, unit, tuple(nights), worse, moved, tuple(cases))
+
+
+def _outcomes(runs: Sequence[Run]) -> dict[str, list[str]]:
+    """Of each case its outcomes, oldest first; errors of the machine are none of them."""
+    found: dict[str, list[str]] = defaultdict(list)
+    for run in runs:
+        for case in run.cases:
+            if case.outcome != "errored":
+                found[case.name].append(case.outcome)
+    return found
+
+
+def _flaky(runs: Sequence[Run]) -> Iterator[Flaky]:
+    """Cases that went there and back, the worst first; one that broke once did not."""
+    found = []
+    for case, outcomes in _outcomes(runs).items():
+        flips = sum(before != after for before, after in itertools.pairwise(outcomes))
+        if flips >= 2:
+            found.append(Flaky(case, flips, len(outcomes) - 1))
+    yield from sorted(found, key=lambda each: (-each.flips / each.of, each.case))[:_MOST]
+
+
+def _slowest(runs: Sequence[Run]) -> Iterator[tuple[str, float]]:
+    seconds: dict[str, list[float]] = defaultdict(list)
+    for run in runs:
+        for case in run.cases:
+            seconds[case.name].append(case.seconds)
+    medians = [(case, statistics.median(each)) for case, each in seconds.items()]
+    yield from sorted(medians, key=lambda each: (-each[1], each[0]))[:_MOST]
