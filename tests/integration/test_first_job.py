@@ -2,18 +2,21 @@
 
 import json
 import re
+import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import yaml
 
+from tests import ros2_standin, rosbag2_folders
 from tests.integration.laptop import Laptop
 from tests.integration.stacks import folders_with_recording
 from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
 
+STRING = "std_msgs/msg/String:10:reliable"
 RELAY = Path(__file__).parent / "nodes/relay_type.py"
 
 
@@ -52,3 +55,32 @@ def test_what_init_writes_is_planned_runs_and_passes_unchanged(laptop: Laptop) -
     results = laptop.folder / "bagpipe-results/joint-states"
     status, output, _ = laptop.run("plan", job, *volume, "--results", results)
     assert "It rests on: 1 cases by what the same case took." in output
+
+
+def test_a_job_for_ros2_runs_unchanged_too(laptop: Laptop, monkeypatch: pytest.MonkeyPatch) -> None:
+    standin = ros2_standin.built()
+    for name, value in ros2_standin.environment(standin).items():
+        monkeypatch.setenv(name, value)
+    # 5 s of two topics in two files, of which the stack makes one again.
+    messages = [
+        rosbag2_folders.Message(
+            ("/in", "/answer")[number % 2],
+            rosbag2_folders.START + number * 10 * rosbag2_folders.MS,
+            rosbag2_folders.text(f"message {number}"),
+        )
+        for number in range(500)
+    ]
+    drive = laptop.folder / "recordings/drive"
+    rosbag2_folders.folder(drive, rosbag2_folders.FORMS[0], [messages[:300], messages[300:]])
+    topics = ["--sub", f"/in:{STRING}", "--pub", f"/answer:{STRING}", "--relay", "/in=/answer"]
+    command = shlex.join([str(standin / "standin_node"), "--name", "/relay", *topics])
+    words = ["--output", "/answer", "--command", command, "-o", "job.yaml"]
+    status, _, errors = laptop.run("init", drive, *words)
+    assert (status, errors) == (0, ""), errors
+    job = laptop.folder / "job.yaml"
+    spec = yaml.safe_load(job.read_text())["spec"]
+    assert spec["stack"]["remap"] == {"/recorded/answer": "/answer"}
+    status, output, errors = laptop.job(job, "--output", "json")
+    assert status == 0, (output, errors)
+    result = json.loads(output)
+    assert (result["verdict"], result["ledger"]["received"]) == ("Passed", 250)
