@@ -153,6 +153,20 @@ pub enum PlayerError {
     Answer(String),
 }
 
+impl PlayerError {
+    /// Whether it says that no librcl can be used here, so that only a player without one can play:
+    /// the loader has none, or one that lacks a function; or there is no loader for the program.
+    pub fn is_without_librcl(&self) -> bool {
+        match self {
+            PlayerError::NoRos(_) | PlayerError::Symbol(_) => true,
+            PlayerError::Program { error, .. } => error.kind() == std::io::ErrorKind::NotFound,
+            // By which a loader says that a C library is too old, or another one.
+            PlayerError::Ended { status, .. } => status == "exit status: 127",
+            _ => false,
+        }
+    }
+}
+
 /// The most that a ring may have, in bytes: offsets of records are 32 bits with room to spare.
 pub(crate) const MOST_ROOM: u64 = 1 << 30;
 

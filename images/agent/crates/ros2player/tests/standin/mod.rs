@@ -118,6 +118,11 @@ impl Graph {
         [Graph::new(), Graph::on_dds()]
     }
 
+    /// The same, for players that know no librcl.
+    pub fn with_player_on_dds(&self) -> Graph {
+        Graph { domain: self.domain, ..Graph::on_dds() }
+    }
+
     fn of(program: &'static str) -> Graph {
         static NEXT: AtomicU32 = AtomicU32::new(1);
         let domain = NEXT.fetch_add(1, Ordering::SeqCst);

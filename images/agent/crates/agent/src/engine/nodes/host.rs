@@ -25,6 +25,14 @@ pub struct Occasion<'a> {
     pub interrupted: &'a dyn Fn() -> Option<Cancellation>,
 }
 
+/// What plays, where there is a choice.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct ChosenPlayer {
+    pub name: String,
+    /// A sentence's end.
+    pub why: String,
+}
+
 /// A middleware, for one case.
 pub trait Host {
     /// What the stack finds in its environment.
@@ -41,6 +49,11 @@ pub trait Host {
 
     /// Processes of its own by now, which are none of the stack's.
     fn processes(&self) -> Vec<Pid>;
+
+    /// What plays, by now.
+    fn chosen_player(&self) -> Option<ChosenPlayer> {
+        None
+    }
 
     /// How the recording is written.
     fn record_as(&self) -> Arc<dyn RecordingFormat>;
