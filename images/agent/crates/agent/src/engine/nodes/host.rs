@@ -28,9 +28,26 @@ pub struct Occasion<'a> {
 /// What plays, where there is a choice.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ChosenPlayer {
-    pub name: String,
+    pub name: PlayerName,
     /// A sentence's end.
     pub why: String,
+}
+
+/// By the image's librcl, or on DDS alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PlayerName {
+    Rcl,
+    Dds,
+}
+
+impl std::fmt::Display for PlayerName {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(match self {
+            PlayerName::Rcl => "librcl",
+            PlayerName::Dds => "DDS alone",
+        })
+    }
 }
 
 /// A middleware, for one case.

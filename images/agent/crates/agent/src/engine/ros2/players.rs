@@ -12,7 +12,7 @@ use bagpipe_ros2player::PlayerError;
 
 use crate::case::Player;
 use crate::case::failure::Failure;
-use crate::engine::nodes::host::{ChosenPlayer, Occasion};
+use crate::engine::nodes::host::{ChosenPlayer, Occasion, PlayerName};
 use crate::engine::ros2::environment::{First, Variables, await_first, prefixes};
 use crate::engine::ros2::files::Files;
 
@@ -74,11 +74,11 @@ impl Players {
                     First::Stranger | First::Nobody => self.variables.clone(),
                 };
                 let started = self.by_rcl(variables);
-                self.settle("rcl", BY_JOB.to_owned(), started)
+                self.settle(PlayerName::Rcl, BY_JOB.to_owned(), started)
             }
             Player::Dds => {
                 let started = self.on_dds(self.variables.clone())?;
-                self.settle("dds", BY_JOB.to_owned(), started)
+                self.settle(PlayerName::Dds, BY_JOB.to_owned(), started)
             }
         }
     }
@@ -100,9 +100,9 @@ impl Players {
                     Some(scout) => Ok(scout),
                     None => self.on_dds(variables)?,
                 };
-                self.settle("dds", error.to_string(), started)
+                self.settle(PlayerName::Dds, error.to_string(), started)
             }
-            other => self.settle("rcl", "librcl is there".to_owned(), other),
+            other => self.settle(PlayerName::Rcl, "librcl is there".to_owned(), other),
         }
     }
 
@@ -143,12 +143,12 @@ impl Players {
 
     fn settle(
         &mut self,
-        name: &str,
+        name: PlayerName,
         why: String,
         started: Result<Ros2, PlayerError>,
     ) -> Result<Ros2, Failure> {
         let ros2 = started.map_err(|error| Failure::new("Ros2Failed", error.to_string()))?;
-        self.chosen = Some(ChosenPlayer { name: name.to_owned(), why });
+        self.chosen = Some(ChosenPlayer { name, why });
         Ok(ros2)
     }
 }
