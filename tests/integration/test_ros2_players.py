@@ -18,6 +18,8 @@ pytestmark = pytest.mark.integration
 ALL = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
 ALLOWED = [{"cause": "DeliveryUnproved", "action": "allow"}]
 MISSING = "librcl.so: cannot open shared object file"
+# Whatever is sourced where the tests run.
+WITHOUT_ROS = {"LD_LIBRARY_PATH": "/nowhere"}
 
 
 @pytest.fixture(scope="session")
@@ -86,13 +88,13 @@ def test_without_librcl_dds_plays_and_proves_nothing_unless_the_job_allows_it(
 ) -> None:
     agent = start_agent()
     command = without_ros(standin, *name)
-    row = run(spec({}, {"mode": "max"}, command, evaluate=ALL), folders, agent)
+    row = run(spec(WITHOUT_ROS, {"mode": "max"}, command, evaluate=ALL), folders, agent)
     assert (row["outcome"], row["reason"]) == ("invalid", "DeliveryUnproved"), row
     assert f"what {node} got on /in is proved no further than `sent`" in row["message"]
     player = row["result"]["player"]
     assert player["name"] == "dds"
     assert MISSING in player["why"]
-    allowing = spec({}, {"mode": "max"}, command, evaluate=ALL, faultPolicy=ALLOWED)
+    allowing = spec(WITHOUT_ROS, {"mode": "max"}, command, evaluate=ALL, faultPolicy=ALLOWED)
     row = run(allowing, folders, agent)
     assert (row["outcome"], row["allowed"][0]["cause"]) == ("passed", "DeliveryUnproved"), row
     assert row["result"]["recorded"]["messages"] == MESSAGES
@@ -103,7 +105,7 @@ def test_who_asks_for_librcl_gets_no_other_player(
     folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
     start = {"deadlines": {"start": "2s"}}
-    job = spec({}, {"mode": "max"}, without_ros(standin), **start, **playing("rcl"))
+    job = spec(WITHOUT_ROS, {"mode": "max"}, without_ros(standin), **start, **playing("rcl"))
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", row
     assert MISSING in row["message"]
@@ -112,7 +114,7 @@ def test_who_asks_for_librcl_gets_no_other_player(
 def test_where_nobody_is_no_other_player_hides_that_there_is_no_ros_2(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
-    job = spec({}, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "2s"})
+    job = spec(WITHOUT_ROS, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "2s"})
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", row
     assert MISSING in row["message"]

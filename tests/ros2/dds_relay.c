@@ -87,9 +87,9 @@ static void announce(dds_entity_t reader, dds_entity_t writer, size_t size, cons
   const void *type;
   dds_entity_t info =
       topic("ros_discovery_info", "rmw_dds_common/ParticipantEntitiesInfo", &type);
-  dds_entity_t told =
+  dds_entity_t announcement =
       checked("announce", dds_create_writer(participant, info, reliable(true), NULL));
-  checked("announce", blob_write(told, type, message.bytes, message.length));
+  checked("announce", blob_write(announcement, type, message.bytes, message.length));
 }
 
 int main(int argc, char **argv) {
@@ -99,8 +99,7 @@ int main(int argc, char **argv) {
   sigaction(SIGTERM, &action, NULL);
   const char *number = getenv("ROS_DOMAIN_ID");
   dds_domainid_t domain = number == NULL ? 0 : (dds_domainid_t)atoi(number);
-  if (getenv("CYCLONEDDS_URI") == NULL)
-    checked("domain", dds_create_domain(domain, LOOPBACK_SETTINGS));
+  checked("domain", loopback_domain(domain));
   dds_qos_t *data = dds_create_qos();
   if (argc == 6) dds_qset_userdata(data, "enclave=/;", 10);
   participant = checked("participant", dds_create_participant(domain, data, NULL));

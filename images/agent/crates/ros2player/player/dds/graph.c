@@ -1,4 +1,4 @@
-/* The nodes of the graph, as far as DDS says who is there: by what ROS 2's participants tell of their
+/* The nodes of the graph, as far as DDS says who is there: by what participants of ROS 2 announce of their
  * nodes, by names in their user data, or, of others that use ROS 2's topics, without a name. */
 #define _GNU_SOURCE
 #include <stdio.h>
@@ -119,16 +119,16 @@ static uint32_t add(struct graph *graph, const char *space, const char *name,
   return some + topics(graph->into, &graph->subscriptions, readers);
 }
 
-struct telling {
+struct announcing {
   struct graph *graph;
   const dds_guid_t *participant;
 };
 
-static void add_told(const struct told_node *node, void *state) {
-  const struct telling *telling = state;
-  struct owner writers = {telling->participant, &node->writers};
-  struct owner readers = {telling->participant, &node->readers};
-  add(telling->graph, node->space, node->name, &writers, &readers);
+static void add_announced(const struct announced_node *node, void *state) {
+  const struct announcing *announcing = state;
+  struct owner writers = {announcing->participant, &node->writers};
+  struct owner readers = {announcing->participant, &node->readers};
+  add(announcing->graph, node->space, node->name, &writers, &readers);
 }
 
 /* The part of user data behind `key`, up to the semicolon; false if there is none. */
@@ -174,14 +174,14 @@ static bool takes_part(const struct graph *graph, const dds_guid_t *one) {
 static void add_participant(struct graph *graph, const dds_builtintopic_participant_t *one) {
   char data[1024], name[512], space[512];
   struct owner whole = {&one->key, NULL};
-  struct telling telling = {graph, &one->key};
+  struct announcing announcing = {graph, &one->key};
   user_data(one, data);
   if (part_of(data, "name=", name) && part_of(data, "namespace=", space)) {
     add(graph, space, name, &whole, &whole);
     return;
   }
   /* Of ROS 2's, what no node has is not reported, as rcl does not: it will be a node's. */
-  if (nodes_of(&one->key, add_told, &telling) || strstr(data, "enclave=") != NULL) return;
+  if (nodes_of(&one->key, add_announced, &announcing) || strstr(data, "enclave=") != NULL) return;
   if (!takes_part(graph, &one->key)) return;
   snprintf(name, sizeof name, "unnamed_dds_participant_%zu", number_of(&one->key));
   add(graph, "/", name, &whole, &whole);

@@ -10,7 +10,8 @@
 static const char settings[] =
     "<CycloneDDS><Domain><General><Interfaces>"
     "<NetworkInterface address=\"127.0.0.1\" multicast=\"true\"/></Interfaces>"
-    "<AllowMulticast>spdp</AllowMulticast></General><Discovery>"
+    "<AllowMulticast>spdp</AllowMulticast><MaxMessageSize>65500B</MaxMessageSize></General>"
+    "<Discovery>"
     "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>40</MaxAutoParticipantIndex>"
     "<Peers><Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>";
 

@@ -1,4 +1,4 @@
-/* What each participant has told last of its nodes. */
+/* What each participant has announced last of its nodes. */
 #include "nodes.h"
 
 #include <stdlib.h>
@@ -7,15 +7,15 @@
 #include "blob.h"
 #include "participant.h"
 
-#define MOST_TOLD 1024           /* participants: more than a machine has ports for */
+#define MOST_ANNOUNCED 1024           /* participants: more than a machine has ports for */
 #define MOST_BYTES (1u << 20)    /* of one */
 #define MOST_WAITING 1024        /* messages between two looks */
 
-static struct told {
+static struct announced {
   dds_guid_t participant;
   uint8_t *bytes;
   size_t length;
-} all[MOST_TOLD];
+} all[MOST_ANNOUNCED];
 static size_t count;
 static dds_entity_t reader;
 
@@ -34,7 +34,7 @@ bool nodes_prepare(struct answer *into) {
   return reader >= 0 || answer_dds(into, "dds_create_reader", reader);
 }
 
-static struct told *find(const dds_guid_t *wanted) {
+static struct announced *find(const dds_guid_t *wanted) {
   for (size_t one = 0; one < count; one++)
     if (memcmp(&all[one].participant, wanted, sizeof *wanted) == 0) return &all[one];
   return NULL;
@@ -43,14 +43,14 @@ static struct told *find(const dds_guid_t *wanted) {
 static void remember(const uint8_t *bytes, size_t length) {
   dds_guid_t whose;
   if (length > MOST_BYTES || !nodes_parse(bytes, length, &whose, NULL, NULL)) return;
-  struct told *known = find(&whose);
-  if (known == NULL && count == MOST_TOLD) return;
+  struct announced *known = find(&whose);
+  if (known == NULL && count == MOST_ANNOUNCED) return;
   uint8_t *copy = malloc(length);
   if (copy == NULL) return;
   memcpy(copy, bytes, length);
   if (known == NULL) known = &all[count++];
   else free(known->bytes);
-  *known = (struct told){whose, copy, length};
+  *known = (struct announced){whose, copy, length};
 }
 
 void nodes_refresh(void) {
@@ -66,7 +66,7 @@ void nodes_refresh(void) {
 
 bool nodes_of(const dds_guid_t *wanted, visit_node *visitor, void *state) {
   dds_guid_t whose;
-  const struct told *known = find(wanted);
+  const struct announced *known = find(wanted);
   return known != NULL && nodes_parse(known->bytes, known->length, &whose, visitor, state);
 }
 

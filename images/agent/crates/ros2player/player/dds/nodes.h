@@ -1,4 +1,4 @@
-/* What ROS 2's participants tell of their nodes by the topic ros_discovery_info: which endpoints each
+/* What participants of ROS 2 announce of their nodes by the topic ros_discovery_info: which endpoints each
  * has. None of it is trusted: what can't be parsed is no node. */
 #pragma once
 #include <dds/dds.h>
@@ -14,14 +14,14 @@ struct guids {
   size_t count, size; /* of one */
 };
 
-struct told_node {
+struct announced_node {
   const char *space, *name;
   struct guids readers, writers;
 };
 
 bool guids_have(const struct guids *of, const dds_guid_t *wanted);
 
-typedef void visit_node(const struct told_node *node, void *state);
+typedef void visit_node(const struct announced_node *node, void *state);
 
 /* Visits the nodes in a serialised message of this topic; false if it can't be one. */
 bool nodes_parse(const uint8_t *bytes, size_t length, dds_guid_t *participant, visit_node *visitor,
@@ -30,7 +30,7 @@ bool nodes_parse(const uint8_t *bytes, size_t length, dds_guid_t *participant, v
 /* Takes in what came since the last call. */
 void nodes_refresh(void);
 
-/* Visits the nodes of a participant; false if it has told of none. */
+/* Visits the nodes of a participant; false if it has announced none. */
 bool nodes_of(const dds_guid_t *participant, visit_node *visitor, void *state);
 
 /* Forgets who is not `alive`. */

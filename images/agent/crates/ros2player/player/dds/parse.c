@@ -57,7 +57,7 @@ static bool parse(struct cursor from, size_t size, dds_guid_t *participant, visi
   if (whose != NULL) memcpy(participant->v, whose, GUID);
   uint32_t nodes = number(&from);
   for (uint32_t one = 0; one < nodes && !from.wrong; one++) {
-    struct told_node node = {.space = text(&from), .name = text(&from)};
+    struct announced_node node = {.space = text(&from), .name = text(&from)};
     node.readers = guids(&from, size);
     node.writers = guids(&from, size);
     if (!from.wrong && visitor != NULL) visitor(&node, state);

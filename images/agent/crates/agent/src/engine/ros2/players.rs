@@ -15,6 +15,7 @@ use crate::case::failure::Failure;
 use crate::engine::nodes::host::{ChosenPlayer, Occasion, PlayerName};
 use crate::engine::ros2::environment::{First, Variables, await_first, prefixes};
 use crate::engine::ros2::files::Files;
+use crate::engine::ros2::transports::with_transports;
 
 /// How long a player may take for its start and for each answer.
 const DEADLINE: Duration = Duration::from_secs(20);
@@ -29,6 +30,8 @@ pub struct Players {
     qos: BTreeMap<String, QosOverride>,
     /// Of a player that no node gives any.
     variables: Variables,
+    /// Where what a player reads is written.
+    folder: PathBuf,
     pids: Vec<u32>,
     /// One on DDS that looks for who uses no ROS 2 that can be seen from outside; when it last did.
     scout: Option<Ros2>,
@@ -41,13 +44,14 @@ impl Players {
         ledger: Arc<Ledger>,
         files: Files,
         qos: BTreeMap<String, QosOverride>,
-        variables: Variables,
+        (variables, folder): (Variables, PathBuf),
     ) -> Players {
         Players {
             ledger,
             files,
             qos,
             variables,
+            folder,
             pids: Vec::new(),
             scout: None,
             looked: None,
@@ -73,7 +77,7 @@ impl Players {
                     First::Node(variables) => variables,
                     First::Stranger | First::Nobody => self.variables.clone(),
                 };
-                let started = self.by_rcl(variables);
+                let started = self.by_rcl(variables)?;
                 self.settle(PlayerName::Rcl, BY_JOB.to_owned(), started)
             }
             Player::Dds => {
@@ -94,7 +98,7 @@ impl Players {
             First::Nobody => (self.variables.clone(), false),
         };
         let scout = self.scout.take();
-        match self.by_rcl(variables.clone()) {
+        match self.by_rcl(variables.clone())? {
             Err(error) if error.is_without_librcl() && somebody => {
                 let started = match scout {
                     Some(scout) => Ok(scout),
@@ -119,8 +123,12 @@ impl Players {
         self.scout.as_ref().is_some_and(|scout| scout.sees_others().unwrap_or(false))
     }
 
-    fn by_rcl(&mut self, variables: Variables) -> Result<Ros2, PlayerError> {
-        self.start(self.files.program.clone(), variables)
+    fn by_rcl(&mut self, variables: Variables) -> Result<Result<Ros2, PlayerError>, Failure> {
+        let variables = with_transports(variables, &self.folder).map_err(|error| {
+            let folder = self.folder.display();
+            Failure::new("Internal", format!("cannot write into {folder}: {error}"))
+        })?;
+        Ok(self.start(self.files.program.clone(), variables))
     }
 
     fn on_dds(&mut self, variables: Variables) -> Result<Result<Ros2, PlayerError>, Failure> {
