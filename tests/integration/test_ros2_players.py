@@ -104,18 +104,7 @@ def test_without_librcl_dds_plays_and_proves_nothing_unless_the_job_allows_it(
 def test_who_asks_for_librcl_gets_no_other_player(
     folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
-    start = {"deadlines": {"start": "2s"}}
-    job = spec(WITHOUT_ROS, {"mode": "max"}, without_ros(standin), **start, **playing("rcl"))
+    job = spec(WITHOUT_ROS, {"mode": "max"}, without_ros(standin), **playing("rcl"))
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", row
     assert MISSING in row["message"]
-
-
-def test_where_nobody_is_no_other_player_hides_that_there_is_no_ros_2(
-    folders: dict[str, str], start_agent: Callable[..., RunningAgent]
-) -> None:
-    job = spec(WITHOUT_ROS, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "2s"})
-    row = run(job, folders, start_agent())
-    assert row["outcome"] == "errored", row
-    assert MISSING in row["message"]
-    assert "source the setup file" in row["message"]
