@@ -1,6 +1,4 @@
-"""What a spec says of ROS 2 alone: what plays, with which quality of service, and what its parameters
-must look like.
-"""
+"""What a spec says of ROS 2 alone: what plays, its quality of service, and what parameters look like."""
 
 import re
 from collections.abc import Iterator, Mapping

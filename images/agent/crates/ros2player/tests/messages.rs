@@ -284,3 +284,24 @@ fn what_the_middleware_refuses_is_counted_and_reported_once_with_its_reason() {
         assert_eq!((player.published(publisher), player.published(other)), (1, 1));
     });
 }
+
+#[test]
+fn who_listens_gets_what_others_publish_and_nothing_of_its_own() {
+    with_each_player(|graph| {
+        let (player, other) = (graph.player(), graph.player());
+        let own = player.advertise("/both", "std_msgs/String", &ALL).unwrap();
+        let theirs = other.advertise("/both", "std_msgs/String", &ALL).unwrap();
+        let listening = player.listen("/both", "std_msgs/String", &ALL).unwrap();
+        let all = player.subscribe("/both", "std_msgs/String", &ALL).unwrap();
+        eventually(|| player.publishers(all).unwrap() == 2);
+        eventually(|| player.publishers(listening).unwrap() == 1);
+        eventually(|| player.subscribers(own).unwrap() == 1);
+        eventually(|| other.subscribers(theirs).unwrap() == 2);
+        publish(&player, own, &message(1, 10)).unwrap();
+        publish(&other, theirs, &message(2, 10)).unwrap();
+        let mut found: Vec<(bool, u64)> =
+            receive(&player, 3).iter().map(|one| (one.0 == listening, number(&one.1))).collect();
+        found.sort_unstable();
+        assert_eq!(found, [(false, 1), (false, 2), (true, 2)]);
+    });
+}
