@@ -1,4 +1,4 @@
-"""What a spec says of ROS 2 alone: what plays, its quality of service, and what parameters look like."""
+"""What a spec says of ROS 2 alone: what plays, its quality of service, and its parameters' form."""
 
 import re
 from collections.abc import Iterator, Mapping
