@@ -40,6 +40,7 @@ FULL: Json = {
         "command": ["x", ""], "environment": {"A": "b"}, "parameters": {"/a": [None, {"b": 1}]},
         "remap": {"/a": "/b"},
         "qos": {"/a": {"reliability": "bestEffort", "durability": "volatile", "depth": 1}},
+        "player": "dds",
     },
     "playback": {
         "mode": "lockstep", "rate": 2, "wait_for": ["/n"],

@@ -201,7 +201,7 @@ def test_the_agent_knows_the_words_of_the_schema_and_no_others(
         assert "unknown variant" in sentence, (path, sentence)
         assert set(re.findall(r"`([^`]+)`", sentence)) - {"no such word"} == set(words), path
         seen.add(path[-1])
-    kinds = {REPLAY: {"strength", "by", "cause", "what", "ended_by"}}
+    kinds = {REPLAY: {"strength", "by", "cause", "what", "ended_by", "name"}}
     assert seen == kinds.get(name, {"engine", "cause", "what", "ended_by"})
 
 

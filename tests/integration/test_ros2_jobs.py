@@ -137,10 +137,13 @@ def test_a_node_that_aborts_has_crashed(
 def test_without_ros_2_a_sentence_names_what_to_do(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
-    job = spec({}, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "1s"})
+    nowhere = {"LD_LIBRARY_PATH": "/nowhere"}
+    job = spec(nowhere, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "1s"})
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", row
+    # Nor does a player without librcl hide it: nobody is there for whom it could play.
     assert "librcl.so" in row["message"]
+    assert "source the setup file" in row["message"]
 
 
 def test_two_slots_of_one_machine_never_receive_from_each_other(

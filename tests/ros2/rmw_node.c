@@ -5,14 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "loopback.h"
 #include "rmw_parts.h"
-
-/* Without CYCLONEDDS_URI: unicast on loopback, for more processes than Cyclone looks for. */
-static const char settings[] =
-    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" multicast=\"false\"/>"
-    "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
-    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>40</MaxAutoParticipantIndex>"
-    "<Peers><Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>";
 
 int rmw_init(const void *options, struct rmw_context *context) {
   (void)options;
@@ -22,11 +16,9 @@ int rmw_init(const void *options, struct rmw_context *context) {
   context->domain = domain == NULL ? 0 : strtoul(domain, &end, 10);
   if (*end != 0 || context->domain > 232)
     return standin_error(RMW_ERROR, "ROS_DOMAIN_ID is not a domain: %s", domain);
-  if (getenv("CYCLONEDDS_URI") == NULL) {
-    dds_entity_t made = dds_create_domain((dds_domainid_t)context->domain, settings);
-    if (made < 0 && made != DDS_RETCODE_PRECONDITION_NOT_MET)
-      return standin_error(RMW_ERROR, "no DDS domain: %s", dds_strretcode(made));
-  }
+  dds_entity_t made = loopback_domain((dds_domainid_t)context->domain);
+  if (made < 0 && made != DDS_RETCODE_PRECONDITION_NOT_MET)
+    return standin_error(RMW_ERROR, "no DDS domain: %s", dds_strretcode(made));
   return RMW_OK;
 }
 

@@ -52,6 +52,18 @@ def test_hello_has_what_is_offered_for_each_topic_and_nil_for_the_rest() -> None
         assert hello(without)["stack"]["qos"] == {}
 
 
+def test_hello_has_what_plays_and_no_other_player_is_one() -> None:
+    for wanted in ("auto", "rcl", "dds"):
+        case = hello(spec({"ros2": {"player": wanted}}))
+        assert case["stack"]["player"] == wanted
+        assert valid_case(case) == case
+    for without in (spec(), spec({"ros2": {}}), make_spec()):
+        assert hello(without)["stack"]["player"] == "auto"
+    assert refusal({"ros2": {"player": "fastdds"}}) == "Input should be 'auto', 'rcl' or 'dds'"
+    with pytest.raises(ValidationError):
+        valid_case(hello(spec()) | {"stack": {"command": ["a"], "player": "fastdds"}})
+
+
 @pytest.mark.parametrize("wrong", [{"depth": 0}, {"reliability": "best_effort"}, {"depth": "5"}])
 def test_another_quality_of_service_is_none(wrong: Json) -> None:
     with pytest.raises(ValidationError):

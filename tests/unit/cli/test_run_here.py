@@ -129,8 +129,12 @@ def test_nodes_of_ros_2_need_one_that_is_sourced_and_no_rosmaster(
     (only,) = refused(machine, stack=stack(engine="ros2"))
     assert only == (
         "stack.engine: ros2 plays by a ROS 2's librcl.so, which is not found here: source its"
-        " setup.bash, which sets AMENT_PREFIX_PATH, or run this inside of the stack's image"
+        " setup.bash, which sets AMENT_PREFIX_PATH, or write stack.ros2.player: dds where the stack"
+        " has ROS 2 linked statically, or run this inside of the stack's image"
     )
+    for player, needs in [("auto", 1), ("rcl", 1), ("dds", 0)]:
+        own = stack(engine="ros2", ros2={"player": player})
+        assert len(refused(machine, stack=own)) == needs, player
     prefix = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy"}
     sourced = Machine({**machine.environment, **prefix}, machine.entrypoint)
     assert refused(sourced, stack=stack(engine="ros2")) == []

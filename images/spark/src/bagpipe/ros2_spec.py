@@ -1,4 +1,4 @@
-"""What a spec says of ROS 2 alone: quality of service, and what its parameters must look like."""
+"""What a spec says of ROS 2 alone: what plays, its quality of service, and its parameters' form."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -11,6 +11,10 @@ from bagpipe.texts import Name
 
 # The node's full name, whose parts may be wildcards, and the parameter's behind the last slash.
 _PARAMETER = re.compile(r"(?:/(?:[A-Za-z_][A-Za-z0-9_]*|\*\*?))+/[^/]+")
+
+
+# By the image's librcl, on DDS alone, or as it can be.
+Player = Literal["auto", "rcl", "dds"]
 
 
 class Qos(BaseModel):
@@ -27,6 +31,8 @@ class Ros2(BaseModel):
     """`stack.ros2`: the topics of `qos` have their names in the recording."""
 
     model_config = SPEC_CONFIG
+
+    player: Player = "auto"
 
     qos: dict[Name, Qos] = Field(default={}, max_length=200)
 

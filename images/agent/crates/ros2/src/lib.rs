@@ -1,7 +1,7 @@
 //! A ROS 2 graph behind the seam of `bagpipe-graph`.
 //!
-//! The graph is reached by a player that loads the image's own client library
-//! (`bagpipe-ros2player`), and what its nodes take, call and publish is counted inside of them
+//! The graph is reached by a player that loads the image's own client library, or has a DDS of its
+//! own (`bagpipe-ros2player`), and what its nodes take, call and publish is counted inside of them
 //! (`bagpipe-ros2ledger`). Of both together comes what ROS 2 itself does not have:
 //!
 //! - *credit*: a message goes out once every subscriber has room for it, by its own queue's depth

@@ -5,7 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use bagpipe_graph::{GraphError, Middleware, NodeOptions, ReadStamp, Sink, TopicInfo};
-use bagpipe_ros2player::{Player, PlayerOptions};
+use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
 
 use crate::error::failed;
 use crate::node::{Graph, PLAYER};
@@ -29,7 +29,7 @@ impl Ros2 {
     ///
     /// # Errors
     /// There is no ROS 2 in the environment, or it makes no node.
-    pub fn start(options: Ros2Options) -> Result<Ros2, GraphError> {
+    pub fn start(options: Ros2Options) -> Result<Ros2, PlayerError> {
         static NEXT: AtomicU64 = AtomicU64::new(0);
         let number = NEXT.fetch_add(1, Ordering::Relaxed);
         let name = format!("{PLAYER}{}_{number}", std::process::id());
@@ -43,10 +43,22 @@ impl Ros2 {
             namespace: "/".to_owned(),
             room: ROOM,
             deadline: options.deadline,
-        })
-        .map_err(failed)?;
+        })?;
         let pid = player.pid();
         Ok(Ros2 { name, pid, player: Mutex::new(Some(player)), options })
+    }
+
+    /// Whether somebody else publishes or subscribes to something; not once it was joined.
+    ///
+    /// # Errors
+    /// The player does not say, or not within the deadline.
+    pub fn sees_others(&self) -> Result<bool, PlayerError> {
+        let player = self.player.lock().unwrap_or_else(PoisonError::into_inner);
+        let nodes = player.as_ref().map_or(Ok(Vec::new()), Player::graph)?;
+        let others = nodes.iter().filter(|node| node.name != self.name);
+        Ok(others
+            .into_iter()
+            .any(|node| !(node.publishes.is_empty() && node.subscribes.is_empty())))
     }
 
     /// The process of the player.

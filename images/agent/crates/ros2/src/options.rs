@@ -16,7 +16,7 @@ pub struct Ros2Options {
     /// What the stack's nodes count in: they were started with its environment, while it watched
     /// matches ([`Ledger::watch_matches`]).
     pub ledger: Arc<Ledger>,
-    /// A file with [`bagpipe_ros2player::PROGRAM`].
+    /// A file with [`bagpipe_ros2player::PROGRAM`] or [`bagpipe_ros2player::DDS_PROGRAM`].
     pub program: PathBuf,
     /// The player's variables beside those of this process, such as the domain's number.
     pub environment: Vec<(OsString, OsString)>,

@@ -6,8 +6,6 @@
 #include <string.h>
 #include <sys/socket.h>
 
-#include "rcl.h"
-
 #define HEAD 8 /* length and sequence */
 
 uint32_t request_number(struct request *from) {
@@ -64,10 +62,8 @@ void answer_failed(struct answer *into, enum status status, const char *text) {
   answer_text(into, text);
 }
 
-void answer_rcl(struct answer *into, const char *function, int returned) {
-  char reason[1024];
-  rcl_reason(reason, sizeof reason);
-  answer_failed(into, STATUS_RCL, function);
+void answer_call(struct answer *into, const char *function, int returned, const char *reason) {
+  answer_failed(into, STATUS_CALL, function);
   answer_number(into, (uint32_t)returned);
   answer_text(into, reason);
 }

@@ -24,7 +24,7 @@ enum status {
   STATUS_SYMBOL,  /* text: the function that it lacks */
   STATUS_PACKAGE, /* text: the library of types; text: why it is not to be had */
   STATUS_TYPE,    /* text: the library of types, which lacks this one */
-  STATUS_RCL,     /* text: the function; u32: what it returned; text: rcl's reason */
+  STATUS_CALL,    /* text: the middleware's function; u32: what it returned; text: its reason */
   STATUS_REQUEST, /* text: what is wrong with it */
 };
 
@@ -53,8 +53,8 @@ void answer_text(struct answer *into, const char *text);
 /* Makes it one that begins with a status. */
 void answer_failed(struct answer *into, enum status status, const char *text);
 
-/* Makes it that a function of rcl has failed, with rcl's reason. */
-void answer_rcl(struct answer *into, const char *function, int returned);
+/* Makes it that a function of the middleware has failed, with its reason. */
+void answer_call(struct answer *into, const char *function, int returned, const char *reason);
 
 /* Sends it as the answer to a request; false if nobody receives it. */
 bool answer_send(struct answer *from, int socket, uint32_t sequence);

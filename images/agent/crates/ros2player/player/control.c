@@ -24,27 +24,17 @@ typedef void add(const struct wanted *, struct answer *);
 static void create(struct request *from, struct answer *into, add *endpoint, bool others) {
   struct wanted wanted = {.slot = request_number(from), .others = others};
   wanted.topic = request_text(from);
-  const char *package = request_text(from), *folder = request_text(from);
-  const char *name = request_text(from);
+  wanted.package = request_text(from);
+  wanted.folder = request_text(from);
+  wanted.name = request_text(from);
   wanted.qos.history = (int)request_number(from);
   wanted.qos.depth = request_number(from);
   wanted.qos.reliability = (int)request_number(from);
   wanted.qos.durability = (int)request_number(from);
-  if (from->wrong || wanted.slot >= PLAYER_ENDPOINTS) {
+  if (from->wrong || wanted.slot >= PLAYER_ENDPOINTS)
     answer_failed(into, STATUS_REQUEST, "it is no endpoint");
-    return;
-  }
-  char library[512];
-  const char *missing;
-  wanted.type = rcl_type(package, folder, name, library, &missing);
-  if (wanted.type != NULL) {
+  else
     endpoint(&wanted, into);
-  } else if (missing[0] != 0) {
-    answer_failed(into, STATUS_PACKAGE, library);
-    answer_text(into, missing);
-  } else {
-    answer_failed(into, STATUS_TYPE, library);
-  }
 }
 
 static void obey(struct request *from, struct answer *into) {
@@ -64,7 +54,7 @@ static void obey(struct request *from, struct answer *into) {
     case VERB_ADVERTISE: create(from, into, publisher_add, false); return;
     case VERB_SUBSCRIBE: create(from, into, subscription_add, false); return;
     case VERB_LISTEN: create(from, into, subscription_add, true); return;
-    case VERB_GRAPH: graph(into); return;
+    case VERB_GRAPH: middleware_graph(into); return;
     default: slot = request_number(from);
   }
   if (from->wrong || slot >= PLAYER_ENDPOINTS)

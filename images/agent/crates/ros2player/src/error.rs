@@ -59,14 +59,14 @@ pub enum PlayerError {
         /// Its package's library of types.
         library: String,
     },
-    /// A function of rcl has failed.
+    /// A function of the middleware has failed: rcl's or DDS's.
     #[error("{function} has failed with {code}: {reason}")]
-    Rcl {
+    Call {
         /// Which function.
         function: String,
         /// What it returned.
         code: i32,
-        /// rcl's text.
+        /// Its text.
         reason: String,
     },
     /// The middleware has refused messages since the last call.
@@ -76,7 +76,7 @@ pub enum PlayerError {
         topic: String,
         /// How many, since this was last reported.
         count: u64,
-        /// rcl's text on the last one.
+        /// The middleware's text on the last one.
         reason: String,
     },
     /// A message is longer than the rings can pass on.
@@ -100,7 +100,7 @@ pub enum PlayerError {
     Take {
         /// The topic.
         topic: String,
-        /// rcl's text.
+        /// The middleware's text.
         reason: String,
     },
     /// There are as many publishers or subscriptions as a player can have.
@@ -151,6 +151,20 @@ pub enum PlayerError {
     /// The program's answer can't be one.
     #[error("the ROS 2 player's answer can't be understood: {0}")]
     Answer(String),
+}
+
+impl PlayerError {
+    /// Whether it says that no librcl can be used here, so that only a player without one can play:
+    /// the loader has none, or one that lacks a function; or there is no loader for the program.
+    pub fn is_without_librcl(&self) -> bool {
+        match self {
+            PlayerError::NoRos(_) | PlayerError::Symbol(_) => true,
+            PlayerError::Program { error, .. } => error.kind() == std::io::ErrorKind::NotFound,
+            // By which a loader says that a C library is too old, or another one.
+            PlayerError::Ended { status, .. } => status == "exit status: 127",
+            _ => false,
+        }
+    }
 }
 
 /// The most that a ring may have, in bytes: offsets of records are 32 bits with room to spare.

@@ -8,7 +8,7 @@ const STATUS_LIBRARY: u32 = 1;
 const STATUS_SYMBOL: u32 = 2;
 const STATUS_PACKAGE: u32 = 3;
 const STATUS_TYPE: u32 = 4;
-const STATUS_RCL: u32 = 5;
+const STATUS_CALL: u32 = 5;
 
 /// The error of an answer that says so.
 pub(crate) fn failure(
@@ -26,7 +26,7 @@ pub(crate) fn failure(
             PlayerError::Package { topic, package, library: first, reason: answer.text()? }
         }
         STATUS_TYPE => PlayerError::Type { topic, datatype: datatype.to_owned(), library: first },
-        STATUS_RCL => PlayerError::Rcl {
+        STATUS_CALL => PlayerError::Call {
             function: first,
             code: answer.number()?.cast_signed(),
             reason: answer.text()?,

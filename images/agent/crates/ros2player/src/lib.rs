@@ -1,11 +1,20 @@
-//! A ROS 2 graph, reached through the librcl of the user's own image.
+//! A ROS 2 graph, reached through the librcl of the user's own image, or else by DDS alone.
 //!
+//! # By librcl
 //! Types, type hashes, middleware, its settings and its security are the image's: nothing of ROS 2
 //! is linked here. A small program in C ([`PROGRAM`], built from `player/`) is started in the user's
 //! container with the user's environment. It loads `librcl.so` and the type supports that it
 //! is asked for, makes one node, publishes serialised messages, and takes as serialised messages
 //! what is to be recorded. It needs nothing but libc, and no header of ROS 2: the structures of
 //! rcl, which differ between distributions, are blobs to it.
+//!
+//! # By DDS alone
+//! Where no librcl can be loaded (ROS 2 linked statically, musl, programs of DDS with ROS 2's names)
+//! [`DDS_PROGRAM`] does the same: a static program with Cyclone DDS in it, on loopback, in the domain
+//! of `ROS_DOMAIN_ID`, with `CYCLONEDDS_URI` on top of its own settings. It knows no types: a
+//! message is what its bytes are. Nodes' names are those that participants report on
+//! `ros_discovery_info` or in their user data; others are `/unnamed_dds_participant_N`. Security, and
+//! RMWs that are no DDS, are librcl's alone.
 //!
 //! # How they talk
 //! The program's standard input is a socket. By its first byte comes the shared memory, a file
@@ -58,3 +67,6 @@ pub use receive::Received;
 /// The program: an ELF file of some 30 KiB for this processor and any glibc from 2.17 on, to be written
 /// where the user's container can execute it.
 pub const PROGRAM: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/bagpipe-ros2player"));
+
+/// The program on DDS alone: a static ELF file of 1.7 MB for this processor, for any C library.
+pub const DDS_PROGRAM: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/bagpipe-ros2player-dds"));

@@ -7,7 +7,8 @@ use std::time::Duration;
 /// How the program is started.
 #[derive(Clone, Debug)]
 pub struct PlayerOptions {
-    /// A file with [`PROGRAM`](crate::PROGRAM), which may be executed.
+    /// A file with [`PROGRAM`](crate::PROGRAM) or [`DDS_PROGRAM`](crate::DDS_PROGRAM), which may be
+    /// executed.
     pub program: PathBuf,
     /// Variables that it gets besides this process's own: those of the user's sourced setup.
     pub environment: Vec<(OsString, OsString)>,

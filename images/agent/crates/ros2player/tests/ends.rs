@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
 use standin::{
     ALL, Graph, LONG, RELIABLE, built, eventually, match_own, message, publish, threads_are,
-    write_program,
+    with_each_player, write_program,
 };
 
 /// A folder for one test.
@@ -47,27 +47,28 @@ fn runs(pid: u32) -> bool {
 
 #[test]
 fn the_graph_has_nodes_of_other_processes_with_their_topics() {
-    let graph = Graph::new();
-    let _relay = graph.start(
-        "standin_node_py",
-        &["--name", "/ns/relay", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable", "--pub"]
-            .into_iter()
-            .chain(["/out:std_msgs/msg/String:10:best_effort", "--relay", "/in=/out"])
-            .collect::<Vec<_>>(),
-    );
-    let _bare = graph.node(&["--name", "/bare"]);
-    let player = graph.player();
-    player.advertise("/in", "sensor_msgs/Imu", &RELIABLE).unwrap();
-    let of = |name: &str| player.graph().unwrap().into_iter().find(|node| node.name == name);
-    eventually(|| of("/ns/relay").is_some_and(|node| node.publishes.len() == 1));
-    eventually(|| of("/ns/relay").is_some_and(|node| node.subscribes.len() == 1));
-    let relay = of("/ns/relay").unwrap();
-    assert_eq!(relay.publishes, [("/out".into(), "std_msgs/msg/String".into())]);
-    assert_eq!(relay.subscribes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
-    eventually(|| of("/bare").is_some());
-    assert_eq!(of("/bare").unwrap().publishes, []);
-    let own = of("/bagpipe/player").unwrap();
-    assert_eq!(own.publishes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
+    with_each_player(|graph| {
+        let _relay = graph.start(
+            "standin_node_py",
+            &["--name", "/ns/relay", "--sub", "/in:sensor_msgs/msg/Imu:10:reliable", "--pub"]
+                .into_iter()
+                .chain(["/out:std_msgs/msg/String:10:best_effort", "--relay", "/in=/out"])
+                .collect::<Vec<_>>(),
+        );
+        let _bare = graph.node(&["--name", "/bare"]);
+        let player = graph.player();
+        player.advertise("/in", "sensor_msgs/Imu", &RELIABLE).unwrap();
+        let of = |name: &str| player.graph().unwrap().into_iter().find(|node| node.name == name);
+        eventually(|| of("/ns/relay").is_some_and(|node| node.publishes.len() == 1));
+        eventually(|| of("/ns/relay").is_some_and(|node| node.subscribes.len() == 1));
+        let relay = of("/ns/relay").unwrap();
+        assert_eq!(relay.publishes, [("/out".into(), "std_msgs/msg/String".into())]);
+        assert_eq!(relay.subscribes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
+        eventually(|| of("/bare").is_some());
+        assert_eq!(of("/bare").unwrap().publishes, []);
+        let own = of("/bagpipe/player").unwrap();
+        assert_eq!(own.publishes, [("/in".into(), "sensor_msgs/msg/Imu".into())]);
+    });
 }
 
 #[test]
@@ -159,29 +160,31 @@ fn there_is_room_for_1024_of_each_and_none_of_another_player() {
 
 #[test]
 fn dropping_it_ends_the_program_and_leaves_no_zombie() {
-    let graph = Graph::new();
-    let player = graph.player();
-    let pid = player.pid();
-    player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
-    assert!(runs(pid));
-    drop(player);
-    assert!(!exists(pid));
+    with_each_player(|graph| {
+        let player = graph.player();
+        let pid = player.pid();
+        player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+        assert!(runs(pid));
+        drop(player);
+        assert!(!exists(pid));
+    });
 }
 
 #[test]
 fn its_threads_are_woken_for_its_end() {
-    let graph = Graph::new();
-    let took = |_| {
-        let player = graph.player();
-        player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
-        eventually(|| threads_are(player.pid(), 'S'));
-        let begun = Instant::now();
-        drop(player);
-        begun.elapsed()
-    };
-    // Who is not woken looks by itself after half a second.
-    let fastest = (0..8).map(took).min().unwrap();
-    assert!(fastest < Duration::from_millis(150), "{fastest:?}");
+    with_each_player(|graph| {
+        let took = |_| {
+            let player = graph.player();
+            player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+            eventually(|| threads_are(player.pid(), 'S'));
+            let begun = Instant::now();
+            drop(player);
+            begun.elapsed()
+        };
+        // Who is not woken looks by itself after half a second.
+        let fastest = (0..8).map(took).min().unwrap();
+        assert!(fastest < Duration::from_millis(150), "{fastest:?}");
+    });
 }
 
 #[test]
@@ -201,92 +204,97 @@ fn variables_are_added_and_removed() {
 
 #[test]
 fn an_answer_that_comes_too_late_is_not_taken_for_the_next() {
-    let graph = Graph::new();
-    let deadline = Duration::from_millis(300);
-    let player = Player::start(&PlayerOptions { deadline, ..graph.options() }).unwrap();
-    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
-    let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
-    match_own(&player, publisher, subscription);
-    let pid = player.pid().to_string();
-    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
-    assert!(signal("-STOP"));
-    eventually(|| threads_are(player.pid(), 'T'));
-    let begun = Instant::now();
-    std::thread::scope(|scope| {
-        // Each waits for the other, and still no longer than its own deadline.
-        for _ in 0..4 {
-            scope.spawn(|| {
-                let error = player.graph().unwrap_err().to_string();
-                assert!(error.contains("has not answered within 0.3 s"), "{error}");
-            });
-        }
+    with_each_player(|graph| {
+        let deadline = Duration::from_millis(300);
+        let player = Player::start(&PlayerOptions { deadline, ..graph.options() }).unwrap();
+        let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+        let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+        match_own(&player, publisher, subscription);
+        let pid = player.pid().to_string();
+        let signal =
+            |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
+        assert!(signal("-STOP"));
+        eventually(|| threads_are(player.pid(), 'T'));
+        let begun = Instant::now();
+        std::thread::scope(|scope| {
+            // Each waits for the other, and still no longer than its own deadline.
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    let error = player.graph().unwrap_err().to_string();
+                    assert!(error.contains("has not answered within 0.3 s"), "{error}");
+                });
+            }
+        });
+        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+        assert!(signal("-CONT"));
+        assert_eq!(player.subscribers(publisher).unwrap(), 1);
+        assert_eq!(player.graph().unwrap().len(), 1);
     });
-    assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
-    assert!(signal("-CONT"));
-    assert_eq!(player.subscribers(publisher).unwrap(), 1);
-    assert_eq!(player.graph().unwrap().len(), 1);
 }
 
 #[test]
 fn a_program_that_is_killed_is_noticed_by_who_waits_for_room() {
-    let graph = Graph::new();
-    let player = Player::start(&PlayerOptions { room: 1 << 16, ..graph.options() }).unwrap();
-    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
-    let pid = player.pid().to_string();
-    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
-    assert!(signal("-STOP"));
-    eventually(|| threads_are(player.pid(), 'T'));
-    let late = Instant::now() + LONG;
-    let mut waited = 0;
-    let error = loop {
-        let mut kill = || {
-            waited += 1;
-            assert!(waited > 1 || signal("-KILL"));
-            Instant::now() > late
+    with_each_player(|graph| {
+        let player = Player::start(&PlayerOptions { room: 1 << 16, ..graph.options() }).unwrap();
+        let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+        let pid = player.pid().to_string();
+        let signal =
+            |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
+        assert!(signal("-STOP"));
+        eventually(|| threads_are(player.pid(), 'T'));
+        let late = Instant::now() + LONG;
+        let mut waited = 0;
+        let error = loop {
+            let mut kill = || {
+                waited += 1;
+                assert!(waited > 1 || signal("-KILL"));
+                Instant::now() > late
+            };
+            if let Err(error) = player.publish(publisher, &[&[0; 1000]], &mut kill) {
+                break error;
+            }
         };
-        if let Err(error) = player.publish(publisher, &[&[0; 1000]], &mut kill) {
-            break error;
-        }
-    };
-    assert!(matches!(error, PlayerError::Ended { .. }), "{error}");
+        assert!(matches!(error, PlayerError::Ended { .. }), "{error}");
+    });
 }
 
 #[test]
 fn a_program_that_was_killed_is_an_error_in_every_call_at_once() {
-    let graph = Graph::new();
-    let player = graph.player();
-    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
-    let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
-    eventually(|| player.publishers(subscription).unwrap() == 1);
-    publish(&player, publisher, &message(7, 7)).unwrap();
-    eventually(|| player.taken(subscription) == 1);
-    std::thread::scope(|scope| {
-        let receiving = scope.spawn(|| {
-            assert_eq!(player.receive(LONG, &mut |_| ()).unwrap(), 1);
-            player.receive(LONG, &mut |_| ()).unwrap_err()
+    with_each_player(|graph| {
+        let player = graph.player();
+        let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+        let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
+        eventually(|| player.publishers(subscription).unwrap() == 1);
+        publish(&player, publisher, &message(7, 7)).unwrap();
+        eventually(|| player.taken(subscription) == 1);
+        std::thread::scope(|scope| {
+            let receiving = scope.spawn(|| {
+                assert_eq!(player.receive(LONG, &mut |_| ()).unwrap(), 1);
+                player.receive(LONG, &mut |_| ()).unwrap_err()
+            });
+            let kill = ["-KILL", &player.pid().to_string()].map(str::to_owned);
+            assert!(Command::new("kill").args(kill).status().unwrap().success());
+            let error = receiving.join().unwrap();
+            assert!(matches!(error, PlayerError::Ended { .. }), "{error}");
         });
-        let kill = ["-KILL", &player.pid().to_string()].map(str::to_owned);
-        assert!(Command::new("kill").args(kill).status().unwrap().success());
-        let error = receiving.join().unwrap();
-        assert!(matches!(error, PlayerError::Ended { .. }), "{error}");
+        let begun = Instant::now();
+        let soon = begun + LONG;
+        let errors = [
+            publish(&player, publisher, b"1234").unwrap_err(),
+            player.advertise("/n", "std_msgs/String", &ALL).unwrap_err(),
+            player.subscribe("/n", "std_msgs/String", &ALL).unwrap_err(),
+            player.subscribers(publisher).unwrap_err(),
+            player.publishers(subscription).unwrap_err(),
+            player.graph().unwrap_err(),
+            player.flush(soon).unwrap_err(),
+            player.receive(LONG, &mut |_| ()).unwrap_err(),
+        ];
+        for error in errors {
+            assert!(error.to_string().contains("has ended (signal: 9 (SIGKILL))"), "{error}");
+        }
+        assert!(begun.elapsed() < Duration::from_secs(5));
+        assert!(!exists(player.pid()));
     });
-    let begun = Instant::now();
-    let soon = begun + LONG;
-    let errors = [
-        publish(&player, publisher, b"1234").unwrap_err(),
-        player.advertise("/n", "std_msgs/String", &ALL).unwrap_err(),
-        player.subscribe("/n", "std_msgs/String", &ALL).unwrap_err(),
-        player.subscribers(publisher).unwrap_err(),
-        player.publishers(subscription).unwrap_err(),
-        player.graph().unwrap_err(),
-        player.flush(soon).unwrap_err(),
-        player.receive(LONG, &mut |_| ()).unwrap_err(),
-    ];
-    for error in errors {
-        assert!(error.to_string().contains("has ended (signal: 9 (SIGKILL))"), "{error}");
-    }
-    assert!(begun.elapsed() < Duration::from_secs(5));
-    assert!(!exists(player.pid()));
 }
 
 #[test]
@@ -322,32 +330,34 @@ fn a_program_that_hangs_is_late_and_ended() {
 
 #[test]
 fn a_full_ring_is_waited_for_until_the_caller_cancels() {
-    let graph = Graph::new();
-    let options = PlayerOptions { room: 1 << 16, ..graph.options() };
-    let player = Player::start(&options).unwrap();
-    let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
-    let pid = player.pid().to_string();
-    let signal = |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
-    assert!(signal("-STOP"));
-    eventually(|| threads_are(player.pid(), 'T'));
-    let (mut asked, mut sent) = (0, 0);
-    let error = loop {
-        let mut cancelled = || {
-            asked += 1;
-            assert!(asked <= 3);
-            asked == 3
+    with_each_player(|graph| {
+        let options = PlayerOptions { room: 1 << 16, ..graph.options() };
+        let player = Player::start(&options).unwrap();
+        let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
+        let pid = player.pid().to_string();
+        let signal =
+            |name: &str| Command::new("kill").args([name, &pid]).status().unwrap().success();
+        assert!(signal("-STOP"));
+        eventually(|| threads_are(player.pid(), 'T'));
+        let (mut asked, mut sent) = (0, 0);
+        let error = loop {
+            let mut cancelled = || {
+                asked += 1;
+                assert!(asked <= 3);
+                asked == 3
+            };
+            match player.publish(publisher, &[&message(sent, 1000)], &mut cancelled) {
+                Ok(()) => sent += 1,
+                Err(error) => break error,
+            }
         };
-        match player.publish(publisher, &[&message(sent, 1000)], &mut cancelled) {
-            Ok(()) => sent += 1,
-            Err(error) => break error,
-        }
-    };
-    assert!(matches!(error, PlayerError::Cancelled), "{error}");
-    assert_eq!((asked, sent), (3, 63));
-    assert!(!player.flush(Instant::now() + Duration::from_millis(50)).unwrap());
-    assert!(signal("-CONT"));
-    assert!(player.flush(Instant::now() + LONG).unwrap());
-    assert_eq!(player.published(publisher), 63);
+        assert!(matches!(error, PlayerError::Cancelled), "{error}");
+        assert_eq!((asked, sent), (3, 63));
+        assert!(!player.flush(Instant::now() + Duration::from_millis(50)).unwrap());
+        assert!(signal("-CONT"));
+        assert!(player.flush(Instant::now() + LONG).unwrap());
+        assert_eq!(player.published(publisher), 63);
+    });
 }
 
 /// What the test below starts as the process that is killed; without the variable it does nothing.

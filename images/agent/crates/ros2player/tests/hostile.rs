@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bagpipe_ros2player::{Player, PlayerError, PlayerOptions};
-use standin::{ALL, Graph, eventually, match_own, message, publish};
+use standin::{ALL, Graph, eventually, match_own, message, publish, with_each_player};
 
 const ROOM: u64 = 1 << 16;
 const RINGS: u64 = 65536;
@@ -45,24 +45,27 @@ fn filled(graph: &Graph) -> (Player, File) {
 
 #[test]
 fn a_message_of_nobodys_subscription_is_damage() {
-    let graph = Graph::new();
-    let (player, file) = filled(&graph);
-    file.write_all_at(&9_u16.to_le_bytes(), RINGS + ROOM + 4).unwrap();
-    match player.receive(Duration::ZERO, &mut |_| panic!("whose is it?")) {
-        Err(PlayerError::Damaged { offset, what }) => {
-            assert_eq!(
-                (offset as u64, what.as_str()),
-                (RINGS + ROOM, "a message of subscription 9")
-            );
+    with_each_player(|graph| {
+        let (player, file) = filled(&graph);
+        file.write_all_at(&9_u16.to_le_bytes(), RINGS + ROOM + 4).unwrap();
+        match player.receive(Duration::ZERO, &mut |_| panic!("whose is it?")) {
+            Err(PlayerError::Damaged { offset, what }) => {
+                assert_eq!(
+                    (offset as u64, what.as_str()),
+                    (RINGS + ROOM, "a message of subscription 9")
+                );
+            }
+            other => panic!("{other:?}"),
         }
-        other => panic!("{other:?}"),
-    }
+    });
 }
 
 #[test]
 fn the_program_ends_with_a_sentence_where_what_it_is_to_publish_can_not_be() {
-    for (length, head) in [(1 << 30, 48), (49, 64), (0, 2 * ROOM)] {
-        let graph = Graph::new();
+    let wrong = [(1 << 30, 48), (49, 64), (0, 2 * ROOM)];
+    for ((length, head), graph) in
+        wrong.into_iter().flat_map(|one| Graph::of_each_player().map(|graph| (one, graph)))
+    {
         let (player, file) = filled(&graph);
         let mut position = [0; 8];
         file.read_exact_at(&mut position, OUT).unwrap();
@@ -79,9 +82,10 @@ fn the_program_ends_with_a_sentence_where_what_it_is_to_publish_can_not_be() {
 
 #[test]
 fn its_length_is_sealed() {
-    let graph = Graph::new();
-    let (_player, file) = filled(&graph);
-    assert!(file.set_len(0).is_err() && file.set_len(RINGS + 2 * ROOM + 1).is_err());
+    with_each_player(|graph| {
+        let (_player, file) = filled(&graph);
+        assert!(file.set_len(0).is_err() && file.set_len(RINGS + 2 * ROOM + 1).is_err());
+    });
 }
 
 /// Calls everything, whose results may be anything, and counts errors.
@@ -113,8 +117,9 @@ fn any_bytes_are_an_answer_or_an_error_and_nothing_waits_beyond_its_limit() {
         state
     };
     let mut refused = 0;
-    for round in 0..12 {
-        let graph = Graph::new();
+    for (round, graph) in
+        (0..12).flat_map(|round| Graph::of_each_player().map(|graph| (round, graph)))
+    {
         let (player, file) = filled(&graph);
         let (from, length) = match round % 4 {
             0 => (OUT, 256),
@@ -132,5 +137,5 @@ fn any_bytes_are_an_answer_or_an_error_and_nothing_waits_beyond_its_limit() {
         drop(player);
         assert!(begun.elapsed() < Duration::from_secs(4), "{:?}", begun.elapsed());
     }
-    assert!(refused >= 12, "{refused}");
+    assert!(refused >= 24, "{refused}");
 }

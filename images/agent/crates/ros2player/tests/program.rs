@@ -1,19 +1,24 @@
-//! The program as a file: old C libraries load it, and it is linked to nothing of ROS 2.
+//! The programs as files: old C libraries load one, the other needs none, and neither is linked to
+//! anything of ROS 2.
 #![allow(clippy::unwrap_used)]
 
 use std::collections::BTreeSet;
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use bagpipe_ros2player::PROGRAM;
+use bagpipe_ros2player::{DDS_PROGRAM, PROGRAM};
 
-/// The lines of what readelf shows of the program.
+/// The lines of what readelf shows of the program by librcl.
 fn readelf(what: &str) -> Vec<String> {
+    readelf_of(PROGRAM, what)
+}
+
+fn readelf_of(program: &[u8], what: &str) -> Vec<String> {
     static FILES: AtomicU32 = AtomicU32::new(0);
     let number = FILES.fetch_add(1, Ordering::SeqCst);
     let name = format!("ros2-player-{}-{number}", std::process::id());
     let file = std::env::temp_dir().join(name);
-    std::fs::write(&file, PROGRAM).unwrap();
+    std::fs::write(&file, program).unwrap();
     let output = Command::new("readelf").args(["--wide", what]).arg(&file).output().unwrap();
     std::fs::remove_file(&file).unwrap();
     assert!(output.status.success());
@@ -48,4 +53,14 @@ fn it_needs_nothing_but_the_c_library() {
 fn it_is_loaded_at_any_address_and_binds_all_that_it_needs_at_once() {
     assert!(readelf("--file-header").iter().any(|line| line.contains("DYN (Position-Ind")));
     assert!(readelf("--dynamic").iter().any(|line| line.contains("FLAGS") && line.contains("NOW")));
+}
+
+#[test]
+fn the_one_on_dds_needs_no_loader_and_no_library() {
+    let headers = readelf_of(DDS_PROGRAM, "--program-headers");
+    assert!(headers.iter().any(|line| line.contains("LOAD")));
+    assert!(!headers.iter().any(|line| line.contains("INTERP")));
+    let dynamic = readelf_of(DDS_PROGRAM, "--dynamic");
+    assert!(dynamic.iter().any(|line| line.contains("FLAGS_1") && line.contains("PIE")));
+    assert!(!dynamic.iter().any(|line| line.contains("(NEEDED)")), "{dynamic:?}");
 }

@@ -215,6 +215,16 @@ class Machine(TypedDict):
 
 
 @open_map
+class ChosenPlayer(TypedDict):
+    """What played the messages."""
+
+    name: Annotated[
+        Literal["rcl", "dds"], Field(description="By the image's librcl, or on DDS alone.")
+    ]
+    why: Annotated[str, Field(description="Why that one, as a sentence's end.")]
+
+
+@open_map
 class ReplayResult(TypedDict):
     """What came of a replay."""
 
@@ -228,6 +238,9 @@ class ReplayResult(TypedDict):
             Machine,
             Field(description="How the machine was meanwhile; absent where nothing was played."),
         ]
+    ]
+    player: NotRequired[
+        Annotated[ChosenPlayer, Field(description="In ROS 2: what played, and why.")]
     ]
 
 

@@ -304,6 +304,7 @@ def case_map(case: Case, context: RunContext) -> HelloCase:
             "parameters": stack.parameters,
             "remap": stack.remap,
             "qos": _offered(stack),
+            "player": stack.ros2.player if stack.ros2 else "auto",
         },
         "playback": {
             "mode": spec.playback.mode,

@@ -108,6 +108,14 @@ class HelloStack(TypedDict):
             _default({}, "In ROS 2: recorded topics and what is offered for them in its place."),
         ]
     ]
+    player: NotRequired[
+        Annotated[
+            Literal["auto", "rcl", "dds"],
+            _default(
+                "auto", "In ROS 2: by the image's librcl, on DDS alone, or the first if it loads."
+            ),
+        ]
+    ]
 
 
 @_open

@@ -108,6 +108,32 @@ pub struct Stack {
     /// In ROS 2, by recorded topic.
     #[serde(default, deserialize_with = "as_named_maps")]
     pub qos: BTreeMap<String, Qos>,
+    /// In ROS 2, what plays.
+    #[serde(default)]
+    pub player: Player,
+}
+
+/// How ROS 2's topics are played: by the image's librcl, on DDS alone, or as it can be.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", rename_all = "lowercase")]
+pub enum Player {
+    #[default]
+    Auto,
+    Rcl,
+    Dds,
+}
+
+impl TryFrom<String> for Player {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "auto" => Ok(Self::Auto),
+            "rcl" => Ok(Self::Rcl),
+            "dds" => Ok(Self::Dds),
+            _ => Err(format!("player is {name:?} in stack, not auto, rcl or dds")),
+        }
+    }
 }
 
 /// Quality of service that a topic is played with; `None`: as it was recorded.

@@ -12,8 +12,8 @@ use std::time::{Duration, Instant};
 
 use bagpipe_ros2ledger::{Endpoint, Kind, LIBRARY, Ledger};
 use bagpipe_ros2player::{
-    Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, PublisherId, Qos,
-    Reliability, SubscriptionId,
+    DDS_PROGRAM, Durability, History, PROGRAM, Player, PlayerError, PlayerOptions, PublisherId,
+    Qos, Reliability, SubscriptionId,
 };
 
 /// What no test should need.
@@ -42,7 +42,7 @@ fn digest() -> u64 {
     for file in files.into_iter().filter(|file| file.is_file()) {
         std::fs::read(file).unwrap().hash(&mut hasher);
     }
-    (LIBRARY, PROGRAM).hash(&mut hasher);
+    (LIBRARY, PROGRAM, DDS_PROGRAM).hash(&mut hasher);
     hasher.finish()
 }
 
@@ -77,6 +77,7 @@ fn build(folder: &Path) {
     assert!(made.status.success(), "is Debian's cyclonedds-dev installed? {errors}");
     std::fs::write(folder.join("ledger.so"), LIBRARY).unwrap();
     write_program(&folder.join("player"), PROGRAM);
+    write_program(&folder.join("player-dds"), DDS_PROGRAM);
 }
 
 /// Writes a file that may be executed. A child of another thread's fork may have it open for a
@@ -89,19 +90,45 @@ pub fn write_program(file: &Path, bytes: &[u8]) {
     assert!(Command::new("cp").arg(&draft).arg(file).status().unwrap().success());
 }
 
+/// What those of other processes don't have.
+fn tag() -> String {
+    format!("<Tag>bagpipe-{}</Tag>", std::process::id())
+}
+
 /// A graph that nobody else is in: a domain with a tag of this process.
 pub struct Graph {
     domain: u32,
+    /// Its players' program.
+    program: &'static str,
     pub ledger: Ledger,
 }
 
 impl Graph {
     pub fn new() -> Graph {
+        Graph::of("player")
+    }
+
+    /// One whose players know no librcl.
+    pub fn on_dds() -> Graph {
+        Graph::of("player-dds")
+    }
+
+    /// One with each program.
+    pub fn of_each_player() -> [Graph; 2] {
+        [Graph::new(), Graph::on_dds()]
+    }
+
+    /// The same, for players that know no librcl.
+    pub fn with_player_on_dds(&self) -> Graph {
+        Graph { domain: self.domain, ..Graph::on_dds() }
+    }
+
+    fn of(program: &'static str) -> Graph {
         static NEXT: AtomicU32 = AtomicU32::new(1);
         let domain = NEXT.fetch_add(1, Ordering::SeqCst);
         let ledger = Ledger::new().unwrap();
         ledger.watch_matches(true);
-        Graph { domain, ledger }
+        Graph { domain, program, ledger }
     }
 
     /// What a sourced setup would set.
@@ -113,10 +140,10 @@ impl Graph {
         let settings = format!(
             "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" \
              multicast=\"false\"/></Interfaces><AllowMulticast>false</AllowMulticast></General>\
-             <Discovery><Tag>bagpipe-{}</Tag><ParticipantIndex>auto</ParticipantIndex>\
+             <Discovery>{}<ParticipantIndex>auto</ParticipantIndex>\
              <MaxAutoParticipantIndex>40</MaxAutoParticipantIndex><Peers>\
              <Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>",
-            std::process::id()
+            tag()
         );
         vec![
             ("LD_LIBRARY_PATH".into(), folder.into()),
@@ -126,9 +153,19 @@ impl Graph {
     }
 
     pub fn options(&self) -> PlayerOptions {
+        let mut environment = self.environment();
+        if self.program == "player-dds" {
+            // Where nodes are is in its own settings.
+            let settings = format!(
+                "<CycloneDDS><Domain><Discovery>{}</Discovery></Domain></CycloneDDS>",
+                tag()
+            );
+            environment.push(("CYCLONEDDS_URI".into(), settings.into()));
+            environment.push(("LD_LIBRARY_PATH".into(), "/nowhere".into()));
+        }
         PlayerOptions {
-            program: built().join("player"),
-            environment: self.environment(),
+            program: built().join(self.program),
+            environment,
             removed: vec!["LD_PRELOAD".into()],
             node: "player".into(),
             namespace: "/bagpipe".into(),
@@ -193,6 +230,11 @@ impl Graph {
         eventually(|| found().is_some());
         found().unwrap()
     }
+}
+
+/// Does the same in a graph with each player's program.
+pub fn with_each_player(test: impl Fn(Graph)) {
+    Graph::of_each_player().into_iter().for_each(test);
 }
 
 /// A node that runs; dropping it kills it.

@@ -17,7 +17,10 @@ from bagpipe.spec import SimulationJobSpec, Stack
 from bagpipe.storage import Storage
 from bagpipe.wire.session import Answer, InputFile, Sink, Sinks
 
-_SETUP = "source its setup.bash, which sets AMENT_PREFIX_PATH"
+_SETUP = (
+    "source its setup.bash, which sets AMENT_PREFIX_PATH, or write stack.ros2.player: dds where the"
+    " stack has ROS 2 linked statically"
+)
 
 
 class Ros2:
@@ -32,11 +35,11 @@ class Ros2:
         return replayed(attempt, exchange, ".mcap", PROOF)
 
     def programs(self, stack: Stack) -> list[Program]:
-        """The stack's command, and the library by which messages are played."""
-        return [
-            own_program(stack, "put its folder on PATH (such as by sourcing setup.bash)"),
-            Program(LIBRARY, "stack.engine: ros2 plays by a ROS 2's", _SETUP, is_sourced),
-        ]
+        """The stack's command, and the library by which messages are played, if one is."""
+        own = own_program(stack, "put its folder on PATH (such as by sourcing setup.bash)")
+        if stack.ros2 and stack.ros2.player == "dds":
+            return [own]
+        return [own, Program(LIBRARY, "stack.engine: ros2 plays by a ROS 2's", _SETUP, is_sourced)]
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path

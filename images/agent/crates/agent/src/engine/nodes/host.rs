@@ -25,6 +25,31 @@ pub struct Occasion<'a> {
     pub interrupted: &'a dyn Fn() -> Option<Cancellation>,
 }
 
+/// What plays, where there is a choice.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct ChosenPlayer {
+    pub name: PlayerName,
+    /// A sentence's end.
+    pub why: String,
+}
+
+/// By the image's librcl, or on DDS alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PlayerName {
+    Rcl,
+    Dds,
+}
+
+impl std::fmt::Display for PlayerName {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.write_str(match self {
+            PlayerName::Rcl => "librcl",
+            PlayerName::Dds => "DDS alone",
+        })
+    }
+}
+
 /// A middleware, for one case.
 pub trait Host {
     /// What the stack finds in its environment.
@@ -41,6 +66,11 @@ pub trait Host {
 
     /// Processes of its own by now, which are none of the stack's.
     fn processes(&self) -> Vec<Pid>;
+
+    /// What plays, by now.
+    fn chosen_player(&self) -> Option<ChosenPlayer> {
+        None
+    }
 
     /// How the recording is written.
     fn record_as(&self) -> Arc<dyn RecordingFormat>;

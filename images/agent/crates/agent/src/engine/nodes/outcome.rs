@@ -3,6 +3,7 @@
 use bagpipe_replay::{Ledger, Machine, Playback, Recorded, Replayed};
 use serde::{Deserialize, Serialize};
 
+use crate::engine::nodes::host::ChosenPlayer;
 use crate::stack::end::StackEnd;
 use crate::stack::evidence::warnings;
 
@@ -16,6 +17,8 @@ pub struct Outcome {
     pub timings: Timings,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub machine: Option<Machine>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub player: Option<ChosenPlayer>,
 }
 
 /// Seconds of each part of the case.
@@ -33,7 +36,12 @@ pub struct Timings {
 
 impl Outcome {
     /// Joins what the player knows with what the supervisor knows.
-    pub fn new(replayed: Replayed, stack: StackEnd, mut timings: Timings) -> (Self, Vec<u8>) {
+    pub fn new(
+        replayed: Replayed,
+        stack: StackEnd,
+        mut timings: Timings,
+        player: Option<ChosenPlayer>,
+    ) -> (Self, Vec<u8>) {
         let mut replayed = replayed;
         replayed.playback.warnings.extend(warnings(&stack.after));
         let Replayed { ledger, recorded, playback, timings: played, machine, recorded_bag } =
@@ -42,6 +50,6 @@ impl Outcome {
         timings.lead_in = played.lead_in;
         timings.play = played.play;
         timings.drain = played.drain;
-        (Self { stack, ledger, recorded, playback, timings, machine }, recorded_bag)
+        (Self { stack, ledger, recorded, playback, timings, machine, player }, recorded_bag)
     }
 }

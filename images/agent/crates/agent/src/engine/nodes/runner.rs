@@ -83,7 +83,9 @@ impl Runner<'_> {
             (Ok(_), Ok((_, ending @ Ending { ended: Some(_), .. }))) => {
                 Err(Failure::Abort(Box::new(self.host.gone(ending))))
             }
-            (Ok(replayed), Ok((Some(stack), _))) => Ok(Outcome::new(replayed, stack, timings)),
+            (Ok(replayed), Ok((Some(stack), _))) => {
+                Ok(Outcome::new(replayed, stack, timings, self.host.chosen_player()))
+            }
             (Ok(_), Ok((None, _))) => Err(Failure::new("Internal", "played without a stack")),
             (Err(Failure::Abort(abort)), Ok((stack, ending))) => {
                 Err(Failure::Abort(Box::new(self.host.explain(*abort, stack, ending))))

@@ -24,9 +24,23 @@ const OURS: [&str; 2] = ["LD_PRELOAD", "BAGPIPE_LEDGER"];
 /// Variables of a process.
 pub type Variables = Vec<(OsString, OsString)>;
 
-/// Waits for the first node of the stack, and returns its variables; those of this process, where
-/// none has come by the deadline.
-pub fn of_a_node(ledger: &Ledger, occasion: &Occasion<'_>) -> Result<Variables, Failure> {
+/// Who is the first to be there.
+pub enum First {
+    /// A node with these variables.
+    Node(Variables),
+    /// Somebody who uses no ROS 2 that can be seen from outside.
+    Stranger,
+    /// Nobody by the deadline.
+    Nobody,
+}
+
+/// Waits for the first node of the stack. Where none has come for a while, `sees_a_stranger` is
+/// asked now and then.
+pub fn await_first(
+    ledger: &Ledger,
+    occasion: &Occasion<'_>,
+    sees_a_stranger: &mut dyn FnMut() -> bool,
+) -> Result<First, Failure> {
     let begun = Instant::now();
     loop {
         match (occasion.interrupted)() {
@@ -41,13 +55,17 @@ pub fn of_a_node(ledger: &Ledger, occasion: &Occasion<'_>) -> Result<Variables, 
         let counting =
             ledger.processes().map_err(|error| Failure::new("Ros2Failed", error.to_string()))?;
         let counting = counting.iter().filter(|process| process.alive).map(|one| one.id.pid);
-        let uncounted = || (begun.elapsed() >= UNCOUNTED).then(|| uncounted(ledger)).flatten();
+        let late = begun.elapsed() >= UNCOUNTED;
+        let uncounted = || late.then(|| uncounted(ledger)).flatten();
         let found = of_the_first(counting);
         if let Some(found) = found.or_else(|| uncounted().and_then(variables_of)) {
-            return Ok(found);
+            return Ok(First::Node(found));
+        }
+        if late && sees_a_stranger() {
+            return Ok(First::Stranger);
         }
         if Instant::now() >= occasion.deadline {
-            return Ok(Variables::new());
+            return Ok(First::Nobody);
         }
         pause(GLANCE);
     }
@@ -77,7 +95,12 @@ fn parse(bytes: &[u8]) -> Variables {
         let name = OsString::from_vec(variable[..at].to_vec());
         Some((name, OsString::from_vec(variable[at + 1..].to_vec())))
     });
-    all.filter(|(name, _)| !OURS.iter().any(|ours| name == ours)).collect()
+    all.filter(|(name, _)| !is_ours(name)).collect()
+}
+
+/// Whether a variable is the ledger's.
+pub fn is_ours(name: &OsStr) -> bool {
+    OURS.iter().any(|ours| name == *ours)
 }
 
 /// The folders where packages are installed.

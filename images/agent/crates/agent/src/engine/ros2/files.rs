@@ -1,4 +1,4 @@
-//! The two files that go into the user's container beside the agent.
+//! The files that go into the user's container beside the agent.
 
 use std::fs::{self, File, Permissions};
 use std::io::{self, Write as _};
@@ -12,8 +12,9 @@ use crate::case::failure::Failure;
 pub struct Files {
     /// The library that is loaded into the stack's nodes.
     pub library: PathBuf,
-    /// The player's program.
+    /// The player's program, by librcl.
     pub program: PathBuf,
+    folder: PathBuf,
 }
 
 impl Files {
@@ -22,7 +23,12 @@ impl Files {
     pub fn put(folder: &Path) -> Result<Files, Failure> {
         let library = put(folder, "libbagpipe_ros2ledger.so", bagpipe_ros2ledger::LIBRARY)?;
         let program = put(folder, "bagpipe-ros2player", bagpipe_ros2player::PROGRAM)?;
-        Ok(Files { library, program })
+        Ok(Files { library, program, folder: folder.to_owned() })
+    }
+
+    /// Writes the program on DDS alone, which few cases need and is larger by far.
+    pub fn put_dds_program(&self) -> Result<PathBuf, Failure> {
+        put(&self.folder, "bagpipe-ros2player-dds", bagpipe_ros2player::DDS_PROGRAM)
     }
 }
 
@@ -94,7 +100,11 @@ mod tests {
         let place = folder.join("bagpipe-ros2player");
         rustix::fs::mknodat(rustix::fs::CWD, &place, pipe, mode, 0).unwrap();
         let files = Files::put(&folder).unwrap();
-        assert!(fs::read(files.program).unwrap() == bagpipe_ros2player::PROGRAM);
+        assert!(fs::read(&files.program).unwrap() == bagpipe_ros2player::PROGRAM);
+        symlink(&theirs, folder.join("bagpipe-ros2player-dds")).unwrap();
+        let program = files.put_dds_program().unwrap();
+        assert!(fs::symlink_metadata(&program).unwrap().is_file());
+        assert!(fs::read(program).unwrap() == bagpipe_ros2player::DDS_PROGRAM);
         fs::remove_dir_all(&folder).unwrap();
     }
 }

@@ -4,30 +4,27 @@ use std::cell::RefCell;
 use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::time::Duration;
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
 use bagpipe_mcap::{Compression, WriterOptions};
-use bagpipe_ros2::{QosOverride, Ros2, Ros2Options};
+use bagpipe_ros2::QosOverride;
 use bagpipe_ros2ledger::Ledger;
 use bagpipe_ros2player::{Durability, Reliability};
 use rustix::process::Pid;
 
 use crate::case::failure::Failure;
 use crate::case::{self, Case};
-use crate::engine::nodes::host::{Host, Occasion};
-use crate::engine::ros2::environment::{of_a_node, prefixes};
+use crate::engine::nodes::host::{ChosenPlayer, Host, Occasion};
 use crate::engine::ros2::files::Files;
-use crate::engine::ros2::{parameters, roll, transports};
+use crate::engine::ros2::players::Players;
+use crate::engine::ros2::{environment, parameters, roll};
 use crate::engine::task::Task;
 use crate::stack::Variables;
 use crate::stack::nodes::{Found, Known};
 
 /// Domains whose ports are below those that the system gives away (REP 2, Linux): 0 to 101.
 const DOMAINS: u16 = 101;
-/// How long the player may take for its start and for each answer.
-const PLAYER: Duration = Duration::from_secs(20);
 
 /// A case's domain, and who counts in it.
 pub struct Ros2Host<'a> {
@@ -38,7 +35,7 @@ pub struct Ros2Host<'a> {
     port: u16,
     /// Where ROS may write.
     folder: PathBuf,
-    player: RefCell<Option<u32>>,
+    players: RefCell<Option<Players>>,
 }
 
 impl<'a> Ros2Host<'a> {
@@ -52,12 +49,21 @@ impl<'a> Ros2Host<'a> {
             ledger: Arc::new(ledger),
             port: task.port,
             folder: folder.to_owned(),
-            player: RefCell::default(),
+            players: RefCell::default(),
         })
     }
 
     fn parameter_file(&self) -> PathBuf {
         self.folder.join("parameters.yaml")
+    }
+
+    /// What a process of the stack would find that changes nothing of it.
+    fn own_variables(&self) -> environment::Variables {
+        let job = self.case.stack.environment.iter();
+        let job = job.map(|(name, value)| (OsString::from(name), OsString::from(value)));
+        let own = self.variables().set.into_iter();
+        let own = own.map(|(name, value)| (OsString::from(name), value));
+        job.chain(own).filter(|(name, _)| !environment::is_ours(name)).collect()
     }
 
     /// The quality of service by the names that topics are played under.
@@ -132,28 +138,29 @@ impl Host for Ros2Host<'_> {
     }
 
     fn meet(&self, occasion: &Occasion<'_>) -> Result<Arc<dyn Middleware>, Failure> {
-        let environment = of_a_node(&self.ledger, occasion)?;
-        let environment =
-            transports::with_transports(environment, &self.folder).map_err(|error| {
-                let folder = self.folder.display();
-                Failure::new("Internal", format!("cannot write into {folder}: {error}"))
-            })?;
-        let ros2 = Ros2::start(Ros2Options {
-            ledger: Arc::clone(&self.ledger),
-            program: self.files.program.clone(),
-            prefixes: prefixes(&environment),
-            environment,
-            qos: self.qos(),
-            deadline: PLAYER,
-        })
-        .map_err(|error| Failure::new(error.reason, error.to_string()))?;
-        self.player.replace(Some(ros2.pid()));
-        Ok(Arc::new(ros2))
+        let mut players = Players::new(
+            Arc::clone(&self.ledger),
+            self.files.clone(),
+            self.qos(),
+            (self.own_variables(), self.folder.clone()),
+        );
+        let ros2 = players.choose(self.case.stack.player, occasion);
+        if let Some(chosen) = players.chosen() {
+            let label = &occasion.surroundings.label;
+            eprintln!("[{label}] played by {}: {}", chosen.name, chosen.why);
+        }
+        self.players.replace(Some(players));
+        Ok(Arc::new(ros2?))
     }
 
     fn processes(&self) -> Vec<Pid> {
-        let player = self.player.borrow().and_then(|pid| Pid::from_raw(pid.cast_signed()));
-        player.into_iter().collect()
+        let players = self.players.borrow();
+        let pids = players.iter().flat_map(|players| players.pids());
+        pids.filter_map(|pid| Pid::from_raw(pid.cast_signed())).collect()
+    }
+
+    fn chosen_player(&self) -> Option<ChosenPlayer> {
+        self.players.borrow().as_ref().and_then(|players| players.chosen().cloned())
     }
 
     fn record_as(&self) -> Arc<dyn RecordingFormat> {

@@ -1,10 +1,11 @@
-//! ROS 2: the stack's nodes count in a ledger of the case, and a player that loads the image's own
-//! client library joins them.
+//! ROS 2: the stack's nodes count in a ledger of the case, and a player joins them, by the image's
+//! own client library or on DDS alone.
 
 pub(crate) mod entry;
 mod environment;
 mod files;
 pub(crate) mod host;
 mod parameters;
+mod players;
 mod roll;
 mod transports;

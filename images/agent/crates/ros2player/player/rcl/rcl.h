@@ -6,6 +6,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "middleware.h"
+
 #define RCL_OK 0
 #define RCL_TIMEOUT 2
 #define RCL_TAKE_FAILED 401 /* there was nothing */
@@ -25,14 +27,7 @@ struct serialized {
   size_t length, capacity;
   struct allocator allocator;
 };
-/* The beginning of the options of publishers and subscriptions. */
-struct qos {
-  int history; /* 1 keep last, 2 keep all */
-  size_t depth;
-  int reliability; /* 1 reliable, 2 best effort */
-  int durability;  /* 1 transient local, 2 volatile */
-};
-/* The beginning of a subscription's options, up to what it says of its own node's publishers. */
+/* The options of both kinds of endpoint begin with the quality of service: a subscription's, up to what it says of its own node's publishers. */
 struct subscription_options {
   struct qos qos;
   uint64_t rest_of_qos[8];
@@ -113,6 +108,18 @@ const char *rcl_load(bool *symbol);
  * type. `library` becomes its file's name. */
 const void *rcl_type(const char *package, const char *folder, const char *name, char library[512],
                      const char **missing);
+
+extern struct blob context, node;
+
+/* wait.c: what wakes who waits; false with an answer if it is not to be had. */
+bool take_prepare(struct answer *into);
+void take_unprepare(void);
+
+/* endpoints.c */
+const void *subscription_handle(uint32_t slot);
+
+/* Answers that a function of rcl has failed, with rcl's reason. */
+void answer_rcl(struct answer *into, const char *function, int returned);
 
 /* rcl's text on what failed last in this thread, which is forgotten by it. */
 void rcl_reason(char *into, size_t most);

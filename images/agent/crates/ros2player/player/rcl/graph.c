@@ -2,7 +2,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "player.h"
+#include "rcl.h"
 
 typedef int by_node(const void *node, struct allocator *, bool mangled, const char *name,
                     const char *space, struct names_and_types *);
@@ -26,7 +26,7 @@ static void topics(struct answer *into, by_node *get, const char *name, const ch
   (void)!rcl.rcl_names_and_types_fini(&found);
 }
 
-void graph(struct answer *into) {
+void middleware_graph(struct answer *into) {
   struct strings names, spaces;
   memset(&names, 0, sizeof names);
   memset(&spaces, 0, sizeof spaces);

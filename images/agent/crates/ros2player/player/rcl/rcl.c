@@ -5,17 +5,6 @@
 #include <stdio.h>
 #include <string.h>
 
-/* The names that a C library of 2020 has too: glibc 2.34 gave all of them a new version. */
-#if defined(__x86_64__)
-__asm__(".symver dlopen, dlopen@GLIBC_2.2.5\n.symver dlsym, dlsym@GLIBC_2.2.5\n"
-        ".symver dlerror, dlerror@GLIBC_2.2.5");
-#elif defined(__aarch64__)
-__asm__(".symver dlopen, dlopen@GLIBC_2.17\n.symver dlsym, dlsym@GLIBC_2.17\n"
-        ".symver dlerror, dlerror@GLIBC_2.17");
-#else
-#error "which version of dlsym do old C libraries of this processor have?"
-#endif
-
 struct rcl rcl;
 
 static const char *loader_says(void) {
@@ -55,4 +44,10 @@ void rcl_reason(char *into, size_t most) {
   text = rcl.rcutils_get_error_string();
   snprintf(into, most, "%.1023s", text.bytes);
   rcl.rcutils_reset_error();
+}
+
+void answer_rcl(struct answer *into, const char *function, int returned) {
+  char reason[1024];
+  rcl_reason(reason, sizeof reason);
+  answer_call(into, function, returned, reason);
 }

@@ -1,0 +1,119 @@
+/* Publishers and subscriptions of librcl, what is sent by them and taken. */
+#include <stdio.h>
+#include <string.h>
+
+#include "layout.h"
+#include "rcl.h"
+
+static struct blob publishers[PLAYER_ENDPOINTS], subscriptions[PLAYER_ENDPOINTS];
+static struct serialized buffer; /* of what was taken */
+
+/* The handle of a type, or NULL with an answer. */
+static const void *type_of(const struct wanted *wanted, struct answer *into) {
+  char library[512];
+  const char *missing;
+  const void *type =
+      rcl_type(wanted->package, wanted->folder, wanted->name, library, &missing);
+  if (type == NULL) {
+    answer_failed(into, missing[0] != 0 ? STATUS_PACKAGE : STATUS_TYPE, library);
+    if (missing[0] != 0) answer_text(into, missing);
+  }
+  return type;
+}
+
+static void qos_into(struct blob *options, const struct qos *qos) {
+  struct qos head;
+  memcpy(&head, options, sizeof head);
+  head.history = qos->history;
+  head.depth = qos->depth;
+  head.reliability = qos->reliability;
+  head.durability = qos->durability;
+  memcpy(options, &head, sizeof head);
+}
+
+bool publisher_make(const struct wanted *wanted, struct answer *into) {
+  const void *type = type_of(wanted, into);
+  if (type == NULL) return false;
+  struct blob *made = &publishers[wanted->slot];
+  struct blob options = rcl.rcl_publisher_get_default_options();
+  qos_into(&options, &wanted->qos);
+  memset(made, 0, sizeof *made);
+  int failed = rcl.rcl_publisher_init(made, &node, type, wanted->topic, &options);
+  if (failed) answer_rcl(into, "rcl_publisher_init", failed);
+  return !failed;
+}
+
+bool publisher_count(uint32_t slot, uint64_t *matched, struct answer *into) {
+  size_t count = 0;
+  int failed = rcl.rcl_publisher_get_subscription_count(&publishers[slot], &count);
+  if (failed) answer_rcl(into, "rcl_publisher_get_subscription_count", failed);
+  *matched = count;
+  return !failed;
+}
+
+bool publisher_send(uint32_t slot, const uint8_t *bytes, size_t length, char reason[REASON_MOST]) {
+  struct serialized message = {(uint8_t *)bytes, length, length,
+                               rcl.rcutils_get_default_allocator()};
+  if (rcl.rcl_publish_serialized_message(&publishers[slot], &message, NULL) == RCL_OK) return true;
+  rcl_reason(reason, REASON_MOST);
+  return false;
+}
+
+void publisher_unmake(uint32_t slot) { (void)!rcl.rcl_publisher_fini(&publishers[slot], &node); }
+
+/* What this program publishes is none of what it subscribes to. The allocator, which is known, shows
+ * whether the options are as long as they are taken to be. */
+static void ignore_own(struct blob *options) {
+  struct allocator allocator = rcl.rcutils_get_default_allocator();
+  struct subscription_options known;
+  memcpy(&known, options, sizeof known);
+  if (memcmp(&known.allocator, &allocator, sizeof allocator) != 0) return;
+  known.ignore_local_publications = true;
+  memcpy(options, &known, sizeof known);
+}
+
+bool subscription_make(const struct wanted *wanted, struct answer *into) {
+  const void *type = type_of(wanted, into);
+  if (type == NULL) return false;
+  struct blob *made = &subscriptions[wanted->slot];
+  struct blob options = rcl.rcl_subscription_get_default_options();
+  qos_into(&options, &wanted->qos);
+  if (wanted->others) ignore_own(&options);
+  memset(made, 0, sizeof *made);
+  int failed = rcl.rcl_subscription_init(made, &node, type, wanted->topic, &options);
+  if (failed) answer_rcl(into, "rcl_subscription_init", failed);
+  return !failed;
+}
+
+bool subscription_count(uint32_t slot, uint64_t *matched, struct answer *into) {
+  size_t count = 0;
+  int failed = rcl.rcl_subscription_get_publisher_count(&subscriptions[slot], &count);
+  if (failed) answer_rcl(into, "rcl_subscription_get_publisher_count", failed);
+  *matched = count;
+  return !failed;
+}
+
+enum took subscription_take(uint32_t slot, struct taken *into, char reason[REASON_MOST]) {
+  struct blob info; /* begins with the source's stamp */
+  if (buffer.allocator.allocate == NULL) buffer.allocator = rcl.rcutils_get_default_allocator();
+  int returned = rcl.rcl_take_serialized_message(&subscriptions[slot], &buffer, &info, NULL);
+  if (returned == RCL_TAKE_FAILED) {
+    rcl.rcutils_reset_error();
+    return TOOK_NOTHING;
+  }
+  if (returned != RCL_OK) {
+    rcl_reason(reason, REASON_MOST);
+    into->stamp = returned;
+    return TOOK_TROUBLE;
+  }
+  into->bytes = buffer.buffer;
+  into->length = buffer.length;
+  memcpy(&into->stamp, &info, sizeof into->stamp);
+  return TOOK_ONE;
+}
+
+void subscription_unmake(uint32_t slot) {
+  (void)!rcl.rcl_subscription_fini(&subscriptions[slot], &node);
+}
+
+const void *subscription_handle(uint32_t slot) { return &subscriptions[slot]; }
