@@ -7,26 +7,33 @@
 
 #include "rmw_parts.h"
 
-/* Without CYCLONEDDS_URI: unicast on loopback, for more processes than Cyclone looks for. */
-static const char settings[] =
-    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" multicast=\"false\"/>"
-    "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery>"
-    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>40</MaxAutoParticipantIndex>"
-    "<Peers><Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>";
+/* What rmw_cyclonedds has of ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST; CYCLONEDDS_URI comes behind it. */
+static const char localhost[] =
+    "<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>"
+    "<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>"
+    "<Peers><Peer address=\"localhost\"/></Peers></Discovery></Domain></CycloneDDS>,";
 
 int rmw_init(const void *options, struct rmw_context *context) {
   (void)options;
-  const char *domain = getenv("ROS_DOMAIN_ID");
+  const char *domain = getenv("ROS_DOMAIN_ID"), *more = getenv("CYCLONEDDS_URI");
   char *end = "";
   context->implementation = IDENTIFIER;
   context->domain = domain == NULL ? 0 : strtoul(domain, &end, 10);
   if (*end != 0 || context->domain > 232)
     return standin_error(RMW_ERROR, "ROS_DOMAIN_ID is not a domain: %s", domain);
-  if (getenv("CYCLONEDDS_URI") == NULL) {
-    dds_entity_t made = dds_create_domain((dds_domainid_t)context->domain, settings);
-    if (made < 0 && made != DDS_RETCODE_PRECONDITION_NOT_MET)
-      return standin_error(RMW_ERROR, "no DDS domain: %s", dds_strretcode(made));
-  }
+  char *settings;
+  if (asprintf(&settings, "%s%s", localhost, more == NULL ? "" : more) < 0) abort();
+  context->entity = dds_create_domain((dds_domainid_t)context->domain, settings);
+  free(settings);
+  if (context->entity < 0)
+    return standin_error(RMW_ERROR, "no DDS domain: %s", dds_strretcode(context->entity));
+  return RMW_OK;
+}
+
+/* What nodes have left is sent before the domain is gone: that they left, too. */
+int rmw_context_fini(struct rmw_context *context) {
+  dds_delete(context->entity);
+  context->implementation = NULL;
   return RMW_OK;
 }
 

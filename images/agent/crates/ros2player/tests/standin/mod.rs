@@ -4,6 +4,8 @@
 
 use std::ffi::OsString;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -89,19 +91,40 @@ pub fn write_program(file: &Path, bytes: &[u8]) {
     assert!(Command::new("cp").arg(&draft).arg(file).status().unwrap().success());
 }
 
-/// A graph that nobody else is in: a domain with a tag of this process.
+/// A graph that nobody else is in: a domain with a tag of this process, or one that is held.
 pub struct Graph {
     domain: u32,
+    /// What keeps other processes out of a domain without a tag.
+    held: Option<UnixListener>,
     pub ledger: Ledger,
 }
+
+/// Domains without a tag, beyond those of the agent's cases.
+const UNTAGGED: std::ops::Range<u32> = 102..165;
 
 impl Graph {
     pub fn new() -> Graph {
         static NEXT: AtomicU32 = AtomicU32::new(1);
-        let domain = NEXT.fetch_add(1, Ordering::SeqCst);
+        Graph::of(NEXT.fetch_add(1, Ordering::SeqCst), None)
+    }
+
+    /// A graph without a tag, which Cyclone DDS alone has: other implementations can be in it.
+    pub fn untagged() -> Graph {
+        let hold = |domain: u32| {
+            let name = SocketAddr::from_abstract_name(format!("bagpipe-domain-{domain}")).ok()?;
+            Some((domain, UnixListener::bind_addr(&name).ok()?))
+        };
+        // Another process begins elsewhere: what one that ended has started may still end.
+        let count = UNTAGGED.end - UNTAGGED.start;
+        let turn = |one| UNTAGGED.start + (std::process::id() + one) % count;
+        let (domain, held) = (0..count).map(turn).find_map(hold).unwrap();
+        Graph::of(domain, Some(held))
+    }
+
+    fn of(domain: u32, held: Option<UnixListener>) -> Graph {
         let ledger = Ledger::new().unwrap();
         ledger.watch_matches(true);
-        Graph { domain, ledger }
+        Graph { domain, held, ledger }
     }
 
     /// What a sourced setup would set.
@@ -110,13 +133,14 @@ impl Graph {
     }
 
     pub fn environment_with(&self, folder: &Path) -> Vec<(OsString, OsString)> {
+        let tag = match self.held {
+            Some(_) => String::new(),
+            None => format!("<Tag>bagpipe-{}</Tag>", std::process::id()),
+        };
         let settings = format!(
             "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" \
-             multicast=\"false\"/></Interfaces><AllowMulticast>false</AllowMulticast></General>\
-             <Discovery><Tag>bagpipe-{}</Tag><ParticipantIndex>auto</ParticipantIndex>\
-             <MaxAutoParticipantIndex>40</MaxAutoParticipantIndex><Peers>\
-             <Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>",
-            std::process::id()
+             multicast=\"false\"/></Interfaces></General>\
+             <Discovery>{tag}</Discovery></Domain></CycloneDDS>"
         );
         vec![
             ("LD_LIBRARY_PATH".into(), folder.into()),
