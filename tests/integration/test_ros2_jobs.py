@@ -155,3 +155,41 @@ def test_two_slots_of_one_machine_never_receive_from_each_other(
     assert [row["outcome"] for row in rows] == ["passed"] * 4, rows
     # What a node receives from another slot would be in its count, and so in its answers.
     assert len({digest(row, folders) for row in rows}) == 1
+
+
+# As many as some stacks have; on localhost ROS 2 has Cyclone DDS take 32.
+PROCESSES = 40
+
+
+def crowd(standin: Path) -> list[str]:
+    """Processes that each subscribe to /in, the relay as the last of them."""
+    topic = f"/in:{ros2_recording.IMU}:10:reliable"
+    listeners = f'"$0/standin_node" --name "/listener_$one" --sub {topic} &'
+    loop = f"for one in $(seq {PROCESSES - 1}); do {listeners} done; exec \"$@\""
+    return ["sh", "-c", loop, str(standin), *relay(standin)]
+
+
+def test_forty_processes_of_a_stack_receive_all_of_it(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    names = ["/relay", *(f"/listener_{one}" for one in range(1, PROCESSES))]
+    playback = {"mode": "max", "waitFor": names}
+    setup = ros2_standin.environment(standin)
+    row = run(spec(setup, playback, crowd(standin)), folders, start_agent())
+    assert row["outcome"] == "passed", row
+    ledger = row["result"]["ledger"]
+    received = {one["node"]: one["received"] for one in ledger["topics"][0]["subscribers"]}
+    assert received == dict.fromkeys(names, MESSAGES)
+    assert ledger["strength"] == "called"
+
+
+def test_where_the_users_settings_leave_no_place_in_the_domain_a_sentence_names_them(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    one = "<CycloneDDS><Domain><Discovery><MaxAutoParticipantIndex>1</MaxAutoParticipantIndex>"
+    setup = ros2_standin.environment(standin)
+    setup["CYCLONEDDS_URI"] = f"{one}</Discovery></Domain></CycloneDDS>"
+    job = spec(setup, {"mode": "max"}, relay(standin), deadlines={"start": "5s"})
+    row = run(job, folders, start_agent())
+    assert row["outcome"] == "errored", "\n".join(map(str, row.items()))
+    assert "MaxAutoParticipantIndex" in row["message"], row
