@@ -165,7 +165,7 @@ def crowd(standin: Path) -> list[str]:
     """Processes that each subscribe to /in, the relay as the last of them."""
     topic = f"/in:{ros2_recording.IMU}:10:reliable"
     listeners = f'"$0/standin_node" --name "/listener_$one" --sub {topic} &'
-    loop = f"for one in $(seq {PROCESSES - 1}); do {listeners} done; exec \"$@\""
+    loop = f'for one in $(seq {PROCESSES - 1}); do {listeners} done; exec "$@"'
     return ["sh", "-c", loop, str(standin), *relay(standin)]
 
 
