@@ -3,6 +3,8 @@ stand-in over Debian's Cyclone DDS) and nodes in processes of their own.
 """
 
 import hashlib
+import os
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -193,3 +195,36 @@ def test_where_the_users_settings_leave_no_place_in_the_domain_a_sentence_names_
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", "\n".join(map(str, row.items()))
     assert "MaxAutoParticipantIndex" in row["message"], row
+
+
+# After the first ones, which load what all of them need; more than a leak of one of each case takes
+# to show.
+WARM, CASES = 3, 25
+# Other tests may have their own files there.
+OF_DDS = re.compile("fastrtps|fastdds|cyclone|iceoryx|ros2|ledger|player")
+
+
+def held(pid: int) -> tuple[list[str], int]:
+    """What a process has open, without numbers, and how many threads it has."""
+    files = (os.readlink(one) for one in Path(f"/proc/{pid}/fd").iterdir())
+    kinds = sorted(re.sub(r"\d+", "", one) for one in files)
+    return kinds, len(list(Path(f"/proc/{pid}/task").iterdir()))
+
+
+def shared_memory() -> list[str]:
+    return sorted(filter(OF_DDS.search, os.listdir("/dev/shm")))
+
+
+def test_many_cases_in_one_slot_leave_nothing_open(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    ros2_recording.write(Path(folders["recordings"]) / "drive.mcap", ["/in"], 5)
+    agent = start_agent()
+    job = spec(ros2_standin.environment(standin), {"mode": "max"}, relay(standin))
+    (slot,) = agent.slot_processes()
+    outcomes = [run(job, folders, agent)["outcome"] for _ in range(WARM)]
+    before = (held(slot), held(agent.process.pid), shared_memory())
+    outcomes += [run(job, folders, agent)["outcome"] for _ in range(CASES)]
+    assert outcomes == ["passed"] * (WARM + CASES)
+    assert agent.slot_processes() == [slot]
+    assert (held(slot), held(agent.process.pid), shared_memory()) == before
