@@ -3,7 +3,6 @@ stand-in over Debian's Cyclone DDS) and nodes in processes of their own.
 """
 
 import hashlib
-import os
 import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -206,13 +205,14 @@ OF_DDS = re.compile("fastrtps|fastdds|cyclone|iceoryx|ros2|ledger|player")
 
 def held(pid: int) -> tuple[list[str], int]:
     """What a process has open, without numbers, and how many threads it has."""
-    files = (os.readlink(one) for one in Path(f"/proc/{pid}/fd").iterdir())
-    kinds = sorted(re.sub(r"\d+", "", one) for one in files)
+    files = (one.readlink() for one in Path(f"/proc/{pid}/fd").iterdir())
+    kinds = sorted(re.sub(r"\d+", "", str(one)) for one in files)
     return kinds, len(list(Path(f"/proc/{pid}/task").iterdir()))
 
 
 def shared_memory() -> list[str]:
-    return sorted(filter(OF_DDS.search, os.listdir("/dev/shm")))
+    names = (one.name for one in Path("/dev/shm").iterdir())
+    return sorted(filter(OF_DDS.search, names))
 
 
 def test_many_cases_in_one_slot_leave_nothing_open(
