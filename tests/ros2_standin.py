@@ -1,10 +1,15 @@
-"""The stand-in of ROS 2 (tests/ros2), built once for each state of its sources."""
+"""The stand-in of ROS 2 (tests/ros2) and the endpoint over Fast DDS (tests/ros2/fastdds), each
+built once for each state of its sources.
+
+`python3 -m tests.ros2_standin fastdds` builds the endpoint, and prints the folder that it is in.
+"""
 
 import fcntl
 import hashlib
 import os
 import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 SOURCES = Path(__file__).parent / "ros2"
@@ -13,23 +18,32 @@ _BUILD_SECONDS = 300.0
 
 def built() -> Path:
     """The folder that LD_LIBRARY_PATH names, as a sourced setup names the real one's."""
+    return _built("standin", SOURCES, "cyclonedds-dev")
+
+
+def fastdds() -> Path:
+    """The folder with `fastdds_endpoint`."""
+    return _built("fastdds", SOURCES / "fastdds", "libfastrtps-dev")
+
+
+def _built(name: str, sources: Path, package: str) -> Path:
     digest = hashlib.sha256()
-    for source in sorted(path for path in SOURCES.iterdir() if path.is_file()):
+    for source in sorted(path for path in sources.iterdir() if path.is_file()):
         digest.update(source.read_bytes())
     cache = Path(os.environ.get("BAGPIPE_CACHE", Path.home() / ".cache/bagpipe"))
-    folder = cache / f"ros2-standin-{digest.hexdigest()[:16]}"
+    folder = cache / f"ros2-{name}-{digest.hexdigest()[:16]}"
     cache.mkdir(parents=True, exist_ok=True)
-    with (cache / "ros2-standin.lock").open("w") as lock:
+    with (cache / f"ros2-{name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not folder.exists():
-            _build(folder)
+            _build(folder, sources, package)
     return folder
 
 
-def _build(folder: Path) -> None:
+def _build(folder: Path, sources: Path, package: str) -> None:
     unfinished = folder.with_name(f"{folder.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
-    command = ["make", "--silent", "-C", str(SOURCES), f"INTO={unfinished}"]
+    command = ["make", "--silent", "-C", str(sources), f"INTO={unfinished}"]
     environment = {name: value for name, value in os.environ.items() if name != "MAKEFLAGS"}
     done = subprocess.run(
         command,
@@ -39,10 +53,16 @@ def _build(folder: Path) -> None:
         timeout=_BUILD_SECONDS,
         check=False,
     )
-    assert done.returncode == 0, f"is Debian's cyclonedds-dev installed? {done.stderr}"
+    assert done.returncode == 0, f"is Debian's {package} installed? {done.stderr}"
     unfinished.rename(folder)
 
 
 def environment(folder: Path) -> dict[str, str]:
     """What a sourced setup would set."""
     return {"LD_LIBRARY_PATH": str(folder), "AMENT_PREFIX_PATH": str(SOURCES)}
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] != ["fastdds"]:
+        sys.exit("usage: python3 -m tests.ros2_standin fastdds")
+    print(fastdds())

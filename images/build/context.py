@@ -184,7 +184,8 @@ def stage_barrier_car(folder: Path) -> None:
 
 def stage_ros2_standin(folder: Path) -> None:
     sources = ROOT / "tests" / "ros2"
-    shutil.copytree(sources, folder / "sources", ignore=shutil.ignore_patterns("Dockerfile"))
+    beside = shutil.ignore_patterns("Dockerfile", "fastdds")
+    shutil.copytree(sources, folder / "sources", ignore=beside)
 
 
 def stage_nothing(_folder: Path) -> None:

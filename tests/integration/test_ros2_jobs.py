@@ -3,6 +3,7 @@ stand-in over Debian's Cyclone DDS) and nodes in processes of their own.
 """
 
 import hashlib
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -158,3 +159,75 @@ def test_two_slots_of_one_machine_never_receive_from_each_other(
     assert [row["outcome"] for row in rows] == ["passed"] * 4, rows
     # What a node receives from another slot would be in its count, and so in its answers.
     assert len({digest(row, folders) for row in rows}) == 1
+
+
+# As many as some stacks have; on localhost ROS 2 has Cyclone DDS take 32.
+PROCESSES = 40
+
+
+def crowd(standin: Path) -> list[str]:
+    """Processes that each subscribe to /in, the relay as the last of them."""
+    topic = f"/in:{ros2_recording.IMU}:10:reliable"
+    listeners = f'"$0/standin_node" --name "/listener_$one" --sub {topic} &'
+    loop = f'for one in $(seq {PROCESSES - 1}); do {listeners} done; exec "$@"'
+    return ["sh", "-c", loop, str(standin), *relay(standin)]
+
+
+def test_forty_processes_of_a_stack_receive_all_of_it(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    names = ["/relay", *(f"/listener_{one}" for one in range(1, PROCESSES))]
+    playback = {"mode": "max", "waitFor": names}
+    setup = ros2_standin.environment(standin)
+    row = run(spec(setup, playback, crowd(standin)), folders, start_agent())
+    assert row["outcome"] == "passed", row
+    ledger = row["result"]["ledger"]
+    received = {one["node"]: one["received"] for one in ledger["topics"][0]["subscribers"]}
+    assert received == dict.fromkeys(names, MESSAGES)
+    assert ledger["strength"] == "called"
+
+
+def test_where_the_users_settings_leave_no_place_in_the_domain_a_sentence_names_them(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    one = "<CycloneDDS><Domain><Discovery><MaxAutoParticipantIndex>1</MaxAutoParticipantIndex>"
+    setup = ros2_standin.environment(standin)
+    setup["CYCLONEDDS_URI"] = f"{one}</Discovery></Domain></CycloneDDS>"
+    job = spec(setup, {"mode": "max"}, relay(standin), deadlines={"start": "5s"})
+    row = run(job, folders, start_agent())
+    assert row["outcome"] == "errored", "\n".join(map(str, row.items()))
+    assert "MaxAutoParticipantIndex" in row["message"], row
+
+
+# After the first ones, which load what all of them need; more than a leak of one of each case takes
+# to show.
+WARM, CASES = 3, 25
+# Other tests may have their own files there.
+OF_DDS = re.compile("fastrtps|fastdds|cyclone|iceoryx|ros2|ledger|player")
+
+
+def held(pid: int) -> tuple[list[str], int]:
+    """What a process has open, without numbers, and how many threads it has."""
+    files = (one.readlink() for one in Path(f"/proc/{pid}/fd").iterdir())
+    kinds = sorted(re.sub(r"\d+", "", str(one)) for one in files)
+    return kinds, len(list(Path(f"/proc/{pid}/task").iterdir()))
+
+
+def shared_memory() -> list[str]:
+    names = (one.name for one in Path("/dev/shm").iterdir())
+    return sorted(filter(OF_DDS.search, names))
+
+
+def test_many_cases_in_one_slot_leave_nothing_open(
+    folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
+) -> None:
+    ros2_recording.write(Path(folders["recordings"]) / "drive.mcap", ["/in"], 5)
+    agent = start_agent()
+    job = spec(ros2_standin.environment(standin), {"mode": "max"}, relay(standin))
+    (slot,) = agent.slot_processes()
+    outcomes = [run(job, folders, agent)["outcome"] for _ in range(WARM)]
+    before = (held(slot), held(agent.process.pid), shared_memory())
+    outcomes += [run(job, folders, agent)["outcome"] for _ in range(CASES)]
+    assert outcomes == ["passed"] * (WARM + CASES)
+    assert agent.slot_processes() == [slot]
+    assert (held(slot), held(agent.process.pid), shared_memory()) == before

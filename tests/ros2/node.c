@@ -259,6 +259,7 @@ int serve(int argc, char **argv) {
     rmw_destroy_subscription(node, subscriptions[one].rmw);
   for (int one = 0; one < asked.publishers; one++) rmw_destroy_publisher(node, publishers[one].rmw);
   rmw_destroy_node(node);
+  rmw_context_fini(&context);
   return 0;
 }
 

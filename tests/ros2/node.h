@@ -5,7 +5,7 @@
 
 #include "rmw.h"
 
-#define MOST 64 /* endpoints of each kind, and threads */
+#define MOST 1024 /* endpoints of each kind, and threads */
 
 struct publisher {
   char topic[256];

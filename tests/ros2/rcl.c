@@ -19,7 +19,8 @@ int rcl_init(int argc, const char *const *argv, const struct rcl_init_options *o
     return standin_error(RCL_INVALID_ARGUMENT, "the context or its options are not as they should");
   struct rmw_context *made = calloc(1, sizeof *made);
   int failed = rmw_init(NULL, made);
-  if (!failed) context->impl = made;
+  if (failed) free(made);
+  else context->impl = made;
   return failed;
 }
 
@@ -28,6 +29,7 @@ int rcl_shutdown(struct rcl_context *context) {
 }
 
 int rcl_context_fini(struct rcl_context *context) {
+  if (context->impl != NULL) rmw_context_fini(context->impl);
   free(context->impl);
   context->impl = NULL;
   return RCL_OK;

@@ -36,6 +36,7 @@ struct rmw_subscription_options {
 struct rmw_context {
   const char *implementation;
   size_t domain;
+  int32_t entity; /* Cyclone's of the domain */
   void *others[64];
 };
 struct rmw_node {
@@ -97,6 +98,7 @@ struct type_name {
 };
 
 int rmw_init(const void *options, struct rmw_context *context);
+int rmw_context_fini(struct rmw_context *context);
 struct rmw_node *rmw_create_node(struct rmw_context *context, const char *name, const char *space);
 int rmw_destroy_node(struct rmw_node *node);
 int rmw_get_node_names(const struct rmw_node *node, struct strings *names, struct strings *spaces);

@@ -16,9 +16,16 @@ int rmw_init(const void *options, struct rmw_context *context) {
   context->domain = domain == NULL ? 0 : strtoul(domain, &end, 10);
   if (*end != 0 || context->domain > 232)
     return standin_error(RMW_ERROR, "ROS_DOMAIN_ID is not a domain: %s", domain);
-  dds_entity_t made = loopback_domain((dds_domainid_t)context->domain);
-  if (made < 0 && made != DDS_RETCODE_PRECONDITION_NOT_MET)
-    return standin_error(RMW_ERROR, "no DDS domain: %s", dds_strretcode(made));
+  context->entity = loopback_domain((dds_domainid_t)context->domain);
+  if (context->entity < 0)
+    return standin_error(RMW_ERROR, "no DDS domain: %s", dds_strretcode(context->entity));
+  return RMW_OK;
+}
+
+/* What nodes have left is sent before the domain is gone: that they left, too. */
+int rmw_context_fini(struct rmw_context *context) {
+  dds_delete(context->entity);
+  context->implementation = NULL;
   return RMW_OK;
 }
 

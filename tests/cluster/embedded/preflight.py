@@ -46,6 +46,7 @@ PACKAGES = {
     "integration": [
         "cyclonedds-dev",
         "g++",
+        "libfastrtps-dev",
         "libroscpp-dev",
         "librosbag-dev",
         "libsensor-msgs-dev",

@@ -2,7 +2,7 @@
 //! understood is written and understood as the same.
 #![no_main]
 
-#[path = "../../crates/agent/src/case.rs"]
+#[path = "../../crates/agent/src/case/mod.rs"]
 #[allow(dead_code)]
 mod case;
 

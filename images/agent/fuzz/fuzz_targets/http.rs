@@ -16,8 +16,8 @@ fuzz_target!(|bytes: &[u8]| {
     let mut stream = Pieces { bytes, size: usize::from(*size).max(1) };
     let (pieces, _) = bounded(bound, || read_requests(&mut stream));
     assert_eq!(pieces, whole);
-    let (whole, _) = bounded(bound, || read_page_request(&mut &bytes[..]));
+    let whole = bounded(bound, || read_page_request(&mut &bytes[..]));
     let mut stream = Pieces { bytes, size: usize::from(*size).max(1) };
-    let (pieces, _) = bounded(bound, || read_page_request(&mut stream));
+    let pieces = bounded(bound, || read_page_request(&mut stream));
     assert_eq!(pieces, whole);
 });

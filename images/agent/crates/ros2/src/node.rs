@@ -337,7 +337,7 @@ impl Node for Graph {
 
     fn advertise(&self, info: TopicInfo) -> Result<Arc<dyn Publication>, GraphError> {
         let wanted = self.qos.get(&info.topic).copied().unwrap_or_default();
-        let mut played = qos::played(info.offered_qos.as_deref(), info.latching, wanted);
+        let mut played = qos::played(&info, wanted);
         if info.topic == "/clock" && wanted.reliability.is_none() {
             played.reliability = Reliability::Reliable;
         }

@@ -1,5 +1,7 @@
 //! Quality of service: as it was recorded, as a job wants it, as nodes ask for it.
 
+use bagpipe_graph::TopicInfo;
+use bagpipe_log::Connection;
 use bagpipe_ros2ledger as ledger;
 use bagpipe_ros2player::{Durability, History, Qos, Reliability};
 
@@ -19,8 +21,8 @@ pub struct QosOverride {
 
 /// How a topic is played that several publishers may have offered: as the strongest of them, which
 /// suits the subscribers of each. Without a word it is reliable and volatile, as `ros2 topic pub`.
-pub(crate) fn played(offered: Option<&str>, latching: bool, wanted: QosOverride) -> Qos {
-    let profiles = offered.map(profiles).unwrap_or_default();
+pub(crate) fn played(info: &TopicInfo, wanted: QosOverride) -> Qos {
+    let profiles = info.offered_qos.as_deref().map(profiles).unwrap_or_default();
     let best_effort = |profile: &Profile| profile.reliability == Some(Reliability::BestEffort);
     let reliability = if !profiles.is_empty() && profiles.iter().all(best_effort) {
         Reliability::BestEffort
@@ -28,16 +30,14 @@ pub(crate) fn played(offered: Option<&str>, latching: bool, wanted: QosOverride)
         Reliability::Reliable
     };
     let transient = |profile: &Profile| profile.durability == Some(Durability::TransientLocal);
-    let durability = if latching || profiles.iter().any(transient) {
+    let durability = if info.latching || profiles.iter().any(transient) {
         Durability::TransientLocal
     } else {
         Durability::Volatile
     };
     let durability = wanted.durability.unwrap_or(durability);
-    // Each publisher of a latched topic had a last message of its own.
-    let kept = profiles.iter().map(|profile| profile.depth.max(1)).fold(0, u32::saturating_add);
     let depth = match durability {
-        Durability::TransientLocal => wanted.depth.unwrap_or(kept.max(1)),
+        Durability::TransientLocal => wanted.depth.unwrap_or_else(|| in_force(info)),
         Durability::Volatile => wanted.depth.unwrap_or(0).max(PLAYED_DEPTH),
     };
     Qos {
@@ -45,6 +45,13 @@ pub(crate) fn played(offered: Option<&str>, latching: bool, wanted: QosOverride)
         reliability: wanted.reliability.unwrap_or(reliability),
         durability,
     }
+}
+
+/// How many messages somebody who comes late would have had of the recorded publishers: as many as a
+/// fragment that begins then has of them.
+fn in_force(info: &TopicInfo) -> u32 {
+    let (datatype, offered_qos) = (info.datatype.clone(), info.offered_qos.clone());
+    Connection { datatype, offered_qos, latching: true, ..Connection::default() }.in_force()
 }
 
 /// How a topic is recorded: so that it matches each of its publishers, and with all that they keep
@@ -176,8 +183,19 @@ mod tests {
     const JAZZY: &str = "- history: keep_last\n  depth: 3\n  reliability: \"reliable\"\n  \
                          durability: transient_local\n  deadline:\n    sec: 1\n    nsec: 2\n";
 
+    fn topic(datatype: &str, offered: Option<&str>, latching: bool) -> TopicInfo {
+        TopicInfo {
+            topic: "/topic".to_owned(),
+            datatype: datatype.to_owned(),
+            md5sum: String::new(),
+            definition: String::new(),
+            latching,
+            offered_qos: offered.map(str::to_owned),
+        }
+    }
+
     fn as_played(offered: &str) -> Qos {
-        played(Some(offered), false, QosOverride::default())
+        played(&topic("nav_msgs/msg/Path", Some(offered), false), QosOverride::default())
     }
 
     #[test]
@@ -204,19 +222,38 @@ mod tests {
         let both = as_played(&[HUMBLE, JAZZY].concat());
         assert_eq!(both.reliability, Reliability::Reliable);
         assert_eq!(both.durability, Durability::TransientLocal);
-        // One message of the first publisher, three of the second.
-        assert_eq!(both.history, History::KeepLast(4));
+        // Who came late had three messages of the second publisher, and none of the first.
+        assert_eq!(both.history, History::KeepLast(3));
+        let twice = as_played(&[HUMBLE, JAZZY, JAZZY].concat());
+        assert_eq!(twice.history, History::KeepLast(6));
         let weak = as_played(HUMBLE);
         assert_eq!(
             (weak.reliability, weak.durability),
             (Reliability::BestEffort, Durability::Volatile)
         );
         assert_eq!(weak.history, History::KeepLast(PLAYED_DEPTH));
-        let unknown = played(None, false, QosOverride::default());
+        let unknown = played(&topic("a/B", None, false), QosOverride::default());
         assert_eq!(
             (unknown.reliability, unknown.durability),
             (Reliability::Reliable, Durability::Volatile)
         );
+    }
+
+    #[test]
+    fn who_comes_late_is_offered_as_many_as_a_fragment_has_in_force() {
+        let depth = |datatype: &str, offered: &str| {
+            let qos = played(&topic(datatype, Some(offered), true), QosOverride::default());
+            assert_eq!(qos.durability, Durability::TransientLocal);
+            qos.history
+        };
+        assert_eq!(depth("nav_msgs/msg/Path", ""), History::KeepLast(1));
+        assert_eq!(depth("tf2_msgs/msg/TFMessage", JAZZY), History::KeepLast(100));
+        let endless = JAZZY.replace("keep_last", "keep_all");
+        assert_ne!(endless, JAZZY);
+        assert_eq!(depth("nav_msgs/msg/Path", &endless), History::KeepLast(1000));
+        let deep = JAZZY.replace("depth: 3", "depth: 4294967295");
+        assert_ne!(deep, JAZZY);
+        assert_eq!(depth("nav_msgs/msg/Path", &deep), History::KeepLast(1000));
     }
 
     #[test]
@@ -226,9 +263,12 @@ mod tests {
             durability: Some(Durability::TransientLocal),
             depth: Some(7),
         };
-        let qos = played(Some(JAZZY), false, wanted);
+        let qos = played(&topic("a/B", Some(JAZZY), false), wanted);
         assert_eq!((qos.reliability, qos.history), (Reliability::BestEffort, History::KeepLast(7)));
-        let latched = played(None, true, QosOverride { depth: Some(2), ..QosOverride::default() });
+        let latched = played(
+            &topic("a/B", None, true),
+            QosOverride { depth: Some(2), ..QosOverride::default() },
+        );
         assert_eq!(
             (latched.durability, latched.history),
             (Durability::TransientLocal, History::KeepLast(2))

@@ -329,7 +329,9 @@ const REALTIME: Ask<'static> =
 #[test]
 fn who_never_rests_is_compared_with_the_recording() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &RELAY);
+    // As deep as what comes while other processes have the processors.
+    let deep = |one| if one == RELAY[3] { "/in:sensor_msgs/msg/Imu:2000:reliable" } else { one };
+    let _relay = scene.start("standin_node", &RELAY.map(deep));
     let often = "/out_often:std_msgs/msg/String:1000:reliable";
     let _talker = scene.start("standin_node", &talker(often, &["--every-us", "500"]));
     let replayed = scene.play(&recording(&["/in"], 500, 100), &REALTIME).unwrap();

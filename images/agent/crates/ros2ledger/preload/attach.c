@@ -99,6 +99,7 @@ static uint32_t claim_process(struct ledger *ledger) {
       atomic_store(&process->start, start);
       atomic_store(&process->stack, self.stack);
       atomic_store(&process->unlisted_endpoints, 0);
+      atomic_store(&process->spinners, 0);
       atomic_store(&process->others_started, 0);
       atomic_store(&process->others_ended, 0);
       atomic_store(&process->state, PROCESS_LIVE);

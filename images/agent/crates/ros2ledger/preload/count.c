@@ -21,6 +21,7 @@ struct call {
 /* What a thread does. */
 static __thread struct {
   bool has_end; /* at_end will be called */
+  bool spins;   /* it is counted among those that take or wait */
   uint32_t inside;
   uint32_t id;
   uint32_t took;    /* the slot that it last took from */
@@ -49,8 +50,17 @@ static void note_thread(struct ledger_endpoint *endpoint) {
     atomic_store_explicit(&endpoint->thread, self.id, memory_order_relaxed);
 }
 
+static void note_spinner(void) {
+  uint32_t entry;
+  struct ledger *ledger = attached(&entry);
+  if (ledger == NULL) return;
+  self.spins = true;
+  atomic_fetch_add(&ledger->process[entry].spinners, 1);
+}
+
 /* Whoever takes again or waits has done with what it took before. */
 void count_wait(void) {
+  if (!self.spins) note_spinner();
   if (self.in_hand == 0) return;
   uint64_t done = self.in_hand;
   self.in_hand = 0;

@@ -52,7 +52,7 @@ struct ledger_process {
   _Atomic uint32_t state;
   _Atomic uint64_t start; /* clock ticks since boot: field 22 of /proc/PID/stat */
   _Atomic uint32_t unlisted_endpoints;
-  _Atomic uint32_t reserved;
+  _Atomic uint32_t spinners; /* threads that have taken or waited */
   _Atomic uint64_t others_started; /* callbacks of no subscription: timers, services */
   _Atomic uint64_t others_ended;
   _Atomic uint64_t stack; /* where it begins: field 28, which exec changes */

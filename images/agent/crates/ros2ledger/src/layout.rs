@@ -50,7 +50,7 @@ pub(crate) struct ProcessEntry {
     pub(crate) state: AtomicU32,
     pub(crate) start: AtomicU64,
     pub(crate) unlisted_endpoints: AtomicU32,
-    pub(crate) reserved: AtomicU32,
+    pub(crate) spinners: AtomicU32,
     pub(crate) others_started: AtomicU64,
     pub(crate) others_ended: AtomicU64,
     pub(crate) stack: AtomicU64,
@@ -120,7 +120,7 @@ mod tests {
             reserved: [u64; 4], changes: u32, wanted: [u32; 6], watch_matches: u32,
             reserved_wanted: [u32; 8]);
         all.extend(fields!(ProcessEntry, "ledger_process", pid: u32, state: u32, start: u64,
-            unlisted_endpoints: u32, reserved: u32, others_started: u64, others_ended: u64,
+            unlisted_endpoints: u32, spinners: u32, others_started: u64, others_ended: u64,
             stack: u64, reserved_words: [u32; 4]));
         all.extend(
             fields!(EndpointSlot, "ledger_endpoint", state: u32, generation: u32, kind: u32,

@@ -225,7 +225,8 @@ impl Ledger {
             let what = format!("{others_ended} ends of {others_started} starts");
             return Err(self.damaged(process, (at, what)));
         }
-        Ok(Some(Process { id, alive: false, unlisted, others_started, others_ended }))
+        let spinners = process.spinners.load(SeqCst);
+        Ok(Some(Process { id, alive: false, unlisted, spinners, others_started, others_ended }))
     }
 
     /// Whether this program runs: its process does, and has become no other one.

@@ -22,6 +22,9 @@ pub struct Process {
     pub alive: bool,
     /// Endpoints, or their callbacks, that it could not list: of these nothing is counted.
     pub unlisted: u32,
+    /// Threads that have taken or waited by now, also those that have ended. Where there are several,
+    /// and no tracepoints, that a callback has ended may show late or never.
+    pub spinners: u32,
     /// Callbacks that began and are no listed subscription's: of timers, and of services.
     pub others_started: u64,
     /// Those that ended.

@@ -3,7 +3,8 @@
 use std::collections::HashMap;
 
 use crate::{
-    Counts, Endpoint, History, Kind, Ledger, LedgerError, ProcessId, Reliability, Unlisted,
+    Counts, Endpoint, History, Kind, Ledger, LedgerError, ProcessId, Reliability, Strength,
+    Unlisted,
 };
 
 #[cfg(test)]
@@ -46,6 +47,8 @@ pub struct Busy {
     pub in_hand: u64,
     /// Messages on their way to it, or in its queue. 0 in both: it counts at this moment.
     pub untaken: u64,
+    /// What shows that a callback has ended.
+    pub strength: Strength,
 }
 
 /// What can't be proved.
@@ -206,12 +209,14 @@ fn differing(before: &Look, after: &Look) -> Vec<Busy> {
 }
 
 fn work(endpoint: &Endpoint, in_hand: u64, untaken: u64) -> Busy {
-    let Endpoint { process, node, topic, .. } = endpoint;
-    Busy { process: *process, node: node.clone(), topic: Some(topic.clone()), in_hand, untaken }
+    let Endpoint { process, strength, .. } = *endpoint;
+    let (node, topic) = (endpoint.node.clone(), Some(endpoint.topic.clone()));
+    Busy { process, node, topic, in_hand, untaken, strength }
 }
 
 fn other(process: ProcessId, in_hand: u64) -> Busy {
-    Busy { process, node: String::new(), topic: None, in_hand, untaken: 0 }
+    let strength = Strength::Called;
+    Busy { process, node: String::new(), topic: None, in_hand, untaken: 0, strength }
 }
 
 /// Who has work, and what can't be proved. Whether a process runs is asked only where it decides:

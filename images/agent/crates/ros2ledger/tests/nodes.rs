@@ -90,6 +90,19 @@ fn under_overload_every_take_and_call_is_counted_whatever_the_threads() {
 }
 
 #[test]
+fn threads_that_take_or_wait_are_counted_for_their_program_alone() {
+    let ledger = Ledger::new().unwrap();
+    for threads in [4, 1, 3] {
+        // Each has the place of the one before it.
+        let mut node = Node::start(Client::Rclpy, &ledger);
+        node.obey(&["sub /scan 10", "pub /scan 10", &format!("flood /scan 3000 {threads}")]);
+        assert_eq!(only_process(&ledger).spinners, threads);
+        node.kill();
+        ledger.retire().unwrap();
+    }
+}
+
+#[test]
 fn a_module_that_python_loads_for_itself_has_the_strength_taken() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclpy, &ledger);

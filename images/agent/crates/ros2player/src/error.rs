@@ -69,6 +69,20 @@ pub enum PlayerError {
         /// Its text.
         reason: String,
     },
+    /// The domain takes no more participants, or the middleware gives none for another reason.
+    #[error(
+        "the ROS 2 player can't join its domain: {function} has failed with {code}: {reason}; is \
+         there room for one process more? Cyclone DDS has it for as many as MaxAutoParticipantIndex \
+         in CYCLONEDDS_URI, Fast DDS for as many as its profile lets in"
+    )]
+    Join {
+        /// Which function.
+        function: String,
+        /// What it returned.
+        code: i32,
+        /// rcl's text.
+        reason: String,
+    },
     /// The middleware has refused messages since the last call.
     #[error("{count} messages on {topic} were refused, the last since: {reason}")]
     Refused {

@@ -26,11 +26,18 @@ pub(crate) fn failure(
             PlayerError::Package { topic, package, library: first, reason: answer.text()? }
         }
         STATUS_TYPE => PlayerError::Type { topic, datatype: datatype.to_owned(), library: first },
-        STATUS_CALL => PlayerError::Call {
-            function: first,
-            code: answer.number()?.cast_signed(),
-            reason: answer.text()?,
-        },
+        STATUS_CALL => of_call(first, answer.number()?.cast_signed(), answer.text()?),
         _ => PlayerError::Answer(first),
     })
+}
+
+/// That a call has failed. A name that it refuses is not for want of room.
+fn of_call(function: String, code: i32, reason: String) -> PlayerError {
+    const RCL_RET_ERROR: i32 = 1;
+    match (function.as_str(), code) {
+        ("rcl_init" | "rcl_node_init", RCL_RET_ERROR) => {
+            PlayerError::Join { function, code, reason }
+        }
+        _ => PlayerError::Call { function, code, reason },
+    }
 }

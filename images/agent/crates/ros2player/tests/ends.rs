@@ -111,6 +111,23 @@ fn what_is_missing_is_a_sentence_that_says_what_to_do() {
     std::fs::remove_dir_all(empty).unwrap();
 }
 
+/// As Cyclone DDS' own settings name it.
+const ONE_PLACE: &str = "<MaxAutoParticipantIndex>1</MaxAutoParticipantIndex>";
+
+#[test]
+fn a_domain_without_a_place_is_a_sentence_that_names_the_limit() {
+    let graph = Graph::new();
+    let mut environment = graph.environment();
+    let settings = environment.iter_mut().find(|one| one.0 == "CYCLONEDDS_URI").unwrap();
+    let whole = settings.1.to_str().unwrap().replace("</Discovery>", "");
+    settings.1 = whole.replace("</Domain>", &format!("{ONE_PLACE}</Discovery></Domain>")).into();
+    let options = PlayerOptions { environment, ..graph.options() };
+    let _first = Player::start(&options).unwrap();
+    let error = start_error(&options).to_string();
+    assert!(error.contains("can't join its domain: rcl_init has failed with 1"), "{error}");
+    assert!(error.contains("as many as MaxAutoParticipantIndex in CYCLONEDDS_URI"), "{error}");
+}
+
 #[test]
 fn a_type_that_is_missing_names_its_package() {
     let graph = Graph::new();

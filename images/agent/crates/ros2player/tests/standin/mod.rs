@@ -4,6 +4,8 @@
 
 use std::ffi::OsString;
 use std::hash::{DefaultHasher, Hash, Hasher};
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixListener};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::OnceLock;
@@ -95,13 +97,18 @@ fn tag() -> String {
     format!("<Tag>bagpipe-{}</Tag>", std::process::id())
 }
 
-/// A graph that nobody else is in: a domain with a tag of this process.
+/// A graph that nobody else is in: a domain with a tag of this process, or one that is held.
 pub struct Graph {
     domain: u32,
     /// Its players' program.
     program: &'static str,
+    /// What keeps other processes out of a domain without a tag.
+    held: Option<UnixListener>,
     pub ledger: Ledger,
 }
+
+/// Domains without a tag, beyond those of the agent's cases.
+const UNTAGGED: std::ops::Range<u32> = 102..165;
 
 impl Graph {
     pub fn new() -> Graph {
@@ -125,10 +132,26 @@ impl Graph {
 
     fn of(program: &'static str) -> Graph {
         static NEXT: AtomicU32 = AtomicU32::new(1);
-        let domain = NEXT.fetch_add(1, Ordering::SeqCst);
+        Graph::in_domain(NEXT.fetch_add(1, Ordering::SeqCst), program, None)
+    }
+
+    /// A graph without a tag, which Cyclone DDS alone has: other implementations can be in it.
+    pub fn untagged() -> Graph {
+        let hold = |domain: u32| {
+            let name = SocketAddr::from_abstract_name(format!("bagpipe-domain-{domain}")).ok()?;
+            Some((domain, UnixListener::bind_addr(&name).ok()?))
+        };
+        // Another process begins elsewhere: what one that ended has started may still end.
+        let count = UNTAGGED.end - UNTAGGED.start;
+        let turn = |one| UNTAGGED.start + (std::process::id() + one) % count;
+        let (domain, held) = (0..count).map(turn).find_map(hold).unwrap();
+        Graph::in_domain(domain, "player", Some(held))
+    }
+
+    fn in_domain(domain: u32, program: &'static str, held: Option<UnixListener>) -> Graph {
         let ledger = Ledger::new().unwrap();
         ledger.watch_matches(true);
-        Graph { domain, program, ledger }
+        Graph { domain, program, held, ledger }
     }
 
     /// What a sourced setup would set.
@@ -137,13 +160,14 @@ impl Graph {
     }
 
     pub fn environment_with(&self, folder: &Path) -> Vec<(OsString, OsString)> {
+        let tag = match self.held {
+            Some(_) => String::new(),
+            None => tag(),
+        };
         let settings = format!(
             "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name=\"lo\" \
-             multicast=\"false\"/></Interfaces><AllowMulticast>false</AllowMulticast></General>\
-             <Discovery>{}<ParticipantIndex>auto</ParticipantIndex>\
-             <MaxAutoParticipantIndex>40</MaxAutoParticipantIndex><Peers>\
-             <Peer address=\"127.0.0.1\"/></Peers></Discovery></Domain></CycloneDDS>",
-            tag()
+             multicast=\"false\"/></Interfaces></General>\
+             <Discovery>{tag}</Discovery></Domain></CycloneDDS>"
         );
         vec![
             ("LD_LIBRARY_PATH".into(), folder.into()),

@@ -16,6 +16,7 @@ use rustix::process::Pid;
 use crate::case::failure::Failure;
 use crate::case::{self, Case};
 use crate::engine::nodes::host::{ChosenPlayer, Host, Occasion};
+use crate::engine::ros2::domain::{Domain, cyclone};
 use crate::engine::ros2::files::Files;
 use crate::engine::ros2::players::Players;
 use crate::engine::ros2::{environment, parameters, roll};
@@ -23,16 +24,12 @@ use crate::engine::task::Task;
 use crate::stack::Variables;
 use crate::stack::nodes::{Found, Known};
 
-/// Domains whose ports are below those that the system gives away (REP 2, Linux): 0 to 101.
-const DOMAINS: u16 = 101;
-
 /// A case's domain, and who counts in it.
 pub struct Ros2Host<'a> {
     case: &'a Case,
     files: Files,
     ledger: Arc<Ledger>,
-    /// A number that no other slot of the machine has.
-    port: u16,
+    domain: Domain,
     /// Where ROS may write.
     folder: PathBuf,
     players: RefCell<Option<Players>>,
@@ -47,7 +44,7 @@ impl<'a> Ros2Host<'a> {
             case: task.case,
             files: Files::put(task.folder)?,
             ledger: Arc::new(ledger),
-            port: task.port,
+            domain: Domain::hold(task.port)?,
             folder: folder.to_owned(),
             players: RefCell::default(),
         })
@@ -103,16 +100,19 @@ fn wanted(qos: &case::Qos) -> QosOverride {
 
 impl Host for Ros2Host<'_> {
     fn variables(&self) -> Variables {
-        let own = self.case.stack.environment.get("LD_PRELOAD").map(OsString::from);
-        let preload = own.or_else(|| std::env::var_os("LD_PRELOAD"));
-        let domain = 1 + self.port % DOMAINS;
+        let theirs = |name| {
+            let own = self.case.stack.environment.get(name).map(OsString::from);
+            own.or_else(|| std::env::var_os(name))
+        };
+        let preload = theirs("LD_PRELOAD");
         let mut set = vec![
-            ("ROS_DOMAIN_ID", domain.to_string().into()),
+            ("ROS_DOMAIN_ID", self.domain.number.to_string().into()),
             // The first is Iron's and later ones', the second what was before.
             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST".into()),
             ("ROS_LOCALHOST_ONLY", "1".into()),
             ("ROS_HOME", self.folder.clone().into()),
             ("ROS_LOG_DIR", self.folder.join("log").into()),
+            ("CYCLONEDDS_URI", cyclone(theirs("CYCLONEDDS_URI"))),
             ("BAGPIPE_PARAMETERS", self.parameter_file().into()),
         ];
         let preload = preload.as_deref().map(OsStr::new);

@@ -9,6 +9,7 @@
 use std::ffi::OsStr;
 use std::path::Path;
 
+use crate::engine::ros2::domain::PARTICIPANTS;
 use crate::engine::ros2::environment::Variables;
 
 /// Bytes of the player's shared memory: what is on its way at a time has at most one MiB, unless a
@@ -32,14 +33,18 @@ pub fn with_transports(mut variables: Variables, folder: &Path) -> std::io::Resu
     let decided = |names: &[&str]| {
         variables.iter().any(|(name, _)| names.iter().any(|one| name == OsStr::new(one)))
     };
-    let (fast, cyclone) = (decided(&[PROFILES[0], PROFILES[1], BUILTIN]), decided(&[CYCLONE]));
-    if !fast {
+    if !decided(&[PROFILES[0], PROFILES[1], BUILTIN]) {
         let file = folder.join("player.fastdds.xml");
         std::fs::write(&file, profile())?;
         variables.extend(PROFILES.map(|name| (name.into(), file.clone().into())));
     }
-    if !cyclone {
-        variables.push((CYCLONE.into(), DATAGRAMS.into()));
+    match variables.iter_mut().find(|(name, _)| name == CYCLONE) {
+        // Every process of a case has these settings of ours.
+        Some((_, settings)) if settings == PARTICIPANTS => {
+            *settings = format!("{PARTICIPANTS},{DATAGRAMS}").into();
+        }
+        Some(_) => {}
+        None => variables.push((CYCLONE.into(), DATAGRAMS.into())),
     }
     Ok(variables)
 }
@@ -79,6 +84,13 @@ mod tests {
         let both = [set(&[BUILTIN]), datagrams].concat();
         assert_eq!(with_transports(set(&[BUILTIN]), folder).unwrap(), both);
         assert!(with_transports(set(&["FASTDDS_ENVIRONMENT_FILE", CYCLONE]), folder).is_err());
+    }
+
+    #[test]
+    fn what_all_processes_of_a_case_have_is_no_decision_of_the_images() {
+        let variables = [set(&[BUILTIN]), vec![(CYCLONE.into(), PARTICIPANTS.into())]].concat();
+        let made = with_transports(variables, Path::new("/none/such")).unwrap();
+        assert_eq!(made[1].1, format!("{PARTICIPANTS},{DATAGRAMS}").as_str());
     }
 
     #[test]

@@ -1,0 +1,140 @@
+//! What there is much of in one case: topics, messages of one moment, threads of a node.
+#![allow(clippy::unwrap_used)]
+
+mod scene;
+#[path = "../../ros2player/tests/standin/mod.rs"]
+mod standin;
+
+use std::collections::BTreeMap;
+
+use bagpipe_log::RecordingWriter;
+use bagpipe_mcap::{Mcap, McapWriter, WriterOptions};
+use bagpipe_replay::{Mode, Strength};
+use scene::{Ask, MS, Scene, imu, recorded, recording, stamped};
+
+const TOPICS: usize = 1000;
+
+/// Arguments of a node that answers each of these topics on one of its own.
+fn relay(inputs: &[String], more: &[&str]) -> Vec<String> {
+    let topics = inputs.iter().flat_map(|input| {
+        let output = format!("/out{input}");
+        let relay = format!("{input}={output}");
+        let input = format!("{input}:sensor_msgs/msg/Imu:10:reliable");
+        let output = format!("{output}:std_msgs/msg/String:10:reliable");
+        [["--sub".to_owned(), input], ["--pub".to_owned(), output], ["--relay".to_owned(), relay]]
+    });
+    let more = more.iter().map(|&one| one.to_owned());
+    topics.flatten().chain(more).collect()
+}
+
+fn borrowed(all: &[String]) -> Vec<&str> {
+    all.iter().map(String::as_str).collect()
+}
+
+#[test]
+fn a_thousand_topics_are_played_and_recorded_in_one_case() {
+    let scene = Scene::new();
+    let inputs: Vec<String> = (0..TOPICS).map(|one| format!("/in_{one}")).collect();
+    let _relay = scene.start("standin_node", &borrowed(&relay(&inputs, &["--name", "/relay"])));
+    let mcap = recording(&borrowed(&inputs), 5 * TOPICS as u64, 100);
+    let replayed = scene.play(&mcap, &Ask::default()).unwrap();
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (5000, 5000, 0));
+    assert_eq!(ledger.strength, Some(Strength::Called));
+    assert_eq!(ledger.topics.len(), TOPICS);
+    let mut answers: BTreeMap<String, usize> = BTreeMap::new();
+    recorded(&replayed).into_iter().for_each(|(topic, ..)| *answers.entry(topic).or_default() += 1);
+    let expected = inputs.iter().map(|input| (format!("/out{input}"), 5)).collect();
+    assert_eq!(answers, expected);
+}
+
+/// Messages of which so many at a time have one stamp, on the topics in an order that differs.
+fn of_equal_stamps(topics: &[String], moments: u64) -> Mcap {
+    let mut writer = McapWriter::new(WriterOptions::default());
+    let ids: Vec<u32> = topics
+        .iter()
+        .map(|topic| RecordingWriter::add_connection(&mut writer, &imu(topic)))
+        .collect();
+    for number in 0..moments * ids.len() as u64 {
+        let moment = number / ids.len() as u64;
+        let id = ids[(number + moment) as usize % ids.len()];
+        let time = (1000 + moment) * MS;
+        RecordingWriter::write(&mut writer, id, time, &stamped(time, number, 100)).unwrap();
+    }
+    Mcap::open(RecordingWriter::finish(Box::new(writer)).unwrap()).unwrap()
+}
+
+/// How a node is played to in lock-step, and what it answers on one topic to messages of equal stamps.
+struct Stepped {
+    answers: Vec<(String, u64, Vec<u8>)>,
+    warnings: Vec<String>,
+}
+
+fn in_lock_step(program: &str, moments: u64, more: &[&str]) -> Stepped {
+    let scene = Scene::new();
+    let inputs: Vec<String> = (0..4).map(|one| format!("/in_{one}")).collect();
+    let subscribed = inputs.iter().flat_map(|input| {
+        let topic = format!("{input}:sensor_msgs/msg/Imu:10:reliable");
+        ["--sub".to_owned(), topic, "--relay".to_owned(), format!("{input}=/out")]
+    });
+    let own = ["--name", "/relay", "--pub", "/out:std_msgs/msg/String:100:reliable"];
+    let own = own.iter().chain(more).map(|&one| one.to_owned());
+    let arguments: Vec<String> = subscribed.chain(own).collect();
+    let _relay = scene.start(program, &borrowed(&arguments));
+    scene.await_subscriptions(4);
+    let ask = Ask { mode: Mode::Lockstep, ..Ask::default() };
+    let replayed = scene.play(&of_equal_stamps(&inputs, moments), &ask).unwrap();
+    let ledger = &replayed.ledger;
+    assert_eq!((ledger.sent, ledger.received, ledger.dropped), (4 * moments, 4 * moments, 0));
+    Stepped { answers: recorded(&replayed), warnings: replayed.playback.warnings }
+}
+
+/// As a node hashes a message (FNV-1a); its length is a multiple of 4.
+fn hash(bytes: &[u8]) -> u64 {
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |value, byte| {
+        (value ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
+}
+
+/// The hash of the message that an answer is to.
+fn answered(answer: &[u8]) -> String {
+    String::from_utf8(answer[8..24].to_vec()).unwrap()
+}
+
+#[test]
+fn in_lock_step_messages_of_equal_stamps_keep_their_order() {
+    let first = in_lock_step("standin_node", 50, &["--delay-us", "300"]).answers;
+    let played = |one: u64| {
+        let time = (1000 + one / 4) * MS;
+        (time, format!("{:016x}", hash(&stamped(time, one, 100))))
+    };
+    let answers: Vec<(u64, String)> =
+        first.iter().map(|(_, time, bytes)| (*time, answered(bytes))).collect();
+    assert_eq!(answers, (0..200).map(played).collect::<Vec<_>>());
+    let again = |program, more: &[&str]| in_lock_step(program, 50, more).answers;
+    assert_eq!(again("standin_node_py", &[]), first);
+    // Of an executor of several threads, the end of each callback is known as well.
+    assert_eq!(again("standin_node", &["--threads", "4", "--delay-us", "300"]), first);
+}
+
+#[test]
+fn in_lock_step_threads_that_show_no_end_are_waited_for_a_moment_and_lose_nothing() {
+    let threads = ["--threads", "4", "--delay-us", "300"];
+    let stepped = in_lock_step("standin_node_py", 10, &threads);
+    assert_eq!(stepped.warnings, [] as [String; 0]);
+    let mut answers: Vec<String> = stepped.answers.iter().map(|one| answered(&one.2)).collect();
+    let of = |one: u64| format!("{:016x}", hash(&stamped((1000 + one / 4) * MS, one, 100)));
+    let mut expected: Vec<String> = (0..40).map(of).collect();
+    answers.sort();
+    expected.sort();
+    assert_eq!(answers, expected);
+}
+
+#[test]
+fn in_lock_step_one_thread_that_shows_no_end_is_waited_for_though_it_sleeps() {
+    // Longer than threads of which none is known to work.
+    let stepped = in_lock_step("standin_node_py", 3, &["--delay-us", "400000"]);
+    let times: Vec<u64> = stepped.answers.iter().map(|one| one.1 / MS).collect();
+    assert_eq!(times, (0..12).map(|one| 1000 + one / 4).collect::<Vec<_>>());
+    assert_eq!(stepped.warnings, [] as [String; 0]);
+}
