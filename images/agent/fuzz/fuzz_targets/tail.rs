@@ -2,11 +2,12 @@
 //! what the tail names lies in the file.
 #![no_main]
 
-use bagpipe_rosbag::tail::{
-    Head, Tail, chunk_compression, chunk_length, connection_fields, index_times, parse_head,
-    parse_tail, split_record,
-};
 use bagpipe_fuzz::bounded;
+use bagpipe_log::Index;
+use bagpipe_rosbag::tail::{
+    Head, chunk_compression, chunk_length, connection_fields, index_times, parse_head, parse_tail,
+    split_record,
+};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
@@ -25,7 +26,7 @@ fuzz_target!(|bytes: &[u8]| {
     });
 });
 
-fn check(bytes: &[u8], head: &Head, tail: &Tail) {
+fn check(bytes: &[u8], head: &Head, tail: &Index) {
     assert_eq!(tail.connections.len(), head.connections as usize);
     assert_eq!(tail.chunks.len(), head.chunks as usize);
     for each in &tail.connections {
