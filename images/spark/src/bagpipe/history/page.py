@@ -7,7 +7,7 @@ from jinja2 import Environment, StrictUndefined
 
 from bagpipe.history.findings import CriterionHistory, History
 
-# Rows of a table of cases; the rest is said to be left out.
+# Rows of a table of cases; how many more there are stands below it.
 _MOST_CASES = 200
 _WIDTH, _HEIGHT = 240, 36
 
