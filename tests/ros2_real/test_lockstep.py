@@ -53,8 +53,8 @@ def test_callbacks_see_the_time_of_their_message(trial: Trial, stack: str) -> No
 
 
 def test_timers_of_a_time_fire_before_its_message(trial: Trial) -> None:
-    """Every 20 ms of simulated time a tick, which says how many messages there were by then. The first
-    is when the clock begins, before there is anything to record."""
+    """Every 20 ms of simulated time a tick, which has how many messages there were by then. The
+    first is when the clock begins, before there is anything to record."""
     playback = {"mode": "lockstep"}
     fields = {"stack": {"parameters": SIM_TIME}, "record": {"topics": ["/tick"]}}
     ticks = []

@@ -287,7 +287,7 @@ def test_what_a_job_needs() -> None:
     assert found.amounts["limits.memory"] == found.amounts["requests.memory"]
 
 
-HERE = Seen("/k", "", "/a", 17, True, 8 << 30, 4, "/r", False)
+HERE = Seen("/k", "", "/a", 17, True, 8 << 30, 4, {"ros1": "/r", "ros2": ""})
 
 
 def states(seen: Seen, wanted: str, job: SimulationJobSpec | None = None) -> dict[str, str]:
@@ -304,7 +304,7 @@ def test_a_whole_machine() -> None:
 
 
 def test_a_bare_machine_submits_and_runs_nothing() -> None:
-    bare = Seen(None, "it is missing", None, None, False, None, 1, None, False)
+    bare = Seen(None, "it is missing", None, None, False, None, 1, {"ros1": "", "ros2": ""})
     assert status_of(of_machine(bare, None, "submit"), reached=True) == 0
     found = states(bare, "run")
     assert {what for what, each in found.items() if each == "missing"} == {

@@ -98,7 +98,7 @@ def test_an_image_without_ros_lacks_it(tmp_path: Path) -> None:
             "Its entrypoint is not used: a job's command runs as it is written, through"
             " /ros_entrypoint.sh alone."
         ),
-        "MISSING: ROS 2, neither /opt/ros nor a program ros2 is in it.",
+        "MISSING: ROS 2, which stack.engine: ros2 needs: begin with an image such as ros:jazzy.",
     ]
 
 

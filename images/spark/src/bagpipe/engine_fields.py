@@ -22,6 +22,22 @@ def _no_refusal(_spec: Any) -> None:
 
 
 @dataclass(frozen=True)
+class Example:
+    """A usual command, and the parameter by which nodes take the time of /clock.
+
+    `needed` is what an image must have for it, `file` a regular expression of the paths of which
+    one shows that it is there, without a slash in front, and `remedy` what to do about it else.
+    """
+
+    middleware: str
+    command: tuple[str, ...]
+    sim_time: str
+    needed: str
+    file: str
+    remedy: str
+
+
+@dataclass(frozen=True)
 class EngineFields:
     """One engine. Fields of the spec are written as in `playback.wait_for`.
 
@@ -43,6 +59,8 @@ class EngineFields:
     encoding: str | None = None
     # Reasons of its own for a case that does not pass, which the driver's metrics count by name.
     reasons: frozenset[str] = frozenset()
+    # What a first job of it looks like, where `encoding` says what it plays.
+    example: "Example | None" = None
 
 
 def engine_names() -> list[str]:
@@ -60,6 +78,12 @@ def fields_of(name: str) -> EngineFields:
 def of_engine(name: str, part: str) -> Any:
     """The object of an engine's module `part`. Raises InstallationError."""
     return _ENGINES.part(name, part)
+
+
+def engines_by_encoding() -> dict[str, str]:
+    """The engines that play messages of an encoding, by it, the default first."""
+    encodings = ((fields_of(name).encoding, name) for name in engine_names())
+    return {encoding: name for encoding, name in encodings if encoding is not None}
 
 
 def load_engines() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from bagpipe.engine_fields import fields_of
 from bagpipe.plan.case import Case
 from bagpipe.quantities import memory_bytes
 from bagpipe.spec import SimulationJobSpec
@@ -113,8 +114,9 @@ def _span(spec: SimulationJobSpec, case: Case, earlier: Earlier) -> tuple[str, S
         shares = sorted(earlier.shares)
         low, high = (shares[round(s * (len(shares) - 1))] for s in (_LOW_SHARE, _HIGH_SHARE))
         return "others", Span(_OTHERS[0] * low * recorded, _OTHERS[1] * high * recorded)
-    # A program that is given files takes as long as it likes.
-    if spec.playback.mode == "realtime" and spec.stack.engine != "exec":
+    # A program that is given bytes takes as long as it likes.
+    paced = fields_of(spec.stack.engine).encoding is not None
+    if spec.playback.mode == "realtime" and paced:
         play = recorded / spec.playback.rate
         return "recording", Span(play + _LEAST_AROUND, play + _MOST_AROUND)
     return "recording", Span(_LEAST_AROUND, None)

@@ -5,10 +5,9 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from bagpipe.encodings import CDR, ROS1
+from bagpipe.engine_fields import engines_by_encoding
 
 _SECOND = 1_000_000_000
-ENGINES = {ROS1: "ros1", CDR: "ros2"}
 
 
 @dataclass(frozen=True)
@@ -170,13 +169,14 @@ class Recordings:
 
 def engine_of(topics: Iterable[Topic]) -> str | None:
     """The engine that plays most of the topics; None where no engine of ROS plays one."""
-    counts = dict.fromkeys(ENGINES, 0)
+    engines = engines_by_encoding()
+    counts = dict.fromkeys(engines, 0)
     for topic in topics:
         if topic.messages and len(topic.encodings) == 1:
             for encoding in topic.encodings & counts.keys():
                 counts[encoding] += 1
     best = max(counts, key=lambda encoding: counts[encoding])
-    return ENGINES[best] if counts[best] else None
+    return engines[best] if counts[best] else None
 
 
 def course_in(times: Sequence[int], windows: Iterable[tuple[int, int]]) -> Course | None:

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from bagpipe.cli.first_job.facts import ENGINES, Recordings, Topic, engine_of, percentile
+from bagpipe.cli.first_job.facts import Recordings, Topic, engine_of, percentile
+from bagpipe.engine_fields import engines_by_encoding, fields_of
 
 # What a job may name (spec.source.topics, and a name that criteria can read).
 MOST_TOPICS = 500
@@ -113,7 +114,7 @@ def propose(asked: Asked, recordings: Recordings) -> Proposal:
                 " write a job for each kind"
             )
     _check_names(asked, topics)
-    encoding = next(each for each, name in ENGINES.items() if name == engine)
+    encoding = fields_of(engine).encoding or ""
     unfit = [name for name, topic in topics.items() if _unfit(topic, encoding)]
     length, warm_up = fragment_length(recordings)
     criteria, without = _criteria(asked.outputs, recordings)
@@ -138,7 +139,7 @@ def _of_no_ros(topics: Iterable[Topic]) -> str:
     there = sorted({each or "no known encoding" for t in published for each in t.encodings})
     return (
         f"the recordings hold messages in {', '.join(map(ascii, there[:5]))}, and the engines of"
-        f" ROS play {' and '.join(ENGINES)}: a program of any kind reads files by stack.engine:"
+        f" ROS play {' and '.join(engines_by_encoding())}: a program of any kind reads files by stack.engine:"
         " exec (docs/tasks/another-simulator.md)"
     )
 

@@ -3,6 +3,7 @@
 Formats: OCI image layout, https://github.com/opencontainers/image-spec; `docker save`.
 """
 
+import functools
 import gzip
 import io
 import json
@@ -16,6 +17,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
+
+from bagpipe.engine_fields import engine_names, fields_of
 
 _MOST_JSON_BYTES = 16 << 20
 _MOST_LAYER_BYTES = 16 << 30
@@ -37,8 +40,6 @@ _TOOLS = ("docker", "podman")
 _DIGEST = re.compile(r"sha256:[0-9a-f]{64}")
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._/:@-]{0,1023}")
 _ENTRYPOINT = "ros_entrypoint.sh"
-_ROSMASTER = re.compile(r"(?:usr|opt/ros/[a-z]+)/bin/rosmaster")
-_ROS2 = re.compile(r"(?:usr|opt/ros/[a-z]+)/bin/ros2")
 _SETUP = re.compile(r"opt/ros/([a-z]+)/setup[.]bash")
 _PLACEHOLDER = "registry.example/your-stack:1"
 
@@ -49,10 +50,11 @@ class ImageError(ValueError):
 
 @dataclass(frozen=True)
 class Files:
-    """What of ROS is among an image's files; `distributions` below /opt/ros."""
+    """What of ROS is among an image's files: the engines that find what they need, and the
+    `distributions` below /opt/ros.
+    """
 
-    rosmaster: bool = False
-    ros2: bool = False
+    engines: frozenset[str] = frozenset()
     entrypoint: bool = False
     distributions: tuple[str, ...] = ()
 
@@ -94,18 +96,13 @@ class StackImage:
             return
         if self.files.distributions:
             yield f"Found: ROS in /opt/ros/{', /opt/ros/'.join(self.files.distributions)}."
-        if engine == "ros1":
-            if self.files.rosmaster:
-                yield "Found: rosmaster."
-            else:
-                yield (
-                    "MISSING: rosmaster, which stack.engine: ros1 needs: install"
-                    " ros-noetic-rosmaster, or Debian's python3-rosmaster."
-                )
-        elif self.files.ros2 or self.files.distributions:
-            yield "Found: ROS 2."
-        else:
-            yield "MISSING: ROS 2, neither /opt/ros nor a program ros2 is in it."
+        example = fields_of(engine).example
+        if engine in self.files.engines and example:
+            yield f"Found: {example.needed}."
+        elif example:
+            yield (
+                f"MISSING: {example.needed}, which stack.engine: {engine} needs: {example.remedy}."
+            )
         if self.files.distributions and not self.files.entrypoint:
             yield (
                 "MISSING: /ros_entrypoint.sh: write a command that sources /opt/ros/"
@@ -253,11 +250,24 @@ def _files(store: _Folder | _Archive, layers: list[str], clock: Callable[[], flo
         with store.open(layer) as file:
             _lay_over(there, file, budget)
     return Files(
-        rosmaster=any(_ROSMASTER.fullmatch(name) for name in there),
-        ros2=any(_ROS2.fullmatch(name) for name in there),
+        engines=frozenset(_found(there)),
         entrypoint=_ENTRYPOINT in there,
         distributions=tuple(sorted(m[1] for name in there if (m := _SETUP.fullmatch(name)))),
     )
+
+
+@functools.cache
+def _signs() -> dict[str, re.Pattern[str]]:
+    """By which files each engine's middleware is known."""
+    examples = ((name, fields_of(name).example) for name in engine_names())
+    return {name: re.compile(example.file) for name, example in examples if example}
+
+
+def _found(there: set[str]) -> Iterator[str]:
+    """The engines that find what they need among these paths."""
+    for name, sign in _signs().items():
+        if any(sign.fullmatch(path) for path in there):
+            yield name
 
 
 def _lay_over(there: set[str], file: IO[bytes], budget: "_Budget") -> None:
@@ -284,7 +294,7 @@ def _lay_over(there: set[str], file: IO[bytes], budget: "_Budget") -> None:
 
 
 def _of_interest(name: str) -> bool:
-    return name == _ENTRYPOINT or any(p.fullmatch(name) for p in (_ROSMASTER, _ROS2, _SETUP))
+    return name == _ENTRYPOINT or any(p.fullmatch(name) for p in (_SETUP, *_signs().values()))
 
 
 @dataclass

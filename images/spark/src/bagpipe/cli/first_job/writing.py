@@ -11,14 +11,10 @@ import yaml
 
 from bagpipe.cli.first_job.facts import Recordings, Topic
 from bagpipe.cli.first_job.proposing import Proposal
+from bagpipe.engine_fields import fields_of
 
 CHANGE = "# CHANGE:"
 _PLACEHOLDER_IMAGE = "registry.example/your-stack:1"
-_PLACEHOLDER_COMMAND = {
-    "ros1": ("roslaunch", "your_package", "your.launch"),
-    "ros2": ("ros2", "launch", "your_package", "your.launch.py"),
-}
-_SIM_TIME = {"ros1": "/use_sim_time", "ros2": "/**/use_sim_time"}
 _MOST_ROWS = 100
 _MOST_REFUSED = 10
 _LONGEST = 160
@@ -142,10 +138,12 @@ def _stack(proposal: Proposal, beside: Written) -> Iterator[str]:
     yield f"  image: {quoted(asked.image or _PLACEHOLDER_IMAGE)}"
     if not asked.command:
         yield f"  {CHANGE} what starts your nodes, word by word"
-    words = asked.command or _PLACEHOLDER_COMMAND[engine]
+    example = fields_of(engine).example
+    words = asked.command or (example.command if example else ("your-program",))
     yield f"  command: [{', '.join(map(quoted, words))}]"
-    yield "  # So that the stack's clock is the recording's."
-    yield f"  parameters: {{{quoted(_SIM_TIME[engine])}: true}}"
+    if example:
+        yield "  # So that the stack's clock is the recording's."
+        yield f"  parameters: {{{quoted(example.sim_time)}: true}}"
     if proposal.remap:
         yield "  # The recorded outputs are played under names that no node has: yours count."
         yield "  remap:"

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bagpipe.cli.health.finding import Finding
-from bagpipe.engine.ros2.sourced import is_sourced
+from bagpipe.engine.chosen import engine_of
+from bagpipe.engine_fields import engine_names, fields_of
 from bagpipe.native import NativeModuleError, native
 from bagpipe.quantities import memory_bytes
 from bagpipe.run.laptop import agent_program, own_environment
-from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec import SimulationJobSpec, Stack
 
 _JAVA = re.compile(r'version "(?:1\.)?([0-9]+)')
 _LEAST_JAVA = 17
@@ -30,8 +31,8 @@ _CGROUP = Path("/sys/fs/cgroup/memory.max")
 class Seen:
     """What is here: bytes, versions and paths; None and empty for what is not.
 
-    `native` is the sentence that the native module is missing. `ros` are the programs and
-    libraries by which each engine of ROS is found.
+    `native` is the sentence that the native module is missing. `middleware` has where each engine's
+    own is, empty if it is nowhere.
     """
 
     kubectl: str | None
@@ -41,8 +42,7 @@ class Seen:
     pyspark: bool
     memory: int | None
     processors: int
-    rosmaster: str | None
-    ros2: bool
+    middleware: dict[str, str]
 
 
 def seen(agent: str) -> Seen:
@@ -56,9 +56,26 @@ def seen(agent: str) -> Seen:
         importlib.util.find_spec("pyspark") is not None,
         memory_here(),
         len(os.sched_getaffinity(0)),
-        shutil.which("rosmaster", path=environment.get("PATH", os.defpath)),
-        is_sourced(environment),
+        {name: _middleware(name, environment) for name in _with_middleware()},
     )
+
+
+def _with_middleware() -> list[str]:
+    return [name for name in engine_names() if fields_of(name).example]
+
+
+def _middleware(name: str, environment: Mapping[str, str]) -> str:
+    """Where an engine's middleware is."""
+    stack = Stack(image="none", command=["none"], engine=name)
+    there = []
+    for program in engine_of(name).programs(stack):
+        if program.name == stack.command[0]:
+            continue
+        if program.found is None:
+            there.append(shutil.which(program.name, path=environment.get("PATH", os.defpath)) or "")
+        else:
+            there.append("its libraries" if program.found(environment) else "")
+    return ", ".join(there) if all(there) else ""
 
 
 def of_machine(found: Seen, spec: SimulationJobSpec | None, wanted: str) -> Iterator[Finding]:
@@ -89,16 +106,16 @@ def _of(what: str, found: str, remedy: str, optional: bool) -> Finding:
 
 def _of_ros(found: Seen, spec: SimulationJobSpec | None, here: bool) -> Iterator[Finding]:
     engine = spec.stack.engine if spec is not None else None
-    there = {"ros1": found.rosmaster or "", "ros2": "its libraries" if found.ros2 else ""}
+    there = found.middleware
     if engine is not None and engine not in there:
         return
     for name in there if engine is None else [engine]:
         # Without a job one of the two is enough.
         other = engine is None and any(there.values())
         remedy = "source its setup.bash, or run this inside of the stack's image"
-        yield _of(
-            f"ROS {name[-1]}", there[name], remedy, optional=not here or other,
-        )  # fmt: skip
+        example = fields_of(name).example
+        what = example.middleware if example else name
+        yield _of(what, there[name], remedy, optional=not here or other)
 
 
 def _of_memory(found: Seen, spec: SimulationJobSpec | None, here: bool) -> Finding:

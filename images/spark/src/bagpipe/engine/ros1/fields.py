@@ -3,7 +3,7 @@
 from typing import Any
 
 from bagpipe.encodings import ROS1
-from bagpipe.engine_fields import EngineFields
+from bagpipe.engine_fields import EngineFields, Example
 
 
 def _refusal(spec: Any) -> str | None:
@@ -23,6 +23,14 @@ FIELDS = EngineFields(
     encoding=ROS1,
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     refusal=_refusal,
+    example=Example(
+        middleware="ROS 1",
+        command=("roslaunch", "your_package", "your.launch"),
+        sim_time="/use_sim_time",
+        needed="rosmaster",
+        file=r"(?:usr|opt/ros/[a-z]+)/bin/rosmaster",
+        remedy="install ros-noetic-rosmaster, or Debian's python3-rosmaster",
+    ),
     meaningless={
         ("stack.ros2",): (
             "stack.ros2 has a meaning with stack.engine: ros2 alone: write that, or leave it out"

@@ -3,7 +3,7 @@
 from typing import Any
 
 from bagpipe.encodings import CDR
-from bagpipe.engine_fields import EngineFields
+from bagpipe.engine_fields import EngineFields, Example
 from bagpipe.ros2_spec import parameters_refusal
 
 
@@ -19,5 +19,13 @@ FIELDS = EngineFields(
     encoding=CDR,
     needed={"record": "record is missing: write for example record: {topics: [/tf]}"},
     refusal=_refusal,
+    example=Example(
+        middleware="ROS 2",
+        command=("ros2", "launch", "your_package", "your.launch.py"),
+        sim_time="/**/use_sim_time",
+        needed="ROS 2",
+        file=r"(?:usr|opt/ros/[a-z]+)/bin/ros2|(?:.*/)?librcl[.]so",
+        remedy="begin with an image such as ros:jazzy",
+    ),
     reasons=frozenset({"DeliveryUnproved", "RecordingIncomplete", "Ros2Failed"}),
 )
