@@ -14,6 +14,7 @@ import pytest
 from bagpipe.cli.first_job import stack_image
 from bagpipe.cli.first_job.stack_image import Files, ImageError, StackImage, look_at
 
+ROS1 = frozenset({"ros1"})
 NOETIC = ["opt/ros/noetic/setup.bash", "opt/ros/noetic/bin/rosmaster", "ros_entrypoint.sh"]
 CONFIG = {"Entrypoint": ["/ros_entrypoint.sh"], "User": "", "Env": ["ROS_DISTRO=noetic", 7]}
 
@@ -61,7 +62,7 @@ def layout(folder: Path, layers: list[bytes], name: str = "lane:1.4") -> Path:
 def test_an_archive_shows_rosmaster_and_what_starts_it(tmp_path: Path) -> None:
     found = look_at(str(saved(tmp_path / "a.tar", [layer("usr/bin/sh"), layer(*NOETIC)])))
     assert found.name == "lane:1.4"
-    assert found.files == Files(True, False, True, ("noetic",))
+    assert found.files == Files(ROS1, True, ("noetic",))
     assert found.sentences("ros1") == [
         "Found: entrypoint ['/ros_entrypoint.sh'], user root.",
         "Found: ROS_DISTRO=noetic.",
@@ -74,7 +75,7 @@ def test_an_archive_shows_rosmaster_and_what_starts_it(tmp_path: Path) -> None:
 def test_a_folder_of_an_image_is_read_through_its_indexes(tmp_path: Path, packed: Any) -> None:
     jazzy = layer("./opt/ros/jazzy/setup.bash", "./opt/ros/jazzy/bin/ros2")
     found = look_at(str(layout(tmp_path, [packed(jazzy)])))
-    assert found.files == Files(False, True, False, ("jazzy",))
+    assert found.files == Files(frozenset({"ros2"}), False, ("jazzy",))
     shown = found.sentences("ros2")
     assert "Found: ROS 2." in shown
     assert any(each.startswith("MISSING: /ros_entrypoint.sh: write a command") for each in shown)
@@ -84,10 +85,10 @@ def test_a_folder_of_an_image_is_read_through_its_indexes(tmp_path: Path, packed
 def test_what_an_upper_layer_removes_is_not_there(tmp_path: Path) -> None:
     gone = layer("opt/ros/noetic/bin/.wh.rosmaster", ".wh.ros_entrypoint.sh")
     found = look_at(str(saved(tmp_path / "a.tar", [layer(*NOETIC), gone])))
-    assert found.files == Files(False, False, False, ("noetic",))
+    assert found.files == Files(frozenset(), False, ("noetic",))
     opaque = layer("opt/.wh..wh..opq", "usr/bin/rosmaster")
     found = look_at(str(saved(tmp_path / "b.tar", [layer(*NOETIC), opaque])))
-    assert found.files == Files(True, False, True, ())
+    assert found.files == Files(ROS1, True, ())
 
 
 def test_an_image_without_ros_lacks_it(tmp_path: Path) -> None:

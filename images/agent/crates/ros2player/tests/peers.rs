@@ -76,6 +76,22 @@ fn all_that_is_played_comes_to_a_fast_dds_reader_byte_for_byte() {
     }
 }
 
+/// Publishes until something arrives, and returns how many: Cyclone DDS begins to take from a writer of
+/// Fast DDS at its first heartbeat, which may be later than both know of each other.
+fn greet(player: &Player, writer: &mut Peer) -> i32 {
+    let (late, mut published, mut arrived) = (Instant::now() + LONG, 0, 0);
+    while arrived == 0 {
+        assert!(Instant::now() < late, "{published} greetings");
+        writer.publish(&message(u64::MAX, 0));
+        published += 1;
+        arrived = player.receive(Duration::from_millis(500), &mut |_| ()).unwrap();
+    }
+    writer.acknowledged(published);
+    // What was acknowledged and not taken before: each is behind the one that arrived.
+    while player.receive(Duration::from_millis(100), &mut |_| ()).unwrap() > 0 {}
+    published
+}
+
 #[test]
 fn all_that_fast_dds_publishes_is_recorded_byte_for_byte() {
     for (messages, length) in [SHORT, LONG_ONES] {
@@ -85,15 +101,15 @@ fn all_that_fast_dds_publishes_is_recorded_byte_for_byte() {
         let mut writer = Peer::writer(&graph, &format!("/out {BYTES} all reliable volatile"));
         writer.until_matched(1);
         eventually(|| player.publishers(subscription).unwrap() == 1);
+        let greetings = greet(&player, &mut writer);
         let taken = std::thread::scope(|scope| {
             let taken = scope.spawn(|| receive(&player, messages as usize));
             (0..messages).for_each(|one| writer.publish(&message(one, length)));
             taken.join().unwrap()
         });
-        writer.acknowledged(i32::try_from(messages).unwrap());
+        writer.acknowledged(greetings + i32::try_from(messages).unwrap());
         assert_eq!(numbers(&taken), (0..messages).collect::<Vec<_>>());
         assert_whole(taken.iter(), length);
-        assert_eq!(player.taken(subscription), messages);
         assert_eq!(player.receive(Duration::ZERO, &mut |_| panic!("one too many")).unwrap(), 0);
     }
 }

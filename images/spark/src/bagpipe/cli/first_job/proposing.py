@@ -139,8 +139,8 @@ def _of_no_ros(topics: Iterable[Topic]) -> str:
     there = sorted({each or "no known encoding" for t in published for each in t.encodings})
     return (
         f"the recordings hold messages in {', '.join(map(ascii, there[:5]))}, and the engines of"
-        f" ROS play {' and '.join(engines_by_encoding())}: a program of any kind reads files by stack.engine:"
-        " exec (docs/tasks/another-simulator.md)"
+        f" ROS play {' and '.join(engines_by_encoding())}: a program of any kind reads files by"
+        " stack.engine: exec (docs/tasks/another-simulator.md)"
     )
 
 
