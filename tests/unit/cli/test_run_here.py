@@ -133,8 +133,8 @@ def test_nodes_of_ros_2_need_one_that_is_sourced_and_no_rosmaster(
         " has ROS 2 linked statically, or run this inside of the stack's image"
     )
     for player, needs in [("auto", 1), ("rcl", 1), ("dds", 0)]:
-        own = stack(engine="ros2", ros2={"player": player})
-        assert len(refused(machine, stack=own)) == needs, player
+        chosen = stack(engine="ros2", ros2={"player": player})
+        assert len(refused(machine, stack=chosen)) == needs, player
     prefix = {"AMENT_PREFIX_PATH": "/opt/ros/jazzy"}
     sourced = Machine({**machine.environment, **prefix}, machine.entrypoint)
     assert refused(sourced, stack=stack(engine="ros2")) == []
