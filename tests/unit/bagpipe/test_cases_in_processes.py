@@ -4,6 +4,8 @@ import dataclasses
 import multiprocessing
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
 from pathlib import Path
@@ -62,6 +64,31 @@ def waits(case: Case, context: RunContext, _starts: int) -> Row:
         (marks_of(context) / case.id).write_text(str(os.getpid()))
         time.sleep(3600)
     return make_row(case.id)
+
+
+def test_a_folder_of_temporary_files_with_a_long_path_leaves_room_for_sockets(
+    tmp_path: Path,
+) -> None:
+    """Whatever a process has asked for its folder once, it remembers: so one of its own."""
+    program = (
+        "import multiprocessing, tempfile\n"
+        "from bagpipe.driver.cases_in_processes import make_room_for_sockets\n"
+        "make_room_for_sockets()\n"
+        "process = multiprocessing.get_context('forkserver').Process(target=print, args=('ran',))\n"
+        "process.start()\n"
+        "process.join()\n"
+        "print(process.exitcode, tempfile.gettempdir(), multiprocessing.util.get_temp_dir())\n"
+    )
+    for name in ("a", "b" * 120):
+        folder = tmp_path / name
+        folder.mkdir()
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=os.environ | {"TMPDIR": str(folder)},
+            capture_output=True, text=True, timeout=60, check=True,
+        )  # fmt: skip
+        printed, (status, usual, own) = done.stdout.split()[0], done.stdout.split()[1:]
+        assert (printed, status, usual) == ("ran", "0", str(folder))
+        assert len(own) <= 107 - len("/listener-12345678")
 
 
 def test_cases_come_back_once_each(world: World) -> None:
