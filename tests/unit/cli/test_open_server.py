@@ -44,6 +44,13 @@ def get(server: FileServer, path: str = "", method: str = "GET", **headers: str)
 
 def test_a_browser_reads_the_file_and_nothing_else(server: FileServer) -> None:
     assert server.url.endswith("/a%20case.mcap")
+    # Pages that were not given the URL can guess the port and the case, and not this.
+    path = urlsplit(server.url).path.split("/")
+    assert (len(path), len(path[1]) >= 22) == (3, True)
+    assert get(server, "/a%20case.mcap")[0] == 404
+    assert get(server, f"/{path[1]}/")[0] == 404
+    with FileServer(server.file) as another:
+        assert urlsplit(another.url).path != urlsplit(server.url).path
     status, data, headers = get(server)
     assert (status, data) == (200, DATA)
     assert headers["Access-Control-Allow-Origin"] == "*"

@@ -3,6 +3,7 @@
 import http.server
 import os
 import re
+import secrets
 import sys
 import urllib.parse
 from datetime import UTC, datetime
@@ -17,18 +18,23 @@ _SECONDS = 60
 
 
 class FileServer(http.server.ThreadingHTTPServer):
-    """On 127.0.0.1 at a free port; any page may read the file, and nothing else is there."""
+    """On 127.0.0.1 at a free port: the file for whoever has its URL, and nothing else.
+
+    Any page in the browser may ask: what it can't guess is in the URL's path.
+    """
 
     daemon_threads = True
 
     def __init__(self, file: Path) -> None:
         self.file = file
+        self._secret = secrets.token_urlsafe(16)
         super().__init__(("127.0.0.1", 0), _Handler)
 
     @property
     def url(self) -> str:
         """Where the file is."""
-        return f"http://127.0.0.1:{self.server_port}/{urllib.parse.quote(self.file.name)}"
+        name = urllib.parse.quote(self.file.name)
+        return f"http://127.0.0.1:{self.server_port}/{self._secret}/{name}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Of readers that go away, as browsers do in the middle of a file, nothing is written."""
