@@ -10,11 +10,14 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
+import bagpipe
 from bagpipe.cli.__main__ import main
 from bagpipe.plan.case import Case
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
+from bagpipe.view import recording
 from bagpipe.view.server import FileServer
+from tests.mcap_of_bag import mcap_of
 from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.jobs import make_row, make_spec
 from tests.unit.report.publishing import publish
@@ -157,6 +160,47 @@ def test_topics_of_a_sequence_are_chosen(tmp_path: Path) -> None:
     assert "/lane" not in {topic for topic, _, _ in shown(tmp_path, case)}
     status, _, error = opened(tmp_path, results, "--topic", "/none", case=case)
     assert (status, "has no topic /none; it has /lane, /scan" in error) == (2, True)
+
+
+def test_a_recording_that_was_cut_is_shown_as_far_as_it_goes_and_named(tmp_path: Path) -> None:
+    results = results_with(tmp_path, [failed()])
+    assert opened(tmp_path, results)[2] == ""
+    data = (results / RECORDED).read_bytes()
+    (results / RECORDED).write_bytes(data[: len(data) - 20])
+    status, _, error = opened(tmp_path, results)
+    assert status == 0
+    assert error.startswith(f"note: {RECORDED}: expected ")
+    assert error.endswith(": what is whole is shown\n")
+
+
+@pytest.mark.parametrize("of_mcap", [False, True])
+def test_what_a_small_file_unpacks_to_has_a_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_mcap: bool
+) -> None:
+    results = results_with(tmp_path, [failed()])
+    file = results / RECORDED
+    if of_mcap:
+        mcap_of(file, tmp_path / "published", "zstd").replace(file)
+    else:
+        file.write_bytes(bagpipe.MemoryBag.open(file).slice(compression="lz4").to_bytes())
+    assert opened(tmp_path, results)[0] == 0
+    (tmp_path / "shown/a-0000.mcap").unlink()
+    monkeypatch.setattr(recording, "_MOST_BYTES", 2_000)
+    status, _, error = opened(tmp_path, results)
+    assert (status, "a recording of a-0000: " in error) == (2, True), error
+    assert not list((tmp_path / "shown").glob("*.mcap"))
+
+
+def test_a_sequence_whose_recording_was_damaged_since_is_refused(tmp_path: Path) -> None:
+    row, source = _sequence(tmp_path)
+    results = results_with(tmp_path, [row], source=source)
+    data = (tmp_path / "a.bag").read_bytes()
+    for begin in (data.index(b"00000025"), data.index(b"00000065")):
+        damaged = bytearray(data)
+        damaged[begin - 60 : begin] = b"\xff" * 60
+        (tmp_path / "a.bag").write_bytes(damaged)
+        status, _, error = opened(tmp_path, results, case=row["case"])
+        assert (status, "a.bag" in error) == (2, True), error
 
 
 def test_of_a_simulated_drive_what_was_published_is_shown(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from bagpipe.view.layouts import foxglove, plotjuggler, rviz
 from bagpipe.view.moment import Moment, moments
 from bagpipe.view.recording import Recording, write_view
 from bagpipe.view.server import FileServer, foxglove_link
+from bagpipe.wire.session import SessionError
 
 _BUDGET = 4 << 30
 # What is shown before the moment at which something went wrong.
@@ -44,6 +45,7 @@ class _Opened:
     moment: Moment | None
     messages: int
     topics: list[dict[str, Any]]
+    damaged: list[str]
 
 
 @dataclass(frozen=True)
@@ -113,8 +115,10 @@ def open_command(
     try:
         stored = results_of(place, where, folders(volumes))
         opened = _open(stored, case, target, chosen)
-    except (StorageError, BagRefusedError, ReplayError, MatrixError, bagpipe.BagError) as error:
+    except (StorageError, BagRefusedError, ReplayError, MatrixError, SessionError) as error:
         raise RefusedError(plain(str(error))) from error
+    except bagpipe.BagError as error:
+        raise RefusedError(f"a recording of {plain(case)}: {plain(str(error))}") from error
     except OSError as error:
         raise RefusedError(f"{target} can't be written: {error.strerror}") from error
     _show(opened, output)
@@ -141,11 +145,11 @@ def _open(stored: StoredResults, case: str, folder: Path, chosen: dict[str, Any]
     end = line.end if chosen["last"] is not None else line.latest
     topics = tuple(resolve(topic) for topic in chosen["topics"])
     given = _given(stored, row, (begin, end), topics)
-    published = [Recording(data) for data in _published(stored, line)]
+    published = {name: Recording(data) for name, data in _published(stored, line)}
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{Path(case).name}.mcap"
     about = {"case": case, "results": stored.uri, "outcome": str(row["outcome"])}
-    written = write_view(file, given, published, line.notes, (begin, end), about)
+    written = write_view(file, given, published.values(), line.notes, (begin, end), about)
     texts = {
         ".foxglove.json": foxglove(written),
         ".plotjuggler.xml": plotjuggler(written),
@@ -159,7 +163,8 @@ def _open(stored: StoredResults, case: str, folder: Path, chosen: dict[str, Any]
         {"topic": each.name, "type": each.type, "messages": each.messages} for each in written
     ]
     count = sum(each.messages for each in written)
-    return _Opened(file, layouts, begin, end, first, count, listed)
+    damaged = [f"{name}: expected {each.damage}" for name, each in published.items() if each.damage]
+    return _Opened(file, layouts, begin, end, first, count, listed, damaged)
 
 
 def _line(stored: StoredResults, row: Row) -> _Line:
@@ -234,7 +239,7 @@ def _joined(stored: StoredResults, row: Row, topics: tuple[str, ...]) -> Recordi
     return made
 
 
-def _published(stored: StoredResults, line: _Line) -> Iterator[bytes]:
+def _published(stored: StoredResults, line: _Line) -> Iterator[tuple[str, bytes]]:
     left = _BUDGET
     for name in line.recorded:
         if not name.endswith((".bag", ".mcap")):
@@ -245,10 +250,12 @@ def _published(stored: StoredResults, line: _Line) -> Iterator[bytes]:
             raise ReplayError(f"{name} is no name below {stored.uri}")
         data = stored.storage.read_all(f"{stored.uri}/{name}" if own else name, left)
         left -= len(data)
-        yield data
+        yield name, data
 
 
 def _show(opened: _Opened, output: str) -> None:
+    for damaged in opened.damaged:
+        click.echo(f"note: {plain(damaged)}: what is whole is shown", err=True)
     if output != "table":
         print_as(
             {

@@ -12,6 +12,8 @@ import bagpipe
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.view.course import Note
 
+# Of a recording's uncompressed chunks: a small file may have any number of bytes in them.
+_MOST_BYTES = 4 << 30
 _MCAP = b"\x89MCAP0\r\n"
 # Where a topic is that was recorded, and that the stack published as well.
 RECORDED = "/recorded"
@@ -49,13 +51,19 @@ class Recording:
 
     def __init__(self, data: bytes, only: Collection[str] = ()) -> None:
         opened = bagpipe.MemoryMcap if data.startswith(_MCAP) else bagpipe.MemoryBag
-        self._opened: Any = opened(data)
+        self._opened: Any = opened(data, decompressed_bytes=_MOST_BYTES)
         self._only = {resolve(topic) for topic in only}
 
     @property
     def topics(self) -> set[str]:
         """The names of its topics, whether chosen or not."""
         return {resolve(topic) for topic in self._opened.topics}
+
+    @property
+    def damage(self) -> str:
+        """What was expected where something is lost; nothing where it is whole."""
+        lost = self._opened.damage
+        return "" if lost is None else str(lost.description)
 
     def messages(self, span: tuple[int, int], moved: set[str]) -> Iterator[_Message]:
         """Those of `span` by time; the topics of `moved` are below RECORDED."""
