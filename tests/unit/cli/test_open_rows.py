@@ -173,6 +173,17 @@ def test_a_recording_that_was_cut_is_shown_as_far_as_it_goes_and_named(tmp_path:
     assert error.endswith(": what is whole is shown\n")
 
 
+@pytest.mark.parametrize("changed", [{}, {"recorded": "pvc://robots/cases/a-0000.bag"}])
+def test_a_claim_without_a_folder_is_asked_for(tmp_path: Path, changed: dict[str, Any]) -> None:
+    results = results_with(tmp_path, [failed(**changed)])
+    volume = [] if not changed else ["--volume", f"recordings={tmp_path}"]
+    claim = "robots" if changed else "recordings"
+    arguments = ["open", "a-0000", "--results", str(results), "--to", str(tmp_path / "shown")]
+    ended = CliRunner().invoke(main, [*arguments, *volume])
+    assert ended.exit_code == 2
+    assert f"the claim {claim} is not on this machine: give --volume {claim}=FOLDER" in ended.stderr
+
+
 @pytest.mark.parametrize("of_mcap", [False, True])
 def test_what_a_small_file_unpacks_to_has_a_bound(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, of_mcap: bool

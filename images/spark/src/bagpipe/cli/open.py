@@ -13,7 +13,14 @@ from bagpipe.cli.bag_here import Elsewhere, kind_of
 from bagpipe.cli.bag_reading import BagFile, BagRefusedError
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
-from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
+from bagpipe.cli.places import (
+    RefusedError,
+    folders,
+    output_option,
+    print_as,
+    uri_of,
+    volume_option,
+)
 from bagpipe.cli.terminal import plain
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.bag_tail import resolve
@@ -210,7 +217,8 @@ def _given(
     """What was recorded in that time: all of it, played or not. None where nothing was."""
     if "://" not in row["bag"]:
         return _joined(stored, row, topics) if row.get("parts") else None
-    kind, uri = kind_of(row["bag"], stored.storage)
+    bag = uri_of(row["bag"], stored.storage.volumes)
+    kind, uri = kind_of(bag, stored.storage)
     file: Any = BagFile(uri, stored.storage, _BUDGET)
     if kind != "bag":
         file = Elsewhere(uri, kind, stored.storage, _BUDGET)
@@ -248,7 +256,8 @@ def _published(stored: StoredResults, line: _Line) -> Iterator[tuple[str, bytes]
         own = "://" not in name
         if own and (name.startswith("/") or ".." in name.split("/")):
             raise ReplayError(f"{name} is no name below {stored.uri}")
-        data = stored.storage.read_all(f"{stored.uri}/{name}" if own else name, left)
+        uri = f"{stored.uri}/{name}" if own else uri_of(name, stored.storage.volumes)
+        data = stored.storage.read_all(uri, left)
         left -= len(data)
         yield name, data
 
