@@ -11,6 +11,7 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 import bagpipe
+from bagpipe.cli import open as open_module
 from bagpipe.cli.__main__ import main
 from bagpipe.plan.case import Case
 from bagpipe.source.planning import plan
@@ -200,6 +201,21 @@ def test_what_a_small_file_unpacks_to_has_a_bound(
     status, _, error = opened(tmp_path, results)
     assert (status, "a recording of a-0000: " in error) == (2, True), error
     assert not list((tmp_path / "shown").glob("*.mcap"))
+
+
+def test_all_recordings_of_a_case_have_one_bound(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    other = "cases/a-0000.other.bag"
+    results = results_with(tmp_path, [failed(bag="simulator", recorded=[RECORDED, other])])
+    size = len((results / RECORDED).read_bytes())
+    (results / other).write_bytes((results / RECORDED).read_bytes())
+    monkeypatch.setattr(open_module, "_BUDGET", 2 * size)
+    assert opened(tmp_path, results)[0] == 0
+    monkeypatch.setattr(open_module, "_BUDGET", 2 * size - 1)
+    status, _, error = opened(tmp_path, results)
+    assert status == 2
+    assert f"{other} has {size} bytes where at most {size - 1} are expected" in error
 
 
 def test_a_sequence_whose_recording_was_damaged_since_is_refused(tmp_path: Path) -> None:
