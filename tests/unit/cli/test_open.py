@@ -1,11 +1,8 @@
 """`bagpipe open`: one file of what a case was given, what came of it, and what was found in it."""
 
 import json
-import threading
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import closing
-from http.client import HTTPConnection
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -20,7 +17,7 @@ from bagpipe.cli.__main__ import main
 from bagpipe.view.layouts import foxglove, plotjuggler, rviz
 from bagpipe.view.moment import Moment, moments
 from bagpipe.view.recording import Topic
-from bagpipe.view.server import FileServer, foxglove_link
+from bagpipe.view.server import foxglove_link
 from tests.mcap_of_bag import mcap_of
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
 from tests.unit.bagpipe.jobs import make_row
@@ -261,40 +258,6 @@ def test_rvizs_displays_are_those_of_its_ros(encoding: str, package: str, cloud:
     assert list(shown) == ["Grid", "TF", "/camera", "/points"]
     assert shown["/points"]["Class"] == f"{package}/PointCloud2"
     assert shown["/points"]["Topic"] == cloud
-
-
-def test_a_browser_reads_ranges_of_the_file_and_nothing_else(tmp_path: Path) -> None:
-    file = tmp_path / "a case.mcap"
-    file.write_bytes(bytes(range(200)))
-    (tmp_path / "secret").write_text("no")
-
-    def get(path: str, headers: dict[str, str]) -> tuple[int, bytes, Any]:
-        asked = HTTPConnection("127.0.0.1", server.server_port, timeout=10)
-        with closing(asked):
-            asked.request("GET", path, headers=headers)
-            answer = asked.getresponse()
-            return answer.status, answer.read(), answer.headers
-
-    with FileServer(file) as server:
-        serving = threading.Thread(target=server.serve_forever, args=(0.05,))
-        serving.start()
-        try:
-            assert server.url.endswith("/a%20case.mcap")
-            path = urlsplit(server.url).path
-            status, data, headers = get(path, {})
-            assert (status, data) == (200, bytes(range(200)))
-            assert headers["Access-Control-Allow-Origin"] == "*"
-            status, data, headers = get(path, {"Range": "bytes=10-19"})
-            assert (status, data) == (206, bytes(range(10, 20)))
-            assert headers["Content-Range"] == "bytes 10-19/200"
-            assert get(path, {"Range": "bytes=190-"})[1] == bytes(range(190, 200))
-            assert get(path, {"Range": "bytes=190-900"})[1] == bytes(range(190, 200))
-            assert get(path, {"Range": "bytes=200-"})[0] == 416
-            for other in ("/secret", "/../secret", "/", "/%2e%2e/secret"):
-                assert get(other, {})[0] == 404
-        finally:
-            server.shutdown()
-            serving.join()
 
 
 def test_the_link_has_the_file_and_the_moment() -> None:

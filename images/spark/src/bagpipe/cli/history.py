@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bagpipe.cli.list import results_below
+from bagpipe.cli.list import UNREADABLE, results_below
 from bagpipe.cli.places import (
     RefusedError,
     folders,
@@ -21,10 +21,12 @@ from bagpipe.cli.places import (
 from bagpipe.cli.terminal import plain
 from bagpipe.history.findings import CriterionHistory, History, history_of
 from bagpipe.history.page import page
-from bagpipe.history.run import read_run
+from bagpipe.history.run import Run, read_run
 from bagpipe.storage import Storage, StorageError
 
 _NAMED = 3
+# Cases and findings of all runs together, of some two hundred bytes each.
+_MOST_VALUES = 20_000_000
 
 
 @click.command("history")
@@ -69,9 +71,9 @@ def history_command(
         known = folders(volumes)
         history, skipped = _read(uri_of(where, known), Storage(known), jobs, last)
         if target is not None:
-            target.write_text(page(history, f"History of {where}"), "utf-8")
+            target.write_text(page(history, f"History of {where}"), "utf-8", "replace")
     except StorageError as error:
-        raise RefusedError(str(error)) from error
+        raise RefusedError(plain(str(error))) from error
     except OSError as error:
         raise RefusedError(f"{target} can't be written: {error.strerror}") from error
     for note in skipped:
@@ -85,21 +87,21 @@ def history_command(
 
 def _read(uri: str, storage: Storage, jobs: str, last: int) -> tuple[History, list[str]]:
     """The newest runs that have ended, and what was passed over. Raises StorageError."""
-    found = [
-        each
-        for each in results_below(uri, storage)
-        if each["ended"] and fnmatch.fnmatchcase(each["job"], jobs)
-    ]
+    listed = results_below(uri, storage)
+    found = [each for each in listed if each["ended"] and fnmatch.fnmatchcase(each["job"], jobs)]
     if not found:
         raise StorageError(f"{uri} has no results of a job {jobs} that has ended")
-    runs, skipped = [], []
+    skipped = [f"{each['results']}: {UNREADABLE}" for each in listed if each["note"] == UNREADABLE]
+    runs: list[Run] = []
+    left = _MOST_VALUES
     for each in found[:last]:
         try:
-            runs.append(read_run(each, storage))
+            runs.append(read_run(each, storage, left))
+            left -= runs[-1].values
         except StorageError as error:
             skipped.append(str(error))
     if not runs:
-        raise StorageError(skipped[0])
+        raise StorageError(skipped[-1])
     return history_of(sorted(runs, key=lambda run: run.ended)), skipped
 
 
@@ -133,11 +135,11 @@ def _data(history: History) -> dict[str, Any]:
 
 def _show(history: History, console: Console) -> None:
     runs = history.runs
-    console.print(
+    first = (
         f"{len(runs)} runs, {runs[0].ended[:10]} to {runs[-1].ended[:10]};"
-        f" the last: {plain(runs[-1].verdict) or 'no verdict'}",
-        highlight=False,
+        f" the last: {runs[-1].verdict or 'no verdict'}"
     )
+    console.print(escape(plain(first)), highlight=False)
     table = Table(box=None, header_style="bold")
     for column in ("Criterion", "In the last run", "Change"):
         table.add_column(column, overflow="fold")

@@ -24,6 +24,7 @@ from bagpipe.storage import Storage, StorageError
 
 MANIFEST = "manifest.json"
 _JOURNAL = "journal"
+UNREADABLE = "its manifest can't be read"
 # <output.uri>/<job>/<uid>, and a folder of several such output.uris.
 _DEEPEST = 3
 _MOST_FOLDERS = 2000
@@ -104,7 +105,7 @@ def described(folder: str, storage: Storage, committed: bool) -> dict[str, Any]:
             "note": "",
         }
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        return {"results": folder} | empty | {"note": "its manifest can't be read"}
+        return {"results": folder} | empty | {"note": UNREADABLE}
 
 
 def _head(storage: Storage, uri: str) -> dict[str, Any]:

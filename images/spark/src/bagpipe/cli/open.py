@@ -1,6 +1,5 @@
 """`bagpipe open`: one case as a recording that viewers show, with layouts for them."""
 
-import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,21 +13,34 @@ from bagpipe.cli.bag_here import Elsewhere, kind_of
 from bagpipe.cli.bag_reading import BagFile, BagRefusedError
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
-from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
+from bagpipe.cli.places import (
+    RefusedError,
+    folders,
+    output_option,
+    print_as,
+    uri_of,
+    volume_option,
+)
+from bagpipe.cli.terminal import plain
 from bagpipe.matrix.faults import MatrixError
+from bagpipe.plan.bag_tail import resolve
 from bagpipe.report.stored import Row, StoredResults
+from bagpipe.row_facts import recorded_names
 from bagpipe.run.laptop import ReplayError, local_spec, planned_case, write_fragment
 from bagpipe.source.chosen import source_of
 from bagpipe.storage import StorageError
-from bagpipe.view.course import notes
+from bagpipe.view.course import Note, notes, time_at
 from bagpipe.view.layouts import foxglove, plotjuggler, rviz
 from bagpipe.view.moment import Moment, moments
 from bagpipe.view.recording import Recording, write_view
 from bagpipe.view.server import FileServer, foxglove_link
+from bagpipe.wire.session import SessionError
 
 _BUDGET = 4 << 30
 # What is shown before the moment at which something went wrong.
 _BEFORE_SECONDS = 2.0
+_MOST_SECONDS = 1e9
+_MOST_TIME = (1 << 63) - 1
 
 
 @dataclass(frozen=True)
@@ -40,6 +52,24 @@ class _Opened:
     moment: Moment | None
     messages: int
     topics: list[dict[str, Any]]
+    damaged: list[str]
+
+
+@dataclass(frozen=True)
+class _Line:
+    """What a row says: the case's window in ns, what was found in it, and the files of it."""
+
+    start: int
+    end: int
+    moments: list[Moment]
+    notes: list[Note]
+    bag: str
+    recorded: list[str]
+
+    @property
+    def latest(self) -> int:
+        """Where a file of it all ends, in ns: behind the window where an answer came later."""
+        return max([self.end, *(time_at(self.start, each.seconds) + 1 for each in self.moments)])
 
 
 @click.command("open")
@@ -84,8 +114,7 @@ def open_command(
     bagpipe open night-0004 --results ./results --volume recordings=/data --last 10
     bagpipe open night-0004 --results ./results --volume recordings=/data --serve
     """
-    if chosen["at"] is not None and chosen["last"] is not None:
-        raise click.UsageError("--at and --last exclude each other")
+    _check_times(chosen["at"], chosen["last"])
     name = Path(case).name
     if name in ("", ".", ".."):
         raise click.UsageError(f"{case} is no case's name")
@@ -93,41 +122,79 @@ def open_command(
     try:
         stored = results_of(place, where, folders(volumes))
         opened = _open(stored, case, target, chosen)
-    except (StorageError, BagRefusedError, ReplayError, MatrixError, bagpipe.BagError) as error:
-        raise RefusedError(str(error)) from error
+    except (StorageError, BagRefusedError, ReplayError, MatrixError, SessionError) as error:
+        raise RefusedError(plain(str(error))) from error
+    except bagpipe.BagError as error:
+        raise RefusedError(f"a recording of {plain(case)}: {plain(str(error))}") from error
     except OSError as error:
         raise RefusedError(f"{target} can't be written: {error.strerror}") from error
     _show(opened, output)
     if serve:
-        _serve(opened)
+        _serve(opened, to_stderr=output != "table")
+
+
+def _check_times(at: float | None, last: float | None) -> None:
+    if at is not None and last is not None:
+        raise click.UsageError("--at and --last exclude each other")
+    for option, seconds in (("--at", at), ("--last", last)):
+        if seconds is not None and not abs(seconds) < _MOST_SECONDS:
+            raise click.UsageError(f"{option} {seconds:g}: write a number of seconds")
+    if last is not None and last <= 0:
+        raise click.UsageError(f"--last {last:g}: write how many seconds, more than 0")
 
 
 def _open(stored: StoredResults, case: str, folder: Path, chosen: dict[str, Any]) -> _Opened:
     stored.manifest()
     row = stored.row(case)
-    if not row.get("window"):
-        raise ReplayError(f"{case} has no window that could be shown: {row.get('message')}")
-    start, end = int(row["window"][1]), int(row["window"][2])
-    first = next(iter(moments(row)), None)
-    begin = _begin(start, end, first, chosen["at"], chosen["last"])
-    given = _given(stored, row, (begin, end), chosen["topics"])
-    published = [Recording(data) for data in _published(stored, row)]
+    line = _line(stored, row)
+    first = next(iter(line.moments), None)
+    begin = _begin(line.start, line.end, first, chosen["at"], chosen["last"])
+    end = line.end if chosen["last"] is not None else line.latest
+    topics = tuple(resolve(topic) for topic in chosen["topics"])
+    given = _given(stored, row, (begin, end), topics)
+    published = {name: Recording(data) for name, data in _published(stored, line)}
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / f"{Path(case).name}.mcap"
     about = {"case": case, "results": stored.uri, "outcome": str(row["outcome"])}
-    topics = write_view(file, given, published, notes(row, start), (begin, end), about)
+    written = write_view(file, given, published.values(), line.notes, (begin, end), about)
     texts = {
-        ".foxglove.json": foxglove(topics),
-        ".plotjuggler.xml": plotjuggler(topics),
-        ".rviz": rviz(topics, chosen["frame"]),
+        ".foxglove.json": foxglove(written),
+        ".plotjuggler.xml": plotjuggler(written),
+        ".rviz": rviz(written, chosen["frame"]),
     }
     layouts = []
     for ending, text in texts.items():
         layouts.append(file.with_suffix(ending))
         layouts[-1].write_text(text)
-    listed = [{"topic": each.name, "type": each.type, "messages": each.messages} for each in topics]
-    count = sum(each.messages for each in topics)
-    return _Opened(file, layouts, begin, end, first, count, listed)
+    listed = [
+        {"topic": each.name, "type": each.type, "messages": each.messages} for each in written
+    ]
+    count = sum(each.messages for each in written)
+    damaged = [f"{name}: expected {each.damage}" for name, each in published.items() if each.damage]
+    return _Opened(file, layouts, begin, end, first, count, listed, damaged)
+
+
+def _line(stored: StoredResults, row: Row) -> _Line:
+    case = row["case"]
+    if not row.get("window"):
+        raise ReplayError(f"{case} has no window that could be shown: {row.get('message')}")
+    try:
+        _, start, end = map(int, row["window"])
+        recorded = recorded_names(row)
+        if not all(isinstance(each, str) for each in (row["bag"], *recorded)):
+            raise TypeError("its files have no names")
+        found = _Line(start, end, moments(row), list(notes(row, start)), row["bag"], recorded)
+        if start < 0 or found.latest > _MOST_TIME:
+            raise ValueError("its times are none of a recording")
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        raise ReplayError(
+            f"{stored.uri}/results.jsonl has a line of {case} that is no row of results: {error!r}"
+        ) from error
+    if start >= end:
+        raise ReplayError(
+            f"{case} has no window that could be shown: it was given a file as it is, {found.bag}"
+        )
+    return found
 
 
 def _begin(start: int, end: int, first: Moment | None, at: float | None, last: float | None) -> int:
@@ -148,37 +215,56 @@ def _given(
     stored: StoredResults, row: Row, span: tuple[int, int], topics: tuple[str, ...]
 ) -> Recording | None:
     """What was recorded in that time: all of it, played or not. None where nothing was."""
-    if row.get("parts"):
-        return Recording(_joined(stored, row))
-    kind, uri = kind_of(row["bag"], stored.storage)
+    if "://" not in row["bag"]:
+        return _joined(stored, row, topics) if row.get("parts") else None
+    bag = uri_of(row["bag"], stored.storage.volumes)
+    kind, uri = kind_of(bag, stored.storage)
     file: Any = BagFile(uri, stored.storage, _BUDGET)
     if kind != "bag":
         file = Elsewhere(uri, kind, stored.storage, _BUDGET)
-    first = file.described()["start"] or 0
-    made = file.part(max(0, span[0] - first), max(1, span[1] - first), topics, "none")
+    described = file.described()
+    first, last = described["start"] or 0, described["end"] or 0
+    begin = min(max(0, span[0] - first), last - first)
+    made = file.part(begin, max(1, span[1] - first), topics, "none")
     return Recording(made.to_bytes() if kind == "bag" else made.data)
 
 
-def _joined(stored: StoredResults, row: Row) -> bytes:
-    """The input of a case that was put together."""
+def _joined(stored: StoredResults, row: Row, topics: tuple[str, ...]) -> Recording | None:
+    """The input of a case that was put together; None beside a simulator, which made it then."""
     spec = stored.spec()
     if spec is None:
         raise ReplayError(f"{stored.uri} has no job.json: the job was run by an older version")
+    if source_of(spec).alone(row["bag"]) is None:
+        return None
     case = planned_case(row, local_spec(spec), stored.storage)
     with tempfile.TemporaryDirectory(prefix="bagpipe-") as folder:
         written = write_fragment(case, source_of(spec), stored.storage, Path(folder, "input"))
-        return written.read_bytes()
+        made = Recording(written.read_bytes(), topics)
+    for topic in topics:
+        if topic not in made.topics:
+            have = ", ".join(sorted(made.topics)[:10])
+            raise ReplayError(f"{row['case']} has no topic {topic}; it has {have}")
+    return made
 
 
-def _published(stored: StoredResults, row: Row) -> Iterator[bytes]:
-    recorded = row.get("recorded") or []
-    for name in [recorded] if isinstance(recorded, str) else recorded:
-        if re.search(r"\.(bag|mcap)$", name):
-            uri = name if "://" in name else f"{stored.uri}/{name}"
-            yield stored.storage.read_all(uri, _BUDGET)
+def _published(stored: StoredResults, line: _Line) -> Iterator[tuple[str, bytes]]:
+    left = _BUDGET
+    for name in line.recorded:
+        if not name.endswith((".bag", ".mcap")):
+            continue
+        # Of a resumed job they are URIs of the earlier one's.
+        own = "://" not in name
+        if own and (name.startswith("/") or ".." in name.split("/")):
+            raise ReplayError(f"{name} is no name below {stored.uri}")
+        uri = f"{stored.uri}/{name}" if own else uri_of(name, stored.storage.volumes)
+        data = stored.storage.read_all(uri, left)
+        left -= len(data)
+        yield name, data
 
 
 def _show(opened: _Opened, output: str) -> None:
+    for damaged in opened.damaged:
+        click.echo(f"note: {plain(damaged)}: what is whole is shown", err=True)
     if output != "table":
         print_as(
             {
@@ -194,18 +280,18 @@ def _show(opened: _Opened, output: str) -> None:
         )
         return
     seconds = (opened.end - opened.start) / 1e9
-    click.echo(f"{opened.file}: {seconds:.3f} s, {opened.messages:,} messages")
+    click.echo(f"{plain(str(opened.file))}: {seconds:.3f} s, {opened.messages:,} messages")
     if opened.moment is not None:
-        click.echo(f"at {opened.moment.seconds:.3f} s: {opened.moment.what}")
+        click.echo(f"at {opened.moment.seconds:.3f} s: {plain(opened.moment.what)}")
     for layout in opened.layouts:
-        click.echo(f"layout: {layout}")
+        click.echo(f"layout: {plain(str(layout))}")
 
 
-def _serve(opened: _Opened) -> None:
+def _serve(opened: _Opened, *, to_stderr: bool) -> None:
     with FileServer(opened.file) as server:
-        click.echo(f"{server.url}  (Ctrl-C ends it)")
-        click.echo(foxglove_link(server.url, opened.start))
+        click.echo(f"{server.url}  (Ctrl-C ends it)", err=to_stderr)
+        click.echo(foxglove_link(server.url, opened.start), err=to_stderr)
         try:
             server.serve_forever(poll_interval=0.2)
         except KeyboardInterrupt:
-            click.echo("")
+            click.echo("", err=to_stderr)

@@ -6,10 +6,12 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from bagpipe.history.run import Run
+from bagpipe.history.run import Found, Run
 from bagpipe.history.steps import more_fail_since, moved_since
 
 _MOST = 10
+# What a criterion found in a run, with the names of the cases.
+_Findings = list[tuple[str, Found]]
 
 
 @dataclass(frozen=True)
@@ -64,19 +66,23 @@ class History:
 def history_of(runs: Sequence[Run]) -> History:
     """What these runs show, oldest first."""
     names: dict[str, str] = {}
+    by_name: list[dict[str, _Findings]] = []
     for run in runs:
+        by_name.append(defaultdict(list))
         for case in run.cases:
             for found in case.criteria:
                 names[found.name] = found.unit or names.get(found.name, "")
-    criteria = tuple(_criterion(name, unit, runs) for name, unit in names.items())
+                by_name[-1][found.name].append((case.name, found))
+    criteria = tuple(
+        _criterion(name, unit, [each.get(name, []) for each in by_name])
+        for name, unit in names.items()
+    )
     return History(tuple(runs), criteria, tuple(_flaky(runs)), tuple(_slowest(runs)))
 
 
-def _criterion(name: str, unit: str, runs: Sequence[Run]) -> CriterionHistory:
+def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHistory:
     nights, failing = [], []
-    for run in runs:
-        found = [(case.name, each) for case in run.cases for each in case.criteria]
-        mine = [(case, each) for case, each in found if each.name == name]
+    for mine in runs:
         judged = [(case, each) for case, each in mine if each.outcome in ("passed", "failed")]
         figures = [each.figure for _, each in mine if each.figure is not None]
         failing.append({case for case, each in judged if each.outcome == "failed"})

@@ -1,5 +1,8 @@
 """One run of a job as history sees it, read from its results.parquet in place."""
 
+import math
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,9 +14,11 @@ from bagpipe.storage import Storage, StorageError
 _TABLE = "results.parquet"
 _COLUMNS = ["case", "outcome", "seconds", "discarded", "criteria"]
 _MOST_BYTES = 1 << 30
+_BATCH = 1_000
 
 
-@dataclass(frozen=True)
+# Of these there are millions.
+@dataclass(frozen=True, slots=True)
 class Found:
     """What a criterion found in a case. `figure` is None where nothing could be measured."""
 
@@ -23,7 +28,7 @@ class Found:
     unit: str
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class CaseOfRun:
     """A case that ended: its outcome, seconds of all attempts, and runs that did not count."""
 
@@ -43,30 +48,77 @@ class Run:
     verdict: str
     cases: tuple[CaseOfRun, ...]
 
+    @property
+    def values(self) -> int:
+        """How many cases and findings it holds."""
+        return len(self.cases) + sum(len(case.criteria) for case in self.cases)
 
-def read_run(listed: dict[str, Any], storage: Storage) -> Run:
+
+def read_run(listed: dict[str, Any], storage: Storage, most: int) -> Run:
     """The run of a folder of results, listed with `results`, `ended` and `verdict`.
 
-    Raises StorageError where it has no table that can be read.
+    Raises StorageError where it has no table that can be read, or one of more than `most` cases or
+    findings, which a file of a few kilobytes may have.
     """
     uri = f"{listed['results']}/{_TABLE}"
+    data = storage.read_all(uri, _MOST_BYTES)
     try:
-        data = pa.BufferReader(storage.read_all(uri, _MOST_BYTES))
-        rows = pq.read_table(data, columns=_COLUMNS).to_pylist()
-        cases = tuple(_case(row) for row in rows)
-    except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
+        table = pq.ParquetFile(pa.BufferReader(data))
+        if _values(table.metadata) > most:
+            raise StorageError(
+                f"{uri} has more than {most:,} cases or findings, which is what is left for it:"
+                " give a smaller --last"
+            )
+        cases = tuple(_cases(table))
+    except (pa.ArrowException, AttributeError, KeyError, OSError, TypeError, ValueError) as error:
         raise StorageError(f"{uri} is no table of results: {error}") from error
     return Run(listed["results"], listed["ended"], listed["verdict"], cases)
 
 
+def _values(metadata: pq.FileMetaData) -> int:
+    """Of all columns the longest: a list's elements count one by one."""
+    groups = (metadata.row_group(number) for number in range(metadata.num_row_groups))
+    return sum(
+        max((group.column(at).num_values for at in range(group.num_columns)), default=0)
+        for group in groups
+    )
+
+
+def _cases(table: pq.ParquetFile) -> Iterator[CaseOfRun]:
+    for batch in table.iter_batches(_BATCH, columns=_COLUMNS):
+        for row in batch.to_pylist():
+            yield _case(row)
+
+
 def _case(row: dict[str, Any]) -> CaseOfRun:
     return CaseOfRun(
-        row["case"],
-        row["outcome"],
-        row["seconds"] or 0.0,
+        _text(row["case"]),
+        _text(row["outcome"]),
+        _number(row["seconds"]) or 0.0,
         len(row["discarded"] or []),
         tuple(
-            Found(each["name"], each["outcome"], each["figure"], each["unit"] or "")
+            Found(
+                _text(each["name"]),
+                _text(each["outcome"]),
+                _number(each["figure"]),
+                _text(each["unit"] or ""),
+            )
             for each in row["criteria"] or []
         ),
     )
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise TypeError(f"a name is of the type {type(value).__name__}")
+    # The same few words in every line of every run.
+    return sys.intern(value)
+
+
+def _number(value: Any) -> float | None:
+    """A finite one; what is none has no order, and no place in a median or in JSON."""
+    if value is None:
+        return None
+    if not isinstance(value, int | float):
+        raise TypeError(f"a figure is of the type {type(value).__name__}")
+    return float(value) if math.isfinite(value) else None

@@ -1,11 +1,12 @@
 """Courses of criteria and their messages as channels of JSON, which viewers plot and list."""
 
 import json
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.view.moment import moments
+from bagpipe.view.moment import bounds_of, moments, points_of
 
 CRITERIA = "/bagpipe/criteria"
 LOG = "/bagpipe/log"
@@ -52,24 +53,35 @@ class Note:
     data: bytes
 
 
-def topic_of(criterion: str) -> str:
-    """Where a criterion's course is: its name with what a topic's name can't have as _."""
-    plain = "".join(each if each.isascii() and each.isalnum() else "_" for each in criterion)
-    return f"{CRITERIA}/{plain}"
+def topics_of(criteria: Iterable[str]) -> Iterator[str]:
+    """Where each criterion's course is: its name with what a topic's name can't have as _.
+
+    Of names that would be the same then the later ones end in a number.
+    """
+    taken: set[str] = set()
+    many: Counter[str] = Counter()
+    for name in criteria:
+        plain = "".join(each if each.isascii() and each.isalnum() else "_" for each in name)
+        chosen = plain
+        while chosen in taken:
+            many[plain] += 1
+            chosen = f"{plain}_{many[plain] + 1}"
+        taken.add(chosen)
+        yield f"{CRITERIA}/{chosen}"
 
 
 def notes(row: dict[str, Any], start: int) -> Iterator[Note]:
     """What Bagpipe found in a case, from the window's `start` in ns; by topic, then time."""
-    for finding in row.get("criteria") or []:
-        course = finding.get("course")
-        for seconds, value in (course or {"points": ()})["points"]:
-            bounds = {
-                name: course[name] for name in ("low", "high") if course.get(name) is not None
-            }
-            text = json.dumps({"value": value, **bounds})
-            yield Note(topic_of(finding["name"]), VALUE, _at(start, seconds), text.encode())
+    findings = row.get("criteria") or []
+    topics = topics_of(finding["name"] for finding in findings)
+    for finding, topic in zip(findings, topics, strict=True):
+        course = finding.get("course") or {"points": ()}
+        known = {name: bound for name, bound in bounds_of(course).items() if bound is not None}
+        for seconds, value in points_of(course):
+            text = json.dumps({"value": value} | known)
+            yield Note(topic, VALUE, time_at(start, seconds), text.encode())
     for moment in moments(row):
-        time = _at(start, moment.seconds)
+        time = time_at(start, moment.seconds)
         stamp = {"sec": time // 1_000_000_000, "nsec": time % 1_000_000_000}
         text = json.dumps(
             {"timestamp": stamp, "level": _ERROR, "message": moment.what, "name": "bagpipe"}
@@ -78,5 +90,6 @@ def notes(row: dict[str, Any], start: int) -> Iterator[Note]:
         yield Note(LOG, MESSAGE, time, text.encode())
 
 
-def _at(start: int, seconds: float) -> int:
+def time_at(start: int, seconds: float) -> int:
+    """A time of a course, in ns, of a window that starts at `start` ns."""
     return start + round(seconds * 1e9)

@@ -1,7 +1,7 @@
 """One MCAP file of what a case was given, what its stack published, and what was found in it."""
 
 import heapq
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -9,8 +9,11 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.writer import CompressionType, Writer
 
 import bagpipe
+from bagpipe.plan.bag_tail import resolve
 from bagpipe.view.course import Note
 
+# Of a recording's uncompressed chunks: a small file may have any number of bytes in them.
+_MOST_BYTES = 4 << 30
 _MCAP = b"\x89MCAP0\r\n"
 # Where a topic is that was recorded, and that the stack published as well.
 RECORDED = "/recorded"
@@ -42,21 +45,33 @@ class _Message(NamedTuple):
 
 
 class Recording:
-    """A bag or MCAP in memory. Raises bagpipe.BagError where it is neither."""
+    """A bag or MCAP in memory, or the `only` topics of it. Raises bagpipe.BagError where it is
+    neither.
+    """
 
-    def __init__(self, data: bytes) -> None:
+    def __init__(self, data: bytes, only: Collection[str] = ()) -> None:
         opened = bagpipe.MemoryMcap if data.startswith(_MCAP) else bagpipe.MemoryBag
-        self._opened: Any = opened(data)
+        self._opened: Any = opened(data, decompressed_bytes=_MOST_BYTES)
+        self._only = {resolve(topic) for topic in only}
 
     @property
     def topics(self) -> set[str]:
-        """The names of its topics."""
-        return {_resolved(topic) for topic in self._opened.topics}
+        """The names of its topics, whether chosen or not."""
+        return {resolve(topic) for topic in self._opened.topics}
+
+    @property
+    def damage(self) -> str:
+        """What was expected where something is lost; nothing where it is whole."""
+        lost = self._opened.damage
+        return "" if lost is None else str(lost.description)
 
     def messages(self, span: tuple[int, int], moved: set[str]) -> Iterator[_Message]:
         """Those of `span` by time; the topics of `moved` are below RECORDED."""
         channels: dict[int, _Channel] = {}
-        for connection, time, raw in self._opened.messages(start=span[0], end=span[1]):
+        chosen = [
+            topic for topic in self._opened.topics if not self._only or resolve(topic) in self._only
+        ]
+        for connection, time, raw in self._opened.messages(chosen, *span):
             channel = channels.get(connection.id)
             if channel is None:
                 channel = channels[connection.id] = _channel(connection, moved)
@@ -83,8 +98,15 @@ def write_view(
     if given is not None:
         sources.insert(0, given.messages(span, own))
     sources.append(_of_notes(notes, span))
-    with target.open("wb") as file:
-        return _write(file, heapq.merge(*sources, key=lambda each: each.time), about)
+    # Who looks at the file of before keeps it until there is another.
+    part = target.with_name(f".{target.name}.part")
+    try:
+        with part.open("wb") as file:
+            topics = _write(file, heapq.merge(*sources, key=lambda each: each.time), about)
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+    return topics
 
 
 def _write(file: BinaryIO, messages: Iterable[_Message], about: dict[str, str]) -> list[Topic]:
@@ -111,7 +133,7 @@ def _write(file: BinaryIO, messages: Iterable[_Message], about: dict[str, str]) 
 
 
 def _channel(connection: Any, moved: set[str]) -> _Channel:
-    topic = _resolved(connection.topic)
+    topic = resolve(connection.topic)
     return _Channel(
         RECORDED + topic if topic in moved else topic,
         connection.type,
@@ -130,7 +152,3 @@ def _of_notes(notes: Iterable[Note], span: tuple[int, int]) -> Iterator[_Message
                 note.topic, schema.name, "json", "jsonschema", schema.text.encode(), ""
             )
             yield _Message(note.time, channel, note.data)
-
-
-def _resolved(topic: str) -> str:
-    return topic if topic.startswith("/") else f"/{topic}"

@@ -1,0 +1,47 @@
+"""Courses of criteria as `bagpipe open` shows them, and the moments that it finds in them."""
+
+import json
+from typing import Any
+
+from bagpipe.view.course import notes
+from bagpipe.view.moment import Moment, moments
+
+SECOND = 1_000_000_000
+
+
+def finding(name: str, points: list[list[float]], kind: str = "bounds") -> dict[str, Any]:
+    found = {"name": name, "kind": kind, "outcome": "failed", "message": f"why {name}"}
+    course = {"label": "x", "unit": "m", "low": None, "high": 1.0, "points": points}
+    return found | {"course": course}
+
+
+def test_a_final_pose_is_wrong_in_the_end_and_not_where_the_drive_began() -> None:
+    far = [[0.0, 90.0], [3.0, 40.0], [5.9, 2.5]]
+    assert moments({"criteria": [finding("goal", far, "finalPose")]}) == [
+        Moment(5.9, "goal: why goal")
+    ]
+    # In place, and not in its heading.
+    near = [[0.0, 90.0], [5.9, 0.5]]
+    assert moments({"criteria": [finding("goal", near, "finalPose")]}) == []
+
+
+def test_criteria_of_names_that_topics_can_not_have_have_topics_of_their_own() -> None:
+    names = ["in lane", "in-lane", "in_lane", "in_lane_2", "車線"]
+    row = {"criteria": [finding(name, [[0.0, 2.0]]) for name in names]}
+    topics = [each.topic for each in notes(row, 0)]
+    prefix = "/bagpipe/criteria"
+    assert topics[:5] == [
+        f"{prefix}/in_lane",
+        f"{prefix}/in_lane_2",
+        f"{prefix}/in_lane_3",
+        f"{prefix}/in_lane_2_2",
+        f"{prefix}/__",
+    ]
+
+
+def test_numbers_that_are_none_are_not_shown() -> None:
+    found = finding("x", [[0.0, float("nan")], [1.0, float("inf")], [2.0, 3.0]])
+    found["course"]["low"] = float("-inf")
+    made = list(notes({"criteria": [found]}, 0))
+    assert [json.loads(each.data) for each in made[:-1]] == [{"value": 3.0, "high": 1.0}]
+    assert [each.time for each in made] == [2 * SECOND, 2 * SECOND]
