@@ -15,6 +15,7 @@
 #![forbid(unsafe_code)]
 
 mod account;
+mod acquaintance;
 mod audit;
 mod clock;
 mod definition;

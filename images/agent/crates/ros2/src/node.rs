@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use bagpipe_graph::{
     Audit, GraphError, Node, NodeOptions, PacedBy, Publication, Publisher, Seen, Sink, SystemState,
@@ -146,8 +146,7 @@ impl Graph {
     /// Takes in what was published on a recorded topic and handed on, by now.
     fn compare(&self, input: &Input, handed: u64, look: &Look) {
         let all = || published_on(&input.topic, &look.endpoints);
-        let strangers = input.account().has_strangers(all().map(|one| one.id));
-        let met = strangers && self.has_met(input, look);
+        let met = self.has_met(input, look);
         let now = all().map(|one| (one.id, one.counts.published));
         input.account().look(now, handed, met);
         for one in all().filter(|one| one.counts.published > 0) {
@@ -250,19 +249,20 @@ impl Graph {
         })
     }
 
-    /// Whether we know as many publishers of a topic as there are, and they know us.
+    /// Takes in which of the stack's publishers of a recorded topic know us; whether all do, and we
+    /// know as many as there are.
     fn has_met(&self, input: &Input, look: &Look) -> bool {
         let there: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
-        let known = self.means.player.publishers(input.subscription);
-        self.strangers(input, look) == 0 && known.is_ok_and(|known| known >= there.len() as u64)
-    }
-
-    /// How many of the stack's publishers of a recorded topic may not know us yet: what they publish
-    /// until then never comes. Fast DDS was measured to take up to 0.24 s longer than we to know them.
-    fn strangers(&self, input: &Input, look: &Look) -> usize {
-        let publishers: Vec<&Endpoint> = look.there(Kind::Publisher, &input.topic).collect();
         let subscribed = look.there(Kind::Subscription, &input.topic).count();
-        input.strangers(&publishers, subscribed)
+        let reported = there.iter().map(|one| (one.id, one.matched));
+        input.acquaintance().look(Instant::now(), reported, subscribed);
+        let all = || published_on(&input.topic, &look.endpoints).map(|one| one.id);
+        // The player is asked no more once all have met.
+        if !input.acquaintance().is_whole() || !input.account().has_strangers(all()) {
+            return false;
+        }
+        let known = self.means.player.publishers(input.subscription);
+        known.is_ok_and(|known| known >= there.len() as u64)
     }
 
     /// What each recorded topic must have handed on by now at least.
@@ -403,10 +403,8 @@ impl Node for Graph {
 
     fn publishers_of(&self, topic: &str) -> usize {
         let Some(input) = self.inputs.of(topic) else { return 0 };
-        let Ok(look) = Look::at(self.ledger()) else { return 0 };
         let matched = self.means.player.publishers(input.subscription).unwrap_or_default();
-        let matched = usize::try_from(matched).unwrap_or(usize::MAX);
-        matched.saturating_sub(self.strangers(&input, &look))
+        input.acquaintance().among(matched)
     }
 
     /// In lock-step and at full speed the stack's own messages are worked off first, from the first

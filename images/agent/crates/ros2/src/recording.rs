@@ -1,17 +1,17 @@
 //! What is recorded: the topics that the player takes from, and the thread that hands it on.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeSet, HashMap};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, RwLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use bagpipe_graph::{Incoming, Publisher, Sink};
-use bagpipe_ros2ledger::{Endpoint, EndpointId};
 use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
 use crate::account::Account;
-use crate::topic::{Means, UNREPORTED};
+use crate::acquaintance::Acquaintance;
+use crate::topic::Means;
 
 /// How often the thread looks whether it must end.
 const GLANCE: Duration = Duration::from_millis(20);
@@ -58,8 +58,7 @@ pub(crate) struct Input {
     link: u64,
     pub(crate) arrivals: Arrivals,
     account: Mutex<Account>,
-    /// Publishers of the stack that have not reported that they know us: since when they are known.
-    strangers: Mutex<BTreeMap<EndpointId, Instant>>,
+    acquaintance: Mutex<Acquaintance>,
     /// Whose messages can't be recorded, as sentences.
     unrecordable: Mutex<BTreeSet<String>>,
     /// Nodes that publish it, as the graph has them: some may not count.
@@ -75,17 +74,8 @@ impl Input {
         self.unrecordable.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// How many of the stack's publishers, which are there, may not know us yet, where `subscribed`
-    /// subscriptions of the stack are theirs as well. Of one that does not report whom it knows, or
-    /// that finds none of them, it is believed after a while.
-    pub(crate) fn strangers(&self, publishers: &[&Endpoint], subscribed: usize) -> usize {
-        let mut strangers = self.strangers.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = Instant::now();
-        let is_stranger = |one: &&&Endpoint| {
-            let reported = one.matched.is_some_and(|known| known as usize > subscribed);
-            !reported && now - *strangers.entry(one.id).or_insert(now) < UNREPORTED
-        };
-        publishers.iter().filter(is_stranger).count()
+    pub(crate) fn acquaintance(&self) -> MutexGuard<'_, Acquaintance> {
+        self.acquaintance.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -114,7 +104,7 @@ impl Inputs {
             publisher,
             link: all.len() as u64,
             arrivals: Arrivals::default(),
-            strangers: Mutex::default(),
+            acquaintance: Mutex::default(),
             account: Mutex::default(),
             unrecordable: Mutex::default(),
             others: Mutex::default(),

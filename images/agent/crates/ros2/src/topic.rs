@@ -19,9 +19,8 @@ use crate::qos::incompatible;
 const WINDOW: u64 = 1 << 20;
 /// How often somebody who waits asks whether to give up.
 const ASK: Duration = Duration::from_millis(20);
-/// A subscription or publisher whose process has not reported for so long whom it knows is believed
-/// to know us.
-pub(crate) const UNREPORTED: Duration = Duration::from_secs(2);
+/// A subscription whose process has not reported for so long whom it knows is believed to know us.
+const UNREPORTED: Duration = Duration::from_secs(2);
 /// How long we may take to know a subscription in place of another of the same node, at which the
 /// number that we know stays the same. Fast DDS was measured to take up to 0.24 s.
 const RENEWED: Duration = Duration::from_millis(300);

@@ -1,0 +1,94 @@
+//! Whether the stack's publishers of a recorded topic know us: what they publish before never comes.
+//! Fast DDS was measured to take up to 0.24 s longer than we to know them.
+
+use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
+
+use bagpipe_ros2ledger::EndpointId;
+
+/// A publisher whose process has not reported for so long whom it knows is believed to know us.
+const UNREPORTED: Duration = Duration::from_secs(2);
+
+/// The publishers of one topic.
+#[derive(Debug)]
+pub(crate) struct Acquaintance<P = EndpointId> {
+    /// Since when each is known that has not reported yet; `None` once it has.
+    publishers: BTreeMap<P, Option<Instant>>,
+    /// Of those that were there at the last look.
+    strangers: Option<usize>,
+}
+
+impl<P> Default for Acquaintance<P> {
+    fn default() -> Self {
+        Acquaintance { publishers: BTreeMap::new(), strangers: None }
+    }
+}
+
+impl<P: Ord> Acquaintance<P> {
+    /// Takes in who is there, each with how many subscriptions it knows as far as it reports, where
+    /// `subscribed` are the stack's. Nodes report until the play has begun, and once is enough.
+    pub(crate) fn look(
+        &mut self,
+        now: Instant,
+        there: impl Iterator<Item = (P, Option<u32>)>,
+        subscribed: usize,
+    ) {
+        let is_stranger = |(publisher, matched): (P, Option<u32>)| {
+            let since = self.publishers.entry(publisher).or_insert(Some(now));
+            if matched.is_some_and(|known| known as usize > subscribed) {
+                *since = None;
+            }
+            since.is_some_and(|since| now.saturating_duration_since(since) < UNREPORTED)
+        };
+        self.strangers = Some(there.map(is_stranger).filter(|stranger| *stranger).count());
+    }
+
+    /// How many of `matched` publishers know us for certain, or are believed to.
+    pub(crate) fn among(&self, matched: u64) -> usize {
+        let Some(strangers) = self.strangers else { return 0 };
+        usize::try_from(matched).unwrap_or(usize::MAX).saturating_sub(strangers)
+    }
+
+    /// Whether all that were there know us.
+    pub(crate) fn is_whole(&self) -> bool {
+        self.strangers == Some(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn look(of: &mut Acquaintance<u32>, now: Instant, there: &[(u32, Option<u32>)]) -> usize {
+        of.look(now, there.iter().copied(), 1);
+        of.strangers.unwrap()
+    }
+
+    #[test]
+    fn nobody_is_known_before_a_look() {
+        assert_eq!(Acquaintance::<u32>::default().among(7), 0);
+        assert!(!Acquaintance::<u32>::default().is_whole());
+    }
+
+    #[test]
+    fn who_knows_more_than_the_stacks_subscriptions_knows_us_from_then_on() {
+        let (mut all, begun) = (Acquaintance::default(), Instant::now());
+        assert_eq!(look(&mut all, begun, &[(1, Some(1)), (2, Some(2)), (3, None)]), 2);
+        assert_eq!(all.among(3), 1);
+        assert_eq!(look(&mut all, begun, &[(1, Some(2)), (2, Some(2)), (3, Some(2))]), 0);
+        assert!(all.is_whole());
+        // The play has begun, and nobody reports any more.
+        assert_eq!(look(&mut all, begun, &[(1, None), (2, None), (3, None)]), 0);
+        assert_eq!(look(&mut all, begun, &[(1, None), (4, None)]), 1);
+        assert_eq!(all.among(0), 0);
+    }
+
+    #[test]
+    fn who_never_reports_is_believed_after_a_while() {
+        let (mut all, begun) = (Acquaintance::default(), Instant::now());
+        assert_eq!(look(&mut all, begun, &[(1, None), (2, Some(0))]), 2);
+        let almost = UNREPORTED - Duration::from_millis(1);
+        assert_eq!(look(&mut all, begun + almost, &[(1, None), (2, Some(0)), (3, None)]), 3);
+        assert_eq!(look(&mut all, begun + UNREPORTED, &[(1, None), (2, Some(0)), (3, None)]), 1);
+    }
+}
