@@ -41,6 +41,15 @@ def imu(time: int, number: int) -> bytes:
     return bytes(_STORE.serialize_cdr(message, IMU))
 
 
+def claims(folder: Path, messages: int) -> dict[str, str]:
+    """Folders of claims below `folder`, with so many messages of /in as drive.mcap."""
+    made = {name: folder / name for name in ("recordings", "results")}
+    for path in made.values():
+        path.mkdir()
+    write(made["recordings"] / "drive.mcap", ["/in"], messages)
+    return {name: str(path) for name, path in made.items()}
+
+
 def write(path: Path, topics: list[str], messages: int, period: int = 5_000_000) -> Path:
     """Messages on each topic in turn, `period` ns after each other, from `BEGIN` on."""
     definition, _ = _STORE.generate_msgdef(IMU, ros_version=2)

@@ -29,11 +29,7 @@ def standin() -> Path:
 
 @pytest.fixture
 def folders(tmp_path: Path) -> dict[str, str]:
-    claims = {name: tmp_path / name for name in ("recordings", "results")}
-    for path in claims.values():
-        path.mkdir()
-    ros2_recording.write(claims["recordings"] / "drive.mcap", ["/in"], MESSAGES)
-    return {name: str(path) for name, path in claims.items()}
+    return ros2_recording.claims(tmp_path, MESSAGES)
 
 
 def without_ros(standin: Path, *name: str) -> list[str]:

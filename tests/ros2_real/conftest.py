@@ -65,11 +65,7 @@ def start_agent(
 @pytest.fixture
 def folders(tmp_path: Path) -> dict[str, str]:
     """Claims, with 400 messages of /in, 5 ms after each other, as drive.mcap."""
-    claims = {name: tmp_path / name for name in ("recordings", "results")}
-    for path in claims.values():
-        path.mkdir()
-    ros2_recording.write(claims["recordings"] / "drive.mcap", ["/in"], MESSAGES)
-    return {name: str(path) for name, path in claims.items()}
+    return ros2_recording.claims(tmp_path, MESSAGES)
 
 
 @pytest.fixture
