@@ -28,7 +28,7 @@ def test_a_final_pose_is_wrong_in_the_end_and_not_where_the_drive_began() -> Non
 def test_criteria_of_names_that_topics_can_not_have_have_topics_of_their_own() -> None:
     names = ["in lane", "in-lane", "in_lane", "in_lane_2", "車線"]
     row = {"criteria": [finding(name, [[0.0, 2.0]]) for name in names]}
-    topics = [each.topic for each in notes(row, 0)]
+    topics = [each.topic for each in notes(row, moments(row), 0)]
     prefix = "/bagpipe/criteria"
     assert topics[:5] == [
         f"{prefix}/in_lane",
@@ -42,6 +42,7 @@ def test_criteria_of_names_that_topics_can_not_have_have_topics_of_their_own() -
 def test_numbers_that_are_none_are_not_shown() -> None:
     found = finding("x", [[0.0, float("nan")], [1.0, float("inf")], [2.0, 3.0]])
     found["course"]["low"] = float("-inf")
-    made = list(notes({"criteria": [found]}, 0))
+    row = {"criteria": [found]}
+    made = list(notes(row, moments(row), 0))
     assert [json.loads(each.data) for each in made[:-1]] == [{"value": 3.0, "high": 1.0}]
     assert [each.time for each in made] == [2 * SECOND, 2 * SECOND]

@@ -1,4 +1,4 @@
-"""Kubernetes' quantities of memory and processors, as far as a spec has them.
+"""Kubernetes' quantities of memory and processors, as far as a spec has them; bytes for people.
 
 `kubernetes.utils.parse_quantity` is not used: it takes `NaN`, `-1` and `1e99999`, which the CRD
 refuses, and importing it loads the whole client.
@@ -14,6 +14,7 @@ _FACTOR = {
     "Ki": 2.0**10, "Mi": 2.0**20, "Gi": 2.0**30, "Ti": 2.0**40,
 }  # fmt: skip
 _MEBIBYTE = 2**20
+_UNITS = ((1 << 40, "TiB"), (1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"))
 # Spark refuses a JVM of less than 450 MiB, and the JVM counts a part of its heap as not usable.
 _LEAST_HEAP_MEBIBYTES = 512
 
@@ -32,6 +33,14 @@ def memory_bytes(text: str) -> int:
     if number is None:
         raise ValueError(f"{text!r} is no quantity of memory: write for example 1Gi")
     return int(number)
+
+
+def size(count: float) -> str:
+    """Bytes for people: 2.3 MiB."""
+    for unit, name in _UNITS:
+        if count >= unit:
+            return f"{count / unit:.3g} {name}"
+    return f"{count:.0f} bytes"
 
 
 def heap_mebibytes(memory: str) -> int:

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bagpipe.cli.bag_here import Elsewhere, Written, kind_of, merged
+from bagpipe.cli.bag_here import Elsewhere, Written, kind_of, merged, recording_at
 from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_data, damage_of, naming, native
 from bagpipe.cli.places import (
     RefusedError,
@@ -264,8 +264,8 @@ def _elsewhere(where: str, volumes: tuple[str, ...], budget: int) -> Elsewhere:
 
 
 def _opened(where: str, volumes: tuple[str, ...], budget: int) -> BagFile | Elsewhere:
-    found = _elsewhere(where, volumes, budget)
-    return found if found.kind != "bag" else BagFile(found.uri, found.storage, budget)
+    here = folders(volumes)
+    return recording_at(uri_of(where, here), Storage(here), budget)
 
 
 def _done(work: Callable[[], Any]) -> Any:

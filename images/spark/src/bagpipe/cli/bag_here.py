@@ -11,16 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_data
+from bagpipe.cli.bag_reading import BagFile, BagRefusedError, damage_data, times_of
 from bagpipe.native import NativeModuleError, native
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import Window, cut_one
 from bagpipe.plan.framing import framed
 from bagpipe.plan.rosbag2 import METADATA, is_folder, read_metadata
+from bagpipe.recording_format import MCAP_MAGIC
 from bagpipe.storage import Storage, StorageError
 
 _PIECE_BYTES = 1 << 20
-_MAGIC = {b"\x89MCAP0\r\n": "mcap", b"SQLite format 3\0": "database"}
+_MAGIC = {MCAP_MAGIC: "mcap", b"SQLite format 3\0": "database"}
 _ADVICE = "`bagpipe bag reindex` writes it again with an index, which a job needs"
 
 
@@ -87,6 +88,14 @@ class Elsewhere:
             ],
             "damage": damage_data(found["damage"]),
         }
+
+    def times(self) -> tuple[int, int]:
+        """Those of its first and last message in ns; 0 without one."""
+        tail = self._tail()
+        if tail is not None:
+            return times_of(tail)
+        described = self.described()
+        return described["start"] or 0, described["end"] or 0
 
     def part(self, start: int, end: int | None, topics: tuple[str, ...], packing: str) -> Written:
         """Messages with start <= t < end, in ns after its first one, and what is latched then."""
@@ -194,6 +203,12 @@ class Elsewhere:
     def _written(self, name: str, path: Path, *given: Any, **options: Any) -> Written:
         data, messages, damage = self._made(name, path, *given, memory=self.budget, **options)
         return Written(data, messages, damage_data(damage))
+
+
+def recording_at(uri: str, storage: Storage, budget: int) -> BagFile | Elsewhere:
+    """Whatever recording lies there. Raises StorageError."""
+    kind, uri = kind_of(uri, storage)
+    return BagFile(uri, storage, budget) if kind == "bag" else Elsewhere(uri, kind, storage, budget)
 
 
 def merged(all_of_them: list[Elsewhere], packing: str) -> Written:

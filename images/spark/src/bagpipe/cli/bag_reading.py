@@ -58,6 +58,15 @@ class BagFile:
         known = sorted({compression_of(file.read, chunk) for chunk in tail.chunks}) if few else None
         return self._head(file.size, "whole") | _of_tail(tail, known)
 
+    def times(self) -> tuple[int, int]:
+        """Those of its first and last message in ns; 0 without one."""
+        file = self.storage.open(self.uri)
+        try:
+            return times_of(read_tail(file.read, file.size))
+        except BagError:
+            bag = self.whole()
+            return bag.start or 0, bag.end or 0
+
     def whole(self) -> "MemoryBag":
         """All of it, in whatever state it is."""
         file = self.storage.open(self.uri)
@@ -78,8 +87,7 @@ class BagFile:
             bag = self.whole()
             first, last = bag.start or 0, bag.end or 0
         else:
-            first = min(chunk.start_time for chunk in tail.chunks)
-            last = max(chunk.end_time for chunk in tail.chunks)
+            first, last = times_of(tail)
             self._reaches(start, last - first)
             self._known(topics, {connection.topic for connection in tail.connections})
             until = last + 1 if end is None else min(first + end, last + 1)
@@ -161,14 +169,19 @@ def _seconds(nanoseconds: int) -> str:
     return f"{Decimal(nanoseconds).scaleb(-9).normalize():f}"
 
 
+def times_of(tail: BagTail) -> tuple[int, int]:
+    """Of an indexed recording those of the first and the last message, in ns."""
+    starts, ends = zip(*((chunk.start_time, chunk.end_time) for chunk in tail.chunks), strict=True)
+    return min(starts), max(ends)
+
+
 def _of_tail(tail: BagTail, compressions: list[str] | None) -> dict[str, Any]:
     counts: Counter[int] = Counter()
     for chunk in tail.chunks:
         counts.update(chunk.counts)
     topics = [(each.topic, each.datatype, counts[each.id]) for each in tail.connections]
     return _described(
-        min(chunk.start_time for chunk in tail.chunks),
-        max(chunk.end_time for chunk in tail.chunks),
+        *times_of(tail),
         len(tail.chunks),
         compressions,
         topics,

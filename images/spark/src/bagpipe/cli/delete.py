@@ -7,19 +7,12 @@ from typing import Any
 
 import click
 
-from bagpipe.cli.list import MANIFEST, described
+from bagpipe.cli.list import described
 from bagpipe.cli.places import RefusedError, folders, uri_of, volume_option
 from bagpipe.cli.terminal import plain
+from bagpipe.report.stored import FILES, FOLDERS, LOGS, MANIFEST
 from bagpipe.row_facts import verdict_words
 from bagpipe.storage import Storage, StorageError
-
-# What a job leaves in its folder (docs/reference/results.md); the manifest goes last, so that a
-# deletion that was interrupted is gone on with by the same command.
-_FILES = (
-    "results.jsonl", "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
-    "agent.log", "driver.log",
-)  # fmt: skip
-_FOLDERS = ("cases", "journal")
 
 
 @click.command("delete")
@@ -76,16 +69,19 @@ def _confirmed(count: int) -> bool:
 
 
 def remove_results(uri: str, storage: Storage) -> int:
-    """Removes what a job left in a folder; how many files that were. Raises StorageError."""
+    """Removes what a job left in a folder; how many files that were. Raises StorageError.
+
+    The manifest goes last: a deletion that was interrupted is gone on with by the same command.
+    """
     there = set(storage.names(uri))
-    doomed = [posixpath.join(uri, name) for name in _FILES if name in there]
-    for folder in _FOLDERS:
+    doomed = [posixpath.join(uri, name) for name in (*FILES, *LOGS) if name in there]
+    for folder in FOLDERS:
         below = posixpath.join(uri, folder)
         doomed += [posixpath.join(below, name) for name in storage.names(below)]
     doomed.append(posixpath.join(uri, MANIFEST))
     for each in doomed:
         storage.remove(each)
-    for folder in (*_FOLDERS, ""):
+    for folder in (*FOLDERS, ""):
         _remove_empty(posixpath.join(uri, folder), storage)
     return len(doomed)
 

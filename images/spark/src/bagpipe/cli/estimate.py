@@ -9,7 +9,7 @@ from typing import Any
 
 from bagpipe.engine_fields import fields_of
 from bagpipe.plan.case import Case
-from bagpipe.quantities import memory_bytes
+from bagpipe.quantities import memory_bytes, size
 from bagpipe.spec import SimulationJobSpec
 
 # Around a play in real time: the start of the stack, its subscribers, its end, storage. Cases of
@@ -150,7 +150,7 @@ def sentences(found: Mapping[str, Any], mode: str) -> list[str]:
     low, high = found["wallSeconds"]
     time = f"{_time(low)} to {_time(high)}" if high is not None else f"at least {_time(low)}"
     slots = f"{found['slots']} {'slot' if found['slots'] == 1 else 'slots'}"
-    read = f"{_size(found['bytes'])} read"
+    read = f"{size(found['bytes'])} read"
     lines = [f"Estimate: {time} on {slots}, {read}; pods and images take their time beside."]
     words = {
         "case": "{} cases by what the same case took",
@@ -169,31 +169,24 @@ def sentences(found: Mapping[str, Any], mode: str) -> list[str]:
 
 
 def _of_memory(found: Mapping[str, Any]) -> list[str]:
-    parts = [f"the largest fragment {_size(found['fragment'])}"]
+    parts = [f"the largest fragment {size(found['fragment'])}"]
     for key, words in (("stack", "the stack"), ("recorded", "its recording")):
         if found[key] is not None:
-            parts.append(f"{words} {_size(found[key])} as it was measured")
+            parts.append(f"{words} {size(found[key])} as it was measured")
     missing = "" if found["stack"] is not None else "; what the stack itself takes is not known"
     text = (
-        f"  Memory of an executor's stack: at least {_size(found['executor'])}"
+        f"  Memory of an executor's stack: at least {size(found['executor'])}"
         f" ({', '.join(parts)}; compressed chunks unpacked come on top{missing})"
     )
     limit = found["limit"]
     if limit is None:
         return [f"{text}, without a limit (stack.resources.limits)."]
     if found["executor"] > limit:
-        return [f"{text}, ABOVE its limit {_size(limit)}: raise that, or cut shorter fragments."]
-    return [f"{text}, of its limit {_size(limit)}."]
+        return [f"{text}, ABOVE its limit {size(limit)}: raise that, or cut shorter fragments."]
+    return [f"{text}, of its limit {size(limit)}."]
 
 
 def _time(seconds: float) -> str:
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-def _size(count: float) -> str:
-    for unit, name in ((1 << 40, "TiB"), (1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")):
-        if count >= unit:
-            return f"{count / unit:.3g} {name}"
-    return f"{count:.0f} bytes"

@@ -19,10 +19,10 @@ from bagpipe.cli.places import (
     volume_option,
 )
 from bagpipe.cli.terminal import plain
+from bagpipe.report.stored import MANIFEST
 from bagpipe.row_facts import counts_of, verdict_words
 from bagpipe.storage import Storage, StorageError
 
-MANIFEST = "manifest.json"
 _JOURNAL = "journal"
 UNREADABLE = "its manifest can't be read"
 # <output.uri>/<job>/<uid>, and a folder of several such output.uris.

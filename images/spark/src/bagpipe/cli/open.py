@@ -9,9 +9,9 @@ from typing import Any
 import click
 
 import bagpipe
-from bagpipe.cli.bag_here import Elsewhere, kind_of
-from bagpipe.cli.bag_reading import BagFile, BagRefusedError
-from bagpipe.cli.cluster.place import Place, place_options, results_places
+from bagpipe.cli.bag_here import Written, recording_at
+from bagpipe.cli.bag_reading import BagRefusedError
+from bagpipe.cli.cluster.place import Place, place_options, results_option
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import (
     RefusedError,
@@ -74,14 +74,7 @@ class _Line:
 
 @click.command("open")
 @click.argument("case", metavar="CASE")
-@click.option(
-    "--results",
-    "where",
-    required=True,
-    metavar="RESULTS",
-    shell_complete=results_places,
-    help="job/NAME for a job in the cluster, the URI in the job's status.results, or a folder.",
-)
+@results_option
 @place_options
 @volume_option
 @click.option("--at", type=float, metavar="SECONDS", help="From so long after the window's start.")
@@ -183,7 +176,9 @@ def _line(stored: StoredResults, row: Row) -> _Line:
         recorded = recorded_names(row)
         if not all(isinstance(each, str) for each in (row["bag"], *recorded)):
             raise TypeError("its files have no names")
-        found = _Line(start, end, moments(row), list(notes(row, start)), row["bag"], recorded)
+        when = moments(row)
+        noted = list(notes(row, when, start))
+        found = _Line(start, end, when, noted, row["bag"], recorded)
         if start < 0 or found.latest > _MOST_TIME:
             raise ValueError("its times are none of a recording")
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
@@ -217,16 +212,11 @@ def _given(
     """What was recorded in that time: all of it, played or not. None where nothing was."""
     if "://" not in row["bag"]:
         return _joined(stored, row, topics) if row.get("parts") else None
-    bag = uri_of(row["bag"], stored.storage.volumes)
-    kind, uri = kind_of(bag, stored.storage)
-    file: Any = BagFile(uri, stored.storage, _BUDGET)
-    if kind != "bag":
-        file = Elsewhere(uri, kind, stored.storage, _BUDGET)
-    described = file.described()
-    first, last = described["start"] or 0, described["end"] or 0
+    file = recording_at(uri_of(row["bag"], stored.storage.volumes), stored.storage, _BUDGET)
+    first, last = file.times()
     begin = min(max(0, span[0] - first), last - first)
     made = file.part(begin, max(1, span[1] - first), topics, "none")
-    return Recording(made.to_bytes() if kind == "bag" else made.data)
+    return Recording(made.data if isinstance(made, Written) else made.to_bytes())
 
 
 def _joined(stored: StoredResults, row: Row, topics: tuple[str, ...]) -> Recording | None:

@@ -9,7 +9,7 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from bagpipe.cli.cluster.place import Place, place_options, results_places
+from bagpipe.cli.cluster.place import Place, place_options, results_option
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
 from bagpipe.engine.chosen import engine_of
@@ -33,14 +33,7 @@ from bagpipe.wire.session import SessionError
 
 @click.command("replay")
 @click.argument("case", metavar="CASE")
-@click.option(
-    "--results",
-    "where",
-    required=True,
-    metavar="RESULTS",
-    shell_complete=results_places,
-    help="job/NAME for a job in the cluster, the URI in the job's status.results, or a folder.",
-)
+@results_option
 @place_options
 @volume_option
 @click.option(

@@ -28,6 +28,7 @@ from bagpipe.cli.running import Driver, RunError, run_here
 from bagpipe.cli.showing import Showing
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.native import NativeModuleError, native
+from bagpipe.report.stored import FILES, FOLDERS, LOGS, MANIFEST
 from bagpipe.run.laptop import ReplayError, agent_program, own_environment
 from bagpipe.source_fields import source_fields
 from bagpipe.spec import Images, JobFile, SimulationJobSpec
@@ -35,12 +36,7 @@ from bagpipe.storage import StorageError
 
 _MOST_SLOTS = 64
 # All that a run leaves in its folder: what --replace removes.
-_LOGS = ("agent.log", "driver.log")
-_FILES = (
-    "manifest.json", "results.jsonl", "results.parquet", "junit.xml", "report.html",
-    "comparison.json", "job.json", *_LOGS,
-)  # fmt: skip
-_FOLDERS = ("cases", "journal")
+_FILES = (MANIFEST, *FILES, *LOGS)
 # A manifest of ours says so in its first field; the whole of it may be as long as its cases.
 _HEAD_BYTES = 4096
 
@@ -237,8 +233,8 @@ def _is_a_run_s(folder: Path) -> bool:
 
 def _others(folder: Path) -> str:
     """Files and filled folders named as a run's are, but for logs, which are no loss."""
-    found = [name for name in _FILES if name not in _LOGS and (folder / name).exists()]
-    found += [n for n in _FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
+    found = [name for name in _FILES if name not in LOGS and (folder / name).exists()]
+    found += [n for n in FOLDERS if (folder / n).is_dir() and any((folder / n).iterdir())]
     return ", ".join(found)
 
 
@@ -246,6 +242,6 @@ def _remove(folder: Path) -> None:
     """Removes what a run leaves, and nothing else that may lie there."""
     for name in _FILES:
         (folder / name).unlink(missing_ok=True)
-    for name in _FOLDERS:
+    for name in FOLDERS:
         if (folder / name).is_dir():
             shutil.rmtree(folder / name)

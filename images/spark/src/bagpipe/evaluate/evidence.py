@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import bagpipe
 from bagpipe.evaluate.decoding import decoder, nanoseconds, stamp_reader
 from bagpipe.evaluate.finding import NoEvidenceError
+from bagpipe.recording_format import in_memory
 
-_MCAP = b"\x89MCAP0\r\n"
 # Of a message that begins with a header: the sequence number of ROS 1, or the head of CDR.
 _BEFORE_STAMP = 4
 # Between inputs: a silence that is longer than half a second and ten usual steps is a gap.
@@ -65,9 +65,8 @@ class Recording:
 
     @cached_property
     def _opened(self) -> "bagpipe.MemoryBag | bagpipe.MemoryMcap":
-        # By its package: the program for people is installed without the native module, too.
-        data = self._read()
-        return bagpipe.MemoryMcap(data) if data.startswith(_MCAP) else bagpipe.MemoryBag(data)
+        opened: bagpipe.MemoryBag | bagpipe.MemoryMcap = in_memory(self._read())
+        return opened
 
     def file(self) -> tuple[str, bytes]:
         """The ending of the whole file's name, and its bytes."""

@@ -12,6 +12,7 @@ from typing import Any
 
 from bagpipe.native import native
 from bagpipe.plan import mcap_summary
+from bagpipe.recording_format import MCAP_MAGIC
 
 MAGIC = b"#ROSBAG V2.0\n"
 _FILE_HEADER_BYTES = 4096
@@ -102,7 +103,7 @@ def read_tail(read: Read, size: int) -> BagTail:
     if size == 0:
         raise BagError("BagEmpty", "the file is empty (0 bytes)")
     head = read(0, min(_FILE_HEADER_BYTES + len(MAGIC) + 64, size))
-    if head.startswith(mcap_summary.MAGIC):
+    if head.startswith(MCAP_MAGIC):
         return _tail(size, mcap_summary.read_index(read, size, head, _parsed))
     if advice := next((text for magic, text in _OTHERS.items() if head.startswith(magic)), None):
         raise BagError("BagUnreadable", advice)
@@ -110,7 +111,7 @@ def read_tail(read: Read, size: int) -> BagTail:
         raise BagError(
             "BagUnreadable",
             f"the file begins with {head[:13]!r}, expected {MAGIC!r} (bag 2.0) or"
-            f" {mcap_summary.MAGIC!r} (MCAP)",
+            f" {MCAP_MAGIC!r} (MCAP)",
         )
     found = _parsed("parse_head", head, size)
     index_position = found[0]

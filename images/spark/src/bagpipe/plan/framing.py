@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 
 from bagpipe.plan.bag_tail import MAGIC
-from bagpipe.plan.mcap_summary import MAGIC as MCAP_MAGIC
+from bagpipe.recording_format import MCAP_MAGIC
 
 
 def framing(ranges: Sequence[tuple[int, int]]) -> tuple[bytes, bytes]:

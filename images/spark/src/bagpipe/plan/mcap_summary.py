@@ -7,7 +7,6 @@ that has the channels, their schemas and an index of the chunks.
 from collections.abc import Callable
 from typing import Any
 
-MAGIC = b"\x89MCAP0\r\n"
 # A footer record and the magic.
 _FOOTER_BYTES = 37
 

@@ -14,6 +14,15 @@ from bagpipe.storage import Storage, StorageError
 
 Row = dict[str, Any]
 
+MANIFEST = "manifest.json"
+# What a job leaves in its folder beside the manifest (docs/reference/results.md).
+FILES = (
+    "results.jsonl", "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
+)  # fmt: skip
+FOLDERS = ("cases", "journal")
+# And what one that ran on this machine leaves.
+LOGS = ("agent.log", "driver.log")
+
 _MOST_MANIFEST_BYTES = 1 << 30
 _MOST_FILE_BYTES = 64 << 20
 
@@ -27,13 +36,13 @@ class StoredResults:
 
     def manifest(self) -> dict[str, Any]:
         """What counts; a folder without one is not (yet) a job's results."""
-        uri = posixpath.join(self.uri, "manifest.json")
+        uri = posixpath.join(self.uri, MANIFEST)
         if not self.storage.exists(uri):
             raise StorageError(
                 f"there is no {uri}: write status.results of a job that has ended (a job that"
                 " still runs has none)"
             )
-        manifest = self._map("manifest.json", _MOST_MANIFEST_BYTES)
+        manifest = self._map(MANIFEST, _MOST_MANIFEST_BYTES)
         return manifest | {"counts": counts_of(manifest)}
 
     def rows(self) -> Iterator[Row]:

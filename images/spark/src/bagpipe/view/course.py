@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.view.moment import bounds_of, moments, points_of
+from bagpipe.view.moment import Moment, bounds_of, points_of
 
 CRITERIA = "/bagpipe/criteria"
 LOG = "/bagpipe/log"
@@ -70,8 +70,10 @@ def topics_of(criteria: Iterable[str]) -> Iterator[str]:
         yield f"{CRITERIA}/{chosen}"
 
 
-def notes(row: dict[str, Any], start: int) -> Iterator[Note]:
-    """What Bagpipe found in a case, from the window's `start` in ns; by topic, then time."""
+def notes(row: dict[str, Any], moments: Iterable[Moment], start: int) -> Iterator[Note]:
+    """What Bagpipe found in a case, with the `moments` of its row, from the window's `start` in ns;
+    by topic, then time.
+    """
     findings = row.get("criteria") or []
     topics = topics_of(finding["name"] for finding in findings)
     for finding, topic in zip(findings, topics, strict=True):
@@ -80,7 +82,7 @@ def notes(row: dict[str, Any], start: int) -> Iterator[Note]:
         for seconds, value in points_of(course):
             text = json.dumps({"value": value} | known)
             yield Note(topic, VALUE, time_at(start, seconds), text.encode())
-    for moment in moments(row):
+    for moment in moments:
         time = time_at(start, moment.seconds)
         stamp = {"sec": time // 1_000_000_000, "nsec": time % 1_000_000_000}
         text = json.dumps(

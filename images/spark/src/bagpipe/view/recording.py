@@ -8,13 +8,12 @@ from typing import Any, BinaryIO, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
-import bagpipe
 from bagpipe.plan.bag_tail import resolve
+from bagpipe.recording_format import in_memory
 from bagpipe.view.course import Note
 
 # Of a recording's uncompressed chunks: a small file may have any number of bytes in them.
 _MOST_BYTES = 4 << 30
-_MCAP = b"\x89MCAP0\r\n"
 # Where a topic is that was recorded, and that the stack published as well.
 RECORDED = "/recorded"
 
@@ -50,8 +49,7 @@ class Recording:
     """
 
     def __init__(self, data: bytes, only: Collection[str] = ()) -> None:
-        opened = bagpipe.MemoryMcap if data.startswith(_MCAP) else bagpipe.MemoryBag
-        self._opened: Any = opened(data, decompressed_bytes=_MOST_BYTES)
+        self._opened = in_memory(data, _MOST_BYTES)
         self._only = {resolve(topic) for topic in only}
 
     @property

@@ -87,6 +87,16 @@ def results_places(
     return ([CompletionItem(JOB_PREFIX)] if begun else []) + folders
 
 
+results_option = click.option(
+    "--results",
+    "where",
+    required=True,
+    metavar="RESULTS",
+    shell_complete=results_places,
+    help="job/NAME for a job in the cluster, the URI in the job's status.results, or a folder.",
+)
+
+
 def _names(ctx: click.Context) -> list[str]:
     place = Place(ctx.params.get("context"), ctx.params.get("namespace"))
     try:

@@ -4,13 +4,13 @@ from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import bagpipe
 from bagpipe.cli.first_job.facts import Sample
 from bagpipe.evaluate.decoding import stamp_reader
 from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, resolve
 from bagpipe.plan.fragments import Window, cut_one, holding, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.rosbag2 import Rosbag2, joined
+from bagpipe.recording_format import in_memory
 from bagpipe.storage import OpenFile, Storage, StorageError
 
 # As they are stored, and what they may become in memory.
@@ -44,7 +44,7 @@ def sample_of_file(file: OpenFile, tail: BagTail, stamped: Collection[str]) -> S
     try:
         data = b"".join(framed(ranges, file.pieces(ranges, _PIECE_BYTES)))
         stored = sum(chunk.end - chunk.offset for chunk in chunks)
-        return _sampled(lambda: _opened(data), stored, stamped)
+        return _sampled(lambda: in_memory(data, _MOST_UNPACKED_BYTES), stored, stamped)
     except StorageError:
         return Sampled({}, None)
 
@@ -62,7 +62,7 @@ def sample_of_folder(folder: Rosbag2, storage: Storage, stamped: Collection[str]
     stored = sum(part.bytes for part in parts) if folder.metadata.as_stored else 0
     try:
         made = joined(parts, folder.metadata, storage, {})
-        return _sampled(lambda: _opened(made), stored, stamped)
+        return _sampled(lambda: in_memory(made, _MOST_UNPACKED_BYTES), stored, stamped)
     except (BagError, StorageError):
         return Sampled({}, None)
 
@@ -81,12 +81,6 @@ def _with_each_topic(tail: BagTail) -> list[Chunk]:
         if not missing or len(found) == _MOST_CHUNKS:
             break
     return found
-
-
-def _opened(data: bytes) -> Any:
-    if data.startswith(b"\x89MCAP0"):
-        return bagpipe.MemoryMcap(data, decompressed_bytes=_MOST_UNPACKED_BYTES)
-    return bagpipe.MemoryBag(data, decompressed_bytes=_MOST_UNPACKED_BYTES)
 
 
 def _sampled(opened: Callable[[], Any], stored: int, stamped: Collection[str]) -> Sampled:

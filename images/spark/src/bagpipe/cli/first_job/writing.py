@@ -12,13 +12,13 @@ import yaml
 from bagpipe.cli.first_job.facts import Recordings, Topic
 from bagpipe.cli.first_job.proposing import Proposal
 from bagpipe.engine_fields import fields_of
+from bagpipe.quantities import size
 
 CHANGE = "# CHANGE:"
 _PLACEHOLDER_IMAGE = "registry.example/your-stack:1"
 _MOST_ROWS = 100
 _MOST_REFUSED = 10
 _LONGEST = 160
-_UNITS = ((1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"))
 
 
 @dataclass(frozen=True)
@@ -39,14 +39,6 @@ def quoted(text: str) -> str:
     """A text as YAML has it in double quotes, in ASCII, on one line."""
     dumped: str = yaml.safe_dump(text, default_style='"', width=1 << 20)
     return dumped.removesuffix("\n")
-
-
-def size(count: float) -> str:
-    """Bytes for people: 2.3 MiB."""
-    for unit, name in _UNITS:
-        if count >= unit:
-            return f"{count / unit:.3g} {name}"
-    return f"{count:.0f} bytes"
 
 
 def manifest(proposal: Proposal, recordings: Recordings, beside: Written) -> str:
