@@ -1,7 +1,6 @@
 """The first own job: `bagpipe init` over a recording, and what it writes runs as it is."""
 
 import json
-import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,6 +15,8 @@ from tests.recording import MESSAGES
 
 pytestmark = pytest.mark.integration
 
+# By the clock a verdict would be one about the machine that the tests run on.
+MODE = ["--mode", "lockstep"]
 STRING = "std_msgs/msg/String:10:reliable"
 RELAY = Path(__file__).parent / "nodes/relay_type.py"
 
@@ -35,7 +36,9 @@ def test_what_init_writes_is_planned_runs_and_passes_unchanged(laptop: Laptop) -
     # stack makes it.
     command = f"/usr/bin/python3 {RELAY} sensor_msgs/JointState /recorded/joint_states"
     words = ["--output", "/joint_states", "--command", f"{command} /joint_states", "-o", "job.yaml"]
-    status, output, errors = laptop.run("init", bag, *volume, *words)
+    status, output, errors = laptop.run(
+        "init", bag, *volume, *words, *MODE, "--step", "/joint_states=/joint_states"
+    )
     assert (status, errors) == (0, ""), errors
     assert output.startswith("job.yaml is written\n")
     job = laptop.folder / "job.yaml"
@@ -45,7 +48,7 @@ def test_what_init_writes_is_planned_runs_and_passes_unchanged(laptop: Laptop) -
     assert "# /joint_states: a recorded stamp is 0.028 s later than its receipt" in job.read_text()
     status, output, _ = laptop.run("plan", job, *volume)
     assert status == 0
-    assert re.search(r"Estimate: 18 s to 36 s on 1 slot", output), output
+    assert "Estimate: at least 2 s on 1 slot" in output
     status, output, errors = laptop.job(job, "--output", "json")
     assert status == 0, (output, errors)
     result = json.loads(output)
@@ -75,7 +78,7 @@ def test_a_job_for_ros2_runs_unchanged_too(laptop: Laptop, monkeypatch: pytest.M
     topics = ["--sub", f"/in:{STRING}", "--pub", f"/answer:{STRING}", "--relay", "/in=/answer"]
     command = shlex.join([str(standin / "standin_node"), "--name", "/relay", *topics])
     words = ["--output", "/answer", "--command", command, "-o", "job.yaml"]
-    status, _, errors = laptop.run("init", drive, *words)
+    status, _, errors = laptop.run("init", drive, *words, *MODE)
     assert (status, errors) == (0, ""), errors
     job = laptop.folder / "job.yaml"
     spec = yaml.safe_load(job.read_text())["spec"]

@@ -51,6 +51,50 @@ def test_a_bag_becomes_a_job_that_can_be_planned(tmp_path: Path) -> None:
     assert "3 cases: 3 fragments" in made.stdout, made.output
 
 
+def test_in_lockstep_the_named_answers_are_awaited(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 100, 50_000_000))
+    words = (tmp_path / "a.bag", "--output", "/lane", "--mode", "lockstep")
+    done = init(*words, "--step", "/scan=/lane")
+    assert done.status == 0, done.stderr
+    step = {"trigger": "/scan", "answer": "/lane", "deadline": "2s"}
+    assert done.spec["playback"] == {"mode": "lockstep", "steps": [step]}
+    # Without steps only an engine that sees its nodes' work knows what to wait for.
+    done = init(*words)
+    assert done.status == 2
+    assert "playback.steps are missing" in done.stderr
+    assert "(by --step TRIGGER=ANSWER)" in done.stderr
+    # A recorded output is a trigger by the name under which it is played.
+    done = init(tmp_path / "a.bag", "--output", "/scan", *words[3:], "--step", "/scan=/scan")
+    (moved,) = done.spec["playback"]["steps"]
+    assert moved == step | {"trigger": "/recorded/scan", "answer": "/scan"}
+    folder(tmp_path / "drive", FORMS[0], [drive(40)])
+    done = init(tmp_path / "drive", "--output", "/a", "--mode", "lockstep")
+    assert done.spec["playback"] == {"mode": "lockstep"}
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--step", "/scan=/lane"), "--step is for --mode lockstep"),
+        (("--mode", "lockstep", "--step", "/scan"), "--step '/scan': write TRIGGER=ANSWER"),
+        (("--mode", "lockstep", "--step", "/scam=/lane"), "the trigger is none of the topics"),
+        (("--mode", "lockstep", "--step", "/scan=/lame"), "the answer is no --output"),
+        (
+            ("--mode", "lockstep", "--step", "/other=/lane", "--input", "/scan"),
+            "/other=/lane: the trigger is none of the topics that are played",
+        ),
+    ],
+)
+def test_a_step_that_awaits_nothing_is_refused(
+    tmp_path: Path, words: tuple[str, ...], sentence: str
+) -> None:
+    both = [*steady("/scan", 9, SECOND), *steady("/other", 9, SECOND)]
+    write_bag(tmp_path / "a.bag", both)
+    done = init(tmp_path / "a.bag", "--output", "/lane", *words)
+    assert (done.status, done.stdout) == (2, "")
+    assert sentence in done.stderr
+
+
 @pytest.mark.parametrize("form", FORMS, ids=str)
 def test_a_folder_of_rosbag2_is_for_ros2(tmp_path: Path, form: Form) -> None:
     folder(tmp_path / "drive", form, [drive(40), drive(40)])

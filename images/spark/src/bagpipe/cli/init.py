@@ -52,6 +52,21 @@ _PATIENCE = Patience(request_seconds=15.0, tries=3)
     help="The stack's image: its name, or an archive or a folder of it (OCI, docker save).",
 )
 @click.option("--command", default="", metavar="WORDS", help="What starts the stack's nodes.")
+@click.option(
+    "--mode",
+    type=click.Choice(["realtime", "lockstep"]),
+    default="realtime",
+    show_default=True,
+    help="The pace of the playback. In lockstep no verdict depends on how busy the machine is.",
+)
+@click.option(
+    "--step",
+    "steps",
+    multiple=True,
+    metavar="TRIGGER=ANSWER",
+    help="In lockstep, the recorded topic after whose messages the stack's answer is awaited. May"
+    " be repeated.  [default: until no node has work, which ROS 1 can't show]",
+)
 @click.option("--name", default="", metavar="NAME", help="The job's name.")
 @click.option(
     "-o",
@@ -93,14 +108,7 @@ def init_command(recordings: tuple[str, ...], **given: Any) -> None:
 
 
 def _proposed(
-    recordings: tuple[str, ...],
-    volumes: tuple[str, ...],
-    inputs: tuple[str, ...],
-    outputs: tuple[str, ...],
-    image: str,
-    command: str,
-    name: str,
-    **_others: Any,
+    recordings: tuple[str, ...], volumes: tuple[str, ...], image: str, **given: Any
 ) -> tuple[Proposal, Recordings, Placed, list[str]]:
     native("TailError", "reading a recording")
     places = placed(recordings, folders(volumes))
@@ -111,21 +119,27 @@ def _proposed(
         )
     storage = Storage(places.volumes, _PATIENCE)
     uris, missing = named_by(places.bags, storage)
-    found = Looking(storage, outputs).into(uris, fragment_length)
+    found = Looking(storage, given["outputs"]).into(uris, fragment_length)
     found.refused.extend(bag.message for bag in missing)
     if not found.looked:
         raise ProposalError("\n".join(found.refused) or "no recording is there")
     looked_at = look_at(image) if image else None
-    asked = Asked(
-        name or places.name,
-        places.bags,
-        inputs,
-        outputs,
-        looked_at.name if looked_at else "",
-        tuple(_words(command)),
-    )
+    asked = _asked(places, looked_at.name if looked_at else "", given)
     proposal = propose(asked, found)
     return proposal, found, places, looked_at.sentences(proposal.engine) if looked_at else []
+
+
+def _asked(places: Placed, image: str, given: dict[str, Any]) -> Asked:
+    return Asked(
+        given["name"] or places.name,
+        places.bags,
+        given["inputs"],
+        given["outputs"],
+        image,
+        tuple(_words(given["command"])),
+        given["mode"],
+        tuple(map(_step, given["steps"])),
+    )
 
 
 def _words(command: str) -> list[str]:
@@ -133,6 +147,13 @@ def _words(command: str) -> list[str]:
         return shlex.split(command)
     except ValueError as error:
         raise ProposalError(f"--command {command!r}: {error}: close the quotes") from error
+
+
+def _step(text: str) -> tuple[str, str]:
+    trigger, equals, answer = text.partition("=")
+    if not equals:
+        raise ProposalError(f"--step {text!a}: write TRIGGER=ANSWER, such as /camera/image=/lane")
+    return trigger, answer
 
 
 def _how(places: Placed, target: Path | None) -> list[str]:
@@ -153,7 +174,10 @@ def _check(text: str) -> None:
     except ValidationError as error:
         first = error.errors(include_url=False, include_input=False)[0]
         where = ".".join(["spec", *map(str, first["loc"])])
-        raise ProposalError(f"{where}: {first['msg'].removeprefix('Value error, ')}") from error
+        sentence = f"{where}: {first['msg'].removeprefix('Value error, ')}"
+        if "playback.steps are missing" in sentence:
+            sentence += " (by --step TRIGGER=ANSWER)"
+        raise ProposalError(sentence) from error
 
 
 def _write(text: str, target: Path | None) -> None:

@@ -48,6 +48,9 @@ class Asked:
     outputs: tuple[str, ...] = ()
     image: str = ""
     command: tuple[str, ...] = ()
+    mode: str = "realtime"
+    # Each a trigger and its answer.
+    steps: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,11 +181,29 @@ def _check_names(asked: Asked, topics: dict[str, Topic]) -> None:
             near = difflib.get_close_matches(name, [t for t in topics if topics[t].messages], 3)
             hint = f": did you mean {' or '.join(map(ascii, near))}?" if near else ""
             raise ProposalError(f"--input {name} has no message in the recordings{hint}")
+    _check_steps(asked, topics)
     if len(asked.outputs) > MOST_OUTPUTS:
         raise ProposalError(
             f"{len(asked.outputs)} topics are --output, and at most {MOST_OUTPUTS} get criteria:"
             " name those that matter, and add the others to record.topics"
         )
+
+
+def _check_steps(asked: Asked, topics: dict[str, Topic]) -> None:
+    if asked.steps and asked.mode != "lockstep":
+        raise ProposalError("--step is for --mode lockstep: write that as well")
+    for trigger, answer in asked.steps:
+        played = trigger in topics and topics[trigger].messages
+        if not played or (asked.inputs and trigger not in asked.inputs):
+            raise ProposalError(
+                f"--step {ascii(trigger)[1:-1]}={ascii(answer)[1:-1]}: the trigger is none of the"
+                " topics that are played, and nothing would be awaited"
+            )
+        if answer not in asked.outputs:
+            raise ProposalError(
+                f"--step {trigger}={ascii(answer)[1:-1]}: the answer is no --output, and what is"
+                " not recorded is not awaited: write it as --output as well"
+            )
 
 
 def _played(asked: Asked, topics: dict[str, Topic], unfit: list[str]) -> list[str]:

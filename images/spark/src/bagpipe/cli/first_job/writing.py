@@ -159,9 +159,20 @@ def _memory(proposal: Proposal) -> Iterator[str]:
     yield f"  limits: {{memory: {memory.whole >> 20}Mi}}"
 
 
-def _playback(_proposal: Proposal, _beside: Written) -> Iterator[str]:
+def _playback(proposal: Proposal, _beside: Written) -> Iterator[str]:
     yield "# max plays as fast as the stack takes it, lockstep records the same bytes in each run."
-    yield "playback: {mode: realtime}"
+    asked = proposal.asked
+    if not asked.steps:
+        yield f"playback: {{mode: {asked.mode}}}"
+        return
+    yield "playback:"
+    yield f"  mode: {asked.mode}"
+    yield "  # After a trigger's message the next message waits for the answer, and this long."
+    yield "  steps:"
+    played = {recorded: name for name, recorded in proposal.remap.items()}
+    for trigger, answer in asked.steps:
+        step = {"trigger": played.get(trigger, trigger), "answer": answer, "deadline": "2s"}
+        yield f"  - {_flow(step)}"
 
 
 def _record(proposal: Proposal, _beside: Written) -> Iterator[str]:
