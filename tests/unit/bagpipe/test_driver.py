@@ -42,7 +42,7 @@ def test_a_job_whose_cases_all_passed_is_complete() -> None:
     )
     assert snapshot["cases"] == {
         "planned": 2, "running": 0, "passed": 2, "failed": 0, "invalid": 0, "errored": 0,
-        "crashed": 0, "lost": 0, "regressed": 0, "discarded": 4,
+        "crashed": 0, "lost": 0, "regressed": 0, "discarded": 4, "quarantined": 0,
     }  # fmt: skip
     assert snapshot["ledger"] == {"sent": 6, "received": 6, "dropped": 0, "leadIn": 2}
 

@@ -152,9 +152,9 @@ def test_a_manifest_says_whose_job_it_is_and_what_became_of_it(world: World) -> 
     del short["ledger"]
     assert manifest["cases"] == [
         {"case": "a", "outcome": "failed", "reason": "Bad", "recorded": None, "attempts": 1,
-         "starts": None, "discarded": []},
+         "starts": None, "discarded": [], "quarantined": False},
         {"case": "b", "outcome": "passed", "reason": "", "recorded": "cases/b.bag", "attempts": 2,
-         "starts": None, "discarded": [short]},
+         "starts": None, "discarded": [short], "quarantined": False},
     ]  # fmt: skip
     assert (manifest["counts"]["passed"], manifest["counts"]["discarded"]) == (1, 1)
 

@@ -181,4 +181,5 @@ _FUNCTIONS: dict[str, Any] = {
     "isGreaterThan": lambda one, other: one > other,
     "found": lambda text, pattern: re2.search(pattern, text) is not None,
     "split": lambda text, at: text.split(at),
+    "substring": lambda text, begin, end: text[begin:end],
 }

@@ -10,7 +10,7 @@ OUTCOMES = ("passed", "failed", "invalid", "errored")
 CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"})
 LOSSES = frozenset({"MessagesLost"})
 # What a job counts of its rows, beside how many were planned and are running.
-TALLIES = (*OUTCOMES, "crashed", "lost", "discarded")
+TALLIES = (*OUTCOMES, "crashed", "lost", "discarded", "quarantined")
 
 
 def discarded_runs(row: Row) -> list[dict[str, Any]]:
@@ -47,6 +47,18 @@ def discarded_count(row: Row) -> int:
     return max(0, tries - 1) + max(0, (1 if starts is None else int(starts)) - 1)
 
 
+def quarantine_of(row: Row) -> Mapping[str, Any] | None:
+    """The rule by which the row's case is in quarantine: `cases`, `reason`, `until`."""
+    found = row.get("quarantine")
+    return found if isinstance(found, Mapping) else None
+
+
+def quarantine_words(row: Row) -> str:
+    """Until when and why the row's case is in quarantine; empty where it is not."""
+    rule = quarantine_of(row)
+    return f"in quarantine until {rule.get('until')}: {rule.get('reason')}" if rule else ""
+
+
 def tally(row: Row) -> dict[str, int]:
     """What the row adds to the job's counts."""
     reason = row.get("reason")
@@ -55,6 +67,7 @@ def tally(row: Row) -> dict[str, int]:
         "crashed": int(reason in CRASHES),
         "lost": int(reason in LOSSES),
         "discarded": discarded_count(row),
+        "quarantined": int(quarantine_of(row) is not None and row["outcome"] != "passed"),
     }
 
 
@@ -62,6 +75,7 @@ def tally(row: Row) -> dict[str, int]:
 _LABELS = (
     ("failed", "failed"), ("regressed", "regressed"), ("crashed", "crashed"),
     ("lost", "lost messages"), ("invalid", "lack evidence"), ("errored", "errored"),
+    ("quarantined", "of these in quarantine"),
 )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ from bagpipe.pod_spec import (
     StackSecurity,
     ValueSource,
 )
+from bagpipe.quarantine import QuarantineRule
 from bagpipe.ros2_spec import Ros2
 from bagpipe.source_fields import source_fields
 from bagpipe.source_spec import InstalledSource
@@ -231,6 +232,7 @@ class SimulationJobSpec(_Model):
     max_failed_cases: int | None = Field(default=None, ge=0)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
     fault_policy: list[FaultRule] = Field(default=[], max_length=10)
+    quarantine: list[QuarantineRule] = Field(default=[], max_length=50)
     managed_by: str | None = Field(
         default=None, pattern=r"^[a-z0-9]([-a-z0-9.]*[a-z0-9])?/[A-Za-z0-9][-A-Za-z0-9_.]*$"
     )
@@ -254,6 +256,13 @@ class SimulationJobSpec(_Model):
     def _each_cause_once(cls, rules: list[FaultRule]) -> list[FaultRule]:
         if len({rule.cause for rule in rules}) != len(rules):
             raise ValueError("faultPolicy has two rules of one cause: write one")
+        return rules
+
+    @field_validator("quarantine")
+    @classmethod
+    def _each_pattern_once(cls, rules: list[QuarantineRule]) -> list[QuarantineRule]:
+        if len({rule.cases for rule in rules}) != len(rules):
+            raise ValueError("quarantine names the same cases twice: write them once")
         return rules
 
     @field_validator("evaluate")

@@ -16,6 +16,7 @@ from bagpipe.driver.baseline import check_baseline
 from bagpipe.driver.chosen import NoCaseError
 from bagpipe.driver.comparing import compared
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
+from bagpipe.driver.job_day import job_day
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.own_pods import Seen
@@ -29,6 +30,7 @@ from bagpipe.installed import InstallationError
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.case import Case
 from bagpipe.plan.made import Plan
+from bagpipe.quarantine import Quarantine, QuarantineError, too_long
 from bagpipe.run.case_run import Row
 from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
@@ -41,6 +43,7 @@ _INTERRUPTED_STATUS = 128 + signal.SIGTERM
 _SPARK_GONE_STATUS = os.EX_TEMPFAIL
 _REASONS: list[tuple[type[Exception], str]] = [
     (CannotResumeError, "ResumeRefused"),
+    (QuarantineError, "QuarantineInvalid"),
     (StorageError, "StorageFailed"),
     (MatrixError, "MatrixInvalid"),
     (NoCaseError, "NoCaseChosen"),
@@ -118,7 +121,8 @@ def run(
 ) -> bool:
     """Plan, run what the journal does not have, and commit; True when the job is Complete.
 
-    Raises CannotResumeError, StorageError, SparkGoneError, and SystemExit after an interruption.
+    Raises CannotResumeError, QuarantineError, StorageError, SparkGoneError, and SystemExit after an
+    interruption.
     """
     storage = Storage(job.volumes)
     results = Results(job, storage)
@@ -131,13 +135,15 @@ def run(
     if job.spec.baseline is not None:
         check_baseline(job.spec.baseline.results, storage)
     patiently(partial(storage.check_put_once, results.folder), progress)
+    quarantine = _quarantine(job, results, progress)
     planned = place.planned(job, storage)
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
+    progress.look_at(quarantine)
     progress.begin(len(planned.cases) + len(planned.unplanned))
     with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:
         keeper = Keeper(
             progress, rows, journal, job.spec.max_failed_cases, results.is_committed,
-            counted=counted,
+            counted=counted, quarantine=quarantine,
         )  # fmt: skip
         if interruption is not None:
             interruption.keeper = keeper
@@ -163,6 +169,17 @@ def run(
         patiently(publish, progress)
         progress.adopt(manifest)
     return progress.phase == "Complete"
+
+
+def _quarantine(job: JobFile, results: Results, progress: Progress) -> Quarantine:
+    """The job's rules on its day. Raises StorageError and QuarantineError."""
+    rules = job.spec.quarantine
+    if not rules:
+        return Quarantine()
+    day = patiently(partial(job_day, results.storage, results.folder, progress.began), progress)
+    if wrong := too_long(rules, day):
+        raise QuarantineError("; ".join(wrong))
+    return Quarantine(rules, day)
 
 
 def _taken_away(keeper: Keeper, planned: Plan, results: Results) -> Manifest | None:

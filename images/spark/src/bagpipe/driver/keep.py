@@ -16,6 +16,8 @@ from bagpipe.driver.patience import PATIENCE_SECONDS
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.row_file import RowFile
 from bagpipe.plan.made import Plan
+from bagpipe.quarantine import Quarantine
+from bagpipe.row_facts import quarantine_of
 from bagpipe.run.case_run import Row, is_of, unplanned_row
 from bagpipe.storage import StorageError
 
@@ -50,6 +52,7 @@ def segment_seconds(elapsed: float) -> float:
 def outcome_line(row: Row) -> str:
     """How a case ended, in the line of the driver's log that `bagpipe logs` looks for."""
     outcome = f"{row['outcome']} {row.get('reason') or ''}".strip()
+    outcome += " (in quarantine)" if quarantine_of(row) else ""
     seconds = row.get("seconds") or 0.0
     return f"case {row['case']}: {outcome}, attempts {row['attempts']}, seconds {seconds:.1f}"
 
@@ -66,6 +69,7 @@ class Keeper:
     clock: Callable[[], float] = time.monotonic
     stop: Stop | None = None
     counted: Callable[[Row], None] = lambda _row: None
+    quarantine: Quarantine = field(default_factory=Quarantine)
     _unwritten: list[Row] = field(default_factory=list)
     _begun: float = -1.0
     _flushed: float = 0.0
@@ -80,15 +84,17 @@ class Keeper:
         otherwise, is run again. Raises StorageError.
         """
         cases = {case.id: case for case in planned.cases}
-        for row in self.journal.rows():
-            case = cases.get(row["case"])
+        for journaled in self.journal.rows():
+            case = cases.get(journaled["case"])
+            row = self.quarantine.marked(journaled)
             if case is not None and is_of(row, case) and self.rows.add(row):
                 self.progress.add(row)
         self.take([unplanned_row(bag) for bag in planned.unplanned])
 
     def take(self, rows: list[Row]) -> None:
         """Count rows that tasks handed over; a case that has one already is not counted again."""
-        for row in rows:
+        for ended in rows:
+            row = self.quarantine.marked(ended)
             if self.rows.add(row):
                 self.progress.add(row)
                 self.counted(row)

@@ -7,9 +7,17 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from bagpipe.compare.gate import CAUSES
 from bagpipe.driver.comparing import Compared, in_short
-from bagpipe.row_facts import OUTCOMES, TALLIES, counts_of, tally
+from bagpipe.driver.verdict import verdict_of
+from bagpipe.quarantine import Quarantine, QuarantineTally, remarks
+from bagpipe.row_facts import (
+    OUTCOMES,
+    TALLIES,
+    counts_of,
+    quarantine_of,
+    quarantine_words,
+    tally,
+)
 from bagpipe.run.case_run import Row
 
 Phase = Literal["Planning", "Running", "Complete", "Failed"]
@@ -17,6 +25,7 @@ MAX_FAILURES = 5
 _MAX_MESSAGE = 300
 # Of the first failure, which the job's own message quotes: the operator takes 1,000 letters.
 _MAX_FIRST = 800
+_MAX_QUARANTINE = 300
 
 
 @dataclass
@@ -39,8 +48,12 @@ class Progress:
     began: float = field(default_factory=time.time)
     ended: float | None = None
     _outcomes: Counter[str] = field(default_factory=Counter)
+    # Of the cases that are not in quarantine.
+    _counting: Counter[str] = field(default_factory=Counter)
+    _quarantine: QuarantineTally = field(default_factory=lambda: QuarantineTally(Quarantine()))
     _ledger: Counter[str] = field(default_factory=Counter)
     _failures: list[dict[str, str]] = field(default_factory=list)
+    _quarantined: list[dict[str, str]] = field(default_factory=list)
     _first: str = ""
     _compared: Compared = field(default_factory=Compared)
     _stopped: tuple[str, str] | None = None
@@ -59,9 +72,20 @@ class Progress:
             self.warning = shortened(message, _MAX_MESSAGE)
 
     def failed(self) -> int:
-        """Cases that failed or errored so far."""
+        """Cases that failed or errored so far, and count."""
         with self._lock:
-            return self._outcomes["failed"] + self._outcomes["errored"]
+            return self._counting["failed"] + self._counting["errored"]
+
+    def look_at(self, quarantine: Quarantine) -> None:
+        """By which rules the rows to come are in quarantine; they are marked when they come."""
+        with self._lock:
+            self._quarantine = QuarantineTally(quarantine)
+
+    @property
+    def quarantine(self) -> dict[str, Any] | None:
+        """The rules and what became of their cases, as the manifest has them."""
+        with self._lock:
+            return self._quarantine.as_json()
 
     def adopt(self, manifest: dict[str, Any]) -> None:
         """Report what another driver of this job has committed."""
@@ -75,7 +99,7 @@ class Progress:
                 sent=ledger["sent"], received=ledger["received"],
                 dropped=ledger["dropped"], lead_in=ledger["leadIn"],
             )  # fmt: skip
-            self._failures = list(manifest["failures"])
+            self._failures, self._quarantined = list(manifest["failures"]), []
             self.verdict_reason = manifest.get("verdictReason", "")
             self._compared = Compared(manifest.get("comparisons") or [])
 
@@ -83,12 +107,14 @@ class Progress:
         """Count one finished case."""
         with self._lock:
             self._outcomes.update(tally(row))
+            self._quarantine.add(row)
+            self._counting[row["outcome"]] += quarantine_of(row) is None
             ledger = (row["result"] or {}).get("ledger")
             if ledger:
                 for key in ("sent", "received", "dropped", "lead_in"):
                     self._ledger[key] += ledger[key]
             if row["outcome"] != "passed":
-                self._fail(row["case"], row["reason"], row["message"])
+                self._fail(row)
 
     def set_running(self, tasks: int) -> None:
         """How many cases are running: Spark's count of tasks lags behind, ours of rows does not."""
@@ -100,7 +126,7 @@ class Progress:
         with self._lock:
             self.running, self.warning = 0, ""
             self.ended = self.ended or time.time()
-            errored = self._outcomes["errored"]
+            errored = self._counting["errored"]
             done = self._done()
             if self._stopped is not None:
                 self.phase, self.verdict, self.verdict_reason = "Failed", "", ""
@@ -110,8 +136,10 @@ class Progress:
                 self.reason, self.message = self._why_failed(errored, self.planned - done)
             else:
                 self.phase, self.reason = "Complete", "AllCasesRan"
-                self.verdict, self.verdict_reason, why = self._verdict()
-                self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}{why}"
+                found = verdict_of(self._counting, self._compared)
+                self.verdict, self.verdict_reason = found.word, found.reason
+                self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
+                self.message += f"{found.why}{self._of_quarantine()}"
             return self.phase == "Complete"
 
     def stop(self, reason: str, message: str) -> None:
@@ -169,7 +197,7 @@ class Progress:
                 "verdict": self.verdict,
                 "verdictReason": self.verdict_reason,
                 "results": self.results,
-                "failures": list(self._failures),
+                "failures": (self._failures + self._quarantined)[:MAX_FAILURES],
                 "comparisons": comparisons,
             }
 
@@ -187,12 +215,24 @@ class Progress:
     def _done(self) -> int:
         return sum(self._outcomes[outcome] for outcome in OUTCOMES)
 
-    def _fail(self, case: str, reason: str, message: str) -> None:
-        if not self._failures:
+    def _fail(self, row: Row) -> None:
+        """Keep what a few cases say; those that count go before those in quarantine."""
+        message, kept = row["message"], self._failures
+        if words := quarantine_words(row):
+            message, kept = f"{message} ({words})", self._quarantined
+        elif not self._failures:
             self._first = shortened(message, _MAX_FIRST)
-        if len(self._failures) < MAX_FAILURES:
+        if len(kept) < MAX_FAILURES:
             short = shortened(message, _MAX_MESSAGE)
-            self._failures.append({"case": case[:100], "reason": reason, "message": short})
+            kept.append({"case": row["case"][:100], "reason": row["reason"], "message": short})
+
+    def _of_quarantine(self) -> str:
+        """What of it belongs into the job's sentence: nobody may take these cases for passed."""
+        document = self._quarantine.as_json()
+        inside = self._done() - self._counting.total()
+        words = [f"{self._outcomes['quarantined']} of {inside} cases in quarantine did not pass"]
+        words = (words if inside else []) + remarks(document)
+        return f"; {shortened('; '.join(words), _MAX_QUARANTINE)}" if words else ""
 
     def _why_failed(self, errored: int, missing: int) -> tuple[str, str]:
         if not self._failures:
@@ -204,23 +244,6 @@ class Progress:
             f"{errored} of {self.planned} cases errored; {first['case']}:"
             f" {first['reason']}: {self._first or first['message']}"
         )
-
-    def _verdict(self) -> tuple[str, str, str]:
-        """The verdict, the one word for it, and why in the sentence: the gravest thing decides."""
-        against = self._compared.objections
-        why = "".join(f"; {each.message}" for each in against)[: 2 * _MAX_MESSAGE]
-        causes = {each.cause for each in against}
-        worse = [cause for cause in CAUSES if cause in causes and cause != "Unknown"]
-        if self._outcomes["failed"]:
-            return "Failed", "Failed", why
-        if worse:
-            return "Failed", "Regressed" if worse[0] == "Missing" else worse[0], why
-        if self._outcomes["invalid"]:
-            return "Invalid", "Invalid", why
-        if self._compared.reason:
-            message = self._compared.message[: 2 * _MAX_MESSAGE]
-            return "Invalid", self._compared.reason, f"; {message}"
-        return ("Invalid", "NothingCompared", why) if against else ("Passed", "", "")
 
 
 def shortened(message: str, most: int) -> str:

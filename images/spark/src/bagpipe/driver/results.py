@@ -17,8 +17,9 @@ from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.provenance import provenance_of
 from bagpipe.driver.row_file import RowFile
+from bagpipe.quarantine import Quarantine
 from bagpipe.report.stored import StoredResults
-from bagpipe.row_facts import counts_of, discarded_of, recorded_names
+from bagpipe.row_facts import counts_of, discarded_of, quarantine_of, recorded_names
 from bagpipe.run.case_run import Row
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
@@ -89,6 +90,7 @@ class Results:
                 self.job, rows.rows(), seen or Seen(), (progress.began, progress.ended or 0.0)
             ),
             "comparisons": progress.comparisons,
+            "quarantine": progress.quarantine,
             "cases": [_manifest_entry(row) for row in rows.rows()],
         }
         data = json.dumps(manifest, indent=1).encode()
@@ -128,12 +130,14 @@ class Results:
         if self.storage.exists(uri):
             yield from StoredResults(self.folder, self.storage).rows()
             return
+        # A journal's rows may bear the marks of a manifest that was edited since.
+        quarantine = Quarantine.decided(manifest.get("quarantine"))
         entries = manifest["cases"]
         counted = {_key(entry) for entry in entries}
         # Another version's driver may have stored less of a row.
         stored = entries[0].keys() if entries else set()
         with self.storage.create(uri) as file:
-            for row in rows():
+            for row in map(quarantine.marked, rows()):
                 entry = {name: of for name, of in _manifest_entry(row).items() if name in stored}
                 if (key := _key(entry)) in counted:
                     counted.remove(key)
@@ -174,4 +178,7 @@ def _key(entry: Mapping[str, Any]) -> tuple[str, str]:
 
 def _manifest_entry(row: Row) -> dict[str, Any]:
     keys = ("case", "outcome", "reason", "recorded", "attempts", "starts")
-    return {key: row.get(key) for key in keys} | {"discarded": discarded_of(row)}
+    return {key: row.get(key) for key in keys} | {
+        "discarded": discarded_of(row),
+        "quarantined": quarantine_of(row) is not None,
+    }
