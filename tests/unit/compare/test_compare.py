@@ -18,6 +18,7 @@ def test_a_case_that_fails_now_is_a_regression_and_named() -> None:
     assert found.regressed == [{"case": "a-0001-pr-812", "to": "failed", "reason": "Bad"}]
     assert found.counts == {
         "regressed": 1, "fixed": 0, "flaky": 0, "same": 3, "unknown": 0, "missing": 0, "new": 0,
+        "quarantined": 0,
     }  # fmt: skip
     assert found.became == {"failed": 1, "invalid": 0, "errored": 0, "missing": 0}
     assert found.message == "1 regressed of 4 cases"

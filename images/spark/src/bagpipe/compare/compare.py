@@ -26,6 +26,7 @@ class Comparison:
     one the baseline's name. `fixed` and `flaky` name cases of the variant, `missing` those of the
     baseline that the variant lacks. At most MOST_NAMED are named of each; `counts` has all their
     numbers, and those of `same`, `unknown` and `new`; `became` is what the regressed came to.
+    `quarantined` is what would be regressed and is in quarantine: it is in no other list or number.
     """
 
     variant: str
@@ -39,6 +40,7 @@ class Comparison:
     flaky: list[str]
     missing: list[str]
     criteria: list[CriterionComparison] = field(default_factory=list)
+    quarantined: list[dict[str, str]] = field(default_factory=list)
 
     def as_json(self) -> dict[str, Any]:
         """As it stands in comparison.json."""
@@ -55,35 +57,39 @@ def compare(
     now = Versions.read(rows)
     names = variants or [""]
     if earlier is None:
-        baseline, others = now.of.get(names[0], {}), names[1:]
+        baseline, others = now.all_of(names[0]), names[1:]
         called, units = names[0], now.units
     else:
         before = Versions.read(earlier)
-        baseline, others = next(iter(before.of.values()), {}), names
+        baseline = next((before.all_of(variant) for variant in before.of), {})
+        others = names
         called, units = "the earlier job", before.units | now.units
-    return [_compared(name, called, baseline, now.of.get(name, {}), units) for name in others]
+    return [_compared(name, called, baseline, now, units) for name in others]
 
 
 def _compared(
     name: str,
     called: str,
     baseline: Mapping[Key, Rounds],
-    variant: Mapping[Key, Rounds],
+    now: Versions,
     units: Mapping[str, tuple[str, str]],
 ) -> Comparison:
+    variant, quarantined = now.of.get(name, {}), now.quarantined.get(name, {})
     found = changes(baseline, variant)
-    missing = {key: rounds for key, rounds in baseline.items() if key not in variant}
+    missing = {
+        key: rounds
+        for key, rounds in baseline.items()
+        if key not in variant and key not in quarantined
+    }
     gone = [rounds for rounds in missing.values() if rounds.worst == "passed"]
-    regressed = [
-        {"case": variant[key].cases[0], "to": change.to, "reason": change.reason}
-        for key, change in found.items()
-        if change.word == "regressed"
-    ]
+    regressed = _regressed(found, variant)
+    hidden = _regressed(changes(baseline, quarantined), quarantined)
     regressed += [{"case": rounds.cases[0], "to": "missing", "reason": ""} for rounds in gone]
     became = Counter(case["to"] for case in regressed)
     words = Counter(change.word for change in found.values())
     counts: dict[str, int] = {word: words[word] for word in _WORDS} | {
         "regressed": len(regressed), "missing": len(missing), "new": len(variant) - len(found),
+        "quarantined": len(hidden),
     }  # fmt: skip
     pairs = {key: (baseline[key], variant[key]) for key in found}
     if all(len(rounds.outcomes) == 1 for pair in pairs.values() for rounds in pair):
@@ -94,13 +100,23 @@ def _compared(
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
     message += f" ({fails} not passed)" if fails else ""
     unmeasured = _unmeasured(baseline, variant)
+    message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),
         flaky=_named("flaky", found, variant),
         missing=[rounds.cases[0] for rounds in missing.values()][:MOST_NAMED], criteria=criteria,
+        quarantined=hidden[:MOST_NAMED],
     )  # fmt: skip
+
+
+def _regressed(found: Mapping[Key, Change], variant: Mapping[Key, Rounds]) -> list[dict[str, str]]:
+    return [
+        {"case": variant[key].cases[0], "to": change.to, "reason": change.reason}
+        for key, change in found.items()
+        if change.word == "regressed"
+    ]
 
 
 def _unmeasured(baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds]) -> list[str]:

@@ -3,10 +3,11 @@
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from bagpipe.compare.delivery import FIGURES, delivery
+from bagpipe.row_facts import quarantine_of
 
 Row = Mapping[str, Any]
 Key = tuple[str, str, int]
@@ -41,6 +42,19 @@ class Rounds:
         for name, figure in delivery(row).items():
             self.figures[name].append(figure)
 
+    def joined(self, other: Self) -> Self:
+        """These rounds and other ones of the same case."""
+        both = defaultdict(list, {name: list(figures) for name, figures in self.figures.items()})
+        for name, figures in other.figures.items():
+            both[name] += figures
+        return replace(
+            self,
+            cases=self.cases + other.cases,
+            outcomes=self.outcomes + other.outcomes,
+            reasons=self.reasons + other.reasons,
+            figures=both,
+        )
+
     @property
     def passed(self) -> int:
         """How many of the rounds passed."""
@@ -65,9 +79,14 @@ class Rounds:
 
 @dataclass
 class Versions:
-    """Rows by variant, and each figure's unit and the direction that is better."""
+    """Rows by variant, and each figure's unit and the direction that is better.
+
+    Those in quarantine are apart: they don't count as what a version does now, and do as what one
+    did before, which nobody can change any more.
+    """
 
     of: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
+    quarantined: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
     units: dict[str, tuple[str, str]] = field(default_factory=dict)
 
     @classmethod
@@ -75,13 +94,22 @@ class Versions:
         """Each row is looked at once and not kept."""
         found = cls()
         for row in rows:
-            cases = found.of[str(row.get("variant") or "")]
+            variant = str(row.get("variant") or "")
+            cases = found.of[variant]  # also where all are in quarantine: its keys are in order
+            cases = cases if quarantine_of(row) is None else found.quarantined[variant]
             cases.setdefault(key_of(row), Rounds(recording_of(row))).add(row)
             for finding in row.get("criteria") or []:
                 if finding.get("direction"):
                     unit = (str(finding.get("unit") or ""), str(finding["direction"]))
                     found.units.setdefault(finding["name"], unit)
         found.units |= FIGURES | {ROUNDS: ("%", "higher")}
+        return found
+
+    def all_of(self, variant: str) -> dict[Key, Rounds]:
+        """All rounds of a variant, also those in quarantine."""
+        found = dict(self.of.get(variant, {}))
+        for key, rounds in self.quarantined.get(variant, {}).items():
+            found[key] = found[key].joined(rounds) if key in found else rounds
         return found
 
 
