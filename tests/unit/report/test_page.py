@@ -238,7 +238,7 @@ def test_no_text_leaves_its_place(text: str) -> None:
 def test_the_scripts_set_text_only_and_ask_for_nothing() -> None:
     page = render(
         {}, job=MANIFEST["job"], headline=("failed", "Failed", ""), sentence="s", manifest=MANIFEST,
-        comparisons=[], provenance=[], results="r", stack_seconds=0.0,
+        comparisons=[], provenance=[], quarantine=[], results="r", stack_seconds=0.0,
     ).decode()  # fmt: skip
     for word in ("innerHTML", "outerHTML", "insertAdjacent", "document.write", "eval(", "fetch(",
                  "XMLHttp", "import(", "localStorage", " style=", "url("):  # fmt: skip

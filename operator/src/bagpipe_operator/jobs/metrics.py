@@ -21,7 +21,7 @@ PHASES = ("Pending", "Planning", "Running", "Suspended", "Complete", "Failed")
 POD_PHASES = ("Pending", "Running", "Succeeded", "Failed", "Unknown")
 CASE_STATES = (
     "planned", "running", "passed", "failed", "invalid", "errored", "crashed", "lost", "regressed",
-    "discarded",
+    "quarantined", "discarded",
 )  # fmt: skip
 LIFE_BUCKETS = (1, 2, 5, 10, 20, 30, 60, 120, 300, 900, 1800, 3600, 7200, 21600, 86400)
 

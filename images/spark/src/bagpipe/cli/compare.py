@@ -118,6 +118,9 @@ def _show(comparison: dict[str, Any], console: Console) -> None:
         why = f" ({case['reason']})" if case["reason"] else ""
         line = f"  regressed: {case['case']} is {case['to']} now{why}"
         console.print(escape(line), highlight=False)
+    for case in comparison.get("quarantined") or []:
+        line = f"  in quarantine: {case['case']} is {case['to']} now"
+        console.print(escape(line), highlight=False)
     for word in ("fixed", "flaky", "missing"):
         for case in comparison[word]:
             console.print(f"  {word}: {escape(case)}", highlight=False)

@@ -16,6 +16,16 @@ _LARGEST_BYTES = 4 << 20
 _MOST_KINDS = 5
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML as kubectl reads it: what looks like a day is a text."""
+
+
+_Loader.yaml_implicit_resolvers = {
+    first: [(tag, pattern) for tag, pattern in found if tag != "tag:yaml.org,2002:timestamp"]
+    for first, found in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+
+
 class ManifestError(ValueError):
     """No job can be read from a file; the sentence says which file, where, and what to write."""
 
@@ -76,7 +86,7 @@ def _only_job(path: Path) -> tuple[Mapping[str, Any], int]:
 
 def _objects(path: Path) -> list[Mapping[str, Any]]:
     try:
-        found = list(yaml.safe_load_all(_text(path)))
+        found = list(yaml.load_all(_text(path), _Loader))  # noqa: S506  a SafeLoader
     except OSError as error:
         raise ManifestError(f"{path} can't be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

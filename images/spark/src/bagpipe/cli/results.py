@@ -18,16 +18,17 @@ from bagpipe.cli.places import (
     status_of,
     volume_option,
 )
+from bagpipe.quarantine import remarks
 from bagpipe.report.junit import kept, write_junit
 from bagpipe.report.stored import StoredResults
-from bagpipe.row_facts import discarded_count, discarded_of, verdict_words
+from bagpipe.row_facts import discarded_count, discarded_of, quarantine_words, verdict_words
 from bagpipe.storage import StorageError
 
 _MOST_ROWS = 40
 _COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
 _KEPT = (
     "case", "outcome", "reason", "message", "variant", "values", "seed", "round", "seconds",
-    "attempts", "starts",
+    "attempts", "starts", "quarantine",
 )  # fmt: skip
 
 
@@ -89,6 +90,7 @@ def describe(stored: StoredResults, failed: bool) -> dict[str, Any]:
     }
     found["provenance"] = manifest.get("provenance") or {}
     found["comparisons"] = stored.comparisons()
+    found["quarantine"] = manifest.get("quarantine")
     found["cases"] = [
         {key: row.get(key) for key in _KEPT}
         | {"discarded": discarded_of(row), "criteria": _figures(row)}
@@ -134,6 +136,8 @@ def _show(found: dict[str, Any], console: Console) -> None:
         console.print(
             escape(f"{name} is {comparison['verdict']}: {comparison['message']}"), highlight=False
         )
+    for words in remarks(found["quarantine"]):
+        console.print(escape(words), highlight=False)
     console.print()
     table = Table(box=None, header_style="bold")
     for column in ("Case", "Outcome", "Seconds", "Discarded", "Why"):
@@ -143,6 +147,7 @@ def _show(found: dict[str, Any], console: Console) -> None:
         outcome = str(case["outcome"])
         seconds = "" if case["seconds"] is None else f"{case['seconds']:.1f}"
         why = str(case["message"] or case["reason"] or "")
+        why = "; ".join(words for words in (quarantine_words(case), why) if words)
         colour = _COLOURS.get(outcome, "red")
         table.add_row(
             escape(str(case["case"])), f"[{colour}]{escape(outcome)}[/]", seconds,

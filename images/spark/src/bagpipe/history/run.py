@@ -13,6 +13,8 @@ from bagpipe.storage import Storage, StorageError
 
 _TABLE = "results.parquet"
 _COLUMNS = ["case", "outcome", "seconds", "discarded", "criteria"]
+# Tables of before there was a quarantine have none.
+_LATER_COLUMNS = ["quarantine"]
 _MOST_BYTES = 1 << 30
 _BATCH = 1_000
 
@@ -30,13 +32,16 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class CaseOfRun:
-    """A case that ended: its outcome, seconds of all attempts, and runs that did not count."""
+    """A case that ended: its outcome, seconds of all attempts, runs that did not count, and until
+    when and why it is in quarantine (empty for one that counts).
+    """
 
     name: str
     outcome: str
     seconds: float
     discarded: int
     criteria: tuple[Found, ...]
+    quarantine: str = ""
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,8 @@ def _values(metadata: pq.FileMetaData) -> int:
 
 
 def _cases(table: pq.ParquetFile) -> Iterator[CaseOfRun]:
-    for batch in table.iter_batches(_BATCH, columns=_COLUMNS):
+    there = [name for name in _LATER_COLUMNS if name in table.schema_arrow.names]
+    for batch in table.iter_batches(_BATCH, columns=_COLUMNS + there):
         for row in batch.to_pylist():
             yield _case(row)
 
@@ -105,6 +111,7 @@ def _case(row: dict[str, Any]) -> CaseOfRun:
             )
             for each in row["criteria"] or []
         ),
+        _text(row.get("quarantine") or ""),
     )
 
 

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from bagpipe.row_facts import discarded_runs
+from bagpipe.row_facts import discarded_runs, quarantine_words
 
 Row = Mapping[str, Any]
 
@@ -20,7 +20,7 @@ MOST_CASES = 20_000
 _MOST_FIGURES = 300_000
 _MESSAGE_CHARACTERS = 300
 _ALL_MESSAGES_CHARACTERS = 1_000_000
-_WORDS = ("fragment", "reason", "message", "seed", "round", "discarded")
+_WORDS = ("fragment", "reason", "message", "seed", "round", "discarded", "quarantine")
 _LETTERS = {"passed": "P", "failed": "F", "invalid": "I"}
 
 _NUMBER = r"(-?[0-9.]+(?:e[-+]?[0-9]+)?)"
@@ -130,6 +130,7 @@ def _slim(row: Row) -> dict[str, Any]:
     slim = {name: row.get(name) for name in kept}
     reasons = Counter(run["reason"] for run in discarded_runs(row))
     slim["discarded"] = ", ".join(f"{count} x {reason}" for reason, count in reasons.items())
+    slim["quarantine"] = quarantine_words(row)
     slim["criteria"] = [
         {key: finding.get(key) for key in ("name", "kind", "outcome", "figure", "unit", "limit")}
         for finding in row.get("criteria") or []

@@ -15,6 +15,7 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from bagpipe.quarantine import remark
 from bagpipe.report.causes import Causes
 from bagpipe.report.columns import Columns, short
 from bagpipe.report.details import Details, detail_of
@@ -72,6 +73,7 @@ class Report:
             sentence=sentence(manifest, data),
             manifest=counted,
             provenance=facts_of(manifest),
+            quarantine=_ruled(manifest),
             comparisons=[_drawn(comparison) for comparison in comparisons],
             results=self._results,
             stack_seconds=self._seconds,
@@ -161,4 +163,12 @@ def _drawn(comparison: Mapping[str, Any]) -> dict[str, Any]:
             }
         criteria.append({**criterion, "drawn": drawn})
     regressed = [_named(case) for case in comparison["regressed"]]
-    return {**comparison, "criteria": criteria, "regressed": regressed}
+    # Comparisons of before there was a quarantine have none.
+    hidden = comparison.get("quarantined") or []
+    return {**comparison, "criteria": criteria, "regressed": regressed, "quarantined": hidden}
+
+
+def _ruled(manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """The rules of a job's quarantine, each with what somebody may have to do about it."""
+    rules = (manifest.get("quarantine") or {}).get("rules") or []
+    return [{**rule, "remark": remark(rule)} for rule in rules]

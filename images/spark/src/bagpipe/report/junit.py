@@ -1,6 +1,7 @@
 """JUnit XML, as CI systems read it: a suite per variant, a test case per case.
 
-A case without enough evidence is an error there: what JUnit calls skipped would look green. The
+A case without enough evidence is an error there: what JUnit calls skipped would look green. Skipped
+is what did not pass and is in quarantine: no CI takes it for passed, and none turns red by it. The
 driver and `bagpipe results --junit` write the same file, by the one function here.
 """
 
@@ -11,7 +12,7 @@ from typing import IO, Any
 from xml.sax.saxutils import escape, quoteattr
 
 from bagpipe.report.provenance import facts_of
-from bagpipe.row_facts import discarded_runs, run_words
+from bagpipe.row_facts import discarded_runs, quarantine_words, run_words
 
 Row = Mapping[str, Any]
 
@@ -28,6 +29,7 @@ def kept(row: Row) -> dict[str, Any]:
     """What of a row is written: some hundred bytes, so that all can be sorted by variant."""
     return {key: row.get(key) for key in _KEPT} | {
         "discarded": [run_words(run) for run in discarded_runs(row)],
+        "quarantine": quarantine_words(row),
         "criteria": [
             {key: finding.get(key) for key in ("name", "outcome", "message")}
             for finding in row.get("criteria") or []
@@ -50,7 +52,7 @@ def write_junit(file: IO[bytes], manifest: Mapping[str, Any], rows: Iterable[Row
 def _write_suite(
     file: IO[bytes], job: str, suite: str, cases: Sequence[Row], facts: list[tuple[str, str]]
 ) -> None:
-    elements = [_ELEMENTS.get(row["outcome"], "error") for row in cases]
+    elements = [_element(row) for row in cases]
     seconds = sum(float(row.get("seconds") or 0.0) for row in cases)
     began = dict(facts).get("began", "").removesuffix("Z")
     timestamp = f" timestamp={_quoted(began)}" if began else ""
@@ -58,7 +60,8 @@ def _write_suite(
         file,
         f'<testsuite name={_quoted(suite)} tests="{len(cases)}"'
         f' failures="{elements.count("failure")}" errors="{elements.count("error")}"'
-        f' skipped="0" time="{seconds:.3f}"{timestamp}>\n{_properties(facts)}\n',
+        f' skipped="{elements.count("skipped")}" time="{seconds:.3f}"{timestamp}>\n'
+        f"{_properties(facts)}\n",
     )
     for row in cases:
         for text in _case(row, job):
@@ -72,8 +75,10 @@ def _case(row: Row, job: str) -> Iterator[str]:
         f"<testcase name={_quoted(row['case'])}"
         f' classname={_quoted(row.get("fragment") or job)} time="{seconds:.3f}">'
     )
-    if row["discarded"]:
-        yield _properties([("discarded", run) for run in row["discarded"]])
+    facts = [("discarded", run) for run in row["discarded"]]
+    facts += [("quarantine", row["quarantine"])] if row["quarantine"] else []
+    if facts:
+        yield _properties(facts)
     yield f"{_verdict(row)}{_figures(row)}</testcase>\n"
 
 
@@ -82,12 +87,20 @@ def _properties(facts: Iterable[tuple[str, str]]) -> str:
     return f"<properties>{''.join(found)}</properties>"
 
 
-def _verdict(row: Row) -> str:
+def _element(row: Row) -> str:
     element = _ELEMENTS.get(row["outcome"], "error")
+    return "skipped" if element and row["quarantine"] else element
+
+
+def _verdict(row: Row) -> str:
+    element = _element(row)
     if not element:
         return ""
     kind = row.get("reason") or row["outcome"]
     message = row.get("message") or row["outcome"]
+    if element == "skipped":
+        words = f"{row['quarantine']}; {row['outcome']}: {kind}: {message}"
+        return f"<skipped message={_quoted(words)}/>"
     return f"<{element} type={_quoted(kind)} message={_quoted(message)}/>"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bagpipe.row_facts import discarded_runs
+from bagpipe.row_facts import discarded_runs, quarantine_words
 
 Row = Mapping[str, Any]
 
@@ -45,6 +45,7 @@ SCHEMA = pa.schema(
         ("message", pa.string()),
         ("attempts", pa.int64()),
         ("discarded", pa.list_(pa.string())),
+        ("quarantine", pa.string()),
         ("seconds", pa.float64()),
         ("sent", pa.int64()),
         ("received", pa.int64()),
@@ -88,6 +89,7 @@ def _line(row: Row) -> dict[str, Any]:
     return {
         **{name: row.get(name) for name in SCHEMA.names if name in row},
         "discarded": [run["reason"] for run in discarded_runs(row)],
+        "quarantine": quarantine_words(row) or None,
         "values": json.dumps(row.get("values") or {}, sort_keys=True),
         "window_start_ns": window[1],
         "window_end_ns": window[2],

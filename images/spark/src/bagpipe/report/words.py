@@ -27,6 +27,13 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
     """One or two sentences: how many of how many cases, and by which criteria or reasons."""
     counts = manifest["counts"]
     planned = counts["planned"]
+    hidden = counts.get("quarantined", 0)
+    if manifest["verdict"] == "Passed" and hidden:
+        noun = "case" if planned == 1 else "cases"
+        return (
+            f"{counts['passed']:,} of {planned:,} {noun} passed; {hidden:,} did not and"
+            f" {'is' if hidden == 1 else 'are'} in quarantine."
+        )
     if manifest["verdict"] == "Passed":
         return f"All {planned:,} cases passed." if planned != 1 else "The one case passed."
     if not manifest["verdict"]:
@@ -37,7 +44,8 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
         if counts[outcome]
     ]
     # A job may fail by its comparison alone.
-    sentence = f"Of {planned:,} cases {' and '.join(counted) or 'none failed'}."
+    sentence = f"Of {planned:,} cases {' and '.join(counted) or 'none failed'}"
+    sentence += f"; {hidden:,} that did not pass are in quarantine." if hidden else "."
     causes = _causes(data)
     return f"{sentence} Most often: {causes}." if causes else sentence
 

@@ -52,6 +52,7 @@ class Cases(_Model):
     crashed: Count = 0
     lost: Count = 0
     regressed: Count = 0
+    quarantined: Count = 0
     # A driver of release 0.1 says `retried`.
     discarded: Annotated[Count, Field(validation_alias=AliasChoices("discarded", "retried"))] = 0
 

@@ -17,7 +17,7 @@ _ORDINARY = frozenset({"CasesRunning", "Planning", "DriverPending", "InProgress"
 _MOST_FAILURES = 3
 # Of each, what is not 0; in a terminal's block the first ones always.
 _ALWAYS = ("passed", "failed", "invalid", "errored", "running")
-_WORDS = (*_ALWAYS, "regressed", "crashed", "lost", "discarded")
+_WORDS = (*_ALWAYS, "regressed", "crashed", "lost", "quarantined", "discarded")
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ class Counts:
     crashed: int = 0
     lost: int = 0
     regressed: int = 0
+    quarantined: int = 0
     discarded: int = 0
 
     @property

@@ -33,7 +33,7 @@ function cellOf(key, at) {
   if (key === "values") return el("span", { role: "cell", title: valuesOf(at) }, valuesOf(at));
   if (key === "seconds") return el("span", { role: "cell", class: "n" }, figure(CASES.seconds[at]));
   if (key === "attempts") return el("span", { role: "cell", class: "n" }, CASES.attempts[at]);
-  const why = word(CASES.message, at) || word(CASES.reason, at);
+  const why = [quarantineOf(at), word(CASES.message, at) || word(CASES.reason, at)].filter(Boolean).join("; ");
   return el("span", { role: "cell", title: why }, why);
 }
 

@@ -8,6 +8,8 @@ const OUTCOMES = { P: "passed", F: "failed", I: "invalid", E: "errored", "-": "n
 const WORST_FIRST = ["F", "E", "I", "P"];
 
 const word = (column, at) => column.values[column.at[at]];
+// Until when and why a case does not count; empty for one that does.
+const quarantineOf = (at) => word(CASES.quarantine, at);
 const outcomeOf = (at) => OUTCOMES[CASES.outcome[at]];
 
 // What cases can be distinguished by: the matrix' variables first, then what every job has.
@@ -27,7 +29,7 @@ function valuesOf(at) {
 
 // What the search looks at, once for all.
 const HAYSTACK = CASES.case.map((name, at) =>
-  [name, word(CASES.fragment, at), word(CASES.reason, at), word(CASES.message, at), valuesOf(at)]
+  [name, word(CASES.fragment, at), word(CASES.reason, at), word(CASES.message, at), quarantineOf(at), valuesOf(at)]
     .join("\n").toLowerCase());
 
 // Order of a dimension's values: numbers by size, everything else as it came.

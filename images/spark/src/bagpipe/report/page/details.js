@@ -7,7 +7,7 @@ function choose(at) {
 function caseBlock(at, open) {
   const name = CASES.case[at];
   const summary = el("summary", {}, el("span", { class: `word ${outcomeOf(at)}` }, outcomeOf(at)), name,
-    el("small", {}, [word(CASES.reason, at), valuesOf(at)].filter(Boolean).join(" · ")));
+    el("small", {}, [quarantineOf(at) ? "in quarantine" : "", word(CASES.reason, at), valuesOf(at)].filter(Boolean).join(" · ")));
   const block = el("details", { class: "case", open, "data-case": name }, summary);
   const fill = () => { if (block.children.length === 1) block.append(...caseParts(at)); };
   if (open) fill();
@@ -21,6 +21,7 @@ function caseParts(at) {
   const detail = Object.hasOwn(DATA.details, name) ? DATA.details[name] : null;
   const message = detail ? detail.message : word(CASES.message, at);
   const parts = [message ? el("p", {}, message) : null];
+  if (quarantineOf(at)) parts.push(el("p", { class: "note" }, `This case is ${quarantineOf(at)}. It does not decide the verdict.`));
   parts.push(detail && detail.criteria.length ? findings(detail.criteria) : figuresOf(at));
   const discarded = detail ? detail.discarded : [word(CASES.discarded, at)].filter(Boolean);
   if (discarded.length) parts.push(el("h4", {}, "Runs that do not count"), el("pre", {}, discarded.join("\n")));
