@@ -221,6 +221,28 @@ def test_chance_alone_is_seldom_a_change() -> None:
     assert moved <= 8
 
 
+def test_what_is_in_quarantine_makes_nothing_worse_and_is_listed() -> None:
+    def run(number: int, words: str) -> Run:
+        broken = number >= 5
+        cases = tuple(
+            CaseOfRun(
+                f"a-{case}", "failed" if broken and case < 4 else "passed", 1.0, 0,
+                (Found("lane", "failed" if broken and case < 4 else "passed", 1.0, "m"),),
+                words if case < 5 else "",
+            )
+            for case in range(10)
+        )  # fmt: skip
+        return Run(f"r{number}", f"2026-10-{number + 1:02d}", "Passed", cases)
+
+    counting = history_of([run(number, "") for number in range(10)])
+    assert [each.worse for each in counting.criteria] == [5]
+    assert counting.quarantined == ()
+    found = history_of([run(number, "in quarantine" * (number >= 5)) for number in range(10)])
+    assert found.regressions == []
+    listed = [(each.case, each.passed, each.of) for each in found.quarantined]
+    assert listed == [*((f"a-{case}", 5, 10) for case in range(4)), ("a-4", 10, 10)]
+
+
 def test_a_case_that_broke_once_is_not_flaky_and_errors_of_machines_are_no_flips() -> None:
     def run(number: int, **outcomes: str) -> Run:
         found = (Found("lane", "passed", 1.0, "m"),)

@@ -1,6 +1,7 @@
 """`bagpipe plan`: the cases of a job before anything runs."""
 
 import json
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import yaml
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
+from bagpipe.cli.manifest import read_job, read_object
 from tests.unit.bagpipe.bags import steady, write_bag
 
 SPEC = {
@@ -166,3 +168,39 @@ def test_a_pattern_that_no_bag_matches_is_named_as_it_is_written(tmp_path: Path)
     source = {"bags": ["pvc://recordings/run[ab]/*.bag"], "topics": ["/scan"]}
     status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", source=source)
     assert (status, "run[ab]/*.bag" in text) == (2, True), text
+
+
+def test_what_would_be_in_quarantine_is_shown_with_what_to_do_about_it(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 100, 50_000_000), chunk_bytes=1024)
+    today = datetime.now(UTC).date()
+    days = [(today + timedelta(days=n)).isoformat() for n in (20, -1, 91, 5)]
+    names = ["a-0000-*", "a-0001-s0-pr-812", "*-released", "night-*"]
+    rules = [
+        {"cases": name, "reason": "issue 17", "until": day}
+        for name, day in zip(names, days, strict=True)
+    ]
+    arguments = ("--volume", f"recordings={tmp_path}")
+    status, text = run(tmp_path, *arguments, "--output", "json", quarantine=rules)
+    assert status == 0
+    found = json.loads(text)["quarantine"]
+    assert [rule["named"] for rule in found["rules"]] == [6, 1, 6, 0]
+    assert found["cases"] == 9
+    lines = [rule["toDo"] for rule in found["rules"]]
+    assert lines[:2] == ["", f"ended with {days[1]}: its cases count"]
+    assert lines[2].startswith(f"spec.quarantine of '*-released' holds until {days[2]}")
+    assert lines[3] == "names no case of this job: correct its pattern, or remove it"
+    status, text = run(tmp_path, *arguments, quarantine=rules)
+    assert "9 of them are in quarantine on" in text
+    assert "quarantine of 'night-*': names no case of this job" in text
+
+
+def test_a_day_needs_no_quotes_in_a_manifest(tmp_path: Path) -> None:
+    rules = [{"cases": "*", "reason": "issue 17", "until": "DAY"}]
+    run(tmp_path, quarantine=rules)
+    manifest = tmp_path / "job.yaml"
+    manifest.write_text(manifest.read_text().replace("DAY", "2026-12-31"))
+    assert read_job(manifest)[1].quarantine[0].until.isoformat() == "2026-12-31"
+    # As it goes to the API server, which takes texts only.
+    assert json.loads(json.dumps(read_object(manifest)[0]))["spec"]["quarantine"] == [
+        {"cases": "*", "reason": "issue 17", "until": "2026-12-31"}
+    ]

@@ -18,7 +18,12 @@ Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 def test_what_is_written_into_the_status() -> None:
-    progress = parse(account(failures=[{"case": "x-1", "reason": "Lost", "message": "m"}]))
+    progress = parse(
+        account(
+            cases={"planned": 4, "running": 2, "passed": 1, "quarantined": 2},
+            failures=[{"case": "x-1", "reason": "Lost", "message": "m"}],
+        )
+    )
     assert progress is not None
     assert progress.as_status() == {
         "cases": {
@@ -31,6 +36,7 @@ def test_what_is_written_into_the_status() -> None:
             "crashed": 0,
             "lost": 0,
             "regressed": 0,
+            "quarantined": 2,
             "discarded": 0,
         },
         "ledger": {"sent": 400, "received": 400, "dropped": 0, "leadIn": 8},

@@ -98,6 +98,7 @@ def test_a_good_job_from_creation_to_its_end() -> None:
         "crashed": 0,
         "lost": 0,
         "regressed": 0,
+        "quarantined": 0,
         "discarded": 0,
     }  # fmt: skip
     assert last["ledger"] == {"sent": 400, "received": 400, "dropped": 0, "leadIn": 8}

@@ -1,6 +1,7 @@
 """Results folders as drivers leave them, without a driver."""
 
 from collections.abc import Iterable
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -9,9 +10,13 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results, results_uri
 from bagpipe.driver.row_file import RowFile
+from bagpipe.quarantine import Quarantine
 from bagpipe.run.case_run import Row
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_job, make_row
+
+# The day of every such job, on which its quarantine is looked at.
+TODAY = date(2026, 11, 23)
 
 
 def publish(tmp_path: Path, rows: Iterable[Row], uid: str = "uid-1", **changed: Any) -> Path:
@@ -21,8 +26,10 @@ def publish(tmp_path: Path, rows: Iterable[Row], uid: str = "uid-1", **changed: 
     results = Results(job, storage)
     journal = Journal(storage, results.folder, 1)
     progress = Progress(results.folder)
+    quarantine = Quarantine(job.spec.quarantine, TODAY)
+    progress.look_at(quarantine)
     with RowFile(tmp_path / f"rows-{uid}") as file:
-        for row in rows:
+        for row in map(quarantine.marked, rows):
             file.add(row)
             progress.add(row)
         progress.begin(len(file))

@@ -66,6 +66,30 @@ def test_each_variant_is_a_suite_and_each_case_a_test() -> None:
     assert cases["a-0003"].findtext("system-out") == "stderr: a < b"
 
 
+def test_what_is_in_quarantine_is_skipped_with_all_that_it_did() -> None:
+    mark = {"cases": "a*", "reason": "issue 17", "until": "2026-12-31"}
+    root = junit(
+        make_row("a-0", "failed", "StackCrashed", quarantine=mark, stderr=["core"]),
+        make_row("a-1", quarantine=mark),
+        make_row("a-2", "errored", "StackNeverExited", quarantine=mark),
+        make_row("b-0", "failed", "Bad"),
+    )
+    [suite] = root
+    counts = [suite.get(k) for k in ("tests", "failures", "errors", "skipped")]
+    assert counts == ["4", "1", "0", "2"]
+    cases = {case.get("name"): case for case in root.iter("testcase")}
+    skipped = {name: case.find("skipped") for name, case in cases.items()}
+    messages = {name: each.get("message") for name, each in skipped.items() if each is not None}
+    assert messages == {
+        "a-0": "in quarantine until 2026-12-31: issue 17; failed: StackCrashed: why a-0",
+        "a-2": "in quarantine until 2026-12-31: issue 17; errored: StackNeverExited: why a-2",
+    }
+    assert cases["a-0"].findtext("system-out") == "stderr: core"
+    facts = {name: case.find("properties/property") for name, case in cases.items()}
+    shown = {name: fact.get("value") for name, fact in facts.items() if fact is not None}
+    assert shown == dict.fromkeys(("a-0", "a-1", "a-2"), "in quarantine until 2026-12-31: issue 17")
+
+
 def test_where_the_results_come_from_is_a_property_of_each_suite() -> None:
     busy = {"reason": "MachineBusy", "message": "late by 80 ms", "seconds": 5.25}
     root = junit(make_row("a", discarded=[busy, "AgentDied"]), make_row("b", variant="pr-812"))

@@ -168,6 +168,7 @@ def test_discarded_runs_and_the_machine_are_in_a_case_s_details() -> None:
             "Failed: 30 failed, 6 regressed, 3 crashed",
         ),
         ("Invalid", {"invalid": 2, "passed": 1}, "Invalid: 2 lack evidence"),
+        ("Passed", {"failed": 1, "quarantined": 1}, "Passed: 1 failed, 1 of these in quarantine"),
         ("", {"errored": 1200, "lost": 1}, "No verdict: 1 lost messages, 1,200 errored"),
     ],
 )

@@ -115,6 +115,31 @@ class Quarantine:
         return plain if rule is None else plain | {"quarantine": rule.model_dump()}
 
 
+def planned(rules: Sequence[QuarantineRule], cases: Sequence[str], day: date) -> dict[str, Any]:
+    """What a job of these cases would have in quarantine if it began on that day: `day`, how many
+    `cases`, and for each of `rules` how many it names and what is to be done about it.
+    """
+    quarantine = Quarantine(rules, day)
+    named = Counter(at for case in cases for at in quarantine.matching(case))
+    return {
+        "day": day.isoformat(),
+        "cases": sum(quarantine.rule_of(case) is not None for case in cases),
+        "rules": [
+            rule.model_dump() | {"named": named[at], "toDo": _before(quarantine, rule, named[at])}
+            for at, rule in enumerate(rules)
+        ],
+    }
+
+
+def _before(quarantine: Quarantine, rule: QuarantineRule, named: int) -> str:
+    """What is to be done about a rule before its job runs; empty for nothing."""
+    if wrong := too_long([rule], quarantine.day):
+        return wrong[0]
+    if not named:
+        return "names no case of this job: correct its pattern, or remove it"
+    return "" if quarantine.holds(rule) else f"ended with {rule.until}: its cases count"
+
+
 class QuarantineTally:
     """Counts what became of the cases that each rule names."""
 

@@ -57,8 +57,9 @@ def history_command(
     FOLDER is a folder of this machine or a URI, such as the output.uri of a schedule. Of each run
     results.parquet is read where it lies. A criterion is worse where a larger share of cases fails
     since some run, by more than chance explains, and still does: Fisher's exact test of all cases
-    before and since, at 1 % over all runs together. Figures are others where the medians of runs
-    are since some run, by the test of Mann and Whitney at the same level.
+    before and since, at 1 % over all runs together; what a run had in quarantine is left out and
+    listed. Figures are others where the medians of runs are since some run, by the test of Mann and
+    Whitney at the same level.
 
     The exit status is 0 if nothing got worse, 1 if something did, and 2 if nothing can be read.
 
@@ -129,6 +130,7 @@ def _data(history: History) -> dict[str, Any]:
             for each in history.criteria
         ],
         "flaky": [vars(each) for each in history.flaky],
+        "quarantined": [vars(each) for each in history.quarantined],
         "slowest": [{"case": case, "seconds": seconds} for case, seconds in history.slowest],
     }
 
@@ -158,6 +160,10 @@ def _show(history: History, console: Console) -> None:
             escape(plain(f"flaky: {flaky.case}, {flaky.flips} changes in {flaky.of} steps")),
             highlight=False,
         )
+    for kept in history.quarantined[:_NAMED]:
+        end = ", so that it could end" if kept.passed == kept.of else ""
+        runs = f"passed in {kept.passed} of {kept.of} runs{end}"
+        console.print(escape(plain(f"{kept.case}, {kept.words}: {runs}")), highlight=False)
     for case, seconds in history.slowest[:_NAMED]:
         console.print(escape(plain(f"slow: {case}, {seconds:.1f} s")), highlight=False)
 

@@ -86,7 +86,7 @@ def _only_job(path: Path) -> tuple[Mapping[str, Any], int]:
 
 def _objects(path: Path) -> list[Mapping[str, Any]]:
     try:
-        found = list(yaml.load_all(_text(path), _Loader))  # noqa: S506  a SafeLoader
+        found = list(yaml.load_all(_text(path), _Loader))
     except OSError as error:
         raise ManifestError(f"{path} can't be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
 from bagpipe.plan.made import Plan
 from bagpipe.plan.variant import check_templates
+from bagpipe.quarantine import planned
 from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec, claims
 from bagpipe.storage import Storage, StorageError
@@ -103,8 +105,17 @@ def describe(
             {"bag": bag.bag, "reason": bag.reason, "message": bag.message}
             for bag in (made.unplanned if made else [])
         ],
+        "quarantine": _quarantine(spec, made),
         "estimate": estimate(spec, made.cases, earlier) if made else None,
     }  # fmt: skip
+
+
+def _quarantine(spec: SimulationJobSpec, made: Plan | None) -> dict[str, Any] | None:
+    """What would be in quarantine today; None without rules, or where no case is known."""
+    if not spec.quarantine or made is None:
+        return None
+    names = [case.id for case in made.cases] + [bag.id for bag in made.unplanned]
+    return planned(spec.quarantine, names, datetime.now(UTC).date())
 
 
 def _output_only(spec: SimulationJobSpec) -> set[str]:
@@ -227,6 +238,12 @@ def _show_sums(description: dict[str, Any], console: Console) -> None:
             f"\n{cases} cases: {fragments} fragments, each under {description['conditions']}"
             " conditions."
         )
+    if found := description["quarantine"]:
+        console.print(f"{found['cases']} of them are in quarantine on {found['day']} (UTC).")
+        for rule in found["rules"]:
+            if rule["toDo"]:
+                line = f"quarantine of {rule['cases']!r}: {rule['toDo']}"
+                console.print(escape(line), highlight=False, soft_wrap=True)
     for bag in description["unplanned"]:
         console.print(
             f"[red]{escape(bag['reason'])}[/red] {escape(bag['message'])}", soft_wrap=True

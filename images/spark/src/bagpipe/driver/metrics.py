@@ -40,8 +40,8 @@ class _ProgressCollector(Collector):
         snapshot = self._progress.snapshot()
         cases = GaugeMetricFamily(
             "bagpipe_cases",
-            "Cases of the job by state; crashed, lost, regressed and quarantined ones are among the "
-            "others, and discarded counts runs that do not count.",
+            "Cases of the job by state; crashed, lost, regressed and quarantined ones are among "
+            "the others, and discarded counts runs that do not count.",
             labels=["state"],
         )
         for state, count in snapshot["cases"].items():

@@ -10,6 +10,7 @@ from bagpipe.history.run import Found, Run
 from bagpipe.history.steps import more_fail_since, moved_since
 
 _MOST = 10
+_MOST_QUARANTINED = 200
 # What a criterion found in a run, with the names of the cases.
 _Findings = list[tuple[str, Found]]
 
@@ -49,13 +50,29 @@ class Flaky:
 
 
 @dataclass(frozen=True)
+class Quarantined:
+    """A case that is in quarantine in the last run: until when and why, and in how many of its runs
+    it passed. One that passed in all of them may need no quarantine any more.
+    """
+
+    case: str
+    words: str
+    passed: int
+    of: int
+
+
+@dataclass(frozen=True)
 class History:
-    """What the runs show, oldest first. `slowest` has the median seconds of cases."""
+    """What the runs show, oldest first. `slowest` has the median seconds of cases.
+
+    What a run had in quarantine makes no criterion worse; it is among the flaky and slow ones.
+    """
 
     runs: tuple[Run, ...]
     criteria: tuple[CriterionHistory, ...]
     flaky: tuple[Flaky, ...]
     slowest: tuple[tuple[str, float], ...]
+    quarantined: tuple[Quarantined, ...] = ()
 
     @property
     def regressions(self) -> list[CriterionHistory]:
@@ -70,6 +87,8 @@ def history_of(runs: Sequence[Run]) -> History:
     for run in runs:
         by_name.append(defaultdict(list))
         for case in run.cases:
+            if case.quarantine:
+                continue
             for found in case.criteria:
                 names[found.name] = found.unit or names.get(found.name, "")
                 by_name[-1][found.name].append((case.name, found))
@@ -77,7 +96,8 @@ def history_of(runs: Sequence[Run]) -> History:
         _criterion(name, unit, [each.get(name, []) for each in by_name])
         for name, unit in names.items()
     )
-    return History(tuple(runs), criteria, tuple(_flaky(runs)), tuple(_slowest(runs)))
+    quarantined = tuple(_quarantined(runs))
+    return History(tuple(runs), criteria, tuple(_flaky(runs)), tuple(_slowest(runs)), quarantined)
 
 
 def _criterion(name: str, unit: str, runs: Sequence[_Findings]) -> CriterionHistory:
@@ -116,6 +136,19 @@ def _flaky(runs: Sequence[Run]) -> Iterator[Flaky]:
         if flips >= 2:
             found.append(Flaky(case, flips, len(outcomes) - 1))
     yield from sorted(found, key=lambda each: (-each.flips / each.of, each.case))[:_MOST]
+
+
+def _quarantined(runs: Sequence[Run]) -> Iterator[Quarantined]:
+    last = [case for case in runs[-1].cases if case.quarantine][:_MOST_QUARANTINED] if runs else []
+    names = {case.name for case in last}
+    outcomes: dict[str, Counter[str]] = defaultdict(Counter)
+    for run in runs:
+        for case in run.cases:
+            if case.name in names:
+                outcomes[case.name][case.outcome] += 1
+    for case in last:
+        found = outcomes[case.name]
+        yield Quarantined(case.name, case.quarantine, found["passed"], found.total())
 
 
 def _slowest(runs: Sequence[Run]) -> Iterator[tuple[str, float]]:

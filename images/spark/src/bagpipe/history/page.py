@@ -26,6 +26,7 @@ def page(history: History, title: str) -> str:
         cases=cases[:_MOST_CASES],
         left_out=max(0, len(cases) - _MOST_CASES),
         flaky=history.flaky,
+        quarantined=history.quarantined,
         slowest=history.slowest,
     )
 
