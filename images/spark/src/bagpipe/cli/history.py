@@ -162,8 +162,8 @@ def _show(history: History, console: Console) -> None:
         )
     for kept in history.quarantined[:_NAMED]:
         end = ", so that it could end" if kept.passed == kept.of else ""
-        runs = f"passed in {kept.passed} of {kept.of} runs{end}"
-        console.print(escape(plain(f"{kept.case}, {kept.words}: {runs}")), highlight=False)
+        shares = f"passed in {kept.passed} of {kept.of} runs{end}"
+        console.print(escape(plain(f"{kept.case}, {kept.words}: {shares}")), highlight=False)
     for case, seconds in history.slowest[:_NAMED]:
         console.print(escape(plain(f"slow: {case}, {seconds:.1f} s")), highlight=False)
 
