@@ -28,7 +28,7 @@ days = st.one_of(
 texts = st.one_of(st.text(max_size=6), st.sampled_from([" ", "\t\n", "\u00a0", "\v", "a" * 501]))
 
 
-def said_by_the_model(value: dict[str, Any]) -> str:
+def refusal_of_the_model(value: dict[str, Any]) -> str:
     try:
         QuarantineRule.model_validate(value)
     except ValidationError as error:
@@ -44,13 +44,13 @@ def said_by_the_model(value: dict[str, Any]) -> str:
 @example("2026-12-31\n")
 def test_the_same_days(day: str) -> None:
     value = GOOD | {"until": day}
-    assert bool(refusals(SCHEMA, value)) == bool(said_by_the_model(value))
+    assert bool(refusals(SCHEMA, value)) == bool(refusal_of_the_model(value))
 
 
 @given(texts, texts)
 def test_the_same_texts(cases: str, reason: str) -> None:
     value = GOOD | {"cases": cases, "reason": reason}
-    assert bool(refusals(SCHEMA, value)) == bool(said_by_the_model(value))
+    assert bool(refusals(SCHEMA, value)) == bool(refusal_of_the_model(value))
 
 
 def test_every_day_of_four_years_is_taken() -> None:
@@ -68,4 +68,4 @@ def test_every_day_of_four_years_is_taken() -> None:
     ],
 )
 def test_the_sentences_say_what_to_write(changed: dict[str, Any], words: str) -> None:
-    assert said_by_the_model(GOOD | changed).startswith(words)
+    assert refusal_of_the_model(GOOD | changed).startswith(words)

@@ -130,7 +130,7 @@ class Results:
         if self.storage.exists(uri):
             yield from StoredResults(self.folder, self.storage).rows()
             return
-        # A journal's rows may bear the marks of a manifest that was edited since.
+        # A journal's rows may have the marks of a manifest that was edited since.
         quarantine = Quarantine.decided(manifest.get("quarantine"))
         entries = manifest["cases"]
         counted = {_key(entry) for entry in entries}

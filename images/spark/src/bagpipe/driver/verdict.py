@@ -13,7 +13,7 @@ MOST_WHY = 600
 
 @dataclass(frozen=True)
 class Verdict:
-    """The word, the one word for its reason (empty for Passed), and what else is to be said."""
+    """The word, the one word for its reason (empty for Passed), and what else there is to say."""
 
     word: str
     reason: str = ""
