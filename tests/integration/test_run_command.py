@@ -66,7 +66,8 @@ def test_a_real_job_passes_and_leaves_what_a_cluster_leaves(laptop: Laptop) -> N
     assert (result["phase"], result["verdict"]) == ("Complete", "Passed")
     assert result["counts"] | {"discarded": 0} == {
         "planned": 4, "running": 0, "passed": 4, "failed": 0, "invalid": 0, "errored": 0,
-        "crashed": 0, "lost": 0, "regressed": 0, "discarded": 0,
+        "crashed": 0, "lost": 0, "regressed": 0, "quarantined": 0,
+        "discarded": 0,
     }  # fmt: skip
     ledger = result["ledger"]
     assert (ledger["sent"], ledger["received"], ledger["dropped"]) == (MESSAGES, MESSAGES, 0)

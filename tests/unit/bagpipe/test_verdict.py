@@ -89,6 +89,29 @@ def test_what_a_comparison_says_makes_a_verdict_graver_and_never_better(
     assert ended(outcomes, found=found).verdict == expected
 
 
+WORSE = [row(n, v, figure=1.0 + (v == "pr-812")) for n in range(6) for v in ("released", "pr-812")]
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        ([], "WorseCriteria"),
+        ([row(6, "released")], "Regressed"),
+        ([row(6, "released"), row(6, "pr-812", "failed")], "Regressed"),
+    ],
+)
+def test_the_gravest_cause_is_the_reason(more: list[dict[str, Any]], reason: str) -> None:
+    found = Compared([only([*WORSE, *more]).as_json()])
+    assert ended(["passed"], found=found).verdict_reason == reason
+
+
+def test_what_comparisons_say_takes_a_bounded_part_of_the_message() -> None:
+    comparison = only([row(0, "released"), row(0, "pr-812", "failed")]).as_json()
+    found = Compared([comparison | {"variant": "x" * 300}] * 4)
+    sentence = ended(["passed"], found=found).message
+    assert len(sentence.removeprefix("1 of 1 cases ran, verdict Failed")) == 600
+
+
 @given(evidence)
 def test_a_baseline_that_can_t_be_read_leaves_no_job_passed(outcomes: list[str]) -> None:
     found = Compared(reason="BaselineUnreadable", message="spec.baseline can't be read: gone")
