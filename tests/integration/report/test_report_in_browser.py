@@ -152,6 +152,25 @@ def test_discarded_runs_and_the_origin_are_shown(browser: webdriver.Chrome, page
         assert word in shown
 
 
+def test_a_case_in_quarantine_says_so_and_is_found_by_it(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    mark = {"cases": "*", "reason": "issue <b>17</b>", "until": "2026-12-31"}
+    rows = drive_rows(288)
+    failed = [row["case"] for row in rows if row["outcome"] == "failed"]
+    rows = [row | {"quarantine": mark} if row["case"] == failed[-1] else row for row in rows]
+    opened(browser, page, rows)
+    assert text_of(browser, ".counts .quarantined") == "1 of these in quarantine"
+    browser.find_element(By.ID, "search").send_keys("issue <b>17")
+    assert found(browser) == f"1 of {len(rows)} cases"
+    body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
+    assert "in quarantine until 2026-12-31: issue <b>17</b>; " in body.text
+    body.send_keys(Keys.HOME, Keys.ENTER)
+    chosen = awaited(browser, "#chosen .case", lambda case: failed[-1] in case.text)
+    assert "This case is in quarantine until 2026-12-31: issue <b>17</b>." in chosen.text
+    assert logged(browser, "browser") == []
+
+
 def test_a_field_of_the_matrix_filters_the_cases(browser: webdriver.Chrome, page: Path) -> None:
     rows = [row for row in drive_rows(288) if row["outcome"] != "errored"]
     opened(browser, page, rows)

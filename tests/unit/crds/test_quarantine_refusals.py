@@ -25,7 +25,10 @@ days = st.one_of(
     st.text(max_size=12),
     st.sampled_from(["2026-12-31T00:00:00Z", "1798675200", "2026-1-1", "２026-01-01"]),
 )
-texts = st.one_of(st.text(max_size=6), st.sampled_from([" ", "\t\n", "\u00a0", "\v", "a" * 501]))
+texts = st.one_of(
+    st.text(max_size=6),
+    st.sampled_from([" ", "\t\n", "\u00a0", "\v", *("a" * n for n in (253, 254, 500, 501))]),
+)
 
 
 def refusal_of_the_model(value: dict[str, Any]) -> str:
