@@ -34,6 +34,7 @@ for name, command, short_help in (
     ("compare", "compare_command", "Compare two jobs' results, case by case."),
     ("report", "report_command", "Make the HTML page of a job's results."),
     ("replay", "replay_command", "Run a case of a job again on this machine."),
+    ("bisect", "bisect_command", "Judge a commit by cases, for git bisect run."),
     ("history", "history_command", "Show what got worse over many runs."),
     ("open", "open_command", "Put a case into a file that viewers show."),
     ("bag", "bag_group", "Look into ROS 1 bags, cut, join, check them."),

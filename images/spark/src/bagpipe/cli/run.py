@@ -1,6 +1,7 @@
 """`bagpipe run`: the same job on this machine, without Kubernetes."""
 
 import importlib.util
+import math
 import os
 import shutil
 import uuid
@@ -120,10 +121,24 @@ def run_command(manifest: Path, **given: Any) -> None:
 
 def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     name, whole = read_job(manifest)
-    marks = read_marks(manifest)
     spec = of_variants(whole, wanted.variants)
     if wanted.cases:
         spec = without_missing(spec)
+    return run_spec(name, spec, read_marks(manifest), wanted)
+
+
+def run_spec(
+    name: str,
+    spec: SimulationJobSpec,
+    marks: dict[str, dict[str, str]],
+    wanted: Wanted,
+    seconds: float = math.inf,
+) -> dict[str, Any]:
+    """Run a job as `wanted` says, and describe its results as `bagpipe results` does.
+
+    It is ended after `seconds`. Raises StorageError, MatrixError, ReplayError, and RunError with
+    what this machine lacks or what ended the run.
+    """
     volumes = folders(wanted.volumes)
     folder = wanted.results or Path("bagpipe-results", name)
     agent = _checked(spec, volumes, wanted)
@@ -146,7 +161,7 @@ def _run(manifest: Path, wanted: Wanted) -> dict[str, Any]:
     )
     with Showing(console, slots, wanted.spark) as showing:
         driver = Driver(slots, wanted.cases, wanted.spark)
-        progress = run_here(job, agent, driver, folder, showing.show)
+        progress = run_here(job, agent, driver, folder, showing.show, seconds)
     results = results_at(str(folder), {})
     if not (folder / "manifest.json").exists():
         message = f"{progress['reason']}: {progress['message']}"

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import select
 import signal
@@ -35,11 +36,21 @@ class RunError(Exception):
     """The job can't be run here, or was interrupted; the sentence says what to do."""
 
 
+class RunInterruptedError(RunError):
+    """Ctrl-C or SIGTERM ended the run."""
+
+
+class RunTooLongError(RunError):
+    """The run's deadline ended it."""
+
+
 @dataclass
 class Ending:
     """Ctrl-C and SIGTERM while a block runs: counted, so that nothing is left behind by them."""
 
     count: int = 0
+    # Of time.monotonic(): from here on the run is ended as by one of them.
+    until: float = math.inf
     _before: dict[int, Any] = field(default_factory=dict)
 
     def __enter__(self) -> "Ending":
@@ -51,6 +62,11 @@ class Ending:
     def __exit__(self, *_error: object) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+
+    @property
+    def late(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() > self.until
 
     def _note(self, _number: int, _frame: FrameType | None) -> None:
         self.count += 1
@@ -80,13 +96,16 @@ def run_here(
     wanted: Driver,
     logs: Path,
     show: Callable[[ProgressReport], None],
+    seconds: float = math.inf,
 ) -> ProgressReport:
     """Run a job on this machine; `show` gets where it is, the last time when it has ended.
 
     The processes' words go to agent.log and driver.log in `logs`. Raises ReplayError where the
-    agent does not start, RunError where the driver ends without an account.
+    agent does not start, RunInterruptedError, RunTooLongError after so many `seconds`, and RunError
+    where the driver ends without an account.
     """
-    with tempfile.TemporaryDirectory(prefix="bagpipe-run-") as scratch, Ending() as ending:
+    ending = Ending(until=time.monotonic() + seconds)
+    with tempfile.TemporaryDirectory(prefix="bagpipe-run-") as scratch, ending:
         shared, file = Path(scratch, "shared"), Path(scratch, "job.json")
         shared.mkdir()
         file.write_text(job.model_dump_json(by_alias=True))
@@ -95,8 +114,12 @@ def run_here(
             _driver(wanted.command(file, shared), logs / "driver.log") as driver,
         ):
             progress = _followed(driver, ending, show)
-    if ending.count and (progress is None or progress["phase"] not in ENDED):
-        raise RunError(f"interrupted{_done(progress)}; --resume goes on with the other cases")
+    unended = progress is None or progress["phase"] not in ENDED
+    if ending.count and unended:
+        done = _done(progress)
+        raise RunInterruptedError(f"interrupted{done}; --resume goes on with the other cases")
+    if ending.late and unended:
+        raise RunTooLongError(f"not ended within {seconds:g} s{_done(progress)}")
     if progress is None or driver.returncode not in _ENDED_OF_ITSELF:
         raise RunError(_died(driver.returncode, logs / "driver.log"))
     return progress
@@ -144,7 +167,7 @@ def _followed(
             progress = json.loads(lines[-1]) if lines else progress
         if progress is not None:
             show(progress)
-        if ending.count and asked_at is None:
+        if (ending.count or ending.late) and asked_at is None:
             asked_at = time.monotonic()
             driver.terminate()
         if asked_at and (ending.count > 1 or time.monotonic() - asked_at > _END_SECONDS):

@@ -1,0 +1,174 @@
+"""`bagpipe bisect`: one step of `git bisect run`, by some cases of a job."""
+
+import subprocess
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+
+from bagpipe.cli.cluster.watching import Seconds
+from bagpipe.cli.judged_step import Step, is_decided, of_round, of_rounds
+from bagpipe.cli.manifest import ManifestError, read_job, read_marks
+from bagpipe.cli.places import RefusedError, volume_option
+from bagpipe.cli.run import Wanted, run_spec
+from bagpipe.cli.running import RunError, RunInterruptedError
+from bagpipe.cli.terminal import plain
+from bagpipe.matrix.faults import MatrixError
+from bagpipe.run.laptop import ReplayError
+from bagpipe.spec import SimulationJobSpec
+from bagpipe.storage import StorageError
+
+# As `git bisect run` reads them: from 128 on it stops, and every other number but 0 and 125 is bad.
+_STATUS = {"good": 0, "bad": 1, "unknown": 125}
+_INTERRUPTED = 130
+_USAGE = 129
+_COLOURS = {"good": "green", "bad": "red", "unknown": "yellow"}
+_GIT_SECONDS = 30
+
+
+class _Step(click.Command):
+    """A command whose mistakes in the command line stop `git bisect run`: 2 would be bad."""
+
+    def make_context(
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: object,
+    ) -> click.Context:
+        """The context; a fault of usage has a status of its own."""
+        try:
+            return super().make_context(info_name, args, parent, **extra)
+        except click.UsageError as error:
+            error.show()
+            raise SystemExit(_USAGE) from error
+
+
+@click.command("bisect", cls=_Step)
+@click.argument("manifest", type=click.Path(path_type=Path))
+@click.option(
+    "--case",
+    "cases",
+    multiple=True,
+    required=True,
+    metavar="NAME",
+    help="The case, or those whose names match, such as 'night-*'. May be repeated.",
+)
+@click.option(
+    "--rounds",
+    type=click.IntRange(1, 100),
+    default=1,
+    show_default=True,
+    help="Run them so often. Rounds that disagree are 125.",
+)
+@click.option(
+    "--timeout",
+    type=Seconds(),
+    default="1h",
+    show_default=True,
+    help="How long a round may take. One that takes longer is 125.",
+)
+@click.option(
+    "--results",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="The folder of all steps' results.  [default: ./bagpipe-results/JOB-bisect]",
+)
+@volume_option
+@click.option("--slots", type=click.IntRange(1, 64), help="As of bagpipe run.")
+@click.option(
+    "--agent", default="bagpipe-agent", show_default=True, help="The program bagpipe-agent."
+)
+def bisect_command(
+    manifest: Path,
+    cases: tuple[str, ...],
+    rounds: int,
+    timeout: float,
+    results: Path | None,
+    volumes: tuple[str, ...],
+    slots: int | None,
+    agent: str,
+) -> None:
+    """Run cases of the SimulationJob in MANIFEST on what is checked out, for `git bisect run`.
+
+    They are run as `bagpipe run` does, in a folder of results for each commit and round. The job's
+    verdict is not asked, and so neither its baseline nor its quarantine: only the cases' outcomes.
+
+    The exit status is 0 if all passed, 1 if one failed, and 125, by which git passes a commit over,
+    if nothing was shown: a case is invalid or errored, rounds disagree, the job is refused here or
+    took too long. It is 129 for a mistake in the command line and 130 after Ctrl-C, by which git
+    stops. Those of bagpipe run are not for git, which takes 2 for a bad commit. Build before it,
+    and end with 125 where that fails.
+
+    \b
+    git bisect start BAD GOOD
+    git bisect run bagpipe bisect job.yaml --case night-0004 --rounds 3
+    git bisect run sh -c 'make || exit 125; bagpipe bisect job.yaml --case night-0004'
+    """
+    console = Console(stderr=True, emoji=False)
+    wanted = Wanted(
+        volumes=volumes, results=results, slots=slots, cases=cases, variants=(), agent=agent,
+        resume=False, replace=True, spark=False, output="table",
+    )  # fmt: skip
+    try:
+        step = _judged(manifest, wanted, rounds, timeout)
+    except (RunInterruptedError, KeyboardInterrupt) as error:
+        click.echo(f"interrupted: {error}" if str(error) else "interrupted", err=True)
+        raise SystemExit(_INTERRUPTED) from None
+    except Exception as error:  # noqa: BLE001  whatever it is, it shows nothing of the commit
+        known = isinstance(error, (ManifestError, MatrixError, RefusedError, StorageError))
+        text = str(error) if known else f"{type(error).__name__}: {error}"
+        step = Step("unknown", f"could not be run: {text}")
+    colour = _COLOURS[step.word]
+    why = escape(plain(step.why))
+    console.print(
+        f"[bold {colour}]{step.word}[/]  {_commit()}: {why}", highlight=False, soft_wrap=True
+    )
+    raise SystemExit(_STATUS[step.word])
+
+
+def _judged(manifest: Path, wanted: Wanted, rounds: int, seconds: float) -> Step:
+    name, whole = read_job(manifest)
+    marks = read_marks(manifest)
+    folder = (wanted.results or Path("bagpipe-results", f"{name}-bisect")) / _commit()
+    found: list[Step] = []
+    for number in range(rounds):
+        of_it = Wanted(**(vars(wanted) | {"results": folder / f"round-{number}"}))
+        found.append(_round(name, _alone(whole), marks, of_it, seconds))
+        if is_decided(found):
+            break
+    return of_rounds(found)
+
+
+def _round(
+    name: str,
+    spec: SimulationJobSpec,
+    marks: dict[str, dict[str, str]],
+    wanted: Wanted,
+    seconds: float,
+) -> Step:
+    try:
+        found = run_spec(name, spec, marks, wanted, seconds)
+    except RunInterruptedError:
+        raise
+    except (RunError, ReplayError) as error:
+        return Step("unknown", str(error))
+    return of_round(found["cases"], found["counts"]["planned"])
+
+
+def _alone(spec: SimulationJobSpec) -> SimulationJobSpec:
+    """The job without what speaks of other jobs, and of cases that are not to be looked at."""
+    return spec.model_copy(update={"baseline": None, "quarantine": [], "max_failed_cases": None})
+
+
+def _commit() -> str:
+    """What is checked out here, in short; `here` outside of a repository."""
+    command = ["git", "rev-parse", "--short=12", "HEAD"]
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, timeout=_GIT_SECONDS, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return "here"
+    word = done.stdout.strip()
+    return word if done.returncode == 0 and word.isalnum() else "here"
