@@ -1,16 +1,20 @@
-"""`bagpipe bisect`: one step of `git bisect run`, by some cases of a job."""
+"""`bagpipe bisect`: the first bad commit, as a step of `git bisect run`, or the first bad image."""
 
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
 from rich.markup import escape
 
+from bagpipe.cli.bisect_images import Images, search
+from bagpipe.cli.cluster.place import Place, place_options
 from bagpipe.cli.cluster.watching import Seconds
 from bagpipe.cli.judged_step import Step, is_decided, of_round, of_rounds
 from bagpipe.cli.manifest import ManifestError, read_job, read_marks
-from bagpipe.cli.places import RefusedError, volume_option
+from bagpipe.cli.places import RefusedError, output_option, volume_option
 from bagpipe.cli.run import Wanted, run_spec
 from bagpipe.cli.running import RunError, RunInterruptedError
 from bagpipe.cli.terminal import plain
@@ -43,6 +47,41 @@ class _Step(click.Command):
         except click.UsageError as error:
             error.show()
             raise SystemExit(_USAGE) from error
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What the command line says beside the manifest."""
+
+    cases: tuple[str, ...]
+    rounds: int
+    timeout: float
+    results: Path | None
+    volumes: tuple[str, ...]
+    slots: int | None
+    agent: str
+    good: str | None
+    bad: str | None
+    images: Path | None
+    place: Place
+    output: str
+
+    def of_images(self) -> Images:
+        """A search of images; ends the program where a part of it is missing."""
+        if not (self.good and self.bad and self.images):
+            click.UsageError("--good, --bad and --images go together: write all three").show()
+            raise SystemExit(_USAGE)
+        return Images(
+            self.good, self.bad, self.images, self.cases, self.rounds, self.timeout, self.volumes,
+            self.place, self.output,
+        )  # fmt: skip
+
+    def of_a_run(self) -> Wanted:
+        """A run on this machine."""
+        return Wanted(
+            volumes=self.volumes, results=self.results, slots=self.slots, cases=self.cases,
+            variants=(), agent=self.agent, resume=False, replace=True, spark=False, output="table",
+        )  # fmt: skip
 
 
 @click.command("bisect", cls=_Step)
@@ -79,20 +118,21 @@ class _Step(click.Command):
 @click.option(
     "--agent", default="bagpipe-agent", show_default=True, help="The program bagpipe-agent."
 )
-def bisect_command(
-    manifest: Path,
-    cases: tuple[str, ...],
-    rounds: int,
-    timeout: float,
-    results: Path | None,
-    volumes: tuple[str, ...],
-    slots: int | None,
-    agent: str,
-) -> None:
-    """Run cases of the SimulationJob in MANIFEST on what is checked out, for `git bisect run`.
+@click.option("--good", metavar="IMAGE", help="The image that is good; with --bad and --images.")
+@click.option("--bad", metavar="IMAGE", help="The image that is bad.")
+@click.option(
+    "--images",
+    type=click.Path(path_type=Path, dir_okay=False, allow_dash=True),
+    help="A file with the images between them, one in a line, the oldest first; - is stdin.",
+)
+@place_options
+@output_option
+def bisect_command(manifest: Path, **given: Any) -> None:
+    """Find the commit, or the image, that broke cases of the SimulationJob in MANIFEST.
 
-    They are run as `bagpipe run` does, in a folder of results for each commit and round. The job's
-    verdict is not asked, and so neither its baseline nor its quarantine: only the cases' outcomes.
+    Without images it is one step of `git bisect run`, of what is checked out. The cases are run as
+    `bagpipe run` does, in a folder of results for each commit and round. The job's verdict is not
+    asked, and so neither its baseline nor its quarantine: only the cases' outcomes.
 
     The exit status is 0 if all passed, 1 if one failed, and 125, by which git passes a commit over,
     if nothing was shown: a case is invalid or errored, rounds disagree, the job is refused here or
@@ -100,18 +140,24 @@ def bisect_command(
     stops. Those of bagpipe run are not for git, which takes 2 for a bad commit. Build before it,
     and end with 125 where that fails.
 
+    With --good, --bad and --images a job with all its cases runs in the cluster for each image that
+    is looked at, under a name of its own, and is deleted when its results are read; --volume says
+    where a claim's are. Both ends come first. The exit status is 0 if one image is the first bad
+    one, 1 if it is one of several since some can't be judged, and 2 if an end is not what it was
+    called, or the cluster refuses the job.
+
     \b
     git bisect start BAD GOOD
     git bisect run bagpipe bisect job.yaml --case night-0004 --rounds 3
     git bisect run sh -c 'make || exit 125; bagpipe bisect job.yaml --case night-0004'
+    bagpipe bisect job.yaml --case night-0004 --good lane:1.4 --bad lane:1.5 --images tags.txt
     """
+    asked = _Asked(**given)
+    if asked.good or asked.bad or asked.images:
+        raise SystemExit(search(manifest, asked.of_images()))
     console = Console(stderr=True, emoji=False)
-    wanted = Wanted(
-        volumes=volumes, results=results, slots=slots, cases=cases, variants=(), agent=agent,
-        resume=False, replace=True, spark=False, output="table",
-    )  # fmt: skip
     try:
-        step = _judged(manifest, wanted, rounds, timeout)
+        step = _judged(manifest, asked.of_a_run(), asked.rounds, asked.timeout)
     except (RunInterruptedError, KeyboardInterrupt) as error:
         click.echo(f"interrupted: {error}" if str(error) else "interrupted", err=True)
         raise SystemExit(_INTERRUPTED) from None

@@ -75,6 +75,16 @@ class Cluster:
             field_manager="bagpipe", field_validation="Strict", _request_timeout=self.seconds,
         ))  # fmt: skip
 
+    def delete(self, name: str) -> None:
+        """Delete a job; one that is not there is deleted. Raises ClusterError."""
+        try:
+            self._called("delete", name, lambda: self.custom.delete_namespaced_custom_object(
+                GROUP, VERSION, self.namespace, PLURAL, name, _request_timeout=self.seconds,
+            ))  # fmt: skip
+        except ClusterError as error:
+            if error.status != 404:
+                raise
+
     def changes(self, name: str, version: str, seconds: float) -> Iterator[tuple[str, Json]]:
         """(`ADDED`, `MODIFIED` or `DELETED`, job) since a version, for at most `seconds`.
 
