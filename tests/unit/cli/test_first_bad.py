@@ -16,6 +16,11 @@ between: st.SearchStrategy[list[Word]] = st.lists(
 )
 
 
+def broken(first: int, count: int) -> list[Word]:
+    """Versions of which this one is the first bad one."""
+    return ["bad" if number >= first else "good" for number in range(count)]
+
+
 def searched(versions: list[Word]) -> tuple[dict[int, Word], list[int]]:
     """What the search has seen of these versions, and in which order it looked."""
     words: dict[int, Word] = {}
@@ -32,7 +37,7 @@ def test_the_first_bad_one_is_found_in_as_few_looks_as_there_can_be(
     count: int, data: st.DataObject
 ) -> None:
     first = data.draw(st.integers(1, count - 1))
-    words, looks = searched(["good"] * first + ["bad"] * (count - first))
+    words, looks = searched(broken(first, count))
     assert found(count, words) == Found(first - 1, (first,))
     assert looks[:2] == [0, count - 1]
     assert len(looks) <= 2 + math.ceil(math.log2(count - 1))
@@ -57,7 +62,7 @@ def test_versions_that_can_t_be_judged_cost_two_looks_each_at_most(
     first: int, unknown: set[int], data: st.DataObject
 ) -> None:
     count = first + data.draw(st.integers(1, 60))
-    versions: list[Word] = ["good"] * first + ["bad"] * (count - first)
+    versions = broken(first, count)
     skipped = {number for number in unknown if 0 < number < count - 1}
     versions = ["unknown" if number in skipped else word for number, word in enumerate(versions)]
     words, looks = searched(versions)
