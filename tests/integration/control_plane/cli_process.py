@@ -4,6 +4,7 @@ import os
 import pty
 import re
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -59,6 +60,10 @@ class CliProcess:
         while self._read():
             assert time.monotonic() < deadline, f"does not end: {self.plain()}"
         return self._program.wait(seconds)
+
+    def signal(self, number: signal.Signals) -> None:
+        """Sends the program a signal."""
+        self._program.send_signal(number)
 
     def plain(self) -> str:
         """What was written without colours and what moves the cursor."""

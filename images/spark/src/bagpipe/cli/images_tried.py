@@ -93,14 +93,12 @@ class Trial:
         name = str(job["metadata"]["name"])
         try:
             self.show(f"{tried.image}: job {name}")
-            self.jobs.create(job)
+            with _undisturbed():
+                self.jobs.create(job)
             return self._judged(name, tried)
         finally:
-            # A second Ctrl-C waits until the job is deleted, which has a deadline of its own.
-            with Ending() as ending:
+            with _undisturbed():
                 self._delete(name)
-            if ending.count:
-                raise KeyboardInterrupt
 
     def _judged(self, name: str, tried: Tried) -> Step:
         last: JobState | None = None
@@ -140,6 +138,18 @@ class Trial:
 
 
 @contextlib.contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Ctrl-C waits until one request to the cluster is over, which has a deadline of its own.
+
+    A job whose creation was cut off might come to be after it was deleted.
+    """
+    with Ending() as ending:
+        yield
+    if ending.count:
+        raise KeyboardInterrupt
+
+
+@contextlib.contextmanager
 def interruptible() -> Iterator[None]:
     """SIGTERM and SIGHUP are as Ctrl-C while this lasts: what was made is deleted then, too."""
 
@@ -160,7 +170,7 @@ def interruptible() -> Iterator[None]:
 def job_of(manifest: Mapping[str, Any], image: str, seconds: float) -> Json:
     """The job of one round: with this image, under a name that no other has.
 
-    The name is chosen here, so that a job whose creation was interrupted can be deleted. One that
+    The name is chosen here, so that a job whose creation had no answer can be deleted. One that
     nobody deletes, since this process was killed, ends after as many `seconds` and goes after that.
     """
     job: Json = copy.deepcopy(dict(manifest))
