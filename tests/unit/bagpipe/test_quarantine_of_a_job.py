@@ -188,3 +188,13 @@ def test_all_in_quarantine_is_no_pass(tmp_path: Path) -> None:
 
 def _all_pass(cases: list[Case], keeper: Keeper) -> None:
     keeper.take([ran(each.id, recorded=None) for each in cases])
+
+
+def test_no_more_than_a_day_s_worth_of_a_file_is_read(tmp_path: Path) -> None:
+    (tmp_path / "r").mkdir()
+    file, storage = tmp_path / "r/quarantine.json", Storage({"results": str(tmp_path)})
+    file.write_text('{"day": "2026-11-23"}'.ljust(1 << 16))
+    assert job_day(storage, "pvc://results/r", AFTER_MIDNIGHT).isoformat() == "2026-11-23"
+    file.write_text('{"day": "2026-11-23"}'.ljust((1 << 16) + 1))
+    with pytest.raises(StorageError, match="65,?536"):
+        job_day(storage, "pvc://results/r", AFTER_MIDNIGHT)

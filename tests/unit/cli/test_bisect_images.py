@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from bagpipe.cli.__main__ import main
 from bagpipe.cli.cluster.faults import ClusterError
 from bagpipe.cli.cluster.place import Place
-from bagpipe.cli.images_tried import images_between
+from bagpipe.cli.images_tried import images_between, interruptible, job_of
 from bagpipe.cli.places import RefusedError
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.cli.cluster_objects import Json, a_job, ended
@@ -43,6 +43,10 @@ class FakeCluster:
     made: list[Json] = field(default_factory=list)
     interrupts: str = ""
     refuses: bool = False
+    keeps: bool = False
+    # What the status of a job says at its end beside its results; all of it without results.
+    end: Json = field(default_factory=dict)
+    gone: bool = False
 
     def create(self, job: Json) -> Json:
         name, image = job["metadata"]["name"], job["spec"]["stack"]["image"]
@@ -55,6 +59,10 @@ class FakeCluster:
         return job
 
     def job(self, name: str) -> Json:
+        if self.gone:
+            raise ClusterError("there is no job of that name", status=404)
+        if self.end:
+            return ended(**self.end)
         image = self.jobs[name]["spec"]["stack"]["image"]
         number = sum(each["spec"]["stack"]["image"] == image for each in self.made)
         does = self.outcomes[image]
@@ -71,6 +79,8 @@ class FakeCluster:
         return iter(())
 
     def delete(self, name: str) -> None:
+        if self.keeps:
+            raise ClusterError("you may not delete jobs", status=403)
         self.jobs.pop(name, None)
 
 
@@ -137,6 +147,97 @@ def test_what_can_t_be_judged_is_named_beside_the_first_bad_one(cluster: FakeClu
     assert "the first bad one is one of 4: lane:3, lane:4, lane:5, lane:6." in result.stdout
     assert "lane:2 is good, lane:6 is bad, and what is between can't be judged" in result.stdout
     assert cluster.jobs == {}
+
+
+@pytest.mark.parametrize(
+    ("end", "sentence"),
+    [
+        (
+            {"verdict": "", "reason": "StackImageUnavailable", "results": ""},
+            "left no results: StackImageUnavailable: 4 of 4 cases ran",
+        ),
+        (
+            {"verdict": "", "reason": "StorageFailed", "results": "pvc://results/gone"},
+            "StorageFailed: 4 of 4 cases ran; there is no pvc://results/gone/manifest.json",
+        ),
+        (
+            {"verdict": "Failed", "results": "pvc://results/gone"},
+            "can't be judged: there is no pvc://results/gone/manifest.json",
+        ),
+        ({"verdict": "Failed", "results": "pvc://other/gone"}, "give --volume other=FOLDER"),
+    ],
+)
+def test_a_job_whose_results_are_not_there_says_why(
+    cluster: FakeCluster, end: Json, sentence: str
+) -> None:
+    cluster.end = end
+    result = bisect(cluster)
+    assert result.exit_code == 2
+    assert sentence.removeprefix("can't be judged: ") in result.stderr
+    assert ("cases ran; there is no" in result.stderr) == ("cases ran; there is no" in sentence)
+    assert cluster.jobs == {}
+
+
+def test_a_job_that_somebody_else_deleted_says_so(cluster: FakeCluster) -> None:
+    cluster.gone = True
+    result = bisect(cluster)
+    assert (result.exit_code, "there is no job of that name" in result.stderr) == (2, True)
+
+
+def test_a_job_that_can_t_be_deleted_is_named(cluster: FakeCluster) -> None:
+    cluster.keeps = True
+    result = bisect(cluster)
+    assert result.exit_code == 0
+    for name in cluster.jobs:
+        assert f"job {name} is left in the cluster: you may not delete jobs" in result.stderr
+
+
+def test_rounds_end_where_they_disagree(cluster: FakeCluster) -> None:
+    cluster.outcomes = outcomes("*PPPPPPPPF")
+    bisect(cluster, "--rounds", "5")
+    looked = [job["spec"]["stack"]["image"] for job in cluster.made]
+    assert looked == ["lane:0"] * 2 + ["lane:9"] * 5
+
+
+@pytest.mark.parametrize(
+    ("metadata", "begins"),
+    [
+        ({"name": "lane"}, "lane-"),
+        ({"generateName": "nightly-"}, "nightly-"),
+        ({"name": "a" * 31 + "-" + "b" * 20}, "a" * 31 + "-"),
+        ({"name": "a" * 50}, "a" * 31 + "-"),
+        ({}, "bisect-"),
+    ],
+)
+def test_a_job_s_name_is_a_new_one_of_at_most_40_letters(metadata: Json, begins: str) -> None:
+    job = {"metadata": metadata, "spec": {"stack": {"image": "i"}}}
+    names = [job_of(job, "lane:1", 60)["metadata"]["name"] for _ in range(2)]
+    assert len(set(names)) == 2
+    for name in names:
+        assert name.startswith(begins)
+        assert len(name) == len(begins) + 8
+    assert job == {"metadata": metadata, "spec": {"stack": {"image": "i"}}}
+
+
+@pytest.mark.parametrize(
+    ("seconds", "deadline"), [(0.2, "1s"), (90, "90s"), (999_999, "999999s"), (1_000_000, None)]
+)
+def test_a_job_ends_by_itself(seconds: float, deadline: str | None) -> None:
+    spec = job_of({"metadata": {}, "spec": {"stack": {}}}, "lane:1", seconds)["spec"]
+    assert (spec.get("activeDeadline"), spec["ttlAfterFinished"]) == (deadline, "1h")
+    own = {"stack": {}, "activeDeadline": "5m", "ttlAfterFinished": "0s"}
+    kept = job_of({"metadata": {}, "spec": own}, "lane:1", seconds)["spec"]
+    assert (kept["activeDeadline"], kept["ttlAfterFinished"]) == ("5m", "0s")
+
+
+def test_what_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with interruptible():
+            os.kill(os.getpid(), signal.SIGHUP)
+        assert signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 def test_an_image_that_disagrees_with_itself_can_t_be_judged(cluster: FakeCluster) -> None:
