@@ -196,5 +196,5 @@ def test_no_more_than_a_day_s_worth_of_a_file_is_read(tmp_path: Path) -> None:
     file.write_text('{"day": "2026-11-23"}'.ljust(1 << 16))
     assert job_day(storage, "pvc://results/r", AFTER_MIDNIGHT).isoformat() == "2026-11-23"
     file.write_text('{"day": "2026-11-23"}'.ljust((1 << 16) + 1))
-    with pytest.raises(StorageError, match="65,?536"):
+    with pytest.raises(StorageError, match=r"65,?536"):
         job_day(storage, "pvc://results/r", AFTER_MIDNIGHT)

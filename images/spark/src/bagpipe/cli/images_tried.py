@@ -45,7 +45,7 @@ class Jobs(Protocol):
 
 @dataclass
 class Tried:
-    """An image, what its cases said, and where the results of its rounds are."""
+    """An image, what its cases came to, and where the results of its rounds are."""
 
     image: str
     step: Step = field(default_factory=lambda: Step("unknown", "not looked at to its end"))
@@ -63,7 +63,7 @@ class Tried:
 
 @dataclass(frozen=True)
 class Trial:
-    """How each image is looked at; `show` is told of each job that begins."""
+    """How each image is looked at; `show` gets a line for each job that begins."""
 
     manifest: Mapping[str, Any]
     cases: Sequence[str]
