@@ -6,13 +6,15 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
 from bagpipe.history.findings import history_of
-from bagpipe.history.run import CaseOfRun, Found, Run
+from bagpipe.history.run import CaseOfRun, Found, Run, read_run
 from bagpipe.history.steps import more_fail_since, moved_since
+from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.report.publishing import publish
 
@@ -219,6 +221,19 @@ def test_chance_alone_is_seldom_a_change() -> None:
     # At 1 % three of 300 are expected at most, and eight would come in 1 of 100 such tests.
     assert worse <= 8
     assert moved <= 8
+
+
+def test_a_table_of_before_there_was_a_quarantine_is_read(tmp_path: Path) -> None:
+    rules = [{"cases": "a-1", "reason": "issue 17", "until": "2026-12-31"}]
+    folder = publish(tmp_path, [make_row("a-0"), make_row("a-1")], quarantine=rules)
+    listed = {"results": f"file://{folder}", "ended": "2026-11-23", "verdict": "Passed"}
+    words = "in quarantine until 2026-12-31: issue 17"
+    found = read_run(listed, Storage({}), 1_000)
+    assert [case.quarantine for case in found.cases] == ["", words]
+    table = pq.read_table(folder / "results.parquet")
+    pq.write_table(table.drop_columns(["quarantine"]), folder / "results.parquet")
+    found = read_run(listed, Storage({}), 1_000)
+    assert [(case.name, case.quarantine) for case in found.cases] == [("a-0", ""), ("a-1", "")]
 
 
 def test_what_is_in_quarantine_makes_nothing_worse_and_is_listed() -> None:
