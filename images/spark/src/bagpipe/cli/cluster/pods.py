@@ -153,7 +153,7 @@ class Pods:
         text = self.cluster.asked(verb, resource, name, lambda: text_of(call(), _MOST_BYTES))
         try:
             found: Json = json.loads(text)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise ClusterError(f"the API server answered with what is no JSON: {error}") from error
         return found
 

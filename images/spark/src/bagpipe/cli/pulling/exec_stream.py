@@ -101,7 +101,7 @@ class ExecStream:
     def _reported(self) -> dict[str, Any]:
         try:
             found = json.loads(self._status)
-        except ValueError:
+        except (ValueError, RecursionError):
             return {}
         return found if isinstance(found, dict) else {}
 

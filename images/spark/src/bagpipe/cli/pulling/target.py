@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from bagpipe.cli.places import file_uri
 from bagpipe.cli.pulling.entry import MARKER, Entry, PullError
@@ -69,13 +69,14 @@ class Target:
                 yield new.write
                 if self._path(entry).exists():
                     raise PullError(f"{self._path(entry)} is there by now, and is not replaced")
-                self._note(asdict(entry))
+                self._note(entry)
         except StorageError as error:
             raise PullError(str(error)) from error
 
-    def _note(self, line: dict[str, Any]) -> None:
-        self._marker.write(json.dumps(line).encode() + b"\n")
+    def _note(self, entry: Entry) -> None:
+        self._marker.write(json.dumps(asdict(entry)).encode() + b"\n")
         self._marker.flush()
+        self._have[entry.name] = entry
 
     def _path(self, entry: Entry) -> Path:
         return self.folder / entry.name
