@@ -101,6 +101,10 @@ def test_what_a_killed_pull_left_is_swept_and_made_whole(tmp_path: Path) -> None
         with target_at(folder, ORIGIN) as target:
             assert target.missing(entries) == entries[1:]
     assert set(files_of(folder)) == {"cases/a.bag", "cases/.mine.part"}
+    with target_at(folder, ORIGIN) as target, target.file(entries[1]) as write:
+        write(b"abc")
+    with target_at(folder, ORIGIN) as target:
+        assert target.missing(entries) == []
 
 
 def test_a_disk_without_room_is_refused_before_anything_is_copied(target: Target) -> None:
