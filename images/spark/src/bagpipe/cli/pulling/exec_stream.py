@@ -68,7 +68,7 @@ class ExecStream:
             raise PullError(self._broken(None))
 
     def close(self) -> None:
-        """Ends the connection, and the program with it; what can't be said is not waited for."""
+        """Ends the connection, and the program with it; and waits for no answer."""
         self._socket.settimeout(1.0)
         self._socket.shutdown()  # type: ignore[no-untyped-call]
 
