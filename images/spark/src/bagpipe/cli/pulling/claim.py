@@ -26,7 +26,8 @@ RIGHTS = (
     ("create", "pods/exec"),
 )  # fmt: skip
 _PIECE_BYTES = 1 << 20
-_SILENT_SECONDS = 60.0
+# A list of many files on a slow volume comes at once, after a while.
+_SILENT_SECONDS = 180.0
 _LOOK_SECONDS = 0.5
 _REMOVALS = 3
 _ENDING = (signal.SIGTERM, signal.SIGHUP)
