@@ -110,7 +110,7 @@ def test_an_image_installs_the_lock_s_versions_by_the_lock_s_hashes(
     stage: Callable[[Path], list[Path]], package: str, extras: tuple[str, ...], tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
-    # No wheels of ours: they bring nothing with them, as pip is told by --no-deps.
+    # No wheels of ours: they bring nothing with them, as pip gets --no-deps for them.
     for name in ("package", "memory_bag"):
         monkeypatch.setattr(context, name, lambda *_: None)
     lock, installed = locked(), set()

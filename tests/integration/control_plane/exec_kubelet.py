@@ -34,7 +34,7 @@ class ExecKubelet:
 
     `folder` is what a claim holds. `most_bytes` of stdout come before the connection is cut, and of
     these the byte `spoiled` is another one; None for neither. `waits` is a reason and a message by
-    which no container starts.
+    which no container starts. If it `stalls`, it is silent instead of cutting the connection.
     """
 
     admin: Client
@@ -43,6 +43,7 @@ class ExecKubelet:
     most_bytes: int | None = None
     spoiled: int | None = None
     waits: tuple[str, str] | None = None
+    stalls: bool = False
     node: str = field(default_factory=lambda: f"node-{uuid4().hex[:8]}")
     specs: list[Object] = field(default_factory=list)
     _over: threading.Event = field(default_factory=threading.Event)
@@ -86,13 +87,18 @@ class ExecKubelet:
         pod = self.admin.get(core(self.namespace, "pods", request.match_info["pod"]))
         process = await self._process(pod, request.query.getall("command"))
         fed = asyncio.create_task(_feed(socket, process))
+        passed = [
+            asyncio.create_task(each)
+            for each in (self._pass(socket, process, fed), _words(socket, process))
+        ]
         try:
-            await asyncio.gather(self._pass(socket, process), _words(socket, process))
+            await asyncio.gather(*passed)
             await socket.send_bytes(_STATUS + _status(await process.wait()))
         except ConnectionError:
-            process.kill()
+            pass  # whoever asked is gone
         finally:
             fed.cancel()
+            await _end(process, passed)
             await socket.close()
         return socket
 
@@ -106,13 +112,18 @@ class ExecKubelet:
             stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
         )  # fmt: skip
 
-    async def _pass(self, socket: web.WebSocketResponse, process: Any) -> None:
+    async def _pass(
+        self, socket: web.WebSocketResponse, process: Any, fed: asyncio.Task[None]
+    ) -> None:
         sent = 0
         while piece := bytearray(await process.stdout.read(_PIECE_BYTES)):
             if self.spoiled is not None and sent <= self.spoiled < sent + len(piece):
                 piece[self.spoiled - sent] ^= 1
             if self.most_bytes is not None and sent + len(piece) > self.most_bytes:
                 await socket.send_bytes(_STDOUT + bytes(piece[: self.most_bytes - sent]))
+                if self.stalls:
+                    # Until whoever asked is gone.
+                    await asyncio.wait([fed])
                 raise ConnectionError("cut")
             await socket.send_bytes(_STDOUT + bytes(piece))
             sent += len(piece)
@@ -126,6 +137,16 @@ async def _feed(socket: web.WebSocketResponse, process: Any) -> None:
     # Whoever asked is gone.
     with suppress(ProcessLookupError):
         process.kill()
+
+
+async def _end(process: Any, passed: list[asyncio.Task[None]]) -> None:
+    """Ends a process whose output nobody reads any more."""
+    with suppress(ProcessLookupError):
+        process.kill()
+    await asyncio.wait(passed)
+    while await process.stdout.read(_PIECE_BYTES):
+        pass
+    await process.wait()
 
 
 async def _words(socket: web.WebSocketResponse, process: Any) -> None:

@@ -215,6 +215,21 @@ def test_a_signal_leaves_no_pod(
     await_no_pod(admin, namespace)
 
 
+def test_an_interrupt_amid_a_file_leaves_neither_a_part_of_it_nor_a_pod(
+    control_plane: ControlPlane, admin: Client, namespace: str, kubelet: ExecKubelet, lane: str,
+    tmp_path: Path,
+) -> None:  # fmt: skip
+    kubelet.most_bytes, kubelet.stalls = 1_500_000, True
+    cases = tmp_path / "here/cases"
+    words = ("pull", lane, str(tmp_path / "here"), "-n", namespace)
+    with CliProcess(control_plane.kubeconfig, *words) as program:
+        wait_until(lambda: list(cases.glob(".*.part")), PATIENCE, "no file was begun")
+        program.interrupt(signal.SIGINT)
+        assert program.end() == 130
+    assert not list(cases.iterdir())
+    await_no_pod(admin, namespace)
+
+
 def test_the_pod_of_a_program_that_was_killed_goes_with_its_job(
     control_plane: ControlPlane, admin: Client, namespace: str, kubelet: ExecKubelet, lane: str,
     tmp_path: Path,
