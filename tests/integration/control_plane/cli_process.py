@@ -54,6 +54,10 @@ class CliProcess:
             assert time.monotonic() < deadline, f"never wrote {what!r}: {self.plain()}"
             assert self._read(), f"ended without {what!r}: {self.plain()}"
 
+    def interrupt(self, number: signal.Signals) -> None:
+        """Sends a signal to the program alone."""
+        self._program.send_signal(number)
+
     def end(self, seconds: float = SECONDS) -> int:
         """The exit status, with all that it has written read."""
         deadline = time.monotonic() + seconds

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from embedded.api import ApiError
 
 from bagpipe.cli.__main__ import main
-from tests.integration.control_plane.client import Client, Object, core
+from tests.integration.control_plane.client import STRATEGIC_PATCH, Client, Object, core
 from tests.integration.control_plane.observe import a_job, await_right, limit_pods
 from tests.integration.control_plane.release import bound, fresh_namespace
 from tests.integration.control_plane.server import ControlPlane
@@ -110,6 +110,27 @@ def test_a_namespace_that_nobody_made_fit(
     }  # fmt: skip
     assert "needs 2 of pods, of which it gives 1" in found["quota few"]["found"]
     assert found["Pod Security"]["found"].startswith("restricted: ")
+
+
+@pytest.mark.parametrize(("cpu", "state"), [("64", "done"), ("10m", "missing")])
+def test_nodes_are_looked_at(
+    control_plane: ControlPlane, admin: Client, namespace: str, manifest: Path, cpu: str, state: str
+) -> None:
+    admin.create("/api/v1/nodes", {"metadata": {"name": "of-doctor"}})
+    status = {
+        "allocatable": {"cpu": cpu, "memory": "256Gi"},
+        "conditions": [{"type": "Ready", "status": "True"}],
+    }
+    path = "/api/v1/nodes/of-doctor"
+    try:
+        admin.call("PATCH", f"{path}/status", {"status": status}, STRATEGIC_PATCH)
+        # What the admission taints it with, until a controller has seen that it is ready.
+        admin.merge(path, {"spec": {"taints": None}})
+        _, found = asked(control_plane.kubeconfig, str(manifest), "-n", namespace)
+    finally:
+        admin.delete(path)
+    pods = ("a node for an executor", "a node for the driver")
+    assert [found[what]["state"] for what in pods] == [state, state], found
 
 
 def test_names_that_a_job_has_are_looked_for_without_their_values(

@@ -45,7 +45,7 @@ def test_the_program_understands_it(line: str) -> None:
 @pytest.mark.parametrize(
     ("page", "verbs"),
     [
-        ("README.md", {"run", "submit", "report"}),
+        ("README.md", {"run", "submit", "pull"}),
         ("docs/start.md", {"plan", "watch", "logs"}),
         ("charts/bagpipe/templates/NOTES.txt", {"submit"}),
     ],

@@ -29,6 +29,7 @@ for name, command, short_help in (
     ("watch", "watch_command", "Follow a job in the cluster to its end."),
     ("logs", "logs_command", "Show what was written in a case of a job."),
     ("results", "results_command", "Show the verdict of a job, and its cases."),
+    ("pull", "pull_command", "Copy a job's results to this machine."),
     ("list", "list_command", "List the results below a folder."),
     ("delete", "delete_command", "Remove the results of a job."),
     ("compare", "compare_command", "Compare two jobs' results, case by case."),

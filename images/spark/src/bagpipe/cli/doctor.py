@@ -16,6 +16,7 @@ from bagpipe.cli.health import cluster as deciders
 from bagpipe.cli.health.finding import Finding, status_of
 from bagpipe.cli.health.machine import of_machine, seen
 from bagpipe.cli.health.needs import Needs, needs_of
+from bagpipe.cli.health.nodes import of_nodes
 from bagpipe.cli.health.replies import Answer, Question
 from bagpipe.cli.manifest import ManifestError, read_job, read_object
 from bagpipe.cli.places import RefusedError, output_option, print_as
@@ -27,6 +28,7 @@ _HOME = "bagpipe-system"
 _COLOURS = {"done": "green", "missing": "red", "unknown": "yellow"}
 # As many names of a job as are looked for; a job that has more is no first one.
 _MOST_OBJECTS = 50
+_NODES, _MOST_NODES = "nodes", 300
 
 
 @click.command("doctor")
@@ -57,8 +59,9 @@ def doctor_command(manifest: Path | None, place: Place, output: str, **given: An
     """Show what this machine, the cluster and the namespace lack, all at once.
 
     With MANIFEST also what that job needs: its claims, Secrets, ConfigMaps and priority classes,
-    room in the quota, and whether the API server would take it. Nothing is changed, and no value of
-    a Secret is read. What you may not see is unknown, and no fault.
+    room in the quota, a node that is large enough, and whether the API server would take it.
+    Nothing is changed, and no value of a Secret is read. What you may not see is unknown, and no
+    fault.
 
     The exit status is 0 if nothing is missing that is needed, 1 if something is, and 2 if the
     cluster does not answer.
@@ -179,6 +182,7 @@ class _Asked:
             path = f"{inside}/persistentvolumeclaims/{_quoted(name)}"
             asked[f"claim {name}"] = Question(path)
         asked = dict(list(asked.items())[:_MOST_OBJECTS])
+        asked[_NODES] = Question(f"/api/v1/nodes?limit={_MOST_NODES}")
         job = self._job.written | {
             "metadata": self._job.written["metadata"] | {"namespace": namespace}
         }
@@ -207,6 +211,8 @@ class _Asked:
     def _of_job(self, answers: dict[str, Answer], secrets: list[str]) -> list[Finding]:
         found = []
         part = "job" if self._job else "namespace"
+        if self._job is not None:
+            found += of_nodes(answers[_NODES], self._job.needs.pods)
         for what, answer in answers.items():
             kind, _, name = what.rpartition(" ")
             if kind == "claim":

@@ -101,7 +101,7 @@ class Cluster:
             _request_timeout=(self.seconds, min(_SILENT_SECONDS, whole + 2.0)),
         )  # fmt: skip
         while True:
-            event = self._asked("watch", PLURAL, name, lambda: next(events, None))
+            event = self.asked("watch", PLURAL, name, lambda: next(events, None))
             if event is None:
                 return
             if event["type"] != "BOOKMARK":
@@ -109,7 +109,7 @@ class Cluster:
 
     def pods(self, uid: str, role: str) -> list[Json]:
         """The pods of a job in one role, driver or executor. Raises ClusterError."""
-        text = self._asked("list", "pods", "", lambda: _text(self.core.list_namespaced_pod(
+        text = self.asked("list", "pods", "", lambda: text_of(self.core.list_namespaced_pod(
             self.namespace, label_selector=f"{LABEL_UID}={uid},{LABEL_ROLE}={role}",
             limit=_MOST_PODS, _request_timeout=self.seconds, _preload_content=False,
         ), _MOST_BYTES))  # fmt: skip
@@ -118,17 +118,28 @@ class Cluster:
 
     def log(self, pod: str, container: str, lines: int, most_bytes: int) -> str:
         """The last lines of a container, of them the last `most_bytes`. Raises ClusterError."""
-        return self._asked("get", "pods/log", pod, lambda: _text(
+        return self.asked("get", "pods/log", pod, lambda: text_of(
             self.core.read_namespaced_pod_log(
                 pod, self.namespace, container=container, tail_lines=lines,
                 _request_timeout=self.seconds, _preload_content=False,
             ), most_bytes,
         ))  # fmt: skip
 
+    def asked(self, verb: str, resource: str, name: str, call: Callable[[], T]) -> T:
+        """What a call of the client returns. Raises ClusterError, which names all of these."""
+        asked = self._about(verb, resource, name)
+        try:
+            return call()
+        except ApiException as error:
+            body = error.body if isinstance(error.body, str) else ""
+            raise refused(error.status or 0, str(error.reason), body, asked) from error
+        except (urllib3.exceptions.HTTPError, OSError) as error:
+            raise not_reached(error, asked) from error
+
     def _why_missing(self, name: str) -> str:
         asked = self._about("get", PLURAL, name)
         try:
-            self._asked("get", "namespaces", self.namespace, lambda: self.core.read_namespace(
+            self.asked("get", "namespaces", self.namespace, lambda: self.core.read_namespace(
                 self.namespace, _request_timeout=self.seconds,
             ))  # fmt: skip
         except ClusterError as error:
@@ -141,24 +152,14 @@ class Cluster:
         return no_job(asked, difflib.get_close_matches(name, names), len(names))
 
     def _called(self, verb: str, name: str, call: Callable[[], Any]) -> Json:
-        found: Json = self._asked(verb, PLURAL, name, call)
+        found: Json = self.asked(verb, PLURAL, name, call)
         return found
-
-    def _asked(self, verb: str, resource: str, name: str, call: Callable[[], T]) -> T:
-        asked = self._about(verb, resource, name)
-        try:
-            return call()
-        except ApiException as error:
-            body = error.body if isinstance(error.body, str) else ""
-            raise refused(error.status or 0, str(error.reason), body, asked) from error
-        except (urllib3.exceptions.HTTPError, OSError) as error:
-            raise not_reached(error, asked) from error
 
     def _about(self, verb: str, resource: str, name: str) -> Asked:
         return Asked(verb, resource, name, self.namespace, self.context)
 
 
-def _text(answer: Any, most_bytes: int) -> str:
+def text_of(answer: Any, most_bytes: int) -> str:
     """The end of a body that the client has not read. Raises ApiException for an error."""
     kept = bytearray()
     for piece in answer.stream(_PIECE_BYTES):

@@ -2,7 +2,7 @@
 
 from bagpipe.cli.cluster.hints import again
 from bagpipe.cli.cluster.place import Place
-from bagpipe.cli.cluster.state import JobState
+from bagpipe.cli.cluster.state import JobState, Json
 from bagpipe.cli.places import RefusedError, results_at
 from bagpipe.report.stored import StoredResults
 
@@ -16,13 +16,20 @@ def results_of(place: Place, where: str, volumes: dict[str, str]) -> StoredResul
     name = place.job_in(where)
     if name is None:
         return results_at(where, volumes)
-    state = JobState.of(place.cluster().job(name))
+    return results_at(ended_job(place.cluster().job(name)).results, volumes)
+
+
+def ended_job(job: Json) -> JobState:
+    """A job that has left results. Raises RefusedError for one that has not, with what it does."""
+    state = JobState.of(job)
     if not state.ended:
         done = f"{state.cases.done} of {state.cases.planned} cases are done"
         raise RefusedError(
-            f"job {name} is {state.phase}, {done}: its results are there when it has ended:"
-            f" {again(f'watch {name}', state.namespace)}"
+            f"job {state.name} is {state.phase}, {done}: its results are there when it has ended:"
+            f" {again(f'watch {state.name}', state.namespace)}"
         )
     if not state.results:
-        raise RefusedError(f"job {name} ended without results: {state.reason}: {state.message}")
-    return results_at(state.results, volumes)
+        raise RefusedError(
+            f"job {state.name} ended without results: {state.reason}: {state.message}"
+        )
+    return state

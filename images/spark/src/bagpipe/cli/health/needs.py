@@ -3,9 +3,20 @@
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-from bagpipe.pod_spec import PodSettings, Volume
+from bagpipe.pod_spec import PodSettings, Toleration, Volume
 from bagpipe.quantities import quantity
 from bagpipe.spec import SimulationJobSpec, claims, evaluator_config_maps, stack_images
+
+
+@dataclass(frozen=True)
+class PodNeed:
+    """What a node must have for one pod of a role: amounts in cores, bytes and pieces."""
+
+    role: str
+    amounts: dict[str, float]
+    selector: dict[str, str] = field(default_factory=dict)
+    tolerations: list[Toleration] = field(default_factory=list)
+    has_affinity: bool = False
 
 
 @dataclass(frozen=True)
@@ -21,6 +32,7 @@ class Needs:
     priorities: list[str] = field(default_factory=list)
     amounts: dict[str, float] = field(default_factory=dict)
     loosens: list[str] = field(default_factory=list)
+    pods: list[PodNeed] = field(default_factory=list)
 
 
 def needs_of(spec: SimulationJobSpec) -> Needs:
@@ -44,7 +56,29 @@ def needs_of(spec: SimulationJobSpec) -> Needs:
         sorted({pod.priority_class_name for pod in pods if pod.priority_class_name}),
         _amounts(spec),
         list(_loosened(spec)),
+        _pod_needs(spec),
     )
+
+
+def _pod_needs(spec: SimulationJobSpec) -> list[PodNeed]:
+    """Of a driver and of an executor, whose stack stands once for each image."""
+    driver, executor = spec.spark.driver, spec.spark.executor
+    asked = (spec.stack.resources.limits or {}) | (spec.stack.resources.requests or {})
+    stack = {what: quantity(str(amount)) for what, amount in asked.items()}
+    images = len(stack_images(spec))
+    own = {"cpu": quantity(executor.resources.cpu), "memory": quantity(executor.resources.memory)}
+    whole = own | {
+        what: own.get(what, 0.0) + images * amount for what, amount in sorted(stack.items())
+    }
+    least = {"cpu": quantity(driver.resources.cpu), "memory": quantity(driver.resources.memory)}
+    return [
+        _pod_need("the driver", least, driver.pod),
+        _pod_need("an executor", whole, executor.pod),
+    ]
+
+
+def _pod_need(role: str, amounts: dict[str, float], pod: PodSettings) -> PodNeed:
+    return PodNeed(role, amounts, pod.node_selector, pod.tolerations, bool(pod.affinity))
 
 
 def _required(reference: object) -> set[str]:
