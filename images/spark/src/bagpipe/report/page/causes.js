@@ -28,7 +28,7 @@ function show(name) {
 // What regressed comes first: it is what the change under test has done.
 function firstCase() {
   const regressed = DATA.regressed.find((name) => CASES.case.includes(name));
-  const name = regressed || Object.keys(DATA.details)[0];
+  const name = regressed || DATA.listed[0];
   if (!name || !CASES.case.includes(name)) return;
   byId("first-name").textContent = regressed ? "The first case that regressed" : "The first case that did not pass";
   byId("first-case").append(caseBlock(CASES.case.indexOf(name), true));
