@@ -83,8 +83,12 @@ def _row(chance: random.Random, case: str, variant: str, hard: bool) -> dict[str
     failed = [finding for finding in criteria if finding["outcome"] == "failed"]
     for finding in criteria:
         finding["course"] = _course(chance, finding)
+    log = [
+        {"at": 0.04, "level": "info", "node": "/lane_node", "text": "map is loaded"},
+        {"at": 10.02, "level": "warn", "node": "/lane_node", "text": "no marking for 0.2 s"},
+    ]
     return {
-        "case": case, "variant": variant, "seed": 0, "round": 0,
+        "case": case, "variant": variant, "log": log if failed else [], "seed": 0, "round": 0,
         "bag": "pvc://recordings/night.bag", "window": [0, 0, 20_000_000_000],
         "outcome": "failed" if failed else "passed",
         "reason": "CriterionFailed" if failed else "",
@@ -141,6 +145,7 @@ def _poison(rows: list[dict[str, Any]]) -> None:
         row["variant"] = row["variant"] + HOSTILE[0]
         row["values"] = {HOSTILE[1]: evil, "speed": row["values"]["speed"]}
         row |= {"message": evil, "reason": evil, "stderr": [evil], "bag": evil}
+        row["log"] = [{"at": 1.0, "level": evil, "node": evil, "text": evil}]
         row["criteria"] = [
             finding
             | {"name": HOSTILE[2], "unit": HOSTILE[0], "limit": evil, "message": evil}

@@ -346,6 +346,15 @@ def test_the_failing_moment_is_shown_with_the_baseline_s_course(
     theirs = other["criteria"][0]["course"]["points"][75][1]
     assert time == "at 15.000 s"
     assert lane == f"{points[300][1]:.4g} Hz · baseline {theirs:.4g} Hz"
+    # What was written stands below the same axis, and is read where the pointer is near it.
+    [tick] = case.find_elements(By.CSS_SELECTOR, ".plot .tick.warn")
+    assert float(tick.get_attribute("x1") or 0) == pytest.approx(501)
+    assert case.find_element(By.CSS_SELECTOR, ".lines").text == (
+        "0.040 s info/lane_node: map is loaded\n10.020 s warn/lane_node: no marking for 0.2 s"
+    )
+    assert read_at(browser, case, 0.75)[-1] == ""
+    assert read_at(browser, case, 0.5)[-1] == "/lane_node: no marking for 0.2 s"
+    read_at(browser, case, 0.75)
     charts = case.find_element(By.CSS_SELECTOR, ".charts")
     charts.send_keys(Keys.ARROW_RIGHT)
     assert case.find_element(By.CSS_SELECTOR, ".legend .time").text == "at 15.200 s"

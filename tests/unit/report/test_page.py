@@ -172,6 +172,30 @@ def test_what_a_course_holds_is_checked() -> None:
     assert [each["points"] for found in shown[3:] for each in found] == [[], []]
 
 
+def test_lines_with_a_time_of_the_clock_are_on_the_axis() -> None:
+    window = [1_000_000_000_000, 1_005_000_000_000, 1_025_000_000_000]
+    stderr = [
+        "[ WARN] [1700000000.123456789, 1006.500000000]: slow",
+        "\x1b[31m[ERROR] [1700000001.000001, 1006.25]: lost\x1b[0m",
+        "[INFO] [1700000000.123, 999.999]: before it began",
+        "[INFO] [1700000000.123456789] [node]: of the wall's time alone",
+        "[FATAL] [1700000000.1, 99999999999999.1]: no time",
+        "Traceback (most recent call last):",
+    ]
+    row = make_row("a", "failed", "StackCrashed", stderr=stderr, window=window)
+    assert detail_of(row)["lines"] == [
+        {"at": 1.25, "level": "error", "text": "lost"},
+        {"at": 1.5, "level": "warn", "text": "slow"},
+    ]
+    assert detail_of(row)["stderr"] == stderr
+    assert detail_of(row | {"window": None})["lines"] == []
+    evil: list[Any] = [7, None, {"at": math.nan}, {"at": "1"}, {"at": 2, "level": "<b>"}]
+    logged = [{"at": 1.0, "level": "warn", "node": "/n", "text": "t" * 900}, *evil]
+    lines = detail_of(row | {"log": logged})["lines"]
+    assert [(line["at"], line["level"]) for line in lines] == [(1.0, "warn"), (2, "info")]
+    assert lines[0]["text"] == ("/n: " + "t" * 900)[:300]
+
+
 def test_no_figure_of_a_row_keeps_the_page_from_being_made() -> None:
     topic = {"topic": "/a", "sent": math.nan, "subscribers": [{"node": "/n", "received": math.inf}]}
     ledger = {"sent": math.inf, "topics": [topic]}

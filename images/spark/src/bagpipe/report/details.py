@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 from bagpipe.report.columns import short
+from bagpipe.report.lines import lines_of
 from bagpipe.report.series import series_of
 from bagpipe.report.spool import Spool
 from bagpipe.row_facts import discarded_runs, pair_of, recorded_names, run_words
@@ -131,9 +132,11 @@ def detail_of(row: Row) -> dict[str, Any]:
     stack = result.get("stack") or {}
     ledger = result.get("ledger") or evidence.get("ledger") or {}
     stderr = row.get("stderr") or stack.get("stderr") or []
+    stderr = [str(line)[:_LINE_CHARACTERS] for line in stderr[-_STDERR_LINES:]]
     return {
         "message": str(row.get("message") or "")[:4000],
-        "stderr": [str(line)[:_LINE_CHARACTERS] for line in stderr[-_STDERR_LINES:]],
+        "stderr": stderr,
+        "lines": lines_of(row, stderr),
         "criteria": [
             {
                 key: str(finding.get(key) or "")[:1000]

@@ -97,12 +97,13 @@ function logLane(lines, axis) {
   const line = svg("line", { class: "cursor", y1: 0, y2: HIGH, x1: -9, x2: -9 });
   const ticks = lines.map((each) => svg("line", { class: `tick ${each.level}`, x1: axis.x(each.at), x2: axis.x(each.at), y1: 10, y2: 90 }));
   const node = el("figure", { class: "chart lane" }, el("figcaption", {}, "What was written, by its time", text),
-    el("div", { class: "frame" }, svg("svg", { class: "plot", viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none", role: "img", "aria-label": `${lines.length} lines` }, ticks, line)));
+    el("div", { class: "frame" }, svg("svg", { class: "plot", viewBox: `0 0 ${WIDE} ${HIGH}`, preserveAspectRatio: "none", role: "img", "aria-label": `${lines.length} lines` }, ticks, line)),
+  el("ul", { class: "lines mono" }, lines.map((each) => el("li", { class: each.level }, el("b", {}, `${each.at.toFixed(3)} s ${each.level}`), each.text))));
   return { node, read: (at) => {
     line.setAttribute("x1", at === null ? -9 : axis.x(at));
     line.setAttribute("x2", at === null ? -9 : axis.x(at));
     const near = at === null ? null : lines.reduce((best, each) => Math.abs(each.at - at) < Math.abs(best.at - at) ? each : best);
-    text.textContent = near && Math.abs(near.at - at) <= (axis.end - axis.begin) / 50 ? `${figure(near.at)} s ${near.text}` : "";
+    text.textContent = near && Math.abs(near.at - at) <= (axis.end - axis.begin) / 50 ? near.text : "";
   } };
 }
 
