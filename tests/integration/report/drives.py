@@ -125,6 +125,9 @@ def _course(chance: random.Random, finding: dict[str, Any]) -> dict[str, Any]:
         [round(20 * n / count, 4), float(f"{chance.gauss(value, 0.03 * right):.5g}")]
         for n, value in enumerate(middle)
     ]
+    if finding["name"] == "end pose":
+        path = [[round(n / 2.5, 2), n - 49, 2 + 0.02 * n * finding["figure"]] for n in range(51)]
+        course["plane"] = {"paths": [{"name": "/lane", "points": path}], "goal": [1, 2, 0.5]}
     return course | {"points": points}
 
 

@@ -355,6 +355,13 @@ def test_the_failing_moment_is_shown_with_the_baseline_s_course(
     assert read_at(browser, case, 0.75)[-1] == ""
     assert read_at(browser, case, 0.5)[-1] == "/lane_node: no marking for 0.2 s"
     read_at(browser, case, 0.75)
+    [plane] = case.find_elements(By.CSS_SELECTOR, ".plane")
+    for css, count in ((".own", 1), (".other", 1), (".goal", 1), (".end", 1)):
+        assert len(plane.find_elements(By.CSS_SELECTOR, css)) == count, css
+    # Where it was at the time that is read: x goes from -49 to 1, over 900 and its goal's radius.
+    here = plane.find_element(By.CSS_SELECTOR, ".here").get_attribute("d") or ""
+    at, middle, scale = 37.5 - 49, (-49 + 1.5) / 2, 900 / 50.5
+    assert float(here[1:].split(" ")[0]) == pytest.approx(500 + (at - middle) * scale, abs=12)
     charts = case.find_element(By.CSS_SELECTOR, ".charts")
     charts.send_keys(Keys.ARROW_RIGHT)
     assert case.find_element(By.CSS_SELECTOR, ".legend .time").text == "at 15.200 s"

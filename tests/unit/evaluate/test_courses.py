@@ -1,12 +1,13 @@
 """The courses of criteria over time: which points, and how many."""
 
+import itertools
 import json
 import math
 from typing import Any
 
 import pytest
 
-from bagpipe.evaluate import courses, values
+from bagpipe.evaluate import courses, plane, values
 from bagpipe.evaluate.courses import (
     MOST_PASSED_POINTS,
     MOST_PASSED_POINTS_OF_ALL,
@@ -156,6 +157,47 @@ def test_the_courses_of_a_case_have_a_bound_together() -> None:
         assert set(lengths[passed:]) <= {min(MOST_POINTS, most) // 2 * 2}
     rows = [each.as_row() for each in evaluate(passing * 20 + failing * 80, evidence(recorded))]
     assert sum(len(json.dumps(row["course"]["points"])) for row in rows) < 50_000
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "paths", "goal"),
+    [
+        (
+            "finalPose", {"topic": "/p", "position": [0, 1], "maxDistance": 1, "minCoverage": 0.5},
+            {"/p": [[1.0, 3.0, 4.0], [2.0, 6.0, 8.0]]}, [0.0, 1.0, 1.0],
+        ),
+        (
+            "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
+            {"/p": [[1.2, 3.0, 4.0]], "nearest of /o": [[1.2, 3.0, 5.0]]}, None,
+        ),
+        (
+            "error", {"topic": "/p", "fields": ["pose.position.y", "pose.position.x"],
+                      "recording": True, "max": 1},
+            {"/p": [[1.0, 3.0, 4.0], [2.0, 6.0, 8.0]],
+             "the truth": [[1.0, 1.0, 4.0], [2.0, 1.0, 8.0]]}, None,
+        ),
+    ],
+)  # fmt: skip
+def test_poses_have_paths_in_the_plane(
+    kind: str, fields: dict[str, Any], paths: dict[str, Any], goal: list[float] | None
+) -> None:
+    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED, SOURCE, end=12.5))
+    plane = found.as_row()["course"]["plane"]
+    assert {path["name"]: path["points"] for path in plane["paths"]} == paths
+    assert plane["goal"] == goal
+
+
+def test_a_path_keeps_its_ends_and_has_a_bound() -> None:
+    path = [(n, float(n), math.nan if n == 3 else 0.0) for n in range(1001)]
+    thin = plane.thinned(path, 50)
+    assert (len(thin), thin[0][0], thin[-1][0]) == (50, 0, 1000)
+    assert max(b[0] - a[0] for a, b in itertools.pairwise(thin)) <= 22
+    assert plane.thinned(path[:5], 50) == [*path[:3], path[4]]
+    assert (plane.thinned(path, 1), plane.thinned(path, 0)) == ([path[0]], [])
+    one = criterion("error", {"topic": "/p", "fields": ["pose.position.x"], "recording": True,
+                              "max": 1})  # fmt: skip
+    [found] = evaluate([one], evidence(RECORDED, SOURCE, end=12.5))
+    assert "plane" not in found.as_row()["course"]
 
 
 def test_an_expression_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:

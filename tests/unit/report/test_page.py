@@ -169,6 +169,14 @@ def test_what_a_course_holds_is_checked() -> None:
         "moment": 1, "points": [[0, 1], [5, 5.0]], "odd": [1], "low": None, "high": None,
     }]  # fmt: skip
     assert (shown[1], shown[2]) == ([], [])
+    path = {"name": 7, "points": [[0, 1, 2], [0, 1], [0, math.nan, 1], "abc", [1, 2, 3]]}
+    odd = {"points": [], "plane": {"paths": [path, 7, path, path], "goal": [1, 2, -3]}}
+    [drawn] = series_of(
+        make_row("a", "failed", criteria=[finding("failed", 1.0) | {"course": odd}])
+    )
+    assert drawn["plane"] == {
+        "paths": [{"name": "7", "points": [[0, 1, 2], [1, 2, 3]]}], "goal": None,
+    }  # fmt: skip
     assert [each["points"] for found in shown[3:] for each in found] == [[], []]
 
 

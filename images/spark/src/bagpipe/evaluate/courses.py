@@ -18,12 +18,13 @@ from bagpipe.evaluate.fields import number_at
 from bagpipe.evaluate.finding import Finding, NoEvidenceError
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.motion import closest
+from bagpipe.evaluate.plane import Plane, plane_of_error, plane_of_final_pose, plane_of_separation
 from bagpipe.evaluate.values import held
 from bagpipe.evaluate.window import messages_of, samples
 from bagpipe.texts import duration_seconds
 
-# A point is some 14 bytes of a row, which passes through the driver: of a case that did not pass
-# 28 KB at most, of one that passed, of which there may be a hundred thousand, 7 KB.
+# A point is some 14 bytes of a row, which passes through the driver, one in the plane 24: of a case
+# that did not pass 76 KB at most, of one that passed, of which there may be 100,000, 19 KB.
 MOST_POINTS, MOST_POINTS_OF_ALL = 400, 2000
 MOST_PASSED_POINTS, MOST_PASSED_POINTS_OF_ALL = 100, 500
 _MOST_ODD = 20
@@ -45,6 +46,7 @@ class _Plotted:
     high: float | None
     course: Course
     step: bool = False
+    plane: Plane | None = None
 
 
 def with_courses(
@@ -106,6 +108,9 @@ def _as_json(plotted: _Plotted, evidence: Evidence, most: int) -> dict[str, Any]
     course: dict[str, Any] = {"label": plotted.label, "unit": plotted.unit}
     course |= {"low": plotted.low, "high": plotted.high, "points": points}
     course |= {"odd": odd[:_MOST_ODD]} if odd else {}
+    if plotted.plane is not None:
+        # Half as many points of each of at most two paths.
+        course["plane"] = plotted.plane.as_json(evidence.start, most // 2)
     return course | ({"step": True} if plotted.step else {})
 
 
@@ -170,7 +175,8 @@ def _latency(wanted: Any, evidence: Evidence) -> _Plotted:
 
 def _error(wanted: Any, evidence: Evidence) -> _Plotted:
     label = f"{wanted.topic} {', '.join(wanted.fields)} off the truth"
-    return _Plotted(label, "", None, wanted.max, distances_of(wanted, evidence))
+    course = distances_of(wanted, evidence)
+    return _Plotted(label, "", None, wanted.max, course, plane=plane_of_error(wanted, evidence))
 
 
 def _final_pose(wanted: Any, evidence: Evidence) -> _Plotted:
@@ -181,12 +187,14 @@ def _final_pose(wanted: Any, evidence: Evidence) -> _Plotted:
             distance = math.dist(wanted.position[:2], (float(pose[0].x), float(pose[0].y)))
             course.append((sample.time, distance))
     label = f"{wanted.topic}, distance from the goal"
-    return _Plotted(label, "m", None, wanted.max_distance, course)
+    plane = plane_of_final_pose(wanted, evidence)
+    return _Plotted(label, "m", None, wanted.max_distance, course, plane=plane)
 
 
 def _separation(wanted: Any, evidence: Evidence) -> _Plotted:
     label = f"{wanted.ego}, distance to the nearest of {wanted.obstacles}"
-    return _Plotted(label, "m", wanted.min_distance, None, closest(wanted, evidence))
+    course, plane = closest(wanted, evidence), plane_of_separation(wanted, evidence)
+    return _Plotted(label, "m", wanted.min_distance, None, course, plane=plane)
 
 
 # Not `resources`: the agent measures sums over the whole case.

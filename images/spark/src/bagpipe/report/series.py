@@ -12,6 +12,7 @@ Row = Mapping[str, Any]
 _MOST_POINTS = 400
 _MOST_CRITERIA = 100
 _MOST_ODD = 20
+_MOST_PATHS = 2
 _CHARACTERS = 200
 
 
@@ -45,15 +46,35 @@ def _drawn(finding: Mapping[str, Any]) -> dict[str, Any] | None:
         "step": bool(course.get("step")),
         "moment": moment_of({**finding, "course": clean}),
         **clean,
-    }
+    } | _plane(course.get("plane"))
+
+
+def _plane(plane: Any) -> dict[str, Any]:
+    """`plane`: `paths` of `name` and `points` of [seconds, x, y], and `goal` of [x, y, radius]."""
+    if not isinstance(plane, Mapping):
+        return {}
+    paths = [
+        {"name": str(path.get("name") or "")[:_CHARACTERS], "points": _places(path.get("points"))}
+        for path in _list(plane.get("paths"))[:_MOST_PATHS]
+        if isinstance(path, Mapping)
+    ]
+    found = plane.get("goal")
+    goal = found if isinstance(found, list) and _is_point(found, 3) and found[2] >= 0 else None
+    return {"plane": {"paths": paths, "goal": goal}} if paths else {}
+
+
+def _places(points: Any) -> list[list[float]]:
+    return [point for point in _list(points) if _is_point(point, 3)][:_MOST_POINTS]
 
 
 def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def _is_point(point: Any) -> bool:
-    return isinstance(point, list) and len(point) == 2 and all(_is_finite(each) for each in point)
+def _is_point(point: Any, length: int = 2) -> bool:
+    if not isinstance(point, list) or len(point) != length:
+        return False
+    return all(_is_finite(each) for each in point)
 
 
 def _is_finite(number: Any) -> bool:

@@ -22,7 +22,8 @@ function valueAxis(series, other) {
     .concat([series.low, series.high].filter((value) => value !== null));
   let low = Infinity, high = -Infinity;
   for (const value of values) { low = Math.min(low, value); high = Math.max(high, value); }
-  const rest = low === high ? 0.5 : (high - low) * 0.06;
+  // Room for the words of the least and the greatest value.
+  const rest = low === high ? 0.5 : (high - low) * 0.18;
   const bottom = low - rest, top = high + rest;
   return { low, high, y: (value) => (top - value) / (top - bottom) * HIGH };
 }

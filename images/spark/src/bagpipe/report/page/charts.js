@@ -5,7 +5,7 @@ function charts(name, detail) {
   const baseline = baselineOf(name), lines = detail.lines || [];
   if (detail.series.length === 0 && lines.length === 0) return null;
   const axis = timeAxis(detail.series, detail.window, lines);
-  const drawn = detail.series.map((series) => chart(series, axis, baseline));
+  const drawn = detail.series.flatMap((series) => [chart(series, axis, baseline), plane(series, baseline)]).filter(Boolean);
   const lane = lines.length ? logLane(lines, axis) : null;
   const time = el("b", { class: "time" }, "");
   const group = el("div", { class: "charts", tabindex: "0", role: "group", "aria-label": "Courses over time: arrow keys move the time that is read" },
