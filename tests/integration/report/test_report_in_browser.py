@@ -368,6 +368,32 @@ def test_the_failing_moment_is_shown_with_the_baseline_s_course(
     assert logged(browser, "browser") == []
 
 
+def test_where_it_comes_from_is_on_top_and_recordings_are_links(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(40)
+    rows[0] |= {"outcome": "failed", "recorded": "javascript:window.hacked=1"}
+    rows[1] |= {
+        "recorded": ["cases/../../etc/passwd", "s3://r/x.bag", "cases/a b.bag", "cases/..x"]
+    }
+    rows[2] |= {"recorded": "cases/plain-1.0f.bag"}
+    opened(browser, page, rows)
+    top = browser.find_element(By.CSS_SELECTOR, "header .origin")
+    for word in ("branch pr-812", "sim.bagpipe.io/commit 0c1f6d2", "lane@sha256:abab", "0.1.0"):
+        assert word in top.text
+    assert top.rect["y"] + top.rect["height"] < 260
+    links = {}
+    for row in rows[:3]:
+        case = case_of(browser, row["case"])
+        assert f"bagpipe open {row['case']} --results {URI}" in case.text
+        assert (
+            row["recorded"] if isinstance(row["recorded"], str) else "s3://r/x.bag"
+        ) in case.text
+        found = case.find_elements(By.CSS_SELECTOR, ".recorded a")
+        links[row["case"]] = [link.get_attribute("href") for link in found]
+    assert list(links.values()) == [[], [], [(page.parent / "cases/plain-1.0f.bag").as_uri()]]
+
+
 def test_a_case_that_passed_has_its_courses_delivery_and_timings(
     browser: webdriver.Chrome, page: Path
 ) -> None:

@@ -26,7 +26,7 @@ function caseParts(at) {
   if (discarded.length) parts.push(el("h4", {}, "Runs that do not count"), el("pre", {}, discarded.join("\n")));
   if (detail) parts.push(charts(name, detail), ...detailParts(detail));
   else parts.push(...inShort(at));
-  parts.push(el("h4", {}, "Run this case again on a laptop"), command(replayCommand(name)));
+  parts.push(el("h4", {}, "Look at this case, or run it again, on a laptop"), command(verbCommand("open", name)), command(verbCommand("replay", name)));
   return parts.filter(Boolean);
 }
 
@@ -64,7 +64,15 @@ function detailParts(detail) {
   if (seconds.length) parts.push(el("h4", {}, "Seconds of its parts"), factList(seconds));
   const window = detail.window ? `, ${figure((detail.window[2] - detail.window[1]) / 1e9)} s from ${figure(detail.window[1] / 1e9)}` : "";
   if (detail.bag) parts.push(el("h4", {}, "Source"), el("p", { class: "mono" }, detail.bag, window));
+  if (detail.recorded.length) parts.push(el("h4", {}, "What was recorded", el("small", {}, ` below ${DATA.replay.results}`)), recordings(detail.recorded));
   return parts;
+}
+
+// What was recorded in the case, as a link where its name can be one: the page lies in the same folder.
+function recordings(names) {
+  return el("p", { class: "mono" }, names.map((name) => el("span", { class: "recorded" },
+    /^cases\/[A-Za-z0-9_+@=-][A-Za-z0-9._+@=-]*$/.test(name)
+      ? el("a", { href: name.split("/").map(encodeURIComponent).join("/"), download: true }, name) : name, " ")));
 }
 
 function plainTable(heads, lines) {
@@ -90,9 +98,9 @@ const ledgerTable = (lines) => plainTable(["Topic", "Sent", "Node", "Received", 
 // For a POSIX shell: a word of any text stays one word.
 const quoted = (text) => /^[\w./:@=+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
 
-function replayCommand(name) {
+function verbCommand(verb, name) {
   const volumes = DATA.replay.claims.map((claim) => ` --volume ${quoted(`${claim}=FOLDER`)}`).join("");
-  return `bagpipe replay ${quoted(name)} --results ${quoted(DATA.replay.results)}${volumes}`;
+  return `bagpipe ${verb} ${quoted(name)} --results ${quoted(DATA.replay.results)}${volumes}`;
 }
 
 function command(text) {
