@@ -206,6 +206,7 @@ FORMS = ["job.json", "junit.xml", "report.html", "results.parquet"]
         ("bagpipe.report.table.TableWriter.add", {"results.parquet"}),
         ("bagpipe.driver.artefacts.write_junit", {"junit.xml"}),
         ("bagpipe.report.html.Report.add", {"report.html"}),
+        ("bagpipe.report.spool.tempfile.TemporaryFile", {"report.html"}),
         ("bagpipe.driver.artefacts.job_manifest", {"job.json"}),
         ("tempfile.TemporaryDirectory.__init__", {"results.parquet", "junit.xml"}),
     ],

@@ -3,14 +3,14 @@
 import json
 import tempfile
 import zlib
-from typing import Any
+from typing import IO, Any
 
 
 class Spool:
     """Maps by name, as JSON. Memory: a name and two integers for each."""
 
     def __init__(self) -> None:
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115  open as long as this is
+        self._opened: IO[bytes] | None = None
         self._places: dict[str, tuple[int, int]] = {}
         self._end = 0
 
@@ -19,17 +19,22 @@ class Spool:
         if name in self._places:
             return
         data = zlib.compress(json.dumps(record, default=str).encode(), 1)
-        self._file.seek(self._end)
-        self._file.write(data)
+        file = self._file()
+        file.seek(self._end)
+        file.write(data)
         self._places[name] = (self._end, len(data))
         self._end += len(data)
-
-    def __contains__(self, name: str) -> bool:
-        return name in self._places
 
     def read(self, name: str) -> dict[str, Any]:
         """The map of a name. Raises OSError and KeyError."""
         offset, length = self._places[name]
-        self._file.seek(offset)
-        found: dict[str, Any] = json.loads(zlib.decompress(self._file.read(length)))
+        file = self._file()
+        file.seek(offset)
+        found: dict[str, Any] = json.loads(zlib.decompress(file.read(length)))
         return found
+
+    def _file(self) -> IO[bytes]:
+        """Made when it is first needed: without room for it the page fails, and nothing else."""
+        if self._opened is None:
+            self._opened = tempfile.TemporaryFile()  # noqa: SIM115  open as long as this is
+        return self._opened
