@@ -81,10 +81,14 @@ def _row(chance: random.Random, case: str, variant: str, hard: bool) -> dict[str
         _finding("end pose", "finalPose", pose, pose <= 0.5, "m", "at most 0.5 m", "lower"),
     ]
     failed = [finding for finding in criteria if finding["outcome"] == "failed"]
-    for finding in failed:
-        finding["course"] = _course(chance, finding["figure"])
+    for finding in criteria:
+        finding["course"] = _course(chance, finding)
+    log = [
+        {"at": 0.04, "level": "info", "node": "/lane_node", "text": "map is loaded"},
+        {"at": 10.02, "level": "warn", "node": "/lane_node", "text": "no marking for 0.2 s"},
+    ]
     return {
-        "case": case, "variant": variant, "seed": 0, "round": 0,
+        "case": case, "variant": variant, "log": log if failed else [], "seed": 0, "round": 0,
         "bag": "pvc://recordings/night.bag", "window": [0, 0, 20_000_000_000],
         "outcome": "failed" if failed else "passed",
         "reason": "CriterionFailed" if failed else "",
@@ -108,9 +112,23 @@ def _finding(
     }  # fmt: skip
 
 
-def _course(chance: random.Random, figure: float) -> dict[str, Any]:
-    points = [[n / 10, round(chance.gauss(figure, 0.6), 4)] for n in range(200)]
-    return {"label": "/lane", "unit": "Hz", "low": 9.0, "high": None, "points": points}
+def _course(chance: random.Random, finding: dict[str, Any]) -> dict[str, Any]:
+    """As the executor takes it: more points of what failed, which goes wrong half the way."""
+    bad = finding["outcome"] == "failed"
+    count = 400 if bad else 100
+    right = {"Hz": 10.2, "m": 0.2}[finding["unit"]]
+    course = {"label": "/lane", "unit": finding["unit"], "low": None, "high": 0.5}
+    if finding["unit"] == "Hz":
+        course |= {"low": 9.0, "high": None}
+    middle = [finding["figure"] if bad and n > count / 2 else right for n in range(count)]
+    points = [
+        [round(20 * n / count, 4), float(f"{chance.gauss(value, 0.03 * right):.5g}")]
+        for n, value in enumerate(middle)
+    ]
+    if finding["name"] == "end pose":
+        path = [[round(n / 2.5, 2), n - 49, 2 + 0.02 * n * finding["figure"]] for n in range(51)]
+        course["plane"] = {"paths": [{"name": "/lane", "points": path}], "goal": [1, 2, 0.5]}
+    return course | {"points": points}
 
 
 def _errored(number: int) -> dict[str, Any]:
@@ -130,6 +148,7 @@ def _poison(rows: list[dict[str, Any]]) -> None:
         row["variant"] = row["variant"] + HOSTILE[0]
         row["values"] = {HOSTILE[1]: evil, "speed": row["values"]["speed"]}
         row |= {"message": evil, "reason": evil, "stderr": [evil], "bag": evil}
+        row["log"] = [{"at": 1.0, "level": evil, "node": evil, "text": evil}]
         row["criteria"] = [
             finding
             | {"name": HOSTILE[2], "unit": HOSTILE[0], "limit": evil, "message": evil}

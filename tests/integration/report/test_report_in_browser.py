@@ -1,6 +1,8 @@
 """report.html in a real browser: verdict first, filters, many cases, hostile words, no request."""
 
+import json
 import re
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -146,7 +148,7 @@ def test_discarded_runs_and_the_origin_are_shown(browser: webdriver.Chrome, page
     body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
     body.send_keys(Keys.HOME, Keys.ENTER)
     chosen = awaited(browser, "#chosen .case", lambda case: tried[0] in case.text)
-    assert "Runs that do not count\n2 x MachineBusy" in chosen.text
+    assert chosen.text.count("MachineBusy after 20.4 s: /lane_node lost 3 of 498") == 2
     shown = text_of(browser, "#provenance")
     for word in ("label branch pr-812", "lane@sha256:abab", "AMD EPYC 7R13", "bagpipe-agent 0.1.0"):
         assert word in shown
@@ -249,7 +251,7 @@ def test_ten_thousand_cases_stay_quick(
             f" {len(took)} keystrokes, slowest {max(took):.0f} ms,"
             f" median {sorted(took)[len(took) // 2]:.0f} ms"
         )
-    assert len(made) < 5_000_000
+    assert len(made) < 10_000_000
     assert max(took) < MOST_MILLISECONDS
     assert logged(browser, "browser") == []
 
@@ -310,6 +312,169 @@ def test_the_page_s_own_policy_stops_what_would_leave(
         return len(stopped) >= 4
 
     wait_until(all_are_logged, PATIENCE, f"not each way out is logged: {stopped}")
+
+
+def case_of(browser: webdriver.Chrome, name: str) -> WebElement:
+    """A case, opened from the table."""
+    search = browser.find_element(By.ID, "search")
+    search.clear()
+    search.send_keys(name)
+    body = browser.find_element(By.CSS_SELECTOR, ".grid .body")
+    body.send_keys(Keys.HOME, Keys.ENTER)
+    return awaited(browser, "#chosen .case", lambda case: case.get_attribute("data-case") == name)
+
+
+def read_at(browser: webdriver.Chrome, case: WebElement, share: float) -> list[str]:
+    """What is read where the pointer is: the time, then each criterion's values."""
+    plot = case.find_element(By.CSS_SELECTOR, ".plot")
+    browser.execute_script(
+        "const [plot, share] = arguments, place = plot.getBoundingClientRect();"
+        "plot.dispatchEvent(new PointerEvent('pointermove', {bubbles: true,"
+        " clientX: place.left + share * place.width, clientY: place.top + 5}));",
+        plot, share,
+    )  # fmt: skip
+    return [each.text for each in case.find_elements(By.CSS_SELECTOR, ".legend .time, .value")]
+
+
+def test_the_failing_moment_is_shown_with_the_baseline_s_course(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(288)
+    opened(browser, page, rows)
+    named = {row["case"]: row for row in rows}
+    failed = next(
+        row for row in rows
+        if row["variant"] == "pr-812" and row["criteria"]
+        and row["criteria"][0]["outcome"] == "failed" and row["values"]["speed"] == 25
+    )  # fmt: skip
+    other = named[failed["case"].removesuffix("pr-812") + "released"]
+    case = case_of(browser, failed["case"])
+    points = failed["criteria"][0]["course"]["points"]
+    moment = next(at for at, value in points if value < 9)
+    first = case.find_element(By.CSS_SELECTOR, ".legend .first").text
+    assert first == f"Out of its bounds first at {moment:.4g} s: lane rate"
+    assert f"released: {other['case']}" in case.find_element(By.CSS_SELECTOR, ".legend").text
+    words = [each.text for each in case.find_elements(By.CSS_SELECTOR, ".chart .word")]
+    assert words == ["lane rate", "offset", "end pose"]
+    for css, count in ((".own", 3), (".other", 3), (".moment", 1), (".limit", 3)):
+        assert len(case.find_elements(By.CSS_SELECTOR, f".plot {css}")) == count, css
+    drawn = case.find_element(By.CSS_SELECTOR, ".plot .own").get_attribute("d") or ""
+    assert drawn.count("L") == len(points) - 1 == 399
+    # The time is the pointer's; values are those of the nearest points of both.
+    time, lane, *_ = read_at(browser, case, 0.75)
+    theirs = other["criteria"][0]["course"]["points"][75][1]
+    assert time == "at 15.000 s"
+    assert lane == f"{points[300][1]:.4g} Hz · baseline {theirs:.4g} Hz"
+    # What was written stands below the same axis, and is read where the pointer is near it.
+    [tick] = case.find_elements(By.CSS_SELECTOR, ".plot .tick.warn")
+    assert float(tick.get_attribute("x1") or 0) == pytest.approx(501)
+    assert case.find_element(By.CSS_SELECTOR, ".lines").text == (
+        "0.040 s info/lane_node: map is loaded\n10.020 s warn/lane_node: no marking for 0.2 s"
+    )
+    assert read_at(browser, case, 0.75)[-1] == ""
+    assert read_at(browser, case, 0.5)[-1] == "/lane_node: no marking for 0.2 s"
+    read_at(browser, case, 0.75)
+    [plane] = case.find_elements(By.CSS_SELECTOR, ".plane")
+    for css, count in ((".own", 1), (".other", 1), (".goal", 1), (".end", 1)):
+        assert len(plane.find_elements(By.CSS_SELECTOR, css)) == count, css
+    # Where it was at the time that is read: x goes from -49 to 1, over 900 and its goal's radius.
+    here = plane.find_element(By.CSS_SELECTOR, ".here").get_attribute("d") or ""
+    at, middle, scale = 37.5 - 49, (-49 + 1.5) / 2, 900 / 50.5
+    assert float(here[1:].split(" ")[0]) == pytest.approx(500 + (at - middle) * scale, abs=12)
+    charts = case.find_element(By.CSS_SELECTOR, ".charts")
+    charts.send_keys(Keys.ARROW_RIGHT)
+    assert case.find_element(By.CSS_SELECTOR, ".legend .time").text == "at 15.200 s"
+    assert logged(browser, "browser") == []
+
+
+def test_where_it_comes_from_is_on_top_and_recordings_are_links(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(40)
+    rows[0] |= {"outcome": "failed", "recorded": "javascript:window.hacked=1"}
+    rows[1] |= {
+        "recorded": ["cases/../../etc/passwd", "s3://r/x.bag", "cases/a b.bag", "cases/..x"]
+    }
+    rows[2] |= {"recorded": "cases/plain-1.0f.bag"}
+    opened(browser, page, rows)
+    top = browser.find_element(By.CSS_SELECTOR, "header .origin")
+    for word in ("branch pr-812", "sim.bagpipe.io/commit 0c1f6d2", "lane@sha256:abab", "0.1.0"):
+        assert word in top.text
+    assert top.rect["y"] + top.rect["height"] < 260
+    links = {}
+    for row in rows[:3]:
+        case = case_of(browser, row["case"])
+        assert f"bagpipe open {row['case']} --results {URI}" in case.text
+        assert (
+            row["recorded"] if isinstance(row["recorded"], str) else "s3://r/x.bag"
+        ) in case.text
+        found = case.find_elements(By.CSS_SELECTOR, ".recorded a")
+        links[row["case"]] = [link.get_attribute("href") for link in found]
+    assert list(links.values()) == [[], [], [(page.parent / "cases/plain-1.0f.bag").as_uri()]]
+
+
+def test_a_case_that_passed_has_its_courses_delivery_and_timings(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(288)
+    opened(browser, page, rows)
+    passed = next(row for row in rows if row["outcome"] == "passed")
+    case = case_of(browser, passed["case"])
+    assert len(case.find_elements(By.CSS_SELECTOR, ".plot .own")) == 3
+    assert case.find_elements(By.CSS_SELECTOR, ".plot .moment, .legend .first") == []
+    assert "Delivery" in case.text
+    assert "Seconds of its parts" in case.text
+    assert f"{drives.TIMINGS['master']}" in case.text
+
+
+def test_of_twenty_thousand_cases_the_page_says_what_it_leaves_out(
+    browser: webdriver.Chrome, page: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = drive_rows(20_000)
+    made = opened(browser, page, rows)
+    loaded = browser.execute_script(
+        "const [n] = performance.getEntriesByType('navigation'); return n.loadEventEnd"
+    )
+    data = json.loads(made.split(b'id="data">', 1)[1].split(b"</script>", 1)[0])
+    shown = data["details"]
+    kinds = Counter(outcomes_of(rows)[name] for name in shown)
+    with capsys.disabled():
+        print(f"\nreport of 20,000 cases: {len(made) / 1e6:.2f} MB, drawn after {loaded:.0f} ms;"
+              f" in full {dict(kinds)}, baselines {len(data['baselines'])}")  # fmt: skip
+    assert len(json.dumps(shown)) < 6_200_000
+    assert len(json.dumps(data["baselines"])) < 2_200_000
+    assert len(made) < 12_000_000
+    assert min(kinds["failed"], kinds["errored"], kinds["passed"]) > 50
+    left = next(r["case"] for r in rows if r["outcome"] == "passed" and r["case"] not in shown)
+    case = case_of(browser, left)
+    assert case.find_elements(By.CSS_SELECTOR, ".plot") == []
+    assert f"which has {len(shown):,} of 20,000 cases in full" in case.text
+    for word in ("messages sent", "Seconds of its parts", "play", "20"):
+        assert word in case.text
+    assert timed_search(browser, "0123-heavy-35-pr-812")
+    assert logged(browser, "browser") == []
+
+
+def outcomes_of(rows: list[dict[str, Any]]) -> dict[str, str]:
+    """The outcome of each case by its name."""
+    return {row["case"]: row["outcome"] for row in rows}
+
+
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_is_wider_than_the_screen(
+    browser: webdriver.Chrome, page: Path, width: int
+) -> None:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        opened(browser, page, drive_rows(100))
+        for summary in browser.find_elements(By.CSS_SELECTOR, "#failing-cases summary"):
+            browser.execute_script("arguments[0].click()", summary)
+        assert len(browser.find_elements(By.CSS_SELECTOR, "#failing-cases .plot")) >= 9
+        wide = browser.execute_script("return document.documentElement.scrollWidth")
+        assert wide <= width
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_it_prints_the_failing_cases_in_full(browser: webdriver.Chrome, page: Path) -> None:

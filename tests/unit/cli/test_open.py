@@ -14,8 +14,8 @@ from click.testing import CliRunner
 from mcap.reader import make_reader
 
 from bagpipe.cli.__main__ import main
+from bagpipe.moments import Moment, moments
 from bagpipe.view.layouts import foxglove, plotjuggler, rviz
-from bagpipe.view.moment import Moment, moments
 from bagpipe.view.recording import Topic
 from bagpipe.view.server import foxglove_link
 from tests.mcap_of_bag import mcap_of

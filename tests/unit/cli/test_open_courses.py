@@ -3,8 +3,8 @@
 import json
 from typing import Any
 
+from bagpipe.moments import Moment, moments
 from bagpipe.view.course import notes
-from bagpipe.view.moment import Moment, moments
 
 SECOND = 1_000_000_000
 
@@ -23,6 +23,27 @@ def test_a_final_pose_is_wrong_in_the_end_and_not_where_the_drive_began() -> Non
     # In place, and not in its heading.
     near = [[0.0, 90.0], [5.9, 0.5]]
     assert moments({"criteria": [finding("goal", near, "finalPose")]}) == []
+
+
+def test_a_count_has_a_moment_where_it_is_exceeded_and_none_where_it_is_not_reached() -> None:
+    counted = finding("count", [[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]], "presence")
+    counted["course"] |= {"low": 9, "high": None}
+    assert moments({"criteria": [counted]}) == []
+    counted["course"] |= {"low": 0, "high": 1}
+    assert moments({"criteria": [counted]}) == [Moment(2.0, "count: why count")]
+
+
+def test_an_expression_fails_where_it_first_does_not_hold() -> None:
+    share = finding("share", [[1.0, 1.0], [2.0, 0.0], [3.0, 0.0]], "expression")
+    share["course"] |= {"low": None, "high": None}
+    assert moments({"criteria": [share]}) == [Moment(2.0, "share: why share")]
+
+
+def test_what_is_no_number_is_out_of_its_bounds() -> None:
+    found = finding("x", [[0.5, 0.9], [7.0, 3.0]])
+    found["course"]["odd"] = [float("nan"), 4.0, 5.0]
+    assert moments({"criteria": [found]}) == [Moment(4.0, "x: why x")]
+    assert moments({"criteria": [found | {"outcome": "passed"}]}) == []
 
 
 def test_criteria_of_names_that_topics_can_not_have_have_topics_of_their_own() -> None:

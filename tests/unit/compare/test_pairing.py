@@ -6,7 +6,8 @@ import pytest
 
 from bagpipe.compare.changes import Change, changes
 from bagpipe.compare.delivery import delivery
-from bagpipe.compare.pairing import Rounds, Versions, key_of, recording_of
+from bagpipe.compare.pairing import Rounds, Versions, recording_of
+from bagpipe.row_facts import key_of
 from tests.unit.compare.rows import rounds, row
 
 LOSS, DISCARDED = "delivery: loss", "delivery: discarded runs"

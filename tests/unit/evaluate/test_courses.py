@@ -1,13 +1,20 @@
-"""The course of a failing criterion over time: which points, and how many."""
+"""The courses of criteria over time: which points, and how many."""
 
+import itertools
 import json
 import math
 from typing import Any
 
 import pytest
 
-from bagpipe.evaluate import courses
-from bagpipe.evaluate.courses import MOST_POINTS, thinned
+from bagpipe.evaluate import courses, plane, values
+from bagpipe.evaluate.courses import (
+    MOST_PASSED_POINTS,
+    MOST_PASSED_POINTS_OF_ALL,
+    MOST_POINTS,
+    MOST_POINTS_OF_ALL,
+    thinned,
+)
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion
 from tests.unit.evaluate.recordings import evidence, number, poses, stamped
@@ -28,6 +35,8 @@ UNITS = {
     "finalPose": "m",
     "error": "",
     "separation": "m",
+    "presence": "messages",
+    "expression": "",
 }
 SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0, 8.0))]
 
@@ -60,6 +69,15 @@ SOURCE = [("/p", 11.0, stamped(10.75, 1.0, 4.0)), ("/p", 12.0, stamped(11.5, 1.0
             "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
             "/p, distance to the nearest of /o", 2.0, None, [[1.2, 1.0]],
         ),
+        (
+            "presence", {"topic": "/v", "min": 9}, "/v, messages so far", 9, None,
+            [[0.0, 0.0], [0.5, 1.0], [1.5, 2.0], [2.0, 3.0], [2.5, 3.0]],
+        ),
+        (
+            "expression", {"topic": "/v", "holds": "msg.data < 6.5"},
+            "msg.data < 6.5: 1 where it holds", 1.0, None,
+            [[0.5, 1.0], [1.5, 1.0], [2.0, 0.0]],
+        ),
     ],
 )  # fmt: skip
 def test_a_failing_criterion_has_a_course(
@@ -82,17 +100,117 @@ def criterion(kind: str, fields: dict[str, Any]) -> Criterion:
     return Criterion.model_validate({"name": "c", kind: fields})
 
 
+def test_what_passes_and_what_lacks_evidence_has_one_too() -> None:
+    wide = criterion("bounds", {"topic": "/v", "field": "data", "max": 100, "minCoverage": 0})
+    whole = criterion("bounds", {"topic": "/v", "field": "data", "max": 100})
+    passed, invalid = evaluate([wide, whole], evidence(RECORDED))
+    assert (passed.outcome, invalid.outcome) == ("passed", "invalid")
+    assert passed.course == invalid.course
+    assert passed.course is not None
+    assert passed.course["points"] == [[0.5, 5.0], [1.5, 6.0], [2.0, 7.0]]
+
+
+def test_what_is_not_there_or_has_no_time_has_none() -> None:
+    wanted = [
+        criterion("bounds", {"topic": "/none", "field": "data", "max": 100}),
+        criterion("resources", {"maxCpu": 1.0}),
+    ]
+    usage = {"stack": {"usage": {"seconds": 9.0, "cpu_seconds": 99.0}}}
+    found = evaluate(wanted, evidence(RECORDED, result=usage))
+    assert [each.outcome for each in found] == ["invalid", "failed"]
+    assert ["course" in each.as_row() for each in found] == [False, False]
+
+
+def test_no_message_at_all_is_a_course_that_stays_at_zero() -> None:
+    made = course("presence", {"topic": "/none"}, RECORDED)
+    assert made["points"] == [[0.0, 0.0], [10.0, 0.0]]
+
+
+@pytest.mark.parametrize(("share", "low"), [(1.0, 1.0), (0.9, None)])
+def test_a_share_of_messages_has_no_line_that_each_must_keep(
+    share: float, low: float | None
+) -> None:
+    fields = {"topic": "/v", "holds": "msg.data < 6.5", "share": share, "minCoverage": 0}
+    made = course("expression", fields, RECORDED)
+    assert (made["low"], made["step"]) == (low, True)
+
+
+def test_values_that_are_no_number_are_times_at_which_there_is_none() -> None:
+    recorded = [("/v", 10.0 + n, number(math.nan if n % 2 else 1.0)) for n in range(1, 6)]
+    made = course("bounds", {"topic": "/v", "field": "data", "max": 2}, recorded)
+    assert (made["points"], made["odd"]) == ([[2.0, 1.0], [4.0, 1.0]], [1.0, 3.0, 5.0])
+    many = [("/v", 10.0 + n / 100, number(math.inf)) for n in range(500)]
+    assert len(course("bounds", {"topic": "/v", "field": "data", "max": 2}, many)["odd"]) == 20
+
+
+def test_the_courses_of_a_case_have_a_bound_together() -> None:
+    recorded = [("/v", 10 + n / 1000, number(math.sin(n))) for n in range(9000)]
+    bound = {"topic": "/v", "field": "data", "minCoverage": 0}
+    passing = [criterion("bounds", bound | {"max": 2.0})]
+    failing = [criterion("bounds", bound | {"max": 0.5})]
+    for passed, failed in ((1, 0), (20, 0), (1, 1), (0, 20), (20, 80)):
+        found = evaluate(passing * passed + failing * failed, evidence(recorded))
+        lengths = [len(each.as_row()["course"]["points"]) for each in found]
+        most = MOST_PASSED_POINTS_OF_ALL // passed if passed else 0
+        assert set(lengths[:passed]) <= {min(MOST_PASSED_POINTS, most) // 2 * 2}
+        most = MOST_POINTS_OF_ALL // failed if failed else 0
+        assert set(lengths[passed:]) <= {min(MOST_POINTS, most) // 2 * 2}
+    rows = [each.as_row() for each in evaluate(passing * 20 + failing * 80, evidence(recorded))]
+    assert sum(len(json.dumps(row["course"]["points"])) for row in rows) < 50_000
+
+
 @pytest.mark.parametrize(
-    ("kind", "fields"),
+    ("kind", "fields", "paths", "goal"),
     [
-        ("presence", {"topic": "/v", "min": 100}),
-        ("bounds", {"topic": "/v", "field": "data", "max": 100}),
-        ("bounds", {"topic": "/none", "field": "data", "max": 100}),
+        (
+            "finalPose", {"topic": "/p", "position": [0, 1], "maxDistance": 1, "minCoverage": 0.5},
+            {"/p": [[1.0, 3.0, 4.0], [2.0, 6.0, 8.0]]}, [0.0, 1.0, 1.0],
+        ),
+        (
+            "separation", {"ego": "/p", "obstacles": "/o", "minDistance": 2},
+            {"/p": [[1.2, 3.0, 4.0]], "nearest of /o": [[1.2, 3.0, 5.0]]}, None,
+        ),
+        (
+            "error", {"topic": "/p", "fields": ["pose.position.y", "pose.position.x"],
+                      "recording": True, "max": 1},
+            {"/p": [[1.0, 3.0, 4.0], [2.0, 6.0, 8.0]],
+             "the truth": [[1.0, 1.0, 4.0], [2.0, 1.0, 8.0]]}, None,
+        ),
     ],
-)
-def test_what_passes_or_has_no_time_has_none(kind: str, fields: dict[str, Any]) -> None:
-    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED))
-    assert "course" not in found.as_row()
+)  # fmt: skip
+def test_poses_have_paths_in_the_plane(
+    kind: str, fields: dict[str, Any], paths: dict[str, Any], goal: list[float] | None
+) -> None:
+    [found] = evaluate([criterion(kind, fields)], evidence(RECORDED, SOURCE, end=12.5))
+    plane = found.as_row()["course"]["plane"]
+    assert {path["name"]: path["points"] for path in plane["paths"]} == paths
+    assert plane["goal"] == goal
+
+
+def test_a_path_keeps_its_ends_and_has_a_bound() -> None:
+    path = [(n, float(n), math.nan if n == 3 else 0.0) for n in range(1001)]
+    thin = plane.thinned(path, 50)
+    assert (len(thin), thin[0][0], thin[-1][0]) == (50, 0, 1000)
+    assert max(b[0] - a[0] for a, b in itertools.pairwise(thin)) <= 22
+    assert plane.thinned(path[:5], 50) == [*path[:3], path[4]]
+    assert (plane.thinned(path, 1), plane.thinned(path, 0)) == ([path[0]], [])
+    one = criterion("error", {"topic": "/p", "fields": ["pose.position.x"], "recording": True,
+                              "max": 1})  # fmt: skip
+    [found] = evaluate([one], evidence(RECORDED, SOURCE, end=12.5))
+    assert "plane" not in found.as_row()["course"]
+
+
+def test_an_expression_is_computed_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+    answer = values._answer
+
+    def noted(*given: Any) -> bool:
+        asked.append(given)
+        return answer(*given)
+
+    monkeypatch.setattr(values, "_answer", noted)
+    fields = {"topic": "/v", "holds": "msg.data < 6.5", "minCoverage": 0}
+    assert len(course("expression", fields, RECORDED)["points"]) == len(asked) == 3
 
 
 def test_a_course_is_small_and_json() -> None:
@@ -103,7 +221,7 @@ def test_a_course_is_small_and_json() -> None:
     )
     row = found.as_row()
     assert len(row["course"]["points"]) == MOST_POINTS
-    assert len(json.dumps(row["course"], allow_nan=False)) < 5000
+    assert len(json.dumps(row["course"], allow_nan=False)) < 10_000
 
 
 def test_thinning_keeps_ends_of_peaks() -> None:

@@ -1,20 +1,23 @@
 """Criteria in a case's way from recording to row."""
 
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from bagpipe.evaluate.model import Criterion
+from bagpipe.evaluate.written import written
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import Row, RunContext, run_case
 from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.bags import Recorded, steady, write_bag
-from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved
+from tests.unit.bagpipe.fake_agent import RESULT, FakeAgent, make_slot, well_behaved
 from tests.unit.bagpipe.jobs import make_spec
-from tests.unit.evaluate.recordings import bag, number, text
+from tests.unit.evaluate import ros2_recordings
+from tests.unit.evaluate.recordings import SECOND, STORE, bag, evidence, header, number, text
 
 
 def run(
@@ -51,6 +54,49 @@ def test_the_row_has_each_criterion_s_finding(tmp_path: Path) -> None:
         ("below", "failed", 5.0),
     ]
     assert row["recorded"]
+
+
+def logged(severity: int, words: str, *, two: bool = False) -> Any:
+    """A line of /rosout, of a severity from 0, as ROS 1 or ROS 2 counts them."""
+    if two:
+        types, rest = ros2_recordings.STORE.types, ("/n", words, "f", "g", 1)
+        stamp = types["builtin_interfaces/msg/Time"](0, 0)
+        return types["rcl_interfaces/msg/Log"](stamp, 10 * (severity + 1), *rest)
+    log = STORE.types["rosgraph_msgs/msg/Log"]
+    return log(header(0.0), 1 << severity, "/n", words, "f", "g", 1, [])
+
+
+def test_what_was_written_to_rosout_is_in_the_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    topic = {"topic": "/rosout", "type": "rosgraph_msgs/Log", "messages": 2}
+    monkeypatch.setitem(RESULT["recorded"], "topics", [topic])
+    lines = [("/rosout", 1.15, logged(1, "begun")), ("/rosout", 1.3, logged(3, "e" * 900))]
+    recorded = bag([("/out", 1.1, number(9.0)), *lines])
+    row = run(tmp_path, recorded, BELOW)
+    assert row["log"] == [
+        {"at": 0.15, "level": "info", "node": "/n", "text": "begun"},
+        {"at": 0.3, "level": "error", "node": "/n", "text": "e" * 300},
+    ]
+
+
+def test_of_too_many_lines_the_worst_are_kept_and_of_a_pass_those_that_warn(form: str) -> None:
+    two = form != "ros1"
+    lines = [("/rosout", 10 + n / 10, logged(n % 5, str(n), two=two)) for n in range(100)]
+    kept = written(evidence(lines).recorded, 10 * SECOND, passed=False)
+    assert Counter(line["level"] for line in kept) == {"fatal": 20, "error": 20, "warn": 20}
+    assert kept == sorted(kept, key=lambda line: float(line["at"]))
+    few = written(evidence(lines).recorded, 10 * SECOND, passed=True)
+    assert [line["text"] for line in few] == [str(5 * n + 4) for n in range(10)]
+    mild = [("/rosout", 11.0, logged(0, "d", two=two)), ("/rosout", 12.0, logged(6, "?", two=two))]
+    assert written(evidence(mild).recorded, 0, passed=True) == []
+    assert len(written(evidence(mild).recorded, 0, passed=False)) == 2
+
+
+def test_what_is_no_log_is_left_out() -> None:
+    other = evidence([("/rosout", 11.0, number(3.0))])
+    assert written(other.recorded, 0, passed=False) == []
+    assert written(evidence([("/out", 11.0, number(3.0))]).recorded, 0, passed=False) == []
 
 
 def test_all_criteria_met_is_a_pass(tmp_path: Path) -> None:

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
+from bagpipe.evaluate.courses import with_courses
 from bagpipe.evaluate.finding import Finding, NoEvidenceError, as_expected
-from bagpipe.evaluate.model import OwnEvaluator
+from bagpipe.evaluate.model import Criterion, OwnEvaluator
 from bagpipe.evaluate.own import own
 from tests.unit.evaluate.recordings import evidence, number, stamped
 
@@ -37,6 +38,40 @@ def test_it_reads_the_recording_and_answers_with_a_figure(tmp_path: Path) -> Non
         "            'direction': 'lower'}\n",
     )
     assert finding == Finding("lane", "own", "failed", 6.0, "m", "", "lower", "too far")
+
+
+def test_it_may_say_how_its_figure_went(tmp_path: Path) -> None:
+    program = (
+        "def evaluate(case):\n"
+        "    points = [(t, m.data) for t, m in case.messages('/out')] + [(case.start, 2 ** 0.5)]\n"
+        "    points.append((case.end, float('nan')))\n"
+        "    course = {'points': points, 'label': 'l', 'unit': 'm', 'high': 2}\n"
+        "    return {'outcome': 'passed', 'course': course}\n"
+    )
+    found = run(tmp_path, program)
+    wanted = Criterion.model_validate({"name": "lane", "own": {"configMap": "lane"}})
+    [shown] = with_courses([wanted], [found], evidence([]))
+    assert shown.course == {
+        "label": "l", "unit": "m", "low": None, "high": 2.0,
+        "points": [[0.0, 1.4142], [1.0, 3.0]], "odd": [10.0],
+    }  # fmt: skip
+    [none] = with_courses([wanted], [Finding("lane", "own", "passed")], evidence([]))
+    assert none.course is None
+
+
+@pytest.mark.parametrize(
+    "course",
+    [
+        "7", "{}", "{'points': 7}", "{'points': [1]}", "{'points': [(1, 2, 3)]}",
+        "{'points': [('1', 2)]}", "{'points': [(float('nan'), 2)]}", "{'points': [(2 ** 63, 2)]}",
+        "{'points': [(-1, 2)]}", "{'points': [(1, 10 ** 400)]}", "{'points': [(1, True)]}",
+        "{'points': [], 'low': float('inf')}", "{'points': [], 'high': 'x'}",
+    ],
+)  # fmt: skip
+def test_a_course_that_is_none_is_no_evidence(tmp_path: Path, course: str) -> None:
+    program = f"def evaluate(case):\n    return {{'outcome': 'passed', 'course': {course}}}\n"
+    with pytest.raises(NoEvidenceError, match=r"the evaluator's (course|high)"):
+        run(tmp_path, program)
 
 
 @pytest.mark.parametrize("figure", ["float('nan')", "float('inf')", "10 ** 400"])

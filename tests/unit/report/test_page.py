@@ -1,20 +1,26 @@
 """The report's parts: columns, chosen details, courses, words, and a page that holds no tag."""
 
+import itertools
 import json
 import math
 import re
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from bagpipe.report.baselines import Baselines
 from bagpipe.report.causes import MOST_CAUSES, Causes
 from bagpipe.report.columns import Columns, limits_of
-from bagpipe.report.details import Details, detail_of
+from bagpipe.report.details import Details, detail_of, fitting
 from bagpipe.report.html import Report, regressed_cases, render
+from bagpipe.report.series import series_of
+from bagpipe.report.spool import Spool
 from bagpipe.report.words import headline, sentence
 from bagpipe.row_facts import verdict_words
+from bagpipe.storage import StorageError
 from tests.unit.bagpipe.jobs import make_row
 
 COUNTS = {
@@ -86,13 +92,13 @@ def test_limits_are_read_as_findings_write_them(
 
 
 def test_fifty_of_one_kind_do_not_hide_the_others() -> None:
-    details = Details()
+    details = Details(Spool())
     for n in range(100):
         details.add(make_row(f"a-{n:03d}", "failed", "CriterionFailed"))
     details.add(make_row("z-1", "errored", "StackExited"))
     details.add(make_row("z-2", "failed", "CriterionFailed", criteria=[finding("failed", 1.0)]))
     details.add(make_row("z-3"))
-    names = [row["case"] for row in details.rows()]
+    names = details.listed()
     assert (len(names), names[-2:]) == (50, ["z-1", "z-2"])
 
 
@@ -100,13 +106,188 @@ def test_what_regressed_is_shown_in_full_first() -> None:
     compared = [{"regressed": [{"case": "z-7", "to": "failed", "reason": "X"}]}]
     for named in (compared, [{"regressed": ["z-7"]}]):  # as v1alpha1 has it
         assert regressed_cases(named) == ["z-7"]
-    details = Details(regressed=["z-7"])
+    details = Details(Spool(), regressed=["z-7"])
     for n in range(100):
         details.add(make_row(f"a-{n:03d}", "failed", "CriterionFailed"))
     details.add(make_row("z-7", "failed", "CriterionFailed"))
     details.add(make_row("z-8", "errored", "AgentDied"))
-    names = [row["case"] for row in details.rows()]
+    names = details.listed()
     assert (len(names), names[0], names[-1]) == (50, "z-7", "z-8")
+
+
+def long_row(name: str, outcome: str, **more: Any) -> dict[str, Any]:
+    """A row with a course of some 1.2 KB."""
+    points = [[n / 10, n * 1.001] for n in range(100)]
+    found = finding(outcome, 1.0) | {"course": {"label": "x", "low": 1, "points": points}}
+    return make_row(name, outcome, criteria=[found], **more)
+
+
+def test_room_goes_to_what_did_not_pass_then_to_what_changed_then_to_a_sample() -> None:
+    details = Details(Spool(), changed=["p-050", "p-051"], most_bytes=100_000)
+    names = []
+    for n in range(300):
+        for name, outcome in ((f"f-{n:03d}", "failed"), (f"p-{n:03d}", "passed")):
+            details.add(long_row(name, outcome))
+            names.append(name)
+    shown = details.in_full(names)
+    sizes = {name: len(json.dumps(detail)) for name, detail in shown.items()}
+    failed = [name for name in shown if name[0] == "f"]
+    assert sum(sizes[name] for name in failed) == pytest.approx(70_000, abs=3000)
+    passed = list(shown)[len(failed) :]
+    assert set(passed[:2]) == {"p-050", "p-051"}
+    assert sum(sizes.values()) == pytest.approx(100_000, abs=3000)
+    assert sum(sizes.values()) <= 100_000
+    # A sample, and no stretch of names; the same each time.
+    numbers = sorted(int(name[2:]) for name in passed[2:])
+    assert (len(numbers), numbers[0] < 60, numbers[-1] > 240) == (len(passed) - 2, True, True)
+    assert list(details.in_full(names)) == list(shown)
+    assert list(details.in_full(["p-007"])) == ["p-007"]
+
+
+def test_a_case_that_is_too_large_loses_its_last_courses() -> None:
+    row = long_row("a", "failed")
+    row["criteria"] *= 60
+    detail, size = fitting(detail_of(row))
+    assert 60_000 < size <= 64_000
+    assert detail["left"] + len(detail["series"]) == 60
+
+
+def test_what_a_course_holds_is_checked() -> None:
+    evil: dict[str, Any] = {
+        "label": "l" * 900, "unit": 7, "low": math.nan, "high": "x", "step": 1,
+        "points": [
+            [0, 1], [1], "ab", [math.inf, 1], [2, math.nan], [3, 10**400], [4, True], [5, 5.0],
+        ],
+        "odd": [1, None, math.inf, "x"],
+    }  # fmt: skip
+    others: list[Any] = [evil, 7, [], {"points": 7}, {"points": None, "odd": 3}]
+    rows = [make_row("a", "failed", criteria=[finding("failed", 1.0) | {"course": course}])
+            for course in others]  # fmt: skip
+    shown = [series_of(row) for row in rows]
+    assert shown[0] == [{
+        "criterion": "rate", "outcome": "failed", "label": "l" * 200, "unit": "7", "step": True,
+        "moment": 1, "points": [[0, 1], [5, 5.0]], "odd": [1], "low": None, "high": None,
+    }]  # fmt: skip
+    assert (shown[1], shown[2]) == ([], [])
+    path = {"name": 7, "points": [[0, 1, 2], [0, 1], [0, math.nan, 1], "abc", [1, 2, 3]]}
+    odd = {"points": [], "plane": {"paths": [path, 7, path, path], "goal": [1, 2, -3]}}
+    [drawn] = series_of(
+        make_row("a", "failed", criteria=[finding("failed", 1.0) | {"course": odd}])
+    )
+    assert drawn["plane"] == {
+        "paths": [{"name": "7", "points": [[0, 1, 2], [1, 2, 3]]}], "goal": None,
+    }  # fmt: skip
+    assert [each["points"] for found in shown[3:] for each in found] == [[], []]
+
+
+def test_lines_with_a_time_of_the_clock_are_on_the_axis() -> None:
+    window = [1_000_000_000_000, 1_005_000_000_000, 1_025_000_000_000]
+    stderr = [
+        "[ WARN] [1700000000.123456789, 1006.500000000]: slow",
+        "\x1b[31m[ERROR] [1700000001.000001, 1006.25]: lost\x1b[0m",
+        "[INFO] [1700000000.123, 999.999]: before it began",
+        "[INFO] [1700000000.123456789] [node]: of the wall's time alone",
+        "[FATAL] [1700000000.1, 99999999999999.1]: no time",
+        "Traceback (most recent call last):",
+    ]
+    row = make_row("a", "failed", "StackCrashed", stderr=stderr, window=window)
+    assert detail_of(row)["lines"] == [
+        {"at": 1.25, "level": "error", "text": "lost"},
+        {"at": 1.5, "level": "warn", "text": "slow"},
+    ]
+    assert detail_of(row)["stderr"] == stderr
+    assert detail_of(row | {"window": None})["lines"] == []
+    evil: list[Any] = [7, None, {"at": math.nan}, {"at": "1"}, {"at": 2, "level": "<b>"}]
+    logged = [{"at": 1.0, "level": "warn", "node": "/n", "text": "t" * 900}, *evil]
+    lines = detail_of(row | {"log": logged})["lines"]
+    assert [(line["at"], line["level"]) for line in lines] == [(1.0, "warn"), (2, "info")]
+    assert lines[0]["text"] == ("/n: " + "t" * 900)[:300]
+
+
+def test_no_figure_of_a_row_keeps_the_page_from_being_made() -> None:
+    topic = {"topic": "/a", "sent": math.nan, "subscribers": [{"node": "/n", "received": math.inf}]}
+    ledger = {"sent": math.inf, "topics": [topic]}
+    result = {
+        "ledger": ledger, "timings": {"play": math.inf}, "machine": {"late_max_seconds": math.nan},
+    }  # fmt: skip
+    row = long_row("a", "failed", window=[1, 2.5, "x"], result=result)
+    report = Report(None, "r")
+    report.add(row)
+    page = report.html(MANIFEST).decode()
+    assert "NaN" not in page
+    assert detail_of(row)["window"] is None
+
+
+def test_delivery_and_timings_of_every_case_are_in_columns() -> None:
+    columns = Columns()
+    ledger = {"sent": 1_234_567, "received": 3, "dropped": 0}
+    result = {"ledger": ledger, "timings": {"play": 20.04}}
+    columns = Columns()
+    columns.add(make_row("a", result=result))
+    columns.add(make_row("b", result=None))
+    shown = columns.as_json()
+    assert [shown["cases"][name] for name in ("sent", "received", "dropped")] == [
+        [1_234_567, None], [3, None], [0, None],
+    ]  # fmt: skip
+    assert shown["timings"] == {"play": [20.0, None]}
+
+
+def baseline_of(rows: list[dict[str, Any]], first: str | None = "old") -> dict[str, Any]:
+    spool = Spool()
+    details, baselines = Details(spool), Baselines(spool, first)
+    for row in rows:
+        details.add(row)
+        baselines.add(row)
+    shown = details.in_full([row["case"] for row in rows if row["variant"] == "new"])
+    return baselines.of(shown)
+
+
+def test_the_baseline_is_the_same_round_of_the_same_case() -> None:
+    rows = [
+        long_row(f"{variant}-{rain}-{n}", "failed", variant=variant, fragment="f",
+                 values={"rain": rain}, seed=3, round=n)
+        for variant, rain, n in itertools.product(("old", "new"), (0, 1), (0, 1))
+    ]  # fmt: skip
+    found = baseline_of(rows)
+    assert {name: each["case"] for name, each in found.items()} == {
+        f"new-{rain}-{n}": f"old-{rain}-{n}" for rain in (0, 1) for n in (0, 1)
+    }
+    assert found["new-1-0"]["called"] == "old"
+    assert [each["criterion"] for each in found["new-1-0"]["series"]] == ["rate"]
+    assert baseline_of(rows, None) == {}
+    assert baseline_of([row for row in rows if row["variant"] == "new"]) == {}
+
+
+def test_an_earlier_job_s_courses_are_laid_over_and_have_a_bound() -> None:
+    report = Report(None, "r")
+    for n in range(3):
+        report.add(long_row(f"a-{n}", "failed", fragment=f"a-{n}"))
+    report.add_earlier(long_row(f"b-{n}", "passed", fragment=f"a-{n}") for n in (1, 2, 7))
+    page = report.html(MANIFEST).decode()
+    data = re.search(r'id="data">(.*?)</script>', page, re.DOTALL)
+    assert data is not None
+    found = json.loads(data[1])["baselines"]
+    assert {name: each["case"] for name, each in found.items()} == {"a-1": "b-1", "a-2": "b-2"}
+    assert found["a-1"]["called"] == "the earlier job"
+    assert len(found["a-1"]["series"][0]["points"]) == 100
+    spool = Spool()
+    details, baselines = Details(spool), Baselines(spool, None, most_bytes=5000)
+    rows = [long_row(f"a-{n}", "passed") for n in range(9)]
+    for row in rows:
+        details.add(row)
+    assert len(baselines.of_earlier([row["case"] for row in rows], rows)) == 2
+
+
+def test_an_earlier_job_that_breaks_off_costs_its_courses_alone() -> None:
+    def rows() -> Iterator[dict[str, Any]]:
+        yield long_row("a-1", "passed")
+        raise StorageError("gone")
+
+    report = Report(None, "r")
+    report.add(long_row("a-1", "failed"))
+    with pytest.raises(StorageError):
+        report.add_earlier(rows())
+    assert b'"baselines":{}' in report.html(MANIFEST)
 
 
 def test_cases_that_share_a_cause_are_one_line() -> None:

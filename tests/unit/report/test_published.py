@@ -81,6 +81,48 @@ def test_an_earlier_job_is_the_baseline(tmp_path: Path) -> None:
     assert comparison["regressed"] == [{"case": "a-1", "to": "failed", "reason": ""}]
 
 
+def baselines_in(page: Path) -> dict[str, str]:
+    """The baseline's case of each case in a report."""
+    data = page.read_text().split('id="data">', 1)[1].split("</script>", 1)[0]
+    return {name: each["case"] for name, each in json.loads(data)["baselines"].items()}
+
+
+def test_the_earlier_job_s_courses_are_in_the_report(tmp_path: Path) -> None:
+    course = {"label": "l", "unit": "", "low": 1, "high": None, "points": [[0, 2.0], [1, 3.0]]}
+    found = {"name": "c", "kind": "bounds", "outcome": "passed", "course": course}
+    rows = [make_row(f"a-{n}", fragment=f"a-{n}", criteria=[found]) for n in range(3)]
+    first = publish(tmp_path, rows)
+    uri = f"pvc://results/{first.relative_to(tmp_path)}"
+    second = publish(tmp_path, rows[1:], uid="uid-2", baseline={"results": uri})
+    assert baselines_in(second / "report.html") == {"a-1": "a-1", "a-2": "a-2"}
+    again = tmp_path / "again.html"
+    arguments = ["report", str(second), "-o", str(again), "--volume", f"results={tmp_path}"]
+    ended = CliRunner().invoke(main, arguments)
+    assert (ended.exit_code, ended.stderr) == (0, ""), ended.output
+    assert baselines_in(again) == {"a-1": "a-1", "a-2": "a-2"}
+    (first / "results.jsonl").write_text("{")
+    ended = CliRunner().invoke(main, arguments)
+    assert ended.exit_code == 0, ended.output
+    assert "note: the page has no course of the baseline: pvc://" in ended.stderr
+    assert baselines_in(again) == {}
+
+
+def test_a_baseline_that_is_gone_costs_the_report_its_courses_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rows = [make_row(f"a-{n}", fragment=f"a-{n}") for n in range(3)]
+    first = publish(tmp_path, rows)
+    uri = f"pvc://results/{first.relative_to(tmp_path)}"
+
+    def gone(*_arguments: object) -> None:
+        raise StorageError("it is gone")
+
+    monkeypatch.setattr("bagpipe.driver.artefacts.baseline_rows", gone)
+    second = publish(tmp_path, rows, uid="uid-2", baseline={"results": uri})
+    assert baselines_in(second / "report.html") == {}
+    assert (second / "comparison.json").exists()
+
+
 def test_missing_cases_of_the_earlier_job_are_reported(tmp_path: Path) -> None:
     first = publish(tmp_path, [make_row(f"a-{n}", fragment=f"a-{n}") for n in range(3)])
     uri = f"pvc://results/{first.relative_to(tmp_path)}"
@@ -164,6 +206,7 @@ FORMS = ["job.json", "junit.xml", "report.html", "results.parquet"]
         ("bagpipe.report.table.TableWriter.add", {"results.parquet"}),
         ("bagpipe.driver.artefacts.write_junit", {"junit.xml"}),
         ("bagpipe.report.html.Report.add", {"report.html"}),
+        ("bagpipe.report.spool.tempfile.TemporaryFile", {"report.html"}),
         ("bagpipe.driver.artefacts.job_manifest", {"job.json"}),
         ("tempfile.TemporaryDirectory.__init__", {"results.parquet", "junit.xml"}),
     ],

@@ -1,9 +1,11 @@
 """What is read off a row of results, each fact in one place for all who report it. Pure."""
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
 Row = Mapping[str, Any]
+Key = tuple[str, str, int]
 
 OUTCOMES = ("passed", "failed", "invalid", "errored")
 # Reasons by which the stack, or a part of it, ended or restarted where it should not have.
@@ -92,9 +94,23 @@ def counts_of(manifest: Mapping[str, Any]) -> dict[str, int]:
     return dict.fromkeys((*TALLIES, "regressed"), 0) | {"discarded": earlier} | counts
 
 
+def key_of(row: Row) -> Key:
+    """What makes two rows the same case of two versions; names of jobs and variants are not in it.
+
+    An earlier job's fragments are named after its bags, as this one's are.
+    """
+    values = json.dumps(row.get("values") or {}, sort_keys=True)
+    return (str(row.get("fragment") or row["case"]), values, int(row.get("seed") or 0))
+
+
+def pair_of(row: Row) -> str:
+    """What makes two rows the same round of the same case of two versions, as one text."""
+    return json.dumps([*key_of(row), int(row.get("round") or 0)])
+
+
 def recorded_names(row: Row) -> list[str]:
     """What a row's case left behind: names below the job's results."""
-    recorded = row["recorded"]
+    recorded = row.get("recorded")
     if recorded is None:
         return []
     return [recorded] if isinstance(recorded, str) else list(recorded)

@@ -23,6 +23,7 @@ from bagpipe.cli.places import (
 )
 from bagpipe.cli.terminal import plain
 from bagpipe.matrix.faults import MatrixError
+from bagpipe.moments import Moment, moments
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.report.stored import Row, StoredResults
 from bagpipe.row_facts import recorded_names
@@ -31,7 +32,6 @@ from bagpipe.source.chosen import source_of
 from bagpipe.storage import StorageError
 from bagpipe.view.course import Note, notes, time_at
 from bagpipe.view.layouts import foxglove, plotjuggler, rviz
-from bagpipe.view.moment import Moment, moments
 from bagpipe.view.recording import Recording, write_view
 from bagpipe.view.server import FileServer, foxglove_link
 from bagpipe.wire.session import SessionError
@@ -97,7 +97,7 @@ def open_command(
 
     It begins two seconds before the first criterion left its bounds, as far as that is known, and
     else with the window. The recording keeps its topics' names; where the stack published a topic
-    of the same name, the recorded one is below /recorded. Courses of failed criteria are below
+    of the same name, the recorded one is below /recorded. Courses of criteria are below
     /bagpipe/criteria, with their bounds. Layouts for Foxglove, PlotJuggler and RViz lie beside it.
 
     The exit status is 0 if the file was written, and 2 if not.

@@ -14,7 +14,9 @@ from bagpipe.cli.places import (
     print_as,
     volume_option,
 )
+from bagpipe.cli.terminal import plain
 from bagpipe.report.html import Report
+from bagpipe.report.stored import StoredResults
 from bagpipe.storage import StorageError
 
 
@@ -49,9 +51,12 @@ def report_command(
     try:
         stored = results_of(place, where, folders(volumes))
         manifest, comparisons = stored.manifest(), stored.comparisons()
-        report = Report(stored.spec(), stored.uri, comparisons)
+        spec = stored.spec()
+        report = Report(spec, stored.uri, comparisons)
         for row in stored.rows():
             report.add(row)
+        if spec is not None and spec.baseline is not None:
+            _lay_over(report, StoredResults(spec.baseline.results, stored.storage))
         made = report.html(manifest, comparisons)
         page.write_bytes(made)
     except StorageError as error:
@@ -62,3 +67,10 @@ def report_command(
         click.echo(f"{page}: {len(made):,} bytes")
     else:
         print_as({"uri": file_uri(page), "bytes": len(made)}, output)
+
+
+def _lay_over(report: Report, baseline: StoredResults) -> None:
+    try:
+        report.add_earlier(baseline.baseline_rows())
+    except StorageError as error:
+        click.echo(f"note: the page has no course of the baseline: {plain(str(error))}", err=True)

@@ -6,7 +6,8 @@ from functools import lru_cache
 from typing import Literal
 
 from bagpipe.compare.correction import holm
-from bagpipe.compare.pairing import Key, Rounds
+from bagpipe.compare.pairing import Rounds
+from bagpipe.row_facts import Key
 
 Word = Literal["regressed", "fixed", "flaky", "same", "unknown"]
 

@@ -9,7 +9,8 @@ from bagpipe.compare.changes import Change, changes
 from bagpipe.compare.changes import Word as ChangeWord
 from bagpipe.compare.criteria import CriterionComparison, Word, compared
 from bagpipe.compare.delivery import FIGURES
-from bagpipe.compare.pairing import ROUNDS, Key, Rounds, Row, Versions
+from bagpipe.compare.pairing import ROUNDS, Rounds, Row, Versions
+from bagpipe.row_facts import Key
 
 # How many cases are named; the results have all.
 MOST_NAMED = 50

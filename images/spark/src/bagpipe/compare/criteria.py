@@ -15,8 +15,9 @@ from typing import Literal
 import numpy as np
 
 from bagpipe.compare.correction import family_size, holm
-from bagpipe.compare.pairing import Key, Rounds
+from bagpipe.compare.pairing import Rounds
 from bagpipe.compare.sign_flips import Figures, SignFlips
+from bagpipe.row_facts import Key
 
 Word = Literal["better", "worse", "same", "unknown"]
 

@@ -1,16 +1,14 @@
 """Rows of two versions brought together: the same fragment under the same values, in all rounds."""
 
-import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
 from bagpipe.compare.delivery import FIGURES, delivery
-from bagpipe.row_facts import quarantine_of
+from bagpipe.row_facts import Key, key_of, quarantine_of
 
 Row = Mapping[str, Any]
-Key = tuple[str, str, int]
 
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
 ROUNDS = "rounds: passed"
@@ -111,15 +109,6 @@ class Versions:
         for key, rounds in self.quarantined.get(variant, {}).items():
             found[key] = found[key].joined(rounds) if key in found else rounds
         return found
-
-
-def key_of(row: Row) -> Key:
-    """What makes two rows the same case of two versions; names of jobs and variants are not in it.
-
-    An earlier job's fragments are named after its bags, as this one's are.
-    """
-    values = json.dumps(row.get("values") or {}, sort_keys=True)
-    return (str(row.get("fragment") or row["case"]), values, int(row.get("seed") or 0))
 
 
 def recording_of(row: Row) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from bagpipe.driver.baseline import baseline_rows
 from bagpipe.marks import PROVENANCE
 from bagpipe.report.html import Report
 from bagpipe.report.junit import kept, write_junit
@@ -74,6 +75,7 @@ class Artefacts:
         self._tried(JOB, lambda: self._put(JOB, _json(job_manifest(self._job, manifest))))
         if compared:
             self._tried(COMPARISONS, lambda: self._store_comparisons(compared))
+        self._tried(REPORT, self._lay_over_the_baseline)
         self._tried(REPORT, lambda: self._put(REPORT, self._report.html(manifest, compared)))
 
     def _tried(self, name: str, action: Callable[[], None]) -> None:
@@ -103,6 +105,16 @@ class Artefacts:
         with (self._scratch / JUNIT).open("wb") as file:
             write_junit(file, manifest, self._tests)
         self._put_scratch(JUNIT)
+
+    def _lay_over_the_baseline(self) -> None:
+        baseline = self._job.spec.baseline
+        if baseline is None:
+            return
+        try:
+            self._report.add_earlier(baseline_rows(baseline.results, self._storage))
+        except StorageError as error:
+            # The page is not worth another try of the whole commit.
+            log.warning("the report has no course of the baseline: %s", error)
 
     def _put_scratch(self, name: str) -> None:
         with self._storage.create(posixpath.join(self._folder, name)) as file:

@@ -9,13 +9,11 @@ from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import topics_of
 from bagpipe.judgement import Judgement
 
-# A recording is at most 1 GiB of messages; its bag has some headers more.
-_MOST_RECORDED_BYTES = 5 << 28
 _NOTHING_SHOWN = {"NothingPlayed", "NothingRecorded", "NothingAnswered"}
 
 
 def judged_by_criteria(
-    judgement: Judgement, attempt: Attempt, recorded: str, result: dict[str, Any]
+    judgement: Judgement, attempt: Attempt, recorded: Recording, result: dict[str, Any]
 ) -> tuple[Judgement, list[dict[str, Any]]]:
     """The verdict on a delivered case, and the findings behind it, as the results have them.
 
@@ -32,9 +30,7 @@ def judged_by_criteria(
     evidence = Evidence(
         # To the end of the drain: each criterion's clock decides what of it belongs to the
         # window (bagpipe.evaluate.window).
-        recorded=Recording(
-            lambda: storage.read_all(recorded, _MOST_RECORDED_BYTES), case.window.start, None
-        ),
+        recorded=recorded,
         source=Recording(
             lambda: attempt.source.truth(case, truths, storage),
             case.window.start,

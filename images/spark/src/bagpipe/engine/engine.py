@@ -1,7 +1,7 @@
 """What every engine can do."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -33,13 +33,14 @@ class Played:
     """What an attempt came to.
 
     `recorded` are names below the job's results; `findings` are those of the criteria, None of an
-    engine that has none.
+    engine that has none; `log` is what the stack's nodes wrote and when.
     """
 
     judgement: Judgement
     recorded: str | list[str] | None
     answer: Answer
     findings: list[dict[str, Any]] | None = None
+    log: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

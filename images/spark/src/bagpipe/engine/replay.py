@@ -7,8 +7,13 @@ from bagpipe.engine.criteria import judged_by_criteria
 from bagpipe.engine.delivery import Proof, judge
 from bagpipe.engine.engine import Attempt, Played
 from bagpipe.engine.replay_result import RESULT
+from bagpipe.evaluate.evidence import Recording
+from bagpipe.evaluate.written import TOPIC, written
 from bagpipe.faults import FaultPolicy
 from bagpipe.wire.session import Answer, Sink, Sinks, engine_result
+
+# A recording is at most 1 GiB of messages; its bag has some headers more.
+_MOST_RECORDED_BYTES = 5 << 28
 
 
 def replayed(
@@ -30,5 +35,15 @@ def replayed(
     spec = attempt.spec
     judgement = judge(result, FaultPolicy(spec.fault_policy), spec.playback.mode, proof)
     judgement = attempt.source.judge(result, judgement)
-    judgement, findings = judged_by_criteria(judgement, attempt, recorded, result)
-    return Played(judgement, name, answer, findings)
+    # Read when a criterion asks for it, or when there is a log in it.
+    recording = Recording(
+        lambda: attempt.storage.read_all(recorded, _MOST_RECORDED_BYTES),
+        attempt.case.window.start,
+        None,
+    )
+    judgement, findings = judged_by_criteria(judgement, attempt, recording, result)
+    log = []
+    if any(topic["topic"] == TOPIC for topic in result["recorded"]["topics"]):
+        passed = judgement.outcome == "passed"
+        log = written(recording, attempt.case.window.start, passed=passed)
+    return Played(judgement, name, answer, findings, log)

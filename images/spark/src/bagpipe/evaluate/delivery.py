@@ -29,7 +29,7 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
     late, and the most must have come in the window.
     """
     found = messages_of(wanted.topic, evidence)
-    least = found.answers + (found.others if found.clock == "receipt" else [])
+    least = _least(found)
     own = _own(least)
     count = len(own) if len(own) < wanted.min else len(least)
     finding = bounded(
@@ -50,6 +50,15 @@ def presence(name: str, wanted: Presence, evidence: Evidence) -> Finding:
         lasting=True,
         remedy="play slower, let the stack stamp its answers, or lower minCoverage",
     )
+
+
+def counted_by_presence(wanted: Presence, evidence: Evidence) -> list[Received]:
+    """The messages that count for its least number."""
+    return _least(messages_of(wanted.topic, evidence))
+
+
+def _least(found: TopicMessages) -> list[Received]:
+    return found.answers + (found.others if found.clock == "receipt" else [])
 
 
 def _with_limits(finding: Finding, wanted: Presence) -> Finding:

@@ -21,6 +21,7 @@ _QUATERNION = 0.1
 def error(name: str, wanted: Error, evidence: Evidence) -> Finding:
     """RMSE, greatest or last distance. Raises NoEvidenceError where too little can be compared."""
     found = matched(name, wanted, evidence)
+    evidence.keep(wanted, found)
     share, covered = _coverage(wanted, found)
     if found.odd is not None:
         return covering(found.odd, share, covered, found.clock, 0.0)
@@ -89,7 +90,8 @@ def _coverage(wanted: Error, found: Matched) -> tuple[float, str]:
 
 def distances_of(wanted: Error, evidence: Evidence) -> list[tuple[int, float]]:
     """Receipt time in ns and distance from the truth, of every message that has one."""
-    return [(pair.received, pair.distance) for pair in matched("", wanted, evidence).pairs]
+    found: Matched = evidence.kept(wanted) or matched("", wanted, evidence)
+    return [(pair.received, pair.distance) for pair in found.pairs]
 
 
 def final_pose(name: str, wanted: FinalPose, evidence: Evidence) -> Finding:

@@ -155,6 +155,17 @@ class Evidence:
     lead_in_start: int | None = None
     paced: bool = True
     inputs: Callable[[], list[int]] | None = None
+    _measured: dict[int, tuple[object, Any]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+
+    def keep(self, wanted: object, measured: Any) -> None:
+        """What was measured for a criterion: its course is drawn from it once more."""
+        self._measured[id(wanted)] = (wanted, measured)
+
+    def kept(self, wanted: object) -> Any:
+        """What was measured for this very criterion; None where nothing was."""
+        return self._measured.get(id(wanted), (wanted, None))[1]
 
     @property
     def led_in(self) -> bool:

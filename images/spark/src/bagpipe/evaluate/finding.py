@@ -32,7 +32,7 @@ class Finding:
     clock: Clock = "none"
     # What a failure is where the criterion is expected to fail: one that is not the known fault.
     instead: Outcome | None = None
-    # Over time, of a failed one only (courses.py).
+    # Over time (courses.py); of a user's own evaluator what it answered, until then.
     course: dict[str, Any] | None = None
 
     def as_row(self) -> dict[str, Any]:

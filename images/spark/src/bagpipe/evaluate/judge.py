@@ -2,10 +2,9 @@
 
 import logging
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
-from bagpipe.evaluate.courses import course_of
+from bagpipe.evaluate.courses import with_courses
 from bagpipe.evaluate.delivery import latency, presence, rate
 from bagpipe.evaluate.errors import error, final_pose
 from bagpipe.evaluate.evidence import Evidence
@@ -33,8 +32,9 @@ _MEASURES: dict[str, Callable[[str, Any, Evidence], Finding]] = {
 
 
 def evaluate(criteria: Sequence[Criterion], evidence: Evidence) -> list[Finding]:
-    """One finding per criterion, in their order; never raises."""
-    return [_found(criterion, evidence) for criterion in criteria]
+    """One finding per criterion, in their order, with its course over time; never raises."""
+    findings = [_found(criterion, evidence) for criterion in criteria]
+    return with_courses(criteria, findings, evidence)
 
 
 def faults(criteria: Sequence[Criterion]) -> list[str]:
@@ -60,8 +60,4 @@ def _found(criterion: Criterion, evidence: Evidence) -> Finding:
         log.exception("criterion %s", criterion.name)
         text = f"{type(fault).__name__}: {fault}"
         finding = Finding(criterion.name, kind, "invalid", message=f"could not be judged: {text}")
-    if criterion.expect_failure:
-        return as_expected(finding)
-    if finding.outcome == "failed":
-        return replace(finding, course=course_of(criterion, evidence))
-    return finding
+    return as_expected(finding) if criterion.expect_failure else finding

@@ -51,7 +51,7 @@ def matched(name: str, wanted: Error, evidence: Evidence) -> Matched:
     most = duration_nanoseconds(wanted.stamp_tolerance)
     found = messages_of(wanted.topic, evidence, most)
     answers = samples(found, evidence)
-    truth = _truth(wanted, evidence)
+    truth = truth_of(wanted, evidence)
     apart = frames_differ(answers, truth, wanted.topic, wanted.truth or "the truth")
     if apart and not wanted.any_frame:
         raise NoEvidenceError(apart)
@@ -104,8 +104,8 @@ def _beyond(
     return nearest - _distance(before, after, angle=angle)
 
 
-def _truth(wanted: Error, evidence: Evidence) -> list[Sample]:
-    """The truth's samples of the window, by time."""
+def truth_of(wanted: Error, evidence: Evidence) -> list[Sample]:
+    """The truth's samples of the window, by time. Raises NoEvidenceError."""
     topic = wanted.truth or wanted.topic
     if wanted.recording:
         found = evidence.source.samples(topic)

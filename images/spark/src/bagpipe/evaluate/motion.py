@@ -21,6 +21,7 @@ Pair = tuple[int, Point, Point, Point]
 def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
     """The least distance, or the least time to collision. Raises NoEvidenceError without both."""
     met = _met(wanted, evidence)
+    evidence.keep(wanted, met)
     finding = _odd(name, met, evidence) or _least(name, wanted, evidence, met.pairs)
     return covering(
         finding,
@@ -69,10 +70,17 @@ def _odd(name: str, met: "Met", evidence: Evidence) -> Finding | None:
 
 def closest(wanted: Separation, evidence: Evidence) -> list[tuple[int, float]]:
     """Time in ns and metres to the nearest obstacle. Raises NoEvidenceError without both."""
-    least: dict[int, float] = {}
-    for time, ego, obstacle, _ in _met(wanted, evidence).pairs:
-        least[time] = min(least.get(time, math.inf), _distance(ego, obstacle))
-    return sorted(least.items())
+    return [(time, _distance(ego, obstacle)) for time, ego, obstacle in nearest(wanted, evidence)]
+
+
+def nearest(wanted: Separation, evidence: Evidence) -> list[tuple[int, Point, Point]]:
+    """Time in ns, the ego and the nearest obstacle. Raises NoEvidenceError without both."""
+    least: dict[int, tuple[Point, Point]] = {}
+    met: Met = evidence.kept(wanted) or _met(wanted, evidence)
+    for time, ego, obstacle, _ in met.pairs:
+        if time not in least or _distance(ego, obstacle) < _distance(*least[time]):
+            least[time] = (ego, obstacle)
+    return [(time, *least[time]) for time in sorted(least)]
 
 
 @dataclass(frozen=True)

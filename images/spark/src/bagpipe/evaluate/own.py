@@ -23,6 +23,7 @@ from bagpipe.texts import duration_seconds
 # Where the operator mounts the ConfigMaps that criteria name, in the executors alone.
 EVALUATORS = Path("/etc/bagpipe/evaluators")
 _LONGEST_ANSWER = 64 * 1024
+_LATEST = 1 << 63
 
 
 def own(name: str, wanted: OwnEvaluator, evidence: Evidence, folder: Path = EVALUATORS) -> Finding:
@@ -121,6 +122,7 @@ def _finding(name: str, answer: dict[str, Any]) -> Finding:
         _text(answer, "limit", 200),
         direction,
         _text(answer, "message", 1000),
+        course=_course(answer),
     )
     if figure is None or math.isfinite(figure) or outcome == "invalid":
         return found
@@ -138,6 +140,46 @@ def _judged(finding: Finding, answer: dict[str, Any], wanted: OwnEvaluator) -> F
     return covering(
         finding, share, covered or "what the evaluator says", "none", wanted.min_coverage
     )
+
+
+def _course(answer: dict[str, Any]) -> dict[str, Any] | None:
+    """How the figure went over time, by what the user's function says: `points` of a time in ns
+    and a number, and if it likes `label`, `unit`, `low` and `high`.
+    """
+    course = answer.get("course")
+    if course is None:
+        return None
+    points = course.get("points") if isinstance(course, dict) else None
+    if not isinstance(points, list) or not all(_is_point(each) for each in points):
+        raise NoEvidenceError(
+            "the evaluator's course has no points: return a map whose points are pairs of a time"
+            " in ns and a number"
+        )
+    return {
+        "label": _text(course, "label", 200),
+        "unit": _text(course, "unit", 32),
+        "low": _bound(course, "low"),
+        "high": _bound(course, "high"),
+        "points": sorted((int(time), float(value)) for time, value in points),
+    }
+
+
+def _is_point(point: Any) -> bool:
+    return (
+        isinstance(point, list)
+        and len(point) == 2
+        and all(isinstance(each, int | float) and not isinstance(each, bool) for each in point)
+        and 0 <= point[0] < _LATEST
+        # One that is no number is shown as such; an integer may have no float.
+        and (isinstance(point[1], float) or abs(point[1]) <= sys.float_info.max)
+    )
+
+
+def _bound(course: dict[str, Any], key: str) -> float | None:
+    bound = _number(course, key)
+    if bound is not None and not math.isfinite(bound):
+        raise NoEvidenceError(f"the evaluator's course has no finite number as {key}")
+    return bound
 
 
 def _text(answer: dict[str, Any], key: str, most: int) -> str:

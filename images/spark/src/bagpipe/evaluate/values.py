@@ -77,14 +77,12 @@ def _holds(
     answers: list[tuple[int, Any]],
     evidence: Evidence,
 ) -> Finding:
-    held, first = 0, ""
-    for at, message in answers:
-        seconds = (at - evidence.start) / 1e9
-        answer = _answer(program, {"msg": message, "t": seconds, "case": evidence.values})
-        held += answer
-        if not answer and not first:
-            first = f", first not at {seconds:.3f} s"
-    share = held / len(answers)
+    found = [(at, _answer(program, message, at, evidence)) for at, message in answers]
+    evidence.keep(wanted, found)
+    count = sum(holds for _, holds in found)
+    missed = next((at for at, holds in found if not holds), None)
+    first = "" if missed is None else f", first not at {(missed - evidence.start) / 1e9:.3f} s"
+    share = count / len(answers)
     return Finding(
         name,
         "expression",
@@ -93,13 +91,19 @@ def _holds(
         "",
         limits(wanted.share, None, ""),
         "higher",
-        f"{wanted.holds} holds for {held} of {len(answers)} messages on {wanted.topic}{first}",
+        f"{wanted.holds} holds for {count} of {len(answers)} messages on {wanted.topic}{first}",
     )
 
 
-def _answer(program: Compiled, known: dict[str, Any]) -> bool:
+def held(wanted: Expression, evidence: Evidence) -> list[tuple[int, bool]]:
+    """Times of receipt in ns, and whether it held, once the criterion was judged; else nothing."""
+    return evidence.kept(wanted) or []
+
+
+def _answer(program: Compiled, message: Any, at: int, evidence: Evidence) -> bool:
+    seconds = (at - evidence.start) / 1e9
     try:
-        return program.holds(known)
+        return program.holds({"msg": message, "t": seconds, "case": evidence.values})
     except ExpressionError as error:
         raise NoEvidenceError(f"{program.text} {error}") from error
 

@@ -18,6 +18,10 @@ Row = Mapping[str, Any]
 MOST_CASES = 20_000
 # Figures of all criteria and cases together; about 8 bytes each.
 _MOST_FIGURES = 300_000
+# Those of the parts of a case, of all cases together.
+_MOST_SECONDS = 200_000
+_MOST_TIMINGS = 20
+_LEDGER = ("sent", "received", "dropped")
 _MESSAGE_CHARACTERS = 300
 _ALL_MESSAGES_CHARACTERS = 1_000_000
 _WORDS = ("fragment", "reason", "message", "seed", "round", "discarded", "quarantine")
@@ -57,11 +61,12 @@ class Words:
         return {"values": self._words, "at": self.at}
 
 
-def short(figure: Any) -> float | None:
-    """A figure with five digits; None where there is none that is finite."""
+def short(figure: Any, digits: int = 5) -> int | float | None:
+    """A figure with so many digits; None where there is none that is finite."""
     if not isinstance(figure, int | float) or not math.isfinite(figure):
         return None
-    return float(f"{figure:.5g}")
+    shown = float(f"{figure:.{digits}g}")
+    return int(shown) if isinstance(figure, int) and not isinstance(figure, bool) else shown
 
 
 def limits_of(text: str) -> tuple[float | None, float | None]:
@@ -115,8 +120,10 @@ class Columns:
                 "outcome": "".join(_LETTERS.get(row["outcome"], "E") for row in rows),
                 "seconds": [short(row.get("seconds")) for row in rows],
                 "attempts": [int(row.get("attempts") or 0) for row in rows],
+                **{name: [row[name] for row in rows] for name in _LEDGER},
                 **{name: words.as_json() for name, words in columns.items()},
             },
+            "timings": _timings(rows),
             "variables": _variables(rows),
             "criteria": _criteria(rows),
         }
@@ -131,11 +138,23 @@ def _slim(row: Row) -> dict[str, Any]:
     reasons = Counter(run["reason"] for run in discarded_runs(row))
     slim["discarded"] = ", ".join(f"{count} x {reason}" for reason, count in reasons.items())
     slim["quarantine"] = quarantine_words(row)
+    result = row.get("result") or {}
+    ledger = result.get("ledger") or {}
+    slim |= {name: short(ledger.get(name), 12) for name in _LEDGER}
+    timings = list((result.get("timings") or {}).items())[:_MOST_TIMINGS]
+    slim["timings"] = {str(name): short(seconds, 3) for name, seconds in timings}
     slim["criteria"] = [
         {key: finding.get(key) for key in ("name", "kind", "outcome", "figure", "unit", "limit")}
         for finding in row.get("criteria") or []
     ]
     return slim
+
+
+def _timings(rows: list[Row]) -> dict[str, list[float | None]]:
+    """Seconds of each part of every case; of some parts where all together would be too many."""
+    names = list(dict.fromkeys(name for row in rows for name in row["timings"]))
+    room = max(1, _MOST_SECONDS // max(1, len(rows)))
+    return {name: [row["timings"].get(name) for row in rows] for name in names[:room]}
 
 
 def _variables(rows: list[Row]) -> list[dict[str, Any]]:

@@ -1,58 +1,124 @@
-"""The cases that a reader will ask about: chosen among those that did not pass, shown in full."""
+"""The cases that the page shows in full: what did not pass, what changed, some that passed."""
 
 import itertools
-from collections.abc import Collection, Mapping
+import json
+import math
+import zlib
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
-from bagpipe.row_facts import discarded_runs, run_words
+from bagpipe.report.columns import short
+from bagpipe.report.lines import lines_of
+from bagpipe.report.series import series_of
+from bagpipe.report.spool import Spool
+from bagpipe.row_facts import discarded_runs, pair_of, recorded_names, run_words
 
 Row = Mapping[str, Any]
 
-MOST_DETAILS = 50
+# That many are listed below each other; the others open from the table.
+MOST_LISTED = 50
+# Of all cases in full together, as JSON; and the share that is filled by what did not pass, and by
+# that and what changed. What passed has the rest: a failure is understood beside it.
+MOST_BYTES = 6_000_000
+_SHARES = (0.7, 0.85, 1.0)
+_MOST_CASE_BYTES = 64_000
 # Kinds of trouble that are distinguished; what differs beyond that many is not chosen.
 _MOST_GROUPS = 50
+_MOST_OF_A_GROUP = 2000
 _STDERR_LINES = 40
 _LINE_CHARACTERS = 500
 _LEDGER_TOPICS = 50
 _LEDGER_NODES = 20
-_MOST_COURSES = 8
 _MOST_STARTS = 10
 _MOST_RUNS = 50
+_MOST_TIMINGS = 50
+_MOST_RECORDED = 20
 
 
 class Details:
-    """Keeps some rows of every kind of trouble, so that 50 of one kind do not hide the others."""
+    """Keeps names by kind of trouble, so that many of one kind do not hide the others; what the
+    page says of a case is in the spool.
+    """
 
-    def __init__(self, most: int = MOST_DETAILS, regressed: Collection[str] = ()) -> None:
-        self._most = most
+    def __init__(
+        self,
+        spool: Spool,
+        regressed: Collection[str] = (),
+        changed: Collection[str] = (),
+        most_listed: int = MOST_LISTED,
+        most_bytes: int = MOST_BYTES,
+    ) -> None:
+        self._spool = spool
+        self._most = most_listed
+        self._most_bytes = most_bytes
         self._regressed = frozenset(regressed)
-        self._first: list[Row] = []
-        self._groups: dict[tuple[Any, ...], list[Row]] = {}
+        self._changed = frozenset(changed)
+        self._first: list[str] = []
+        self._groups: dict[tuple[Any, ...], list[str]] = {}
+        self._passed: list[str] = []
 
     def add(self, row: Row) -> None:
-        """One case, which may have passed."""
+        """One case. Raises OSError."""
+        name = str(row["case"])
+        self._spool.add(name, {"detail": detail_of(row), "pair": pair_of(row)})
         if row["outcome"] == "passed":
+            self._passed.append(name)
             return
-        if row["case"] in self._regressed:
-            self._first.append(row)
+        if name in self._regressed:
+            self._first.append(name)
         key = (row["outcome"], row.get("variant"), row.get("reason"), *_not_passed(row))
         if key not in self._groups and len(self._groups) >= _MOST_GROUPS:
             return
         group = self._groups.setdefault(key, [])
-        if len(group) < self._most:
-            group.append(row)
+        if len(group) < _MOST_OF_A_GROUP:
+            group.append(name)
 
-    def rows(self) -> list[Row]:
-        """The chosen rows: what regressed, then by name the first of every other kind, and so on.
+    def listed(self) -> list[str]:
+        """What regressed, then by name the first of every other kind of trouble, and so on.
 
         Of what regressed half of all, so that it does not hide the others.
         """
-        first = sorted(self._first, key=lambda row: str(row["case"]))[: self._most // 2]
-        named = {row["case"] for row in first}
+        first = sorted(self._first)[: self._most // 2]
+        chosen = [name for name in self._in_turns() if name not in first]
+        return first + sorted(chosen[: self._most - len(first)])
+
+    def _in_turns(self) -> Iterator[str]:
         turns = itertools.zip_longest(*self._groups.values())
-        others = [row for turn in turns for row in turn if row and row["case"] not in named]
-        chosen = others[: self._most - len(first)]
-        return first + sorted(chosen, key=lambda row: str(row["case"]))
+        return (name for turn in turns for name in turn if name)
+
+    def in_full(self, among: Collection[str]) -> dict[str, dict[str, Any]]:
+        """What is known of each case that is shown in full, those of `listed` first: as many of
+        `among` as there is room for. Raises OSError.
+        """
+        shown: dict[str, dict[str, Any]] = {}
+        passed = sorted(self._passed, key=lambda name: (zlib.crc32(name.encode()), name))
+        kinds: tuple[Iterable[str], ...] = (
+            itertools.chain(self.listed(), sorted(self._first), self._in_turns()),
+            [name for name in passed if name in self._changed],
+            # By a number that has nothing to do with the name: a sample, and each time the same.
+            passed,
+        )
+        there, taken = frozenset(among), 0
+        for names, share in zip(kinds, _SHARES, strict=True):
+            for name in names:
+                if name in shown or name not in there:
+                    continue
+                detail, size = fitting(self._spool.read(name)["detail"])
+                if taken + size > share * self._most_bytes:
+                    break
+                shown[name] = detail
+                taken += size
+        return shown
+
+
+def fitting(detail: dict[str, Any], most: int = _MOST_CASE_BYTES) -> tuple[dict[str, Any], int]:
+    """A case in at most so many bytes, and these: without its last courses where it has more."""
+    size = len(json.dumps(detail))
+    while size > most and detail["series"]:
+        left = detail.get("left", 0) + 1
+        detail = detail | {"series": detail["series"][:-1], "left": left}
+        size = len(json.dumps(detail))
+    return detail, size
 
 
 def _not_passed(row: Row) -> list[str]:
@@ -66,9 +132,11 @@ def detail_of(row: Row) -> dict[str, Any]:
     stack = result.get("stack") or {}
     ledger = result.get("ledger") or evidence.get("ledger") or {}
     stderr = row.get("stderr") or stack.get("stderr") or []
+    stderr = [str(line)[:_LINE_CHARACTERS] for line in stderr[-_STDERR_LINES:]]
     return {
         "message": str(row.get("message") or "")[:4000],
-        "stderr": [str(line)[:_LINE_CHARACTERS] for line in stderr[-_STDERR_LINES:]],
+        "stderr": stderr,
+        "lines": lines_of(row, stderr),
         "criteria": [
             {
                 key: str(finding.get(key) or "")[:1000]
@@ -77,8 +145,8 @@ def detail_of(row: Row) -> dict[str, Any]:
             for finding in row.get("criteria") or []
         ],
         "bag": str(row.get("bag") or ""),
-        "window": row.get("window"),
-        "recorded": row.get("recorded"),
+        "window": _window(row),
+        "recorded": [str(name)[:1000] for name in recorded_names(row)[:_MOST_RECORDED]],
         "ledger": _ledger(ledger),
         "discarded": [
             run_words(run)[:_LINE_CHARACTERS] for run in discarded_runs(row)[:_MOST_RUNS]
@@ -88,15 +156,19 @@ def detail_of(row: Row) -> dict[str, Any]:
         "lost": [lost_start(start) for start in (evidence.get("starts") or [])[:_MOST_STARTS]],
         "timings": {
             str(name): seconds
-            for name, seconds in (result.get("timings") or {}).items()
-            if isinstance(seconds, int | float)
+            for name, seconds in list((result.get("timings") or {}).items())[:_MOST_TIMINGS]
+            if isinstance(seconds, int | float) and math.isfinite(seconds)
         },
-        "series": [
-            {"criterion": str(finding["name"])} | finding["course"]
-            for finding in row.get("criteria") or []
-            if finding.get("course")
-        ][:_MOST_COURSES],
+        "series": series_of(row),
     }
+
+
+def _window(row: Row) -> list[int] | None:
+    """Nanoseconds of the lead-in's start, the start and the end; None where it has none."""
+    window = row.get("window")
+    if not isinstance(window, list) or len(window) != 3:
+        return None
+    return window if all(isinstance(time, int) for time in window) else None
 
 
 def lost_start(start: Mapping[str, Any]) -> str:
@@ -115,7 +187,9 @@ def _machine(machine: Mapping[str, Any]) -> dict[str, Any]:
         "figures": {
             name.removesuffix("_seconds").replace("_", " "): figure
             for name, figure in machine.items()
-            if name.endswith("_seconds") and isinstance(figure, int | float)
+            if name.endswith("_seconds")
+            and isinstance(figure, int | float)
+            and math.isfinite(figure)
         },
     }
 
@@ -125,12 +199,12 @@ def _ledger(ledger: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [
         {
             "topic": topic.get("topic"),
-            "sent": topic.get("sent"),
+            "sent": short(topic.get("sent"), 12),
             "node": node.get("node", ""),
-            "received": node.get("received"),
-            "dropped": node.get("dropped"),
+            "received": short(node.get("received"), 12),
+            "dropped": short(node.get("dropped"), 12),
             "strength": node.get("strength") or "",
-            "queue": node.get("queue"),
+            "queue": short(node.get("queue"), 12),
         }
         for topic in (ledger.get("topics") or [])[:_LEDGER_TOPICS]
         for node in (topic.get("subscribers") or [{}])[:_LEDGER_NODES]

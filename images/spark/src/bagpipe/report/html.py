@@ -8,7 +8,7 @@ HTML, and the page's own policy forbids every script but these and every request
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
@@ -16,10 +16,12 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from bagpipe.quarantine import remark
+from bagpipe.report.baselines import Baselines
 from bagpipe.report.causes import Causes
 from bagpipe.report.columns import Columns, short
-from bagpipe.report.details import Details, detail_of
+from bagpipe.report.details import Details
 from bagpipe.report.provenance import facts_of
+from bagpipe.report.spool import Spool
 from bagpipe.report.words import headline, sentence
 from bagpipe.row_facts import counts_of
 from bagpipe.spec import SimulationJobSpec
@@ -28,8 +30,8 @@ Row = Mapping[str, Any]
 
 # In this order: each uses those before it.
 _SCRIPTS = (
-    "dom.js", "data.js", "filters.js", "heat_map.js", "criteria.js", "cases.js", "details.js",
-    "causes.js", "main.js",
+    "dom.js", "data.js", "filters.js", "heat_map.js", "criteria.js", "cases.js", "axes.js",
+    "plane.js", "charts.js", "details.js", "causes.js", "main.js",
 )  # fmt: skip
 
 
@@ -47,8 +49,13 @@ class Report:
         self._results = results
         self._regressed = regressed_cases(comparisons)
         self._causes = Causes()
-        self._columns = Columns([variant.name for variant in spec.variants] if spec else [])
-        self._details = Details(regressed=self._regressed)
+        variants = [variant.name for variant in spec.variants] if spec else []
+        self._columns = Columns(variants)
+        self._spool = Spool()
+        self._details = Details(self._spool, self._regressed, changed_cases(comparisons))
+        first = variants[0] if len(variants) > 1 and not (spec and spec.baseline) else None
+        self._baselines = Baselines(self._spool, first)
+        self._earlier: dict[str, dict[str, Any]] = {}
         self._seconds = 0.0
 
     def add(self, row: Row) -> None:
@@ -56,13 +63,22 @@ class Report:
         self._columns.add(row)
         self._details.add(row)
         self._causes.add(row)
+        self._baselines.add(row)
         self._seconds += float(row.get("seconds") or 0.0)
+
+    def add_earlier(self, rows: Iterable[Row]) -> None:
+        """The rows of an earlier job that is the baseline, after all others; they are looked at
+        once. Raises what they raise, and the page is made without.
+        """
+        self._earlier = self._baselines.of_earlier(self._in_full(), rows)
 
     def html(
         self, manifest: Mapping[str, Any], comparisons: Sequence[Mapping[str, Any]] = ()
     ) -> bytes:
         """The page, from what was added alone: nothing is read for it."""
         data = self._columns.as_json() | {"details": self._in_full(), "replay": self._replay()}
+        data["listed"] = [name for name in self._details.listed() if name in data["details"]]
+        data["baselines"] = self._earlier or self._baselines.of(data["details"])
         counted = dict(manifest) | {"counts": _counted(manifest, comparisons)}
         data["causes"] = self._causes.as_json(data["cases"]["case"])
         data["regressed"] = regressed_cases(comparisons)
@@ -80,7 +96,7 @@ class Report:
         )
 
     def _in_full(self) -> dict[str, dict[str, Any]]:
-        return {str(row["case"]): detail_of(row) for row in self._details.rows()}
+        return self._details.in_full([str(row["case"]) for row in self._columns.rows()])
 
     def _replay(self) -> dict[str, Any]:
         """What `bagpipe replay` has to be given: the results, and the claims to stand in for."""
@@ -141,6 +157,12 @@ def regressed_cases(comparisons: Sequence[Mapping[str, Any]]) -> list[str]:
     """The names of what regressed, each once, in the order of the comparisons."""
     named = [_named(case)["case"] for found in comparisons for case in found["regressed"]]
     return list(dict.fromkeys(named))
+
+
+def changed_cases(comparisons: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The names of what was fixed, and of what passes in some rounds."""
+    words = ("fixed", "flaky")
+    return [str(name) for found in comparisons for word in words for name in found.get(word) or []]
 
 
 def _named(case: str | Mapping[str, str]) -> dict[str, str]:

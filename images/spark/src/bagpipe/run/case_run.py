@@ -171,6 +171,7 @@ def _unproved(row: Row, context: RunContext) -> Row:
     """
     _throw_away(row, context)
     measured = {key: row["result"][key] for key in ("ledger", "machine")}
+    row = {key: value for key, value in row.items() if key != "log"}
     return row | {"recorded": None, "result": None, "criteria": [], "evidence": measured}
 
 
@@ -228,8 +229,8 @@ def _played(case: Case, context: RunContext) -> Row:
         return _answered(case, context, engine.input(source, case, storage), sink)
 
     played = engine.play(attempt, exchange)
-    found = {} if played.findings is None else {"criteria": played.findings}
-    return _judged(played) | found
+    found: Row = {} if played.findings is None else {"criteria": played.findings}
+    return _judged(played) | found | ({"log": played.log} if played.log else {})
 
 
 def _judged(played: Played) -> Row:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.view.moment import Moment, bounds_of, points_of
+from bagpipe.moments import Moment, bounds_of, points_of
 
 CRITERIA = "/bagpipe/criteria"
 LOG = "/bagpipe/log"

@@ -25,18 +25,32 @@ function caseParts(at) {
   parts.push(detail && detail.criteria.length ? findings(detail.criteria) : figuresOf(at));
   const discarded = detail ? detail.discarded : [word(CASES.discarded, at)].filter(Boolean);
   if (discarded.length) parts.push(el("h4", {}, "Runs that do not count"), el("pre", {}, discarded.join("\n")));
-  if (detail) parts.push(...detailParts(detail));
-  else if (CASES.outcome[at] !== "P") {
-    parts.push(el("p", { class: "note" }, "Its ledger, timings and output are not in this page, which shows"
-      + ` ${Object.keys(DATA.details).length} cases in full: they are in its line of results.jsonl.`));
-  }
-  parts.push(el("h4", {}, "Run this case again on a laptop"), command(replayCommand(name)));
+  if (detail) parts.push(charts(name, detail), ...detailParts(detail));
+  else parts.push(...inShort(at));
+  parts.push(el("h4", {}, "Look at this case, or run it again, on a laptop"), command(verbCommand("open", name)), command(verbCommand("replay", name)));
   return parts.filter(Boolean);
 }
 
+// Of a case that is not in full: what the table's columns know of it.
+function inShort(at) {
+  const facts = [["messages sent", CASES.sent[at]], ["processed", CASES.received[at]], ["dropped", CASES.dropped[at]]]
+    .filter(([, value]) => value !== null);
+  const parts = Object.entries(DATA.timings).map(([part, seconds]) => [part, seconds[at]]).filter(([, value]) => value !== null);
+  const count = Object.keys(DATA.details).length.toLocaleString("en-US");
+  return [
+    facts.length ? [el("h4", {}, "Delivery"), factList(facts)] : null,
+    parts.length ? [el("h4", {}, "Seconds of its parts"), factList(parts)] : null,
+    el("p", { class: "note" }, `Its courses, ledger by node and output are not in this page, which has ${count} of ${DATA.counted.toLocaleString("en-US")} cases in full:`
+      + " first those that did not pass, then those that changed, then a sample of those that passed. They are in its line of results.jsonl."),
+  ].flat(Infinity);
+}
+
+const factList = (facts) => el("dl", { class: "facts" },
+  facts.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, figure(value)))));
+
 function detailParts(detail) {
-  const parts = detail.series.map((series) => el("div", {},
-    el("h4", {}, `${series.criterion}: ${series.label}`), course(series)));
+  const parts = [];
+  if (detail.left) parts.push(el("p", { class: "note" }, `${detail.left} more courses are left out here for size: its line of results.jsonl has them.`));
   if (detail.stderr.length) parts.push(el("h4", {}, "Last lines of the stack's stderr"), el("pre", {}, detail.stderr.join("\n")));
   if (detail.lost.length) parts.push(el("h4", {}, "Starts that were lost"), el("pre", {}, detail.lost.join("\n")));
   if (detail.ledger.length) {
@@ -48,13 +62,18 @@ function detailParts(detail) {
       el("dl", { class: "facts" }, machine.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, figure(value, "s"))))));
   }
   const seconds = Object.entries(detail.timings);
-  if (seconds.length) {
-    parts.push(el("h4", {}, "Seconds of its parts"), el("dl", { class: "facts" },
-      seconds.map(([part, value]) => el("div", {}, el("dt", {}, part), el("dd", {}, figure(value))))));
-  }
+  if (seconds.length) parts.push(el("h4", {}, "Seconds of its parts"), factList(seconds));
   const window = detail.window ? `, ${figure((detail.window[2] - detail.window[1]) / 1e9)} s from ${figure(detail.window[1] / 1e9)}` : "";
   if (detail.bag) parts.push(el("h4", {}, "Source"), el("p", { class: "mono" }, detail.bag, window));
+  if (detail.recorded.length) parts.push(el("h4", {}, "What was recorded", el("small", {}, ` below ${DATA.replay.results}`)), recordings(detail.recorded));
   return parts;
+}
+
+// What was recorded in the case, as a link where its name can be one: the page lies in the same folder.
+function recordings(names) {
+  return el("p", { class: "mono" }, names.map((name) => el("span", { class: "recorded" },
+    /^cases\/[A-Za-z0-9_+@=-][A-Za-z0-9._+@=-]*$/.test(name)
+      ? el("a", { href: name.split("/").map(encodeURIComponent).join("/"), download: true }, name) : name, " ")));
 }
 
 function plainTable(heads, lines) {
@@ -77,35 +96,12 @@ function figuresOf(at) {
 const ledgerTable = (lines) => plainTable(["Topic", "Sent", "Node", "Received", "Dropped", "Proof", "Queue"],
   lines.map((line) => [line.topic, figure(line.sent), line.node, figure(line.received), figure(line.dropped), line.strength || "–", figure(line.queue)]));
 
-function course(series) {
-  const width = 720, height = 150, left = 8, bottom = 18;
-  if (series.points.length === 0) return el("p", { class: "note" }, "no value");
-  const values = series.points.map((point) => point[1]).concat([series.low, series.high].filter((value) => value !== null));
-  let low = Math.min(...values), high = Math.max(...values);
-  if (low === high) { low -= 0.5; high += 0.5; }
-  const end = Math.max(series.points[series.points.length - 1][0], 1e-9), begin = Math.min(0, series.points[0][0]);
-  const x = (time) => left + (time - begin) / (end - begin) * (width - 2 * left);
-  const y = (value) => 8 + (high - value) / (high - low) * (height - bottom - 16);
-  const limits = [series.low, series.high].filter((value) => value !== null)
-    .map((value) => svg("line", { class: "limit", x1: left, x2: width - left, y1: y(value), y2: y(value) }));
-  const outside = series.points.filter(([, value]) =>
-    (series.low !== null && value < series.low) || (series.high !== null && value > series.high));
-  return svg("svg", { class: "course", viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${series.label}: ${figure(low)} to ${figure(high)}` },
-    svg("line", { class: "axis", x1: left, x2: width - left, y1: height - bottom, y2: height - bottom }), limits,
-    svg("polyline", { points: series.points.map(([time, value]) => `${x(time).toFixed(1)},${y(value).toFixed(1)}`).join(" ") }),
-    outside.map(([time, value]) => svg("circle", { class: "out", cx: x(time).toFixed(1), cy: y(value).toFixed(1), r: 2 })),
-    svg("text", { x: left, y: height - 5 }, `${figure(begin)} s`),
-    svg("text", { x: width - left, y: height - 5, "text-anchor": "end" }, `${figure(end)} s`),
-    svg("text", { x: left + 4, y: 16 }, figure(high, series.unit)),
-    svg("text", { x: left + 4, y: height - bottom - 4 }, figure(low, series.unit)));
-}
-
 // For a POSIX shell: a word of any text stays one word.
 const quoted = (text) => /^[\w./:@=+-]+$/.test(text) ? text : `'${text.replaceAll("'", "'\\''")}'`;
 
-function replayCommand(name) {
+function verbCommand(verb, name) {
   const volumes = DATA.replay.claims.map((claim) => ` --volume ${quoted(`${claim}=FOLDER`)}`).join("");
-  return `bagpipe replay ${quoted(name)} --results ${quoted(DATA.replay.results)}${volumes}`;
+  return `bagpipe ${verb} ${quoted(name)} --results ${quoted(DATA.replay.results)}${volumes}`;
 }
 
 function command(text) {
@@ -124,7 +120,7 @@ function command(text) {
 }
 
 function failingCases() {
-  const names = Object.keys(DATA.details);
+  const names = DATA.listed;
   if (names.length === 0) return;
   byId("failing").hidden = false;
   const numbers = new Map(CASES.case.map((name, at) => [name, at]));
