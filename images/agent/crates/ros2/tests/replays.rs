@@ -31,6 +31,11 @@ const RELAY: [&str; 8] = [
     "/in=/out",
 ];
 
+/// The same with a queue that no pause of the machine fills in real time.
+fn deep_relay() -> [&'static str; 8] {
+    RELAY.map(|one| if one == RELAY[3] { "/in:sensor_msgs/msg/Imu:2000:reliable" } else { one })
+}
+
 #[test]
 fn at_full_speed_nothing_is_lost_and_all_that_is_answered_is_recorded() {
     for (program, strength) in
@@ -91,7 +96,7 @@ fn messages_of_a_mebibyte_arrive_one_after_the_other() {
 #[test]
 fn in_realtime_the_lead_in_is_counted_apart() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &RELAY);
+    let _relay = scene.start("standin_node", &deep_relay());
     let ask = Ask { mode: Mode::Realtime, lead_in: 100 * MS, ..Ask::default() };
     let replayed = scene.play(&recording(&["/in"], 300, 100), &ask).unwrap();
     let ledger = &replayed.ledger;
@@ -329,9 +334,7 @@ const REALTIME: Ask<'static> =
 #[test]
 fn who_never_rests_is_compared_with_the_recording() {
     let scene = Scene::new();
-    // As deep as what comes while other processes have the processors.
-    let deep = |one| if one == RELAY[3] { "/in:sensor_msgs/msg/Imu:2000:reliable" } else { one };
-    let _relay = scene.start("standin_node", &RELAY.map(deep));
+    let _relay = scene.start("standin_node", &deep_relay());
     let often = "/out_often:std_msgs/msg/String:1000:reliable";
     let _talker = scene.start("standin_node", &talker(often, &["--every-us", "500"]));
     let replayed = scene.play(&recording(&["/in"], 500, 100), &REALTIME).unwrap();
@@ -450,7 +453,7 @@ fn without_a_player_or_a_ledger_no_recording_is_whole() {
 
 #[test]
 fn nothing_is_played_before_the_stacks_publishers_know_the_recorder() {
-    let late = [&RELAY[..], &["--meets-late-ms", "1700"]].concat();
+    let late = [&deep_relay()[..], &["--meets-late-ms", "1700"]].concat();
     for mode in [Mode::Max, Mode::Lockstep, Mode::Realtime] {
         let scene = Scene::new();
         let _relay = scene.start("standin_node", &late);

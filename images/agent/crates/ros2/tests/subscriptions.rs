@@ -24,6 +24,8 @@ fn relay<'a>(name: &'a str, subscription: &'a str, options: &[&'a str]) -> Vec<&
 }
 
 const TEN: &str = "/in:sensor_msgs/msg/Imu:10:reliable";
+/// As deep as all that is played: in real time, no pause of the machine overwrites anything.
+const DEEP: &str = "/in:sensor_msgs/msg/Imu:3000:reliable";
 const ONE: &str = "/in:sensor_msgs/msg/Imu:1:reliable";
 
 fn lines(replayed: &Replayed) -> &[LedgerSubscriber] {
@@ -57,19 +59,21 @@ fn at_full_speed_what_lay_in_the_queue_of_a_subscription_that_is_destroyed_is_lo
 #[test]
 fn by_the_clock_what_a_node_took_before_and_after_it_subscribed_again_counts() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &relay("/renews", TEN, &["--renew-every", "150"]));
+    let _relay = scene.start("standin_node", &relay("/renews", DEEP, &["--renew-every", "150"]));
     let replayed = scene.play(&recording(&["/in"], 1000, 50), &REALTIME).unwrap();
     let line = &lines(&replayed)[0];
     // It has answered each that it took, and no other.
     assert_eq!(line.received, recorded(&replayed).len() as u64);
-    // A subscription takes some milliseconds to be known: what goes out meanwhile may be lost.
-    assert!(line.received >= 900, "{line:?}");
+    assert_eq!(line.received + line.dropped, 1000);
+    // A subscription takes a while to be known, in which all may be lost: more than two of them
+    // have taken 150 each.
+    assert!(line.received > 300, "{line:?}");
 }
 
 #[test]
 fn two_processes_with_one_name_have_a_line_each() {
     let scene = Scene::new();
-    let _whole = scene.start("standin_node", &relay("/twin", TEN, &[]));
+    let _whole = scene.start("standin_node", &relay("/twin", DEEP, &[]));
     let slow = ["--name", "/twin", "--sub", ONE, "--delay-us", "4000"];
     let _slow = scene.start("standin_node", &slow);
     scene.await_subscriptions(2);
@@ -103,7 +107,7 @@ fn a_namesake_that_does_not_count_is_no_proof_of_its_own() {
 #[test]
 fn who_begins_to_subscribe_during_the_play_has_no_more_than_it_took_from_then_on() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &relay("/relay", TEN, &[]));
+    let _relay = scene.start("standin_node", &relay("/relay", DEEP, &[]));
     let late = ["--name", "/late", "--sub", ONE];
     for mode in [Mode::Max, Mode::Lockstep, Mode::Realtime] {
         let mut started = None;
@@ -123,19 +127,17 @@ fn who_begins_to_subscribe_during_the_play_has_no_more_than_it_took_from_then_on
             assert_eq!(line.received + line.dropped, 3000);
         }
         let relay = lines(&replayed).iter().find(|line| line.node == "/relay").unwrap();
-        assert_eq!(relay.received + relay.dropped, 3000);
-        // A machine that is busy may let a queue of ten overflow in real time.
-        assert!(mode == Mode::Realtime || relay.dropped == 0, "{mode:?}: {relay:?}");
+        assert_eq!((relay.received, relay.dropped), (3000, 0), "{mode:?}");
     }
 }
 
 #[test]
 fn a_first_callback_that_takes_its_time_loses_nothing_of_the_window() {
     // Less than the lead-in alone; and no busy machine lets a node stand still for as long as this.
-    const DEEP: &str = "/in:sensor_msgs/msg/Imu:290:reliable";
+    const SHORT: &str = "/in:sensor_msgs/msg/Imu:290:reliable";
     for program in ["standin_node", "standin_node_py"] {
         let scene = Scene::new();
-        let blocks = relay("/blocks", DEEP, &["--first-us", "2500000"]);
+        let blocks = relay("/blocks", SHORT, &["--first-us", "2500000"]);
         let _blocks = scene.start(program, &blocks);
         let ask = Ask { lead_in: 300 * MS, ..REALTIME };
         let replayed = scene.play(&recording(&["/in"], 600, 50), &ask).unwrap();
