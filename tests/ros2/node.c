@@ -108,6 +108,7 @@ static void connect_relays(void) {
 static void renew(struct subscription *of) {
   __typeof__(&asked.subscription[0]) as = &asked.subscription[of - subscriptions];
   rmw_destroy_subscription(node, of->rmw);
+  sleep_us(asked.apart_us);
   of->turn = 1 - of->turn;
   subscribe(of, as->topic, type_of(as->package, as->type), &as->qos);
 }

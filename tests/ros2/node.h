@@ -42,7 +42,7 @@ struct asked {
   } relay[MOST];
   int relays, threads;
   bool sim_time;
-  uint64_t delay_us, first_us, die_after, drop_every, renew_every, answers, burst, every_us;
+  uint64_t delay_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us;
   char counts[512];
 };
 
@@ -54,6 +54,7 @@ extern struct rmw_node *node;
 void read_arguments(int argc, char **argv);
 
 /* node_work.c: the callback of a message, and the simulated time that it reads. */
+void sleep_us(uint64_t us);
 void work(struct subscription *of);
 void set_time(const struct message *clock);
 void say(struct publisher *into); /* a String with how many it has reported */

@@ -21,6 +21,7 @@ static const char usage[] =
     "--drop-every N         each Nth message of a topic gets no answer\n"
     "--answers N            each other one gets so many, in place of one\n"
     "--renew-every N        after each Nth message a subscription is destroyed and created again\n"
+    "--apart-us N           how long it has none in between\n"
     "--die-after N          aborts in the callback of the Nth message of a topic\n"
     "--threads N            threads that take and call\n"
     "--meets-late-ms N      what it publishes so soon after it created a publisher reaches nobody, as\n"
@@ -91,6 +92,7 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--drop-every")) asked.drop_every = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--answers")) asked.answers = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--renew-every")) asked.renew_every = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--apart-us")) asked.apart_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--die-after")) asked.die_after = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--burst")) asked.burst = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);

@@ -82,13 +82,14 @@ static void steer(struct subscription *of, uint64_t count) {
   publish(of->into, bytes, sizeof bytes);
 }
 
+void sleep_us(uint64_t us) {
+  struct timespec delay = {(time_t)(us / 1000000), (long)(us % 1000000) * 1000};
+  if (us > 0) clock_nanosleep(CLOCK_MONOTONIC, 0, &delay, NULL);
+}
+
 void work(struct subscription *of) {
   uint64_t count = of->called + 1;
-  uint64_t delay_us = asked.delay_us + (count == 1 ? asked.first_us : 0);
-  if (delay_us > 0) {
-    struct timespec delay = {(time_t)(delay_us / 1000000), (long)(delay_us % 1000000) * 1000};
-    clock_nanosleep(CLOCK_MONOTONIC, 0, &delay, NULL);
-  }
+  sleep_us(asked.delay_us + (count == 1 ? asked.first_us : 0));
   if (asked.die_after > 0 && count == asked.die_after) {
     struct rlimit none = {0, 0};
     setrlimit(RLIMIT_CORE, &none);

@@ -52,6 +52,8 @@ pub(crate) struct Topic {
     links: RwLock<Arc<Vec<Arc<Link>>>>,
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<Owner, Instant>>,
+    /// Nodes that have destroyed their subscriptions, and since when: they may be about to make others.
+    departed: Mutex<BTreeMap<Owner, Instant>>,
     sent: Mutex<Sent>,
     /// Held by who looks at the subscriptions; what had gone out by the look before.
     looked: Mutex<Totals>,
@@ -147,6 +149,7 @@ impl Topic {
             qos,
             links: RwLock::default(),
             strangers: Mutex::default(),
+            departed: Mutex::default(),
             sent: Mutex::default(),
             looked: Mutex::default(),
             listed: AtomicUsize::new(0),
@@ -187,10 +190,18 @@ impl Topic {
             let owner = (counted.process, link.node.clone());
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, &self.means.ledger)?;
+            if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
+                self.departed().insert(owner, Instant::now());
+            }
             if there.is_empty() || (others && self.means.paced_by == PacedBy::Subscribers) {
                 link.close();
             }
         }
+        self.departed().retain(|owner, since| {
+            !nodes.contains_key(owner)
+                && look.running.contains(&owner.0)
+                && since.elapsed() < RENEWED
+        });
         for (owner, subscriptions) in &nodes {
             self.welcome(&mut links, owner, subscriptions, (look, missed));
         }
@@ -350,11 +361,17 @@ impl Topic {
         }
     }
 
-    /// Whether somebody is to be waited for who subscribes and does not know us yet, and was not
-    /// waited for in vain. By the clock nobody is.
+    fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
+        self.departed.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether somebody is to be waited for who subscribes and does not know us yet, or has just left
+    /// to subscribe again, and was not waited for in vain. By the clock nobody is.
     fn has_strangers(&self) -> bool {
         let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
-        self.means.paced_by == PacedBy::Subscribers && self.strangers().values().any(is_new)
+        let may_return = |since: &Instant| since.elapsed() < RENEWED;
+        self.means.paced_by == PacedBy::Subscribers
+            && (self.strangers().values().any(is_new) || self.departed().values().any(may_return))
     }
 
     /// Waits until there is room for a message of so many bytes at each subscriber.

@@ -52,7 +52,18 @@ fn at_full_speed_what_lay_in_the_queue_of_a_subscription_that_is_destroyed_is_lo
     let replayed = scene.play(&recording(&["/in"], 100, 50), &DEFAULT).unwrap();
     let line = &lines(&replayed)[0];
     // It is played ahead by the one that its queue holds, whenever it takes its callback that long.
-    assert_eq!(line.received, recorded(&replayed).len() as u64);
+    assert_eq!(line.received, recorded(&replayed).len() as u64, "{line:?}");
+    assert!(line.dropped <= 5, "{line:?}");
+}
+
+#[test]
+fn at_full_speed_who_has_no_subscription_for_a_moment_is_waited_for() {
+    let scene = Scene::new();
+    let apart = ["--renew-every", "20", "--apart-us", "60000"];
+    let _relay = scene.start("standin_node", &relay("/renews", ONE, &apart));
+    let replayed = scene.play(&recording(&["/in"], 100, 50), &DEFAULT).unwrap();
+    let line = &lines(&replayed)[0];
+    assert_eq!(line.received, recorded(&replayed).len() as u64, "{line:?}");
     assert!(line.dropped <= 5, "{line:?}");
 }
 
