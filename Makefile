@@ -23,13 +23,15 @@ EMBEDDED_KUBECONFIG := /var/lib/bagpipe/kubeconfig
 KIND_KUBECONFIG := $(BAGPIPE_CACHE)/kind.kubeconfig
 KIND_VERSION := v0.30.0
 UV_VERSION := 0.13.8
+# Of this checkout; VERSION in the command is the one that is asked for.
+NUMBER := $(file < VERSION)
 NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin
 MODULE_CRATES := log packing rosbag mcap rosbag2 formats
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/python/*.* \
   images/agent/crates/python/src/*.rs images/build/module.py \
   $(foreach crate,$(MODULE_CRATES),images/agent/crates/$(crate)/Cargo.toml images/agent/crates/$(crate)/src/*.rs))
-IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
+IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):$(NUMBER))
 
 # The demonstration by itself needs no others; whatever else is asked for gets all.
 ifeq ($(filter-out demo first-verdict,$(or $(MAKECMDGOALS),help)),)
@@ -68,7 +70,7 @@ OPERATOR_CONTENT = $$(sha256sum < $(BAGPIPE_CACHE)/images/operator.oci.json | cu
 else ifeq ($(CLUSTER),kind)
 export KUBECONFIG := $(KIND_KUBECONFIG)
 PREFLIGHT := tools $(LAPTOP)
-OPERATOR_CONTENT = $$(docker image inspect --format '{{.Id}}' bagpipe.local/operator:0.1.0)
+OPERATOR_CONTENT = $$(docker image inspect --format '{{.Id}}' bagpipe.local/operator:$(NUMBER))
 else ifeq ($(CLUSTER),existing)
 PREFLIGHT := tools images $(LAPTOP)
 OPERATOR_CONTENT = none

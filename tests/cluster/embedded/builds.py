@@ -104,11 +104,20 @@ PROMETHEUS = Program(
     expect="about five minutes on two cores",
     tags=("remove_all_sd", "enable_kubernetes_sd"),
 )
+# No part of it either: releases are pushed by it, and into a registry by the tests of that.
+PUSHER = Program(
+    "crane", package="github.com/google/go-containerregistry/cmd/crane", expect="about a minute"
+)
+REGISTRY = Program(
+    "registry",
+    package="github.com/distribution/distribution/v3/cmd/registry",
+    expect="about two minutes",
+)
 
 
 def named(folder: str) -> Program:
     """The program of a module's folder; raises ClusterError where there is none."""
-    known = [*PROGRAMS, S3_SERVER, KWOK, SPARK_OPERATOR, CHART_TESTS, PROMETHEUS]
+    known = [*PROGRAMS, S3_SERVER, KWOK, SPARK_OPERATOR, CHART_TESTS, PROMETHEUS, PUSHER, REGISTRY]
     for program in known:
         if program.folder == folder:
             return program
