@@ -324,6 +324,30 @@ plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by defaul
 wheels: preflight venv ## Build a wheel of bagpipe, its native module and the agent into FOLDER (the cache by default)
 	$(STEP) "Building the wheels" -- .venv/bin/python images/build/wheels.py "$(or $(FOLDER),$(BAGPIPE_CACHE)/wheels)"
 
+# Of a commit that says so itself: VERSION names the number that the file VERSION has.
+RELEASE := env PYTHONPATH=images/build:tests/cluster .venv/bin/python -m release
+DIST := $(or $(FOLDER),dist)
+
+.PHONY: version
+version: ## Write VERSION=0.3.0 into every place that repeats the version
+	@python3 -m release.version $(VERSION)
+
+.PHONY: release-programs
+release-programs: preflight
+	$(STEP) "Building what releases are made and pushed with" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
+	  nice $(CLUSTER_PY) build syft crane
+
+.PHONY: release
+release: preflight venv release-programs ## Make all that registries and indexes take of VERSION=0.2.0 in FOLDER=dist (REGISTRY=, DOWNLOADS=, KEY=)
+	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py agent operator spark
+	$(STEP) "Making the release" --if-it-fails "It says above what is missing." -- $(RELEASE).make "$(VERSION)" --folder "$(DIST)" \
+	  $(if $(REGISTRY),--registry "$(REGISTRY)") $(if $(DOWNLOADS),--downloads "$(DOWNLOADS)") $(if $(KEY),--key "$(KEY)")
+
+.PHONY: push
+push: tools venv release-programs ## Push images and charts of the release in FOLDER=dist to REGISTRY=host/path (PLAIN_HTTP=1, CHARTS_ONLY=1)
+	$(STEP) "Pushing the release" --if-it-fails "It says above why." -- $(RELEASE).push "$(DIST)" \
+	  "$(or $(REGISTRY),$(error push needs REGISTRY=host/path))" $(if $(PLAIN_HTTP),--plain-http) $(if $(CHARTS_ONLY),--charts-only)
+
 .PHONY: up
 up: preflight tools
 	$(STEP) "Starting Kubernetes on this machine" --if-it-fails "'make down' cleans up; then try again." -- $(CLUSTER_PY) up $(if $(NODES),--nodes $(NODES))

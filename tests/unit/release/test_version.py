@@ -49,7 +49,8 @@ def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_one_command_writes_another_number_everywhere(checkout: Path) -> None:
+@pytest.mark.usefixtures("checkout")
+def test_one_command_writes_another_number_everywhere() -> None:
     before = version.places()
     assert len(before) > 100
     changed = version.write("7.8.9")
@@ -78,9 +79,10 @@ def test_a_file_in_which_no_number_is_found_is_named(checkout: Path) -> None:
         version.places()
 
 
+@pytest.mark.usefixtures("checkout")
 @pytest.mark.parametrize("wrong", ["", "v1.0.0", "1.0", "1.0.0; true"])
-def test_what_is_no_version_is_refused(checkout: Path, wrong: str) -> None:
+def test_what_is_no_version_is_refused(wrong: str) -> None:
     own = version.version()
-    with pytest.raises(ReleaseError, match="is no version: three numbers, such as 0.2.0"):
+    with pytest.raises(ReleaseError, match="is no version: three numbers"):
         version.write(wrong)
     assert version.version() == own
