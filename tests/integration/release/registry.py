@@ -15,7 +15,7 @@ from embedded import builds, oci
 
 from release import archives, charts, sums, version
 from release.make import DIGESTS, RELEASED
-from tests.integration.storage.servers import Server, listens
+from tests.integration.storage.servers import LOOPBACK, Host, Server, listens
 from tests.ports import free_port
 from tests.waiting import PATIENCE
 
@@ -31,17 +31,18 @@ class Running:
 
     port: int
     folder: Path
+    address: str = "127.0.0.1"
 
     @property
     def name(self) -> str:
-        return f"127.0.0.1:{self.port}/robots"
+        return f"{self.address}:{self.port}/robots"
 
     def login(self, password: str) -> Path:
         """A folder for DOCKER_CONFIG, as `docker login` leaves it."""
         folder = self.folder / f"login-{password}"
         folder.mkdir(exist_ok=True)
         token = b64encode(f"{USER}:{password}".encode()).decode()
-        config = {"auths": {f"127.0.0.1:{self.port}": {"auth": token}}}
+        config = {"auths": {f"{self.address}:{self.port}": {"auth": token}}}
         (folder / "config.json").write_text(json.dumps(config))
         return folder
 
@@ -59,22 +60,30 @@ class Running:
 
 
 @contextmanager
-def registry(folder: Path) -> Iterator[Running]:
-    """The registry over a folder, until the block ends."""
-    found = Running(free_port(), folder)
+def registry(
+    folder: Path, host: Host = LOOPBACK, port: int | None = None, login: bool = True
+) -> Iterator[Running]:
+    """The registry over a folder, until the block ends; without a port on one that is free.
+
+    In a network namespace it serves all addresses: nodes pull without TLS from loopback only.
+    """
+    found = Running(port or free_port(), folder, host.address)
     (folder / "htpasswd").write_text(f"{USER}:{_HASH}\n")
     config = {
         "version": "0.1",
         "storage": {"filesystem": {"rootdirectory": str(folder / "content")}},
-        "http": {"addr": f"127.0.0.1:{found.port}"},
-        "auth": {"htpasswd": {"realm": "robots", "path": str(folder / "htpasswd")}},
+        "http": {"addr": f"{'' if host.namespace else host.address}:{found.port}"},
     }
+    if login:
+        passwords = {"realm": "robots", "path": str(folder / "htpasswd")}
+        config["auth"] = {"htpasswd": passwords}
     (folder / "config.yml").write_text(json.dumps(config))
     program = str(builds.ensure(builds.REGISTRY) / "registry")
-    server = Server([program, "serve", str(folder / "config.yml")], folder / "registry.log")
+    command = host.command(program, "serve", str(folder / "config.yml"))
+    server = Server(command, folder / "registry.log")
     server.start()
     try:
-        server.await_ready(lambda: listens(found.port), PATIENCE)
+        server.await_ready(lambda: listens(found.port, host.address), PATIENCE)
         yield found
     finally:
         server.kill()
