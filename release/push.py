@@ -75,10 +75,10 @@ class Registry:
         if not program:
             raise ReleaseError("There is no helm on PATH: `make tools` builds it.")
         command = [program, "push", str(package), f"oci://{self.name}/charts"]
-        told = self._run(command + ["--plain-http"] * self.plain_http, PUSH_SECONDS)
-        found = re.search(r"Digest: (sha256:[0-9a-f]{64})", told)
+        answer = self._run(command + ["--plain-http"] * self.plain_http, PUSH_SECONDS)
+        found = re.search(r"Digest: (sha256:[0-9a-f]{64})", answer)
         if not found:
-            raise ReleaseError(f"helm did not tell the digest of {package.name}: {told.strip()}")
+            raise ReleaseError(f"helm did not print the digest of {package.name}: {answer.strip()}")
         return found[1]
 
     def _crane(self, verb: str) -> list[str]:
@@ -92,22 +92,22 @@ class Registry:
             )
         except subprocess.TimeoutExpired as error:
             raise ReleaseError(f"{self.name} did not end in {seconds:.0f} s: {command}.") from error
-        told = done.stdout + done.stderr
+        answer = done.stdout + done.stderr
         if not done.returncode:
-            return told
+            return answer
         for pattern, meaning in _REFUSALS:
-            if re.search(pattern, told):
-                raise ReleaseError(f"The registry {self.name} {meaning}. It was: {_last(told)}")
-        kind = _AbsentError if _ABSENT.search(told) else ReleaseError
-        raise kind(f"{Path(command[0]).name} {command[1]} failed at {self.name}: {_last(told)}")
+            if re.search(pattern, answer):
+                raise ReleaseError(f"The registry {self.name} {meaning}. It was: {_last(answer)}")
+        kind = _AbsentError if _ABSENT.search(answer) else ReleaseError
+        raise kind(f"{Path(command[0]).name} {command[1]} failed at {self.name}: {_last(answer)}")
 
 
 class _AbsentError(ReleaseError):
     """The registry does not have what was asked for."""
 
 
-def _last(told: str) -> str:
-    return (told.strip().splitlines() or ["nothing"])[-1][:500]
+def _last(answer: str) -> str:
+    return (answer.strip().splitlines() or ["nothing"])[-1][:500]
 
 
 def digests(folder: Path) -> dict[str, str]:

@@ -81,9 +81,9 @@ def test_the_chart_from_the_registry_names_the_pushed_images(
     )  # fmt: skip
     (container,) = yaml.safe_load(rendered)["spec"]["template"]["spec"]["containers"]
     assert container["image"] == f"{running.name}/operator@{digests['operator']}"
-    told = {each["name"]: each.get("value", "") for each in container["env"]}
+    answer = {each["name"]: each.get("value", "") for each in container["env"]}
     for name in ("spark", "agent"):
-        assert f"{running.name}/{name}@{digests[name]}" in told.values()
+        assert f"{running.name}/{name}@{digests[name]}" in answer.values()
 
 
 def test_a_wrong_password_is_refused_in_a_sentence(
@@ -94,9 +94,9 @@ def test_a_wrong_password_is_refused_in_a_sentence(
 ) -> None:
     monkeypatch.setenv("DOCKER_CONFIG", str(running.login("wrong")))
     assert push.main([str(release[0]), running.name, "--plain-http"]) == 1
-    told = capsys.readouterr().err
-    assert f"The registry {running.name} refuses the login: log in (docker login" in told
-    assert "wrong" not in told
+    answer = capsys.readouterr().err
+    assert f"The registry {running.name} refuses the login: log in (docker login" in answer
+    assert "wrong" not in answer
     assert names(running) == set()
 
 

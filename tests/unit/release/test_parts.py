@@ -77,10 +77,10 @@ def folder(tmp_path: Path) -> Path:
 def test_sha256sum_reads_the_checksums(folder: Path) -> None:
     sums.check(folder)
     command = ["sha256sum", "--check", "--strict", sums.SUMS]
-    told = subprocess.run(
+    answer = subprocess.run(
         command, cwd=folder, capture_output=True, text=True, timeout=60, check=True
     )
-    assert told.stdout == "NOTES.md: OK\nimages/agent.tar: OK\n"
+    assert answer.stdout == "NOTES.md: OK\nimages/agent.tar: OK\n"
 
 
 def test_a_release_that_was_changed_is_named_by_its_files(folder: Path) -> None:
@@ -140,7 +140,7 @@ def archive(tmp_path: Path) -> Path:
     return tmp_path / "image.tar"
 
 
-def test_an_archive_tells_its_image(archive: Path) -> None:
+def test_an_archive_names_its_image(archive: Path) -> None:
     found = archives.inspect(archive)
     assert (found.name, found.platform) == ("a/b:1", "linux/amd64")
     assert oci.names_and_digests(archive) == {"a/b:1": found.digest}

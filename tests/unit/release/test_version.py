@@ -29,11 +29,11 @@ def test_programs_and_charts_have_the_number() -> None:
     for chart in ("bagpipe", "bagpipe-namespace"):
         described = yaml.safe_load((ROOT / "charts" / chart / "Chart.yaml").read_text())
         assert (described["version"], described["appVersion"]) == (own, own)
-    told = subprocess.run(
+    answer = subprocess.run(
         ["cargo", "metadata", "--format-version=1", "--no-deps", "--offline", "--locked"],
         cwd=ROOT / "images/agent", capture_output=True, text=True, timeout=60, check=True,
     ).stdout  # fmt: skip
-    crates = {each["version"] for each in json.loads(told)["packages"]}
+    crates = {each["version"] for each in json.loads(answer)["packages"]}
     assert crates == {own}
 
 
@@ -69,8 +69,8 @@ def test_a_place_that_disagrees_is_named(
     (line,) = [i for i, text in enumerate(before, 1) if f"/barrier-car:{own}" in text]
     job.write_text(job.read_text().replace(f"/barrier-car:{own}", "/barrier-car:0.0.7"))
     assert version.main([]) == 1
-    told = capsys.readouterr().err
-    assert told == f"{job.relative_to(checkout)}:{line} says 0.0.7, and VERSION says {own}.\n"
+    answer = capsys.readouterr().err
+    assert answer == f"{job.relative_to(checkout)}:{line} says 0.0.7, and VERSION says {own}.\n"
 
 
 def test_a_file_in_which_no_number_is_found_is_named(checkout: Path) -> None:
