@@ -148,7 +148,7 @@ fmt: venv ## Format all Python and Rust, and mend what ruff can mend
 .PHONY: test-programs
 test-programs: kubernetes
 	$(STEP) "Building what tests start" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
-	  nice $(CLUSTER_PY) build helm-unittest versitygw
+	  nice $(CLUSTER_PY) build helm-unittest versitygw syft crane registry
 
 # The longest of all: at a low priority it takes what the other steps leave, and then everything.
 .PHONY: kubernetes
