@@ -14,7 +14,7 @@ from types import FrameType
 
 from bagpipe.driver.baseline import check_baseline
 from bagpipe.driver.chosen import NoCaseError
-from bagpipe.driver.comparing import compared
+from bagpipe.driver.comparing import Compared, compared
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
 from bagpipe.driver.job_day import job_day
 from bagpipe.driver.journal import Journal
@@ -132,8 +132,8 @@ def run(
     if wrong := faults(job.spec.evaluate):
         progress.fail("CriteriaInvalid", "; ".join(wrong))
         return False
-    if job.spec.baseline is not None:
-        check_baseline(job.spec.baseline.results, storage)
+    if job.spec.compared_with is not None:
+        check_baseline(job.spec.compared_with, storage, job.baseline)
     patiently(partial(storage.check_put_once, results.folder), progress)
     quarantine = _quarantine(job, results, progress)
     planned = place.planned(job, storage)
@@ -160,8 +160,7 @@ def run(
         if keeper.stop is not None and not keeper.stop.final:
             progress.finish()
             return _unfinished(results, journal, progress)
-        keep_trying = partial(patiently, progress=progress)
-        progress.compare(compared(job.spec, rows.rows, storage, keep_trying))
+        progress.compare(_compared(job, rows, storage, progress))
         commit = partial(results.commit, rows, progress, journal.driver, place.seen)
         manifest = patiently(commit, progress)
         ours = manifest["driver"] == journal.driver
@@ -169,6 +168,11 @@ def run(
         patiently(publish, progress)
         progress.adopt(manifest)
     return progress.phase == "Complete"
+
+
+def _compared(job: JobFile, rows: RowFile, storage: Storage, progress: Progress) -> Compared:
+    keep_trying = partial(patiently, progress=progress)
+    return compared(job.spec, rows.rows, storage, keep_trying, job.baseline)
 
 
 def _quarantine(job: JobFile, results: Results, progress: Progress) -> Quarantine:

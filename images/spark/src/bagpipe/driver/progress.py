@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from bagpipe.driver.comparing import Compared, in_short
-from bagpipe.driver.verdict import verdict_of
+from bagpipe.driver.verdict import MOST_WHY, verdict_of
 from bagpipe.quarantine import Quarantine, QuarantineTally, remarks
 from bagpipe.row_facts import (
     OUTCOMES,
@@ -139,7 +139,8 @@ class Progress:
                 found = verdict_of(self._counting, self._compared)
                 self.verdict, self.verdict_reason = found.word, found.reason
                 self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
-                self.message += f"{found.why}{self._of_quarantine()}"
+                note = f"; {self._compared.note}" if self._compared.note else ""
+                self.message += f"{found.why}{note[:MOST_WHY]}{self._of_quarantine()}"
             return self.phase == "Complete"
 
     def stop(self, reason: str, message: str) -> None:
