@@ -1,5 +1,6 @@
 """How far a job is: counted from rows, reported as JSON to the operator and the termination log."""
 
+import dataclasses
 import json
 import threading
 import time
@@ -9,6 +10,7 @@ from typing import Any, Literal
 
 from bagpipe.driver.comparing import Compared, in_short
 from bagpipe.driver.verdict import MOST_WHY, verdict_of
+from bagpipe.plan.made import Selection
 from bagpipe.quarantine import Quarantine, QuarantineTally, remarks
 from bagpipe.row_facts import (
     OUTCOMES,
@@ -56,6 +58,7 @@ class Progress:
     _quarantined: list[dict[str, str]] = field(default_factory=list)
     _first: str = ""
     _compared: Compared = field(default_factory=Compared)
+    _selection: Selection | None = None
     _stopped: tuple[str, str] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -80,6 +83,17 @@ class Progress:
         """By which rules the rows to come are in quarantine; they are marked when they come."""
         with self._lock:
             self._quarantine = QuarantineTally(quarantine)
+
+    def select(self, selection: Selection) -> None:
+        """By which of a catalogue's rows the cases were planned."""
+        with self._lock:
+            self._selection = selection
+
+    @property
+    def selection(self) -> dict[str, Any] | None:
+        """The same, as provenance has it."""
+        with self._lock:
+            return dataclasses.asdict(self._selection) if self._selection else None
 
     @property
     def quarantine(self) -> dict[str, Any] | None:
