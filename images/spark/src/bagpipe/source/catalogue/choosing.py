@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -78,7 +79,7 @@ def _asked(choice: Choice, path: Path, bounds: Bounds) -> dict[str, Any]:
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         raise CatalogueError(_too_long(what, bounds)) from None
-    if done.returncode in _OUT_OF_TIME:
+    if done.returncode == -signal.SIGXCPU:
         raise CatalogueError(_too_long(what, bounds))
     try:
         found: dict[str, Any] = json.loads(done.stdout)
@@ -98,7 +99,3 @@ def _asked(choice: Choice, path: Path, bounds: Bounds) -> dict[str, Any]:
 
 def _too_long(what: str, bounds: Bounds) -> str:
     return f"{what} takes longer than {bounds.seconds} s: write a simpler expression, or fewer rows"
-
-
-# By RLIMIT_CPU: SIGXCPU, or SIGKILL at its hard limit.
-_OUT_OF_TIME = (-24, -9)

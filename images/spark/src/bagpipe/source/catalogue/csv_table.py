@@ -70,7 +70,7 @@ class CsvTable:
         """Of each column the kind, and for text the first cell that made it so."""
         missing = [name for name in columns if name not in self._found]
         possible = {name: list(_KINDS) for name in missing}
-        said = dict.fromkeys(missing, "")
+        spoilt = dict.fromkeys(missing, "")
         filled = set[str]()
         places = [(name, self.columns.index(name)) for name in missing]
         for line, cells in self._cells() if missing else ():
@@ -80,10 +80,10 @@ class CsvTable:
                 filled.add(name)
                 possible[name] = [kind for kind in possible[name] if _reads(kind, cells[at])]
                 if not possible[name]:
-                    said[name] = f", as line {line} has {cells[at][:40]!r}"
+                    spoilt[name] = f", as line {line} has {cells[at][:40]!r}"
         for name in missing:
             kind = possible[name][0] if name in filled and possible[name] else _TEXT
-            self._found[name] = (kind, said[name])
+            self._found[name] = (kind, spoilt[name])
         return {name: "".join(self._found[name]) for name in columns}
 
     def rows(self, columns: list[str]) -> Iterator[Row]:
