@@ -5,7 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click.testing import CliRunner
 
+from bagpipe.cli.__main__ import main
+from bagpipe.driver.journal import Journal
 from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
@@ -115,7 +118,9 @@ def test_results_say_by_which_rows_they_are(tmp_path: Path) -> None:
         rows.add(make_row("a"))
         progress.add(make_row("a"))
         results = Results(make_job(storage.volumes), storage)
-        manifest = results.commit(rows, progress, "driver", Seen())
+        journal = Journal(storage, results.folder, 1)
+        manifest = results.commit(rows, progress, journal.driver, Seen())
+        results.publish(manifest, rows.rows, journal)
     assert manifest["provenance"]["catalogue"] == {
         "catalogue": "pvc://r/c.csv", "where": "weather == 'rain'", "sha256": "ab" * 32,
         "rows": 3, "selected": 2, "recordings": 2,
@@ -124,3 +129,6 @@ def test_results_say_by_which_rows_they_are(tmp_path: Path) -> None:
         f"2 recordings of 2 of 3 rows of pvc://r/c.csv (sha256 {'ab' * 32}), where weather =="
         " 'rain'"
     )
+    shown = CliRunner().invoke(main, ["results", str(tmp_path / "out/drive/uid-1")])
+    assert "catalogue: 2 recordings of 2 of 3 rows of pvc://r/c.csv (sha256" in shown.output
+    assert "2 recordings of 2 of 3 rows" in (tmp_path / "out/drive/uid-1/junit.xml").read_text()

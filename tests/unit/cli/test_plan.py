@@ -213,7 +213,9 @@ def test_what_a_catalogue_selects_is_shown(tmp_path: Path) -> None:
     (tmp_path / "drives.csv").write_text("uri,weather\nwet.bag,rain\ndry.bag,sun\n")
     volume = ("--volume", f"recordings={tmp_path}")
     own = {"uri": "pvc://recordings/drives.csv", "where": "weather == 'rain'"}
-    fields = {"source": {"catalogue": own, "topics": ["/scan"]}, "matrix": None, "variants": []}
+    fields: dict[str, object] = {
+        "source": {"catalogue": own, "topics": ["/scan"]}, "matrix": None, "variants": []
+    }  # fmt: skip
     status, text = run(tmp_path, *volume, **fields)
     assert status == 0, text
     assert "1 cases: 1 fragments" in text
