@@ -238,7 +238,7 @@ class SimulationJobSpec(_Model):
     baseline: Baseline | None = None
     comparison: ComparisonRules = ComparisonRules()
     evaluate: list[Criterion] = Field(default=[], max_length=100)
-    max_failed_cases: int | None = Field(default=None, ge=0)
+    max_failed_cases: int | None = Field(default=None, ge=0, le=10_000_000)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
     fault_policy: list[FaultRule] = Field(default=[], max_length=10)
     quarantine: list[QuarantineRule] = Field(default=[], max_length=50)
