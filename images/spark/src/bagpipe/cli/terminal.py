@@ -1,7 +1,5 @@
 """What others wrote, on a terminal."""
 
-from rich.markup import escape
-
 
 def plain(text: str) -> str:
     """The text without what a terminal would obey."""
@@ -10,4 +8,7 @@ def plain(text: str) -> str:
 
 def unstyled(text: str) -> str:
     """The same for rich, which would obey [red] as well."""
+    # Verbs that draw nothing must not wait for it.
+    from rich.markup import escape  # noqa: PLC0415
+
     return escape(plain(text))
