@@ -97,7 +97,7 @@ def test_where_nobody_reads_its_words_the_status_is_the_same(words: list[str]) -
     assert ended == [125 if words else 129] * 2
 
 
-def test_a_run_that_nobody_could_be_told_of_is_passed_over(
+def test_a_run_whose_words_nobody_reads_is_passed_over(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ran(monkeypatch, SystemExit(1))

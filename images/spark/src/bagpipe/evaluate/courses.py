@@ -122,7 +122,7 @@ def _as_json(plotted: _Plotted, evidence: Evidence, most: int, *, failed: bool) 
 
 def with_turns(course: Course, most: int, low: float | None, high: float | None) -> Course:
     """The same, with the first points below and above its bounds, and the last one: by them it is
-    known when it left them, which the greatest of a stretch of many does not tell.
+    known when it left them, which the greatest of a stretch of many does not show.
     """
     if len(course) <= most:
         return course
