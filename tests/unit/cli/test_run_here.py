@@ -82,8 +82,8 @@ def test_all_that_is_missing_is_reported_at_once(machine: Machine) -> None:
     sentences = refused(nowhere, {}, stack=stack(ros1={"master": "image"}))
     assert ["claim recordings" in sentences[0], "starts run" in sentences[1]] == [True, True]
     assert sentences[2] == (
-        "stack.ros1.master: image needs rosmaster, which is not found here: put its folder on PATH (such"
-        " as by sourcing setup.bash), or run this inside of the stack's image"
+        "stack.ros1.master: image needs rosmaster, which is not found here: put its folder on PATH"
+        " (such as by sourcing setup.bash), or run this inside of the stack's image"
     )
     assert len(sentences) == 3
 
@@ -116,9 +116,7 @@ def test_a_variable_that_this_environment_has_is_taken_from_it(
     assert refused(machine, stack=stack(env=env)) == []
 
 
-def test_only_a_master_of_the_images_own_needs_a_rosmaster(
-    machine: Machine, tmp_path: Path
-) -> None:
+def test_only_the_rosmaster_of_an_image_is_looked_for(machine: Machine, tmp_path: Path) -> None:
     (tmp_path / "rosmaster").unlink()
     assert refused(machine) == []
     own = refused(machine, stack=stack(ros1={"master": "image"}))

@@ -15,7 +15,7 @@ fn script(name: &str) -> String {
 }
 
 #[test]
-fn the_same_calls_have_the_same_answers_and_nodes_are_told_the_same() {
+fn the_same_calls_have_the_same_answers_and_nodes_get_the_same_notices() {
     for seed in 0..8 {
         let [theirs, ours] = Graph::of_both(TMP);
         let seed = seed.to_string();

@@ -26,7 +26,7 @@ pub struct Graph {
 
 /// The process, or what serves in this one.
 enum Running {
-    Debians { _process: Process },
+    OfDebian { _process: Process },
     Ours { _master: Rosmaster },
 }
 
@@ -56,7 +56,7 @@ impl Graph {
         let mut graph = Graph { master: None, uri, folder };
         let port = port.to_string();
         let process = graph.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]);
-        graph.master = Some(Running::Debians { _process: process });
+        graph.master = Some(Running::OfDebian { _process: process });
         let master = graph.client();
         wait_until("rosmaster answers", || master.get_pid().is_ok());
         graph
@@ -67,7 +67,7 @@ impl Graph {
         self.master.take();
         let port = self.uri.trim_end_matches('/').rsplit(':').next().unwrap().to_owned();
         let process = self.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]);
-        self.master = Some(Running::Debians { _process: process });
+        self.master = Some(Running::OfDebian { _process: process });
         let master = self.client();
         wait_until("rosmaster answers again", || master.get_pid().is_ok());
     }

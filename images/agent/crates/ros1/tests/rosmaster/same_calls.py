@@ -1,4 +1,4 @@
-"""Makes the same random calls at two masters, and compares their answers and what nodes are told.
+"""Makes the same random calls at two masters; compares their answers and notices to nodes.
 
 Usage: same_calls.py URI URI SEED CALLS. Prints how many calls it compared; a difference ends it.
 """
@@ -22,19 +22,18 @@ class Server(socketserver.ThreadingMixIn, xmlrpc.server.SimpleXMLRPCServer):
 
 
 class Slave:
-    """A node's slave API that keeps what it is told."""
+    """A node's slave API that keeps what it is notices."""
 
     def __init__(self):
         self.server = Server(("127.0.0.1", 0), logRequests=False)
-        self.uri = "http://127.0.0.1:%d/" % self.server.server_address[1]
-        self.told = {}
+        self.uri = f"http://127.0.0.1:{self.server.server_address[1]}/"
+        self.notices = {}
         self.last = threading.Event()
         self.server.register_instance(self)
         threading.Thread(target=self.server.serve_forever, daemon=True).start()
 
     def _dispatch(self, method, params):
-        assert params[0] == "/master", params
-        self.told[(method, repr(params[1]))] = params[1:]
+        self.notices[(params[0], method, repr(params[1]))] = params[1:]
         if params[1] == "/the_last":
             self.last.set()
         return 1, "", 0
@@ -52,7 +51,7 @@ class Side:
         """Without what differs by nature: addresses, and the order of names."""
         if isinstance(value, str):
             for at, slave in enumerate(self.slaves):
-                value = value.replace(slave.uri, "slave %d" % at)
+                value = value.replace(slave.uri, f"slave {at}")
             return value.replace(self.uri, "master")
         if isinstance(value, (list, tuple)):
             return [self.neutral(one) for one in value]
@@ -73,16 +72,17 @@ class Side:
             value = ordered(value)
         return self.neutral(value)
 
-    def all_told(self):
-        """What each node was told last of each topic and parameter, once all is told."""
+    def all_notices(self):
+        """What each node was notices last of each topic and parameter, once all is notices."""
         for at, slave in enumerate(self.slaves):
-            name = "/last_%d" % at
+            name = f"/last_{at}"
             self.master.registerSubscriber(name, "/the_last", "*", slave.uri)
         self.master.registerPublisher("/last", "/the_last", "pkg/One", self.slaves[0].uri)
         for slave in self.slaves:
-            assert slave.last.wait(DEADLINE), "a node was not told"
+            if not slave.last.wait(DEADLINE):
+                sys.exit("a node was not notices")
         return [
-            {key: self.neutral(tree_or(value)) for key, value in slave.told.items()}
+            {key: self.neutral(without_tree(value)) for key, value in slave.notices.items()}
             for slave in self.slaves
         ]
 
@@ -94,12 +94,12 @@ class Uri:
         self.at = at
 
     def __repr__(self):
-        return "slave %d" % self.at
+        return f"slave {self.at}"
 
 
-def tree_or(told):
+def without_tree(notice):
     """Debian's master sends a tree as it is once the call goes out, with what was set after it."""
-    key, *values = told
+    key, *values = notice
     return [key, *("a tree" if isinstance(value, dict) else value for value in values)]
 
 
@@ -112,12 +112,12 @@ def ordered(value):
 def value(chance, depth=0):
     kinds = [
         lambda: chance.randrange(-9, 9),
-        lambda: chance.random(),
+        chance.random,
         lambda: chance.choice(["text", "", " <&> \n"]),
         lambda: chance.random() < 0.5,
         lambda: [value(chance, 3) for _ in range(chance.randrange(3))],
         lambda: {key: value(chance, depth + 1) for key in chance.sample("abcx", 2)},
-        lambda: {},
+        dict,
     ]
     return chance.choice(kinds[: 5 if depth > 2 else 7])()
 
@@ -130,7 +130,7 @@ def call(chance):
     uri = Uri(at + len(NODES) * (chance.random() < 0.2))
     topic, key, kind = chance.choice(TOPICS), chance.choice(KEYS), chance.choice(TYPES)
     # Who takes another's service over is known for ever to Debian's master.
-    service = "/serves%d" % at
+    service = f"/serves{at}"
     rosrpc = chance.choice(["rosrpc://here:1", "rosrpc://here:2", "here"])
     return chance.choice(
         [
@@ -163,19 +163,19 @@ def call(chance):
 
 
 def main(first, second, seed, calls):
-    chance = random.Random(int(seed))
+    chance = random.Random(int(seed))  # noqa: S311
     sides = [Side(first), Side(second)]
     for number in range(int(calls)):
         method, arguments = call(chance)
         answers = [side.call(method, arguments) for side in sides]
         if answers[0] != answers[1]:
-            sys.exit("call %d: %s%r: %r and %r" % (number, method, arguments, *answers))
-    told = [side.all_told() for side in sides]
-    for at, (one, other) in enumerate(zip(*told)):
+            sys.exit(f"call {number}: {method}{arguments!r}: {answers[0]!r} and {answers[1]!r}")
+    notices = [side.all_notices() for side in sides]
+    for at, (one, other) in enumerate(zip(*notices, strict=True)):
         for key in sorted({*one, *other}):
             if one.get(key) != other.get(key):
-                sys.exit("slave %d: %r: %r and %r" % (at, key, one.get(key), other.get(key)))
-    print("equal", calls, sum(map(len, told[0])))
+                sys.exit(f"slave {at}: {key}: {one.get(key)!r} and {other.get(key)!r}")
+    print("equal", calls, sum(map(len, notices[0])))
 
 
 main(*sys.argv[1:])
