@@ -158,7 +158,7 @@ impl Graph {
         })
     }
 
-    /// Takes in a node; another of its name is told to end.
+    /// Takes in a node; another of its name is asked to end.
     fn meet(&mut self, node: &(String, String)) {
         let Some(before) = self.registrations.meet(node) else { return };
         self.parameters.unsubscribe_all(&node.0);
@@ -173,8 +173,8 @@ impl Graph {
         }
     }
 
-    /// Tells a topic's subscribers who publishes it.
-    fn tell_subscribers(&mut self, topic: &str) {
+    /// Notifies a topic's subscribers of who publishes it.
+    fn notify_subscribers(&mut self, topic: &str) {
         let publishers: Vec<Value> =
             self.registrations.publishers.uris(topic).into_iter().map(Value::from).collect();
         for uri in self.registrations.subscribers.uris(topic) {
@@ -190,7 +190,7 @@ impl Graph {
         let message = format!("Registered [{}] as publisher of [{topic}]", node.0);
         self.registrations.publishers.register(&topic, node);
         self.registrations.published_as(&topic, datatype);
-        self.tell_subscribers(&topic);
+        self.notify_subscribers(&topic);
         fine(message, uris(self.registrations.subscribers.uris(&topic)))
     }
 
@@ -215,7 +215,7 @@ impl Graph {
             return fine(message, 0);
         }
         if publisher {
-            self.tell_subscribers(&topic);
+            self.notify_subscribers(&topic);
         }
         self.forget_idle(&node.0);
         fine(format!("Unregistered [{}] as provider of [{topic}]", node.0), 1)
@@ -271,7 +271,7 @@ impl Graph {
             return refused("the parameter value is missing", 0);
         };
         match self.parameters.set(&key, value.clone(), call.caller) {
-            Ok(updates) => self.tell(updates),
+            Ok(updates) => self.notify(updates),
             Err(why) => return refused(why, 0),
         }
         fine(format!("parameter {key} set"), 0)
@@ -290,7 +290,7 @@ impl Graph {
         let Some(updates) = self.parameters.delete(&key) else {
             return refused(format!("parameter [{key}] is not set"), 0);
         };
-        self.tell(updates);
+        self.notify(updates);
         fine(format!("parameter {key} deleted"), 0)
     }
 
@@ -320,7 +320,7 @@ impl Graph {
         fine(format!("Unsubscribe to parameter [{key}]"), 1)
     }
 
-    fn tell(&mut self, updates: Vec<Update>) {
+    fn notify(&mut self, updates: Vec<Update>) {
         for Update { uri, key, value } in updates {
             let params = vec![key.into(), value];
             self.notices.push((uri, Notice { method: "paramUpdate", params }));

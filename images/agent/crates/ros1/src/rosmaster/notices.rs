@@ -1,4 +1,4 @@
-//! What nodes are told without having asked: who publishes what they read, and new values of
+//! What nodes learn without having asked: who publishes what they read, and new values of
 //! parameters. Each node is called by a thread of its own, so that one that does not answer holds up
 //! nobody else.
 
@@ -69,13 +69,12 @@ impl Notices {
 
     fn deliver(&self, uri: &str) {
         while let Some(notice) = self.next(uri) {
-            // A node that has gone is not told; one that lives and does not answer asks again itself.
-            let _not_told: Result<Value, RosError> =
-                Client::new(uri, DEADLINE).and_then(|client| {
-                    let caller = Value::from("/master");
-                    let params: Vec<Value> = std::iter::once(caller).chain(notice.params).collect();
-                    client.call(notice.method, &params)
-                });
+            // A node that has gone gets none; one that lives and does not answer asks again itself.
+            let _gone: Result<Value, RosError> = Client::new(uri, DEADLINE).and_then(|client| {
+                let caller = Value::from("/master");
+                let params: Vec<Value> = std::iter::once(caller).chain(notice.params).collect();
+                client.call(notice.method, &params)
+            });
         }
     }
 }

@@ -13,7 +13,7 @@ const MOST_LEVELS: usize = 64;
 /// A node that keeps a copy: its name, and the URI of its slave API.
 pub(super) type Subscriber = (String, String);
 
-/// What a subscriber is to be told: the key ends with a slash, and a value that is gone is an empty
+/// What a subscriber is to be notified: the key ends with a slash, and a value that is gone is an empty
 /// tree.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Update {
@@ -138,7 +138,7 @@ impl Parameters {
         self.subscribers.values().flatten().any(|one| one.0 == node)
     }
 
-    /// Who is to be told that a name has this value now. Who has set it knows it, if it has a copy of
+    /// Who is to be notified that a name has this value now. Who has set it knows it, if it has a copy of
     /// that or of a tree around it.
     fn updates(&self, name: &str, value: &Value, setter: Option<&str>) -> Vec<Update> {
         let changed = with_slash(name);
@@ -150,8 +150,9 @@ impl Parameters {
                 Some(within) if matches!(value, Value::Map(_)) => (key, member(value, within)),
                 _ => continue,
             };
-            let told = subscribers.iter().filter(|one| !(around && setter == Some(one.0.as_str())));
-            updates.extend(told.map(|(_, uri)| Update {
+            let notified =
+                subscribers.iter().filter(|one| !(around && setter == Some(one.0.as_str())));
+            updates.extend(notified.map(|(_, uri)| Update {
                 uri: uri.clone(),
                 key: key.clone(),
                 value: value.clone(),
