@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.cli.here import Machine, notes, of_variants, refusals
+from bagpipe.cli.here import Machine, notes, of_variants, refusals, without_schedule
 from bagpipe.matrix.faults import MatrixError
 from tests.unit.bagpipe.jobs import make_spec
 
@@ -194,3 +194,16 @@ def test_notes_say_what_is_otherwise_here() -> None:
         assert sentence in sentences
     plain = list(notes(make_spec(), Path("kept")))
     assert [sentence.split()[0] for sentence in plain] == ["images", "the"]
+
+
+def test_a_schedule_is_of_a_cluster_and_nothing_is_compared_here(machine: Machine) -> None:
+    spec, found = without_schedule(make_spec(baseline={"lastPassed": "schedule/nightly"}))
+    assert spec.baseline is None
+    assert found is not None
+    assert (found.schedule, found.job) == ("nightly", "")
+    assert found.message.startswith(
+        "nothing is compared: spec.baseline.lastPassed names the schedule nightly of a cluster"
+    )
+    assert refused(machine, baseline={"lastPassed": "schedule/nightly"}) == []
+    explicit = make_spec(baseline={"results": "pvc://old/r"})
+    assert without_schedule(explicit) == (explicit, None)

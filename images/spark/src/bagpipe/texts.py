@@ -69,6 +69,11 @@ def _bag_uri(uri: str) -> str:
     return uri
 
 
+def bag_uri(uri: str) -> str:
+    """The URI as it is. Raises ValueError for one that no job may read a recording from."""
+    return _bag_uri(_known_uri(uri))
+
+
 def _writable_uri(uri: str) -> str:
     if uri.startswith("https://"):
         raise ValueError(

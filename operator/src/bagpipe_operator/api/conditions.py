@@ -13,6 +13,7 @@ COMPLETE = "Complete"
 FAILED = "Failed"
 SUSPENDED = "Suspended"
 PASSED = "Passed"
+BASELINE_FOUND = "BaselineFound"
 
 ENDS = (COMPLETE, FAILED)
 

@@ -28,10 +28,11 @@ def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
 
 
 def what_decides(spec: Json, fields: frozenset[str] | None = None) -> Json:
-    """Those scalars of a job's spec, and how many executors it wants."""
+    """Those scalars of a job's spec, how many executors it wants, and what its baseline follows."""
     executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
-    wanted = {} if executors is None else {"spark": {"executors": executors}}
-    return scalars(spec, fields) | wanted
+    wanted: Json = {} if executors is None else {"spark": {"executors": executors}}
+    followed = scalars(readings.mapping(spec.get("baseline")), frozenset({"lastPassed"}))
+    return scalars(spec, fields) | wanted | ({"baseline": followed} if followed else {})
 
 
 def _is_small(value: object) -> bool:

@@ -35,6 +35,11 @@ DEADLINE_EXCEEDED = "DeadlineExceeded"
 START_DEADLINE_EXCEEDED = "StartDeadlineExceeded"
 RESUME_REFUSED = "ResumeRefused"
 
+# What spec.baseline.lastPassed is.
+LAST_PASSED = "LastPassed"
+NO_BASELINE_YET = "NoBaselineYet"
+BASELINE_REFUSED = "BaselineRefused"
+
 # The job's children could not be created.
 SPEC_INVALID = "SpecInvalid"
 JOB_TOO_LARGE = "JobTooLarge"

@@ -23,8 +23,10 @@ from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.pods.children import create_children
 from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.jobs.pods.pinned import followed_schedule, pinned_baseline
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.policies.halt import halt_as_seen, halt_of
+from bagpipe_operator.jobs.policies.last_passed import CannotCompareError, find_last_passed
 from bagpipe_operator.jobs.policies.places import living, needs_stop
 from bagpipe_operator.jobs.policies.replacement import pausing
 from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
@@ -159,8 +161,8 @@ class Reconciler:
         attempt = int(job.status.get("attempt") or 1)
         if halt is None and job.suspended:
             return Observation(job, attempt)  # the status first states that there may be pods again
-        if halt is None and job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
-            return await self._resumed(job, attempt)
+        if halt is None and (looked_up := await self._looked_up(job, attempt)) is not None:
+            return looked_up
         driver = self.view.driver(job.uid, attempt)
         refusal: Refusal | None = None
         ending: Ending | None = None
@@ -182,6 +184,14 @@ class Reconciler:
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
+    async def _looked_up(self, job: JobView, attempt: int) -> Observation | None:
+        """The earlier jobs that this one depends on, one at a time; None when they are written."""
+        if job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
+            return await self._resumed(job, attempt)
+        if followed_schedule(job) and pinned_baseline(job) is None:
+            return await self._compared(job, attempt)
+        return None
+
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
         """Where to go on from; it is written before there is a driver, since the old job may go."""
         try:
@@ -192,6 +202,13 @@ class Reconciler:
         except CannotResumeError as error:
             return Observation(job, attempt, ending=_refused(reasons.RESUME_REFUSED, error))
         return Observation(job, attempt, resumed_from=earlier)
+
+    async def _compared(self, job: JobView, attempt: int) -> Observation:
+        """With what; it is written before there is a driver, so that all of them go by it."""
+        try:
+            return Observation(job, attempt, baseline=await find_last_passed(self.api, job))
+        except CannotCompareError as error:
+            return Observation(job, attempt, ending=_refused(reasons.BASELINE_REFUSED, error))
 
     async def _observation(
         self,

@@ -69,7 +69,8 @@ def _worth(condition: Json) -> str | None:
             return NORMAL if condition["reason"] in reasons.GOES_ON else None
         case kind:
             # Complete and Failed have reported what Passed says.
-            return NORMAL if true and kind != conditions.PASSED else None
+            reported = kind == conditions.BASELINE_FOUND or (true and kind != conditions.PASSED)
+            return NORMAL if reported else None
 
 
 def manifest(job: JobView, note: Note, now: datetime) -> Json:

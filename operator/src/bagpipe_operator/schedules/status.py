@@ -6,6 +6,7 @@ from datetime import datetime
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.api.runs import PassedRun, kept_run
 from bagpipe_operator.cluster.events import NORMAL, WARNING, Note
 from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict, written_run
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, job_name
@@ -39,6 +40,7 @@ class Outcome:
     jobs: tuple[ScheduledJob, ...]  # afterwards
     started: str = ""  # the job's name
     refused: Refused | None = None
+    passed: PassedRun | None = None  # the latest that was seen, its job gone or not
 
 
 def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
@@ -62,6 +64,9 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
             now,
         ),
     }
+    passed = [run for run in (outcome.passed, kept_run(schedule.status)) if run is not None]
+    if passed:
+        status["lastPassed"] = max(passed).as_status()
     return status | {k: conditions.timestamp(v) for k, v in moments.items() if v is not None}
 
 

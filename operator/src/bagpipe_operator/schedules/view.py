@@ -5,12 +5,13 @@ Fed by watches, so it may lag; before a job is started the API server itself is 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.kept_spec import scalars
 from bagpipe_operator.api.nesting import DEEPEST, bounded
 from bagpipe_operator.api.objects import Json, is_older
+from bagpipe_operator.api.runs import PassedRun, controller_of, passed_run, run_of
 from bagpipe_operator.cluster.large_objects import is_large
 
 
@@ -71,6 +72,7 @@ class ScheduledJob:
     complete: bool = False
     failed: bool = False
     completed: datetime | None = None
+    passed: PassedRun | None = None
     resource_version: str = field(default="", compare=False)
 
     @property
@@ -82,18 +84,18 @@ class ScheduledJob:
     def from_object(cls, job: Json) -> "ScheduledJob":
         """A job as the API server sends it."""
         meta, status = job["metadata"], readings.status(job.get("status"))
-        owners = meta.get("ownerReferences") or []
         true = {c.get("type") for c in status.get("conditions") or [] if c.get("status") == "True"}
         return cls(
             namespace=meta["namespace"],
             name=meta["name"],
             uid=meta["uid"],
-            schedule_uid=next((o["uid"] for o in owners if o.get("controller")), ""),
+            schedule_uid=controller_of(job),
             run=run_of(meta["name"]),
             deleting=bool(meta.get("deletionTimestamp")),
             complete="Complete" in true,
             failed="Failed" in true,
             completed=readings.moment(status.get("completionTime")),
+            passed=passed_run(meta["name"], status),
             resource_version=str(meta.get("resourceVersion") or ""),
         )
 
@@ -103,21 +105,14 @@ def job_name(schedule: str, run: datetime) -> str:
     return f"{schedule}-{int(run.timestamp()) // 60}"
 
 
-def run_of(name: str) -> datetime | None:
-    """The moment that a job of this name was made for; None for a name of another shape."""
-    _, _, minutes = name.rpartition("-")
-    # Ten digits of minutes are twenty thousand years, which datetime does not know.
-    if not minutes.isdecimal() or not minutes.isascii() or len(minutes) > 9:
-        return None
-    return datetime.fromtimestamp(int(minutes) * 60, UTC)
-
-
 class Schedules:
     """All schedules by UID, and the jobs of each by name."""
 
     def __init__(self) -> None:
         self._schedules: dict[str, ScheduleView] = {}
         self._jobs: dict[str, dict[str, ScheduledJob]] = {}
+        # A job that passed may be gone before its schedule is looked at, as by ttlAfterFinished.
+        self._passed: dict[str, PassedRun] = {}
 
     def schedule(self, uid: str) -> ScheduleView | None:
         """The schedule, or None when it is gone or was never seen."""
@@ -157,6 +152,11 @@ class Schedules:
         """Forgets a schedule that is gone, and its jobs, which go with it."""
         self.drop_schedule(uid)
         self._jobs.pop(uid, None)
+        self._passed.pop(uid, None)
+
+    def last_passed(self, uid: str) -> PassedRun | None:
+        """The latest of a schedule's runs that was seen to have passed."""
+        return self._passed.get(uid)
 
     def jobs(self, uid: str) -> tuple[ScheduledJob, ...]:
         """A schedule's jobs, the earliest run first."""
@@ -175,6 +175,9 @@ class Schedules:
             return False
         changed = known != job
         jobs[job.name] = job
+        if job.passed is not None:
+            before = self._passed.get(job.schedule_uid, job.passed)
+            self._passed[job.schedule_uid] = max(before, job.passed)
         return changed
 
     def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:

@@ -1,5 +1,6 @@
 """`bagpipe plan`: the cases of a job before anything runs."""
 
+import dataclasses
 import itertools
 import json
 from datetime import UTC, datetime
@@ -17,7 +18,7 @@ from bagpipe.cli.terminal import unstyled
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
-from bagpipe.plan.made import Plan
+from bagpipe.plan.made import Plan, Selection
 from bagpipe.plan.variant import check_templates
 from bagpipe.quarantine import planned
 from bagpipe.source.planning import plan
@@ -105,6 +106,7 @@ def describe(
             {"bag": bag.bag, "reason": bag.reason, "message": bag.message}
             for bag in (made.unplanned if made else [])
         ],
+        "catalogue": dataclasses.asdict(made.selection) if made and made.selection else None,
         "quarantine": _quarantine(spec, made),
         "estimate": estimate(spec, made.cases, earlier) if made else None,
     }  # fmt: skip
@@ -238,6 +240,9 @@ def _show_sums(description: dict[str, Any], console: Console) -> None:
             f"\n{cases} cases: {fragments} fragments, each under {description['conditions']}"
             " conditions."
         )
+    if found := description["catalogue"]:
+        line = f"Selected: {Selection(**found).sentence}"
+        console.print(unstyled(line), highlight=False, soft_wrap=True)
     if found := description["quarantine"]:
         console.print(f"{found['cases']} of them are in quarantine on {found['day']} (UTC).")
         for rule in found["rules"]:

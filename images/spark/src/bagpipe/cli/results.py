@@ -20,12 +20,15 @@ from bagpipe.cli.places import (
 from bagpipe.cli.terminal import unstyled
 from bagpipe.quarantine import remarks
 from bagpipe.report.junit import kept, write_junit
+from bagpipe.report.provenance import facts_of
 from bagpipe.report.stored import StoredResults
 from bagpipe.row_facts import discarded_count, discarded_of, quarantine_words, verdict_words
 from bagpipe.storage import StorageError
 
 _MOST_ROWS = 40
 _COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
+# Of the provenance, what says which cases these are.
+_SHOWN = frozenset({"catalogue"})
 _KEPT = (
     "case", "outcome", "reason", "message", "variant", "values", "seed", "round", "seconds",
     "attempts", "starts", "quarantine",
@@ -125,6 +128,9 @@ def _show(found: dict[str, Any], console: Console) -> None:
     words = verdict_words(found["verdict"], found["counts"])
     console.print(f"[bold {colour}]{unstyled(words)}[/]  {unstyled(str(job['name']))}")
     console.print(unstyled(str(found["message"])), highlight=False)
+    for name, value in facts_of(found):
+        if name in _SHOWN:
+            console.print(unstyled(f"{name}: {value}"), highlight=False)
     if runs := found["counts"]["discarded"]:
         why = found["provenance"].get("discarded") or {}
         reasons = ", ".join(f"{count} {reason}" for reason, count in why.items())

@@ -13,7 +13,14 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from bagpipe.cli.here import Machine, notes, of_variants, refusals, without_missing
+from bagpipe.cli.here import (
+    Machine,
+    notes,
+    of_variants,
+    refusals,
+    without_missing,
+    without_schedule,
+)
 from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job, read_marks
 from bagpipe.cli.places import (
     RefusedError,
@@ -144,7 +151,9 @@ def run_spec(
     _prepare(folder, wanted)
     slots = wanted.slots or _slots(spec)
     console = Console(stderr=True, emoji=False)
-    for note in notes(spec, folder):
+    reported = list(notes(spec, folder))
+    spec, baseline = without_schedule(spec)
+    for note in [*reported, *([baseline.message] if baseline else [])]:
         console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
     job = JobFile(
         name=name,
@@ -155,6 +164,7 @@ def run_spec(
         images=Images(spark="none", agent="none"),
         volumes=volumes,
         results=file_uri(folder),
+        baseline=baseline,
         labels=marks["labels"],
         annotations=marks["annotations"],
     )

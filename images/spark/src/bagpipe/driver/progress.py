@@ -1,5 +1,6 @@
 """How far a job is: counted from rows, reported as JSON to the operator and the termination log."""
 
+import dataclasses
 import json
 import threading
 import time
@@ -8,7 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from bagpipe.driver.comparing import Compared, in_short
-from bagpipe.driver.verdict import verdict_of
+from bagpipe.driver.verdict import MOST_WHY, verdict_of
+from bagpipe.plan.made import Selection
 from bagpipe.quarantine import Quarantine, QuarantineTally, remarks
 from bagpipe.row_facts import (
     OUTCOMES,
@@ -58,6 +60,7 @@ class Progress:
     _first_error: str = ""
     _error_reasons: set[str] = field(default_factory=set)
     _compared: Compared = field(default_factory=Compared)
+    _selection: Selection | None = None
     _stopped: tuple[str, str] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -82,6 +85,17 @@ class Progress:
         """By which rules the rows to come are in quarantine; they are marked when they come."""
         with self._lock:
             self._quarantine = QuarantineTally(quarantine)
+
+    def select(self, selection: Selection) -> None:
+        """By which of a catalogue's rows the cases were planned."""
+        with self._lock:
+            self._selection = selection
+
+    @property
+    def selection(self) -> dict[str, Any] | None:
+        """The same, as provenance has it."""
+        with self._lock:
+            return dataclasses.asdict(self._selection) if self._selection else None
 
     @property
     def quarantine(self) -> dict[str, Any] | None:
@@ -141,7 +155,8 @@ class Progress:
                 found = verdict_of(self._counting, self._compared)
                 self.verdict, self.verdict_reason = found.word, found.reason
                 self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
-                self.message += f"{found.why}{self._of_quarantine()}"
+                note = f"; {self._compared.note}" if self._compared.note else ""
+                self.message += f"{found.why}{note[:MOST_WHY]}{self._of_quarantine()}"
             return self.phase == "Complete"
 
     def stop(self, reason: str, message: str) -> None:
