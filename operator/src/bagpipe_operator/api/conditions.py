@@ -13,6 +13,7 @@ COMPLETE = "Complete"
 FAILED = "Failed"
 SUSPENDED = "Suspended"
 PASSED = "Passed"
+NOTIFIED = "Notified"
 
 ENDS = (COMPLETE, FAILED)
 
