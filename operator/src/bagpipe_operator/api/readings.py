@@ -146,6 +146,7 @@ _FIELDS: dict[str, Reading] = {
     "driver": _text,
     "failures": _records,
     "firstCaseTime": _moment_text,
+    "lastPassedTime": _moment_text,
     "lastScheduleTime": _moment_text,
     "lastSuccessfulTime": _moment_text,
     "ledger": _counts,
