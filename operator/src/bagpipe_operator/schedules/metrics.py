@@ -1,8 +1,8 @@
 """Metrics of schedules. Those with a label per schedule are of MOST_SHOWN at most."""
 
 from collections import Counter as Tally
-from collections.abc import Iterator
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterator
+from datetime import datetime
 from itertools import islice
 
 from prometheus_client import CollectorRegistry, Counter, Histogram
@@ -10,6 +10,7 @@ from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
 from bagpipe_operator.api import conditions, readings
+from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.schedules.status import STALLED
 from bagpipe_operator.schedules.view import ScheduledJob, Schedules, ScheduleView
 
@@ -31,8 +32,9 @@ def _state(schedule: ScheduleView) -> str:
 class _StateCollector(Collector):
     """Counts schedules at the moment of the scrape, and shows what their last jobs came to."""
 
-    def __init__(self, view: Schedules) -> None:
+    def __init__(self, view: Schedules, now: Callable[[], datetime]) -> None:
         self._view = view
+        self._now = now
 
     def collect(self) -> Iterator[GaugeMetricFamily]:
         """The gauges."""
@@ -45,7 +47,7 @@ class _StateCollector(Collector):
             gauge.add_metric([state], states.count(state))
         yield gauge
         ended = [(schedule, self._last(schedule.uid)) for schedule in found]
-        yield from _sums([each for each in ended if not each[0].suspended], datetime.now(UTC))
+        yield from _sums([each for each in ended if not each[0].suspended], self._now())
         by_name = sorted(ended, key=lambda each: (each[0].namespace, each[0].name))
         yield from _of_each(by_name)
 
@@ -112,8 +114,13 @@ def _of_each(ended: list[_Ended]) -> Iterator[GaugeMetricFamily]:
 class ScheduleMetrics:
     """Counters of one operator's schedules."""
 
-    def __init__(self, view: Schedules, registry: CollectorRegistry) -> None:
-        registry.register(_StateCollector(view))
+    def __init__(
+        self,
+        view: Schedules,
+        registry: CollectorRegistry,
+        now: Callable[[], datetime] = utc_now,
+    ) -> None:
+        registry.register(_StateCollector(view, now))
         self.started = Counter(
             "bagpipe_schedule_jobs_started",
             "Jobs that were created for a run of a schedule.",
