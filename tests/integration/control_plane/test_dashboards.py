@@ -145,9 +145,8 @@ def assert_jobs_can_be_chosen(prometheus: Prometheus, namespace: str) -> None:
         offered[name] = prometheus.get(f"label/{label}/values", **{"match[]": selector})
     assert offered == wanted
     assert [board.title for board in BOARDS if board.variables] == [NIGHTS.title, JOB.title]
-    asked = "label/schedule/values"
-    offered = prometheus.get(asked, **{"match[]": "bagpipe_schedule_job_info"})
-    assert offered == ["nightly"]
+    schedules = prometheus.get("label/schedule/values", **{"match[]": "bagpipe_schedule_job_info"})
+    assert schedules == ["nightly"]
 
 
 def assert_rules_are_judged(prometheus: Prometheus) -> None:

@@ -119,7 +119,7 @@ def test_findings_of_criteria_are_counted_and_no_other_names() -> None:
     metrics = DriverMetrics(Progress("pvc://results/r", slots=4), job)
     found = [
         {"name": "rate", "outcome": "failed"},
-        {"name": "rate", "outcome": "unheard-of"},
+        {"name": "rate", "outcome": "unknown"},
         {"name": "of nobody", "outcome": "failed"},
     ]
     metrics.count(make_row("a", result=result()) | {"criteria": found})

@@ -21,7 +21,7 @@ PASSED = "Passed"
 REGRESSED = "Regressed"
 NO_VERDICT = "NoVerdict"
 
-# Whether receivers were told of a job's end.
+# Whether receivers were notified of a job's end.
 RECEIVER_UNKNOWN = "ReceiverUnknown"
 NOTIFYING = "Notifying"
 NOTIFIED = "Notified"

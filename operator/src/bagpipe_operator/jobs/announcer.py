@@ -26,12 +26,14 @@ class Announcer:
     receivers: Receivers = field(default_factory=Receivers)
     courier: Courier = field(default_factory=Courier)
 
-    def told(self, job: JobView, status: Json, now: datetime) -> Json:
+    def with_notifications(self, job: JobView, status: Json, now: datetime) -> Json:
         """A status that is about to be written, with what it says of notifications."""
-        return notifying.told(job, status, self.receivers, self.courier.outcomes(job.uid), now)
+        return notifying.with_notifications(
+            job, status, self.receivers, self.courier.outcomes(job.uid), now
+        )
 
     def announce(self, job: JobView) -> None:
-        """Sees to it that whoever is to be told of an ended job is told; waits for nothing."""
+        """Sees to it that whoever is to know of an ended job is notified; waits for nothing."""
         owed = notifying.pending(job.status)
         if not owed:
             self.courier.forget(job.uid)
@@ -42,7 +44,7 @@ class Announcer:
             self.courier.offer(Letter(job.uid, about, name, identity, body))
 
     def owes(self, job: JobView) -> bool:
-        """Whether somebody is still to be told: the tries are few, so this passes."""
+        """Whether somebody is still to be notified: the tries are few, so this passes."""
         return bool(notifying.pending(job.status))
 
     def forget(self, uid: str) -> None:

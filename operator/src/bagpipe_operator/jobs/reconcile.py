@@ -340,7 +340,7 @@ class Reconciler:
 
     async def _write(self, job: JobView, status: Json) -> JobView | None:
         """Writes what changed, then reports it; the job as it is now, None when it is gone."""
-        status = self.announcer.told(job, status, self.now())
+        status = self.announcer.with_notifications(job, status, self.now())
         changed = {key: value for key, value in status.items() if job.status.get(key) != value}
         changed |= {key: None for key in job.status if key not in status}
         if not changed:

@@ -233,7 +233,7 @@ class JobView:
         )
 
 
-# How much of an ended job's marks is kept for those who are told of its end.
+# How much of an ended job's marks is kept for those who are notified of its end.
 _MOST_MARKS, _LONGEST_MARK = 16, 253
 
 

@@ -36,7 +36,7 @@ def settings(keys: Path, url: str, namespace: str) -> dict[str, str]:
     }
 
 
-def telling(name: str, *receivers: str) -> Object:
+def naming(name: str, *receivers: str) -> Object:
     job = a_job(name)
     job["spec"]["notify"] = list(receivers)
     return job
@@ -54,7 +54,7 @@ def states(admin: Client, namespace: str) -> dict[str, list[str]]:
     }
 
 
-def test_ends_are_told_once_over_restarts_and_old_ends_never(
+def test_ends_are_notified_once_over_restarts_and_old_ends_never(
     admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator,
     keys: Path,
 ) -> None:  # fmt: skip
@@ -68,8 +68,8 @@ def test_ends_are_told_once_over_restarts_and_old_ends_never(
     with receiver_server("500", "200") as (url, server):
         second = operator_process(**settings(keys, url, namespace))
         for name in ("a", "b"):
-            admin.create(jobs(namespace), telling(name, "team"))
-        admin.create(jobs(namespace), telling("c", "teem"))
+            admin.create(jobs(namespace), naming(name, "team"))
+        admin.create(jobs(namespace), naming("c", "teem"))
         await_phase(admin, namespace, "Pending", 3)
         for name in "abc":
             kubelet.end(namespace, f"{name}-1-driver", 0, DONE)
@@ -83,7 +83,7 @@ def test_ends_are_told_once_over_restarts_and_old_ends_never(
         assert second.metric('bagpipe_notifications_total{receiver="team",result="delivered"}') == 2
         second.kill()
         third = operator_process(**settings(keys, url, namespace))
-        admin.create(jobs(namespace), telling("d", "team"))
+        admin.create(jobs(namespace), naming("d", "team"))
         await_phase(admin, namespace, "Pending", 1)
         kubelet.end(namespace, "d-1-driver", 0, DONE)
         wanted["d"] = ["Delivered"]
@@ -98,7 +98,7 @@ def test_ends_are_told_once_over_restarts_and_old_ends_never(
     assert reasons == {"ReceiverUnknown"}
 
 
-def test_a_kill_after_the_end_was_written_and_before_it_was_told_is_made_up_for(
+def test_a_kill_after_the_end_was_written_and_before_it_was_reported_is_made_up_for(
     admin: Client, namespace: str, kubelet: FakeKubelet, operator_process: StartOperator,
     keys: Path,
 ) -> None:  # fmt: skip
@@ -107,7 +107,7 @@ def test_a_kill_after_the_end_was_written_and_before_it_was_told_is_made_up_for(
         first = operator_process(start=False, **settings(keys, url, namespace), **dying)
         first.server.command[-1:] = dying_operator.PROGRAM
         first.start()
-        admin.create(jobs(namespace), telling("x", "team"))
+        admin.create(jobs(namespace), naming("x", "team"))
         await_phase(admin, namespace, "Pending", 1)
         kubelet.end(namespace, "x-1-driver", 0, DONE)
         wait_until(lambda: first.ended() is not None, PATIENCE, "the operator did not die")
@@ -115,6 +115,8 @@ def test_a_kill_after_the_end_was_written_and_before_it_was_told_is_made_up_for(
         first.kill()
         operator_process(**settings(keys, url, namespace))
         wait_until(
-            lambda: states(admin, namespace) == {"x": ["Delivered"]}, PATIENCE, "nobody was told"
+            lambda: states(admin, namespace) == {"x": ["Delivered"]},
+            PATIENCE,
+            "nobody was notified",
         )
         assert subjects(server) == {"x": 1}

@@ -29,7 +29,7 @@ def letter(uid: str = "u", receiver: str = "team") -> Letter:
 
 @dataclass
 class FakePost:
-    """Answers as it is told, the last answer for ever; keeps the identities that it got."""
+    """Answers as it is asked to, the last answer for ever; keeps the identities that it got."""
 
     clock: Clock
     answers: list[Answer | Exception] = field(default_factory=lambda: [Answer(True)])

@@ -1,4 +1,4 @@
-"""The ends of jobs and who is told: over restarts, replicas, lost writes and what others write."""
+"""Who is notified of jobs' ends: over restarts, lost writes, and what others write."""
 
 import asyncio
 import json
@@ -33,7 +33,7 @@ DONE: dict[str, Any] = {
 WORSE = {"variant": "", "verdict": "worse", "regressed": 2, "fixed": 0, "flaky": 1}
 
 
-class Told:
+class Office:
     """A World whose operator notifies receivers; they take what they get, or refuse it."""
 
     def __init__(self, *receivers: Receiver, job: JobBuilder | None = None) -> None:
@@ -41,10 +41,15 @@ class Told:
         self.receivers = receivers or (TEAM,)
         self.got: list[Letter] = []
         self.answer = Answer(True)
+        self.hold: asyncio.Event | None = None
+        self.asked = asyncio.Event()
         self.restart()
 
     async def post(self, letter: Letter) -> Answer:
         self.got.append(letter)
+        self.asked.set()
+        if self.hold is not None:
+            await self.hold.wait()
         return self.answer
 
     def restart(self, receivers: tuple[Receiver, ...] | None = None) -> None:
@@ -83,77 +88,77 @@ class Told:
         return {entry["receiver"]: entry["state"] for entry in self.entries()}
 
 
-def has_notified(told: Told) -> bool:
-    return any(c["type"] == "Notified" for c in told.world.status()["conditions"])
+def has_notified(office: Office) -> bool:
+    return any(c["type"] == "Notified" for c in office.world.status()["conditions"])
 
 
 async def test_the_end_and_who_is_owed_are_one_write() -> None:
-    told = Told()
-    await told.world.reconcile()
-    assert told.world.reason("Notified") == "Unknown/NotEnded"
-    told.world.api.calls.clear()
-    await told.end()
-    assert told.world.api.calls.count("patch status") == 1
-    assert told.entries() == [{"receiver": "team", "state": "Pending"}]
-    assert told.world.reason("Notified") == "Unknown/Notifying"
-    await told.deliver()
-    assert told.entries() == [
+    office = Office()
+    await office.world.reconcile()
+    assert office.world.reason("Notified") == "Unknown/NotEnded"
+    office.world.api.calls.clear()
+    await office.end()
+    assert office.world.api.calls.count("patch status") == 1
+    assert office.entries() == [{"receiver": "team", "state": "Pending"}]
+    assert office.world.reason("Notified") == "Unknown/Notifying"
+    await office.deliver()
+    assert office.entries() == [
         {"receiver": "team", "state": "Delivered", "time": "2026-11-20T04:00:03Z"}
     ]
-    assert told.world.reason("Notified") == "True/Notified"
-    assert [letter.identity for letter in told.got] == [f"{UID}-ended"]
+    assert office.world.reason("Notified") == "True/Notified"
+    assert [letter.identity for letter in office.got] == [f"{UID}-ended"]
     # Nothing is left to write or to send.
-    told.world.api.calls.clear()
+    office.world.api.calls.clear()
     for _ in range(3):
-        await told.deliver()
-    assert (told.world.api.calls, len(told.got)) == ([], 1)
-    assert told.courier.outcomes(UID) == {}
+        await office.deliver()
+    assert (office.world.api.calls, len(office.got)) == ([], 1)
+    assert office.courier.outcomes(UID) == {}
 
 
 async def test_an_operator_that_dies_before_it_sent_leaves_it_to_the_next() -> None:
-    told = Told()
-    await told.end()
-    told.restart()
-    await told.world.reconcile()
-    await told.deliver()
-    assert (len(told.got), told.states()) == (1, {"team": "Delivered"})
+    office = Office()
+    await office.end()
+    office.restart()
+    await office.world.reconcile()
+    await office.deliver()
+    assert (len(office.got), office.states()) == (1, {"team": "Delivered"})
 
 
 async def test_one_that_dies_before_it_wrote_what_it_sent_makes_it_two_alike() -> None:
-    told = Told()
-    await told.end()
-    await told.lines[0].deliver_due()
-    told.restart()
-    await told.world.reconcile()
-    await told.deliver()
-    assert told.states() == {"team": "Delivered"}
-    first, second = told.got
+    office = Office()
+    await office.end()
+    await office.lines[0].deliver_due()
+    office.restart()
+    await office.world.reconcile()
+    await office.deliver()
+    assert office.states() == {"team": "Delivered"}
+    first, second = office.got
     assert (first.identity, first.body) == (second.identity, second.body)
 
 
 async def test_a_status_that_can_t_be_written_sends_nothing_again() -> None:
-    told = Told()
-    await told.end()
-    await told.lines[0].deliver_due()
-    told.world.api.fail("patch status", ApiError(0, "Unreachable", "no answer"))
+    office = Office()
+    await office.end()
+    await office.lines[0].deliver_due()
+    office.world.api.fail("patch status", ApiError(0, "Unreachable", "no answer"))
     with pytest.raises(ApiError):
-        await told.world.reconcile()
-    assert told.states() == {"team": "Pending"}
-    await told.deliver()
-    assert (len(told.got), told.states()) == (1, {"team": "Delivered"})
+        await office.world.reconcile()
+    assert office.states() == {"team": "Pending"}
+    await office.deliver()
+    assert (len(office.got), office.states()) == (1, {"team": "Delivered"})
 
 
-async def test_a_job_that_ended_before_the_upgrade_is_told_to_nobody() -> None:
-    told = Told()
-    told.restart(())
-    await told.end()
-    status = told.world.status()
+async def test_a_job_that_ended_before_the_upgrade_is_reported_to_nobody() -> None:
+    office = Office()
+    office.restart(())
+    await office.end()
+    status = office.world.status()
     del status["notifications"]  # an earlier release wrote none
     status["conditions"] = [c for c in status["conditions"] if c["type"] != "Notified"]
-    told.restart((TEAM, ALL_LANES))
+    office.restart((TEAM, ALL_LANES))
     for _ in range(3):
-        await told.deliver()
-    assert (told.got, told.entries(), has_notified(told)) == ([], [], False)
+        await office.deliver()
+    assert (office.got, office.entries(), has_notified(office)) == ([], [], False)
 
 
 async def test_a_restart_with_a_thousand_ended_jobs_sends_nothing_again() -> None:
@@ -166,7 +171,7 @@ async def test_a_restart_with_a_thousand_ended_jobs_sends_nothing_again() -> Non
             return Answer(True)
 
     api, view, clock = FakeApi(version=900), View(), Clock()
-    ended = Told()
+    ended = Office()
     await ended.end()
     owed = json.dumps(ended.world.api.objects["jobs", "x"])
     await ended.deliver()
@@ -192,65 +197,65 @@ async def test_a_restart_with_a_thousand_ended_jobs_sends_nothing_again() -> Non
     assert api.calls.count("patch status") == 10
 
 
-async def test_what_fails_is_said_in_the_status_and_by_an_event() -> None:
-    told = Told()
-    told.answer = Answer(False, "it answered 410", final=True)
-    await told.end()
-    await told.deliver()
-    (entry,) = told.entries()
+async def test_what_fails_is_in_the_status_and_by_an_event() -> None:
+    office = Office()
+    office.answer = Answer(False, "it answered 410", final=True)
+    await office.end()
+    await office.deliver()
+    (entry,) = office.entries()
     assert entry["message"] == "In the last of 1 tries it answered 410."
-    assert told.world.reason("Notified") == "False/NotificationLost"
-    assert "team was not notified. In the last of 1 tries" in told.world.message("Notified")
-    assert told.world.api.event_reasons().count("NotificationLost") == 1
-    assert told.world.reason("Passed") == "True/Passed"
+    assert office.world.reason("Notified") == "False/NotificationLost"
+    assert "team was not notified. In the last of 1 tries" in office.world.message("Notified")
+    assert office.world.api.event_reasons().count("NotificationLost") == 1
+    assert office.world.reason("Passed") == "True/Passed"
 
 
 async def test_a_name_without_a_receiver_is_reported_at_once_and_the_job_runs_on() -> None:
     job = make_job("x").with_spec("notify", ["team", "teem", "maps"])
-    told = Told(TEAM, MAPS, job=job)
-    await told.world.reconcile()
-    assert told.world.reason("Notified") == "False/ReceiverUnknown"
-    assert told.world.message("Notified") == (
+    office = Office(TEAM, MAPS, job=job)
+    await office.world.reconcile()
+    assert office.world.reason("Notified") == "False/ReceiverUnknown"
+    assert office.world.message("Notified") == (
         "spec.notify has teem, maps, which are no receivers for jobs of this namespace: correct it,"
         " or let an administrator add it to the chart's notifications.receivers. The job runs on"
         " without."
     )
-    assert told.world.api.event_reasons().count("ReceiverUnknown") == 1
-    await told.end()
-    await told.deliver()
-    assert told.states() == {"team": "Delivered", "teem": "Unknown", "maps": "Unknown"}
-    assert told.world.reason("Passed") == "True/Passed"
-    assert told.world.api.event_reasons().count("ReceiverUnknown") == 1
-    assert [letter.receiver for letter in told.got] == ["team"]
+    assert office.world.api.event_reasons().count("ReceiverUnknown") == 1
+    await office.end()
+    await office.deliver()
+    assert office.states() == {"team": "Delivered", "teem": "Unknown", "maps": "Unknown"}
+    assert office.world.reason("Passed") == "True/Passed"
+    assert office.world.api.event_reasons().count("ReceiverUnknown") == 1
+    assert [letter.receiver for letter in office.got] == ["team"]
 
 
 async def test_a_name_that_is_corrected_meanwhile_counts() -> None:
-    told = Told(job=make_job("x").with_spec("notify", ["teem"]))
-    await told.world.reconcile()
-    job = told.world.api.objects["jobs", "x"]
+    office = Office(job=make_job("x").with_spec("notify", ["teem"]))
+    await office.world.reconcile()
+    job = office.world.api.objects["jobs", "x"]
     job["spec"]["notify"] = ["team"]
     job["metadata"] |= {"generation": 2, "resourceVersion": "900"}
-    told.world.api.version = 900
-    told.world.deliver_job()
-    await told.end()
-    await told.deliver()
-    assert (told.states(), told.world.reason("Notified")) == (
+    office.world.api.version = 900
+    office.world.deliver_job()
+    await office.end()
+    await office.deliver()
+    assert (office.states(), office.world.reason("Notified")) == (
         {"team": "Delivered"},
         "True/Notified",
     )
 
 
 async def test_a_namespace_s_receiver_needs_no_name() -> None:
-    told = Told(ALL_LANES, TEAM, job=make_job("x"))
-    await told.end()
-    await told.deliver()
-    assert told.states() == {"all-lanes": "Delivered"}
+    office = Office(ALL_LANES, TEAM, job=make_job("x"))
+    await office.end()
+    await office.deliver()
+    assert office.states() == {"all-lanes": "Delivered"}
 
 
-async def test_a_job_of_which_nobody_is_told_has_no_word_of_it() -> None:
-    told = Told(job=make_job("x"))
-    await told.end()
-    assert (has_notified(told), "notifications" in told.world.status()) == (False, False)
+async def test_a_job_of_which_nobody_is_notified_has_no_word_of_it() -> None:
+    office = Office(job=make_job("x"))
+    await office.end()
+    assert (has_notified(office), "notifications" in office.world.status()) == (False, False)
 
 
 @pytest.mark.parametrize(
@@ -262,11 +267,11 @@ async def test_a_job_of_which_nobody_is_told_has_no_word_of_it() -> None:
     ],
 )
 async def test_a_receiver_gets_what_it_asks_for(says: Json, states: dict[str, str]) -> None:
-    told = Told(RED, job=make_job("x").with_spec("notify", ["red"]))
-    await told.end(**says)
-    assert told.states() == states
+    office = Office(RED, job=make_job("x").with_spec("notify", ["red"]))
+    await office.end(**says)
+    assert office.states() == states
     reason = "Unknown/Notifying" if states else "True/Notified"
-    assert told.world.reason("Notified") == reason
+    assert office.world.reason("Notified") == reason
 
 
 @pytest.mark.parametrize(
@@ -289,57 +294,60 @@ def test_how_a_job_ended(status: Json, kinds: set[str]) -> None:
 
 
 async def test_a_receiver_that_is_taken_away_is_waited_for_no_more() -> None:
-    told = Told()
-    await told.end()
-    told.restart((MAPS,))
-    await told.world.reconcile()
-    assert told.states() == {"team": "Dropped"}
-    assert "not among the operator's receivers any more" in told.world.message("Notified")
+    office = Office()
+    await office.end()
+    office.restart((MAPS,))
+    await office.world.reconcile()
+    assert office.states() == {"team": "Dropped"}
+    assert "not among the operator's receivers any more" in office.world.message("Notified")
 
 
-async def test_what_somebody_wrote_into_a_status_tells_nobody_else() -> None:
+async def test_what_somebody_wrote_into_a_status_notifies_nobody_else() -> None:
     """Who may write a status reaches no receiver that jobs of the namespace may not name."""
-    told = Told(TEAM, MAPS, job=make_job("x"))
+    office = Office(TEAM, MAPS, job=make_job("x"))
     forged = [{"receiver": "maps", "state": "Pending"}, {"receiver": 5}, "x", {"state": "Pending"}]
-    told.world.api.objects["jobs", "x"]["status"] = {"notifications": forged}
-    told.world.deliver_job()
-    await told.end()
-    assert "notifications" not in told.world.status()
-    told.world.api.objects["jobs", "x"]["status"]["notifications"] = forged
-    told.restart()
+    office.world.api.objects["jobs", "x"]["status"] = {"notifications": forged}
+    office.world.deliver_job()
+    await office.end()
+    assert "notifications" not in office.world.status()
+    office.world.api.objects["jobs", "x"]["status"]["notifications"] = forged
+    office.restart()
     for _ in range(2):
-        await told.deliver()
-    assert (told.got, told.states()) == ([], {"maps": "Dropped"})
+        await office.deliver()
+    assert (office.got, office.states()) == ([], {"maps": "Dropped"})
 
 
-async def test_a_job_is_not_removed_before_its_end_is_told() -> None:
-    told = Told(job=make_job("x").with_spec("notify", ["team"]).with_spec("ttlAfterFinished", "0s"))
-    await told.end()
-    await told.world.reconcile(after=60)
-    assert told.world.api.named("jobs") == ["x"]
-    await told.deliver()
-    assert (told.world.api.named("jobs"), len(told.got)) == ([], 1)
+async def test_a_job_is_not_removed_before_its_end_is_reported() -> None:
+    office = Office(
+        job=make_job("x").with_spec("notify", ["team"]).with_spec("ttlAfterFinished", "0s")
+    )
+    await office.end()
+    await office.world.reconcile(after=60)
+    assert office.world.api.named("jobs") == ["x"]
+    await office.deliver()
+    assert (office.world.api.named("jobs"), len(office.got)) == ([], 1)
 
 
 async def test_a_job_that_is_gone_leaves_nothing_behind() -> None:
-    told = Told()
-    await told.end()
-    told.world.view.drop_job(UID)
-    await told.lines[0].deliver_due()
-    assert list(told.courier.outcomes(UID)) == ["team"]
-    await told.world.reconcile()
-    assert told.courier.outcomes(UID) == {}
+    office = Office()
+    await office.end()
+    office.world.view.drop_job(UID)
+    await office.lines[0].deliver_due()
+    assert list(office.courier.outcomes(UID)) == ["team"]
+    await office.world.reconcile()
+    assert office.courier.outcomes(UID) == {}
 
 
 async def test_a_receiver_that_hangs_delays_no_reconcile() -> None:
-    told = Told()
-    told.post = lambda _: asyncio.get_running_loop().create_future()  # type: ignore[method-assign,assignment,misc]
-    (task,) = told.courier.tasks()
-    await told.end()
-    assert told.states() == {"team": "Pending"}
-    told.world.api.calls.clear()
-    await told.world.reconcile()
-    assert told.world.api.calls == []
+    office = Office()
+    office.hold = asyncio.Event()
+    (task,) = office.courier.tasks()
+    await office.end()
+    await office.asked.wait()
+    assert office.states() == {"team": "Pending"}
+    office.world.api.calls.clear()
+    await office.world.reconcile()
+    assert office.world.api.calls == []
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
 
@@ -350,13 +358,13 @@ async def test_the_event_is_a_cloud_event_that_says_how_the_job_ended() -> None:
         "labels": {"sim.bagpipe.io/schedule": "nightly"},
         "annotations": {"sim.bagpipe.io/commit": "0c1f", "example.com/token": "s3cr3t"},
     }
-    told = Told(job=job)
+    office = Office(job=job)
     failure = {"case": "drive-1", "reason": "MessagesLost", "message": "7 messages were lost."}
-    await told.end(
+    await office.end(
         verdict="Failed", verdictReason="Failed", failures=[failure], comparisons=[WORSE]
     )
-    await told.deliver()
-    (letter,) = told.got
+    await office.deliver()
+    (letter,) = office.got
     event = json.loads(letter.body)
     data = event.pop("data")
     assert event == {
@@ -377,8 +385,8 @@ async def test_the_event_is_a_cloud_event_that_says_how_the_job_ended() -> None:
         "labels": {"sim.bagpipe.io/schedule": "nightly"},
         "annotations": {"sim.bagpipe.io/commit": "0c1f"},
     }  # fmt: skip
-    told.restart()
-    again = told.world.view.job(UID)
+    office.restart()
+    again = office.world.view.job(UID)
     assert again is not None
     assert event_of(again) == letter.body  # with the few marks that are kept
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from bagpipe_operator.notify import sender as module
 from bagpipe_operator.notify.letter import Answer, Letter
 from bagpipe_operator.notify.sender import LARGEST_ANSWER, Sender
 from bagpipe_operator.notify.signature import signed
@@ -101,7 +100,7 @@ async def test_headers_without_an_end_are_no_answer(tmp_path: Path) -> None:
     assert (answer.accepted, answer.final) == (False, False)
 
 
-async def test_who_is_not_there_is_not_reached_and_its_address_not_told(tmp_path: Path) -> None:
+async def test_who_is_not_there_is_not_reached_and_its_address_not_shown(tmp_path: Path) -> None:
     with socket.socket() as held:
         held.bind(("127.0.0.1", 0))  # and does not listen
         async with sending(f"http://127.0.0.1:{held.getsockname()[1]}/s3cr3t", tmp_path) as made:
@@ -136,7 +135,7 @@ async def test_a_name_server_that_hangs_holds_up_nobody_else(
         over.wait()
         raise socket.gaierror(-2)
 
-    monkeypatch.setattr(module.socket, "getaddrinfo", hangs)
+    monkeypatch.setattr(socket, "getaddrinfo", hangs)
     with receiver_server() as (url, _):
         by_name = url.replace("127.0.0.1", "localhost")
         async with (

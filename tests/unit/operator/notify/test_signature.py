@@ -62,7 +62,7 @@ def test_what_is_no_key_signs_nothing_and_is_not_repeated(text: bytes, words: st
     assert text.decode() not in str(refused.value) or not text
 
 
-def test_the_page_s_lines_for_receivers_tell_true_from_forged() -> None:
+def test_the_page_s_lines_for_receivers_distinguish_true_from_forged() -> None:
     """The Python of docs/tasks/notifications.md, run as it stands there."""
     [code] = re.findall(r"```python\n(.*?def verified.*?)```", PAGE.read_text(), re.DOTALL)
     there: dict[str, object] = {}

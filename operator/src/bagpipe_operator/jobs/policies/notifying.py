@@ -1,7 +1,7 @@
-"""Whom a job's end is told to, and what became of that, as its status has it. Pure.
+"""Who is notified of a job's end, and what became of that, as its status has it. Pure.
 
-Who is to be told is written together with the end itself, in one status: an operator that is killed
-then has lost nothing, and a job that ended under a release without notifications owes none.
+Who is to be notified is written together with the end itself, in one status: an operator that is
+killed then has lost nothing, and a job that ended under a release without notifications owes none.
 """
 
 from collections.abc import Iterable, Mapping
@@ -19,7 +19,7 @@ PENDING, DELIVERED, UNKNOWN = "Pending", "Delivered", "Unknown"
 _NO_LONGER = Outcome("Dropped", "It is not among the operator's receivers any more.")
 
 
-def told(
+def with_notifications(
     job: JobView, status: Json, receivers: Receivers, outcomes: Mapping[str, Outcome], now: datetime
 ) -> Json:
     """A status that is about to be written, with what it says of notifications."""
@@ -42,7 +42,7 @@ def told(
 
 
 def pending(status: Json) -> list[str]:
-    """The receivers that are still to be told."""
+    """The receivers that are still to be notified."""
     entries = status.get(FIELD) or []
     return [e["receiver"] for e in entries if e["state"] == PENDING]
 
