@@ -126,11 +126,13 @@ async def test_a_name_server_that_hangs_holds_up_nobody_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looking, over = threading.Event(), threading.Event()
+    threads: list[str] = []
     asked = socket.getaddrinfo
 
     def hangs(host: str, *rest: object, **more: object) -> object:
         if host != "slow.example":
             return asked(host, *rest, **more)  # type: ignore[arg-type]
+        threads.append(threading.current_thread().name)
         looking.set()
         over.wait()
         raise socket.gaierror(-2)
@@ -147,6 +149,8 @@ async def test_a_name_server_that_hangs_holds_up_nobody_else(
             assert await quick.post(LETTER) == Answer(True)
             over.set()
             assert (await held).words == "it can't be reached (ClientConnectorDNSError)"
+    # Of the receiver's own, of which there is one: not one of those that all calls share.
+    assert threads == ["notify-team_0"]
 
 
 def test_the_letter_of_these_tests_is_json() -> None:
