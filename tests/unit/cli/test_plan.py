@@ -164,6 +164,18 @@ def test_what_looks_like_markup_is_shown_as_it_is(tmp_path: Path) -> None:
         assert shown in text
 
 
+def test_a_terminal_obeys_no_name_of_a_recording(tmp_path: Path) -> None:
+    (tmp_path / "a\x1b[2J.bag").write_bytes(b"x")
+    write_bag(tmp_path / "b.bag", steady("/scan", 10, 50_000_000))
+    rules = [{"cases": "x\x1b[2J", "reason": "r", "until": datetime.now(UTC).date().isoformat()}]
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", quarantine=rules)
+    assert (status, "a [2J.bag: the file begins with" in text) == (2, True)
+    missing = run(tmp_path, "--volume", "recordings=/no\x1b[2J")
+    assert (missing[0], "/no [2J: write the claim's name" in missing[1]) == (2, True)
+    for shown in (text, missing[1]):
+        assert [letter for letter in shown if not letter.isprintable() and letter != "\n"] == []
+
+
 def test_a_pattern_that_no_bag_matches_is_named_as_it_is_written(tmp_path: Path) -> None:
     source = {"bags": ["pvc://recordings/run[ab]/*.bag"], "topics": ["/scan"]}
     status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", source=source)

@@ -78,11 +78,12 @@ def test_what_is_not_available_here_is_reported_with_a_remedy(
 
 
 def test_all_that_is_missing_is_reported_at_once(machine: Machine) -> None:
-    sentences = refused(Machine({"PATH": "/nowhere"}, machine.entrypoint), {})
+    nowhere = Machine({"PATH": "/nowhere"}, machine.entrypoint)
+    sentences = refused(nowhere, {}, stack=stack(ros1={"master": "image"}))
     assert ["claim recordings" in sentences[0], "starts run" in sentences[1]] == [True, True]
     assert sentences[2] == (
-        "ROS needs rosmaster, which is not found here: put its folder on PATH (such as by sourcing"
-        " setup.bash), or run this inside of the stack's image"
+        "stack.ros1.master: image needs rosmaster, which is not found here: put its folder on PATH"
+        " (such as by sourcing setup.bash), or run this inside of the stack's image"
     )
     assert len(sentences) == 3
 
@@ -115,9 +116,11 @@ def test_a_variable_that_this_environment_has_is_taken_from_it(
     assert refused(machine, stack=stack(env=env)) == []
 
 
-def test_a_program_of_the_exec_engine_needs_no_rosmaster(machine: Machine, tmp_path: Path) -> None:
+def test_only_the_rosmaster_of_an_image_is_looked_for(machine: Machine, tmp_path: Path) -> None:
     (tmp_path / "rosmaster").unlink()
-    assert "ROS needs rosmaster" in refused(machine)[0]
+    assert refused(machine) == []
+    own = refused(machine, stack=stack(ros1={"master": "image"}))
+    assert "stack.ros1.master: image needs rosmaster" in own[0]
     source = {"files": ["pvc://recordings/*.bin"]}
     assert refused(machine, source=source, stack=stack(engine="exec"), record=None) == []
 

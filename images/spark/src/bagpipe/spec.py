@@ -32,6 +32,7 @@ from bagpipe.pod_spec import (
     ValueSource,
 )
 from bagpipe.quarantine import QuarantineRule
+from bagpipe.ros1_spec import Ros1
 from bagpipe.ros2_spec import Ros2
 from bagpipe.source_fields import source_fields
 from bagpipe.source_spec import InstalledSource
@@ -105,6 +106,7 @@ class Stack(_Model):
     env: Annotated[list[EnvironmentVariable], AfterValidator(_variables_once)] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
+    ros1: Ros1 | None = None
     ros2: Ros2 | None = None
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] = "IfNotPresent"
     resources: Resources = Resources()

@@ -97,9 +97,8 @@ def run_command(manifest: Path, **given: Any) -> None:
     The agent, the stack and a process for each slot run on this machine, with the same planner,
     player, judge and results as on a cluster; with --spark a local Spark is in the slots' place,
     for which there must be Java and PySpark. Images are not used: this machine must have what the
-    stack's image has, the command, and for ROS 1 a rosmaster, or for ROS 2 that it is sourced. Run
-    it inside of that image, or where the stack is built. Where the job is goes to stderr; Ctrl-C
-    ends all that was started.
+    stack's image has, the command, and for ROS 2 that it is sourced. Run it inside of that image,
+    or where the stack is built. Where the job is goes to stderr; Ctrl-C ends all that was started.
 
     The exit status is 0 if the verdict is Passed, 1 if it is another, and 2 if there is none.
 
