@@ -43,6 +43,7 @@ from bagpipe.texts import (
     NodeName,
     OutputUri,
     PositiveDuration,
+    ReceiverName,
     SecretName,
     TopicPattern,
     each_once,
@@ -253,6 +254,9 @@ class SimulationJobSpec(_Model):
     active_deadline: PositiveDuration | None = None
     ttl_after_finished: Duration | None = None
     resume_from: str | None = Field(default=None, pattern=r"^[a-z]([-a-z0-9]*[a-z0-9])?$")
+    notify: Annotated[list[ReceiverName], AfterValidator(each_once)] = Field(
+        default=[], max_length=8
+    )
 
     @property
     def compared_with(self) -> str | None:

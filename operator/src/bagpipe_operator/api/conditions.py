@@ -14,6 +14,7 @@ FAILED = "Failed"
 SUSPENDED = "Suspended"
 PASSED = "Passed"
 BASELINE_FOUND = "BaselineFound"
+NOTIFIED = "Notified"
 
 ENDS = (COMPLETE, FAILED)
 

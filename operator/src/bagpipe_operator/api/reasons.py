@@ -21,6 +21,12 @@ PASSED = "Passed"
 REGRESSED = "Regressed"
 NO_VERDICT = "NoVerdict"
 
+# Whether receivers were notified of a job's end.
+RECEIVER_UNKNOWN = "ReceiverUnknown"
+NOTIFYING = "Notifying"
+NOTIFIED = "Notified"
+NOTIFICATION_LOST = "NotificationLost"
+
 # Stopped and going on again.
 NOT_SUSPENDED = "NotSuspended"
 SUSPENDING = "Suspending"

@@ -15,6 +15,7 @@ from bagpipe_operator.api import names, readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs import transitions
+from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
@@ -74,6 +75,7 @@ class Reconciler:
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
     queueing: Queueing | None = None
+    announcer: Announcer = field(default_factory=Announcer)
     _patience: Patience = field(init=False)
     _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
@@ -99,6 +101,7 @@ class Reconciler:
         self._unanswered.clear()
         if self.queueing is not None:
             self.queueing.begin_to_lead()
+        self.announcer.begin_to_lead()
         self._recorder.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
@@ -108,6 +111,7 @@ class Reconciler:
             self._forget(uid)  # its children go by their ownerReferences
             self._unanswered.pop(uid, None)
             self._recorder.forget(uid)
+            self.announcer.forget(uid)
             if self.queueing is not None:
                 self.queueing.gone(uid)
             return
@@ -120,13 +124,15 @@ class Reconciler:
         else:
             job = await self._write(job, acknowledged(job))
         if job is not None and job.finished:
+            self.announcer.announce(job)
             await self._stop_leftovers(job)
             self._forget(uid)
         if job is not None:
             await self._recorder.write(job, self.now())
         if job is not None and self.queueing is not None:
             await self.queueing.settle(job)
-        if job is not None and job.finished and expired(job, self.now()):
+        kept = job is None or not job.finished or self.announcer.owes(job)
+        if job is not None and not kept and expired(job, self.now()):
             await self._remove(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
@@ -351,6 +357,7 @@ class Reconciler:
 
     async def _write(self, job: JobView, status: Json) -> JobView | None:
         """Writes what changed, then reports it; the job as it is now, None when it is gone."""
+        status = self.announcer.with_notifications(job, status, self.now())
         changed = {key: value for key, value in status.items() if job.status.get(key) != value}
         changed |= {key: None for key in job.status if key not in status}
         if not changed:

@@ -57,8 +57,9 @@ def _same(known: Json | None, condition: Json) -> bool:
 def _worth(condition: Json) -> str | None:
     true = condition["status"] == "True"
     match condition["type"]:
-        case conditions.FAILED:
-            return WARNING if true else None
+        case conditions.FAILED | conditions.NOTIFIED as kind:
+            wrong = "True" if kind == conditions.FAILED else "False"
+            return WARNING if condition["status"] == wrong else None
         case conditions.RUNNING if condition["reason"] in reasons.TROUBLES:
             return WARNING
         case conditions.RUNNING if not true:

@@ -51,6 +51,7 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
     moments = {
         "lastScheduleTime": last_run,
         "lastSuccessfulTime": _last_success(schedule, outcome.jobs),
+        "lastPassedTime": _last_passed(schedule, outcome.jobs),
         "nextScheduleTime": decision.next_run,
     }
     status: Json = {
@@ -230,3 +231,10 @@ def _last_success(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> dat
     if written is not None:
         ends.append(written)
     return max(ends, default=None)
+
+
+def _last_passed(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> datetime | None:
+    """The same of one whose verdict is Passed."""
+    ends = [job.completed for job in jobs if job.passed and job.completed is not None]
+    written = readings.moment(schedule.status.get("lastPassedTime"))
+    return max(ends if written is None else [*ends, written], default=None)

@@ -60,6 +60,19 @@ class ScheduleView:
 
 
 @dataclass(frozen=True)
+class Result:
+    """What a job that has ended came to."""
+
+    verdict: str  # Passed, Failed, Invalid, or Errored where it could not be run
+    seconds: float  # from its start to its end
+    cases: tuple[tuple[str, int], ...]  # by state, in the order of CASE_STATES
+
+
+# Of the last job of a schedule; flaky ones are those of its comparison.
+CASE_STATES = ("passed", "failed", "invalid", "errored", "regressed", "flaky", "quarantined")
+
+
+@dataclass(frozen=True)
 class ScheduledJob:
     """A SimulationJob that a schedule made."""
 
@@ -73,12 +86,18 @@ class ScheduledJob:
     failed: bool = False
     completed: datetime | None = None
     passed: PassedRun | None = None
+    result: Result | None = None  # of one that has ended
     resource_version: str = field(default="", compare=False)
 
     @property
     def finished(self) -> bool:
         """Whether it has ended, well or not."""
         return self.complete or self.failed
+
+    @property
+    def passed(self) -> bool:
+        """Whether it has ended with the verdict Passed."""
+        return self.result is not None and self.result.verdict == "Passed"
 
     @classmethod
     def from_object(cls, job: Json) -> "ScheduledJob":
@@ -96,8 +115,28 @@ class ScheduledJob:
             failed="Failed" in true,
             completed=readings.moment(status.get("completionTime")),
             passed=passed_run(meta["name"], status),
+            # Of one that runs it would change all the time, and nobody goes by it.
+            result=_result(status, "Complete" in true) if true & {"Complete", "Failed"} else None,
             resource_version=str(meta.get("resourceVersion") or ""),
         )
+
+
+def _result(status: Json, complete: bool) -> Result:
+    verdict = str(status.get("verdict") or "")
+    if not complete:
+        verdict = "Errored"
+    elif verdict not in {"Passed", "Failed"}:
+        verdict = "Invalid"
+    begun = readings.moment(status.get("startTime"))
+    ended = readings.moment(status.get("completionTime"))
+    seconds = (ended - begun).total_seconds() if begun and ended else 0.0
+    counts = status.get("cases") or {}
+    comparisons = status.get("comparisons") or []
+    flaky = sum(readings.whole(each.get("flaky")) or 0 for each in comparisons)
+    cases = counts | {"flaky": flaky}
+    return Result(
+        verdict, max(0.0, seconds), tuple((state, cases.get(state, 0)) for state in CASE_STATES)
+    )
 
 
 def job_name(schedule: str, run: datetime) -> str:

@@ -20,7 +20,7 @@ from bagpipe_operator.settings import Settings
 # The API server's limit for all of a ConfigMap's values.
 LARGEST_CONFIG_BYTES = 1024 * 1024
 # The fields of a job that the CRD lets anybody change once it exists.
-MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished"})
+MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished", "notify"})
 
 
 class UnusableSpecError(ValueError):
