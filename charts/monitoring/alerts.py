@@ -156,6 +156,47 @@ _JOBS = [
         ("Was the operator down then? See BagpipeOperatorAbsent and BagpipeNoLeader.",
          "Is it busy? See BagpipeQueueLong."),
     ),
+    Alert(
+        "BagpipeNightRed", "jobs", "info",
+        'max by (verdict) (bagpipe_schedules_last_job{verdict=~"Failed|Invalid|Errored"})',
+        "> 0", "1m",
+        "The last job of {{ $value }} schedules ended as {{ $labels.verdict }}.",
+        "The last job of a schedule that ended did not pass: its software got worse, it gave no"
+        " evidence (Invalid), or it could not be run (Errored).",
+        "Nothing of Bagpipe's is at fault but where it is Errored; what was tested may be.",
+        ("Dashboard Nights: which schedules, and how many of their cases?",
+         "`bagpipe report` of the job, or report.html among its results: which cases, and why?",
+         "`bagpipe history` says since which night; see docs/tasks/bisect.md for which commit.",
+         "It goes with the next job that passes, or while the schedule is suspended."),
+    ),
+    Alert(
+        "BagpipeNoGoodNight", "jobs", "warning",
+        "max(bagpipe_schedules_longest_red_seconds)", "> 172800", "5m",
+        "A schedule is red, and no job of it has passed for {{ $value | humanizeDuration }}.",
+        "The last job of a schedule did not pass, and none has for two days.",
+        "What gets worse meanwhile is not seen: a red night hides the next fault.",
+        (("`kubectl get simsched -A -o custom-columns=NAMESPACE:.metadata.namespace,"
+         "NAME:.metadata.name,PASSED:.status.lastPassedTime`: which one?"),
+         "Mend what fails; `quarantine` takes cases that flake out of the verdict for a while.",
+         ("A schedule that nobody waits for is better suspended. One that runs each week is red"
+         " for two days after one bad run: silence this alert for it.")),
+    ),
+    Alert(
+        "BagpipeNotificationsFail", "jobs", "warning",
+        "sum by (receiver) (increase(bagpipe_notifications_total"
+        '{result=~"failed|dropped"}[1h]))', "> 0", "0m",
+        "{{ $labels.receiver }} does not get notifications of Bagpipe's.",
+        "A receiver was not notified of a job's end: all tries failed, for half an hour or more,"
+        " or too many were waiting for it.",
+        "Somebody who relies on it does not learn how jobs ended. Jobs and other receivers are"
+        " not touched.",
+        (("The operator's log says `was not notified` with the reason, and so does the job's"
+         " condition Notified."),
+         ("It answered 401 or 403: do both have the same key? `its key can't be used`: is the"
+         " Secret of `notifications.receivers[].secretName` there, with the key `key`?"),
+         "It can't be reached: is it up, does a NetworkPolicy or a proxy stand between?",
+         "What was lost is not sent again: `kubectl get simjob -A` has how the jobs ended."),
+    ),
 ]  # fmt: skip
 
 _ALL_CASES = "sum by (instance) (increase(bagpipe_cases_ended_total[15m]))"

@@ -4,10 +4,11 @@ import json
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from grafana_foundation_sdk.builders import bargauge, prometheus, stat, timeseries
 from grafana_foundation_sdk.builders import dashboard as builders
-from grafana_foundation_sdk.builders import prometheus, stat, timeseries
 from grafana_foundation_sdk.cog.encoder import JSONEncoder
 from grafana_foundation_sdk.models import dashboard as models
+from grafana_foundation_sdk.models.common import VizOrientation
 
 SOURCE = models.DataSourceRef(type_val="prometheus", uid="${datasource}")
 RATE = "[$__rate_interval]"
@@ -21,7 +22,10 @@ class Panel:
     unit: str  # Grafana's: s, bytes, Bps, percentunit, short, ops, reqps
     description: str
     queries: list[tuple[str, str]]
-    kind: Literal["lines", "number"] = "lines"
+    kind: Literal["lines", "number", "bars"] = "lines"
+    normal: str = ""  # what it shows on a good day
+    # Title and address for each series, with variables of its labels.
+    links: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -33,6 +37,9 @@ class Board:
     description: str
     rows: dict[str, list[Panel]]
     variables: dict[str, str] = field(default_factory=dict)
+    any_of_them: bool = False  # whether variables may be several, and are all at first
+    leads_to: tuple[str, ...] = ()  # names of other boards
+    time: str = "now-3h"
 
     @property
     def panels(self) -> list[Panel]:
@@ -48,7 +55,7 @@ def as_json(board: Board) -> str:
         .description(board.description)
         .tags(["bagpipe"])
         .readonly()
-        .time("now-3h", "now")
+        .time(board.time, "now")
         .refresh("30s")
         .timezone("browser")
         .with_variable(
@@ -56,7 +63,10 @@ def as_json(board: Board) -> str:
         )
     )
     for name, query in board.variables.items():
-        made.with_variable(_variable(name, query))
+        variable = _variable(name, query)
+        made.with_variable(_of_all(variable) if board.any_of_them else variable)
+    for name in board.leads_to:
+        made.link(_link(name))
     for title, panels in board.rows.items():
         made.with_row(builders.Row(title))
         for panel in panels:
@@ -75,15 +85,41 @@ def _variable(name: str, query: str) -> builders.QueryVariable:
     )
 
 
+def _of_all(variable: builders.QueryVariable) -> builders.QueryVariable:
+    everything = models.VariableOption(selected=True, text="All", value="$__all")
+    return variable.multi(True).include_all(True).all_value(".*").current(everything)
+
+
+def address(board: str, **variables: str) -> str:
+    """Where a board is found by its uid, for the same time, with variables set."""
+    given = "".join(f"&var-{name}={value}" for name, value in variables.items())
+    return f"/d/bagpipe-{board}?${{__url_time_range}}{given}"
+
+
+def _link(name: str) -> builders.DashboardLink:
+    title = name.replace("-", " ").capitalize()
+    made = builders.DashboardLink(title).type(models.DashboardLinkType.LINK)
+    return made.url(f"/d/bagpipe-{name}").keep_time(True)
+
+
+_KINDS: dict[str, Any] = {"lines": timeseries.Panel, "number": stat.Panel, "bars": bargauge.Panel}
+
+
 def _panel(panel: Panel) -> Any:
-    made: Any = stat.Panel() if panel.kind == "number" else timeseries.Panel()
-    made.title(panel.title).description(panel.description).unit(panel.unit).datasource(SOURCE)
+    made: Any = _KINDS[panel.kind]()
+    normal = f" Normal: {panel.normal}" if panel.normal else ""
+    made.title(panel.title).description(panel.description + normal)
+    made.unit(panel.unit).datasource(SOURCE)
     made.height(7).span(6 if panel.kind == "number" else 8)
+    if panel.links:
+        made.data_links([builders.DashboardLink(title).url(url) for title, url in panel.links])
+    if panel.kind == "bars":
+        made.min(0).orientation(VizOrientation.HORIZONTAL)
     if panel.kind == "lines":
         made.min(0).fill_opacity(10)
     for letter, (expression, legend) in zip("ABCDEFGH", panel.queries, strict=False):
         query = prometheus.Dataquery().expr(expression).legend_format(legend).ref_id(letter)
-        made.with_target(query.instant() if panel.kind == "number" else query.range())
+        made.with_target(query.range() if panel.kind == "lines" else query.instant())
     return made
 
 

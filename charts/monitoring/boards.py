@@ -1,6 +1,17 @@
-"""The four dashboards."""
+"""The dashboards of those who run Bagpipe, and all of them in their order."""
 
-from charts.monitoring.board import RATE, Board, Panel, fleet, mean, quantile, quantiles, rate
+from charts.monitoring.board import (
+    RATE,
+    Board,
+    Panel,
+    address,
+    fleet,
+    mean,
+    quantile,
+    quantiles,
+    rate,
+)  # fmt: skip
+from charts.monitoring.nights import NIGHTS
 
 _STEPS = ("created_to_accepted", "accepted_to_planned", "planned_to_running", "running_to_ended")
 
@@ -51,8 +62,15 @@ FLEET = Board(
                   [(fleet("bagpipe_pods", "role, phase"), "{{role}} {{phase}}")]),
             Panel("Slots in use", "percentunit", "Share of the places for cases in which one runs.",
                   [("sum(bagpipe_slots_busy) / sum(bagpipe_slots)", "busy")]),
+            Panel("Jobs that run, by name", "short", "Cases that run, of each job with a driver.",
+                  [(("sum by (job_namespace, job_name) (bagpipe_slots_busy * on (instance)"
+                    " group_left (job_namespace, job_name) max by (instance, job_namespace,"
+                    " job_name) (bagpipe_job_info))"), "{{job_namespace}}/{{job_name}}")], "bars",
+                  links=(("This job", address("job", namespace="${__field.labels.job_namespace}",
+                                              job_name="${__field.labels.job_name}")),)),
         ],
     },
+    leads_to=("nights", "job"),
 )  # fmt: skip
 
 # A job has no label in the metrics of its driver; its info has, and the address joins them.
@@ -135,6 +153,7 @@ JOB = Board(
         "namespace": "label_values(bagpipe_job_info, job_namespace)",
         "job_name": 'label_values(bagpipe_job_info{job_namespace="$namespace"}, job_name)',
     },
+    leads_to=("fleet", "nights"),
 )  # fmt: skip
 
 DATA_PLANE = Board(
@@ -270,7 +289,18 @@ OPERATOR = Board(
             Panel("Jobs of schedules", "short", "Created per hour.",
                   [("sum(increase(bagpipe_schedule_jobs_started_total[1h]))", "jobs")]),
         ],
+        "Notifications": [
+            Panel("Notifications", "short", "Per hour, by receiver and what became of them.",
+                  [("sum by (receiver, result) (increase(bagpipe_notifications_total[1h]))",
+                    "{{receiver}} {{result}}")], normal="delivered alone."),
+            Panel("Notifications that wait", "short", "To be sent, or to be sent again.",
+                  [("max by (receiver) (bagpipe_notifications_waiting)", "{{receiver}}")],
+                  normal="0 but for moments; 1000 is the most."),
+            Panel("Time of a try", "s", "The slowest tenth, by receiver.",
+                  [(quantile(0.9, "bagpipe_notification_seconds", "receiver"), "{{receiver}}")],
+                  normal="below a second; 10 s is the deadline."),
+        ],
     },
 )  # fmt: skip
 
-BOARDS = [FLEET, JOB, DATA_PLANE, OPERATOR]
+BOARDS = [FLEET, NIGHTS, JOB, DATA_PLANE, OPERATOR]

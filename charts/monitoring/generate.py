@@ -15,6 +15,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.spec import JobFile
 from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.view import View
+from bagpipe_operator.notify.metrics import NotificationMetrics
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.metrics import ScheduleMetrics
 from bagpipe_operator.schedules.view import Schedules
@@ -45,6 +46,7 @@ def operator_registry() -> CollectorRegistry:
     """The metrics of an operator that has seen nothing yet."""
     metrics = JobMetrics(View(), WorkQueue())
     ScheduleMetrics(Schedules(), metrics.registry)
+    NotificationMetrics([], metrics.registry)
     return metrics.registry
 
 
@@ -84,7 +86,8 @@ def _reference() -> str:
         "# Metrics\n\nMade from the code by `python -m charts.monitoring.generate`; a test compares"
         " them. How to collect them is in [monitoring](../operations/monitoring.md). Those of"
         " `process_` are of the process itself, as prometheus_client exports them.\n\n"
-        "No metric has a label for a job but `bagpipe_job_info`, of which each driver has one.\n"
+        "No metric has a label for a job but `bagpipe_job_info`, of which each driver has one, and"
+        " `bagpipe_schedule_job_info`, of which each schedule has one.\n"
         f"\n## Operator\n\nPort 8080, `/metrics`.\n\n{_table(_rows(operator_registry()))}"
         "\n## Driver\n\nPort 8080 of the driver's pod, `/metrics`, as long as the job runs. What"
         " the agent measures (pipes, replay, recorder, lock-step) comes with the result of each"

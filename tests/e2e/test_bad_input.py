@@ -50,7 +50,11 @@ STACKS = [
     Bad("no-command", stack(command=["flyby"]), "CommandNotFound", "flyby"),
     Bad(
         "no-rosmaster",
-        stack(image="bagpipe.local/operator:0.2.0", command=["sleep", "100"]),
+        stack(
+            image="bagpipe.local/operator:0.2.0",
+            command=["sleep", "100"],
+            ros1={"master": "image"},
+        ),
         "RosMasterNotFound",
         "python3-rosmaster",
     ),

@@ -87,7 +87,8 @@ def test_a_stack_that_fails_is_reported_with_a_sentence(
 
 
 def test_a_missing_rosmaster_is_reported(folders: dict[str, str], start_agent: Start) -> None:
-    row = run_one(spec_with(), folders, start_agent(path="/usr/lib/robot_state_publisher"))
+    spec = spec_with(ros1={"master": "image"})
+    row = run_one(spec, folders, start_agent(path="/usr/lib/robot_state_publisher"))
     assert (row["outcome"], row["reason"]) == ("errored", "RosMasterNotFound")
     assert "python3-rosmaster" in row["message"]
 

@@ -116,3 +116,17 @@ helm.sh/hook: test
 helm.sh/hook-weight: "-1"
 helm.sh/hook-delete-policy: before-hook-creation,hook-succeeded
 {{- end }}
+
+{{/* The receivers of notifications as the operator reads them: without their Secrets, which are mounted. */}}
+{{- define "bagpipe.receivers" -}}
+{{- $names := list }}
+{{- $receivers := list }}
+{{- range .Values.notifications.receivers }}
+{{- if has .name $names }}
+{{- fail (printf "notifications.receivers has two called %s: give each a name of its own" .name) }}
+{{- end }}
+{{- $names = append $names .name }}
+{{- $receivers = append $receivers (omit . "secretName") }}
+{{- end }}
+{{- $receivers | toJson }}
+{{- end }}

@@ -22,6 +22,7 @@ from bagpipe_operator.cluster.election import Election, new_identity
 from bagpipe_operator.cluster.fence import Fence
 from bagpipe_operator.cluster.lease import Terms
 from bagpipe_operator.jobs import watch
+from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.driver.progress import ProgressReader
 from bagpipe_operator.jobs.kueue.api import FencedKueueApi, KubernetesKueueApi
 from bagpipe_operator.jobs.kueue.queueing import Queueing
@@ -32,6 +33,8 @@ from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import View
+from bagpipe_operator.notify.deliveries import deliveries
+from bagpipe_operator.receivers import Receivers
 from bagpipe_operator.runtime import log, serve
 from bagpipe_operator.runtime.census import Census
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -86,7 +89,13 @@ async def run(settings: Settings) -> None:
         session = await stack.enter_async_context(aiohttp.ClientSession())
         drivers = ProgressReader(session, settings.progress_seconds, counted=metrics.driver_asked)
         fenced, workloads = FencedKueueApi(api, fence), Workloads()
-        reconciler = Reconciler(fenced, view, drivers, settings, counted=metrics.job_written)
+        courier = await stack.enter_async_context(
+            deliveries(settings, metrics.registry, fence.leads, queue.add, uses_proxy(os.environ))
+        )
+        reconciler = Reconciler(
+            fenced, view, drivers, settings, counted=metrics.job_written,
+            announcer=Announcer(Receivers(settings.receivers), courier),
+        )  # fmt: skip
         if settings.kueue:
             reconciler.queueing = Queueing(
                 fenced, workloads, settings, reconciler.now, reconciler.monotonic
@@ -121,7 +130,7 @@ async def run(settings: Settings) -> None:
         )  # fmt: skip
         workers = [at_work(queue, passed_on=large.take) for _ in range(settings.workers)]
         tasks += [asyncio.create_task(each) for each in (*workers, at_work(large.queue))]
-        tasks += schedules.start()
+        tasks += [*schedules.start(), *courier.tasks()]
         health.watching = True
         logger.info("watching %s", ", ".join(settings.watch_namespaces) or "all namespaces")
         try:
@@ -165,7 +174,12 @@ def session_settings(environment: Mapping[str, str]) -> dict[str, Any]:
     aiohttp looks into the environment for a proxy, and into ~/.netrc for a password, in a thread
     of its own and for each request: two thirds of a call's processor time.
     """
-    return {"trust_env": any(environment.get(name) for name in PROXY_VARIABLES)}
+    return {"trust_env": uses_proxy(environment)}
+
+
+def uses_proxy(environment: Mapping[str, str]) -> bool:
+    """Whether the environment names a proxy."""
+    return any(environment.get(name) for name in PROXY_VARIABLES)
 
 
 async def wait_until_watchable(api: KubernetesKueueApi, settings: Settings) -> None:

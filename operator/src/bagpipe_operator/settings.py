@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bagpipe import storage_hosts
+from bagpipe_operator.receivers import Receiver, read_receivers
 
 # A fifth of it is the deadline of a renewal, and an API server under load needs most of a second.
 SHORTEST_LEASE_SECONDS = 3
@@ -82,6 +83,13 @@ class Settings:
     s3.example.com, *.example.com or namenode:8020; none means all. Drivers and executors get it
     too."""
 
+    receivers: tuple[Receiver, ...] = ()
+    """BAGPIPE_NOTIFICATIONS: a JSON list of receivers that jobs may name in spec.notify, each with
+    name and url, and events, namespaces and always where they are not to be all, any and none."""
+
+    notification_keys: str = "/etc/bagpipe/notifications"
+    """BAGPIPE_NOTIFICATION_KEYS: where <receiver>/key is the key that signs what it gets."""
+
     kueue: bool = False
     """BAGPIPE_KUEUE: true or false; whether a job with a queueName gets a Workload of Kueue's, and
     its pods only when that is admitted. Needs Kueue in the cluster, and rights of its own."""
@@ -112,6 +120,7 @@ class Settings:
             "lease_namespace": "BAGPIPE_LEASE_NAMESPACE",
             "lease_name": "BAGPIPE_LEASE_NAME",
             "listen_host": "BAGPIPE_LISTEN_HOST",
+            "notification_keys": "BAGPIPE_NOTIFICATION_KEYS",
         }
         strings = {key: environment[name] for key, name in texts.items() if environment.get(name)}
         namespaces = environment.get("BAGPIPE_WATCH_NAMESPACES", "")
@@ -128,6 +137,7 @@ class Settings:
             lease_seconds=_lease_seconds(environment, cls.lease_seconds),
             own_evaluators=_truth(environment, "BAGPIPE_OWN_EVALUATORS", cls.own_evaluators),
             storage_hosts=_hosts(environment),
+            receivers=_receivers(environment),
             kueue=_truth(environment, "BAGPIPE_KUEUE", cls.kueue),
             scrape_annotations=_truth(
                 environment, "BAGPIPE_SCRAPE_ANNOTATIONS", cls.scrape_annotations
@@ -153,6 +163,13 @@ def _hosts(environment: Mapping[str, str]) -> tuple[str, ...]:
         return storage_hosts.read_hosts(environment.get(storage_hosts.VARIABLE, ""))
     except ValueError as error:
         raise SettingError(f"{storage_hosts.VARIABLE}: {error}") from None
+
+
+def _receivers(environment: Mapping[str, str]) -> tuple[Receiver, ...]:
+    try:
+        return read_receivers(environment.get("BAGPIPE_NOTIFICATIONS", ""))
+    except ValueError as error:
+        raise SettingError(f"BAGPIPE_NOTIFICATIONS: {error}") from None
 
 
 def _truth(environment: Mapping[str, str], name: str, default: bool) -> bool:

@@ -29,5 +29,6 @@ def _of_board(board: Board, namespace: str, jobs: list[str]) -> Iterator[tuple[s
         for panel, number in ((p, n) for p in panels for n in range(len(p.queries))):
             asked = panel.queries[number][0].replace("$__rate_interval", "20s")
             asked = asked.replace("$namespace", namespace).replace("$job_name", name)
+            asked = asked.replace("$schedule", ".*")
             # A later query of a panel is asked by its number; the first by the panel's name.
             yield f"{place}: {panel.title}{f' #{number}' if number else ''}", asked

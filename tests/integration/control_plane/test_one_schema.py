@@ -24,7 +24,7 @@ SEED, COUNT = 13, 2000
 # of rules does not hold. docs/reference/api-changes.md names them.
 _LATE = re.compile(
     r"matrix\b|source\.simulator\b|stack\.parameters\.|variants\.\d+\.parameters\."
-    r"|source\.(bags|files|sequence)\.\d+.*has no known scheme"
+    r"|source\.((bags|files|sequence)\.\d+|catalogue\.(uri|within\.\d+)).*has no known scheme"
     r"|: Value error, (evaluate\[.*reads .*record\.topics|the step's trigger"
     r"|stack\.parameters has .*which names no node)"
 )

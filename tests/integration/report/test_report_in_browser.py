@@ -387,6 +387,30 @@ def test_the_failing_moment_is_shown_with_the_baseline_s_course(
     assert logged(browser, "browser") == []
 
 
+def test_figures_far_from_zero_and_times_without_a_value_stand_where_they_are(
+    browser: webdriver.Chrome, page: Path
+) -> None:
+    rows = drive_rows(20)
+    row = next(each for each in rows if each["outcome"] == "failed" and each["criteria"])
+    row["window"] = None
+    finding = row["criteria"][0] | {"outcome": "failed", "kind": "bounds"}
+    limits = {"label": "/pose x", "unit": "m", "low": None}
+    points = [[0.0, 5400120.25], [1000.0, 5400120.25], [1234.56, 5400121.75], [2000.0, 5400120.25]]
+    row["criteria"] = [
+        finding | {"name": "x", "course": limits | {"high": 5400121.5, "points": points}},
+        finding | {"name": "y", "course": limits | {"high": None, "points": [], "odd": [2500.0]}},
+    ]
+    opened(browser, page, rows)
+    case = case_of(browser, row["case"])
+    assert case.find_element(By.CSS_SELECTOR, ".legend .first").text == (
+        "Out of its bounds first at 1234.56 s: x"
+    )
+    assert "at most 5400121.5 m" in case.find_element(By.CSS_SELECTOR, ".chart figcaption").text
+    assert read_at(browser, case, 0.5)[:2] == ["at 1250.000 s", "5400121.75 m"]
+    [odd] = case.find_elements(By.CSS_SELECTOR, ".plot .odd")
+    assert float(odd.get_attribute("x1") or 0) == 1000
+
+
 def test_where_it_comes_from_is_on_top_and_recordings_are_links(
     browser: webdriver.Chrome, page: Path
 ) -> None:

@@ -139,7 +139,9 @@ def test_the_crd_gets_its_key_and_the_rule_that_one_is_there() -> None:
     head, _, rest = text.partition(" " * 18 + "ticks:\n")
     added, end, rest = rest.partition(" " * 18 + "# The end of what is added.\n")
     without = (head + end + rest).replace(", has(self.ticks)].", "].")
-    assert without.replace("files, simulator and ticks:", "files and simulator:") == committed
+    assert (
+        without.replace("simulator, catalogue and ticks:", "simulator and catalogue:") == committed
+    )
     assert yaml.safe_load(added)["properties"]["count"]["maximum"] == 1000
     schedules = derived[str(ROOT / "charts/bagpipe/files/simulationschedules.yaml")]
     assert (text.count("has(self.ticks)"), schedules.count("has(self.ticks)")) == (1, 1)
@@ -175,9 +177,9 @@ def test_its_spec_is_accepted_and_what_it_declares_is_refused_in_its_place() -> 
 def test_a_job_has_one_source_of_those_that_are_there() -> None:
     (one,) = faults({"source": {}})
     known = "write one of source.bags, source.sequence and source.files, with at least one URI, or "
-    assert one == ("source", known + "source.simulator or source.ticks")
+    assert one == ("source", known + "source.simulator or source.catalogue or source.ticks")
     assert faults({"source": {"ticks": {"count": 9}, "bags": ["pvc://a/b"]}}) == [one]
-    assert faults({}, path=()) == [("source", known + "source.simulator")]
+    assert faults({}, path=()) == [("source", known + "source.simulator or source.catalogue")]
 
 
 def test_it_is_taken_by_the_engines_that_take_what_it_says(tmp_path: Path) -> None:

@@ -8,9 +8,12 @@ import pytest
 
 from bagpipe.driver.baseline import check_baseline
 from bagpipe.driver.comparing import compared
+from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
+from bagpipe.driver.provenance import provenance_of
+from bagpipe.report.provenance import facts_of
 from bagpipe.run.case_run import Row
-from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec import FoundBaseline, SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
 from tests.unit.report.publishing import publish
@@ -146,3 +149,61 @@ def test_an_adopted_manifest_says_the_same(tmp_path: Path) -> None:
     assert snapshot["comparisons"] == [
         {"variant": "", "verdict": "worse", "regressed": 1, "fixed": 0, "flaky": 0}
     ]
+
+
+def test_a_first_night_is_judged_by_its_cases_alone_and_says_so(tmp_path: Path) -> None:
+    job = make_job({"results": str(tmp_path)}, variants=[{"name": "a"}, {"name": "b"}])
+    followed = FoundBaseline(schedule="nightly", message="nothing is compared: no job has passed")
+    rows = [make_row("a-0", variant="a"), make_row("a-1", variant="b", outcome="failed")]
+    storage = Storage(job.volumes)
+    # Without it the second variant would be worse than the first.
+    assert compared(job.spec, lambda: rows, storage).objections
+    found = compared(job.spec, lambda: rows, storage, followed=followed)
+    assert (found.found, found.reason, found.objections) == ([], "", [])
+    progress = Progress("r")
+    progress.begin(1)
+    progress.add(make_row("a-0"))
+    progress.compare(found)
+    assert progress.finish()
+    assert (progress.verdict, progress.verdict_reason) == ("Passed", "")
+    assert progress.message == (
+        "1 of 1 cases ran, verdict Passed; nothing is compared: no job has passed"
+    )
+
+
+def test_results_of_the_last_run_that_are_gone_are_refused_by_its_name(tmp_path: Path) -> None:
+    followed = FoundBaseline(schedule="nightly", job="nightly-29914710")
+    with pytest.raises(StorageError, match=r"nightly-29914710, the last job of the schedule night"):
+        check_baseline("pvc://results/", Storage({"results": str(tmp_path)}), followed)
+
+
+def test_the_results_say_what_they_were_compared_with(tmp_path: Path) -> None:
+    job = make_job({"results": str(tmp_path)}, baseline={"results": "pvc://results/first"})
+    assert provenance_of(job, [], Seen(), (0, 1))["baseline"] is None
+    found = job.model_copy(update={"baseline": FoundBaseline(schedule="nightly", job="nightly-7")})
+    written = provenance_of(found, [], Seen(), (0, 1))
+    assert written["baseline"] == {
+        "schedule": "nightly", "job": "nightly-7", "message": "", "results": "pvc://results/first"
+    }  # fmt: skip
+    facts = dict(facts_of({"provenance": written}))
+    assert facts["baseline"] == "nightly-7, the last of the schedule nightly that passed"
+    none = FoundBaseline(schedule="nightly", message="nothing is compared: it is the first night")
+    written = provenance_of(job.model_copy(update={"baseline": none}), [], Seen(), (0, 1))
+    assert dict(facts_of({"provenance": written}))["baseline"] == none.message
+
+
+@pytest.mark.parametrize(
+    ("baseline", "sentence"),
+    [
+        ({}, "baseline has results or lastPassed: write one of them"),
+        (
+            {"results": "pvc://r/x", "lastPassed": "schedule/a"},
+            "baseline has results or lastPassed",
+        ),
+        ({"lastPassed": "nightly"}, "String should match pattern"),
+        ({"lastPassed": "schedule/other/x"}, "String should match pattern"),
+    ],
+)
+def test_a_baseline_is_one_job_s(baseline: dict[str, str], sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        make_spec(baseline=baseline)

@@ -112,3 +112,22 @@ def test_a_result_that_can_not_be_counted_ends_no_job(caplog: pytest.LogCaptureF
     bench.metrics.count(make_row("a", result={"playback": {"played_seconds": 1.0}}))
     assert bench.value("cases_ended_total", outcome="passed") == 1
     assert "case a: its result can't be counted" in caplog.text
+
+
+def test_findings_of_criteria_are_counted_and_no_other_names() -> None:
+    job = make_job({}, evaluate=[{"name": "rate", "rate": {"topic": "/out", "min": 5}}])
+    metrics = DriverMetrics(Progress("pvc://results/r", slots=4), job)
+    found = [
+        {"name": "rate", "outcome": "failed"},
+        {"name": "rate", "outcome": "unknown"},
+        {"name": "of nobody", "outcome": "failed"},
+    ]
+    metrics.count(make_row("a", result=result()) | {"criteria": found})
+    metrics.count(make_row("b", result=result()) | {"criteria": None})
+    judged = {
+        (sample.labels["criterion"], sample.labels["outcome"]): sample.value
+        for family in metrics.registry.collect()
+        for sample in family.samples
+        if sample.name == "bagpipe_criteria_judged_total"
+    }
+    assert judged == {("rate", "passed"): 0, ("rate", "failed"): 1, ("rate", "invalid"): 0}

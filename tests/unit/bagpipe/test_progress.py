@@ -1,6 +1,7 @@
 """What a job says of its end fits where it is read, and keeps what to do about it."""
 
 import json
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -55,3 +56,30 @@ def test_a_shortened_message_has_its_bound_its_beginning_and_its_end(text: str, 
         assert (short[:third], short[-third:]) == (text[:third], text[-third:])
     else:
         assert short == text[:most]
+
+
+def ended_with(outcomes: list[str], planned: int = 0) -> dict[str, Any]:
+    progress = Progress("pvc://results/r")
+    progress.begin(planned or len(outcomes))
+    for number, outcome in enumerate(outcomes):
+        progress.add(make_row(f"case-{number}", outcome, f"{outcome.capitalize()}Why"))
+    progress.finish()
+    return progress.snapshot()
+
+
+def test_what_failed_is_no_reason_for_a_job_without_a_verdict() -> None:
+    found = ended_with(["failed"] * 7 + ["errored"])
+    assert (found["verdict"], found["reason"]) == ("", "ErroredWhy")
+    assert found["message"] == "1 of 8 cases errored; case-7: ErroredWhy: why case-7"
+    missing = ended_with(["passed", "failed"], planned=3)
+    assert (missing["verdict"], missing["reason"]) == ("", "CasesMissing")
+    assert missing["message"] == "1 of 3 cases gave no result"
+
+
+def test_errors_of_several_reasons_are_one_reason_together() -> None:
+    progress = Progress("pvc://results/r")
+    progress.begin(3)
+    for number in range(3):
+        progress.add(make_row(f"case-{number}", "errored", f"Why{number}"))
+    progress.finish()
+    assert progress.snapshot()["reason"] == "CasesErrored"

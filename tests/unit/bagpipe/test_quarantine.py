@@ -18,6 +18,7 @@ from bagpipe.quarantine import (
     Quarantine,
     QuarantineRule,
     QuarantineTally,
+    planned,
     remarks,
     too_long,
 )
@@ -168,6 +169,26 @@ def test_the_sentence_says_what_is_in_quarantine_and_what_to_do_about_it() -> No
     counts: dict[str, Any] = progress.snapshot()["cases"]
     assert verdict_words("Passed", counts) == "Passed: 1 failed, 1 of these in quarantine"
     assert len(remarks(progress.quarantine)) == 3
+
+
+def test_a_rule_that_has_ended_counts_no_case_that_another_keeps_inside() -> None:
+    rules = [rule("case-?", YESTERDAY), rule("case-[12]"), rule("case-3", YESTERDAY)]
+    progress = ended(["passed", "failed", "failed", "passed"], rules)
+    both = "2 of its cases count, and 2 are in quarantine by another rule"
+    assert remarks(progress.quarantine) == [
+        f"quarantine of 'case-?': ended with 2026-11-22: {both}",
+        "quarantine of 'case-3': ended with 2026-11-22: its 1 case counts again",
+    ]
+    names = [f"case-{number}" for number in range(4)]
+    assert [each["toDo"] for each in planned(rules, names, TODAY)["rules"]] == [
+        f"ended with 2026-11-22: {both}",
+        "",
+        "ended with 2026-11-22: its cases count",
+    ]
+    [all_kept, _] = planned([rule("a", YESTERDAY), rule("a*")], ["a"], TODAY)["rules"]
+    assert all_kept["toDo"] == (
+        "ended with 2026-11-22: 0 of its cases count, and 1 is in quarantine by another rule"
+    )
 
 
 def test_failures_that_count_are_named_first() -> None:

@@ -74,7 +74,10 @@ def test_the_results_say_what_did_not_count_and_why(tmp_path: Path) -> None:
     assert marks == {"a": None, "b": RULES[0]}
     assert manifest["quarantine"] == {
         "day": "2026-11-23",
-        "rules": [RULES[0] | {"holds": True, "passed": 0, "failed": 1, "invalid": 0, "errored": 0}],
+        "rules": [
+            RULES[0]
+            | {"holds": True, "inside": 1, "passed": 0, "failed": 1, "invalid": 0, "errored": 0}
+        ],
     }
     assert [entry["quarantined"] for entry in manifest["cases"]] == [False, True]
     assert (manifest["counts"]["failed"], manifest["counts"]["quarantined"]) == (1, 1)

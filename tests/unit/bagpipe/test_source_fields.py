@@ -17,7 +17,7 @@ from tests.unit.bagpipe.jobs import make_spec
 
 ROOT = Path(__file__).parents[3]
 FOLDER = ROOT / "images/spark/src/bagpipe/source"
-OURS = ("bags", "sequence", "files", "simulator")
+OURS = ("bags", "sequence", "files", "simulator", "catalogue")
 PIECE = {"bag": "pvc://r/a.bag", "to": "3s"}
 SIMULATED = {
     "source": {
@@ -32,6 +32,10 @@ KINDS: dict[str, tuple[dict[str, Any], list[str]]] = {
     "sequence": ({"source": {"sequence": [PIECE, PIECE]}}, ["pvc://r/a.bag"]),
     "files": (EXEC | {"source": {"files": ["pvc://a/b"]}}, ["pvc://a/b"]),
     "simulator": (SIMULATED, ["s3://b/c"]),
+    "catalogue": (
+        {"source": {"catalogue": {"uri": "s3://b/c.csv", "where": "x", "within": ["pvc://r/"]}}},
+        ["s3://b/c.csv", "pvc://r/"],
+    ),
 }
 
 

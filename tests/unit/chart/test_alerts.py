@@ -88,6 +88,24 @@ WORLDS: dict[str, tuple[Series, Series]] = {
         histogram("bagpipe_schedule_start_late_seconds", "0+1x90", "0+2x90", "60.0"),
         histogram("bagpipe_schedule_start_late_seconds", "0+2x90", "0+2x90", "60.0"),
     ),
+    "BagpipeNightRed": (
+        {'bagpipe_schedules_last_job{verdict="Errored"}': ON,
+         'bagpipe_schedules_last_job{verdict="Passed"}': ON},
+        {'bagpipe_schedules_last_job{verdict="Failed"}': OFF,
+         'bagpipe_schedules_last_job{verdict="Passed"}': ON,
+         'bagpipe_schedules_last_job{verdict="None"}': ON},
+    ),
+    "BagpipeNoGoodNight": (
+        {'bagpipe_schedules_longest_red_seconds{pod="a"}': "172000+60x90",
+         'bagpipe_schedules_longest_red_seconds{pod="b"}': OFF},
+        {"bagpipe_schedules_longest_red_seconds": "86400+60x90"},
+    ),
+    "BagpipeNotificationsFail": (
+        {'bagpipe_notifications_total{receiver="r",result="failed"}': "0+1x90",
+         'bagpipe_notifications_total{receiver="r",result="delivered"}': GROWS},
+        {'bagpipe_notifications_total{receiver="r",result="failed"}': "3+0x90",
+         'bagpipe_notifications_total{receiver="r",result="delivered"}': GROWS},
+    ),
     "BagpipeCasesErrored": (
         {driver(ENDED, outcome="errored"): "0+1x90", driver(ENDED, outcome="passed"): "0+4x90"},
         {driver(ENDED, outcome="errored"): OFF, driver(ENDED, outcome="failed"): "0+4x90"},

@@ -71,6 +71,52 @@ def test_every_panel_says_what_it_shows_and_in_which_unit(board: Board) -> None:
         assert all(legend for _, legend in panel.queries), panel.title
 
 
+@pytest.mark.parametrize("board", [board for board in BOARDS if board.name == "nights"])
+def test_the_engineers_board_says_what_is_normal(board: Board) -> None:
+    shown = json.loads(as_json(board))["panels"]
+    written = [panel["description"] for panel in shown if panel["type"] != "row"]
+    assert len(written) == 14
+    assert [text for text in written if " Normal: " not in text or not text.endswith(".")] == []
+
+
+@pytest.mark.parametrize("board", BOARDS, ids=lambda board: board.name)
+def test_every_link_leads_to_a_board_and_gives_it_what_it_asks(board: Board) -> None:
+    written = json.loads(as_json(board))
+    uids = {json.loads(as_json(each))["uid"]: each for each in BOARDS}
+    addresses = [link["url"] for link in written.get("links") or []]
+    for panel in board.panels:
+        for _, url in panel.links:
+            addresses.append(url)
+            labels = re.findall(r"__field\.labels\.(\w+)", url)
+            assert labels, panel.title
+            # A label that the query does not leave is an empty variable of the other board.
+            assert all(label in panel.queries[0][0] for label in labels), panel.title
+    for url in addresses:
+        path, _, given = url.partition("?")
+        assert path.startswith("/d/")
+        target = uids[path.removeprefix("/d/")]
+        assert set(re.findall(r"&var-(\w+)=", given)) <= set(target.variables), url
+
+
+def test_the_way_leads_from_the_fleet_to_a_job_and_its_report() -> None:
+    leads = {board.name: set(board.leads_to) for board in BOARDS}
+    assert {"nights", "job"} <= leads["fleet"]
+    assert {"fleet", "job"} <= leads["nights"]
+    linked = [panel.title for board in BOARDS for panel in board.panels if panel.links]
+    assert linked == ["Jobs that run, by name", "Verdict", "Regressions", "Flakiest", "Slowest"]
+    where = "https://r.example.com/<namespace>/<job>/report.html?a=1&b=2"
+    objects = rendered("dashboards.enabled=true", f'dashboards.reports="{where}"')
+    (held,) = [o for o in of_kind(objects, "ConfigMap") if "bagpipe-job.json" in o["data"]]
+    shown = json.loads(held["data"]["bagpipe-job.json"])
+    (job,) = [board for board in BOARDS if board.name == "job"]
+    *others, report = shown.pop("links")
+    plain = json.loads(as_json(job))
+    assert others == plain.pop("links")
+    assert shown == plain
+    assert report["url"] == "https://r.example.com/${namespace}/${job_name}/report.html?a=1&b=2"
+    assert {"namespace", "job_name"} == set(job.variables)
+
+
 def test_nothing_asks_for_a_metric_that_nobody_serves() -> None:
     asked = [e for board in BOARDS for panel in board.panels for e, _ in panel.queries]
     asked += [query for board in BOARDS for query in board.variables.values()]

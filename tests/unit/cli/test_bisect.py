@@ -1,5 +1,9 @@
 """`bagpipe bisect`: each status is one that `git bisect run` reads as it is meant."""
 
+import fnmatch
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +81,34 @@ def test_the_status_is_git_s(
 def test_a_mistake_in_the_command_line_stops_git(tmp_path: Path, words: list[str]) -> None:
     status, text = step(tmp_path, *words)
     assert (status, "Usage:" in text) == (129, True)
+
+
+@pytest.mark.parametrize("words", [["job.yaml", "--case", "a"], []])
+def test_where_nobody_reads_its_words_the_status_is_the_same(words: list[str]) -> None:
+    """1 would name the commit a bad one."""
+    command = [sys.executable, "-m", "bagpipe.cli", "bisect", *words]
+    reading, writing = os.pipe()
+    os.close(reading)
+    with Path("/dev/full").open("wb") as full, os.fdopen(writing, "wb") as broken:
+        ended = [
+            subprocess.run(command, stdout=broken, stderr=each, timeout=60, check=False).returncode
+            for each in (full, broken)
+        ]
+    assert ended == [125 if words else 129] * 2
+
+
+def test_a_run_whose_words_nobody_reads_is_passed_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ran(monkeypatch, SystemExit(1))
+    assert step(tmp_path, "--case", "a-0")[0] == 125
+
+
+def test_a_number_is_a_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = ran(monkeypatch, "passed")
+    status, _ = step(tmp_path, "--case", "17")
+    assert (status, asked[0][1].cases) == (125, ("[1]7",))
+    assert fnmatch.filter(["17", "1", "7"], "[1]7") == ["17"]
 
 
 def test_a_job_that_is_refused_here_is_passed_over(tmp_path: Path) -> None:

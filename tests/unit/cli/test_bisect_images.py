@@ -293,6 +293,31 @@ def test_a_case_that_no_job_has_says_so(cluster: FakeCluster) -> None:
     assert "the job has no case night-*" in result.stderr
 
 
+def test_a_name_without_a_case_beside_one_that_passes_is_not_good(cluster: FakeCluster) -> None:
+    result = bisect(cluster, "--case", "b-0")
+    assert result.exit_code == 2
+    assert "lane:0 is unknown: the job has no case b-0" in result.stderr
+
+
+def test_a_job_that_lost_a_case_is_not_good(
+    cluster: FakeCluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = FakeCluster.job
+
+    def job(self: FakeCluster, name: str) -> Json:
+        found = whole(self, name)
+        folder = self.folder / found["status"]["results"].removeprefix("pvc://results/")
+        manifest = json.loads((folder / "manifest.json").read_text())
+        manifest["counts"]["planned"] += 1
+        (folder / "manifest.json").write_text(json.dumps(manifest))
+        return found
+
+    monkeypatch.setattr(FakeCluster, "job", job)
+    result = bisect(cluster)
+    assert result.exit_code == 2
+    assert "lane:0 is unknown: 1 of 2 cases gave a result" in result.stderr
+
+
 def test_a_refusal_of_the_cluster_is_the_last_word(cluster: FakeCluster) -> None:
     cluster.refuses = True
     result = bisect(cluster)

@@ -163,6 +163,17 @@ def test_a_block_has_all_that_is_known() -> None:
     assert "CasesRunning: Cases are running." in text
 
 
+def test_what_a_stack_wrote_is_nothing_that_a_terminal_obeys() -> None:
+    wrote = "no\x1b[2J\r\nnightly  Complete"
+    job = a_job(phase="Pending", conditions=[condition("Running", False, "Late", wrote)])
+    shown = line(seen(job), "12:00:00")
+    assert shown == "12:00:00 Pending; Late: no [2J  nightly  Complete"
+    job["status"]["failures"] = [{"case": "a-1", "reason": "Slow", "message": wrote}]
+    text = drawn(seen(job), 66)
+    assert text.count("no [2J  nightly  Complete") == 2
+    assert [letter for letter in text if not letter.isprintable() and letter != "\n"] == []
+
+
 def test_times_are_read_with_their_zone() -> None:
     job = running()
     job["status"]["firstCaseTime"] = "2026-11-20T04:00:00Z"

@@ -1,7 +1,6 @@
 """`bagpipe doctor`: what each answer of an API server, and each look at a machine, comes to."""
 
 import json
-import socket
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -49,7 +48,8 @@ def state(found: Finding) -> str:
         (Answer(200, {"gitVersion": "v1.29.0-eks-1"}), "done", "v1.29.0-eks-1"),
         (Answer(200, {"gitVersion": "v1.28.9"}), "missing", "knows no native sidecars"),
         (Answer(200, {"gitVersion": "\x1b[31m"}), "unknown", "its version is '\\x1b[31m'"),
-        (Answer(200, {}), "unknown", "its version is ''"),
+        (Answer(200, {}), "unknown", "what answers for context lab is no API server"),
+        (Answer(200, {"gitVersion": ["v1.34.1"]}), "unknown", "lab is no API server"),
         (SILENT, "unknown", "context lab does not answer: timed out"),
         (Answer(401, {}, "Unauthorized"), "unknown", "does not know you"),
     ],
@@ -364,26 +364,6 @@ def test_without_a_kubeconfig_that_is_what_is_missing(tmp_path: Path) -> None:
     assert done.exit_code == 1
     (found,) = [each for each in json.loads(done.stdout) if each["part"] == "cluster"]
     assert (found["what"], found["state"]) == ("kubeconfig", "missing")
-
-
-@pytest.mark.timeout(60)
-def test_a_cluster_that_never_answers_ends_with_2(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as silent:
-        server = f"http://127.0.0.1:{silent.getsockname()[1]}"
-        config = {
-            "apiVersion": "v1",
-            "kind": "Config",
-            "current-context": "lab",
-            "clusters": [{"name": "lab", "cluster": {"server": server}}],
-            "contexts": [{"name": "lab", "context": {"cluster": "lab"}}],
-        }
-        (tmp_path / "config").write_text(json.dumps(config))
-        words = ("--timeout", "300ms", "--output", "json")
-        done = doctor(*words, KUBECONFIG=str(tmp_path / "config"))
-    assert done.exit_code == 2, done.output
-    found = [each for each in json.loads(done.stdout) if each["part"] == "cluster"]
-    assert [each["state"] for each in found] == ["unknown"]
-    assert "context lab does not answer" in found[0]["found"]
 
 
 @pytest.mark.parametrize(

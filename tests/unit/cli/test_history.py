@@ -258,6 +258,30 @@ def test_what_is_in_quarantine_makes_nothing_worse_and_is_listed() -> None:
     assert listed == [*((f"a-{case}", 5, 10) for case in range(4)), ("a-4", 10, 10)]
 
 
+@pytest.mark.parametrize("inside", [range(5), range(5, 10)])
+def test_a_quarantine_that_begins_or_ends_hides_nothing_and_is_no_change(inside: range) -> None:
+    """Four cases fail in all runs, and are in quarantine in half of them; four others break."""
+
+    def run(number: int, *, breaks: bool) -> Run:
+        failed = {*range(4), *(range(4, 8) if breaks and number >= 5 else ())}
+        words = "in quarantine" if number in inside else ""
+        cases = tuple(
+            CaseOfRun(
+                f"a-{case}", "passed", 1.0, 0,
+                (Found("lane", "failed" if case in failed else "passed", 1.0, "m"),),
+                words if case < 4 else "",
+            )
+            for case in range(12)
+        )  # fmt: skip
+        return Run(f"r{number}", f"2026-10-{number + 1:02d}", "Passed", cases)
+
+    steady = history_of([run(number, breaks=False) for number in range(10)])
+    assert steady.regressions == []
+    found = history_of([run(number, breaks=True) for number in range(10)])
+    assert [each.worse for each in found.regressions] == [5]
+    assert found.regressions[0].cases == ("a-4", "a-5", "a-6", "a-7")
+
+
 def test_a_case_that_broke_once_is_not_flaky_and_errors_of_machines_are_no_flips() -> None:
     def run(number: int, **outcomes: str) -> Run:
         found = (Found("lane", "passed", 1.0, "m"),)

@@ -1,6 +1,7 @@
 """`bagpipe init`: what is written is a job that is taken as it is, whatever the recording says."""
 
 import re
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -256,6 +257,20 @@ def test_volumes_name_the_claims(tmp_path: Path) -> None:
     ]
     done = init(tmp_path / "deep/a.bag", "--volume", "recordings=/tmp")
     assert done.status == (0 if tmp_path.is_relative_to("/tmp") else 2)
+
+
+def test_a_full_disk_leaves_no_part_of_a_job(tmp_path: Path) -> None:
+    write_bag(tmp_path / "a.bag", steady("/scan", 10, 50_000_000))
+    words = (tmp_path / "a.bag", "-o", tmp_path / "job.yaml")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, hard))
+    try:
+        done = init(*words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert (done.status, "job.yaml can't be written: File too large" in done.stderr) == (2, True)
+    assert not (tmp_path / "job.yaml").exists()
+    assert init(*words).status == 0
 
 
 def test_a_file_is_written_once(tmp_path: Path) -> None:

@@ -31,6 +31,13 @@ def test_a_round_is_good_by_all_and_bad_by_one(outcomes: list[str], missing: int
     assert (word == "bad") == ("failed" in outcomes)
 
 
+def test_a_name_without_a_case_is_not_good_however_many_others_passed() -> None:
+    step = of_round(cases("passed", "passed"), 2, ("a-*", "b-0"))
+    assert (step.word, step.why) == ("unknown", "the job has no case b-0")
+    assert of_round(cases("passed", "passed"), 2, ("a-*", "a-0")).word == "good"
+    assert of_round(cases("failed"), 1, ("b-0",)).word == "bad"
+
+
 @given(rounds)
 def test_rounds_say_what_all_of_them_say(rounds: list[Step]) -> None:
     words = {each.word for each in rounds}

@@ -1,5 +1,6 @@
 """`bagpipe plan`: the cases of a job before anything runs."""
 
+import hashlib
 import json
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -164,6 +165,18 @@ def test_what_looks_like_markup_is_shown_as_it_is(tmp_path: Path) -> None:
         assert shown in text
 
 
+def test_a_terminal_obeys_no_name_of_a_recording(tmp_path: Path) -> None:
+    (tmp_path / "a\x1b[2J.bag").write_bytes(b"x")
+    write_bag(tmp_path / "b.bag", steady("/scan", 10, 50_000_000))
+    rules = [{"cases": "x\x1b[2J", "reason": "r", "until": datetime.now(UTC).date().isoformat()}]
+    status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", quarantine=rules)
+    assert (status, "a [2J.bag: the file begins with" in text) == (2, True)
+    missing = run(tmp_path, "--volume", "recordings=/no\x1b[2J")
+    assert (missing[0], "/no [2J: write the claim's name" in missing[1]) == (2, True)
+    for shown in (text, missing[1]):
+        assert [letter for letter in shown if not letter.isprintable() and letter != "\n"] == []
+
+
 def test_a_pattern_that_no_bag_matches_is_named_as_it_is_written(tmp_path: Path) -> None:
     source = {"bags": ["pvc://recordings/run[ab]/*.bag"], "topics": ["/scan"]}
     status, text = run(tmp_path, "--volume", f"recordings={tmp_path}", source=source)
@@ -204,3 +217,28 @@ def test_a_day_needs_no_quotes_in_a_manifest(tmp_path: Path) -> None:
     assert json.loads(json.dumps(read_object(manifest)[0]))["spec"]["quarantine"] == [
         {"cases": "*", "reason": "issue 17", "until": "2026-12-31"}
     ]
+
+
+def test_what_a_catalogue_selects_is_shown(tmp_path: Path) -> None:
+    for name in ("wet", "dry"):
+        write_bag(tmp_path / f"{name}.bag", steady("/scan", 60, 100_000_000))
+    (tmp_path / "drives.csv").write_text("uri,weather\nwet.bag,rain\ndry.bag,sun\n")
+    volume = ("--volume", f"recordings={tmp_path}")
+    own = {"uri": "pvc://recordings/drives.csv", "where": "weather == 'rain'"}
+    fields: dict[str, object] = {
+        "source": {"catalogue": own, "topics": ["/scan"]}, "matrix": None, "variants": []
+    }  # fmt: skip
+    status, text = run(tmp_path, *volume, **fields)
+    assert status == 0, text
+    assert "1 cases: 1 fragments" in text
+    sha256 = hashlib.sha256((tmp_path / "drives.csv").read_bytes()).hexdigest()
+    assert (
+        "Selected: 1 recordings of 1 of 2 rows of pvc://recordings/drives.csv (sha256"
+        f" {sha256[:12]}), where weather == 'rain'"
+    ) in text
+    status, text = run(tmp_path, *volume, "--output", "json", **fields)
+    assert json.loads(text)["catalogue"]["sha256"] == sha256
+    own["where"] = "weathr == 'rain'"
+    status, text = run(tmp_path, *volume, **fields)
+    assert status == 2
+    assert "names weathr, which is no column of pvc://recordings/drives.csv" in text

@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 import tarfile
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -21,13 +22,12 @@ from bagpipe.cli.places import RefusedError
 from bagpipe.cli.pull import _copy, _lacking, named
 from bagpipe.cli.pulling import sender
 from bagpipe.cli.pulling.entry import MARKER, Entry, PullError, chosen, is_fit, ordered
-from bagpipe.cli.pulling.pod import claimed, end_of, manifest, runs, waits_for
 from bagpipe.cli.pulling.receiving import read_list, received
 from bagpipe.cli.pulling.stored import StoredFolder
 from bagpipe.cli.pulling.target import Origin, Target, target_at
 from bagpipe.storage import Storage
 from tests.unit.bagpipe.jobs import make_row
-from tests.unit.cli.cluster_objects import a_job, ended, running
+from tests.unit.cli.cluster_objects import ended, running
 from tests.unit.report.publishing import publish
 
 ORIGIN = Origin("robots", "lane", "uid-1", "s3://results/lane/uid-1")
@@ -113,6 +113,7 @@ def test_a_job_that_runs_or_has_no_results_is_refused() -> None:
 @pytest.mark.parametrize("name", [
     "", "/etc/passwd", "../up", "cases/../../up", "cases//a", "./a", "a/.", "a\nb", "a\x1b[2J",
     "a\udcff", "x" * 225, "/".join("abcdefghi"), MARKER, "cases/.a.bag.0123.part",
+    f"{MARKER}/a",
 ])  # fmt: skip
 def test_a_name_that_leaves_the_folder_or_no_result_has_is_unfit(name: str) -> None:
     assert not is_fit(name)
@@ -256,15 +257,64 @@ def test_what_follows_the_tar_is_refused(target: Target) -> None:
         take(WHOLE[: -2 * BLOCK] + head("1", 3) + bytes(BLOCK), WANTED, target)
 
 
+def a_list(text: bytes) -> Given:
+    return Given(b"%d\n" % len(text) + text)
+
+
 @pytest.mark.parametrize("text", [
     b"abc\n", b"-5\n", b"9" * 30, b"99999999999\n", b"2\n[]", b"2\n{x", b"9\n{\"a\": 12}",
-    b'31\n{"files":[["a",-1,""]],"others":[]}'.replace(b"31", b"36"),
-    b'54\n{"files": [["a", 1, "x"], ["a", 2, "y"]], "others": []}',
     b"200001\n" + b"[" * 200001,
 ])  # fmt: skip
 def test_a_list_that_is_none_is_refused(text: bytes) -> None:
     with pytest.raises(PullError):
         read_list(Given(text))
+
+
+@pytest.mark.parametrize(("size", "fits"), [
+    (b"0", True), (b"9223372036854775807", True), (b"9223372036854775808", False), (b"-1", False),
+    (b"1e999", False), (b"NaN", False), (b"1" + b"0" * 4000, False), (b"[1]", False),
+])  # fmt: skip
+def test_a_size_that_no_file_has_is_refused(size: bytes, *, fits: bool) -> None:
+    given = a_list(b'{"files": [["a", %b, "x"]], "others": []}' % size)
+    if fits:
+        assert read_list(given) == ([Entry("a", int(size), "x")], [])
+        return
+    with pytest.raises(PullError, match="list of files"):
+        read_list(given)
+
+
+def test_a_name_that_is_listed_twice_is_refused() -> None:
+    with pytest.raises(PullError, match="names twice"):
+        read_list(a_list(b'{"files": [["a", 1, "x"], ["a", 2, "y"]], "others": []}'))
+
+
+@pytest.mark.parametrize("manifest", [
+    '{"cases": ["x"], "counts": {}}', '{"cases": [{"recorded": [1]}], "counts": {}}',
+    '{"cases": [], "counts": "ab"}', '{"cases": {"a": 1}, "counts": {}}', "[1]", "{}",
+    '{"counts": [[1]]}', "[" * 100_000,
+])  # fmt: skip
+def test_a_manifest_that_is_none_is_named(tmp_path: Path, manifest: str) -> None:
+    (tmp_path / "manifest.json").write_text(manifest)
+    with pytest.raises(PullError, match=r"manifest\.json is no manifest of results"):
+        _lacking(tmp_path, {"manifest.json"})
+
+
+def test_results_on_storage_have_the_time_that_is_allowed(tmp_path: Path, target: Target) -> None:
+    folder = publish(tmp_path, [make_row("a-0")])
+    source = StoredFolder(f"file://{folder}", Storage({}), until=time.monotonic() - 1)
+    with pytest.raises(PullError, match="the time that --timeout allows is over"):
+        source.listed()
+    entries, _ = StoredFolder(f"file://{folder}", Storage({})).listed()
+    with pytest.raises(PullError, match="the time that --timeout allows is over"):
+        take_stored(source, entries, target)
+    assert files_of(target.folder) == {}
+
+
+def take_stored(source: StoredFolder, entries: list[Entry], to: Target) -> None:
+    for entry, pieces in source.sent(entries):
+        with to.file(entry) as write:
+            for piece in pieces:
+                write(piece)
 
 
 def test_results_on_storage_are_copied_and_those_that_lack_are_named(
@@ -295,68 +345,5 @@ def test_a_stored_file_that_changes_meanwhile_is_refused(tmp_path: Path, target:
     entries, _ = source.listed()
     file.write_bytes(b"12345")
     with pytest.raises(PullError, match="is no longer the file"):
-        for entry, pieces in source.sent(entries):
-            with target.file(entry) as write:
-                for piece in pieces:
-                    write(piece)
+        take_stored(source, entries, target)
     assert files_of(target.folder) == {}
-
-
-@pytest.mark.parametrize("uri", [
-    "pvc://results", "pvc://results/", "pvc://results/../x", "pvc://results/a//b", "pvc:///a",
-    "pvc://results/a/.", "s3://bucket/a",
-])  # fmt: skip
-def test_a_uri_that_leads_nowhere_on_a_claim_is_none(uri: str) -> None:
-    assert claimed(uri) is None
-    assert claimed("pvc://results/out/lane/uid-1/") is not None
-
-
-def test_the_pod_is_the_driver_s_without_what_gives_it_rights() -> None:
-    driver = {
-        "spec": {
-            "serviceAccountName": "bagpipe-driver",
-            "securityContext": {"fsGroup": 1000660000, "supplementalGroups": [5]},
-            "tolerations": [{"key": "gpu"}],
-            "affinity": {"nodeAffinity": {"a": 1}, "podAntiAffinity": {"b": 1}},
-            "volumes": [{"name": "secret", "secret": {"secretName": "s3"}}],
-            "containers": [
-                {
-                    "image": "spark:1", "imagePullPolicy": "Never", "envFrom": [{"secretRef": {}}],
-                    "securityContext": {"runAsUser": 1000660000, "privileged": True},
-                }
-            ],
-        }
-    }  # fmt: skip
-    job = a_job() | {"apiVersion": "sim.bagpipe.io/v1alpha1", "kind": "SimulationJob"}
-    spec = manifest(job, driver, "", "results", 90.4)["spec"]
-    assert "serviceAccountName" not in spec
-    assert spec["affinity"] == {"nodeAffinity": {"a": 1}}
-    assert spec["tolerations"] == [{"key": "gpu"}]
-    assert spec["activeDeadlineSeconds"] == 90
-    assert (spec["securityContext"]["fsGroup"], len(spec["volumes"])) == (1000660000, 1)
-    (container,) = spec["containers"]
-    assert (container["image"], container["imagePullPolicy"]) == ("spark:1", "Never")
-    assert "envFrom" not in container
-    assert container["securityContext"]["runAsUser"] == 1000660000
-    assert "privileged" not in container["securityContext"]
-    assert [each["name"] for each in container["env"]] == ["BAGPIPE_PULL"]
-
-
-def test_what_keeps_a_pod_and_what_ended_it_is_read_off_its_status() -> None:
-    def pod(phase: str, **state: object) -> dict[str, object]:
-        statuses = [{"name": "pull", "state": state}]
-        return {"status": {"phase": phase, "containerStatuses": statuses}}
-
-    assert runs(pod("Running", running={}))
-    assert not runs(pod("Pending", waiting={"reason": "ContainerCreating"}))
-    assert waits_for(pod("Pending", waiting={"reason": "ContainerCreating"})) == ""
-    held = {"reason": "ErrImagePull", "message": "no such tag"}
-    assert waits_for(pod("Pending", waiting=held)) == "ErrImagePull: no such tag"
-    conditions = [{"type": "PodScheduled", "status": "False", "message": "0/3 nodes"}]
-    assert waits_for({"status": {"conditions": conditions}}) == "no node takes it: 0/3 nodes"
-    assert end_of(pod("Running", running={})) == ""
-    assert end_of({"status": {"phase": "Failed", "reason": "DeadlineExceeded"}}) == (
-        "DeadlineExceeded"
-    )
-    lost = {"reason": "StartError", "message": "python3: not found"}
-    assert end_of(pod("Failed", terminated=lost)) == "StartError: python3: not found"

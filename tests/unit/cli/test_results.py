@@ -52,6 +52,19 @@ def test_runs_that_do_not_count_are_reported(tmp_path: Path, attempts: int, sent
     assert ("not count" in text) == (attempts > 1)
 
 
+def test_a_terminal_obeys_nothing_that_a_stack_or_a_rule_wrote(tmp_path: Path) -> None:
+    hostile = "no\x1b[2J\x1b]0;mine\x07 [red]\r\nPassed  drive"
+    rules = [{"cases": "a-1*", "reason": hostile, "until": "2026-12-31"}]
+    names = ("a-0", "a-1\x1b[31m", "a-2")
+    rows = [make_row(name, "failed", "Bad", message=hostile) for name in names]
+    before = publish(tmp_path, [make_row(name) for name in names], uid="before")
+    after = publish(tmp_path, rows, uid="after", quarantine=rules)
+    for words in (("results", after), ("compare", before, after)):
+        text = run(*words)[1]
+        assert [letter for letter in text if not letter.isprintable() and letter != "\n"] == []
+        assert not [line for line in text.splitlines() if line.startswith("Passed")]
+
+
 def test_results_by_uri_and_only_the_failed_ones(tmp_path: Path) -> None:
     rows = [make_row("a-0"), make_row("a-1", "failed", "Bad", message="[red] is no markup")]
     folder = publish(tmp_path, rows)

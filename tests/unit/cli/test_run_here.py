@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from bagpipe.cli.here import Machine, notes, of_variants, refusals
+from bagpipe.cli.here import Machine, notes, of_variants, refusals, without_schedule
 from bagpipe.matrix.faults import MatrixError
 from tests.unit.bagpipe.jobs import make_spec
 
@@ -78,11 +78,12 @@ def test_what_is_not_available_here_is_reported_with_a_remedy(
 
 
 def test_all_that_is_missing_is_reported_at_once(machine: Machine) -> None:
-    sentences = refused(Machine({"PATH": "/nowhere"}, machine.entrypoint), {})
+    nowhere = Machine({"PATH": "/nowhere"}, machine.entrypoint)
+    sentences = refused(nowhere, {}, stack=stack(ros1={"master": "image"}))
     assert ["claim recordings" in sentences[0], "starts run" in sentences[1]] == [True, True]
     assert sentences[2] == (
-        "ROS needs rosmaster, which is not found here: put its folder on PATH (such as by sourcing"
-        " setup.bash), or run this inside of the stack's image"
+        "stack.ros1.master: image needs rosmaster, which is not found here: put its folder on PATH"
+        " (such as by sourcing setup.bash), or run this inside of the stack's image"
     )
     assert len(sentences) == 3
 
@@ -115,9 +116,11 @@ def test_a_variable_that_this_environment_has_is_taken_from_it(
     assert refused(machine, stack=stack(env=env)) == []
 
 
-def test_a_program_of_the_exec_engine_needs_no_rosmaster(machine: Machine, tmp_path: Path) -> None:
+def test_only_the_rosmaster_of_an_image_is_looked_for(machine: Machine, tmp_path: Path) -> None:
     (tmp_path / "rosmaster").unlink()
-    assert "ROS needs rosmaster" in refused(machine)[0]
+    assert refused(machine) == []
+    own = refused(machine, stack=stack(ros1={"master": "image"}))
+    assert "stack.ros1.master: image needs rosmaster" in own[0]
     source = {"files": ["pvc://recordings/*.bin"]}
     assert refused(machine, source=source, stack=stack(engine="exec"), record=None) == []
 
@@ -191,3 +194,16 @@ def test_notes_say_what_is_otherwise_here() -> None:
         assert sentence in sentences
     plain = list(notes(make_spec(), Path("kept")))
     assert [sentence.split()[0] for sentence in plain] == ["images", "the"]
+
+
+def test_a_schedule_is_of_a_cluster_and_nothing_is_compared_here(machine: Machine) -> None:
+    spec, found = without_schedule(make_spec(baseline={"lastPassed": "schedule/nightly"}))
+    assert spec.baseline is None
+    assert found is not None
+    assert (found.schedule, found.job) == ("nightly", "")
+    assert found.message.startswith(
+        "nothing is compared: spec.baseline.lastPassed names the schedule nightly of a cluster"
+    )
+    assert refused(machine, baseline={"lastPassed": "schedule/nightly"}) == []
+    explicit = make_spec(baseline={"results": "pvc://old/r"})
+    assert without_schedule(explicit) == (explicit, None)

@@ -59,7 +59,7 @@ def layout(folder: Path, layers: list[bytes], name: str = "lane:1.4") -> Path:
     return folder
 
 
-def test_an_archive_shows_rosmaster_and_what_starts_it(tmp_path: Path) -> None:
+def test_an_archive_shows_ros_1_and_what_starts_it(tmp_path: Path) -> None:
     found = look_at(str(saved(tmp_path / "a.tar", [layer("usr/bin/sh"), layer(*NOETIC)])))
     assert found.name == "lane:1.4"
     assert found.files == Files(ROS1, True, ("noetic",))
@@ -67,7 +67,7 @@ def test_an_archive_shows_rosmaster_and_what_starts_it(tmp_path: Path) -> None:
         "Found: entrypoint ['/ros_entrypoint.sh'], user root.",
         "Found: ROS_DISTRO=noetic.",
         "Found: ROS in /opt/ros/noetic.",
-        "Found: rosmaster.",
+        "Found: ROS 1.",
     ]
 
 
@@ -79,7 +79,7 @@ def test_a_folder_of_an_image_is_read_through_its_indexes(tmp_path: Path, packed
     shown = found.sentences("ros2")
     assert "Found: ROS 2." in shown
     assert any(each.startswith("MISSING: /ros_entrypoint.sh: write a command") for each in shown)
-    assert any(each.startswith("MISSING: rosmaster") for each in found.sentences("ros1"))
+    assert any(each.startswith("MISSING: ROS 1") for each in found.sentences("ros1"))
 
 
 def test_what_an_upper_layer_removes_is_not_there(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ from bagpipe.evaluate.courses import (
 )
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion
+from bagpipe.moments import moment_of
 from tests.unit.evaluate.recordings import evidence, number, poses, stamped
 
 RECORDED = [
@@ -154,7 +155,7 @@ def test_the_courses_of_a_case_have_a_bound_together() -> None:
         most = MOST_PASSED_POINTS_OF_ALL // passed if passed else 0
         assert set(lengths[:passed]) <= {min(MOST_PASSED_POINTS, most) // 2 * 2}
         most = MOST_POINTS_OF_ALL // failed if failed else 0
-        assert set(lengths[passed:]) <= {min(MOST_POINTS, most) // 2 * 2}
+        assert all(min(MOST_POINTS, most) - 5 <= each <= most for each in lengths[passed:])
     rows = [each.as_row() for each in evaluate(passing * 20 + failing * 80, evidence(recorded))]
     assert sum(len(json.dumps(row["course"]["points"])) for row in rows) < 50_000
 
@@ -220,7 +221,7 @@ def test_a_course_is_small_and_json() -> None:
         [criterion("bounds", {"topic": "/v", "field": "data", "min": 1})], evidence(recorded)
     )
     row = found.as_row()
-    assert len(row["course"]["points"]) == MOST_POINTS
+    assert MOST_POINTS - 5 <= len(row["course"]["points"]) <= MOST_POINTS
     assert len(json.dumps(row["course"], allow_nan=False)) < 10_000
 
 
@@ -242,6 +243,42 @@ def test_of_every_stretch_its_least_and_its_greatest_stay_in_order() -> None:
     # A stretch that stays the same is one point.
     assert thinned([(n, 7.0) for n in range(9)], 6) == [(0, 7.0), (3, 7.0), (6, 7.0)]
     assert len(thinned([(n, n % 7) for n in range(MOST_POINTS + 1)])) <= MOST_POINTS
+
+
+@pytest.mark.parametrize("criteria", [1, 20])
+@pytest.mark.parametrize(("bound", "sign"), [("max", 1), ("min", -1)])
+def test_the_first_message_that_is_out_of_bounds_is_known_however_many_there_are(
+    criteria: int, bound: str, sign: int
+) -> None:
+    """A slow ramp, which the greatest value of a stretch would put seconds too late."""
+    recorded = [("/v", 10 + n / 1000, number(sign * n)) for n in range(3000)]
+    wanted = criterion("bounds", {"topic": "/v", "field": "data", bound: sign * 1501.5})
+    for finding in evaluate([wanted] * criteria, evidence(recorded)):
+        assert moment_of(finding.as_row() | {"kind": "bounds"}) == 1.502
+
+
+def test_the_last_pose_is_kept_where_it_is_neither_the_nearest_nor_the_farthest() -> None:
+    distances = [50 - n / 200 for n in range(3000)] + [0.9, 0.4, 2.0]
+    recorded = [("/p", 10 + n / 1000, stamped(10, x, 0.0)) for n, x in enumerate(distances)]
+    fields = {"topic": "/p", "position": [0, 0], "maxDistance": 1, "minCoverage": 0}
+    many = [criterion("finalPose", fields)] * 20
+    for finding in evaluate(many, evidence(recorded)):
+        assert moment_of(finding.as_row() | {"kind": "finalPose"}) == 3.002
+
+
+def test_a_bound_that_was_just_passed_is_passed_by_what_is_kept() -> None:
+    recorded = [("/v", 10.0 + n, number(value)) for n, value in enumerate([9.0, 10.000001, 9.5])]
+    made = course("bounds", {"topic": "/v", "field": "data", "max": 10}, recorded)
+    assert made["points"] == [[0.0, 9.0], [1.0, 10.000001], [2.0, 9.5]]
+
+
+def test_coordinates_of_a_map_keep_the_digits_that_change() -> None:
+    recorded = [("/v", 10.0 + n, number(5400120.0 + n / 3)) for n in range(9)]
+    made = course("bounds", {"topic": "/v", "field": "data", "max": 5400122}, recorded)
+    assert [value for _, value in made["points"][:3]] == [5400120.0, 5400120.3333, 5400120.6667]
+    drive = [(n, 500120.0 + n / 3, 5400120.0) for n in range(9)]
+    [drawn] = plane.Plane([("/p", drive)]).as_json(0, 100)["paths"]
+    assert [x for _, x, _ in drawn["points"][:3]] == [500120.0, 500120.33333, 500120.66667]
 
 
 def course(kind: str, fields: dict[str, Any], recorded: list[Any], **more: Any) -> dict[str, Any]:

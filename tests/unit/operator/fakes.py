@@ -79,6 +79,17 @@ class FakeApi:
         self._called("get job")
         return self._found("jobs", name)
 
+    async def get_schedule(self, namespace: str, name: str) -> Json:
+        self._called("get schedule")
+        return self._found("schedules", name)
+
+    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+        self._called("list jobs")
+        key, _, value = label.partition("=")
+        jobs = [job for (kind, _), job in self.objects.items() if kind == "jobs"]
+        labels = [(job, job["metadata"].get("labels") or {}) for job in jobs]
+        return [copy.deepcopy(job) for job, own in labels if own.get(key) == value]
+
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
         self._called("delete job")
         meta = self._found("jobs", name)["metadata"]

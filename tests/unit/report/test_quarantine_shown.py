@@ -64,6 +64,16 @@ def test_a_report_of_before_there_was_a_quarantine_is_made_again(folder: Path) -
     assert 'id="quarantine"' not in again.read_text()
 
 
+def test_where_all_passed_and_none_counts_the_report_says_why_that_is_no_pass(
+    tmp_path: Path,
+) -> None:
+    rules = [{"cases": "*", "reason": "issue 17", "until": "2026-12-31"}]
+    folder = publish(tmp_path, [make_row("a-0"), make_row("a-1")], quarantine=rules)
+    frame = page_of((folder / "report.html").read_text())[0]
+    assert "Not enough evidence" in frame
+    assert "Of 2 cases none failed. All are in quarantine, so that no case counts." in frame
+
+
 def test_the_same_verdict_is_in_a_report_that_is_made_later(folder: Path) -> None:
     again = folder / "again.html"
     assert CliRunner().invoke(main, ["report", str(folder), "--to", str(again)]).exit_code == 0
@@ -113,6 +123,10 @@ def test_a_comparison_names_what_got_worse_in_quarantine(tmp_path: Path) -> None
         (
             "Failed", 4, {"failed": 3, "quarantined": 2},
             "Of 4 cases 3 failed; 2 that did not pass are in quarantine.",
+        ),
+        (
+            "Failed", 4, {"failed": 3, "quarantined": 1},
+            "Of 4 cases 3 failed; 1 that did not pass is in quarantine.",
         ),
     ],
 )  # fmt: skip

@@ -1,5 +1,6 @@
 """Expressions of users in CEL (the Common Expression Language), checked before use."""
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -9,7 +10,8 @@ if TYPE_CHECKING:
 
 # What the library raises for text that does not parse and for what can't be computed.
 _FAULTS = (LookupError, RuntimeError, TypeError, ValueError)
-_MACROS = ("all", "exists", "exists_one", "filter", "map")
+# Names that macros bind, such as x of list.exists(x, ...).
+_BOUND = re.compile(r"[.](?:all|exists|exists_one|filter|map)\(\s*([A-Za-z_][A-Za-z0-9_]*)\s*,")
 
 
 class ExpressionError(ValueError):
@@ -26,6 +28,8 @@ class Expression:
 
     text: str
     _program: "cel.Program"
+    # Those of the names that it may use which it does use.
+    names: frozenset[str]
 
     @classmethod
     def compiled(cls, text: str, names: Collection[str]) -> "Expression":
@@ -36,12 +40,12 @@ class Expression:
             program = cel.compile(text)
         except _FAULTS as error:
             raise ExpressionError(f"is no expression: {_first_line(error)}") from error
-        # Macros such as list.exists(x, ...) bind names of their own, which are listed as well, so
-        # an unknown name is refused only where the whole expression has no macro.
-        unknown = sorted(set(program.variables()) - set(names))
-        if unknown and not any(f".{macro}(" in text for macro in _MACROS):
+        # The names that macros bind are listed as well.
+        named = set(program.variables())
+        unknown = sorted(named - set(names) - set(_BOUND.findall(text)))
+        if unknown:
             raise UnknownNamesError(f"names {', '.join(unknown)}")
-        return cls(text, program)
+        return cls(text, program, frozenset(named & set(names)))
 
     def holds(self, values: Mapping[str, Any]) -> bool:
         """Raises ExpressionError where it can't be computed, or gives neither true nor false."""

@@ -120,24 +120,34 @@ def planned(rules: Sequence[QuarantineRule], cases: Sequence[str], day: date) ->
     `cases`, and for each of `rules` how many it names and what is to be done about it.
     """
     quarantine = Quarantine(rules, day)
+    inside = [case for case in cases if quarantine.rule_of(case) is not None]
     named = Counter(at for case in cases for at in quarantine.matching(case))
+    kept = Counter(at for case in inside for at in quarantine.matching(case))
     return {
         "day": day.isoformat(),
-        "cases": sum(quarantine.rule_of(case) is not None for case in cases),
+        "cases": len(inside),
         "rules": [
-            rule.model_dump() | {"named": named[at], "toDo": _before(quarantine, rule, named[at])}
+            rule.model_dump()
+            | {"named": named[at], "toDo": _before(quarantine, rule, named[at], kept[at])}
             for at, rule in enumerate(rules)
         ],
     }
 
 
-def _before(quarantine: Quarantine, rule: QuarantineRule, named: int) -> str:
-    """What is to be done about a rule before its job runs; empty for nothing."""
+def _before(quarantine: Quarantine, rule: QuarantineRule, named: int, kept: int) -> str:
+    """What is to be done about a rule before its job runs; empty for nothing.
+
+    Of the cases that it has `named`, so many are `kept` in quarantine, by whichever rule.
+    """
     if wrong := too_long([rule], quarantine.day):
         return wrong[0]
     if not named:
         return "names no case of this job: correct its pattern, or remove it"
-    return "" if quarantine.holds(rule) else f"ended with {rule.until}: its cases count"
+    if quarantine.holds(rule):
+        return ""
+    if kept:
+        return f"ended with {rule.until}: {_counted(named - kept)}{_by_others(kept)}"
+    return f"ended with {rule.until}: its cases count"
 
 
 class QuarantineTally:
@@ -146,17 +156,21 @@ class QuarantineTally:
     def __init__(self, quarantine: Quarantine) -> None:
         self._quarantine = quarantine
         self._outcomes: list[Counter[str]] = [Counter() for _ in quarantine.rules]
+        # Of the cases that each rule names those that one holds, whichever it is.
+        self._inside: Counter[int] = Counter()
 
     def add(self, row: Row) -> None:
         """One row that counts for the job."""
+        inside = self._quarantine.rule_of(str(row["case"])) is not None
         for at in self._quarantine.matching(str(row["case"])):
             self._outcomes[at][str(row["outcome"])] += 1
+            self._inside[at] += inside
 
     def as_json(self) -> dict[str, Any] | None:
         """`day` and `rules`, as the manifest has them; None without rules.
 
         Each rule has how many of its cases came to which outcome, and `holds`: false where it has
-        ended, so that its cases count.
+        ended, so that its cases count, but for those that are `inside` by another rule.
         """
         if not self._quarantine.rules:
             return None
@@ -164,9 +178,9 @@ class QuarantineTally:
             "day": self._quarantine.day.isoformat(),
             "rules": [
                 rule.model_dump()
-                | {"holds": self._quarantine.holds(rule)}
-                | {outcome: found[outcome] for outcome in OUTCOMES}
-                for rule, found in zip(self._quarantine.rules, self._outcomes, strict=True)
+                | {"holds": self._quarantine.holds(rule), "inside": self._inside[at]}
+                | {outcome: self._outcomes[at][outcome] for outcome in OUTCOMES}
+                for at, rule in enumerate(self._quarantine.rules)
             ],
         }
 
@@ -177,11 +191,21 @@ def remark(rule: Mapping[str, Any]) -> str:
     noun = "1 case" if cases == 1 else f"{cases:,} cases"
     if not cases:
         return "names no case of this job: correct its pattern, or remove it"
+    if not rule["holds"] and (kept := int(rule.get("inside") or 0)):
+        return f"ended with {rule['until']}: {_counted(cases - kept)}{_by_others(kept)}"
     if not rule["holds"]:
         return f"ended with {rule['until']}: its {noun} {'counts' if cases == 1 else 'count'} again"
     if rule["passed"] == cases:
         return f"its {noun} passed in this job: `bagpipe history` says whether it could end"
     return ""
+
+
+def _counted(cases: int) -> str:
+    return f"{cases:,} of its cases {'counts' if cases == 1 else 'count'}"
+
+
+def _by_others(cases: int) -> str:
+    return f", and {cases:,} {'is' if cases == 1 else 'are'} in quarantine by another rule"
 
 
 def remarks(document: Mapping[str, Any] | None) -> list[str]:

@@ -1,6 +1,7 @@
 """What is read off a row of results, each fact in one place for all who report it. Pure."""
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,16 @@ CRASHES = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned"}
 LOSSES = frozenset({"MessagesLost"})
 # What a job counts of its rows, beside how many were planned and are running.
 TALLIES = (*OUTCOMES, "crashed", "lost", "discarded", "quarantined")
+
+
+def is_finite(number: Any) -> bool:
+    """Whether it is a number that a page can show: rows may be anybody's."""
+    if isinstance(number, bool) or not isinstance(number, int | float):
+        return False
+    try:
+        return math.isfinite(number)
+    except OverflowError:  # an integer that no float has
+        return False
 
 
 def discarded_runs(row: Row) -> list[dict[str, Any]]:
@@ -30,7 +41,7 @@ def discarded_runs(row: Row) -> list[dict[str, Any]]:
 def run_words(run: Mapping[str, Any]) -> str:
     """A discarded run in one line, for all who report it."""
     seconds = run.get("seconds")
-    after = f" after {seconds:.1f} s" if isinstance(seconds, int | float) else ""
+    after = f" after {seconds:.1f} s" if is_finite(seconds) else ""
     message = f": {run['message']}" if run.get("message") else ""
     return f"{run['reason']}{after}{message}"
 

@@ -32,6 +32,7 @@ from bagpipe.pod_spec import (
     ValueSource,
 )
 from bagpipe.quarantine import QuarantineRule
+from bagpipe.ros1_spec import Ros1
 from bagpipe.ros2_spec import Ros2
 from bagpipe.source_fields import source_fields
 from bagpipe.source_spec import InstalledSource
@@ -42,6 +43,7 @@ from bagpipe.texts import (
     NodeName,
     OutputUri,
     PositiveDuration,
+    ReceiverName,
     SecretName,
     TopicPattern,
     each_once,
@@ -104,6 +106,7 @@ class Stack(_Model):
     env: Annotated[list[EnvironmentVariable], AfterValidator(_variables_once)] = []
     parameters: dict[Name, JsonValue] = {}
     remap: dict[Name, Name] = {}
+    ros1: Ros1 | None = None
     ros2: Ros2 | None = None
     image_pull_policy: Literal["Always", "IfNotPresent", "Never"] = "IfNotPresent"
     resources: Resources = Resources()
@@ -190,9 +193,18 @@ class Output(_Model):
 
 
 class Baseline(_Model):
-    """An earlier job that this one is compared with."""
+    """An earlier job that this one is compared with: its results, or whichever passed last."""
 
-    results: BagUri
+    results: BagUri | None = None
+    last_passed: str | None = Field(
+        default=None, pattern=r"^schedule/[a-z]([-a-z0-9]*[a-z0-9])?$", max_length=40
+    )
+
+    @model_validator(mode="after")
+    def _one_of_them(self) -> Self:
+        if (self.results is None) == (self.last_passed is None):
+            raise ValueError("baseline has results or lastPassed: write one of them")
+        return self
 
 
 class ComparisonRules(_Model):
@@ -229,7 +241,7 @@ class SimulationJobSpec(_Model):
     baseline: Baseline | None = None
     comparison: ComparisonRules = ComparisonRules()
     evaluate: list[Criterion] = Field(default=[], max_length=100)
-    max_failed_cases: int | None = Field(default=None, ge=0)
+    max_failed_cases: int | None = Field(default=None, ge=0, le=10_000_000)
     backoff_limit: int = Field(default=DEFAULT_BACKOFF_LIMIT, ge=0, le=20)
     fault_policy: list[FaultRule] = Field(default=[], max_length=10)
     quarantine: list[QuarantineRule] = Field(default=[], max_length=50)
@@ -242,6 +254,14 @@ class SimulationJobSpec(_Model):
     active_deadline: PositiveDuration | None = None
     ttl_after_finished: Duration | None = None
     resume_from: str | None = Field(default=None, pattern=r"^[a-z]([-a-z0-9]*[a-z0-9])?$")
+    notify: Annotated[list[ReceiverName], AfterValidator(each_once)] = Field(
+        default=[], max_length=8
+    )
+
+    @property
+    def compared_with(self) -> str | None:
+        """The URI of the results that this job is compared with, as far as they are known."""
+        return self.baseline.results if self.baseline is not None else None
 
     @field_validator("variants")
     @classmethod
@@ -342,6 +362,18 @@ class EarlierResults(_Model):
     cases: int = Field(ge=1)
 
 
+class FoundBaseline(_Model):
+    """What was found for spec.baseline.lastPassed: a job that passed, or why there is none.
+
+    The job's results are `baseline.results` of the spec that comes with it; where there is no job,
+    that spec has no baseline.
+    """
+
+    schedule: str
+    job: str = ""
+    message: str = Field(default="", max_length=1024)
+
+
 class JobFile(_Model):
     """job.json: what the operator passes to the driver, and all that the driver knows."""
 
@@ -355,6 +387,7 @@ class JobFile(_Model):
     images: Images
     volumes: dict[str, str] = {}
     resume: EarlierResults | None = None
+    baseline: FoundBaseline | None = None
     # What the job's object says of itself, and when it was created: for the record alone.
     labels: dict[str, str] = {}
     annotations: dict[str, str] = {}
@@ -395,15 +428,15 @@ def evaluator_config_maps(spec: SimulationJobSpec) -> list[str]:
 
 def storage_uris(spec: SimulationJobSpec) -> list[str]:
     """All URIs of a spec, as it has them: of recordings and files, of results, of a baseline's."""
-    earlier = [spec.baseline.results] if spec.baseline is not None else []
+    earlier = [spec.compared_with] if spec.compared_with is not None else []
     return [*spec.source.uris, *earlier, spec.output.uri]
 
 
 def claims(spec: SimulationJobSpec) -> dict[str, bool]:
     """The volume claims that a spec's URIs name, each with whether it may be mounted read-only."""
     found = {_claim(uri): True for uri in spec.source.uris if uri.startswith("pvc://")}
-    if spec.baseline is not None and spec.baseline.results.startswith("pvc://"):
-        found[_claim(spec.baseline.results)] = True
+    if spec.compared_with is not None and spec.compared_with.startswith("pvc://"):
+        found[_claim(spec.compared_with)] = True
     if spec.output.uri.startswith("pvc://"):
         found[_claim(spec.output.uri)] = False
     return found

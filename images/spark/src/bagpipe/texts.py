@@ -69,6 +69,11 @@ def _bag_uri(uri: str) -> str:
     return uri
 
 
+def bag_uri(uri: str) -> str:
+    """The URI as it is. Raises ValueError for one that no job may read a recording from."""
+    return _bag_uri(_known_uri(uri))
+
+
 def _writable_uri(uri: str) -> str:
     if uri.startswith("https://"):
         raise ValueError(
@@ -119,6 +124,16 @@ def _any_duration(text: str) -> str:
     return text
 
 
+def _receiver_name(name: str) -> str:
+    if not re.fullmatch(r"[a-z0-9]([-a-z0-9]{0,38}[a-z0-9])?", name):
+        # It may be an address by mistake, and such an address a secret.
+        raise ValueError(
+            "notify names receivers, never addresses: write a name of lower-case letters, digits"
+            " and hyphens, for example team-slack"
+        )
+    return name
+
+
 def _absolute_name(name: str) -> str:
     if not name.startswith("/"):
         raise ValueError(f"{name!r} must begin with a slash: write /{name}")
@@ -127,6 +142,7 @@ def _absolute_name(name: str) -> str:
 
 BagUri = Annotated[str, AfterValidator(_known_uri), AfterValidator(_bag_uri)]
 OutputUri = Annotated[str, AfterValidator(_known_uri), AfterValidator(_writable_uri)]
+ReceiverName = Annotated[str, AfterValidator(_receiver_name)]
 SecretName = Annotated[str, AfterValidator(_secret_name)]
 TopicPattern = Annotated[str, AfterValidator(_topic_pattern)]
 NodeName = Annotated[str, AfterValidator(_node_name)]

@@ -13,6 +13,8 @@ COMPLETE = "Complete"
 FAILED = "Failed"
 SUSPENDED = "Suspended"
 PASSED = "Passed"
+BASELINE_FOUND = "BaselineFound"
+NOTIFIED = "Notified"
 
 ENDS = (COMPLETE, FAILED)
 

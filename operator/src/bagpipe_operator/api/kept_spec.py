@@ -9,6 +9,7 @@ import json
 from typing import Any
 
 from bagpipe_operator.api import readings
+from bagpipe_operator.receivers import MOST_NAMED
 
 Json = dict[str, Any]
 
@@ -16,6 +17,7 @@ Json = dict[str, Any]
 LARGEST_KEPT_BYTES = 8 << 10
 # The longest text that a field can have by which the operator decides: a name or a duration.
 _LONGEST_TEXT = 256
+_LONGEST_NAME = 63  # of a receiver
 
 
 def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
@@ -28,10 +30,15 @@ def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
 
 
 def what_decides(spec: Json, fields: frozenset[str] | None = None) -> Json:
-    """Those scalars of a job's spec, and how many executors it wants."""
+    """Those scalars of a job's spec, how many executors it wants, what its baseline follows, and whom
+    it wants notified."""
     executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
-    wanted = {} if executors is None else {"spark": {"executors": executors}}
-    return scalars(spec, fields) | wanted
+    wanted: Json = {} if executors is None else {"spark": {"executors": executors}}
+    followed = scalars(readings.mapping(spec.get("baseline")), frozenset({"lastPassed"}))
+    baseline: Json = {"baseline": followed} if followed else {}
+    names = [name for name in readings.texts(spec.get("notify")) if len(name) <= _LONGEST_NAME]
+    notify: Json = {"notify": names[:MOST_NAMED]} if names else {}
+    return scalars(spec, fields) | wanted | baseline | notify
 
 
 def _is_small(value: object) -> bool:

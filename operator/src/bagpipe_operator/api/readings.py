@@ -98,8 +98,30 @@ def _records(value: object) -> list[Json] | None:
     return objects(value) if isinstance(value, list) else None
 
 
+def texts(value: object) -> list[str]:
+    """The texts of a list; none for anything else."""
+    return [each for each in value if isinstance(each, str)] if isinstance(value, list) else []
+
+
 def _texts(value: object) -> list[str] | None:
-    return [each for each in value if isinstance(each, str)] if isinstance(value, list) else None
+    return texts(value) if isinstance(value, list) else None
+
+
+# What is kept of a status' notifications: more than a job can have, and not what anybody may write.
+_MOST_NOTIFICATIONS = 32
+_LONGEST_TEXT = 1024
+_OF_ONE = ("receiver", "state", "time", "message")
+
+
+def _notifications(value: object) -> list[Json] | None:
+    """Those with a receiver and a state."""
+    if not isinstance(value, list):
+        return None
+    read = [
+        {key: each[key][:_LONGEST_TEXT] for key in _OF_ONE if isinstance(each.get(key), str)}
+        for each in objects(value)[:_MOST_NOTIFICATIONS]
+    ]
+    return [each for each in read if "receiver" in each and "state" in each]
 
 
 def _attempt(value: object) -> int | None:
@@ -117,6 +139,7 @@ _FIELDS: dict[str, Reading] = {
     "activeCount": whole,
     "active": _texts,
     "attempt": _attempt,
+    "baseline": lambda value: mapping(value) or None,
     "cases": _counts,
     "comparisons": _records,
     "completionTime": _moment_text,
@@ -124,12 +147,15 @@ _FIELDS: dict[str, Reading] = {
     "driver": _text,
     "failures": _records,
     "firstCaseTime": _moment_text,
+    "lastPassed": lambda value: mapping(value) or None,
+    "lastPassedTime": _moment_text,
     "lastScheduleTime": _moment_text,
     "lastSuccessfulTime": _moment_text,
     "ledger": _counts,
     "lostDrivers": _lost,
     "nextAttemptTime": _moment_text,
     "nextScheduleTime": _moment_text,
+    "notifications": _notifications,
     "observedGeneration": whole,
     "phase": _text,
     "results": _text,

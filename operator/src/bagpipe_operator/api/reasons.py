@@ -21,6 +21,12 @@ PASSED = "Passed"
 REGRESSED = "Regressed"
 NO_VERDICT = "NoVerdict"
 
+# Whether receivers were notified of a job's end.
+RECEIVER_UNKNOWN = "ReceiverUnknown"
+NOTIFYING = "Notifying"
+NOTIFIED = "Notified"
+NOTIFICATION_LOST = "NotificationLost"
+
 # Stopped and going on again.
 NOT_SUSPENDED = "NotSuspended"
 SUSPENDING = "Suspending"
@@ -34,6 +40,11 @@ GOES_ON = frozenset({JOB_RESUMED, ADMITTED})
 DEADLINE_EXCEEDED = "DeadlineExceeded"
 START_DEADLINE_EXCEEDED = "StartDeadlineExceeded"
 RESUME_REFUSED = "ResumeRefused"
+
+# What spec.baseline.lastPassed is.
+LAST_PASSED = "LastPassed"
+NO_BASELINE_YET = "NoBaselineYet"
+BASELINE_REFUSED = "BaselineRefused"
 
 # The job's children could not be created.
 SPEC_INVALID = "SpecInvalid"

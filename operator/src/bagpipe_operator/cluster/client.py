@@ -79,6 +79,12 @@ class Api(Protocol):
     async def get_job(self, namespace: str, name: str) -> Json:
         """One SimulationJob."""
 
+    async def get_schedule(self, namespace: str, name: str) -> Json:
+        """One SimulationSchedule."""
+
+    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+        """The SimulationJobs with a label, written `key=value`, without their specs."""
+
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
         """Deletes a SimulationJob if it still is the one with that UID, and unchanged.
 
@@ -150,7 +156,6 @@ class KubernetesApi:
         await self._call("POST", path, manifest)
 
     async def list_jobs(self, namespace: str, label: str) -> list[Json]:
-        """The SimulationJobs with a label, written `key=value`, without their specs."""
         path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"
         return [trimmed(item) async for item in self._listed(path)]
 
@@ -190,7 +195,6 @@ class KubernetesApi:
         )
 
     async def get_schedule(self, namespace: str, name: str) -> Json:
-        """One SimulationSchedule."""
         return await self._call("GET", self._path(namespace, names.SCHEDULE_PLURAL, name))
 
     async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:

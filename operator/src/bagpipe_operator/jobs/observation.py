@@ -44,6 +44,7 @@ class Observation:
     halt: Halt | None = None
     alive: tuple[PodView, ...] = ()  # of all attempts
     resumed_from: Json | None = None
+    baseline: Json | None = None
     kueue: bool = False  # whether jobs wait for their queues
 
     @property

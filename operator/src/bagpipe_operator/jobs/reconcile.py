@@ -15,6 +15,7 @@ from bagpipe_operator.api import names, readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs import transitions
+from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
@@ -23,8 +24,10 @@ from bagpipe_operator.jobs.kueue.queueing import Queueing
 from bagpipe_operator.jobs.observation import Halt, Observation
 from bagpipe_operator.jobs.pods.children import create_children
 from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpecError, read_spec
+from bagpipe_operator.jobs.pods.pinned import followed_schedule, pinned_baseline
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.policies.halt import halt_as_seen, halt_of
+from bagpipe_operator.jobs.policies.last_passed import CannotCompareError, find_last_passed
 from bagpipe_operator.jobs.policies.places import living, needs_stop
 from bagpipe_operator.jobs.policies.replacement import pausing
 from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
@@ -72,6 +75,7 @@ class Reconciler:
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
     queueing: Queueing | None = None
+    announcer: Announcer = field(default_factory=Announcer)
     _patience: Patience = field(init=False)
     _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
@@ -97,6 +101,7 @@ class Reconciler:
         self._unanswered.clear()
         if self.queueing is not None:
             self.queueing.begin_to_lead()
+        self.announcer.begin_to_lead()
         self._recorder.begin_to_lead(job.uid for job in self.view.jobs())
 
     async def reconcile(self, uid: str) -> None:
@@ -106,6 +111,7 @@ class Reconciler:
             self._forget(uid)  # its children go by their ownerReferences
             self._unanswered.pop(uid, None)
             self._recorder.forget(uid)
+            self.announcer.forget(uid)
             if self.queueing is not None:
                 self.queueing.gone(uid)
             return
@@ -118,13 +124,15 @@ class Reconciler:
         else:
             job = await self._write(job, acknowledged(job))
         if job is not None and job.finished:
+            self.announcer.announce(job)
             await self._stop_leftovers(job)
             self._forget(uid)
         if job is not None:
             await self._recorder.write(job, self.now())
         if job is not None and self.queueing is not None:
             await self.queueing.settle(job)
-        if job is not None and job.finished and expired(job, self.now()):
+        kept = job is None or not job.finished or self.announcer.owes(job)
+        if job is not None and not kept and expired(job, self.now()):
             await self._remove(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
@@ -159,8 +167,8 @@ class Reconciler:
         attempt = int(job.status.get("attempt") or 1)
         if halt is None and job.suspended:
             return Observation(job, attempt)  # the status first states that there may be pods again
-        if halt is None and job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
-            return await self._resumed(job, attempt)
+        if halt is None and (looked_up := await self._looked_up(job, attempt)) is not None:
+            return looked_up
         driver = self.view.driver(job.uid, attempt)
         refusal: Refusal | None = None
         ending: Ending | None = None
@@ -182,6 +190,14 @@ class Reconciler:
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
+    async def _looked_up(self, job: JobView, attempt: int) -> Observation | None:
+        """The earlier jobs that this one depends on, one at a time; None when they are written."""
+        if job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
+            return await self._resumed(job, attempt)
+        if followed_schedule(job) and pinned_baseline(job) is None:
+            return await self._compared(job, attempt)
+        return None
+
     async def _resumed(self, job: JobView, attempt: int) -> Observation:
         """Where to go on from; it is written before there is a driver, since the old job may go."""
         try:
@@ -192,6 +208,13 @@ class Reconciler:
         except CannotResumeError as error:
             return Observation(job, attempt, ending=_refused(reasons.RESUME_REFUSED, error))
         return Observation(job, attempt, resumed_from=earlier)
+
+    async def _compared(self, job: JobView, attempt: int) -> Observation:
+        """With what; it is written before there is a driver, so that all of them go by it."""
+        try:
+            return Observation(job, attempt, baseline=await find_last_passed(self.api, job))
+        except CannotCompareError as error:
+            return Observation(job, attempt, ending=_refused(reasons.BASELINE_REFUSED, error))
 
     async def _observation(
         self,
@@ -334,6 +357,7 @@ class Reconciler:
 
     async def _write(self, job: JobView, status: Json) -> JobView | None:
         """Writes what changed, then reports it; the job as it is now, None when it is gone."""
+        status = self.announcer.with_notifications(job, status, self.now())
         changed = {key: value for key, value in status.items() if job.status.get(key) != value}
         changed |= {key: None for key in job.status if key not in status}
         if not changed:

@@ -4,6 +4,7 @@ Levels, not edges: the same observation always gives the same status, so a lost 
 restart of the operator changes nothing.
 """
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 
 from bagpipe_operator.api import conditions, reasons
@@ -12,6 +13,7 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.observation import Halt, Observation
+from bagpipe_operator.jobs.pods.pinned import none_yet, pinned_baseline
 from bagpipe_operator.jobs.policies import verdict
 from bagpipe_operator.jobs.policies.replacement import (
     lost_drivers,
@@ -86,6 +88,8 @@ def _noted(seen: Observation, now: datetime) -> Json:
         status["driver"] = seen.driver.name
     if seen.resumed_from is not None:
         status["resumedFrom"] = seen.resumed_from
+    if seen.baseline is not None:
+        status["baseline"] = seen.baseline
     progress = (seen.ending.progress if seen.ending else None) or seen.progress
     if progress is not None:
         status.pop("verdict", None)
@@ -97,9 +101,26 @@ def _noted(seen: Observation, now: datetime) -> Json:
 
 def _with(seen: Observation, status: Json, wanted: list[Condition], now: datetime) -> Json:
     status["conditions"] = conditions.merged(
-        seen.job.status.get("conditions") or [], wanted, seen.job.generation, now
+        seen.job.status.get("conditions") or [],
+        [*wanted, *_baseline(replace(seen.job, status=status))],
+        seen.job.generation,
+        now,
     )
     return status
+
+
+def _baseline(job: JobView) -> list[Condition]:
+    """Of a job that follows a schedule, whether there is a run of it to be compared with."""
+    pinned = pinned_baseline(job)
+    if pinned is None:
+        return []
+    schedule, name = pinned["schedule"], pinned["job"]
+    if not name:
+        words = none_yet(schedule)
+        words = f"{words[0].upper()}{words[1:]}."
+        return [Condition(conditions.BASELINE_FOUND, False, reasons.NO_BASELINE_YET, words)]
+    words = f"The job is compared with {name}, the last job of the schedule {schedule} that passed."
+    return [Condition(conditions.BASELINE_FOUND, True, reasons.LAST_PASSED, words)]
 
 
 def _stopping(seen: Observation, halt: Halt, now: datetime) -> Json:

@@ -57,8 +57,9 @@ def _same(known: Json | None, condition: Json) -> bool:
 def _worth(condition: Json) -> str | None:
     true = condition["status"] == "True"
     match condition["type"]:
-        case conditions.FAILED:
-            return WARNING if true else None
+        case conditions.FAILED | conditions.NOTIFIED as kind:
+            wrong = "True" if kind == conditions.FAILED else "False"
+            return WARNING if condition["status"] == wrong else None
         case conditions.RUNNING if condition["reason"] in reasons.TROUBLES:
             return WARNING
         case conditions.RUNNING if not true:
@@ -69,7 +70,8 @@ def _worth(condition: Json) -> str | None:
             return NORMAL if condition["reason"] in reasons.GOES_ON else None
         case kind:
             # Complete and Failed have reported what Passed says.
-            return NORMAL if true and kind != conditions.PASSED else None
+            reported = kind == conditions.BASELINE_FOUND or (true and kind != conditions.PASSED)
+            return NORMAL if reported else None
 
 
 def manifest(job: JobView, note: Note, now: datetime) -> Json:

@@ -205,7 +205,8 @@ class JobView:
     def kept(self) -> "JobView":
         """The job with as much of its spec as is kept until the next visit."""
         if self.finished:
-            return replace(self, spec=scalars(self.spec, _OF_ENDED), marks={}, packed=b"")
+            marks = _few(self.marks) if self.status.get("notifications") else {}
+            return replace(self, spec=scalars(self.spec, _OF_ENDED), marks=marks, packed=b"")
         decides = what_decides(self.spec, _OF_UNFINISHED)
         entire = self.packed
         if entire is None:
@@ -230,6 +231,17 @@ class JobView:
             packed=b"" if TRIMMED in job else None,
             large=is_large(job),
         )
+
+
+# How much of an ended job's marks is kept for those who are notified of its end.
+_MOST_MARKS, _LONGEST_MARK = 16, 253
+
+
+def _few(marks: Json) -> Json:
+    return {
+        kind: {k: v[:_LONGEST_MARK] for k, v in list(found.items())[:_MOST_MARKS] if len(k) <= 317}
+        for kind, found in marks.items()
+    }
 
 
 # What an ended job's spec still decides: whether it is removed some time.

@@ -25,14 +25,8 @@ class FencedScheduleApi(FencedApi):
     async def try_job(self, manifest: Json) -> None:
         await self._whole.try_job(manifest)
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
-        return await self._whole.list_jobs(namespace, label)
-
     async def delete_job(self, namespace: str, name: str, uid: str) -> None:
         await self._leading(lambda: self._whole.delete_job(namespace, name, uid))
-
-    async def get_schedule(self, namespace: str, name: str) -> Json:
-        return await self._whole.get_schedule(namespace, name)
 
     async def patch_schedule_status(self, namespace: str, name: str, patch: Json) -> Json:
         return await self._leading(

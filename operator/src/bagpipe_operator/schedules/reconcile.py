@@ -179,7 +179,8 @@ class ScheduleReconciler:
                         await self._delete(job)
                     refused = await self._start(schedule, decision.run)
             started = "" if refused else job_name(schedule.name, decision.run)
-        return Outcome(decision, self.view.jobs(schedule.uid), started, refused)
+        jobs, passed = self.view.jobs(schedule.uid), self.view.last_passed(schedule.uid)
+        return Outcome(decision, jobs, started, refused, passed)
 
     async def _tried(self, schedule: ScheduleView, run: datetime) -> Refused | None:
         """Why the run's job would be refused: what works is not replaced by what can't.

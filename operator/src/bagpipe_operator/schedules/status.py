@@ -6,6 +6,7 @@ from datetime import datetime
 from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.api.runs import PassedRun, kept_run
 from bagpipe_operator.cluster.events import NORMAL, WARNING, Note
 from bagpipe_operator.schedules.decide import MISSED_LIMIT, Decision, Verdict, written_run
 from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, job_name
@@ -39,6 +40,7 @@ class Outcome:
     jobs: tuple[ScheduledJob, ...]  # afterwards
     started: str = ""  # the job's name
     refused: Refused | None = None
+    passed: PassedRun | None = None  # the latest that was seen, its job gone or not
 
 
 def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
@@ -49,6 +51,7 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
     moments = {
         "lastScheduleTime": last_run,
         "lastSuccessfulTime": _last_success(schedule, outcome.jobs),
+        "lastPassedTime": _last_passed(schedule, outcome.jobs),
         "nextScheduleTime": decision.next_run,
     }
     status: Json = {
@@ -62,6 +65,9 @@ def status_of(schedule: ScheduleView, outcome: Outcome, now: datetime) -> Json:
             now,
         ),
     }
+    passed = [run for run in (outcome.passed, kept_run(schedule.status)) if run is not None]
+    if passed:
+        status["lastPassed"] = max(passed).as_status()
     return status | {k: conditions.timestamp(v) for k, v in moments.items() if v is not None}
 
 
@@ -225,3 +231,10 @@ def _last_success(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> dat
     if written is not None:
         ends.append(written)
     return max(ends, default=None)
+
+
+def _last_passed(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> datetime | None:
+    """The same of one whose verdict is Passed."""
+    ends = [job.completed for job in jobs if job.passed and job.completed is not None]
+    written = readings.moment(schedule.status.get("lastPassedTime"))
+    return max(ends if written is None else [*ends, written], default=None)

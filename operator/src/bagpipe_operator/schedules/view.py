@@ -5,12 +5,13 @@ Fed by watches, so it may lag; before a job is started the API server itself is 
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import datetime
 
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.kept_spec import scalars
 from bagpipe_operator.api.nesting import DEEPEST, bounded
 from bagpipe_operator.api.objects import Json, is_older
+from bagpipe_operator.api.runs import PassedRun, controller_of, passed_run, run_of
 from bagpipe_operator.cluster.large_objects import is_large
 
 
@@ -59,6 +60,19 @@ class ScheduleView:
 
 
 @dataclass(frozen=True)
+class Result:
+    """What a job that has ended came to."""
+
+    verdict: str  # Passed, Failed, Invalid, or Errored where it could not be run
+    seconds: float  # from its start to its end
+    cases: tuple[tuple[str, int], ...]  # by state, in the order of CASE_STATES
+
+
+# Of the last job of a schedule; flaky ones are those of its comparison.
+CASE_STATES = ("passed", "failed", "invalid", "errored", "regressed", "flaky", "quarantined")
+
+
+@dataclass(frozen=True)
 class ScheduledJob:
     """A SimulationJob that a schedule made."""
 
@@ -71,6 +85,8 @@ class ScheduledJob:
     complete: bool = False
     failed: bool = False
     completed: datetime | None = None
+    passed: PassedRun | None = None
+    result: Result | None = None  # of one that has ended
     resource_version: str = field(default="", compare=False)
 
     @property
@@ -78,38 +94,54 @@ class ScheduledJob:
         """Whether it has ended, well or not."""
         return self.complete or self.failed
 
+    @property
+    def passed(self) -> bool:
+        """Whether it has ended with the verdict Passed."""
+        return self.result is not None and self.result.verdict == "Passed"
+
     @classmethod
     def from_object(cls, job: Json) -> "ScheduledJob":
         """A job as the API server sends it."""
         meta, status = job["metadata"], readings.status(job.get("status"))
-        owners = meta.get("ownerReferences") or []
         true = {c.get("type") for c in status.get("conditions") or [] if c.get("status") == "True"}
         return cls(
             namespace=meta["namespace"],
             name=meta["name"],
             uid=meta["uid"],
-            schedule_uid=next((o["uid"] for o in owners if o.get("controller")), ""),
+            schedule_uid=controller_of(job),
             run=run_of(meta["name"]),
             deleting=bool(meta.get("deletionTimestamp")),
             complete="Complete" in true,
             failed="Failed" in true,
             completed=readings.moment(status.get("completionTime")),
+            passed=passed_run(meta["name"], status),
+            # Of one that runs it would change all the time, and nobody goes by it.
+            result=_result(status, "Complete" in true) if true & {"Complete", "Failed"} else None,
             resource_version=str(meta.get("resourceVersion") or ""),
         )
+
+
+def _result(status: Json, complete: bool) -> Result:
+    verdict = str(status.get("verdict") or "")
+    if not complete:
+        verdict = "Errored"
+    elif verdict not in {"Passed", "Failed"}:
+        verdict = "Invalid"
+    begun = readings.moment(status.get("startTime"))
+    ended = readings.moment(status.get("completionTime"))
+    seconds = (ended - begun).total_seconds() if begun and ended else 0.0
+    counts = status.get("cases") or {}
+    comparisons = status.get("comparisons") or []
+    flaky = sum(readings.whole(each.get("flaky")) or 0 for each in comparisons)
+    cases = counts | {"flaky": flaky}
+    return Result(
+        verdict, max(0.0, seconds), tuple((state, cases.get(state, 0)) for state in CASE_STATES)
+    )
 
 
 def job_name(schedule: str, run: datetime) -> str:
     """The name of the job of one run: the same whoever makes it, so nobody makes it twice."""
     return f"{schedule}-{int(run.timestamp()) // 60}"
-
-
-def run_of(name: str) -> datetime | None:
-    """The moment that a job of this name was made for; None for a name of another shape."""
-    _, _, minutes = name.rpartition("-")
-    # Ten digits of minutes are twenty thousand years, which datetime does not know.
-    if not minutes.isdecimal() or not minutes.isascii() or len(minutes) > 9:
-        return None
-    return datetime.fromtimestamp(int(minutes) * 60, UTC)
 
 
 class Schedules:
@@ -118,6 +150,8 @@ class Schedules:
     def __init__(self) -> None:
         self._schedules: dict[str, ScheduleView] = {}
         self._jobs: dict[str, dict[str, ScheduledJob]] = {}
+        # A job that passed may be gone before its schedule is looked at, as by ttlAfterFinished.
+        self._passed: dict[str, PassedRun] = {}
 
     def schedule(self, uid: str) -> ScheduleView | None:
         """The schedule, or None when it is gone or was never seen."""
@@ -157,6 +191,11 @@ class Schedules:
         """Forgets a schedule that is gone, and its jobs, which go with it."""
         self.drop_schedule(uid)
         self._jobs.pop(uid, None)
+        self._passed.pop(uid, None)
+
+    def last_passed(self, uid: str) -> PassedRun | None:
+        """The latest of a schedule's runs that was seen to have passed."""
+        return self._passed.get(uid)
 
     def jobs(self, uid: str) -> tuple[ScheduledJob, ...]:
         """A schedule's jobs, the earliest run first."""
@@ -175,6 +214,9 @@ class Schedules:
             return False
         changed = known != job
         jobs[job.name] = job
+        if job.passed is not None:
+            before = self._passed.get(job.schedule_uid, job.passed)
+            self._passed[job.schedule_uid] = max(before, job.passed)
         return changed
 
     def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:

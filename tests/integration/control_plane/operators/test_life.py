@@ -3,8 +3,10 @@
 import pytest
 from embedded.api import ApiError
 
+from bagpipe_operator.api import names
 from tests.integration.control_plane.client import Client, Object, core, jobs
 from tests.integration.control_plane.conftest import StartOperator
+from tests.integration.control_plane.due_schedules import a_schedule, schedules
 from tests.integration.control_plane.fake_kubelet import FakeKubelet
 from tests.integration.control_plane.observe import a_job
 from tests.unit.operator.builders import account
@@ -217,6 +219,68 @@ def test_a_job_goes_on_from_another(
     world.create("third", resumeFrom="nobody")
     status = world.await_reported("third", "Failed", "True/ResumeRefused")
     assert {"startTime", "completionTime"} <= set(status)
+
+
+def a_run_that_passed(world: Jobs, name: str) -> None:
+    """A job of the schedule `nightly`, which another operator has brought to its end."""
+    schedule = world.admin.get(schedules(world.namespace, "nightly"))
+    job = a_job(name)
+    job["metadata"] |= {
+        "labels": {names.LABEL_SCHEDULE: "nightly"},
+        "ownerReferences": [
+            names.owner_reference("nightly", schedule["metadata"]["uid"], names.SCHEDULE_KIND)
+        ],
+    }
+    job["spec"]["managedBy"] = "example.com/other"
+    world.admin.create(jobs(world.namespace), job)
+    status = {
+        "results": f"pvc://archive/{name}",
+        "conditions": [
+            {"type": kind, "status": "True", "reason": "Passed", "message": "It has.",
+             "lastTransitionTime": "2026-11-20T04:00:00Z"}
+            for kind in ("Complete", "Passed")
+        ],
+    }  # fmt: skip
+    world.admin.merge(jobs(world.namespace, name) + "/status", {"status": status})
+
+
+def test_a_job_is_compared_with_the_last_run_of_a_schedule_that_passed(
+    world: Jobs, operator_process: StartOperator
+) -> None:
+    operator_process()
+    follows = {"lastPassed": "schedule/nightly"}
+    world.create("typo", baseline=follows)
+    status = world.await_reported("typo", "Failed", "True/BaselineRefused")
+    assert {"startTime", "completionTime"} <= set(status)
+    world.admin.create(schedules(world.namespace), a_schedule(suspend=True))
+    world.create("first", baseline=follows)
+    status = world.await_reported("first", "Accepted", "True/DriverCreated")
+    assert world.stated_in(status, "BaselineFound") == "False/NoBaselineYet"
+    assert status["baseline"] == {"schedule": "nightly"}
+    a_run_that_passed(world, "nightly-29914710")
+    kept = {
+        "job": "nightly-29914710", "results": "pvc://archive/nightly-29914710",
+        "scheduleTime": "2026-11-17T02:30:00Z",
+    }  # fmt: skip
+    nightly = schedules(world.namespace, "nightly")
+    wait_until(
+        lambda: world.admin.get(nightly).get("status", {}).get("lastPassed") == kept,
+        SECONDS, "the schedule does not keep its last run that passed",
+    )  # fmt: skip
+    world.admin.delete(jobs(world.namespace, "nightly-29914710"))
+    world.create("second", baseline=follows)
+    status = world.await_reported("second", "Accepted", "True/DriverCreated")
+    assert world.stated_in(status, "BaselineFound") == "True/LastPassed"
+    assert status["baseline"] == {"schedule": "nightly"} | kept
+    assert world.get("first")["status"]["baseline"] == {"schedule": "nightly"}
+    pod = world.admin.get(core(world.namespace, "pods", "second-1-driver"))
+    claims = [v["persistentVolumeClaim"]["claimName"] for v in pod["spec"]["volumes"]
+              if "persistentVolumeClaim" in v]  # fmt: skip
+    assert "archive" in claims
+    assert "LastPassed" in world.events("second")
+    for bad in ({}, follows | {"results": "pvc://results/x"}, {"lastPassed": "nightly"}):
+        with pytest.raises(ApiError, match=r"baseline"):
+            world.create("bad", baseline=bad)
 
 
 def test_a_lost_driver_is_replaced_after_ten_seconds(

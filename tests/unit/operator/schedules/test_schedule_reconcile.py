@@ -10,10 +10,11 @@ import pytest
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import is_deep
+from bagpipe_operator.api.runs import run_of
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.runtime.queue import WorkQueue
 from bagpipe_operator.schedules.alarms import Alarms
-from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView, run_of
+from bagpipe_operator.schedules.view import ScheduledJob, ScheduleView
 from tests.unit.operator.schedules.world import (
     UID,
     World,
@@ -580,3 +581,26 @@ async def test_of_large_schedules_one_is_started_at_a_time() -> None:
     runs = [replace(decision, run=minute(n)) for n in range(5, 9)]
     await asyncio.gather(*(world.reconciler._carried_out(small, each) for each in runs))
     assert (most, len(world.names)) == (4, 8)
+
+
+async def test_a_run_that_passed_is_known_though_its_job_was_removed_at_once() -> None:
+    """As by ttlAfterFinished: 0s, or as the history's limit does."""
+    world = World(successfulJobsHistoryLimit=0)
+    await world.at(1)
+    ended = make_job(name_of(1), "Complete")
+    ended["status"]["conditions"].append({"type": "Passed", "status": "True"})
+    ended["status"]["results"] = "pvc://results/1"
+    job = ScheduledJob.from_object(ended)
+    world.view.put_job(job)
+    world.view.drop_job(job)
+    del world.api.jobs[name_of(1)]
+    await world.at(2)
+    assert world.status["lastPassed"] == {
+        "job": name_of(1), "results": "pvc://results/1", "scheduleTime": "2026-11-20T04:01:00Z",
+    }  # fmt: skip
+    await world.at(2, seconds=5)
+    world.end(name_of(2), "Complete")  # without the condition Passed
+    world.restart()
+    await world.at(2, seconds=9)
+    assert name_of(2) not in world.names
+    assert world.status["lastPassed"]["job"] == name_of(1)

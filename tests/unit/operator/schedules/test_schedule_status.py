@@ -7,6 +7,7 @@ import pytest
 
 from bagpipe_operator.api.conditions import timestamp
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.api.runs import PassedRun
 from bagpipe_operator.schedules.cron import UnusableScheduleError
 from bagpipe_operator.schedules.decide import Decision, Verdict
 from bagpipe_operator.schedules.status import Outcome, Refused, notes_of, status_of
@@ -275,3 +276,28 @@ def test_a_schedule_without_a_last_run_reports_no_job_from_before_it() -> None:
     assert [mark for _, _, mark in notes(schedule(), found)] == [
         f"Start {timestamp(minute(count))}" for count in (1, 2)
     ]
+
+
+def passed(count: int) -> PassedRun:
+    return PassedRun(minute(count), name_of(count), f"pvc://results/{name_of(count)}")
+
+
+def kept(status: Json) -> str:
+    return str((status_of(schedule(status=status), outcome(), NOW).get("lastPassed") or {})["job"])
+
+
+def test_the_latest_run_that_passed_is_kept_when_its_job_is_gone() -> None:
+    seen = Outcome(Decision(Verdict.NOTHING_DUE), (), passed=passed(3))
+    status = status_of(schedule(), seen, NOW)
+    assert status["lastPassed"] == {
+        "job": name_of(3), "results": f"pvc://results/{name_of(3)}",
+        "scheduleTime": "2026-11-20T04:03:00Z",
+    }  # fmt: skip
+    assert kept({"lastPassed": status["lastPassed"]}) == name_of(3)
+    earlier = Outcome(Decision(Verdict.NOTHING_DUE), (), passed=passed(2))
+    again = status_of(schedule(status={"lastPassed": status["lastPassed"]}), earlier, NOW)
+    assert again["lastPassed"]["job"] == name_of(3)
+    later = Outcome(Decision(Verdict.NOTHING_DUE), (), passed=passed(4))
+    again = status_of(schedule(status={"lastPassed": status["lastPassed"]}), later, NOW)
+    assert again["lastPassed"]["job"] == name_of(4)
+    assert "lastPassed" not in status_of(schedule(), outcome(), NOW)

@@ -23,11 +23,11 @@ use crate::verbs::slice;
     after_help = "The way of a case:\n  \
         1. An init container runs `install`, which puts this binary onto a shared volume.\n  \
         2. The user's own image runs `serve` from there; `ready` is its startup probe.\n  \
-        3. A Spark worker writes a bag and a case into slots/N/to-agent; the agent starts a\n     \
-           rosmaster and the user's command, plays, records, proves the delivery and\n     \
-           answers through slots/N/from-agent.\n\n\
-        The image needs a rosmaster (package python3-rosmaster or ros-noetic-rosmaster) and\n\
-        the user's nodes; nothing of Bagpipe. For cases of the engine `exec` it needs only the\n\
+        3. A Spark worker writes a bag and a case into slots/N/to-agent; the agent\n     \
+           serves a ROS master, starts the user's command, plays, records, proves the\n     \
+           delivery and answers through slots/N/from-agent.\n\n\
+        The image needs the user's nodes, and nothing of Bagpipe; a rosmaster (package\n\
+        python3-rosmaster or ros-noetic-rosmaster) only with stack.ros1.master: image. For cases of the engine `exec` it needs only the\n\
         user's program, which gets the frames on stdin and answers with frames on stdout."
 )]
 pub struct Cli {

@@ -71,8 +71,8 @@ fn the_rosmaster_is_not_the_stack() {
         return;
     }
     let agent = Agent::start(1);
-    for _ in 0..2 {
-        let (result, _) = agent.run(0, agent.case(NODE, &[]), &chatter(20)).result();
+    for case in [agent.case(NODE, &[]), agent.case_with_rosmaster(NODE)] {
+        let (result, _) = agent.run(0, case, &chatter(20)).result();
         let stderr = at(&result, "stack.stderr").as_array().unwrap();
         let line = stderr.iter().filter_map(|line| line.as_str()).find(|l| l.starts_with("used "));
         let used: Vec<f64> =

@@ -7,7 +7,7 @@ use dxr::{MethodCall, MethodResponse};
 
 use crate::frames::{Frame, Frames};
 use crate::header::ConnectionHeader;
-use crate::{RosError, Value, http, pages, slave, xmlrpc};
+use crate::{RosError, Value, calls, http, pages, xmlrpc};
 
 /// A whole connection header, its length before it.
 ///
@@ -50,7 +50,7 @@ pub fn read_page_request(stream: &mut impl Read) -> Option<(String, String)> {
 /// # Errors
 /// The sentence of what is wrong.
 pub fn read_call(xml: &str) -> Result<(String, Vec<Value>), String> {
-    slave::parse(xml)
+    calls::parse(xml)
 }
 
 /// The XML of a call.

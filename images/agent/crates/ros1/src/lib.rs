@@ -13,7 +13,8 @@
 //!
 //! [`Ros1`] puts it behind the seam of `bagpipe-graph`, whose words it uses.
 //!
-//! It is not a general client library: no services, no UDPROS, no message classes.
+//! It is not a general client library: no services, no UDPROS, no message classes. [`Rosmaster`]
+//! is the other side of the [Master API], and of the Parameter Server's.
 //! [`Pages`] is not ROS: a small web server over the HTTP of the slave API.
 //!
 //! [Master API]: https://wiki.ros.org/ROS/Master_API
@@ -22,6 +23,7 @@
 //! [connection header]: https://wiki.ros.org/ROS/Connection%20Header
 
 mod audit;
+mod calls;
 mod clock;
 mod error;
 mod frames;
@@ -38,6 +40,7 @@ mod node;
 mod pages;
 mod peer_queue;
 mod publisher;
+mod rosmaster;
 mod slave;
 mod sockets;
 mod stamp;
@@ -50,6 +53,7 @@ pub use master::Master;
 pub use middleware::Ros1;
 pub use node::Node;
 pub use pages::{Page, Pages};
+pub use rosmaster::Rosmaster;
 pub use value::Value;
 
 /// The largest message accepted, in bytes. roscpp refuses anything above as well.

@@ -3,42 +3,18 @@
 use bagpipe_graph::Publication as _;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use dxr::{Fault, FaultResponse, MethodCall, MethodResponse};
-
 use crate::Value;
+use crate::calls::{self, Answer};
 use crate::node::Graph;
-use crate::xmlrpc::no_xml_rpc;
 
 /// Answers one XML-RPC call.
 pub(crate) fn answer(graph: &Graph, body: &str) -> String {
-    let (name, params) = match parse(body) {
-        Ok(call) => call,
-        Err(why) => return fault(&format!("this is not an XML-RPC call: {why}")),
-    };
-    let Some((message, value)) = dispatch(graph, &name, &params) else {
-        return fault(&format!("the method {name} does not exist here"));
-    };
-    let (code, value) = match value {
-        Ok(value) => (1, value),
-        Err(()) => (0, Value::Int(0)),
-    };
-    let triple = Value::List(vec![Value::Int(code), Value::String(message), value]);
-    match triple.to_wire().map(|value| MethodResponse { value }.to_xml()) {
-        Ok(Ok(xml)) => format!("<?xml version=\"1.0\"?>\n{xml}"),
-        Ok(Err(error)) => fault(&error.to_string()),
-        Err(error) => fault(&error.to_string()),
-    }
+    calls::answer(body, |method, params| dispatch(graph, method, &params))
 }
 
-/// A call's method and parameters, or what is wrong.
-pub(crate) fn parse(body: &str) -> Result<(String, Vec<Value>), String> {
-    let call = MethodCall::from_xml(body).map_err(|error| no_xml_rpc(&error))?;
-    Ok((call.name.into_owned(), call.params.into_iter().map(Value::from_wire).collect()))
-}
-
-/// The message and the value, or the refusal (`Err`) of a method; `None` if there is none.
-fn dispatch(graph: &Graph, method: &str, params: &[Value]) -> Option<(String, Result<Value, ()>)> {
-    let fine = |value: Value| Some((String::new(), Ok(value)));
+/// `None` if there is no such method.
+fn dispatch(graph: &Graph, method: &str, params: &[Value]) -> Option<Answer> {
+    let fine = |value: Value| Some(Answer::Fine(String::new(), value));
     match method {
         "getBusStats" => fine(bus_stats(graph)),
         "getBusInfo" => fine(bus_info(graph)),
@@ -68,10 +44,11 @@ fn dispatch(graph: &Graph, method: &str, params: &[Value]) -> Option<(String, Re
     }
 }
 
-fn request_topic(graph: &Graph, params: &[Value]) -> (String, Result<Value, ()>) {
+fn request_topic(graph: &Graph, params: &[Value]) -> Answer {
+    let refused = |why: String| Answer::Refused(0, why, Value::Int(0));
     let topic = params.get(1).and_then(Value::as_str).unwrap_or_default();
     if graph.publication(topic).is_none() {
-        return (format!("{topic} is not published by {}", graph.name), Err(()));
+        return refused(format!("{topic} is not published by {}", graph.name));
     }
     let protocols = params.get(2).and_then(Value::as_list).unwrap_or_default();
     let tcp = protocols.iter().any(|protocol| {
@@ -79,7 +56,7 @@ fn request_topic(graph: &Graph, params: &[Value]) -> (String, Result<Value, ()>)
         name == Some("TCPROS")
     });
     if !tcp {
-        return ("only TCPROS is spoken here".to_owned(), Err(()));
+        return refused("only TCPROS is spoken here".to_owned());
     }
     let address = graph.data_address;
     let place = vec![
@@ -87,7 +64,7 @@ fn request_topic(graph: &Graph, params: &[Value]) -> (String, Result<Value, ()>)
         address.ip().to_string().into(),
         Value::Int(i64::from(address.port())),
     ];
-    (format!("ready on {address}"), Ok(place.into()))
+    Answer::Fine(format!("ready on {address}"), place.into())
 }
 
 /// `[publish, subscribe, service]`: what was written to the links that we publish on, and
@@ -144,9 +121,4 @@ fn pairs(topics: Vec<String>, datatype: impl Fn(&str) -> String) -> Value {
 /// XML-RPC integers have 31 bits and a sign; statistics stop there rather than wrap.
 fn clamp(count: u64) -> Value {
     Value::Int(count.min(i32::MAX as u64) as i64)
-}
-
-fn fault(why: &str) -> String {
-    let response = FaultResponse { fault: Fault::new(-1, why.to_owned()) };
-    response.to_xml().unwrap_or_default()
 }

@@ -1,6 +1,8 @@
 """`bagpipe bisect`: the first bad commit, as a step of `git bisect run`, or the first bad image."""
 
+import contextlib
 import subprocess
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,7 +47,8 @@ class _Step(click.Command):
         try:
             return super().make_context(info_name, args, parent, **extra)
         except click.UsageError as error:
-            error.show()
+            with _whoever_reads():
+                error.show()
             raise SystemExit(_USAGE) from error
 
 
@@ -69,7 +72,8 @@ class _Asked:
     def of_images(self) -> Images:
         """A search of images; ends the program where a part of it is missing."""
         if not (self.good and self.bad and self.images):
-            click.UsageError("--good, --bad and --images go together: write all three").show()
+            with _whoever_reads():
+                click.UsageError("--good, --bad and --images go together: write all three").show()
             raise SystemExit(_USAGE)
         return Images(
             self.good, self.bad, self.images, self.cases, self.rounds, self.timeout, self.volumes,
@@ -78,8 +82,10 @@ class _Asked:
 
     def of_a_run(self) -> Wanted:
         """A run on this machine."""
+        # A driver takes a number for so many cases, and no pattern for one.
+        names = (f"[{name[0]}]{name[1:]}" if name.isdecimal() else name for name in self.cases)
         return Wanted(
-            volumes=self.volumes, results=self.results, slots=self.slots, cases=self.cases,
+            volumes=self.volumes, results=self.results, slots=self.slots, cases=tuple(names),
             variants=(), agent=self.agent, resume=False, replace=True, spark=False, output="table",
         )  # fmt: skip
 
@@ -159,18 +165,30 @@ def bisect_command(manifest: Path, **given: Any) -> None:
     try:
         step = _judged(manifest, asked.of_a_run(), asked.rounds, asked.timeout)
     except (RunInterruptedError, KeyboardInterrupt) as error:
-        click.echo(f"interrupted: {error}" if str(error) else "interrupted", err=True)
+        with _whoever_reads():
+            click.echo(f"interrupted: {error}" if str(error) else "interrupted", err=True)
         raise SystemExit(_INTERRUPTED) from None
-    except Exception as error:  # noqa: BLE001  whatever it is, it shows nothing of the commit
+    # Whatever it is, it shows nothing of the commit; rich exits with 1 where nobody reads stderr.
+    except (Exception, SystemExit) as error:  # noqa: BLE001
         known = isinstance(error, (ManifestError, MatrixError, RefusedError, StorageError))
         text = str(error) if known else f"{type(error).__name__}: {error}"
         step = Step("unknown", f"could not be run: {text}")
     colour = _COLOURS[step.word]
     why = escape(plain(step.why))
-    console.print(
-        f"[bold {colour}]{step.word}[/]  {_commit()}: {why}", highlight=False, soft_wrap=True
-    )
+    with _whoever_reads():
+        console.print(
+            f"[bold {colour}]{step.word}[/]  {_commit()}: {why}", highlight=False, soft_wrap=True
+        )
     raise SystemExit(_STATUS[step.word])
+
+
+@contextlib.contextmanager
+def _whoever_reads() -> Iterator[None]:
+    """What can't be written, to a pipe that is closed or a full disk, changes no status: click and
+    rich end with 1 then, which is bad to git.
+    """
+    with contextlib.suppress(OSError, SystemExit):
+        yield
 
 
 def _judged(manifest: Path, wanted: Wanted, rounds: int, seconds: float) -> Step:
@@ -199,7 +217,7 @@ def _round(
         raise
     except (RunError, ReplayError) as error:
         return Step("unknown", str(error))
-    return of_round(found["cases"], found["counts"]["planned"])
+    return of_round(found["cases"], found["counts"]["planned"], wanted.cases)
 
 
 def _alone(spec: SimulationJobSpec) -> SimulationJobSpec:

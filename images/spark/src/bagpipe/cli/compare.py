@@ -5,12 +5,12 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from bagpipe.cli.cluster.place import Place, place_options, results_places
 from bagpipe.cli.cluster.results_of import results_of
 from bagpipe.cli.places import RefusedError, folders, output_option, print_as, volume_option
+from bagpipe.cli.terminal import unstyled
 from bagpipe.compare.compare import compare
 from bagpipe.compare.gate import CAUSES, Cause, objections
 from bagpipe.report.stored import StoredResults
@@ -98,8 +98,8 @@ def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]
 def _show(comparison: dict[str, Any], console: Console) -> None:
     colour = _COLOURS.get(comparison["verdict"], "bold")
     name = comparison["variant"] or "the later job"
-    console.print(f"[bold {colour}]{comparison['verdict']}[/]  {escape(name)}")
-    console.print(escape(comparison["message"]), highlight=False)
+    console.print(f"[bold {colour}]{comparison['verdict']}[/]  {unstyled(name)}")
+    console.print(unstyled(comparison["message"]), highlight=False)
     if comparison["criteria"]:
         table = Table(box=None, header_style="bold")
         for column in ("Criterion", "", "Before", "After", "Difference"):
@@ -107,23 +107,23 @@ def _show(comparison: dict[str, Any], console: Console) -> None:
         for criterion in comparison["criteria"]:
             verdict = criterion["verdict"]
             table.add_row(
-                escape(criterion["name"]),
+                unstyled(criterion["name"]),
                 f"[{_COLOURS.get(verdict, 'default')}]{verdict}[/]",
                 _figure(criterion["baseline"]),
                 _figure(criterion["variant"]),
-                escape(criterion["message"]),
+                unstyled(criterion["message"]),
             )
         console.print(table)
     for case in comparison["regressed"]:
         why = f" ({case['reason']})" if case["reason"] else ""
         line = f"  regressed: {case['case']} is {case['to']} now{why}"
-        console.print(escape(line), highlight=False)
+        console.print(unstyled(line), highlight=False)
     for case in comparison.get("quarantined") or []:
         line = f"  in quarantine: {case['case']} is {case['to']} now"
-        console.print(escape(line), highlight=False)
+        console.print(unstyled(line), highlight=False)
     for word in ("fixed", "flaky", "missing"):
         for case in comparison[word]:
-            console.print(f"  {word}: {escape(case)}", highlight=False)
+            console.print(f"  {word}: {unstyled(case)}", highlight=False)
 
 
 def _figure(value: float | None) -> str:

@@ -119,7 +119,7 @@ class _Asked:
 
         first = ask(cluster, {"version": Question("/version")}, self._seconds)["version"]
         found = [deciders.of_version(first, cluster.context)]
-        if first.status == 0:
+        if first.status == 0 or deciders.is_something_else(first):
             return found, False
         answers = ask(cluster, self._questions(cluster.namespace), self._seconds)
         found += self._of_cluster(answers)

@@ -11,7 +11,7 @@ from bagpipe.engine.engine import Program
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
 from bagpipe.plan.variant import stack_of
-from bagpipe.spec import ComparisonRules, SimulationJobSpec, Stack, Variant
+from bagpipe.spec import ComparisonRules, FoundBaseline, SimulationJobSpec, Stack, Variant
 
 # What a stack's image may bring to set up its environment; the agent starts commands by it.
 _ENTRYPOINT = Path("/ros_entrypoint.sh")
@@ -89,9 +89,24 @@ def refusals(
     yield from _of_the_variants(spec)
 
 
+def without_schedule(
+    spec: SimulationJobSpec,
+) -> tuple[SimulationJobSpec, FoundBaseline | None]:
+    """The job without a baseline that only a cluster has, and what results say of that."""
+    if spec.baseline is None or spec.baseline.last_passed is None:
+        return spec, None
+    schedule = spec.baseline.last_passed.removeprefix("schedule/")
+    message = (
+        f"nothing is compared: spec.baseline.lastPassed names the schedule {schedule} of a cluster,"
+        " which is not asked here (baseline.results, or bagpipe compare, takes any results)"
+    )
+    found = FoundBaseline(schedule=schedule, message=message)
+    return spec.model_copy(update={"baseline": None}), found
+
+
 def missing_claims(spec: SimulationJobSpec, volumes: Mapping[str, str]) -> list[str]:
     """The claims that are read and have no folder; the output's own is not among them."""
-    read = spec.source.uris + ([spec.baseline.results] if spec.baseline else [])
+    read = spec.source.uris + ([spec.compared_with] if spec.compared_with else [])
     used = {uri.removeprefix("pvc://").split("/", 1)[0] for uri in read if uri.startswith("pvc://")}
     return sorted(used - set(volumes))
 

@@ -57,9 +57,9 @@ def history_command(
     FOLDER is a folder of this machine or a URI, such as the output.uri of a schedule. Of each run
     results.parquet is read where it lies. A criterion is worse where a larger share of cases fails
     since some run, by more than chance explains, and still does: Fisher's exact test of all cases
-    before and since, at 1 % over all runs together; what a run had in quarantine is left out and
-    listed. Figures are others where the medians of runs are since some run, by the test of Mann and
-    Whitney at the same level.
+    before and since, at 1 % over all runs together; a case that is in quarantine in its last run is
+    left out of all runs, and listed. Figures are others where the medians of runs are since some
+    run, by the test of Mann and Whitney at the same level.
 
     The exit status is 0 if nothing got worse, 1 if something did, and 2 if nothing can be read.
 

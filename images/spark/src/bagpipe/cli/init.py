@@ -184,12 +184,16 @@ def _write(text: str, target: Path | None) -> None:
     if target is None:
         click.echo(text, nl=False)
         return
+    made = False
     try:
         with target.open("x") as file:
+            made = True
             file.write(text)
     except FileExistsError as error:
         raise ProposalError(
             f"{target} is there already: choose another -o, or remove it"
         ) from error
     except OSError as error:
+        if made:  # a part of it would keep the next call from writing it whole
+            target.unlink(missing_ok=True)
         raise ProposalError(f"{target} can't be written: {error.strerror}") from error

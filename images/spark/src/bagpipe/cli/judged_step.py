@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Any, Literal
 
 Word = Literal["good", "bad", "unknown"]
@@ -18,11 +19,12 @@ class Step:
     why: str
 
 
-def of_round(cases: Sequence[Mapping[str, Any]], planned: int) -> Step:
+def of_round(cases: Sequence[Mapping[str, Any]], planned: int, wanted: Sequence[str] = ()) -> Step:
     """One run of the cases, as `bagpipe results` has them: `case`, `outcome`, `reason`, `message`.
 
     A case that failed is bad, whatever the others did. What lacks evidence, errored or gave no
-    result is neither: to call it bad would name a version that nobody has seen fail.
+    result is neither: to call it bad would name a version that nobody has seen fail. Nor is it good
+    that one of the `wanted` names or patterns has no case.
     """
     failed = [case for case in cases if case["outcome"] == "failed"]
     others = [case for case in cases if case["outcome"] not in ("passed", "failed")]
@@ -30,6 +32,9 @@ def of_round(cases: Sequence[Mapping[str, Any]], planned: int) -> Step:
         return Step("bad", _named(failed))
     if others:
         return Step("unknown", _named(others))
+    for pattern in wanted:
+        if not any(fnmatchcase(str(case["case"]), pattern) for case in cases):
+            return Step("unknown", f"the job has no case {pattern}")
     if not cases or len(cases) < planned:
         return Step("unknown", f"{len(cases)} of {planned} cases gave a result")
     return Step("good", f"{len(cases)} of {planned} cases passed")

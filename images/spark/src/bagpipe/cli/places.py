@@ -7,6 +7,7 @@ from typing import Any
 import click
 import yaml
 
+from bagpipe.cli.terminal import plain
 from bagpipe.report.stored import StoredResults
 from bagpipe.storage import Storage, StorageError
 
@@ -15,6 +16,12 @@ class RefusedError(click.ClickException):
     """What was asked for can't be read or run: the sentence goes to stderr, the status is 2."""
 
     exit_code = 2
+
+    def format_message(self) -> str:
+        """The sentence, or one in each line, without what a terminal would obey: names of files and
+        words of a stack may be in it.
+        """
+        return "\n".join(map(plain, self.message.split("\n")))
 
 
 volume_option = click.option(

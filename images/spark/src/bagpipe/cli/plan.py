@@ -1,5 +1,6 @@
 """`bagpipe plan`: the cases of a job before anything runs."""
 
+import dataclasses
 import itertools
 import json
 from datetime import UTC, datetime
@@ -8,16 +9,16 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from bagpipe.cli.estimate import Earlier, earlier_of, estimate, sentences
 from bagpipe.cli.manifest import ManifestError, read_job
 from bagpipe.cli.places import RefusedError, folders, print_as, results_at, volume_option
+from bagpipe.cli.terminal import unstyled
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
-from bagpipe.plan.made import Plan
+from bagpipe.plan.made import Plan, Selection
 from bagpipe.plan.variant import check_templates
 from bagpipe.quarantine import planned
 from bagpipe.source.planning import plan
@@ -105,6 +106,7 @@ def describe(
             {"bag": bag.bag, "reason": bag.reason, "message": bag.message}
             for bag in (made.unplanned if made else [])
         ],
+        "catalogue": dataclasses.asdict(made.selection) if made and made.selection else None,
         "quarantine": _quarantine(spec, made),
         "estimate": estimate(spec, made.cases, earlier) if made else None,
     }  # fmt: skip
@@ -164,7 +166,7 @@ def _show(description: dict[str, Any], console: Console, mode: str) -> None:
     if any(case["variant"] for case in cases):
         table.add_column("Variant")
     for name in names:
-        table.add_column(escape(name))
+        table.add_column(unstyled(name))
     if description["fragments"] is not None:
         for column in ("Seconds", "Messages", "Bytes"):
             table.add_column(column, justify="right")
@@ -183,7 +185,7 @@ def _show(description: dict[str, Any], console: Console, mode: str) -> None:
 
 def _row(case: dict[str, Any], names: list[str], variants: bool) -> list[str]:
     row = [case["case"]] + ([case["variant"]] if variants else [])
-    row = [escape(cell) for cell in [*row, *(str(case["values"].get(n, "")) for n in names)]]
+    row = [unstyled(cell) for cell in [*row, *(str(case["values"].get(n, "")) for n in names)]]
     if "bytes" in case:
         row += [f"{case['seconds']:g}", f"{case['messages']:,}", f"{case['bytes']:,}"]
     return row
@@ -196,14 +198,14 @@ def _show_parts(cases: list[dict[str, Any]], console: Console) -> None:
         if "parts" in case:
             shown.setdefault(json.dumps(case["parts"]), (case["case"], case["parts"]))
     for name, parts in list(shown.values())[:_MOST_ROWS]:
-        title = f"Parts of {escape(name)}"
+        title = f"Parts of {unstyled(name)}"
         table = Table(box=None, header_style="bold", title=title, title_justify="left")
         table.add_column("Bag", overflow="fold")
         for column in ("From", "To", "Played at"):
             table.add_column(column, justify="right")
         for part in parts:
             times = [*part["window"], part["at"]]
-            table.add_row(escape(part["bag"]), *(f"{time / 1e9:.3f}" for time in times))
+            table.add_row(unstyled(part["bag"]), *(f"{time / 1e9:.3f}" for time in times))
         console.print()
         console.print(table)
 
@@ -220,7 +222,7 @@ def _show_exclusions(matrix: dict[str, Any] | None, console: Console) -> None:
     table.add_column("Rule")
     table.add_column("Because")
     for (when, because), count in by_rule.items():
-        table.add_row(str(count), escape(when), escape(because) or "(no reason given)")
+        table.add_row(str(count), unstyled(when), unstyled(because) or "(no reason given)")
     console.print()
     console.print(table)
 
@@ -228,7 +230,7 @@ def _show_exclusions(matrix: dict[str, Any] | None, console: Console) -> None:
 def _show_sums(description: dict[str, Any], console: Console) -> None:
     cases, fragments = len(description["cases"]), description["fragments"]
     if fragments is None:
-        claims_missing = escape(", ".join(description["unreachable"]))
+        claims_missing = unstyled(", ".join(description["unreachable"]))
         console.print(
             f"\n{cases} cases for each fragment. The recordings of {claims_missing} are not on this"
             " machine: give --volume CLAIM=FOLDER to see the fragments."
@@ -238,13 +240,16 @@ def _show_sums(description: dict[str, Any], console: Console) -> None:
             f"\n{cases} cases: {fragments} fragments, each under {description['conditions']}"
             " conditions."
         )
+    if found := description["catalogue"]:
+        line = f"Selected: {Selection(**found).sentence}"
+        console.print(unstyled(line), highlight=False, soft_wrap=True)
     if found := description["quarantine"]:
         console.print(f"{found['cases']} of them are in quarantine on {found['day']} (UTC).")
         for rule in found["rules"]:
             if rule["toDo"]:
                 line = f"quarantine of {rule['cases']!r}: {rule['toDo']}"
-                console.print(escape(line), highlight=False, soft_wrap=True)
+                console.print(unstyled(line), highlight=False, soft_wrap=True)
     for bag in description["unplanned"]:
         console.print(
-            f"[red]{escape(bag['reason'])}[/red] {escape(bag['message'])}", soft_wrap=True
+            f"[red]{unstyled(bag['reason'])}[/red] {unstyled(bag['message'])}", soft_wrap=True
         )

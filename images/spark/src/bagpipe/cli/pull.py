@@ -156,7 +156,8 @@ def _folder(cluster: "Cluster", job: Json, wanted: _Wanted) -> AbstractContextMa
             raise PullError(f"status.results of the job is no folder on a claim: {plain(uri)}")
         if where.claim not in wanted.volumes:
             return _through_a_pod(cluster, job, where, wanted)
-    return nullcontext(StoredFolder(uri, Storage(wanted.volumes)))
+    until = time.monotonic() + wanted.timeout
+    return nullcontext(StoredFolder(uri, Storage(wanted.volumes), until))
 
 
 def _through_a_pod(
@@ -239,9 +240,11 @@ def _lacking(folder: Path, have: set[str]) -> list[str]:
     try:
         manifest = StoredResults(f"file://{folder.resolve()}", Storage({})).manifest()
         names = [name for case in manifest["cases"] for name in recorded_names(case)]
-    except (StorageError, LookupError, TypeError) as error:
+        return [name for name in names if "://" not in name and name not in have]
+    except (
+        StorageError, LookupError, TypeError, ValueError, AttributeError, RecursionError,
+    ) as error:  # fmt: skip
         raise PullError(f"{folder / MANIFEST} is no manifest of results: {error}") from error
-    return [name for name in names if "://" not in name and name not in have]
 
 
 def _show(pulled: _Pulled, output: str) -> None:

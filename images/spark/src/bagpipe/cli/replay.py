@@ -62,8 +62,8 @@ def replay_command(
 
     It cuts the case's fragment from the recording, starts the stack's command here as the job
     did, plays, records and judges. So this machine must have what the stack's image has: the
-    command, and for ROS 1 a rosmaster, or for ROS 2 that it is sourced; run it inside of that
-    image, or where the stack is built.
+    command, and for ROS 2 that it is sourced; run it inside of that image, or where the stack is
+    built.
     The command is taken from job.json in RESULTS: replay results that you trust.
 
     The exit status is 0 if the case passes here, 1 if it does not, and 2 if it can't be run.

@@ -55,8 +55,8 @@ def report_command(
         report = Report(spec, stored.uri, comparisons)
         for row in stored.rows():
             report.add(row)
-        if spec is not None and spec.baseline is not None:
-            _lay_over(report, StoredResults(spec.baseline.results, stored.storage))
+        if spec is not None and spec.compared_with is not None:
+            _lay_over(report, StoredResults(spec.compared_with, stored.storage))
         made = report.html(manifest, comparisons)
         page.write_bytes(made)
     except StorageError as error:

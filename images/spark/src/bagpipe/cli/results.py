@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from bagpipe.cli.cluster.place import Place, place_options, results_places
@@ -18,14 +17,18 @@ from bagpipe.cli.places import (
     status_of,
     volume_option,
 )
+from bagpipe.cli.terminal import unstyled
 from bagpipe.quarantine import remarks
 from bagpipe.report.junit import kept, write_junit
+from bagpipe.report.provenance import facts_of
 from bagpipe.report.stored import StoredResults
 from bagpipe.row_facts import discarded_count, discarded_of, quarantine_words, verdict_words
 from bagpipe.storage import StorageError
 
 _MOST_ROWS = 40
 _COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
+# Of the provenance, what says which cases these are.
+_SHOWN = frozenset({"catalogue"})
 _KEPT = (
     "case", "outcome", "reason", "message", "variant", "values", "seed", "round", "seconds",
     "attempts", "starts", "quarantine",
@@ -123,21 +126,24 @@ def _show(found: dict[str, Any], console: Console) -> None:
     verdict = found["verdict"] or "no verdict"
     colour = {"Passed": "green", "Invalid": "yellow"}.get(verdict, "red")
     words = verdict_words(found["verdict"], found["counts"])
-    console.print(f"[bold {colour}]{escape(words)}[/]  {escape(str(job['name']))}")
-    console.print(escape(str(found["message"])), highlight=False)
+    console.print(f"[bold {colour}]{unstyled(words)}[/]  {unstyled(str(job['name']))}")
+    console.print(unstyled(str(found["message"])), highlight=False)
+    for name, value in facts_of(found):
+        if name in _SHOWN:
+            console.print(unstyled(f"{name}: {value}"), highlight=False)
     if runs := found["counts"]["discarded"]:
         why = found["provenance"].get("discarded") or {}
         reasons = ", ".join(f"{count} {reason}" for reason, count in why.items())
         noun = "1 run does" if runs == 1 else f"{runs:,} runs do"
-        console.print(escape(f"{noun} not count: {reasons or 'executors were lost'}"),
+        console.print(unstyled(f"{noun} not count: {reasons or 'executors were lost'}"),
                       highlight=False)  # fmt: skip
     for comparison in found["comparisons"]:
         name = comparison["variant"] or "this job"
         console.print(
-            escape(f"{name} is {comparison['verdict']}: {comparison['message']}"), highlight=False
+            unstyled(f"{name} is {comparison['verdict']}: {comparison['message']}"), highlight=False
         )
     for words in remarks(found["quarantine"]):
-        console.print(escape(words), highlight=False)
+        console.print(unstyled(words), highlight=False)
     console.print()
     table = Table(box=None, header_style="bold")
     for column in ("Case", "Outcome", "Seconds", "Discarded", "Why"):
@@ -150,8 +156,8 @@ def _show(found: dict[str, Any], console: Console) -> None:
         why = "; ".join(words for words in (quarantine_words(case), why) if words)
         colour = _COLOURS.get(outcome, "red")
         table.add_row(
-            escape(str(case["case"])), f"[{colour}]{escape(outcome)}[/]", seconds,
-            str(discarded_count(case) or ""), escape(why),
+            unstyled(str(case["case"])), f"[{colour}]{unstyled(outcome)}[/]", seconds,
+            str(discarded_count(case) or ""), unstyled(why),
         )  # fmt: skip
     console.print(table)
     if len(cases) > _MOST_ROWS:

@@ -13,7 +13,14 @@ import click
 from rich.console import Console
 from rich.markup import escape
 
-from bagpipe.cli.here import Machine, notes, of_variants, refusals, without_missing
+from bagpipe.cli.here import (
+    Machine,
+    notes,
+    of_variants,
+    refusals,
+    without_missing,
+    without_schedule,
+)
 from bagpipe.cli.manifest import API_GROUP, ManifestError, read_job, read_marks
 from bagpipe.cli.places import (
     RefusedError,
@@ -97,9 +104,8 @@ def run_command(manifest: Path, **given: Any) -> None:
     The agent, the stack and a process for each slot run on this machine, with the same planner,
     player, judge and results as on a cluster; with --spark a local Spark is in the slots' place,
     for which there must be Java and PySpark. Images are not used: this machine must have what the
-    stack's image has, the command, and for ROS 1 a rosmaster, or for ROS 2 that it is sourced. Run
-    it inside of that image, or where the stack is built. Where the job is goes to stderr; Ctrl-C
-    ends all that was started.
+    stack's image has, the command, and for ROS 2 that it is sourced. Run it inside of that image,
+    or where the stack is built. Where the job is goes to stderr; Ctrl-C ends all that was started.
 
     The exit status is 0 if the verdict is Passed, 1 if it is another, and 2 if there is none.
 
@@ -145,7 +151,9 @@ def run_spec(
     _prepare(folder, wanted)
     slots = wanted.slots or _slots(spec)
     console = Console(stderr=True, emoji=False)
-    for note in notes(spec, folder):
+    reported = list(notes(spec, folder))
+    spec, baseline = without_schedule(spec)
+    for note in [*reported, *([baseline.message] if baseline else [])]:
         console.print(f"[dim]note:[/] {escape(note)}", highlight=False, soft_wrap=True)
     job = JobFile(
         name=name,
@@ -156,6 +164,7 @@ def run_spec(
         images=Images(spark="none", agent="none"),
         volumes=volumes,
         results=file_uri(folder),
+        baseline=baseline,
         labels=marks["labels"],
         annotations=marks["annotations"],
     )

@@ -107,11 +107,11 @@ class Artefacts:
         self._put_scratch(JUNIT)
 
     def _lay_over_the_baseline(self) -> None:
-        baseline = self._job.spec.baseline
+        baseline = self._job.spec.compared_with
         if baseline is None:
             return
         try:
-            self._report.add_earlier(baseline_rows(baseline.results, self._storage))
+            self._report.add_earlier(baseline_rows(baseline, self._storage))
         except StorageError as error:
             # The page is not worth another try of the whole commit.
             log.warning("the report has no course of the baseline: %s", error)

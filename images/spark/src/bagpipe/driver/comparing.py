@@ -9,7 +9,7 @@ from bagpipe.compare.compare import Comparison, compare
 from bagpipe.compare.gate import Objection, objections
 from bagpipe.driver.baseline import baseline_rows
 from bagpipe.run.case_run import Row
-from bagpipe.spec import SimulationJobSpec
+from bagpipe.spec import FoundBaseline, SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 
 _Make = Callable[[], list[Comparison]]
@@ -21,13 +21,15 @@ log = logging.getLogger(__name__)
 class Compared:
     """What was found, as comparison.json has it, or why nothing could be.
 
-    `reason` is CamelCase, empty where all that was asked for is there.
+    `reason` is CamelCase, empty where all that was asked for is there. `note` is for a comparison
+    that was asked for and that nothing could be a part of yet: it changes no verdict.
     """
 
     found: list[dict[str, Any]] = field(default_factory=list)
     allowed: frozenset[str] = frozenset()
     reason: str = ""
     message: str = ""
+    note: str = ""
 
     @property
     def objections(self) -> list[Objection]:
@@ -46,20 +48,25 @@ def compared(
     rows: Callable[[], Iterable[Row]],
     storage: Storage,
     patiently: Callable[[_Make], list[Comparison]] = lambda make: make(),
+    followed: FoundBaseline | None = None,
 ) -> Compared:
     """The variants against each other, or against the baseline; nothing where none is asked for.
 
+    `followed` is what spec.baseline.lastPassed stands for; with no job in it nothing is compared.
     A baseline that can't be read, however `patiently` it was tried, and a fault of ours cost no
     results, and are no Passed either.
     """
-    baseline = spec.baseline
+    baseline = spec.compared_with
+    if followed is not None and not followed.job:
+        # Variants are not compared with each other either: each was to be with an earlier job.
+        return Compared(note=followed.message)
     if not baseline and len(spec.variants) < 2:
         return Compared()
     allowed = frozenset(spec.comparison.allow)
     names = [variant.name for variant in spec.variants]
 
     def made() -> list[Comparison]:
-        earlier = baseline_rows(baseline.results, storage) if baseline else None
+        earlier = baseline_rows(baseline, storage) if baseline else None
         return compare(rows(), names, earlier)
 
     try:

@@ -14,7 +14,7 @@ from types import FrameType
 
 from bagpipe.driver.baseline import check_baseline
 from bagpipe.driver.chosen import NoCaseError
-from bagpipe.driver.comparing import compared
+from bagpipe.driver.comparing import Compared, compared
 from bagpipe.driver.earlier import CannotResumeError, passed_rows
 from bagpipe.driver.job_day import job_day
 from bagpipe.driver.journal import Journal
@@ -24,6 +24,7 @@ from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Manifest, Results
 from bagpipe.driver.row_file import RowFile
+from bagpipe.driver.same_catalogue import check_selection
 from bagpipe.driver.spark_gone import SparkGoneError
 from bagpipe.evaluate.judge import faults
 from bagpipe.installed import InstallationError
@@ -32,6 +33,7 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.made import Plan
 from bagpipe.quarantine import Quarantine, QuarantineError, too_long
 from bagpipe.run.case_run import Row
+from bagpipe.source.catalogue.faults import CatalogueError
 from bagpipe.source.planning import plan
 from bagpipe.spec import JobFile
 from bagpipe.storage import Storage, StorageError
@@ -45,6 +47,7 @@ _REASONS: list[tuple[type[Exception], str]] = [
     (CannotResumeError, "ResumeRefused"),
     (QuarantineError, "QuarantineInvalid"),
     (StorageError, "StorageFailed"),
+    (CatalogueError, "CatalogueInvalid"),
     (MatrixError, "MatrixInvalid"),
     (NoCaseError, "NoCaseChosen"),
 ]
@@ -132,12 +135,13 @@ def run(
     if wrong := faults(job.spec.evaluate):
         progress.fail("CriteriaInvalid", "; ".join(wrong))
         return False
-    if job.spec.baseline is not None:
-        check_baseline(job.spec.baseline.results, storage)
+    if job.spec.compared_with is not None:
+        check_baseline(job.spec.compared_with, storage, job.baseline)
     patiently(partial(storage.check_put_once, results.folder), progress)
     quarantine = _quarantine(job, results, progress)
     planned = place.planned(job, storage)
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
+    _keep_selection(planned, results, progress)
     progress.look_at(quarantine)
     progress.begin(len(planned.cases) + len(planned.unplanned))
     with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:
@@ -160,8 +164,7 @@ def run(
         if keeper.stop is not None and not keeper.stop.final:
             progress.finish()
             return _unfinished(results, journal, progress)
-        keep_trying = partial(patiently, progress=progress)
-        progress.compare(compared(job.spec, rows.rows, storage, keep_trying))
+        progress.compare(_compared(job, rows, storage, progress))
         commit = partial(results.commit, rows, progress, journal.driver, place.seen)
         manifest = patiently(commit, progress)
         ours = manifest["driver"] == journal.driver
@@ -169,6 +172,11 @@ def run(
         patiently(publish, progress)
         progress.adopt(manifest)
     return progress.phase == "Complete"
+
+
+def _compared(job: JobFile, rows: RowFile, storage: Storage, progress: Progress) -> Compared:
+    keep_trying = partial(patiently, progress=progress)
+    return compared(job.spec, rows.rows, storage, keep_trying, job.baseline)
 
 
 def _quarantine(job: JobFile, results: Results, progress: Progress) -> Quarantine:
@@ -180,6 +188,14 @@ def _quarantine(job: JobFile, results: Results, progress: Progress) -> Quarantin
     if wrong := too_long(rules, day):
         raise QuarantineError("; ".join(wrong))
     return Quarantine(rules, day)
+
+
+def _keep_selection(planned: Plan, results: Results, progress: Progress) -> None:
+    """By which catalogue the cases were planned. Raises StorageError and CatalogueError."""
+    if planned.selection is not None:
+        keep = partial(check_selection, results.storage, results.folder, planned.selection)
+        patiently(keep, progress)
+        progress.select(planned.selection)
 
 
 def _taken_away(keeper: Keeper, planned: Plan, results: Results) -> Manifest | None:

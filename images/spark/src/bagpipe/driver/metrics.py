@@ -23,6 +23,7 @@ log = logging.getLogger(__name__)
 
 _MEBIBYTE = 1 << 20
 _SECONDS = (0.1, 0.3, 1, 3, 10, 30, 60, 120, 300, 900, 3600)
+FINDINGS = ("passed", "failed", "invalid")
 _PARTS = ("assemble", "master", "stack", "subscribe", "lead_in", "play", "drain", "run", "stop")
 _PIPE_SIZES = (4096, 8192, 16384, 32768, 65536, 131072, 262144, 524288, 1048576)
 _THROUGHPUTS = tuple(n * 1e6 for n in (1, 3, 10, 30, 100, 300, 1000, 3000))
@@ -95,7 +96,9 @@ class DriverMetrics:
             job_namespace=job.namespace, job_name=job.name, job_uid=job.uid, attempt=job.attempt,
             engine=job.spec.stack.engine, mode=job.spec.playback.mode,
         ).set(1)  # fmt: skip
+        self._criteria = frozenset(criterion.name for criterion in job.spec.evaluate)
         self._count_cases()
+        self._count_criteria()
         self._count_pipes()
         self._count_replays()
 
@@ -126,6 +129,18 @@ class DriverMetrics:
         )  # fmt: skip
         for part in _PARTS:
             self._parts.labels(part)
+
+    def _count_criteria(self) -> None:
+        """A spec has at most 100, and what a row says beside them is not counted."""
+        self._judged = self._counter(
+            "bagpipe_criteria_judged",
+            "Findings of the criteria of spec.evaluate over the cases that ended, by outcome.",
+            "criterion",
+            "outcome",
+        )
+        for criterion in self._criteria:
+            for outcome in FINDINGS:
+                self._judged.labels(criterion, outcome)
 
     def _count_pipes(self) -> None:
         self._read = self._counter(
@@ -199,6 +214,9 @@ class DriverMetrics:
         reasons += [row["reason"]] if row["reason"] else []
         for reason in reasons:
             self._faults.labels(reason if reason in self._reasons else "Other").inc()
+        for finding in row.get("criteria") or []:
+            if finding.get("name") in self._criteria and finding.get("outcome") in FINDINGS:
+                self._judged.labels(finding["name"], finding["outcome"]).inc()
         if "seconds" in row:
             self._seconds.observe(row["seconds"])
         try:

@@ -1,5 +1,6 @@
 """How far a job is: counted from rows, reported as JSON to the operator and the termination log."""
 
+import dataclasses
 import json
 import threading
 import time
@@ -8,7 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from bagpipe.driver.comparing import Compared, in_short
-from bagpipe.driver.verdict import verdict_of
+from bagpipe.driver.verdict import MOST_WHY, verdict_of
+from bagpipe.plan.made import Selection
 from bagpipe.quarantine import Quarantine, QuarantineTally, remarks
 from bagpipe.row_facts import (
     OUTCOMES,
@@ -23,7 +25,7 @@ from bagpipe.run.case_run import Row
 Phase = Literal["Planning", "Running", "Complete", "Failed"]
 MAX_FAILURES = 5
 _MAX_MESSAGE = 300
-# Of the first failure, which the job's own message quotes: the operator takes 1,000 letters.
+# Of the first error, which the job's own message quotes: the operator takes 1,000 letters.
 _MAX_FIRST = 800
 _MAX_QUARANTINE = 300
 
@@ -54,8 +56,11 @@ class Progress:
     _ledger: Counter[str] = field(default_factory=Counter)
     _failures: list[dict[str, str]] = field(default_factory=list)
     _quarantined: list[dict[str, str]] = field(default_factory=list)
-    _first: str = ""
+    # Of what errored and counts: the first case with its words, and at most two reasons.
+    _first_error: str = ""
+    _error_reasons: set[str] = field(default_factory=set)
     _compared: Compared = field(default_factory=Compared)
+    _selection: Selection | None = None
     _stopped: tuple[str, str] | None = None
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -80,6 +85,17 @@ class Progress:
         """By which rules the rows to come are in quarantine; they are marked when they come."""
         with self._lock:
             self._quarantine = QuarantineTally(quarantine)
+
+    def select(self, selection: Selection) -> None:
+        """By which of a catalogue's rows the cases were planned."""
+        with self._lock:
+            self._selection = selection
+
+    @property
+    def selection(self) -> dict[str, Any] | None:
+        """The same, as provenance has it."""
+        with self._lock:
+            return dataclasses.asdict(self._selection) if self._selection else None
 
     @property
     def quarantine(self) -> dict[str, Any] | None:
@@ -139,7 +155,8 @@ class Progress:
                 found = verdict_of(self._counting, self._compared)
                 self.verdict, self.verdict_reason = found.word, found.reason
                 self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
-                self.message += f"{found.why}{self._of_quarantine()}"
+                note = f"; {self._compared.note}" if self._compared.note else ""
+                self.message += f"{found.why}{note[:MOST_WHY]}{self._of_quarantine()}"
             return self.phase == "Complete"
 
     def stop(self, reason: str, message: str) -> None:
@@ -220,8 +237,10 @@ class Progress:
         message, kept = row["message"], self._failures
         if words := quarantine_words(row):
             message, kept = f"{message} ({words})", self._quarantined
-        elif not self._failures:
-            self._first = shortened(message, _MAX_FIRST)
+        elif row["outcome"] == "errored" and len(self._error_reasons) < 2:
+            named = f"{row['case'][:100]}: {row['reason']}"
+            self._first_error = self._first_error or f"{named}: {shortened(message, _MAX_FIRST)}"
+            self._error_reasons.add(row["reason"])
         if len(kept) < MAX_FAILURES:
             short = shortened(message, _MAX_MESSAGE)
             kept.append({"case": row["case"][:100], "reason": row["reason"], "message": short})
@@ -235,15 +254,11 @@ class Progress:
         return f"; {shortened('; '.join(words), _MAX_QUARANTINE)}" if words else ""
 
     def _why_failed(self, errored: int, missing: int) -> tuple[str, str]:
-        if not self._failures:
+        if not errored:
             return "CasesMissing", f"{missing} of {self.planned} cases gave no result"
-        reasons = {failure["reason"] for failure in self._failures}
-        first = self._failures[0]
-        reason = first["reason"] if len(reasons) == 1 else "CasesErrored"
-        return reason, (
-            f"{errored} of {self.planned} cases errored; {first['case']}:"
-            f" {first['reason']}: {self._first or first['message']}"
-        )
+        [*reasons] = self._error_reasons
+        reason = reasons[0] if len(reasons) == 1 else "CasesErrored"
+        return reason, f"{errored} of {self.planned} cases errored; {self._first_error}"
 
 
 def shortened(message: str, most: int) -> str:

@@ -53,6 +53,7 @@ class Provenance:
             "labels": self._job.labels,
             "annotations": self._job.annotations,
             "created": self._job.created,
+            "baseline": _baseline(self._job),
             "began": _moment(began),
             "ended": _moment(ended),
             "seconds": round(ended - began, 1),
@@ -74,6 +75,13 @@ def provenance_of(
     for row in rows:
         found.add(row)
     return found.as_json(*times)
+
+
+def _baseline(job: JobFile) -> dict[str, Any] | None:
+    """Which job spec.baseline.lastPassed was, or why it was none."""
+    if job.baseline is None:
+        return None
+    return job.baseline.model_dump() | {"results": job.spec.compared_with}
 
 
 def _moment(seconds: float) -> str:

@@ -88,7 +88,8 @@ class Results:
             "failures": snapshot["failures"],
             "provenance": provenance_of(
                 self.job, rows.rows(), seen or Seen(), (progress.began, progress.ended or 0.0)
-            ),
+            )
+            | {"catalogue": progress.selection},
             "comparisons": progress.comparisons,
             "quarantine": progress.quarantine,
             "cases": [_manifest_entry(row) for row in rows.rows()],

@@ -19,6 +19,7 @@ from bagpipe.evaluate.finding import Finding, NoEvidenceError
 from bagpipe.evaluate.model import Criterion
 from bagpipe.evaluate.motion import closest
 from bagpipe.evaluate.plane import Plane, plane_of_error, plane_of_final_pose, plane_of_separation
+from bagpipe.evaluate.rounding import digits_for, rounded_within
 from bagpipe.evaluate.values import held
 from bagpipe.evaluate.window import messages_of, samples
 from bagpipe.texts import duration_seconds
@@ -28,6 +29,8 @@ from bagpipe.texts import duration_seconds
 MOST_POINTS, MOST_POINTS_OF_ALL = 400, 2000
 MOST_PASSED_POINTS, MOST_PASSED_POINTS_OF_ALL = 100, 500
 _MOST_ODD = 20
+_DIGITS = 5
+_TURNS = 3
 Course = list[tuple[int, float]]
 
 log = logging.getLogger(__name__)
@@ -86,7 +89,7 @@ def _course_of(
     except Exception:  # the finding stands without it
         log.info("no course of %s", criterion.name, exc_info=True)
         return None
-    return _as_json(plotted, evidence, most)
+    return _as_json(plotted, evidence, most, failed=finding.outcome == "failed")
 
 
 def _answered(finding: Finding, evidence: Evidence, most: int) -> dict[str, Any] | None:
@@ -95,23 +98,37 @@ def _answered(finding: Finding, evidence: Evidence, most: int) -> dict[str, Any]
     if own is None:
         return None
     plotted = _Plotted(own["label"], own["unit"], own["low"], own["high"], own["points"])
-    return _as_json(plotted, evidence, most)
+    return _as_json(plotted, evidence, most, failed=finding.outcome == "failed")
 
 
-def _as_json(plotted: _Plotted, evidence: Evidence, most: int) -> dict[str, Any]:
+def _as_json(plotted: _Plotted, evidence: Evidence, most: int, *, failed: bool) -> dict[str, Any]:
     def seconds(time: int) -> float:
         return round((time - evidence.start) / 1e9, 4)
 
     finite = [(at, value) for at, value in plotted.course if math.isfinite(value)]
     odd = [seconds(at) for at, value in plotted.course if not math.isfinite(value)]
-    points = [[seconds(at), float(f"{value:.5g}")] for at, value in thinned(finite, most)]
+    low, high = plotted.low, plotted.high
+    kept = with_turns(finite, most, low, high) if failed else thinned(finite, most)
+    digits = digits_for([value for _, value in finite], _DIGITS)
+    points = [[seconds(at), rounded_within(value, digits, low, high)] for at, value in kept]
     course: dict[str, Any] = {"label": plotted.label, "unit": plotted.unit}
-    course |= {"low": plotted.low, "high": plotted.high, "points": points}
+    course |= {"low": low, "high": high, "points": points}
     course |= {"odd": odd[:_MOST_ODD]} if odd else {}
     if plotted.plane is not None:
         # Half as many points of each of at most two paths.
         course["plane"] = plotted.plane.as_json(evidence.start, most // 2)
     return course | ({"step": True} if plotted.step else {})
+
+
+def with_turns(course: Course, most: int, low: float | None, high: float | None) -> Course:
+    """The same, with the first points below and above its bounds, and the last one: by them it is
+    known when it left them, which the greatest of a stretch of many does not show.
+    """
+    if len(course) <= most:
+        return course
+    below = [each for each in course if low is not None and each[1] < low][:1]
+    above = [each for each in course if high is not None and each[1] > high][:1]
+    return sorted({*thinned(course, most - _TURNS), *below, *above, course[-1]})
 
 
 def thinned(course: Course, most: int = MOST_POINTS) -> Course:

@@ -11,7 +11,10 @@ from bagpipe.evaluate.fields import number_at
 from bagpipe.evaluate.matching import truth_of
 from bagpipe.evaluate.model import Error, FinalPose, Separation
 from bagpipe.evaluate.motion import nearest
+from bagpipe.evaluate.rounding import digits_for, rounded
 from bagpipe.evaluate.window import messages_of, samples
+
+_DIGITS = 6
 
 # Time of receipt in ns, x and y.
 Path = list[tuple[int, float, float]]
@@ -28,9 +31,13 @@ class Plane:
 
     def as_json(self, start: int, most: int) -> dict[str, Any]:
         """`paths`, each `name` and at most `most` `points` of [seconds, x, y], and `goal`."""
+        thin = [(name, thinned(path, most)) for name, path in self.paths]
+        places = [place for _, path in thin for _, *place in path]
+        # One range for both, as they are drawn.
+        digits = max((digits_for(axis, _DIGITS) for axis in zip(*places, strict=True)), default=0)
         paths = [
-            {"name": name, "points": [_point(each, start) for each in thinned(path, most)]}
-            for name, path in self.paths
+            {"name": name, "points": [_point(each, start, digits) for each in path]}
+            for name, path in thin
         ]
         return {"paths": paths, "goal": list(self.goal) if self.goal else None}
 
@@ -44,9 +51,9 @@ def thinned(path: Path, most: int) -> Path:
     return [finite[round(number * last / (most - 1))] for number in range(most)]
 
 
-def _point(point: tuple[int, float, float], start: int) -> list[float]:
+def _point(point: tuple[int, float, float], start: int, digits: int) -> list[float]:
     time, x, y = point
-    return [round((time - start) / 1e9, 4), float(f"{x:.6g}"), float(f"{y:.6g}")]
+    return [round((time - start) / 1e9, 4), rounded(x, digits), rounded(y, digits)]
 
 
 def plane_of_final_pose(wanted: FinalPose, evidence: Evidence) -> Plane:

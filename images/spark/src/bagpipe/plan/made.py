@@ -17,11 +17,36 @@ class Unplanned:
 
 
 @dataclass(frozen=True)
+class Selection:
+    """Which of a catalogue's rows a job is about.
+
+    `rows` there were, `selected` are those for which `where` holds, and `recordings` the URIs that
+    these name, each once. `sha256` is of the catalogue's bytes.
+    """
+
+    catalogue: str
+    where: str
+    sha256: str
+    rows: int
+    selected: int
+    recordings: int
+
+    @property
+    def sentence(self) -> str:
+        """For people."""
+        return (
+            f"{self.recordings:,} recordings of {self.selected:,} of {self.rows:,} rows of"
+            f" {self.catalogue} (sha256 {self.sha256[:12]}), where {self.where}"
+        )
+
+
+@dataclass(frozen=True)
 class Plan:
-    """What will run, the biggest case first, and what can't."""
+    """What will run, the biggest case first, and what can't; and by which selection, if any."""
 
     cases: list[Case]
     unplanned: list[Unplanned]
+    selection: Selection | None = None
 
     @classmethod
     def of(cls, cases: list[Case], unplanned: list[Unplanned]) -> Self:

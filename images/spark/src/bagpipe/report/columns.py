@@ -4,13 +4,12 @@ Words that repeat (variants, reasons, messages) stand once and are numbered.
 """
 
 import json
-import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from bagpipe.row_facts import discarded_runs, quarantine_words
+from bagpipe.row_facts import discarded_runs, is_finite, quarantine_words
 
 Row = Mapping[str, Any]
 
@@ -63,10 +62,10 @@ class Words:
 
 def short(figure: Any, digits: int = 5) -> int | float | None:
     """A figure with so many digits; None where there is none that is finite."""
-    if not isinstance(figure, int | float) or not math.isfinite(figure):
+    if not is_finite(figure):
         return None
     shown = float(f"{figure:.{digits}g}")
-    return int(shown) if isinstance(figure, int) and not isinstance(figure, bool) else shown
+    return int(shown) if isinstance(figure, int) else shown
 
 
 def limits_of(text: str) -> tuple[float | None, float | None]:

@@ -2,7 +2,6 @@
 
 import itertools
 import json
-import math
 import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
@@ -11,7 +10,7 @@ from bagpipe.report.columns import short
 from bagpipe.report.lines import lines_of
 from bagpipe.report.series import series_of
 from bagpipe.report.spool import Spool
-from bagpipe.row_facts import discarded_runs, pair_of, recorded_names, run_words
+from bagpipe.row_facts import discarded_runs, is_finite, pair_of, recorded_names, run_words
 
 Row = Mapping[str, Any]
 
@@ -157,7 +156,7 @@ def detail_of(row: Row) -> dict[str, Any]:
         "timings": {
             str(name): seconds
             for name, seconds in list((result.get("timings") or {}).items())[:_MOST_TIMINGS]
-            if isinstance(seconds, int | float) and math.isfinite(seconds)
+            if is_finite(seconds)
         },
         "series": series_of(row),
     }
@@ -174,7 +173,7 @@ def _window(row: Row) -> list[int] | None:
 def lost_start(start: Mapping[str, Any]) -> str:
     """A line for a start of a case that came to no end."""
     seconds = start.get("seconds")
-    after = f" after {seconds:.1f} s" if isinstance(seconds, int | float) else ""
+    after = f" after {seconds:.1f} s" if is_finite(seconds) else ""
     error = " ".join(str(start.get("error") or "Spark does not say why").split())
     where = f"executor {start.get('executor')} at {start.get('host')}"
     return f"{where}{after}: {error}"[:_LINE_CHARACTERS]
@@ -187,9 +186,7 @@ def _machine(machine: Mapping[str, Any]) -> dict[str, Any]:
         "figures": {
             name.removesuffix("_seconds").replace("_", " "): figure
             for name, figure in machine.items()
-            if name.endswith("_seconds")
-            and isinstance(figure, int | float)
-            and math.isfinite(figure)
+            if name.endswith("_seconds") and is_finite(figure)
         },
     }
 

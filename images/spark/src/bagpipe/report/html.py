@@ -23,7 +23,7 @@ from bagpipe.report.details import Details
 from bagpipe.report.provenance import facts_of
 from bagpipe.report.spool import Spool
 from bagpipe.report.words import headline, sentence
-from bagpipe.row_facts import counts_of
+from bagpipe.row_facts import counts_of, is_finite
 from bagpipe.spec import SimulationJobSpec
 
 Row = Mapping[str, Any]
@@ -64,7 +64,7 @@ class Report:
         self._details.add(row)
         self._causes.add(row)
         self._baselines.add(row)
-        self._seconds += float(row.get("seconds") or 0.0)
+        self._seconds += float(row["seconds"]) if is_finite(row.get("seconds")) else 0.0
 
     def add_earlier(self, rows: Iterable[Row]) -> None:
         """The rows of an earlier job that is the baseline, after all others; they are looked at
@@ -127,8 +127,20 @@ def render(data: Mapping[str, Any], **words: Any) -> bytes:
 
 def _safe_json(data: Mapping[str, Any]) -> str:
     r"""JSON that holds none of < > &, so that no tag and no comment can begin in it."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False, default=str)
+    try:
+        text = json.dumps(data, separators=(",", ":"), allow_nan=False, default=str)
+    except ValueError:  # a variable of the matrix may be no number, which JSON has not
+        text = json.dumps(_as_words(data), separators=(",", ":"), allow_nan=False, default=str)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
+
+
+def _as_words(data: Any) -> Any:
+    """The data with a word for each number that JSON has not: nan, inf."""
+    if isinstance(data, Mapping):
+        return {str(key): _as_words(value) for key, value in data.items()}
+    if isinstance(data, list | tuple):
+        return [_as_words(value) for value in data]
+    return str(data) if isinstance(data, float) and not is_finite(data) else data
 
 
 def _hash(text: str) -> str:

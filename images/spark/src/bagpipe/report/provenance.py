@@ -10,6 +10,8 @@ def facts_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
     facts = [
         *((f"label {name}", value) for name, value in (given.get("labels") or {}).items()),
         *((name, value) for name, value in (given.get("annotations") or {}).items()),
+        ("catalogue", _catalogue(given.get("catalogue") or {})),
+        ("baseline", _baseline(given.get("baseline") or {})),
         ("began", given.get("began")),
         ("ended", given.get("ended")),
         ("seconds", given.get("seconds")),
@@ -21,6 +23,21 @@ def facts_of(manifest: Mapping[str, Any]) -> list[tuple[str, str]]:
         *((f"discarded {why}", n) for why, n in (given.get("discarded") or {}).items()),
     ]
     return [(str(name), str(value)) for name, value in facts if value not in (None, "")]
+
+
+def _catalogue(found: Mapping[str, Any]) -> str:
+    if not found:
+        return ""
+    return (
+        f"{found['recordings']:,} recordings of {found['selected']:,} of {found['rows']:,} rows of"
+        f" {found['catalogue']} (sha256 {found['sha256']}), where {found['where']}"
+    )
+
+
+def _baseline(found: Mapping[str, Any]) -> str:
+    if not found.get("job"):
+        return str(found.get("message") or "")
+    return f"{found['job']}, the last of the schedule {found['schedule']} that passed"
 
 
 def _image(image: Mapping[str, Any]) -> str:

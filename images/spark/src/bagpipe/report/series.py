@@ -1,10 +1,10 @@
 """Courses of criteria as the page draws them: checked, since rows may be anybody's. Pure."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
 from bagpipe.moments import moment_of
+from bagpipe.row_facts import is_finite
 
 Row = Mapping[str, Any]
 
@@ -34,9 +34,9 @@ def _drawn(finding: Mapping[str, Any]) -> dict[str, Any] | None:
     points, odd = course.get("points"), course.get("odd")
     clean = {
         "points": [list(point) for point in _list(points) if _is_point(point)][:_MOST_POINTS],
-        "odd": [seconds for seconds in _list(odd) if _is_finite(seconds)][:_MOST_ODD],
-        "low": course.get("low") if _is_finite(course.get("low")) else None,
-        "high": course.get("high") if _is_finite(course.get("high")) else None,
+        "odd": [seconds for seconds in _list(odd) if is_finite(seconds)][:_MOST_ODD],
+        "low": course.get("low") if is_finite(course.get("low")) else None,
+        "high": course.get("high") if is_finite(course.get("high")) else None,
     }
     return {
         "criterion": str(finding["name"])[:_CHARACTERS],
@@ -74,13 +74,4 @@ def _list(value: Any) -> list[Any]:
 def _is_point(point: Any, length: int = 2) -> bool:
     if not isinstance(point, list) or len(point) != length:
         return False
-    return all(_is_finite(each) for each in point)
-
-
-def _is_finite(number: Any) -> bool:
-    if isinstance(number, bool) or not isinstance(number, int | float):
-        return False
-    try:
-        return math.isfinite(number)
-    except OverflowError:  # an integer that no float has
-        return False
+    return all(is_finite(each) for each in point)

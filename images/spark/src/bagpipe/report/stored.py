@@ -18,7 +18,7 @@ MANIFEST = "manifest.json"
 # What a job leaves in its folder beside the manifest (docs/reference/results.md).
 FILES = (
     "results.jsonl", "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
-    "quarantine.json",
+    "quarantine.json", "catalogue.json",
 )  # fmt: skip
 FOLDERS = ("cases", "journal")
 # And what one that ran on this machine leaves.

@@ -32,7 +32,7 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
         noun = "case" if planned == 1 else "cases"
         return (
             f"{counts['passed']:,} of {planned:,} {noun} passed; {hidden:,} did not and"
-            f" {'is' if hidden == 1 else 'are'} in quarantine."
+            f" {_are(hidden)} in quarantine."
         )
     if manifest["verdict"] == "Passed":
         return f"All {planned:,} cases passed." if planned != 1 else "The one case passed."
@@ -45,9 +45,15 @@ def sentence(manifest: Mapping[str, Any], data: Mapping[str, Any]) -> str:
     ]
     # A job may fail by its comparison alone.
     sentence = f"Of {planned:,} cases {' and '.join(counted) or 'none failed'}"
-    sentence += f"; {hidden:,} that did not pass are in quarantine." if hidden else "."
+    sentence += f"; {hidden:,} that did not pass {_are(hidden)} in quarantine." if hidden else "."
+    if manifest.get("verdictReason") == "AllQuarantined":
+        sentence += " All are in quarantine, so that no case counts."
     causes = _causes(data)
     return f"{sentence} Most often: {causes}." if causes else sentence
+
+
+def _are(cases: int) -> str:
+    return "is" if cases == 1 else "are"
 
 
 def _causes(data: Mapping[str, Any]) -> str:

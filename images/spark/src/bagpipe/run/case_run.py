@@ -306,6 +306,7 @@ def case_map(case: Case, context: RunContext) -> HelloCase:
             "remap": stack.remap,
             "qos": _offered(stack),
             "player": stack.ros2.player if stack.ros2 else "auto",
+            "master": stack.ros1.master if stack.ros1 else "agent",
         },
         "playback": {
             "mode": spec.playback.mode,

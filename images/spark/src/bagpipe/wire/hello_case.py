@@ -116,6 +116,12 @@ class HelloStack(TypedDict):
             ),
         ]
     ]
+    master: NotRequired[
+        Annotated[
+            Literal["agent", "image"],
+            _default("agent", "In ROS 1: the agent's own, or the rosmaster of the image."),
+        ]
+    ]
 
 
 @_open

@@ -12,6 +12,7 @@ from bagpipe_operator.api.nesting import DEEPEST, is_deep
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.readings import mapping
 from bagpipe_operator.jobs.pods.executor_template import executor_template
+from bagpipe_operator.jobs.pods.pinned import none_yet, pinned_baseline, with_baseline
 from bagpipe_operator.jobs.pods.volumes import claim_paths
 from bagpipe_operator.jobs.view import JobView
 from bagpipe_operator.settings import Settings
@@ -19,7 +20,7 @@ from bagpipe_operator.settings import Settings
 # The API server's limit for all of a ConfigMap's values.
 LARGEST_CONFIG_BYTES = 1024 * 1024
 # The fields of a job that the CRD lets anybody change once it exists.
-MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished"})
+MUTABLE = frozenset({"suspend", "activeDeadline", "startDeadline", "ttlAfterFinished", "notify"})
 
 
 class UnusableSpecError(ValueError):
@@ -41,7 +42,7 @@ def read_spec(job: JobView) -> SimulationJobSpec:
             " read: look at stack.parameters and matrix, or keep such data in a file of the image"
         )
     try:
-        spec = SimulationJobSpec.model_validate(plain_spec(job.spec))
+        spec = SimulationJobSpec.model_validate(_of_driver(job))
     except ValidationError as error:
         first = error.errors()[0]
         place = ".".join(["spec", *map(str, first["loc"])])
@@ -75,6 +76,20 @@ def plain_spec(spec: Json) -> Json:
         resources = mapping(part.get("resources"))
         resources.update({key: str(value) for key, value in resources.items()})
     return plain
+
+
+def _of_driver(job: JobView) -> Json:
+    return with_baseline(plain_spec(job.spec), pinned_baseline(job))
+
+
+def _baseline(job: JobView) -> Json:
+    """What the driver is to report of spec.baseline.lastPassed."""
+    pinned = pinned_baseline(job)
+    if pinned is None:
+        return {}
+    schedule, name = pinned["schedule"], pinned["job"]
+    message = "" if name else none_yet(schedule)
+    return {"baseline": {"schedule": schedule, "job": name, "message": message}}
 
 
 def job_config(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings) -> Json:
@@ -115,6 +130,7 @@ def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Sett
     resumed = {"resume": earlier} if spec.resume_from and earlier else {}
     return (
         resumed
+        | _baseline(job)
         | job.marks
         | {
             "created": job.created,
@@ -122,7 +138,7 @@ def job_file(job: JobView, spec: SimulationJobSpec, attempt: int, settings: Sett
             "namespace": job.namespace,
             "uid": job.uid,
             "attempt": attempt,
-            "spec": _lasting(plain_spec(job.spec)),
+            "spec": _lasting(_of_driver(job)),
             "images": {
                 "spark": settings.spark_image,
                 "agent": settings.agent_image,

@@ -111,6 +111,30 @@ pub struct Stack {
     /// In ROS 2, what plays.
     #[serde(default)]
     pub player: Player,
+    /// In ROS 1, whose master it is.
+    #[serde(default)]
+    pub master: Master,
+}
+
+/// Whose master ROS 1's nodes find: the agent's own, or the image's rosmaster.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", rename_all = "lowercase")]
+pub enum Master {
+    #[default]
+    Agent,
+    Image,
+}
+
+impl TryFrom<String> for Master {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        match name.as_str() {
+            "agent" => Ok(Self::Agent),
+            "image" => Ok(Self::Image),
+            _ => Err(format!("master is {name:?} in stack, not agent or image")),
+        }
+    }
 }
 
 /// How ROS 2's topics are played: by the image's librcl, on DDS alone, or as it can be.

@@ -62,6 +62,8 @@ pub struct Agent {
     pub ready_after: Duration,
     /// In the environment of everything that its cases start.
     pub mark: String,
+    /// Of the first slot.
+    pub master_port: u16,
     number: Cell<u32>,
 }
 
@@ -74,12 +76,13 @@ impl Agent {
         let folder = tempfile::tempdir().unwrap();
         let shared = folder.path();
         let begun = Instant::now();
+        let master_port = free_ports(slots);
         let mut command = Command::new("/bin/sh");
         // A strict umask, to see that the pipes' modes do not depend on it.
         command
             .args(["-c", "umask 077; exec \"$0\" \"$@\"", env!("CARGO_BIN_EXE_bagpipe-agent")])
             .args(["serve", "--slots", &slots.to_string()])
-            .args(["--master-port", &free_ports(slots).to_string()])
+            .args(["--master-port", &master_port.to_string()])
             .arg("--shared")
             .arg(shared)
             .args(options)
@@ -89,7 +92,7 @@ impl Agent {
         until("ready", Duration::from_secs(60), || is_ready(shared));
         let ready_after = begun.elapsed();
         let mark = format!("bagpipe-test-{}", shared.file_name().unwrap().to_str().unwrap());
-        Self { folder, process, ready_after, mark, number: Cell::new(0) }
+        Self { folder, process, ready_after, mark, master_port, number: Cell::new(0) }
     }
 
     pub fn slot(&self, number: u32) -> PathBuf {
@@ -196,6 +199,21 @@ impl Agent {
     /// A case whose stack is `sh -c script`.
     pub fn case(&self, script: &str, deadlines: &[(&str, f64)]) -> Value {
         self.case_with(script, deadlines, vec![])
+    }
+
+    /// The same with the image's own rosmaster.
+    pub fn case_with_rosmaster(&self, script: &str) -> Value {
+        let mut case = self.case(script, &[]);
+        let entries = |value: &mut Value| match value {
+            Value::Map(entries) => std::mem::take(entries),
+            _ => Vec::new(),
+        };
+        let mut all = entries(&mut case);
+        let stack = all.iter_mut().find(|(key, _)| key.as_str() == Some("stack")).unwrap();
+        let mut members = entries(&mut stack.1);
+        members.push(("master".into(), "image".into()));
+        stack.1 = Value::Map(members);
+        Value::Map(all)
     }
 
     pub fn case_with(

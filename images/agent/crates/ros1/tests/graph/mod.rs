@@ -10,21 +10,43 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex};
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::Master;
+use bagpipe_ros1::{Master, Rosmaster};
 
 /// How long anything in a graph may take to appear on a loaded machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A master and the folder that its nodes may write to.
 pub struct Graph {
-    master: Option<Process>,
+    master: Option<Running>,
     /// The master's URI.
     pub uri: String,
     /// A folder of this graph's own.
     pub folder: PathBuf,
 }
 
+/// The process, or what serves in this one.
+enum Running {
+    OfDebian { _process: Process },
+    Ours { _master: Rosmaster },
+}
+
 impl Graph {
+    /// One with Debian's rosmaster, and one with ours.
+    pub fn of_both(tmp: &str) -> [Graph; 2] {
+        [Graph::start(tmp), Graph::of_ours(tmp)]
+    }
+
+    /// Serves a master of ours.
+    pub fn of_ours(tmp: &str) -> Graph {
+        let port = free_port();
+        let master = Rosmaster::serve((std::net::Ipv4Addr::LOCALHOST, port).into()).unwrap();
+        let uri = format!("http://127.0.0.1:{port}/");
+        assert_eq!(master.uri(), uri);
+        let folder = Path::new(tmp).join(format!("graph-{}-{port}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        Graph { master: Some(Running::Ours { _master: master }), uri, folder }
+    }
+
     /// Starts a rosmaster and waits until it answers.
     pub fn start(tmp: &str) -> Graph {
         let port = free_port();
@@ -33,7 +55,8 @@ impl Graph {
         std::fs::create_dir_all(&folder).unwrap();
         let mut graph = Graph { master: None, uri, folder };
         let port = port.to_string();
-        graph.master = Some(graph.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]));
+        let process = graph.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]);
+        graph.master = Some(Running::OfDebian { _process: process });
         let master = graph.client();
         wait_until("rosmaster answers", || master.get_pid().is_ok());
         graph
@@ -43,7 +66,8 @@ impl Graph {
     pub fn restart_master(&mut self) {
         self.master.take();
         let port = self.uri.trim_end_matches('/').rsplit(':').next().unwrap().to_owned();
-        self.master = Some(self.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]));
+        let process = self.spawn("/usr/bin/rosmaster", &["--core", "-p", &port]);
+        self.master = Some(Running::OfDebian { _process: process });
         let master = self.client();
         wait_until("rosmaster answers again", || master.get_pid().is_ok());
     }

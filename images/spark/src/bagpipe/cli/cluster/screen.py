@@ -9,6 +9,7 @@ from rich.text import Text
 
 from bagpipe.cli.cluster.pace import Pace, rate_words, time_words
 from bagpipe.cli.cluster.state import Counts, JobState
+from bagpipe.cli.terminal import plain
 
 _COLOURS = {"passed": "green", "failed": "red", "invalid": "yellow", "errored": "magenta"}
 _PHASES = {"Complete": "green", "Failed": "red", "Suspended": "yellow"}
@@ -39,7 +40,7 @@ def line(seen: Seen, clock: str) -> str:
     if not state.ended:
         parts += [word for word in (_speed(seen, seen.made),) if word]
     if state.ended or state.reason not in _ORDINARY:
-        parts.append(f"{state.reason}: {state.message}")
+        parts.append(plain(f"{state.reason}: {state.message}"))
     return "; ".join(parts)
 
 
@@ -55,10 +56,10 @@ def block(seen: Seen, now: float) -> RenderableType:
         if speed := _speed(seen, now):
             lines.append(Text(speed))
     if state.message:
-        lines.append(Text(f"{state.reason}: {state.message}", style=_weight(state)))
+        lines.append(Text(plain(f"{state.reason}: {state.message}"), style=_weight(state)))
     for failure in state.failures[-_MOST_FAILURES:]:
         text = f"{failure.get('case')}: {failure.get('reason')}: {failure.get('message')}"
-        lines.append(Text(f"  {text}", style="red", overflow="ellipsis", no_wrap=True))
+        lines.append(Text(f"  {plain(text)}", style="red", overflow="ellipsis", no_wrap=True))
     return Group(*lines)
 
 

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 import click
 from rich.console import Console
 from rich.live import Live
-from rich.markup import escape
 
 from bagpipe.cli.cluster.following import Source, Times, states
 from bagpipe.cli.cluster.hints import again
@@ -17,6 +16,7 @@ from bagpipe.cli.cluster.pace import Pace
 from bagpipe.cli.cluster.screen import Seen, block, line
 from bagpipe.cli.cluster.state import JobState
 from bagpipe.cli.places import RefusedError
+from bagpipe.cli.terminal import unstyled
 from bagpipe.row_facts import verdict_words
 from bagpipe.texts import duration_seconds
 
@@ -89,7 +89,7 @@ class Watcher:
         text = line(seen, "")
         if text != self._line:  # what changed may be something that no line says
             self._line = text
-            self._console.print(escape(clock + text), highlight=False, soft_wrap=True)
+            self._console.print(unstyled(clock + text), highlight=False, soft_wrap=True)
 
 
 def followed(source: Source, name: str, seconds: float, console: Console) -> JobState:
@@ -117,20 +117,20 @@ def show_end(state: JobState, console: Console) -> None:
     why = state.message if state.verdict else f"{state.reason}: {state.message}"
     words = verdict_words(state.verdict, asdict(state.cases))
     console.print(
-        f"[bold {colour}]{escape(words)}[/]  {escape(f'{state.name}: {why}')}",
+        f"[bold {colour}]{unstyled(words)}[/]  {unstyled(f'{state.name}: {why}')}",
         highlight=False,
         soft_wrap=True,
     )
     for found in state.comparisons:
         counts = ", ".join(f"{found.get(w, 0)} {w}" for w in ("regressed", "fixed", "flaky"))
         name = found.get("variant") or "this job"
-        console.print(escape(f"{name} is {found.get('verdict')}: {counts}"), highlight=False)
+        console.print(unstyled(f"{name} is {found.get('verdict')}: {counts}"), highlight=False)
     if state.results:
-        console.print(escape(f"results: {state.results}"), highlight=False, soft_wrap=True)
+        console.print(unstyled(f"results: {state.results}"), highlight=False, soft_wrap=True)
     hint = ""
     if not state.verdict:
         hint = again(f"logs {state.name}", state.namespace)
     elif state.verdict != "Passed":
         hint = again(f"results job/{state.name}", state.namespace, "--failed")
     if hint:
-        console.print(escape(f"why: {hint}"), highlight=False, soft_wrap=True)
+        console.print(unstyled(f"why: {hint}"), highlight=False, soft_wrap=True)

@@ -341,7 +341,7 @@ def _of_tool(image: str) -> StackImage:
         if config is not None:
             why = (
                 f"Its files were not seen: `{tool} save {image} -o stack.tar`, and --image"
-                " stack.tar, look for rosmaster and ROS 2 in them."
+                " stack.tar, look for ROS 1 and ROS 2 in them."
             )
             return StackImage(image, config, None, [why])
     why = (

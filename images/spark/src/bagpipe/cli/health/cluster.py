@@ -44,7 +44,12 @@ def of_version(answer: Answer, context: str) -> Finding:
         )  # fmt: skip
     if not answer.there:
         return unanswered("cluster", what, answer, "its version")
-    version = str(answer.body.get("gitVersion") or "")
+    if is_something_else(answer):
+        return Finding(
+            "cluster", what, "unknown", f"what answers for context {context} is no API server",
+            "is a proxy or a login page between? `kubectl version` says what it sees",
+        )  # fmt: skip
+    version = str(answer.body["gitVersion"])
     found = _VERSION.match(version)
     if found is None:
         return Finding("cluster", what, "unknown", f"its version is {version[:40]!r}")
@@ -54,6 +59,12 @@ def of_version(answer: Answer, context: str) -> Finding:
             "a cluster of Kubernetes 1.29 or later is needed",
         )  # fmt: skip
     return Finding("cluster", what, "done", f"{version} at context {context}")
+
+
+def is_something_else(answer: Answer) -> bool:
+    """Whether that was no API server, of which nothing else is worth a question."""
+    version = answer.body.get("gitVersion")
+    return answer.there and not (isinstance(version, str) and version)
 
 
 def of_kinds(answer: Answer) -> Finding:

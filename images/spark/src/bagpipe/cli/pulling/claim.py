@@ -107,12 +107,13 @@ def made_pod(pods: Pods, manifest: Json, say: Say) -> Iterator[str]:
     with _signals(_ENDING, _end_by):
         there = True
         try:
-            try:
-                pods.create(manifest)
-            except ClusterError as error:
-                # An answer that was lost may have been a yes.
-                there = error.passing
-                raise
+            with _later((*_ENDING, signal.SIGINT)):
+                try:
+                    pods.create(manifest)
+                except ClusterError as error:
+                    # An answer that was lost may have been a yes.
+                    there = error.passing
+                    raise
             yield name
         finally:
             if there:
@@ -184,16 +185,35 @@ def _remove(pods: Pods, manifest: Json, say: Say) -> None:
 def _signals(
     numbers: Sequence[signal.Signals], handler: Callable[[int, FrameType | None], object] | int
 ) -> Iterator[None]:
-    """Another handler for signals, where this thread may set it."""
+    """Another handler for signals, where this thread may set it.
+
+    What is ignored stays so: nohup lets a pull outlive its terminal.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {number: signal.signal(number, handler) for number in numbers}
+    heeded = [number for number in numbers if signal.getsignal(number) != signal.SIG_IGN]
+    before = {number: signal.signal(number, handler) for number in heeded}
     try:
         yield
     finally:
         for number, former in before.items():
             signal.signal(number, former)
+
+
+@contextlib.contextmanager
+def _later(numbers: Sequence[signal.Signals]) -> Iterator[None]:
+    """Signals wait for the end of a request, which has a deadline of its own.
+
+    A pod whose creation was cut off might come to be after it was removed.
+    """
+    came: list[int] = []
+    try:
+        with _signals(numbers, lambda number, _frame: came.append(number)):
+            yield
+    finally:
+        if came:
+            signal.raise_signal(came[0])
 
 
 def _end_by(number: int, _frame: FrameType | None) -> NoReturn:

@@ -35,7 +35,7 @@ def is_fit(name: str) -> bool:
     return (
         len(parts) <= _MOST_FOLDERS
         and all(_is_fit_part(part) for part in parts)
-        and parts[-1] != MARKER
+        and MARKER not in parts
         and not _is_unfinished(parts[-1])
     )
 

@@ -13,6 +13,8 @@ from typing import Protocol
 from bagpipe.cli.pulling.entry import MOST_ENTRIES, Entry, PullError, is_fit, unfit
 
 _MOST_LIST_BYTES = 64 << 20
+# Of no file system is one larger.
+_MOST_FILE_BYTES = 1 << 63
 _MOST_DIGITS = 20
 _DIGEST_BYTES = 64
 
@@ -40,12 +42,12 @@ def read_list(stream: Stream) -> tuple[list[Entry], list[str]]:
         found = json.loads(stream.exactly(int(digits)))
         entries = [Entry(str(n), int(size), str(mark)) for n, size, mark in found["files"]]
         others = [str(name) for name in found["others"]]
-    except (ValueError, TypeError, LookupError, RecursionError) as error:
+    except (ValueError, TypeError, LookupError, OverflowError, RecursionError) as error:
         raise PullError(f"the pod's list of files can't be read: {error}") from error
     names = [entry.name for entry in entries]
     if len(names) > MOST_ENTRIES or len(set(names)) < len(names):
         raise PullError("the pod's list of files has names twice, or too many")
-    if any(entry.size < 0 for entry in entries):
+    if any(not 0 <= entry.size < _MOST_FILE_BYTES for entry in entries):
         raise PullError("the pod's list of files has sizes that are none")
     return [entry for entry in entries if is_fit(entry.name)], others + unfit(names)
 

@@ -1,6 +1,8 @@
 """Results on storage that this machine reaches by itself."""
 
+import math
 import posixpath
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -23,10 +25,12 @@ def pull_errors() -> Iterator[None]:
 
 
 class StoredFolder:
-    """A results folder by its URI. Every method raises PullError."""
+    """A results folder by its URI, until a moment of time.monotonic(). Every method raises
+    PullError.
+    """
 
-    def __init__(self, uri: str, storage: Storage) -> None:
-        self._uri, self._storage = uri.rstrip("/"), storage
+    def __init__(self, uri: str, storage: Storage, until: float = math.inf) -> None:
+        self._uri, self._storage, self._until = uri.rstrip("/"), storage, until
 
     def listed(self) -> tuple[list[Entry], list[str]]:
         """The files that can be copied, and the names of those that can't."""
@@ -35,6 +39,7 @@ class StoredFolder:
         level = [""]
         with pull_errors(), ThreadPoolExecutor(_AT_ONCE) as pool:
             for _ in range(_MOST_FOLDERS):
+                self._check_time()
                 names = [
                     posixpath.join(folder, name) for folder in level for name in self._in(folder)
                 ]
@@ -58,7 +63,16 @@ class StoredFolder:
         with pull_errors():
             uri = f"{self._uri}/{entry.name}"
             whole = [(0, entry.size)]
-            yield from self._storage.pieces(uri, whole, _PIECE_BYTES, entry.version)
+            for piece in self._storage.pieces(uri, whole, _PIECE_BYTES, entry.version):
+                self._check_time()
+                yield piece
+
+    def _check_time(self) -> None:
+        if time.monotonic() > self._until:
+            raise PullError(
+                "the time that --timeout allows is over; pull again, and it goes on where it"
+                " stopped"
+            )
 
     def _in(self, folder: str) -> list[str]:
         return self._storage.names(posixpath.join(self._uri, folder))

@@ -8,6 +8,9 @@ FIELDS = EngineFields(
     unmarked_lines="stack",
     sources=("bags", "sequence", "files"),
     meaningless={
+        ("stack.ros1",): (
+            "stack.ros1 has a meaning with stack.engine: ros1 alone: write that, or leave it out"
+        ),
         ("stack.ros2",): (
             "stack.ros2 has a meaning with stack.engine: ros2 alone: write that, or leave it out"
         ),

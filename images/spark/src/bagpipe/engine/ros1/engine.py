@@ -30,8 +30,11 @@ class Ros1:
         return replayed(attempt, exchange, ".bag")
 
     def programs(self, stack: Stack) -> list[Program]:
-        """The stack's command and the master."""
-        return [own_program(stack, _SOURCED), Program("rosmaster", "ROS needs", _SOURCED)]
+        """The stack's command, and the master where it is the image's."""
+        own = own_program(stack, _SOURCED)
+        if stack.ros1 and stack.ros1.master == "image":
+            return [own, Program("rosmaster", "stack.ros1.master: image needs", _SOURCED)]
+        return [own]
 
     def by_hand(
         self, case: Case, spec: SimulationJobSpec, source: JobSource, storage: Storage, bag: Path

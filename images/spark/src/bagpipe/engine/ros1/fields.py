@@ -27,9 +27,12 @@ FIELDS = EngineFields(
         middleware="ROS 1",
         command=("roslaunch", "your_package", "your.launch"),
         sim_time="/use_sim_time",
-        needed="rosmaster",
-        file=r"(?:usr|opt/ros/[a-z]+)/bin/rosmaster",
-        remedy="install ros-noetic-rosmaster, or Debian's python3-rosmaster",
+        needed="ROS 1",
+        file=(
+            r"(?:usr|opt/ros/[a-z]+)/bin/rosmaster|(?:.*/)?libroscpp[.]so"
+            r"|(?:.*/)?rospy/__init__[.]py"
+        ),
+        remedy="begin with an image such as ros:noetic",
     ),
     meaningless={
         ("stack.ros2",): (

@@ -27,5 +27,10 @@ FIELDS = EngineFields(
         file=r"(?:usr|opt/ros/[a-z]+)/bin/ros2|(?:.*/)?librcl[.]so",
         remedy="begin with an image such as ros:jazzy",
     ),
+    meaningless={
+        ("stack.ros1",): (
+            "stack.ros1 has a meaning with stack.engine: ros1 alone: write that, or leave it out"
+        ),
+    },
     reasons=frozenset({"DeliveryUnproved", "RecordingIncomplete", "Ros2Failed"}),
 )

@@ -7,7 +7,9 @@ function timeAxis(series, window, lines) {
   const length = window ? (window[2] - window[1]) / 1e9 : 0;
   let begin = 0, end = length;
   for (const each of series) {
-    for (const [at] of [each.points[0], each.points[each.points.length - 1]].filter(Boolean)) {
+    // A course may have no value but times at which there was none.
+    const times = [each.points[0], each.points[each.points.length - 1]].filter(Boolean).map(([at]) => at);
+    for (const at of [...times, ...each.odd]) {
       begin = Math.min(begin, at);
       end = Math.max(end, at);
     }

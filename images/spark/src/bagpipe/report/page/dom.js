@@ -23,9 +23,11 @@ const byId = (id) => document.getElementById(id);
 function figure(value, unit) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value);
+  // Four digits, and two behind the point of a large one: coordinates of a map differ there.
+  const digits = Math.max(4, Math.floor(Math.log10(size || 1)) + 3);
   const text = Number.isInteger(value) && size < 1e9
     ? value.toLocaleString("en-US")
-    : size !== 0 && (size < 1e-3 || size >= 1e6) ? value.toExponential(3) : String(Number(value.toPrecision(4)));
+    : size !== 0 && (size < 1e-3 || size >= 1e9) ? value.toExponential(3) : String(Number(value.toPrecision(digits)));
   return unit ? `${text} ${unit}` : text;
 }
 

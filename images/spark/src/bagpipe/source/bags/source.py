@@ -33,7 +33,11 @@ class Bags(JobSource):
 
     def plan(self, conditions: Crossing, storage: Storage) -> Plan:
         """The fragments of all bags, under every condition."""
-        bags, missing = recordings(self.spec.source.uris, storage)
+        return self.plan_of(self.spec.source.uris, conditions, storage)
+
+    def plan_of(self, patterns: list[str], conditions: Crossing, storage: Storage) -> Plan:
+        """The fragments of the bags that these URIs name."""
+        bags, missing = recordings(patterns, storage)
         encoding = fields_of(self.spec.stack.engine).encoding
         made = fragments(
             bags, self.spec.source, encoding, conditions, storage, late_of(self.spec.stack)

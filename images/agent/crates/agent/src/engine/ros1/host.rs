@@ -1,4 +1,4 @@
-//! What ROS 1's nodes need around them: a rosmaster with their parameters.
+//! What ROS 1's nodes need around them: a master with their parameters.
 
 use std::cell::RefCell;
 use std::path::{Path, PathBuf};
@@ -6,13 +6,13 @@ use std::sync::Arc;
 
 use bagpipe_graph::Middleware;
 use bagpipe_log::RecordingFormat;
-use bagpipe_ros1::Ros1;
+use bagpipe_ros1::{Ros1, Rosmaster};
 use bagpipe_rosbag::{Compression, WriterOptions};
 use bagpipe_wire::Abort;
 use rustix::process::Pid;
 
-use crate::case::Case;
 use crate::case::failure::Failure;
+use crate::case::{Case, Master};
 use crate::engine::nodes::host::{Ending, Host, Occasion};
 use crate::engine::nodes::runner::silent;
 use crate::engine::ros1::{parameters, roll, rosmaster};
@@ -21,7 +21,7 @@ use crate::stack::nodes::{Found, Known};
 use crate::stack::processes::{Children, Ended};
 use crate::stack::{Program, Variables};
 
-/// The rosmaster of a case.
+/// The master of a case: the image's rosmaster, or one that is served here.
 pub struct RosmasterHost<'a> {
     case: &'a Case,
     port: u16,
@@ -29,12 +29,14 @@ pub struct RosmasterHost<'a> {
     /// Where ROS may write.
     folder: PathBuf,
     program: RefCell<Option<Program>>,
+    served: RefCell<Option<Rosmaster>>,
 }
 
 impl<'a> RosmasterHost<'a> {
     pub fn new(case: &'a Case, port: u16, folder: &Path) -> Self {
         let uri = format!("http://127.0.0.1:{port}");
-        Self { case, port, uri, folder: folder.to_owned(), program: RefCell::default() }
+        let (program, served) = (RefCell::default(), RefCell::default());
+        Self { case, port, uri, folder: folder.to_owned(), program, served }
     }
 
     fn pid(&self) -> Option<Pid> {
@@ -59,6 +61,12 @@ impl Host for RosmasterHost<'_> {
 
     fn start(&self, occasion: &Occasion<'_>) -> Result<(), Failure> {
         let Occasion { surroundings, children, deadline, interrupted } = *occasion;
+        if self.case.stack.master == Master::Agent {
+            let (served, master) = rosmaster::serve(self.port, &self.uri)?;
+            self.served.replace(Some(served));
+            return parameters::set(&master, &self.case.stack.parameters)
+                .map_err(Failure::protocol);
+        }
         let program = rosmaster::start(surroundings, self.port, &mut children.borrow_mut())?;
         let mut place = self.program.borrow_mut();
         let program = place.insert(program);

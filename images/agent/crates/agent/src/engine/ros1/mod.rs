@@ -1,4 +1,4 @@
-//! ROS 1: a rosmaster of its own for each case.
+//! ROS 1: a master of its own for each case.
 
 pub(crate) mod entry;
 pub(crate) mod host;

@@ -1,11 +1,12 @@
-//! A rosmaster of its own for each case.
+//! A master of its own for each case.
 
+use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr, TcpStream};
 use std::path::Path;
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use bagpipe_ros1::Master;
+use bagpipe_ros1::{Master, RosError, Rosmaster};
 
 use crate::case::failure::Failure;
 use crate::stack::command::{ENTRYPOINT, find};
@@ -17,6 +18,17 @@ const GLANCE: Duration = Duration::from_millis(10);
 /// How long one question may take.
 const QUESTION: Duration = Duration::from_secs(5);
 
+/// Serves a master in this process, which answers from now on, and a client of it.
+pub fn serve(port: u16, uri: &str) -> Result<(Rosmaster, Master), Failure> {
+    let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+    let served = Rosmaster::serve(address).map_err(|error| match error {
+        RosError::Io { source, .. } if source.kind() == ErrorKind::AddrInUse => taken(port),
+        error => failed(error.to_string()),
+    })?;
+    let master = client(uri)?;
+    Ok((served, master))
+}
+
 /// Starts a rosmaster; it does not answer yet.
 pub fn start(
     surroundings: &Surroundings<'_>,
@@ -25,10 +37,7 @@ pub fn start(
 ) -> Result<Program, Failure> {
     let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
     if TcpStream::connect_timeout(&address, Duration::from_millis(200)).is_ok() {
-        return Err(failed(format!(
-            "port {port} is taken by another program: give `bagpipe-agent serve` another \
-             --master-port, or do not start a rosmaster in the image's own services"
-        )));
+        return Err(taken(port));
     }
     let arguments = ["--core".to_owned(), "-p".to_owned(), port.to_string()];
     let path = surroundings.path();
@@ -55,8 +64,7 @@ pub fn await_answer(
     deadline: Instant,
     interrupted: &dyn Fn() -> Option<Failure>,
 ) -> Result<Master, Failure> {
-    let master = Master::new(uri, "/bagpipe_agent", QUESTION)
-        .map_err(|error| Failure::new("Internal", error.to_string()))?;
+    let master = client(uri)?;
     loop {
         let error = match master.get_pid() {
             Ok(_) => return Ok(master),
@@ -79,6 +87,18 @@ pub fn await_answer(
     }
 }
 
+fn client(uri: &str) -> Result<Master, Failure> {
+    Master::new(uri, "/bagpipe_agent", QUESTION)
+        .map_err(|error| Failure::new("Internal", error.to_string()))
+}
+
+fn taken(port: u16) -> Failure {
+    failed(format!(
+        "port {port} is taken by another program: give `bagpipe-agent serve` another \
+         --master-port, or do not start a rosmaster in the image's own services"
+    ))
+}
+
 fn failed(why: String) -> Failure {
     Failure::new("RosMasterFailed", format!("the rosmaster cannot be used: {why}"))
 }
@@ -88,7 +108,8 @@ fn not_found(searched: &str) -> Failure {
         "RosMasterNotFound",
         format!(
             "this image has no rosmaster ({searched}): install the package python3-rosmaster \
-             (Debian, Ubuntu) or ros-noetic-rosmaster (packages.ros.org) in it"
+             (Debian, Ubuntu) or ros-noetic-rosmaster (packages.ros.org) in it, or write \
+             stack.ros1.master: agent"
         ),
     )
 }

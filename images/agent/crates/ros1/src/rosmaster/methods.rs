@@ -1,0 +1,338 @@
+//! The methods, on the state of one graph.
+
+use crate::Value;
+use crate::calls::Answer;
+
+use super::names::resolve;
+use super::notices::Notice;
+use super::parameters::{Parameters, Update};
+use super::registrations::Registrations;
+
+/// Calls that one `system.multicall` may have: roslaunch sets all parameters of a file with one.
+const MOST_CALLS: usize = 100_000;
+
+/// Nodes, topics, services and parameters.
+#[derive(Default)]
+pub(super) struct Graph {
+    pub(super) uri: String,
+    registrations: Registrations,
+    parameters: Parameters,
+    notices: Vec<(String, Notice)>,
+}
+
+/// What a call gave: the message and the value, or a refusal's, for -1.
+type Outcome = Result<(String, Value), (String, Value)>;
+
+fn fine(message: impl Into<String>, value: impl Into<Value>) -> Outcome {
+    Ok((message.into(), value.into()))
+}
+
+fn refused(message: impl Into<String>, value: impl Into<Value>) -> Outcome {
+    Err((message.into(), value.into()))
+}
+
+/// What a call comes with.
+struct Call<'c> {
+    caller: &'c str,
+    params: &'c [Value],
+}
+
+impl Call<'_> {
+    /// A text that is not empty.
+    fn text(&self, at: usize, what: &str) -> Result<&str, (String, Value)> {
+        let text = self.params.get(at).and_then(Value::as_str).filter(|text| !text.is_empty());
+        let wrong = || format!("the parameter {what} must be a text that is not empty");
+        text.ok_or_else(|| (wrong(), Value::Int(0)))
+    }
+
+    /// A name's global form.
+    fn name(&self, at: usize, what: &str) -> Result<String, (String, Value)> {
+        let text = self.text(at, what)?;
+        if text == "/" || text.contains([':', ' ']) {
+            return Err((format!("{text} is no name of a {what}"), Value::Int(0)));
+        }
+        Ok(resolve(text, self.caller))
+    }
+
+    fn key(&self, at: usize) -> Result<String, (String, Value)> {
+        Ok(resolve(self.text(at, "key")?, self.caller))
+    }
+
+    fn uri(&self, at: usize) -> Result<&str, (String, Value)> {
+        let uri = self.text(at, "URI")?;
+        match uri.starts_with("http://") || uri.starts_with("rosrpc://") {
+            true => Ok(uri),
+            false => Err((format!("{uri} is no URI of a node or a service"), Value::Int(0))),
+        }
+    }
+
+    fn node(&self, at: usize) -> Result<(String, String), (String, Value)> {
+        Ok((self.caller.to_owned(), self.uri(at)?.to_owned()))
+    }
+}
+
+impl Graph {
+    /// Answers a call; `None` where there is no such method.
+    pub(super) fn call(&mut self, method: &str, params: &[Value]) -> Option<Answer> {
+        match method {
+            "system.multicall" => return Some(Answer::Bare(self.all(params))),
+            "system.listMethods" => return Some(Answer::Bare(Value::List(Vec::new()))),
+            _ => {}
+        }
+        let Some(caller) = params.first().and_then(Value::as_str) else {
+            let why = "the first parameter is the caller's name";
+            return Some(Answer::Refused(-1, why.to_owned(), Value::Int(0)));
+        };
+        let call = Call { caller, params: &params[1..] };
+        let outcome = match self.about_nodes(method, &call) {
+            None => self.about_parameters(method, &call)?,
+            Some(outcome) => outcome,
+        };
+        Some(match outcome {
+            Ok((message, value)) => Answer::Fine(message, value),
+            Err((message, value)) => Answer::Refused(-1, message, value),
+        })
+    }
+
+    /// Notices to nodes that the calls since have given, with the nodes' URIs.
+    pub(super) fn take_notices(&mut self) -> Vec<(String, Notice)> {
+        std::mem::take(&mut self.notices)
+    }
+
+    /// Several calls in one, each with an answer in a list of its own.
+    fn all(&mut self, params: &[Value]) -> Value {
+        let calls = params.first().and_then(Value::as_list).unwrap_or_default();
+        let answers = calls.iter().take(MOST_CALLS).map(|call| {
+            let Value::Map(call) = call else { return fault("a call is a struct") };
+            let name = call.get("methodName").and_then(Value::as_str).unwrap_or_default();
+            let params = call.get("params").and_then(Value::as_list).unwrap_or_default();
+            let answer = match name {
+                "system.multicall" => None,
+                _ => self.call(name, params),
+            };
+            match answer {
+                Some(answer) => Value::List(vec![answer.into_value()]),
+                None => fault(&format!("the method {name} does not exist here")),
+            }
+        });
+        Value::List(answers.collect())
+    }
+
+    fn about_nodes(&mut self, method: &str, call: &Call<'_>) -> Option<Outcome> {
+        Some(match method {
+            "registerPublisher" => self.register_publisher(call),
+            "unregisterPublisher" => self.unregister(call, true),
+            "registerSubscriber" => self.register_subscriber(call),
+            "unregisterSubscriber" => self.unregister(call, false),
+            "registerService" => self.register_service(call),
+            "unregisterService" => self.unregister_service(call),
+            "lookupService" => self.look_up_service(call),
+            "lookupNode" => self.look_up_node(call),
+            "getPublishedTopics" => self.published_topics(call),
+            "getTopicTypes" => fine("current topics", self.registrations.types()),
+            "getSystemState" => fine("current system state", self.registrations.state()),
+            "getUri" | "getMasterUri" => fine("", self.uri.as_str()),
+            "getPid" => fine("", Value::Int(i64::from(std::process::id()))),
+            // It ends with the case, and with nothing that a node asks for.
+            "shutdown" => refused("this master ends with its graph", 0),
+            _ => return None,
+        })
+    }
+
+    fn about_parameters(&mut self, method: &str, call: &Call<'_>) -> Option<Outcome> {
+        Some(match method {
+            "setParam" => self.set(call),
+            "getParam" => self.get(call),
+            "deleteParam" => self.delete(call),
+            "hasParam" => {
+                call.key(0).and_then(|key| fine(key.as_str(), self.parameters.get(&key).is_some()))
+            }
+            "searchParam" => self.search(call),
+            "getParamNames" => {
+                let names = self.parameters.names().into_iter().map(Value::from).collect();
+                fine("Parameter names", Value::List(names))
+            }
+            "subscribeParam" => self.subscribe(call),
+            "unsubscribeParam" => self.unsubscribe(call),
+            _ => return None,
+        })
+    }
+
+    /// Takes in a node; another of its name is asked to end.
+    fn meet(&mut self, node: &(String, String)) {
+        let Some(before) = self.registrations.meet(node) else { return };
+        self.parameters.unsubscribe_all(&node.0);
+        let why = format!("[{}] Reason: new node registered with same name", node.0);
+        let notice = Notice { method: "shutdown", params: vec![why.into()] };
+        self.notices.push((before, notice));
+    }
+
+    fn forget_idle(&mut self, node: &str) {
+        if !self.parameters.has_subscriber(node) {
+            self.registrations.forget_idle(node);
+        }
+    }
+
+    /// Notifies a topic's subscribers of who publishes it.
+    fn notify_subscribers(&mut self, topic: &str) {
+        let publishers: Vec<Value> =
+            self.registrations.publishers.uris(topic).into_iter().map(Value::from).collect();
+        for uri in self.registrations.subscribers.uris(topic) {
+            let params = vec![topic.into(), Value::List(publishers.clone())];
+            self.notices.push((uri, Notice { method: "publisherUpdate", params }));
+        }
+    }
+
+    fn register_publisher(&mut self, call: &Call<'_>) -> Outcome {
+        let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
+        let datatype = call.text(1, "type")?;
+        self.meet(&node);
+        let message = format!("Registered [{}] as publisher of [{topic}]", node.0);
+        self.registrations.publishers.register(&topic, node);
+        self.registrations.published_as(&topic, datatype);
+        self.notify_subscribers(&topic);
+        fine(message, uris(self.registrations.subscribers.uris(&topic)))
+    }
+
+    fn register_subscriber(&mut self, call: &Call<'_>) -> Outcome {
+        let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
+        let datatype = call.text(1, "type")?;
+        self.meet(&node);
+        self.registrations.subscribers.register(&topic, node);
+        self.registrations.subscribed_as(&topic, datatype);
+        let publishers = self.registrations.publishers.uris(&topic);
+        fine(format!("Subscribed to [{topic}]"), uris(publishers))
+    }
+
+    fn unregister(&mut self, call: &Call<'_>, publisher: bool) -> Outcome {
+        let (topic, node) = (call.name(0, "topic")?, call.node(1)?);
+        let topics = match publisher {
+            true => &mut self.registrations.publishers,
+            false => &mut self.registrations.subscribers,
+        };
+        if !topics.unregister(&topic, &node) {
+            let message = format!("[{}] is not a known provider of [{topic}]", node.0);
+            return fine(message, 0);
+        }
+        if publisher {
+            self.notify_subscribers(&topic);
+        }
+        self.forget_idle(&node.0);
+        fine(format!("Unregistered [{}] as provider of [{topic}]", node.0), 1)
+    }
+
+    fn register_service(&mut self, call: &Call<'_>) -> Outcome {
+        let (service, uri) = (call.name(0, "service")?, call.uri(1)?);
+        let node = call.node(2)?;
+        self.meet(&node);
+        if let Some(before) = self.registrations.serve(&service, &node.0, uri) {
+            self.forget_idle(&before);
+        }
+        fine(format!("Registered [{}] as provider of [{service}]", node.0), 1)
+    }
+
+    fn unregister_service(&mut self, call: &Call<'_>) -> Outcome {
+        let (service, uri) = (call.name(0, "service")?, call.uri(1)?);
+        if !self.registrations.stop_serving(&service, call.caller, uri) {
+            return fine(format!("{uri} does not provide [{service}]"), 0);
+        }
+        self.forget_idle(call.caller);
+        fine(format!("Unregistered [{}] as provider of [{service}]", call.caller), 1)
+    }
+
+    fn look_up_service(&self, call: &Call<'_>) -> Outcome {
+        let service = call.name(0, "service")?;
+        match self.registrations.service(&service) {
+            Some(uri) => fine(format!("rosrpc URI: [{uri}]"), uri.as_str()),
+            None => refused("no provider", ""),
+        }
+    }
+
+    fn look_up_node(&self, call: &Call<'_>) -> Outcome {
+        let node = call.name(0, "node")?;
+        match self.registrations.node(&node) {
+            Some(uri) => fine("node api", uri.as_str()),
+            None => refused(format!("unknown node [{node}]"), ""),
+        }
+    }
+
+    fn published_topics(&self, call: &Call<'_>) -> Outcome {
+        let namespace = match call.params.first().and_then(Value::as_str) {
+            None => return refused("the parameter subgraph must be a text", 0),
+            Some("") => String::new(),
+            Some(text) => format!("{}/", resolve(text, call.caller).trim_end_matches('/')),
+        };
+        fine("current topics", self.registrations.published(&namespace))
+    }
+
+    fn set(&mut self, call: &Call<'_>) -> Outcome {
+        let key = call.key(0)?;
+        let Some(value) = call.params.get(1) else {
+            return refused("the parameter value is missing", 0);
+        };
+        match self.parameters.set(&key, value.clone(), call.caller) {
+            Ok(updates) => self.notify(updates),
+            Err(why) => return refused(why, 0),
+        }
+        fine(format!("parameter {key} set"), 0)
+    }
+
+    fn get(&self, call: &Call<'_>) -> Outcome {
+        let key = call.key(0)?;
+        match self.parameters.get(&key) {
+            Some(value) => fine(format!("Parameter [{key}]"), value),
+            None => refused(format!("Parameter [{key}] is not set"), 0),
+        }
+    }
+
+    fn delete(&mut self, call: &Call<'_>) -> Outcome {
+        let key = call.key(0)?;
+        let Some(updates) = self.parameters.delete(&key) else {
+            return refused(format!("parameter [{key}] is not set"), 0);
+        };
+        self.notify(updates);
+        fine(format!("parameter {key} deleted"), 0)
+    }
+
+    fn search(&self, call: &Call<'_>) -> Outcome {
+        let key = call.text(0, "key")?;
+        let found = match key.starts_with('~') {
+            true => None,
+            false => self.parameters.search(call.caller, key),
+        };
+        match found {
+            Some(name) => fine(format!("Found [{name}]"), name),
+            None => refused(format!("Cannot find parameter [{key}] in an upwards search"), ""),
+        }
+    }
+
+    fn subscribe(&mut self, call: &Call<'_>) -> Outcome {
+        let (node, key) = (call.node(0)?, call.key(1)?);
+        self.meet(&node);
+        let value = self.parameters.subscribe(&key, node);
+        fine(format!("Subscribed to parameter [{key}]"), value)
+    }
+
+    fn unsubscribe(&mut self, call: &Call<'_>) -> Outcome {
+        let (node, key) = (call.node(0)?, call.key(1)?);
+        self.parameters.unsubscribe(&key, &node);
+        self.forget_idle(&node.0);
+        fine(format!("Unsubscribe to parameter [{key}]"), 1)
+    }
+
+    fn notify(&mut self, updates: Vec<Update>) {
+        for Update { uri, key, value } in updates {
+            let params = vec![key.into(), value];
+            self.notices.push((uri, Notice { method: "paramUpdate", params }));
+        }
+    }
+}
+
+fn uris(uris: Vec<String>) -> Value {
+    Value::List(uris.into_iter().map(Value::from).collect())
+}
+
+/// A call's failure within several, as XML-RPC has it.
+fn fault(why: &str) -> Value {
+    Value::Map([("faultCode".into(), Value::Int(-1)), ("faultString".into(), why.into())].into())
+}

@@ -1,0 +1,49 @@
+//! Our master beside Debian's: the same answers to the same calls, and the same notices to nodes.
+#![allow(clippy::unwrap_used)]
+mod graph;
+
+use std::path::Path;
+
+use bagpipe_ros1::Value;
+use graph::Graph;
+
+const TMP: &str = env!("CARGO_TARGET_TMPDIR");
+
+fn script(name: &str) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rosmaster");
+    folder.join(name).to_str().unwrap().to_owned()
+}
+
+#[test]
+fn the_same_calls_have_the_same_answers_and_nodes_get_the_same_notices() {
+    for seed in 0..8 {
+        let [theirs, ours] = Graph::of_both(TMP);
+        let seed = seed.to_string();
+        let arguments = [&script("same_calls.py"), &theirs.uri, &ours.uri, &seed, "1500"];
+        let printed = theirs.run("/usr/bin/python3", &arguments);
+        let words: Vec<&str> = printed.split_whitespace().collect();
+        assert_eq!(words[..2], ["equal", "1500"], "seed {seed}: {printed}");
+        assert!(words[2].parse::<u64>().unwrap() > 12, "seed {seed}: {printed}");
+    }
+}
+
+#[test]
+fn the_uri_is_the_one_that_was_asked_and_no_node_can_end_it() {
+    let graph = Graph::of_ours(TMP);
+    let ask = "import sys, xmlrpc.client; m = xmlrpc.client.ServerProxy(sys.argv[1]); \
+               print(m.getUri('/me')[2] == sys.argv[1], m.shutdown('/me', 'bye')[0], \
+               m.getPid('/me')[0])";
+    assert_eq!(graph.run("/usr/bin/python3", &["-c", ask, &graph.uri]).trim(), "True -1 1");
+    assert_eq!(graph.client().get_pid().unwrap(), i64::from(std::process::id()));
+}
+
+#[test]
+fn a_name_of_too_many_levels_is_refused_with_a_sentence() {
+    let master = Graph::of_ours(TMP);
+    let client = master.client();
+    let deep = "/a".repeat(64);
+    client.set_param(&deep, &Value::Int(1)).unwrap();
+    assert_eq!(client.get_param(&deep).unwrap(), Value::Int(1));
+    let error = client.set_param(&"/a".repeat(65), &Value::Int(1)).unwrap_err().to_string();
+    assert!(error.contains("a parameter's name may have 64 levels"), "{error}");
+}

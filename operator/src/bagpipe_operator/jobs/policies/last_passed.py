@@ -1,0 +1,48 @@
+"""The run that spec.baseline.lastPassed stands for: looked for once, before a job has a driver."""
+
+from bagpipe_operator.api import names, readings
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.api.runs import PassedRun, controller_of, kept_run, passed_run, run_of
+from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.pods.pinned import followed_schedule
+from bagpipe_operator.jobs.view import JobView
+
+
+class CannotCompareError(ValueError):
+    """There is nothing to follow; the message is a sentence for the user."""
+
+
+async def find_last_passed(api: Api, job: JobView) -> Json:
+    """`status.baseline` of a job that is compared with the last good run of a schedule.
+
+    Raises CannotCompareError, and ApiError for faults that may pass.
+    """
+    name = followed_schedule(job)
+    try:
+        schedule = await api.get_schedule(job.namespace, name)
+    except ApiError as error:
+        if error.status != 404:
+            raise
+        raise CannotCompareError(
+            f"There is no SimulationSchedule {name} in namespace {job.namespace}, which"
+            " spec.baseline.lastPassed names: correct the name, or create the schedule first."
+        ) from None
+    listed = await api.list_jobs(job.namespace, f"{names.LABEL_SCHEDULE}={name}")
+    found = last_passed(job, schedule, listed)
+    return {"schedule": name} | (found.as_status() if found else {})
+
+
+def last_passed(job: JobView, schedule: Json, listed: list[Json]) -> PassedRun | None:
+    """The latest run that passed; for a job of the same schedule, of those before its own."""
+    uid = schedule["metadata"]["uid"]
+    own = [each for each in listed if controller_of(each) == uid]
+    runs = [passed_run(_name(each), readings.status(each.get("status"))) for each in own]
+    runs.append(kept_run(readings.status(schedule.get("status"))))
+    mine = any(each["metadata"]["uid"] == job.uid for each in own)
+    until = run_of(job.name) if mine else None
+    earlier = [run for run in runs if run and (until is None or run.run < until)]
+    return max(earlier, default=None)
+
+
+def _name(job: Json) -> str:
+    return str(job["metadata"]["name"])

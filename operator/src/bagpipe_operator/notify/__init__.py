@@ -1,0 +1,1 @@
+"""Notifications: signed, sent to each receiver at its own pace, tried again, counted."""
