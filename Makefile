@@ -23,13 +23,15 @@ EMBEDDED_KUBECONFIG := /var/lib/bagpipe/kubeconfig
 KIND_KUBECONFIG := $(BAGPIPE_CACHE)/kind.kubeconfig
 KIND_VERSION := v0.30.0
 UV_VERSION := 0.13.8
+# Of this checkout; VERSION in the command is the one that is asked for.
+NUMBER := $(file < VERSION)
 NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin
 MODULE_CRATES := log packing rosbag mcap rosbag2 formats
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/python/*.* \
   images/agent/crates/python/src/*.rs images/build/module.py \
   $(foreach crate,$(MODULE_CRATES),images/agent/crates/$(crate)/Cargo.toml images/agent/crates/$(crate)/src/*.rs))
-IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):0.1.0)
+IMAGES := $(foreach name,$(IMAGE_NAMES),bagpipe.local/$(name):$(NUMBER))
 
 # The demonstration by itself needs no others; whatever else is asked for gets all.
 ifeq ($(filter-out demo first-verdict,$(or $(MAKECMDGOALS),help)),)
@@ -68,7 +70,7 @@ OPERATOR_CONTENT = $$(sha256sum < $(BAGPIPE_CACHE)/images/operator.oci.json | cu
 else ifeq ($(CLUSTER),kind)
 export KUBECONFIG := $(KIND_KUBECONFIG)
 PREFLIGHT := tools $(LAPTOP)
-OPERATOR_CONTENT = $$(docker image inspect --format '{{.Id}}' bagpipe.local/operator:0.1.0)
+OPERATOR_CONTENT = $$(docker image inspect --format '{{.Id}}' bagpipe.local/operator:$(NUMBER))
 else ifeq ($(CLUSTER),existing)
 PREFLIGHT := tools images $(LAPTOP)
 OPERATOR_CONTENT = none
@@ -146,7 +148,7 @@ fmt: venv ## Format all Python and Rust, and mend what ruff can mend
 .PHONY: test-programs
 test-programs: kubernetes
 	$(STEP) "Building what tests start" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
-	  nice $(CLUSTER_PY) build helm-unittest versitygw
+	  nice $(CLUSTER_PY) build helm-unittest versitygw syft crane registry
 
 # The longest of all: at a low priority it takes what the other steps leave, and then everything.
 .PHONY: kubernetes
@@ -321,6 +323,30 @@ plugin: venv ## Pack `kubectl bagpipe` for krew into FOLDER (the cache by defaul
 .PHONY: wheels
 wheels: preflight venv ## Build a wheel of bagpipe, its native module and the agent into FOLDER (the cache by default)
 	$(STEP) "Building the wheels" -- .venv/bin/python images/build/wheels.py "$(or $(FOLDER),$(BAGPIPE_CACHE)/wheels)"
+
+# Of a commit that says so itself: VERSION names the number that the file VERSION has.
+RELEASE := env PYTHONPATH=images/build:tests/cluster .venv/bin/python -m release
+DIST := $(or $(FOLDER),dist)
+
+.PHONY: version
+version: ## Write VERSION=0.3.0 into every place that repeats the version
+	@python3 -m release.version $(VERSION)
+
+.PHONY: release-programs
+release-programs: preflight
+	$(STEP) "Building what releases are made and pushed with" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
+	  nice $(CLUSTER_PY) build syft crane
+
+.PHONY: release
+release: preflight venv release-programs ## Make all that registries and indexes take of VERSION=0.2.0 in FOLDER=dist (REGISTRY=, DOWNLOADS=, KEY=)
+	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py agent operator spark
+	$(STEP) "Making the release" --if-it-fails "It says above what is missing." -- $(RELEASE).make "$(VERSION)" --folder "$(DIST)" \
+	  $(if $(REGISTRY),--registry "$(REGISTRY)") $(if $(DOWNLOADS),--downloads "$(DOWNLOADS)") $(if $(KEY),--key "$(KEY)")
+
+.PHONY: push
+push: tools venv release-programs ## Push images and charts of the release in FOLDER=dist to REGISTRY=host/path (PLAIN_HTTP=1, CHARTS_ONLY=1)
+	$(STEP) "Pushing the release" --if-it-fails "It says above why." -- $(RELEASE).push "$(DIST)" \
+	  "$(or $(REGISTRY),$(error push needs REGISTRY=host/path))" $(if $(PLAIN_HTTP),--plain-http) $(if $(CHARTS_ONLY),--charts-only)
 
 .PHONY: up
 up: preflight tools

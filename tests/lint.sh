@@ -17,7 +17,7 @@ step "mypy, the tests" mypy tests/unit tests/integration tests/ros2_real tests/t
   --exclude tests/bench/nodes --exclude tests/ros2_real/nodes/ --exclude tests/integration/nodes --exclude tests/liars/stacks
 step "mypy, the cluster" env -C tests/cluster mypy --config-file ../../pyproject.toml cluster.py step.py
 step "mypy, the images" env -C images/build mypy --config-file ../../pyproject.toml agent.py build.py module.py plugin.py wheels.py ../spark/class_archive.py
-step "mypy, the documentation's site" mypy docs/site charts/reference.py
+step "mypy, the documentation's site" mypy docs/site charts/reference.py release
 step "import-linter" lint-imports
 step "words" tests/words.sh
 step "rustfmt" env -C images/agent cargo fmt --all --check

@@ -19,7 +19,7 @@ from lock import locked
 
 ROOT = Path(__file__).resolve().parents[2]
 REGISTRY = "bagpipe.local"
-VERSION = "0.1.0"
+VERSION = (ROOT / "VERSION").read_text().strip()
 BASE = "docker.io/library/debian:bookworm-20251103-slim"
 CARGO_SECONDS = 1800.0
 WHEEL_SECONDS = 120.0

@@ -12,7 +12,7 @@ from typing import Any
 from archive import make_oci
 from embedded.oci import names_and_digests
 
-NAME = "bagpipe.local/probe:0.1.0"
+NAME = "bagpipe.local/probe:0.2.0"
 LAYERS = [b"first layer", b"second", b"first layer"]
 
 

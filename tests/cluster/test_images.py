@@ -34,15 +34,15 @@ def image(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Image:
 
 def test_the_names_are_those_of_the_contract() -> None:
     assert {i.reference for i in IMAGES} == {
-        "bagpipe.local/agent:0.1.0",
-        "bagpipe.local/example-nodes:0.1.0",
-        "bagpipe.local/barrier-car:0.1.0",
-        "bagpipe.local/exec-highway:0.1.0",
-        "bagpipe.local/operator:0.1.0",
-        "bagpipe.local/robot-state-publisher:0.1.0",
-        "bagpipe.local/ros:0.1.0",
-        "bagpipe.local/ros2-standin:0.1.0",
-        "bagpipe.local/spark:0.1.0",
+        "bagpipe.local/agent:0.2.0",
+        "bagpipe.local/example-nodes:0.2.0",
+        "bagpipe.local/barrier-car:0.2.0",
+        "bagpipe.local/exec-highway:0.2.0",
+        "bagpipe.local/operator:0.2.0",
+        "bagpipe.local/robot-state-publisher:0.2.0",
+        "bagpipe.local/ros:0.2.0",
+        "bagpipe.local/ros2-standin:0.2.0",
+        "bagpipe.local/spark:0.2.0",
     }
 
 
@@ -200,7 +200,7 @@ def test_the_same_sources_give_the_same_wheel(tmp_path: Path) -> None:
     with ThreadPoolExecutor(2) as pool:
         wheels = list(pool.map(context.memory_bag, [tmp_path / "one", tmp_path / "two"]))
     names = {wheel.name for wheel in wheels}
-    assert names == {"bagpipe_bag-0.1.0-cp311-abi3-manylinux_2_34_x86_64.whl"}
+    assert names == {f"bagpipe_bag-{context.VERSION}-cp311-abi3-manylinux_2_34_x86_64.whl"}
     assert wheels[0].read_bytes() == wheels[1].read_bytes()
     with zipfile.ZipFile(wheels[0]) as wheel:
         held = {Path(name).name for name in wheel.namelist() if "dist-info" not in name}
@@ -225,17 +225,17 @@ def test_only_the_spark_image_gets_the_native_module(
 ) -> None:
     def compiled(_what: str, command: list[str], **_environment: str) -> None:
         folder = Path(command[command.index("--out") + 1])
-        (folder / "bagpipe_bag-0.1.0.whl").touch()
+        (folder / "bagpipe_bag-1.whl").touch()
 
     monkeypatch.setenv("BAGPIPE_CACHE", str(tmp_path))
     monkeypatch.setattr(context, "compile_rust", compiled)
     monkeypatch.setattr(context, "requirements", lambda *_: None)
     staged = {i.name: context.stage(i) for i in IMAGES if i.name in {"operator", "spark"}}
     found = {name: {p.name for p in folder.rglob("*.whl")} for name, folder in staged.items()}
-    ours = "bagpipe-0.1.0-py3-none-any.whl"
+    ours = f"bagpipe-{context.VERSION}-py3-none-any.whl"
     assert found == {
-        "operator": {ours, "bagpipe_operator-0.1.0-py3-none-any.whl"},
-        "spark": {ours, "bagpipe_bag-0.1.0.whl"},
+        "operator": {ours, f"bagpipe_operator-{context.VERSION}-py3-none-any.whl"},
+        "spark": {ours, "bagpipe_bag-1.whl"},
     }
 
 

@@ -11,11 +11,12 @@ from pathlib import Path
 import plugin
 import pytest
 import yaml
+from context import VERSION
 
 FILES = {
     "LICENSE": 0o644,
-    "bagpipe-0.1.0-py3-none-any.whl": 0o644,
-    f"bagpipe_bag-0.1.0-cp311-abi3-manylinux_2_34_{platform.machine()}.whl": 0o644,
+    f"bagpipe-{VERSION}-py3-none-any.whl": 0o644,
+    f"bagpipe_bag-{VERSION}-cp311-abi3-manylinux_2_34_{platform.machine()}.whl": 0o644,
     "kubectl-bagpipe": 0o755,
     "kubectl_complete-bagpipe": 0o755,
     "requirements.txt": 0o644,
@@ -54,7 +55,7 @@ def test_the_manifest_is_krew_s(packed: tuple[Path, Path]) -> None:
 def test_its_address_can_be_given(tmp_path: Path) -> None:
     _, manifest = plugin.pack(tmp_path, "https://plugins.example/{file}")
     (platform,) = yaml.safe_load(manifest.read_text())["spec"]["platforms"]
-    assert platform["uri"] == "https://plugins.example/kubectl-bagpipe-v0.1.0.tar.gz"
+    assert platform["uri"] == f"https://plugins.example/kubectl-bagpipe-v{VERSION}.tar.gz"
 
 
 def test_what_it_needs_is_pinned_by_hash_and_from_nowhere_in_particular(

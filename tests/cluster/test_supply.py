@@ -69,9 +69,8 @@ def test_a_wheel_of_ours_has_our_sources_and_nothing_else(tmp_path: Path) -> Non
     context.package(source, tmp_path)
     (wheel,) = tmp_path.iterdir()
     with zipfile.ZipFile(wheel) as packed:
-        held = {
-            name for name in packed.namelist() if not name.startswith("bagpipe-0.1.0.dist-info/")
-        }
+        info = f"bagpipe-{context.VERSION}.dist-info/"
+        held = {name for name in packed.namelist() if not name.startswith(info)}
     inside = {
         str(p.relative_to(source / "src")) for p in (source / "src").rglob("*") if p.is_file()
     }

@@ -71,7 +71,7 @@ def _make(name: str, playback: dict[str, Any]) -> k.Object:
     made = jobs.make_job(name)
     made["spec"] |= {
         "source": made["spec"]["source"] | {"fragment": {"length": "1s"}},
-        "stack": {"image": "bagpipe.local/ros:0.1.0", "command": ["python3", "-c", NODE]},
+        "stack": {"image": "bagpipe.local/ros:0.2.0", "command": ["python3", "-c", NODE]},
         "playback": {"subscribeTimeout": "60s"} | playback,
         "record": {"topics": ["/answer"]},
         "evaluate": [{"name": "is right", "bounds": {"topic": "/answer", "field": "data",

@@ -47,7 +47,7 @@ def make_job(name: str, output: str = "pvc://results/fleet", **changed: Any) -> 
         "source": {"files": [f"pvc://recordings/{FOLDER}/*.bin"]},
         "stack": {
             "engine": "exec",
-            "image": "bagpipe.local/spark:0.1.0",
+            "image": "bagpipe.local/spark:0.2.0",
             "command": ["python3", "-c", PROGRAM],
         },
         "playback": {"caseTimeout": "60s"},

@@ -108,7 +108,7 @@ def start_toolbox(namespace: str) -> None:
             "containers": [
                 {
                     "name": TOOLBOX,
-                    "image": "bagpipe.local/ros:0.1.0",
+                    "image": "bagpipe.local/ros:0.2.0",
                     "imagePullPolicy": "IfNotPresent",
                     "command": ["sleep", "86400"],
                     "securityContext": RESTRICTED,

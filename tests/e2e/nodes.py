@@ -6,7 +6,7 @@ from contextlib import contextmanager
 
 from tests.e2e import kubectl as k
 
-IMAGE = "bagpipe.local/ros:0.1.0"
+IMAGE = "bagpipe.local/ros:0.2.0"
 PORT = 8080
 # A server that answers every connection with its pod's name; it also says so in its log.
 SERVER = f"""

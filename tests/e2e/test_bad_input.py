@@ -51,7 +51,7 @@ STACKS = [
     Bad(
         "no-rosmaster",
         stack(
-            image="bagpipe.local/operator:0.1.0",
+            image="bagpipe.local/operator:0.2.0",
             command=["sleep", "100"],
             ros1={"master": "image"},
         ),
@@ -124,7 +124,7 @@ def test_other_cases_go_on_beside_a_cut_bag(namespace: str) -> None:
 
 def test_a_stack_that_answers_nothing_is_invalid_and_not_passed(namespace: str) -> None:
     # It only counts: a slow listener would lose messages at full speed, which is a failure.
-    listens = {"image": "bagpipe.local/ros:0.1.0", "command": ["rostopic", "hz", "/joint_states"]}
+    listens = {"image": "bagpipe.local/ros:0.2.0", "command": ["rostopic", "hz", "/joint_states"]}
     job = jobs.make_job("answers-nothing", playback={"mode": "max"}, **stack(**listens))
     with jobs.applied(namespace, job) as name:
         status = jobs.ended(namespace, name, 400)["status"]

@@ -20,7 +20,7 @@ def make_job() -> k.Object:
             "source": {"files": ["pvc://recordings/hanging/*.bin"]},
             "stack": {
                 "engine": "exec",
-                "image": "bagpipe.local/spark:0.1.0",
+                "image": "bagpipe.local/spark:0.2.0",
                 "command": ["python3", "-c", hanging.program("/tmp")],
             },
             "playback": {"caseTimeout": f"{CASE_SECONDS}s"},

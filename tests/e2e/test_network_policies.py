@@ -103,7 +103,7 @@ def others(namespace: str) -> Iterator[str]:
         listens = "import http.server as h; h.HTTPServer(('', 8000), h.BaseHTTPRequestHandler)"
         container = {
             "name": pod,
-            "image": "bagpipe.local/ros:0.1.0",
+            "image": "bagpipe.local/ros:0.2.0",
             "imagePullPolicy": "IfNotPresent",
             "command": ["python3", "-c", f"{listens}.serve_forever()"],
             "securityContext": k.RESTRICTED,

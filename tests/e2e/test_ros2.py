@@ -30,7 +30,7 @@ def job(name: str, playback: dict[str, Any]) -> k.Object:
         },
         "stack": {
             "engine": "ros2",
-            "image": "bagpipe.local/ros2-standin:0.1.0",
+            "image": "bagpipe.local/ros2-standin:0.2.0",
             "command": ["standin_node", "--name", "/relay", *topics],
         },
         "playback": playback | {"subscribeTimeout": "120s"},

@@ -43,7 +43,7 @@ def make_job(kind: str, folder: str) -> k.Object:
         "spec": {
             "source": {"bags": [f"{folder}/pr2/*.bag"], "fragment": {"length": "4s"}},
             "stack": {
-                "engine": "exec", "image": "bagpipe.local/spark:0.1.0", "command": _CAT,
+                "engine": "exec", "image": "bagpipe.local/spark:0.2.0", "command": _CAT,
             },
             "spark": jobs.spark(1, 2),
             "output": {"uri": f"{folder if kind in REMOTE else 'pvc://results'}/out"},

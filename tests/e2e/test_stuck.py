@@ -268,7 +268,7 @@ def long_job(name: str) -> k.Object:
         spark=jobs.spark(1, 1),
         stack={
             "engine": "exec",
-            "image": "bagpipe.local/spark:0.1.0",
+            "image": "bagpipe.local/spark:0.2.0",
             "command": ["python3", "-c", fleet.PROGRAM.replace("sleep(1.0)", "sleep(5.0)")],
             "resources": {
                 "requests": {"cpu": "50m", "memory": "512Mi"},

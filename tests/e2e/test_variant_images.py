@@ -9,7 +9,7 @@ from tests.e2e import kubectl as k
 
 pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
-RELEASED, CANDIDATE = "bagpipe.local/ros:0.1.0", "bagpipe.local/example-nodes:0.1.0"
+RELEASED, CANDIDATE = "bagpipe.local/ros:0.2.0", "bagpipe.local/example-nodes:0.2.0"
 FRAGMENTS = 4
 
 # Answers every reading with 1 in the one image and with 0 in the other, which alone has a folder.

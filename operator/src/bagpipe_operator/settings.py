@@ -21,10 +21,10 @@ class SettingError(ValueError):
 class Settings:
     """What an administrator can set."""
 
-    spark_image: str = "bagpipe.local/spark:0.1.0"
+    spark_image: str = "bagpipe.local/spark:0.2.0"
     """BAGPIPE_SPARK_IMAGE: driver and executors. The default is what `make images` builds."""
 
-    agent_image: str = "bagpipe.local/agent:0.1.0"
+    agent_image: str = "bagpipe.local/agent:0.2.0"
     """BAGPIPE_AGENT_IMAGE: image whose one file is put beside the user's stack."""
 
     image_pull_policy: str = "IfNotPresent"

@@ -104,11 +104,27 @@ PROMETHEUS = Program(
     expect="about five minutes on two cores",
     tags=("remove_all_sd", "enable_kubernetes_sd"),
 )
+# No parts of it either: what lists and pushes a release, and the registry of the tests of that.
+CONTENTS = Program(
+    "syft",
+    package="github.com/anchore/syft/cmd/syft",
+    compiler=QUICK_TO_COMPILE,
+    expect="about three minutes on two cores",
+)
+PUSHER = Program(
+    "crane", package="github.com/google/go-containerregistry/cmd/crane", expect="about a minute"
+)
+REGISTRY = Program(
+    "registry",
+    package="github.com/distribution/distribution/v3/cmd/registry",
+    expect="about two minutes",
+)
 
 
 def named(folder: str) -> Program:
     """The program of a module's folder; raises ClusterError where there is none."""
-    known = [*PROGRAMS, S3_SERVER, KWOK, SPARK_OPERATOR, CHART_TESTS, PROMETHEUS]
+    others = [S3_SERVER, KWOK, SPARK_OPERATOR, CHART_TESTS, PROMETHEUS]
+    known = [*PROGRAMS, *others, CONTENTS, PUSHER, REGISTRY]
     for program in known:
         if program.folder == folder:
             return program

@@ -23,7 +23,7 @@ def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     packing = [sys.executable, str(ROOT / "images/build/plugin.py"), str(folder)]
     subprocess.run(packing, check=True, timeout=INSTALL_SECONDS)
     unpacked = folder / "unpacked"
-    with tarfile.open(folder / "kubectl-bagpipe-v0.1.0.tar.gz") as tar:
+    with tarfile.open(folder / "kubectl-bagpipe-v0.2.0.tar.gz") as tar:
         tar.extractall(unpacked, filter="data")
     path = f"{tools.link()}:{unpacked}:{os.environ['PATH']}"
     return {**os.environ, "PATH": path, "KUBECONFIG": str(folder / "none")}
@@ -47,7 +47,7 @@ def test_kubectl_finds_installs_and_completes_the_plugin(
     assert "watch" not in kubectl(environment, "__complete", "bagpipe", "wat")[1]
     status, text = kubectl(environment, "bagpipe", "--version", seconds=INSTALL_SECONDS)
     assert status == 0, text
-    assert "kubectl bagpipe, version 0.1.0" in text.splitlines()
+    assert "kubectl bagpipe, version 0.2.0" in text.splitlines()
     assert "installing bagpipe's packages into" in text
     status, text = kubectl(environment, "bagpipe", "watch", "nightly")
     assert (status, "there is no kubeconfig" in text) == (2, True)

@@ -96,7 +96,7 @@ class Pipe {
     detail::pack_map(answer, 3);
     put(answer, "session", session);
     put(answer, "protocol", 1);
-    put(answer, "software", "bagpipe-binpipe c++ 0.1.0");
+    put(answer, "software", "bagpipe-binpipe c++ 0.2.0");
     send(detail::kHello, answer);
   }
   Pipe(const Pipe&) = delete;

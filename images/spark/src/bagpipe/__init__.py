@@ -22,7 +22,7 @@ __all__ = [
     "MemoryMcapWriter",
     "__version__",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _NATIVE = frozenset({"BagError", "MemoryBag", "MemoryBagWriter", "MemoryMcap", "MemoryMcapWriter"})
 _ON_SPARK = {

@@ -21,7 +21,10 @@ fn install_puts_a_program_that_runs() {
     let installed = folder.path().join("bin/bagpipe-agent");
     assert_eq!(std::fs::metadata(&installed).unwrap().permissions().mode() & 0o777, 0o755);
     let version = Command::new(&installed).arg("--version").output().unwrap().stdout;
-    assert_eq!(String::from_utf8(version).unwrap(), "bagpipe-agent 0.1.0\n");
+    assert_eq!(
+        String::from_utf8(version).unwrap(),
+        concat!("bagpipe-agent ", env!("CARGO_PKG_VERSION"), "\n")
+    );
     assert_eq!(std::fs::read_dir(folder.path().join("bin")).unwrap().count(), 1);
 }
 

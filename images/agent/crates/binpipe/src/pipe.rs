@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::field::Fields;
 
-const SOFTWARE: &str = "bagpipe-binpipe rust 0.1.0";
+const SOFTWARE: &str = concat!("bagpipe-binpipe rust ", env!("CARGO_PKG_VERSION"));
 const READ_BYTES: usize = 1 << 20;
 const FLUSH_BYTES: usize = 256 * 1024;
 

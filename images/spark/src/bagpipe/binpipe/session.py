@@ -10,7 +10,7 @@ from .frames import Outgoing as _Outgoing
 from .maps import pack, unpack
 
 PROTOCOL = 1
-_SOFTWARE = "bagpipe-binpipe python 0.1.0"
+_SOFTWARE = "bagpipe-binpipe python 0.2.0"
 
 Field = str | int | bytes
 
