@@ -30,8 +30,8 @@ def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
 
 
 def what_decides(spec: Json, fields: frozenset[str] | None = None) -> Json:
-    """Those scalars of a job's spec, how many executors it wants, what its baseline follows, and whom
-    it wants notified."""
+    """Those scalars of a job's spec, how many executors it wants, what its baseline follows, and
+    who is to be notified."""
     executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
     wanted: Json = {} if executors is None else {"spark": {"executors": executors}}
     followed = scalars(readings.mapping(spec.get("baseline")), frozenset({"lastPassed"}))

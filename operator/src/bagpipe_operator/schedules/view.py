@@ -85,7 +85,7 @@ class ScheduledJob:
     complete: bool = False
     failed: bool = False
     completed: datetime | None = None
-    passed: PassedRun | None = None
+    passed_run: PassedRun | None = None
     result: Result | None = None  # of one that has ended
     resource_version: str = field(default="", compare=False)
 
@@ -114,7 +114,7 @@ class ScheduledJob:
             complete="Complete" in true,
             failed="Failed" in true,
             completed=readings.moment(status.get("completionTime")),
-            passed=passed_run(meta["name"], status),
+            passed_run=passed_run(meta["name"], status),
             # Of one that runs it would change all the time, and nobody goes by it.
             result=_result(status, "Complete" in true) if true & {"Complete", "Failed"} else None,
             resource_version=str(meta.get("resourceVersion") or ""),
@@ -214,9 +214,9 @@ class Schedules:
             return False
         changed = known != job
         jobs[job.name] = job
-        if job.passed is not None:
-            before = self._passed.get(job.schedule_uid, job.passed)
-            self._passed[job.schedule_uid] = max(before, job.passed)
+        if job.passed_run is not None:
+            before = self._passed.get(job.schedule_uid, job.passed_run)
+            self._passed[job.schedule_uid] = max(before, job.passed_run)
         return changed
 
     def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:
