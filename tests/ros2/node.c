@@ -9,7 +9,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #ifdef WITHOUT_TRACEPOINTS
 #define TRACE(call) ((void)0)
@@ -195,11 +194,9 @@ static void say_on_all(uint64_t times) {
 
 static void *talk(void *unused) {
   (void)unused;
-  struct timespec pause = {(time_t)(asked.every_us / 1000000),
-                           (long)(asked.every_us % 1000000) * 1000};
   say_on_all(asked.burst);
   while (!ending && asked.every_us > 0) {
-    clock_nanosleep(CLOCK_MONOTONIC, 0, &pause, NULL);
+    sleep_us(asked.every_us);
     say_on_all(1);
   }
   return NULL;
