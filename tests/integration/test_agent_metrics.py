@@ -1,7 +1,6 @@
 """The agent's /metrics beside a real case: what it exposes and hides, and who can hurt it."""
 
 import socket
-import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,10 +12,11 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from bagpipe.run.case_run import RunContext, run_case
 from bagpipe.source.planning import plan
+from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from charts.monitoring import generate
-from tests.integration.conftest import RunningAgent
-from tests.integration.stacks import folders_with_recording, in_one_piece
+from tests.integration.conftest import ROOT, RunningAgent
+from tests.integration.stacks import folders_with_recording, in_one_piece, whole_fields
 from tests.ports import free_port
 from tests.recording import MESSAGES
 from tests.waiting import PATIENCE, wait_until
@@ -25,6 +25,10 @@ pytestmark = pytest.mark.integration
 
 StartAgent = Callable[..., RunningAgent]
 Figures = dict[tuple[str, str], float]
+
+NODE = ROOT / "tests/integration/nodes/held_relay.py"
+# Messages that it answers before it waits.
+HELD = 500
 
 
 class Watched:
@@ -35,6 +39,17 @@ class Watched:
         self.agent = start_agent(1, None, "--metrics", "{}:{}".format(*self.address))
         self.folders = folders_with_recording(tmp_path)
         self.spec = in_one_piece()
+        (self.case,) = plan(self.spec, Storage(self.folders)).cases
+
+    def hold(self, count: int, gate: Path) -> None:
+        """Gives the case a node that answers so many messages, and more once there is the file."""
+        words = ["sensor_msgs/JointState", "/joint_states", "/relayed", str(count), str(gate)]
+        step = {"trigger": "/joint_states", "answer": "/relayed", "deadline": f"{PATIENCE:.0f}s"}
+        fields = whole_fields()
+        fields["stack"]["command"] = ["/usr/bin/python3", str(NODE), *words]
+        fields["playback"]["steps"] = [step]
+        fields["record"]["topics"] = ["/relayed"]
+        self.spec = SimulationJobSpec.model_validate(fields)
         (self.case,) = plan(self.spec, Storage(self.folders)).cases
 
     def run(self) -> dict[str, Any]:
@@ -77,31 +92,29 @@ def watched(tmp_path: Path, start_agent: StartAgent) -> Watched:
     return Watched(tmp_path, start_agent)
 
 
-def test_a_real_case_is_seen_while_it_runs_and_adds_up(watched: Watched) -> None:
-    seen: list[Figures] = []
-    over = threading.Event()
+def test_a_real_case_is_seen_while_it_runs_and_adds_up(watched: Watched, tmp_path: Path) -> None:
+    gate = tmp_path / "gate"
+    watched.hold(HELD, gate)
 
-    def look() -> None:
-        while not over.is_set():
-            seen.append(watched.figures())
-            over.wait(0.05)
+    def held() -> Figures | None:
+        now = watched.figures()
+        return now if now["bagpipe_agent_played_messages_total", ""] >= HELD else None
 
     with ThreadPoolExecutor(1) as beside:
-        looking = beside.submit(look)
-        row = watched.run()
-        over.set()
-        looking.result()
+        running = beside.submit(watched.run)
+        try:
+            during = wait_until(held, PATIENCE, "no progress is seen")
+        finally:
+            gate.touch()
+        row = running.result()
     assert row["outcome"] == "passed", row
-
-    def ended(figures: Figures) -> bool:
-        return figures["bagpipe_agent_cases_ended_total", "answered"] == 1
-
+    # In lock-step a message counts when it is answered, and the answer of the next one is awaited.
+    assert during["bagpipe_agent_played_messages_total", ""] == HELD
+    assert during["bagpipe_agent_recorded_messages_total", ""] == HELD
+    assert during["bagpipe_agent_recordings_size_bytes", ""] > 0
+    assert during["bagpipe_agent_slots_busy", ""] == 1
+    assert during["bagpipe_agent_cases_ended_total", "answered"] == 0
     after = watched.after(1)
-    busy = [each for each in seen if each["bagpipe_agent_slots_busy", ""] == 1]
-    played = [each["bagpipe_agent_played_messages_total", ""] for each in busy]
-    assert any(0 < count < MESSAGES for count in played), played
-    assert any(each["bagpipe_agent_recordings_size_bytes", ""] > 0 for each in busy)
-    assert all(not ended(each) for each in busy)
     result = row["result"]
     expected = {
         "fragment_received_bytes_total": result["input_bytes"],
