@@ -21,7 +21,6 @@ from tests.integration.conftest import RunningAgent
 pytestmark = pytest.mark.integration
 
 MESSAGES = 400
-STRING = "std_msgs/msg/String:10:reliable"
 LOCKSTEP = {"mode": "lockstep", "steps": [{"trigger": "/in", "answer": "/out", "deadline": "20s"}]}
 
 
@@ -35,10 +34,18 @@ def folders(tmp_path: Path) -> dict[str, str]:
     return ros2_recording.claims(tmp_path, MESSAGES)
 
 
-def relay(standin: Path, *options: str, program: str = "standin_node") -> list[str]:
-    """A node that answers each message of /in on /out."""
-    subscription = f"/in:{ros2_recording.IMU}:10:reliable"
-    topics = ["--sub", subscription, "--pub", f"/out:{STRING}", "--relay", "/in=/out"]
+# In real time a message goes out whether there is room for it or not: so deep a queue is not filled
+# by any pause of the machine, of which these tests say nothing. At full speed ten are enough.
+DEPTHS = {"max": 10, "realtime": 2 * MESSAGES}
+
+
+def relay(
+    standin: Path, *options: str, program: str = "standin_node", depth: int = 10
+) -> list[str]:
+    """A node that answers each message of /in on /out; `depth` is of its queues, in messages."""
+    subscription = f"/in:{ros2_recording.IMU}:{depth}:reliable"
+    publisher = f"/out:std_msgs/msg/String:{depth}:reliable"
+    topics = ["--sub", subscription, "--pub", publisher, "--relay", "/in=/out"]
     return [str(standin / program), "--name", "/relay", *topics, *options]
 
 
@@ -83,7 +90,7 @@ def test_all_that_is_sent_is_called_and_recorded(
     job = spec(
         ros2_standin.environment(standin),
         {"mode": mode},
-        relay(standin),
+        relay(standin, depth=DEPTHS[mode]),
         evaluate=[{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}],
     )
     row = run(job, folders, start_agent())
