@@ -2,6 +2,7 @@
 stand-in over Debian's Cyclone DDS) and nodes in processes of their own.
 """
 
+import copy
 import hashlib
 import re
 from collections.abc import Callable
@@ -17,11 +18,12 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
 MESSAGES = 400
-LOCKSTEP = {"mode": "lockstep", "steps": [{"trigger": "/in", "answer": "/out", "deadline": "20s"}]}
+LOCKSTEP = {"mode": "lockstep", "steps": [{"trigger": "/in", "answer": "/out"}]}
 
 
 @pytest.fixture(scope="session")
@@ -61,11 +63,11 @@ def spec(
     whole = {
         "source": {"bags": ["pvc://recordings/drive.mcap"], "fragment": {"length": "60s"}},
         "stack": stack,
-        "playback": playback,
+        "playback": copy.deepcopy(playback),
         "record": {"topics": ["/out"]},
         "output": {"uri": "pvc://results/r"},
     }
-    return SimulationJobSpec.model_validate(whole | fields)
+    return SimulationJobSpec.model_validate(patient(whole | fields))
 
 
 def run(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgent) -> Row:
@@ -142,7 +144,7 @@ def test_without_ros_2_a_sentence_names_what_to_do(
     folders: dict[str, str], start_agent: Callable[..., RunningAgent]
 ) -> None:
     nowhere = {"LD_LIBRARY_PATH": "/nowhere"}
-    job = spec(nowhere, {"mode": "max"}, ["sleep", "60"], deadlines={"start": "1s"})
+    job = spec(nowhere, {"mode": "max", "subscribeTimeout": "20s"}, ["sleep", "60"])
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", row
     # Nor does a player without librcl hide it: nobody is there for whom it could play.
@@ -196,7 +198,7 @@ def test_where_the_users_settings_leave_no_place_in_the_domain_a_sentence_names_
     one = "<CycloneDDS><Domain><Discovery><MaxAutoParticipantIndex>1</MaxAutoParticipantIndex>"
     setup = ros2_standin.environment(standin)
     setup["CYCLONEDDS_URI"] = f"{one}</Discovery></Domain></CycloneDDS>"
-    job = spec(setup, {"mode": "max"}, relay(standin), deadlines={"start": "5s"})
+    job = spec(setup, {"mode": "max"}, relay(standin))
     row = run(job, folders, start_agent())
     assert row["outcome"] == "errored", "\n".join(map(str, row.items()))
     assert "MaxAutoParticipantIndex" in row["message"], row

@@ -19,6 +19,7 @@ from tests.integration.conftest import ROOT
 from tests.integration.laptop import STEP_SECONDS, Laptop
 from tests.integration.stacks import EXAMPLE, folders_with_recording
 from tests.recording import MESSAGES
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -49,8 +50,7 @@ def with_recording(laptop: Laptop) -> None:
 
 def example(**changed: Any) -> dict[str, Any]:
     """The example's spec, four fragments in lock-step, with fields replaced."""
-    spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
-    return spec | changed
+    return patient(yaml.safe_load(EXAMPLE.read_text())["spec"]) | changed
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
@@ -164,7 +164,7 @@ def test_what_can_t_be_run_ends_with_2_and_says_why(laptop: Laptop) -> None:
 
 
 def test_a_simulated_job_runs_as_many_cases_as_are_asked_for(laptop: Laptop) -> None:
-    spec: dict[str, Any] = yaml.safe_load((BARRIER_CAR / "job.yaml").read_text())["spec"]
+    spec = patient(yaml.safe_load((BARRIER_CAR / "job.yaml").read_text())["spec"])
     spec["stack"]["command"] = ["/usr/bin/python3", str(BARRIER_CAR / "planner.py")]
     manifest = laptop.manifest("barrier", spec)
     status, output, errors = laptop.run(
