@@ -57,13 +57,20 @@ class SecondNodeLoses(Localiser):
     """Its planner has a queue of one; the node that answers loses nothing."""
 
     def begin(self):
+        before = runs_before("subscribed")
         self.planner = subprocess.Popen([sys.executable, __file__, "planner"])
-        wait(1.5)
+        # Nothing is played before this node subscribes, too.
+        while runs_before("subscribed") == before and not rospy.is_shutdown():
+            wait(0.05)
 
 
 class Planner(ShortQueue):
     name = "planner"
     out = "/plan"
+
+    def serve(self):
+        mark("subscribed")
+        super().serve()
 
 
 class QuietPlanner(Localiser):
