@@ -9,7 +9,8 @@ import threading
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from localiser import Localiser, main, mark, right, runs_before, wait
+from localiser import Localiser, main, right, wait
+from marks import mark, runs_before
 
 
 class ShortQueue(Localiser):
