@@ -6,7 +6,7 @@ use crate::calls::Answer;
 use super::names::resolve;
 use super::notices::Notice;
 use super::parameters::{Parameters, Update};
-use super::registrations::Registrations;
+use super::registrations::{ANY, Registrations};
 
 /// Calls that one `system.multicall` may have: roslaunch sets all parameters of a file with one.
 const MOST_CALLS: usize = 100_000;
@@ -54,6 +54,15 @@ impl Call<'_> {
         Ok(resolve(text, self.caller))
     }
 
+    /// A topic's type: a package and a name in it, or whichever comes.
+    fn datatype(&self, at: usize) -> Result<&str, (String, Value)> {
+        let datatype = self.text(at, "type")?;
+        match datatype == ANY || datatype.split('/').count() == 2 {
+            true => Ok(datatype),
+            false => Err((format!("{datatype} is no type: write package/Name"), Value::Int(0))),
+        }
+    }
+
     fn key(&self, at: usize) -> Result<String, (String, Value)> {
         Ok(resolve(self.text(at, "key")?, self.caller))
     }
@@ -84,6 +93,10 @@ impl Graph {
             return Some(Answer::Refused(-1, why.to_owned(), Value::Int(0)));
         };
         let call = Call { caller, params: &params[1..] };
+        if arity(method).is_some_and(|arity| arity != call.params.len()) {
+            let why = format!("{method} was called with {} parameters", params.len());
+            return Some(Answer::Refused(-1, why, Value::Int(0)));
+        }
         let outcome = match self.about_nodes(method, &call) {
             None => self.about_parameters(method, &call)?,
             Some(outcome) => outcome,
@@ -185,7 +198,7 @@ impl Graph {
 
     fn register_publisher(&mut self, call: &Call<'_>) -> Outcome {
         let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
-        let datatype = call.text(1, "type")?;
+        let datatype = call.datatype(1)?;
         self.meet(&node);
         let message = format!("Registered [{}] as publisher of [{topic}]", node.0);
         self.registrations.publishers.register(&topic, node);
@@ -196,7 +209,7 @@ impl Graph {
 
     fn register_subscriber(&mut self, call: &Call<'_>) -> Outcome {
         let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
-        let datatype = call.text(1, "type")?;
+        let datatype = call.datatype(1)?;
         self.meet(&node);
         self.registrations.subscribers.register(&topic, node);
         self.registrations.subscribed_as(&topic, datatype);
@@ -267,10 +280,7 @@ impl Graph {
 
     fn set(&mut self, call: &Call<'_>) -> Outcome {
         let key = call.key(0)?;
-        let Some(value) = call.params.get(1) else {
-            return refused("the parameter value is missing", 0);
-        };
-        match self.parameters.set(&key, value.clone(), call.caller) {
+        match self.parameters.set(&key, call.params[1].clone(), call.caller) {
             Ok(updates) => self.notify(updates),
             Err(why) => return refused(why, 0),
         }
@@ -326,6 +336,20 @@ impl Graph {
             self.notices.push((uri, Notice { method: "paramUpdate", params }));
         }
     }
+}
+
+/// How many parameters follow the caller's name; `None` where there is no such method.
+fn arity(method: &str) -> Option<usize> {
+    Some(match method {
+        "getTopicTypes" | "getSystemState" | "getUri" | "getMasterUri" | "getPid"
+        | "getParamNames" => 0,
+        "lookupService" | "lookupNode" | "getPublishedTopics" | "getParam" | "deleteParam"
+        | "hasParam" | "searchParam" | "shutdown" => 1,
+        "unregisterPublisher" | "unregisterSubscriber" | "unregisterService" | "setParam"
+        | "subscribeParam" | "unsubscribeParam" => 2,
+        "registerPublisher" | "registerSubscriber" | "registerService" => 3,
+        _ => return None,
+    })
 }
 
 fn uris(uris: Vec<String>) -> Value {
