@@ -74,6 +74,23 @@ impl Value {
         }
     }
 
+    /// About how much memory it takes.
+    pub(crate) fn bytes(&self) -> usize {
+        let content = match self {
+            Value::Bool(_) | Value::Int(_) | Value::Double(_) => 0,
+            Value::String(text) | Value::Date(text) => text.len(),
+            Value::Binary(bytes) => bytes.len(),
+            Value::List(items) => items.iter().map(Value::bytes).sum(),
+            Value::Map(members) => members.iter().map(|(name, one)| one.bytes_at(name)).sum(),
+        };
+        size_of::<Value>() + content
+    }
+
+    /// The same as a member of this name.
+    pub(crate) fn bytes_at(&self, name: &str) -> usize {
+        size_of::<String>() + name.len() + self.bytes()
+    }
+
     /// The first character of a text in it that XML 1.0 can't have: an XML parser reads no answer
     /// that has it.
     pub(crate) fn no_xml(&self) -> Option<char> {

@@ -47,3 +47,11 @@ fn a_name_of_too_many_levels_is_refused_with_a_sentence() {
     let error = client.set_param(&"/a".repeat(65), &Value::Int(1)).unwrap_err().to_string();
     assert!(error.contains("a parameter's name may have 64 levels"), "{error}");
 }
+
+#[test]
+fn what_one_graph_holds_and_one_call_answers_has_a_bound() {
+    let graph = Graph::of_ours(TMP);
+    assert_eq!(graph.run("/usr/bin/python3", &[&script("bounds.py"), &graph.uri]).trim(), "bound");
+    let client = graph.client();
+    assert_eq!(client.get_param("/0").unwrap(), Value::String("x".repeat(8 << 20)));
+}

@@ -1,23 +1,33 @@
 //! The methods, on the state of one graph.
 
+use std::collections::BTreeMap;
+
 use crate::Value;
 use crate::calls::Answer;
 
 use super::names::resolve;
-use super::notices::Notice;
+use super::notices::Notices;
 use super::parameters::{Parameters, Update};
 use super::registrations::{ANY, Registrations};
 
 /// Calls that one `system.multicall` may have: roslaunch sets all parameters of a file with one.
 const MOST_CALLS: usize = 100_000;
 
+/// About how much memory their answers may take together.
+const MOST_ANSWERED: usize = 64 << 20;
+/// Bytes of all registrations that a graph has ever had: a topic's type stays.
+const MOST_REGISTERED: usize = 64 << 20;
+/// What a registration takes beside its texts.
+const REGISTRATION: usize = 200;
+
 /// Nodes, topics, services and parameters.
 #[derive(Default)]
 pub(super) struct Graph {
     pub(super) uri: String,
     registrations: Registrations,
+    registered: usize,
     parameters: Parameters,
-    notices: Vec<(String, Notice)>,
+    notices: Notices,
 }
 
 /// What a call gave: the message and the value, or a refusal's, for -1.
@@ -81,6 +91,11 @@ impl Call<'_> {
 }
 
 impl Graph {
+    /// Whose nodes get notices that way.
+    pub(super) fn new(notices: Notices) -> Graph {
+        Graph { notices, ..Graph::default() }
+    }
+
     /// Answers a call; `None` where there is no such method.
     pub(super) fn call(&mut self, method: &str, params: &[Value]) -> Option<Answer> {
         match method {
@@ -107,15 +122,17 @@ impl Graph {
         })
     }
 
-    /// Notices to nodes that the calls since have given, with the nodes' URIs.
-    pub(super) fn take_notices(&mut self) -> Vec<(String, Notice)> {
-        std::mem::take(&mut self.notices)
-    }
-
     /// Several calls in one, each with an answer in a list of its own.
     fn all(&mut self, params: &[Value]) -> Value {
         let calls = params.first().and_then(Value::as_list).unwrap_or_default();
+        let mut answered = 0;
         let answers = calls.iter().take(MOST_CALLS).map(|call| {
+            if answered > MOST_ANSWERED {
+                return fault(&format!("the answers before take more than {MOST_ANSWERED} bytes"));
+            }
+            if self.notices.have_ended() {
+                return fault("this master has ended");
+            }
             let Value::Map(call) = call else { return fault("a call is a struct") };
             let name = call.get("methodName").and_then(Value::as_str).unwrap_or_default();
             let params = call.get("params").and_then(Value::as_list).unwrap_or_default();
@@ -124,7 +141,11 @@ impl Graph {
                 _ => self.call(name, params),
             };
             match answer {
-                Some(answer) => Value::List(vec![answer.into_value()]),
+                Some(answer) => {
+                    let answer = answer.into_value();
+                    answered += answer.bytes();
+                    Value::List(vec![answer])
+                }
                 None => fault(&format!("the method {name} does not exist here")),
             }
         });
@@ -157,9 +178,7 @@ impl Graph {
             "setParam" => self.set(call),
             "getParam" => self.get(call),
             "deleteParam" => self.delete(call),
-            "hasParam" => {
-                call.key(0).and_then(|key| fine(key.as_str(), self.parameters.get(&key).is_some()))
-            }
+            "hasParam" => call.key(0).and_then(|key| fine(key.as_str(), self.parameters.has(&key))),
             "searchParam" => self.search(call),
             "getParamNames" => {
                 let names = self.parameters.names().into_iter().map(Value::from).collect();
@@ -171,13 +190,26 @@ impl Graph {
         })
     }
 
+    /// Counts a registration.
+    fn count(&mut self, call: &Call<'_>) -> Result<(), (String, Value)> {
+        let texts = call.params.iter().filter_map(Value::as_str).map(str::len).sum::<usize>();
+        self.registered += REGISTRATION + call.caller.len() + texts;
+        match self.registered <= MOST_REGISTERED {
+            true => Ok(()),
+            false => {
+                let why = format!("the registrations of a graph may take {MOST_REGISTERED} bytes");
+                Err((why, Value::Int(0)))
+            }
+        }
+    }
+
     /// Takes in a node; another of its name is asked to end.
     fn meet(&mut self, node: &(String, String)) {
         let Some(before) = self.registrations.meet(node) else { return };
         self.parameters.unsubscribe_all(&node.0);
         let why = format!("[{}] Reason: new node registered with same name", node.0);
-        let notice = Notice { method: "shutdown", params: vec![why.into()] };
-        self.notices.push((before, notice));
+        let notice = self.notices.notice("shutdown", vec![why.into()]);
+        self.notices.send(&before, notice);
     }
 
     fn forget_idle(&mut self, node: &str) {
@@ -188,17 +220,19 @@ impl Graph {
 
     /// Notifies a topic's subscribers of who publishes it.
     fn notify_subscribers(&mut self, topic: &str) {
-        let publishers: Vec<Value> =
+        let publishers =
             self.registrations.publishers.uris(topic).into_iter().map(Value::from).collect();
+        let params = vec![topic.into(), Value::List(publishers)];
+        let notice = self.notices.notice("publisherUpdate", params);
         for uri in self.registrations.subscribers.uris(topic) {
-            let params = vec![topic.into(), Value::List(publishers.clone())];
-            self.notices.push((uri, Notice { method: "publisherUpdate", params }));
+            self.notices.send(&uri, notice.clone());
         }
     }
 
     fn register_publisher(&mut self, call: &Call<'_>) -> Outcome {
         let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
         let datatype = call.datatype(1)?;
+        self.count(call)?;
         self.meet(&node);
         let message = format!("Registered [{}] as publisher of [{topic}]", node.0);
         self.registrations.publishers.register(&topic, node);
@@ -210,6 +244,7 @@ impl Graph {
     fn register_subscriber(&mut self, call: &Call<'_>) -> Outcome {
         let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
         let datatype = call.datatype(1)?;
+        self.count(call)?;
         self.meet(&node);
         self.registrations.subscribers.register(&topic, node);
         self.registrations.subscribed_as(&topic, datatype);
@@ -237,6 +272,7 @@ impl Graph {
     fn register_service(&mut self, call: &Call<'_>) -> Outcome {
         let (service, uri) = (call.name(0, "service")?, call.uri(1)?);
         let node = call.node(2)?;
+        self.count(call)?;
         self.meet(&node);
         if let Some(before) = self.registrations.serve(&service, &node.0, uri) {
             self.forget_idle(&before);
@@ -318,6 +354,7 @@ impl Graph {
 
     fn subscribe(&mut self, call: &Call<'_>) -> Outcome {
         let (node, key) = (call.node(0)?, call.key(1)?);
+        self.count(call)?;
         self.meet(&node);
         let value = self.parameters.subscribe(&key, node);
         fine(format!("Subscribed to parameter [{key}]"), value)
@@ -331,9 +368,14 @@ impl Graph {
     }
 
     fn notify(&mut self, updates: Vec<Update>) {
-        for Update { uri, key, value } in updates {
-            let params = vec![key.into(), value];
-            self.notices.push((uri, Notice { method: "paramUpdate", params }));
+        for Update { uris, key } in updates {
+            let value = self.parameters.get(&key);
+            // One that is gone is an empty tree.
+            let value = value.unwrap_or_else(|| Value::Map(BTreeMap::new()));
+            let notice = self.notices.notice("paramUpdate", vec![key.into(), value]);
+            for uri in uris {
+                self.notices.send(&uri, notice.clone());
+            }
         }
     }
 }
@@ -345,8 +387,12 @@ fn arity(method: &str) -> Option<usize> {
         | "getParamNames" => 0,
         "lookupService" | "lookupNode" | "getPublishedTopics" | "getParam" | "deleteParam"
         | "hasParam" | "searchParam" | "shutdown" => 1,
-        "unregisterPublisher" | "unregisterSubscriber" | "unregisterService" | "setParam"
-        | "subscribeParam" | "unsubscribeParam" => 2,
+        "unregisterPublisher"
+        | "unregisterSubscriber"
+        | "unregisterService"
+        | "setParam"
+        | "subscribeParam"
+        | "unsubscribeParam" => 2,
         "registerPublisher" | "registerSubscriber" | "registerService" => 3,
         _ => return None,
     })
