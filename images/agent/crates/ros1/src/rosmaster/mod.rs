@@ -18,10 +18,10 @@ use methods::Graph;
 use notices::Notices;
 
 /// Connections that are served at once, of which roscpp and rospy keep some for each node: a part of
-/// the descriptors that the process may have, which other cases need as well.
+/// the descriptors that the process may have, which the player and the recorder need as well.
 fn most_served() -> usize {
     let files = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
-    usize::try_from(files.unwrap_or(u64::MAX) / 8).unwrap_or(usize::MAX).clamp(64, 1024)
+    usize::try_from(files.unwrap_or(u64::MAX) / 4).unwrap_or(usize::MAX).clamp(64, 1024)
 }
 
 /// A master that serves until it is dropped.

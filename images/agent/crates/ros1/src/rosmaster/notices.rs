@@ -14,7 +14,7 @@ use crate::{RosError, Value};
 /// How long a node may take to answer.
 const DEADLINE: Duration = Duration::from_secs(10);
 /// Nodes that are called at once: a stack can register any number of addresses, and the threads are
-/// those of a process that has other cases as well.
+/// those of the process that plays and records.
 const MOST_CALLED: usize = 32;
 /// Notices that wait for one node, each of a topic or a parameter of its own.
 const MOST_WAITING: usize = 10_000;

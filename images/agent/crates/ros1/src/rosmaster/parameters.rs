@@ -10,8 +10,8 @@ use crate::Value;
 /// tree uses up a thread's stack.
 const MOST_LEVELS: usize = 64;
 
-/// About how much memory all values may take: they are held by a process that has other cases as
-/// well, and one call may ask for all of them.
+/// About how much memory all values may take: they are held by the process that plays and records,
+/// in a container that has other slots as well, and one call may ask for all of them.
 const MOST_BYTES: usize = 32 << 20;
 
 /// A node that keeps a copy: its name, and the URI of its slave API.
