@@ -2,6 +2,7 @@
 //! Server API (<https://wiki.ros.org/ROS/Parameter%20Server%20API>), as Debian's rosmaster serves
 //! them, which the tests compare.
 
+mod call;
 mod methods;
 mod names;
 mod notices;

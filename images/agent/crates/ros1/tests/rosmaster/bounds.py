@@ -1,6 +1,8 @@
-"""Asks a master to hold and to answer more than it may.
+"""Asks a master to hold and to answer more than it may; prints what it took.
 
-Usage: bounds.py URI. Prints `bound` if it refused what is too much and answered what is not.
+Usage: bounds.py URI. The first line has the codes of setting parameters of 8 MiB each, the second
+which of 100 answers of 8 MiB in one call came and why the rest did not, the third the codes of
+registrations whose names have 8 MiB.
 """
 
 import sys
@@ -9,14 +11,10 @@ import xmlrpc.client
 EIGHT_MB = "x" * (8 << 20)
 
 master = xmlrpc.client.ServerProxy(sys.argv[1])
-codes = [master.setParam("/me", f"/{number}", EIGHT_MB)[0] for number in range(4)]
-assert codes == [1, 1, 1, -1], codes
+print([master.setParam("/me", f"/{number}", EIGHT_MB)[0] for number in range(4)])
 every = {"methodName": "getParam", "params": ["/me", "/0"]}
 answers = master.system.multicall([every] * 100)
-assert [isinstance(answer, list) for answer in answers] == [True] * 8 + [False] * 92
-assert "take more than 67108864 bytes" in answers[8]["faultString"], answers[8]
-topic = {"methodName": "registerPublisher", "params": ["/me", "/t", "a/b", "http://127.0.0.1:1/"]}
-topic["params"][1] = "/" + EIGHT_MB
-codes = [master.system.multicall([topic])[0][0][0] for _ in range(9)]
-assert codes == [1] * 7 + [-1] * 2, codes
-print("bound")
+whole = sum(isinstance(answer, list) for answer in answers)
+print(whole, answers[whole]["faultString"])
+publishes = ["/me", "/" + EIGHT_MB, "a/b", "http://127.0.0.1:1/"]
+print([master.registerPublisher(*publishes)[0] for _ in range(9)])
