@@ -9,8 +9,8 @@ use worker::exec::*;
 use worker::*;
 
 /// Holds so many MiB, burns half a second of its own CPU time, and rests for so many seconds once as
-/// many as are named hold theirs: on a busy machine one may begin when another would have ended. What
-/// it has burnt in all is its last word: to start and to take memory costs a slow machine more.
+/// many as are named hold theirs: on a busy machine one may begin when another would have ended.
+/// What it has burnt in all is its last word: to start and to take memory costs a slow machine more.
 const BURN: &str = "
 import os, sys, time
 held = b'x' * (int(sys.argv[1]) << 20)
@@ -45,8 +45,8 @@ fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
     let burn = format!("/usr/bin/python3 {}", program.display());
     let met = folder.path().join("met");
     std::fs::create_dir(&met).unwrap();
-    // One that the shell waits for, two at a time, and one that left its parent and group, whose end
-    // is that of what can be read of the pipe: on a busy machine it takes its time.
+    // One that the shell waits for, two at a time, and one that left its parent and group, whose
+    // end is that of what can be read of the pipe: on a busy machine it takes its time.
     let script = format!(
         "met={}; {burn} 1 0 $met 1; {burn} 128 2 $met 2 & {burn} 128 2 $met 2 & wait; \
          mkfifo $met/end; (setsid {burn} 1 0 $met 1 9>$met/end &); read line <$met/end; cat",

@@ -25,8 +25,8 @@ const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 /// of: several nodes may subscribe to one topic, the recorder must be connected to every
 /// publisher, and a node that passes an input on before the next one is connected loses it
 /// without a trace. At most 2 s, in which a machine that stands still does not count, and not an
-/// error: a registration may be a dead node's, a node may work without end, and one that answers may
-/// be moved by something else than topics.
+/// error: a registration may be a dead node's, a node may work without end, and one that answers
+/// may be moved by something else than topics.
 pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,

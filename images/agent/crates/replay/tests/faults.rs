@@ -255,8 +255,8 @@ fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     assert_eq!(replayed.ledger.received, leaver.received);
 }
 
-/// Half-way through a hundred messages the play waits until so many nodes have subscribed: on a busy
-/// machine one takes as long to start as the rest of the play.
+/// Half-way through a hundred messages the play waits until so many nodes have subscribed: on a
+/// busy machine one takes as long to start as the rest of the play.
 fn half_way(graph: &Graph, topic: &str, nodes: usize) -> Pause {
     let (master, wanted, asked) = (graph.client(), topic.to_owned(), AtomicU64::new(0));
     let subscribed = move || {

@@ -80,8 +80,8 @@ impl Drop for OpenOnDrop<'_> {
     }
 }
 
-/// Plays 12 s of words in realtime; `at_half` is called once in the middle, where the play stands as
-/// long.
+/// Plays 12 s of words in realtime; `at_half` is called once in the middle, where the play stands
+/// as long.
 fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_replay::Replayed {
     let messages: Vec<(usize, u64, &str)> = (0..300).map(|n| (0, 1_000 + n * 40, "w")).collect();
     let bag = bag_of_words(&[words("/words", "/t", false)], &messages);

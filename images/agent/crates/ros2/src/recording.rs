@@ -129,8 +129,8 @@ impl Inputs {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Waits until `holds`, asked after each batch, at most for `limit`, in which a machine that stands
-    /// still does not count.
+    /// Waits until `holds`, asked after each batch, at most for `limit`, in which a machine that
+    /// stands still does not count.
     pub(crate) fn wait(&self, limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
         let (mut waited, mut looked) = (Duration::ZERO, Instant::now());
         let (batches, come) = &self.batches;

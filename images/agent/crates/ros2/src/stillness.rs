@@ -19,8 +19,8 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 /// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
 const LOOK: Duration = Duration::from_millis(40);
 
-/// What counts of the time between two looks for who waits for others: where the whole machine stood
-/// still, none of them had the rest of it either.
+/// What counts of the time between two looks for who waits for others: where the whole machine
+/// stood still, none of them had the rest of it either.
 pub(crate) fn counted(passed: Duration) -> Duration {
     passed.min(LOOK)
 }

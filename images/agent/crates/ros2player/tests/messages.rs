@@ -178,8 +178,8 @@ fn of_two_thirds(mut times: Vec<Duration>) -> Duration {
     times[times.len() * 2 / 3]
 }
 
-/// Each wait has an end of its own, 20 ms or more: were nobody woken before, all of the first and half
-/// of the second would take that long.
+/// Each wait has an end of its own, 20 ms or more: were nobody woken before, all of the first and
+/// half of the second would take that long.
 #[test]
 fn who_waits_is_woken() {
     with_each_player(|graph| {
