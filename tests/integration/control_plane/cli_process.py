@@ -25,8 +25,10 @@ class CliProcess:
     def __init__(self, kubeconfig: Path, *words: str, terminal: bool = False) -> None:
         self._ours, theirs = pty.openpty() if terminal else os.pipe()
         settings = {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
+        # As a terminal starts it, even where `nohup` is before the tests' own command.
+        started = ["env", "--default-signal=HUP", sys.executable, "-m", "bagpipe.cli", *words]
         self._program = subprocess.Popen(
-            [sys.executable, "-m", "bagpipe.cli", *words],
+            started,
             stdin=theirs if terminal else subprocess.DEVNULL,
             stdout=theirs,
             stderr=theirs,

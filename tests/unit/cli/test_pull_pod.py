@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -87,6 +88,15 @@ class SlowPods:
         self.done.append("removed")
 
 
+@pytest.fixture
+def on_a_terminal() -> Iterator[None]:
+    """A hang-up ends a program as it does where no `nohup` is before the tests' command."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("on_a_terminal")
 @pytest.mark.parametrize(("number", "ends"), [
     (signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit), (signal.SIGHUP, SystemExit),
 ])  # fmt: skip

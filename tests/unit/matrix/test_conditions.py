@@ -128,6 +128,7 @@ def test_a_case_s_stack_reaches_the_agent(tmp_path: Path) -> None:
         "environment": {"A": "3", "B": "tuned"},
         "parameters": {"/a": 0.6, "/b": 1},
         "remap": {"/c": "/d_on"},
+        "master": "agent",
         "player": "auto",
         "qos": {},
     }

@@ -27,8 +27,9 @@ use crate::verbs::slice;
            serves a ROS master, starts the user's command, plays, records, proves the\n     \
            delivery and answers through slots/N/from-agent.\n\n\
         The image needs the user's nodes, and nothing of Bagpipe; a rosmaster (package\n\
-        python3-rosmaster or ros-noetic-rosmaster) only with stack.ros1.master: image. For cases of the engine `exec` it needs only the\n\
-        user's program, which gets the frames on stdin and answers with frames on stdout."
+        python3-rosmaster or ros-noetic-rosmaster) only with stack.ros1.master: image.\n\
+        For cases of the engine `exec` it needs only the user's program, which gets the\n\
+        frames on stdin and answers with frames on stdout."
 )]
 pub struct Cli {
     #[command(subcommand)]
