@@ -171,7 +171,7 @@ mod tests {
         let begun = Instant::now();
         let found = response(&pages, b"GET /here HTTP/1.1\r\n\r\n");
         assert!(found.ends_with("a page\n"), "{found}");
-        assert!(begun.elapsed() < 2 * PATIENCE, "{:?}", begun.elapsed());
+        assert!(begun.elapsed() < 4 * PATIENCE, "{:?}", begun.elapsed());
         drop(slow);
     }
 }
