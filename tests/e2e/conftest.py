@@ -22,7 +22,7 @@ def namespace() -> Iterator[str]:
     k.create_namespace(name)
     # Whatever we create has to pass the strictest of Kubernetes' levels.
     k.kubectl("label", "namespace", name, "pod-security.kubernetes.io/enforce=restricted")
-    k.kubectl("apply", "-f", "-", given=_driver_rights(name))
+    k.kubectl("apply", "-f", "-", given=driver_rights(name))
     k.kubectl("-n", name, "apply", "-f", "-", given=_claims())
     k.start_toolbox(name)
     yield name
@@ -38,7 +38,7 @@ def _claims() -> str:
     return text
 
 
-def _driver_rights(namespace: str) -> str:
+def driver_rights(namespace: str) -> str:
     """What the chart gives the drivers of a job namespace, for this one."""
     return subprocess.run(
         [

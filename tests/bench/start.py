@@ -1,0 +1,166 @@
+"""Where the start of a job goes: from `kubectl apply` to the first message, and case to case.
+
+It needs a cluster on this machine with the operator and the images, as `make cluster install`
+leaves it: moments are of one clock. The node under test is a rospy node that publishes its own
+moments; the recording is made here.
+"""
+
+import itertools
+import json
+import os
+import threading
+import time
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from tests.bench import start_seen
+from tests.bench.rows import Row
+from tests.bench.start_seen import Moments
+from tests.e2e import jobs
+from tests.e2e import kubectl as k
+from tests.e2e.conftest import EXAMPLE, driver_rights
+from tests.e2e.nodes import IMAGE
+from tests.recording import fetch
+
+STARTS = int(os.environ.get("BENCH_ROUNDS", "10"))
+NODE = Path(__file__).parent / "nodes/moments.py"
+# In this order they are shown; what a job has not shown is left out.
+ORDER = (
+    "Accepted", "driver created", "driver scheduled", "driver's containers run", "planned",
+    "Spark's JVM asked for", "executor created", "executor scheduled", "executor's containers run",
+    "agent ready", "node's process", "node registered", "first message", "Complete",
+)  # fmt: skip
+FIRST_MESSAGE_GOAL = 8.0
+WARM_GOAL = 0.3
+_JOB_SECONDS = 300
+_READ = """
+import json, sys, rosbag
+for path in sys.argv[1:]:
+    with rosbag.Bag(path) as bag:
+        print(json.dumps([json.loads(message.data) for _, message, _ in bag.read_messages()]))
+"""
+
+Answers = list[dict[str, float]]
+# From one case to the next, and the node's own part of it, in seconds.
+Change = tuple[float, float]
+
+
+def job(name: str) -> k.Object:
+    """Four cases of four seconds, one after the other in one slot."""
+    made = jobs.make_job(name, source={"fragment": {"length": "4s"}}, spark=jobs.spark(1, 1))
+    made["spec"]["stack"] = {
+        "image": IMAGE,
+        "command": ["python3", "-c", NODE.read_text()],
+    }
+    step = {"trigger": "/joint_states", "answer": "/moments", "deadline": "60s"}
+    made["spec"]["playback"]["steps"] = [step]
+    made["spec"]["record"] = {"topics": ["/moments"]}
+    return made
+
+
+def answers_of(namespace: str, uri: str) -> list[Answers]:
+    """What the node published in each case, in the order in which they ran."""
+    folder = "/" + uri.removeprefix("pvc://")
+    _, rows = k.results(namespace, uri)
+    paths = [f"{folder}/{row['recorded']}" for row in rows]
+    lines = k.in_toolbox(namespace, "python3", "-c", _READ, *paths).splitlines()
+    return sorted((json.loads(line) for line in lines), key=lambda answers: answers[0]["begun"])
+
+
+def one_start(namespace: str, name: str) -> tuple[Moments, list[Answers]]:
+    """A job's moments, in seconds after it was applied, and what its nodes published."""
+    seen, over = Moments(), threading.Event()
+
+    def take_job(found: k.Object, moment: float) -> None:
+        if found["metadata"]["name"] == name:
+            for what in start_seen.of_job(found):
+                seen.note(what, moment)
+            if found.get("status", {}).get("phase") in ("Complete", "Failed"):
+                over.set()
+
+    def take_pod(pod: k.Object, moment: float) -> None:
+        if pod["metadata"]["name"].startswith(f"{name}-"):
+            for what in start_seen.of_pod(pod):
+                seen.note(what, moment)
+
+    with (
+        start_seen.watching(namespace, "simulationjobs", take_job),
+        start_seen.watching(namespace, "pods", take_pod),
+    ):
+        applied = time.time()
+        with jobs.applied(namespace, job(name)):
+            # Asking again and again would take what is measured from it.
+            assert over.wait(_JOB_SECONDS), f"{name} does not end"
+            ended = k.get(namespace, "simjob", name)
+            assert ended["status"].get("verdict") == "Passed", jobs.account(namespace, ended)
+            log = k.kubectl("-n", namespace, "logs", f"{name}-1-driver", "--timestamps")
+            answers = answers_of(namespace, ended["status"]["results"])
+    for what, moment in start_seen.of_log(log):
+        seen.note(what, moment)
+    first = answers[0][0]
+    seen.note("node's process", first["begun"])
+    seen.note("node registered", first["registered"])
+    seen.note("first message", first["received"])
+    for what in seen:
+        seen[what] -= applied
+    return seen, answers
+
+
+def case_to_case(answers: Sequence[Answers]) -> Iterator[Change]:
+    """Seconds from a case's last message to the next one's first, and what its node took of it."""
+    for before, after in itertools.pairwise(answers):
+        first = after[0]
+        yield first["received"] - before[-1]["received"], first["registered"] - first["begun"]
+
+
+def rows(
+    starts: Sequence[Mapping[str, float]], changes: Sequence[tuple[float, float]]
+) -> list[Row]:
+    """The milestones of all starts, and the changes from case to case."""
+    found = []
+    for what in ORDER:
+        if moments := [start[what] for start in starts if what in start]:
+            goal = {"first message": FIRST_MESSAGE_GOAL}.get(what)
+            found.append(_row("apply", what, moments, goal))
+    found.append(_row("case to case", "of the node itself", [own for _, own in changes], None))
+    beyond = [whole - own for whole, own in changes]
+    return [*found, _row("case to case", "beyond the node", beyond, WARM_GOAL)]
+
+
+def _row(case: str, metric: str, ours: Sequence[float], goal: float | None) -> Row:
+    known = goal is not None
+    return Row(case, metric, "s", ours, "the goal" if known else "-", [goal] if goal else [],
+               1.0 if known else None)  # fmt: skip
+
+
+@contextmanager
+def namespace_with_recording() -> Iterator[str]:
+    """A namespace as users have it, removed at the end."""
+    name = f"bagpipe-bench-{uuid.uuid4().hex[:6]}"
+    k.create_namespace(name)
+    try:
+        k.kubectl("apply", "-f", "-", given=driver_rights(name))
+        k.kubectl("-n", name, "apply", "-f", str(EXAMPLE / "volumes.yaml"))
+        k.start_toolbox(name)
+        k.put(name, fetch(), "pr2/joint_states.bag")
+        yield name
+    finally:
+        k.kubectl("delete", "namespace", name, "--wait=true", "--timeout=300s", seconds=320)
+
+
+def measure() -> tuple[Sequence[Row], Mapping[str, str], str]:
+    """The medians of several starts, after one that is not counted."""
+    starts: list[Moments] = []
+    changes: list[Change] = []
+    with namespace_with_recording() as namespace:
+        for number in range(STARTS + 1):
+            seen, answers = one_start(namespace, f"start-{number}")
+            print(
+                number, {what: round(seen[what], 2) for what in ORDER if what in seen}, flush=True
+            )
+            if number:
+                starts.append(seen)
+                changes += case_to_case(answers)
+    return rows(starts, changes), {}, f"{STARTS} starts of a job of four cases in one slot"
