@@ -139,9 +139,10 @@ class Reconciler:
         if job is not None and self.queueing is not None:
             await self.queueing.settle(job)
         kept = job is None or not job.finished or self.announcer.owes(job)
-        if job is not None and not kept and expired(job, self.now()):
-            if not await self._handover.waits(job):
-                await self._remove(job)
+        if job is None or kept or not expired(job, self.now()):
+            return
+        if not await self._handover.waits(job):
+            await self._remove(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""
