@@ -59,7 +59,7 @@ class Plan:
 
     @classmethod
     def of(cls, cases: list[Case], unplanned: list[Unplanned]) -> Self:
-        """Puts the cases in order; what yields none has a name each, as results have rows by name."""
+        """Puts the cases in order; what yields none has a name each, by which results have rows."""
         named = Counter(each.id for each in unplanned)
         apart = [
             each if named[each.id] == 1 else replace(each, id=f"{each.id}-{mark_of(each.bag)}")
