@@ -10,7 +10,7 @@ import pytest
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.policies.last_passed import MOST_SECONDS
+from bagpipe_operator.jobs.policies.last_passed import MOST_LISTED, MOST_SECONDS
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.view import JobView
 from tests.unit.operator.test_last_passed import RUNS, kept, run, schedule, world_of
@@ -117,3 +117,13 @@ async def test_where_the_schedule_can_t_be_read_the_job_stays() -> None:
     with pytest.raises(ApiError):
         await reconciler.reconcile(UID)
     assert is_there(world)
+
+
+async def test_no_more_jobs_are_read_than_a_schedule_has() -> None:
+    world = world_of(*(run(29914710 + n, "False") for n in range(MOST_LISTED)), run(RUNS[1]))
+    await world.reconcile()
+    assert world.reason("Failed") == "True/BaselineRefused"
+    assert world.message("Failed").startswith("More than 1,000 jobs in namespace lanes have the")
+    world = world_of(*(run(29914710 + n) for n in range(MOST_LISTED)))
+    await world.reconcile()
+    assert world.status()["baseline"]["job"] == f"nightly-{29914710 + MOST_LISTED - 1}"

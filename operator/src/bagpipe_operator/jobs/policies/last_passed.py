@@ -16,6 +16,9 @@ from bagpipe_operator.runtime.patience import Patience
 
 # A schedule that has not named a run by then, such as one of a CRD without the field, never will.
 MOST_SECONDS = 600.0
+# A schedule keeps 200 that have ended. Anybody may give others its label, and each look would hold
+# one of the operator's workers for as long as they are read.
+MOST_LISTED = 1000
 
 
 class CannotCompareError(ValueError):
@@ -29,7 +32,14 @@ async def find_last_passed(api: Api, job: JobView) -> Json:
     """
     name = followed_schedule(job)
     # In this order: a run whose job is not listed any more is in the status that is read then.
-    listed = await api.list_jobs(job.namespace, f"{names.LABEL_SCHEDULE}={name}")
+    label = f"{names.LABEL_SCHEDULE}={name}"
+    listed = await api.list_jobs(job.namespace, label, MOST_LISTED + 1)
+    if len(listed) > MOST_LISTED:
+        raise CannotCompareError(
+            f"More than {MOST_LISTED:,} jobs in namespace {job.namespace} have the label {label}, and"
+            " no more are looked at for the last that passed: delete those that the schedule did not"
+            " make."
+        )
     try:
         schedule = await api.get_schedule(job.namespace, name)
     except ApiError as error:
