@@ -120,7 +120,7 @@ class FakeApi:
         self._called("list")
         key, _, value = label.partition("=")
         found = [j for j in self.jobs.values() if j["metadata"]["labels"].get(key) == value]
-        return copy.deepcopy(found)
+        return copy.deepcopy(found[:most])
 
     async def delete_job(self, namespace: str, name: str, uid: str) -> None:
         self._called(f"delete {name}")

@@ -36,9 +36,9 @@ async def find_last_passed(api: Api, job: JobView) -> Json:
     listed = await api.list_jobs(job.namespace, label, MOST_LISTED + 1)
     if len(listed) > MOST_LISTED:
         raise CannotCompareError(
-            f"More than {MOST_LISTED:,} jobs in namespace {job.namespace} have the label {label}, and"
-            " no more are looked at for the last that passed: delete those that the schedule did not"
-            " make."
+            f"More than {MOST_LISTED:,} jobs in namespace {job.namespace} have the label {label},"
+            " and no more are looked at for the last that passed: delete those that the schedule"
+            " did not make."
         )
     try:
         schedule = await api.get_schedule(job.namespace, name)
