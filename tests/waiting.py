@@ -3,13 +3,29 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Seen = TypeVar("Seen")
 
 # After this a wait fails. Large, since it is only then reached: a machine that has other work, or
 # a slow one, needs some times the seconds that an idle one does.
 PATIENCE = 90.0
+
+
+# For a job's stack, which is waited for by the agent: a machine that stands still for seconds is no
+# stack without answers.
+_SUBSCRIBE, _ANSWER = "120s", "60s"
+
+
+def patient(spec: dict[str, Any]) -> dict[str, Any]:
+    """A job's spec in which the agent waits long for each answer of its stack, and for the stack
+    itself, unless the spec says how long.
+    """
+    playback = spec.setdefault("playback", {})
+    playback.setdefault("subscribeTimeout", _SUBSCRIBE)
+    for step in playback.get("steps", []):
+        step["deadline"] = _ANSWER
+    return spec
 
 
 class NotSeenError(AssertionError, TimeoutError):

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from tests import waiting
 from tests.e2e import kubectl as k
 
 EXAMPLE = Path(__file__).parents[2] / "docs/examples/robot-state-publisher/job.yaml"
@@ -45,10 +46,7 @@ def make_job(name: str, **changed: dict[str, Any]) -> k.Object:
 
 def patient(job: k.Object) -> k.Object:
     """The job, for which a machine that stands still for seconds is no stack without answers."""
-    playback = job["spec"]["playback"]
-    playback["subscribeTimeout"] = "120s"
-    for step in playback.get("steps", []):
-        step["deadline"] = "60s"
+    waiting.patient(job["spec"])
     return job
 
 

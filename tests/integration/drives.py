@@ -11,6 +11,7 @@ from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
+from tests.waiting import patient
 
 EXAMPLE = ROOT / "docs/examples/barrier-car"
 PYTHON = "/usr/bin/python3"
@@ -20,7 +21,7 @@ PATH = "/usr/bin:/bin"
 
 def spec_with(simulator: dict[str, Any] | None = None, **changed: Any) -> SimulationJobSpec:
     """The example's spec with fields of its simulator, and whole fields, replaced."""
-    spec: dict[str, Any] = yaml.safe_load((EXAMPLE / "job.yaml").read_text())["spec"]
+    spec = patient(yaml.safe_load((EXAMPLE / "job.yaml").read_text())["spec"])
     spec["stack"]["command"] = [PYTHON, str(EXAMPLE / "planner.py")]
     spec["source"]["simulator"] |= simulator or {}
     return SimulationJobSpec.model_validate(spec | changed)

@@ -13,6 +13,7 @@ from bagpipe.source.planning import plan
 from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
+from tests.waiting import patient
 
 EXAMPLES = ROOT / "docs/examples"
 SHARED = ROOT.parent / "shared/data"
@@ -37,7 +38,7 @@ def example(name: str, folder: Path, recordings: dict[str, Path]) -> SimulationJ
         path.parent.mkdir(exist_ok=True)
         shutil.copy(source, path)
     nodes = _staged(folder / "staged")
-    spec: dict[str, Any] = yaml.safe_load((EXAMPLES / name).read_text())["spec"]
+    spec = patient(yaml.safe_load((EXAMPLES / name).read_text())["spec"])
     python, program = spec["stack"]["command"]
     assert python == "python3"
     spec["stack"]["command"] = [sys.executable, program.replace("/opt/nodes", str(nodes))]

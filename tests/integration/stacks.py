@@ -12,6 +12,7 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.recording import fetch
+from tests.waiting import patient
 
 EXAMPLE = ROOT / "docs/examples/robot-state-publisher/job.yaml"
 REALTIME = ROOT / "docs/examples/robot-state-publisher/realtime.yaml"
@@ -39,7 +40,7 @@ def in_one_piece() -> SimulationJobSpec:
 
 def whole_fields() -> dict[str, Any]:
     """The manifest's fields of the same."""
-    spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
+    spec = patient(yaml.safe_load(EXAMPLE.read_text())["spec"])
     spec["source"]["fragment"] = {"length": "60s"}
     return spec
 
@@ -63,7 +64,7 @@ def run_all(spec: SimulationJobSpec, folders: dict[str, str], agent: RunningAgen
 
 
 def _spec(path: Path, playback: dict[str, Any], stack: dict[str, Any]) -> SimulationJobSpec:
-    spec: dict[str, Any] = yaml.safe_load(path.read_text())["spec"]
+    spec = patient(yaml.safe_load(path.read_text())["spec"])
     spec["playback"] |= playback
     spec["stack"] |= stack
     return SimulationJobSpec.model_validate(spec)

@@ -21,6 +21,7 @@ from bagpipe.wire.session import SessionError, run_session
 from bagpipe.wire.slot import lease, open_ends
 from tests.integration.conftest import RunningAgent
 from tests.integration.stacks import folders_with_recording, spec_with, stepped
+from tests.waiting import PATIENCE, wait_until
 
 pytestmark = pytest.mark.integration
 
@@ -171,18 +172,23 @@ def test_a_chunk_damaged_on_the_way_names_the_users_own_byte_offset(
 
 
 def test_a_killed_slot_is_met_again_by_the_next_attempt(
-    folders: dict[str, str], start_agent: Start
+    folders: dict[str, str], start_agent: Start, tmp_path: Path
 ) -> None:
     agent = start_agent()
     rows: list[Row] = []
-    runner = threading.Thread(target=lambda: rows.append(run_one(stepped(), folders, agent)))
+    # Until then the case can't end, however late it is seen.
+    gate = tmp_path / "gate"
+    waits = f"until [ -e {gate} ]; do sleep 0.05; done; exec robot_state_publisher"
+    held = stepped(command=[*SH, waits])
+    runner = threading.Thread(target=lambda: rows.append(run_one(held, folders, agent)))
     runner.start()
-    pause = threading.Event()
-    deadline = time.monotonic() + 90
-    while not any(_is_stack(pid) for pid in agent.descendants()):
-        assert time.monotonic() < deadline, "the stack never started"
-        pause.wait(0.05)
-    os.kill(agent.slot_processes()[0], signal.SIGKILL)
+    try:
+        wait_until(
+            lambda: any(map(_is_stack, agent.descendants())), PATIENCE, "the stack never started"
+        )
+        os.kill(agent.slot_processes()[0], signal.SIGKILL)
+    finally:
+        gate.touch()
     runner.join(timeout=300)
     assert not runner.is_alive()
     killed, *again = [each["reason"] for each in rows[0]["discarded"]]

@@ -83,6 +83,7 @@ def test_two_runs_record_the_same_bytes_of_the_simulator_too(
     }
 
 
+@pytest.mark.alone
 def test_one_core_is_at_least_twenty_times_as_fast_as_real_time(
     tmp_path: Path, start_agent: Start
 ) -> None:

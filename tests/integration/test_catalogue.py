@@ -13,6 +13,7 @@ from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.integration.stacks import folders_with_recording
 from tests.integration.test_recombined import cut_scenes, run
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -27,7 +28,7 @@ def test_the_scenes_of_the_head_are_played_and_no_other(
     cut_scenes(folders)
     shutil.copy(EXAMPLE / "catalogue.csv", folders["recordings"])
     manifest = yaml.safe_load((EXAMPLE / "job.yaml").read_text())
-    spec = SimulationJobSpec.model_validate(manifest["spec"])
+    spec = SimulationJobSpec.model_validate(patient(manifest["spec"]))
     made = plan(spec, Storage(folders))
     assert sorted(case.id for case in made.cases) == ["end-0000", "middle-0000"]
     assert made.unplanned == []

@@ -39,6 +39,7 @@ FULL: Json = {
     "stack": {
         "command": ["x", ""], "environment": {"A": "b"}, "parameters": {"/a": [None, {"b": 1}]},
         "remap": {"/a": "/b"},
+        "master": "image",
         "qos": {"/a": {"reliability": "bestEffort", "durability": "volatile", "depth": 1}},
         "player": "dds",
     },

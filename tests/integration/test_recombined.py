@@ -17,6 +17,7 @@ from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.integration.stacks import folders_with_recording, whole_fields
 from tests.recording import MESSAGES
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -57,7 +58,7 @@ def test_every_order_of_the_example_is_answered_without_a_gap(
     """docs/examples/recombined/job.yaml, all of its cases."""
     folders = folders_with_recording(tmp_path)
     cut_scenes(folders)
-    spec = SimulationJobSpec.model_validate(yaml.safe_load(EXAMPLE.read_text())["spec"])
+    spec = SimulationJobSpec.model_validate(patient(yaml.safe_load(EXAMPLE.read_text())["spec"]))
     agent = start_agent()
     cases = sorted(plan(spec, Storage(folders)).cases, key=lambda case: case.id)
     assert [case.id for case in cases] == [f"sequence-s{n}" for n in (1, 2, 3, 5, 6, 7)]

@@ -17,6 +17,7 @@ from bagpipe.spec import SimulationJobSpec
 from bagpipe.storage import Storage
 from tests.integration.conftest import RunningAgent
 from tests.integration.drives import EXAMPLE, PATH, PYTHON
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -58,7 +59,7 @@ def folders(tmp_path: Path) -> dict[str, str]:
 
 
 def spec_with(**changed: Any) -> SimulationJobSpec:
-    spec: dict[str, Any] = yaml.safe_load((EXAMPLE / "dusk.yaml").read_text())["spec"]
+    spec = patient(yaml.safe_load((EXAMPLE / "dusk.yaml").read_text())["spec"])
     spec["stack"]["command"] = [PYTHON, str(EXAMPLE / "dusk.py")]
     return SimulationJobSpec.model_validate(spec | changed)
 

@@ -21,11 +21,12 @@ from bagpipe.storage import Storage
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
 from tests.ros2_recording import IMU, imu
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
 STEPS = 60
-STEP = {"trigger": "/ego/odom", "answer": "/cmd", "deadline": "20s"}
+STEP = {"trigger": "/ego/odom", "answer": "/cmd"}
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/Twist"
 
@@ -46,7 +47,7 @@ def drive(
 ) -> Row:
     """The row of a drive with a barrier on the road, 8 m ahead, and with recorded topics."""
     setup = ros2_standin.environment(standin)
-    spec = SimulationJobSpec.model_validate({
+    spec = SimulationJobSpec.model_validate(patient({
         "source": {
             "simulator": {
                 "duration": f"{STEPS / 10:g}s",
@@ -67,7 +68,7 @@ def drive(
             {"name": "safe", "expression": {"topic": "/ego/collision", "holds": "!msg.data"}}
         ],
         "output": {"uri": "pvc://results/r"},
-    })  # fmt: skip
+    }))  # fmt: skip
     claims = {"results": str(folder), "recordings": str(folder)}
     (case,) = plan(spec, Storage(claims)).cases
     row = run_case(

@@ -11,7 +11,15 @@ import pytest
 
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
-from tests.integration.test_ros2_jobs import LOCKSTEP, MESSAGES, digest, relay, run, spec
+from tests.integration.test_ros2_jobs import (
+    DEPTHS,
+    LOCKSTEP,
+    MESSAGES,
+    digest,
+    relay,
+    run,
+    spec,
+)
 
 pytestmark = pytest.mark.integration
 
@@ -47,7 +55,8 @@ def test_on_dds_alone_nodes_that_count_are_proved_as_by_librcl(
     mode: str, folders: dict[str, str], standin: Path, start_agent: Callable[..., RunningAgent]
 ) -> None:
     setup = ros2_standin.environment(standin)
-    job = spec(setup, {"mode": mode}, relay(standin), evaluate=ALL, **playing("dds"))
+    command = relay(standin, depth=DEPTHS[mode])
+    job = spec(setup, {"mode": mode}, command, evaluate=ALL, **playing("dds"))
     row = run(job, folders, start_agent())
     assert (row["outcome"], row["attempts"]) == ("passed", 1), row
     ledger = row["result"]["ledger"]

@@ -13,6 +13,7 @@ from bagpipe.storage import Storage
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
 from tests.ros2_recording import BEGIN, IMU, imu
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -32,7 +33,7 @@ def test_a_sequence_is_played_with_its_stamps_and_nothing_is_lost(
     setup = ros2_standin.environment(standin)
     piece = {"bag": "pvc://recordings/a.mcap", "from": "50ms"}
     spec = SimulationJobSpec.model_validate(
-        {
+        patient({
             "source": {"sequence": [piece, {**piece, "to": "100ms", "times": 2}]},
             "stack": {
                 "engine": "ros2",
@@ -44,7 +45,7 @@ def test_a_sequence_is_played_with_its_stamps_and_nothing_is_lost(
             "playback": {"mode": "lockstep"},
             "record": {"topics": ["/out"]},
             "output": {"uri": "pvc://results/r"},
-        }
+        })
     )  # fmt: skip
     agent = start_agent()
     (case,) = plan(spec, Storage(claims)).cases

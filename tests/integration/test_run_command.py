@@ -19,6 +19,7 @@ from tests.integration.conftest import ROOT
 from tests.integration.laptop import STEP_SECONDS, Laptop
 from tests.integration.stacks import EXAMPLE, folders_with_recording
 from tests.recording import MESSAGES
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -49,8 +50,7 @@ def with_recording(laptop: Laptop) -> None:
 
 def example(**changed: Any) -> dict[str, Any]:
     """The example's spec, four fragments in lock-step, with fields replaced."""
-    spec: dict[str, Any] = yaml.safe_load(EXAMPLE.read_text())["spec"]
-    return spec | changed
+    return patient(yaml.safe_load(EXAMPLE.read_text())["spec"]) | changed
 
 
 def rows_of(folder: Path) -> list[dict[str, Any]]:
@@ -117,13 +117,14 @@ def test_a_failing_criterion_ends_with_1_and_variants_are_compared(laptop: Lapto
         {"name": "some", "presence": {"topic": "/tf", "min": 1}},
         {"name": "many", "presence": {"topic": "/tf", "min": 20}},
     ]
-    # At most one answer a second, of the 100 that there are in 1 s otherwise.
+    # At most one answer a second, of the 25 that there are in a quarter of it otherwise.
     slow = {"/robot_state_publisher/publish_frequency": 1.0}
     variants = [{"name": "usual"}, {"name": "slow", "parameters": slow}]
     spec = example(variants=variants, evaluate=criteria)
-    # Who gives no answer has the next input after 0.2 s, by when it has taken this one.
-    spec["playback"]["steps"][0] |= {"deadline": "200ms", "optional": True}
-    spec["source"]["fragment"] = {"length": "1s"}
+    # Who gives no answer has the next input after 1 s, by when it has taken this one: its queue has
+    # room for one.
+    spec["playback"]["steps"][0] |= {"deadline": "1s", "optional": True}
+    spec["source"]["fragment"] = {"length": "250ms"}
     status, output, errors = laptop.job(
         laptop.manifest("two", spec), "--cases", "*-0000-*", "--results", "my kept", "--slots", "2"
     )
@@ -164,7 +165,7 @@ def test_what_can_t_be_run_ends_with_2_and_says_why(laptop: Laptop) -> None:
 
 
 def test_a_simulated_job_runs_as_many_cases_as_are_asked_for(laptop: Laptop) -> None:
-    spec: dict[str, Any] = yaml.safe_load((BARRIER_CAR / "job.yaml").read_text())["spec"]
+    spec = patient(yaml.safe_load((BARRIER_CAR / "job.yaml").read_text())["spec"])
     spec["stack"]["command"] = ["/usr/bin/python3", str(BARRIER_CAR / "planner.py")]
     manifest = laptop.manifest("barrier", spec)
     status, output, errors = laptop.run(

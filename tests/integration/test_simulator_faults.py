@@ -34,7 +34,7 @@ rospy.Subscriber("/ego/odom", Odometry, on_odometry)
 rospy.spin()
 """
 # Time enough for a node on a busy machine to answer in.
-STEP = {"trigger": "/ego/odom", "answer": "/cmd", "deadline": "5s"}
+STEP = {"trigger": "/ego/odom", "answer": "/cmd", "deadline": "60s"}
 # Of a node that does not: each step costs so much.
 BRIEFLY = {"deadline": "50ms"}
 
@@ -69,12 +69,12 @@ def test_a_stack_that_may_be_silent_and_is_proves_nothing(
 def test_an_answer_that_is_missing_now_and_then_is_counted(
     tmp_path: Path, start_agent: Start
 ) -> None:
-    body = "received[0] % 10 and commands.publish(Twist())"
-    # Ten answers are waited for in vain; the others must not come later than this.
-    row = drive(start_agent(path=PATH), tmp_path, body, steps=[STEP | {"deadline": "1s"}])
+    body = "received[0] % 40 and commands.publish(Twist())"
+    # Two answers are waited for in vain; the others must not come later than this.
+    row = drive(start_agent(path=PATH), tmp_path, body, steps=[STEP | {"deadline": "6s"}])
     assert row["outcome"] == "passed", row
     (step,) = row["result"]["playback"]["steps"]
-    assert (step["released"], step["answered"], step["no_output"]) == (100, 90, 10)
+    assert (step["released"], step["answered"], step["no_output"]) == (100, 98, 2)
 
 
 def test_the_error_of_a_stack_without_control_messages_lists_their_types(

@@ -19,6 +19,7 @@ from bagpipe.storage import Storage
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.integration.stacks import whole_fields
 from tests.recording import MESSAGES, fetch
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -41,23 +42,22 @@ def found(name: str) -> Path:
 
 
 def relaying(topic: str, kind: str, length: str) -> SimulationJobSpec:
-    return SimulationJobSpec.model_validate(
-        {
-            "source": {
-                "bags": ["pvc://recordings/*.bag"],
-                "topics": [topic],
-                "fragment": {"length": length},
-            },
-            "stack": {
-                "image": "-",
-                "command": ["/usr/bin/python3", str(RELAY), kind, topic, "/relayed"],
-                "parameters": {"/use_sim_time": True},
-            },
-            "playback": {"mode": "lockstep", "steps": [{"trigger": topic, "answer": "/relayed"}]},
-            "record": {"topics": ["/relayed"]},
-            "output": {"uri": "pvc://results/out"},
-        }
-    )
+    spec = {
+        "source": {
+            "bags": ["pvc://recordings/*.bag"],
+            "topics": [topic],
+            "fragment": {"length": length},
+        },
+        "stack": {
+            "image": "-",
+            "command": ["/usr/bin/python3", str(RELAY), kind, topic, "/relayed"],
+            "parameters": {"/use_sim_time": True},
+        },
+        "playback": {"mode": "lockstep", "steps": [{"trigger": topic, "answer": "/relayed"}]},
+        "record": {"topics": ["/relayed"]},
+        "output": {"uri": "pvc://results/out"},
+    }
+    return SimulationJobSpec.model_validate(patient(spec))
 
 
 def publishing_states(length: str) -> SimulationJobSpec:

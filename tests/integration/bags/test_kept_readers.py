@@ -31,6 +31,7 @@ from tests.integration.bags.sources import SECOND, Source, source
 from tests.integration.conftest import ROOT, RunningAgent
 from tests.recording import MESSAGES, fetch
 from tests.unit.bagpipe.bags import steady, write_bag
+from tests.waiting import patient
 
 pytestmark = pytest.mark.integration
 
@@ -191,23 +192,22 @@ def test_what_the_agent_records_is_read_by_all(
     for folder in folders.values():
         Path(folder).mkdir()
     shutil.copyfile(fetch(), Path(folders["recordings"], "pr2.bag"))
-    spec = SimulationJobSpec.model_validate(
-        {
-            "source": {"bags": ["pvc://recordings/*.bag"], "topics": ["/joint_states"]},
-            "stack": {
-                "image": "-",
-                "command": ["/usr/bin/python3", str(RELAY), "sensor_msgs/JointState",
-                            "/joint_states", "/relayed"],
-                "parameters": {"/use_sim_time": True},
-            },
-            "playback": {
-                "mode": "lockstep",
-                "steps": [{"trigger": "/joint_states", "answer": "/relayed"}],
-            },
-            "record": {"topics": ["/relayed"]},
-            "output": {"uri": "pvc://results/out"},
-        }
-    )  # fmt: skip
+    fields = {
+        "source": {"bags": ["pvc://recordings/*.bag"], "topics": ["/joint_states"]},
+        "stack": {
+            "image": "-",
+            "command": ["/usr/bin/python3", str(RELAY), "sensor_msgs/JointState",
+                        "/joint_states", "/relayed"],
+            "parameters": {"/use_sim_time": True},
+        },
+        "playback": {
+            "mode": "lockstep",
+            "steps": [{"trigger": "/joint_states", "answer": "/relayed"}],
+        },
+        "record": {"topics": ["/relayed"]},
+        "output": {"uri": "pvc://results/out"},
+    }  # fmt: skip
+    spec = SimulationJobSpec.model_validate(patient(fields))
     context = RunContext("lab/read", spec, folders, "pvc://results/r", str(start_agent().shared))
     (case,) = plan(spec, Storage(folders)).cases
     row = run_case(case, context)

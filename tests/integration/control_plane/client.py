@@ -10,7 +10,8 @@ from embedded.api import ApiError
 
 Object = dict[str, Any]
 
-TIMEOUT_SECONDS = 30.0
+# An answer is asked for once. The API server itself gives up after a minute.
+TIMEOUT_SECONDS = 60.0
 # An API server that has just begun answers 429 until it has read a kind's objects, each time with
 # the second after which to ask again; every client of Kubernetes does.
 BUSY = urllib3.Retry(
@@ -79,7 +80,7 @@ class Client:
     def healthy(self) -> bool:
         """Whether the API server says that it is ready; it says so in plain text."""
         try:
-            answer = self._pool.request("GET", f"{self.url}/readyz", timeout=2, retries=False)
+            answer = self._pool.request("GET", f"{self.url}/readyz", timeout=20, retries=False)
         except urllib3.exceptions.HTTPError:
             return False
         return answer.status == 200

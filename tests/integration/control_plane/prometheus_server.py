@@ -83,6 +83,6 @@ class Prometheus:
     def _ready(self) -> bool:
         try:
             url = f"http://{self.host.address}:{self.port}/-/ready"
-            return urllib3.request("GET", url, timeout=1, retries=False).status == 200
+            return urllib3.request("GET", url, timeout=20, retries=False).status == 200
         except urllib3.exceptions.HTTPError:
             return False

@@ -11,7 +11,7 @@ from bagpipe.cli.__main__ import main
 from bagpipe.run.laptop import ReplayError, local_spec, planned_case
 from bagpipe.source.planning import plan
 from bagpipe.storage import Storage
-from tests.integration.stacks import folders_with_recording, spec_with
+from tests.integration.stacks import folders_with_recording, stepped
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.report.publishing import publish
 
@@ -36,9 +36,10 @@ def ros_path(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def published(tmp_path: Path, folders: dict[str, str], criteria: int) -> tuple[Path, str]:
     """The results of a job over the real recording, and the name of one of its cases."""
-    spec = spec_with().model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    # In lock-step: by the clock a node with a queue of one loses what comes while others compute.
+    spec = stepped().model_dump(mode="json", by_alias=True, exclude_defaults=True)
     spec |= {"variants": VARIANTS, "evaluate": CRITERIA[:criteria]}
-    made = local_spec(spec_with()).model_validate(spec)
+    made = local_spec(stepped()).model_validate(spec)
     cases = [c for c in plan(made, Storage(folders)).cases if c.conditions.variant == "other"]
     rows = [
         make_row(
@@ -108,4 +109,4 @@ def test_what_can_t_be_replayed_says_why(tmp_path: Path, folders: dict[str, str]
 
 def test_a_row_without_a_recording_is_refused() -> None:
     with pytest.raises(ReplayError, match="has no recording that could be played again"):
-        planned_case(make_row("a"), spec_with(), Storage({}))
+        planned_case(make_row("a"), stepped(), Storage({}))

@@ -107,7 +107,8 @@ class Hdfs:
         self.namenode.kill()
 
     def _registrations(self) -> int:
-        return self.namenode.log.read_text().count("BLOCK* processReport")
+        # With it a report's line ends that has been worked off; one says before that it begins.
+        return self.namenode.log.read_text().count("hasStaleStorage: ")
 
 
 def hdfs(folder: Path, host: Host = LOOPBACK, ports: tuple[int, int] | None = None) -> Hdfs:

@@ -8,7 +8,8 @@ import threading
 
 import rosgraph
 import rospy
-from localiser import POSES, Localiser, die, main, mark, right, wait
+from localiser import POSES, Localiser, die, main, right, wait
+from marks import mark
 
 
 class SegfaultAfterTheLast(Localiser):

@@ -1,13 +1,16 @@
 """Starts nodes as roslaunch does, and hides how they end: launcher.py [OPTION] PROGRAM ... ++ ...
 
 --respawn restarts what has ended; --set-up waits for the first program, which is none of the
-nodes, before it starts the others; --leave ends at once, and the nodes stay.
+nodes, before it starts the others; --leave ends when a node has received its first pose, and the
+nodes stay.
 """
 
 import signal
 import subprocess
 import sys
 import threading
+
+from marks import runs_before
 
 
 def groups(words):
@@ -20,6 +23,12 @@ def groups(words):
     return found
 
 
+def respawn(children, commands):
+    for place, child in enumerate(children):
+        if child.poll() is not None:
+            children[place] = subprocess.Popen(commands[place])
+
+
 def main():
     options = [word for word in sys.argv[1:] if word.startswith("--")]
     commands = groups([word for word in sys.argv[1:] if word not in options])
@@ -29,15 +38,13 @@ def main():
     if "--set-up" in options:
         subprocess.run(commands.pop(0), check=False)
     alone = "--leave" in options
+    before = runs_before()
     children = [subprocess.Popen(command, start_new_session=alone) for command in commands]
-    if alone:
-        threading.Event().wait(2)
-        return
     while not over.wait(0.05):
+        if alone and runs_before() > before:
+            return
         if "--respawn" in options:
-            for place, child in enumerate(children):
-                if child.poll() is not None:
-                    children[place] = subprocess.Popen(commands[place])
+            respawn(children, commands)
     for child in children:
         if child.poll() is None:
             child.send_signal(signal.SIGINT)

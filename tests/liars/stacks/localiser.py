@@ -6,7 +6,6 @@ folder LIAR_MARKS, by which the test knows that this stack has really run.
 """
 
 import os
-import pathlib
 import re
 import signal
 import sys
@@ -14,21 +13,9 @@ import threading
 
 import rospy
 from geometry_msgs.msg import PoseStamped
+from marks import mark
 
 POSES = 50
-
-
-def mark(word="ran"):
-    """Says for the test that this much has happened; every run adds a line."""
-    path = pathlib.Path(os.environ["LIAR_MARKS"], os.environ["LIAR_NAME"] + "." + word)
-    with path.open("a") as file:
-        file.write(f"{os.getpid()}\n")
-
-
-def runs_before(word="ran"):
-    """How many runs of this stack have left their mark."""
-    path = pathlib.Path(os.environ["LIAR_MARKS"], os.environ["LIAR_NAME"] + "." + word)
-    return len(path.read_text().splitlines()) if path.exists() else 0
 
 
 def wait(seconds):

@@ -9,7 +9,8 @@ import threading
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from localiser import Localiser, main, mark, right, runs_before, wait
+from localiser import Localiser, main, right, wait
+from marks import mark, runs_before
 
 
 class ShortQueue(Localiser):
@@ -57,13 +58,20 @@ class SecondNodeLoses(Localiser):
     """Its planner has a queue of one; the node that answers loses nothing."""
 
     def begin(self):
+        before = runs_before("subscribed")
         self.planner = subprocess.Popen([sys.executable, __file__, "planner"])
-        wait(1.5)
+        # Nothing is played before this node subscribes, too.
+        while runs_before("subscribed") == before and not rospy.is_shutdown():
+            wait(0.05)
 
 
 class Planner(ShortQueue):
     name = "planner"
     out = "/plan"
+
+    def serve(self):
+        mark("subscribed")
+        super().serve()
 
 
 class QuietPlanner(Localiser):
@@ -82,10 +90,12 @@ class DropsByItself(Localiser):
 
 
 class DropsByChance(Localiser):
-    """Throws three of four away, other ones in each run."""
+    """Throws three of each four away, other ones in each run."""
 
     def received(self, number, pose):
-        if random.random() > 0.75:
+        if number % 4 == 1:
+            self.kept = number + random.randrange(4)
+        if number == self.kept:
             self.say(right(pose))
 
 

@@ -2,7 +2,8 @@
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from localiser import Localiser, main, mark, right, wait
+from localiser import Localiser, main, right, wait
+from marks import mark
 from rosgraph_msgs.msg import Clock
 
 

@@ -2,7 +2,8 @@
 
 import rospy
 from geometry_msgs.msg import PoseStamped
-from localiser import POSES, Localiser, main, mark, right, wait
+from localiser import POSES, Localiser, main, right, wait
+from marks import mark
 from std_msgs.msg import String
 
 

@@ -5,7 +5,8 @@ import sys
 
 import rospy
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
-from localiser import Localiser, main, mark, right
+from localiser import Localiser, main, right, wait
+from marks import mark, runs_before
 from std_msgs.msg import String
 
 
@@ -89,7 +90,11 @@ class NamesakeAnswers(Localiser):
     def received(self, number, pose):
         self.say(right(pose))
         if number == 25:
+            before = runs_before("namesake")
             subprocess.Popen([sys.executable, __file__, "namesake"])
+            # However slowly it starts, it is there before the last pose is answered.
+            while runs_before("namesake") == before and not rospy.is_shutdown():
+                wait(0.02)
 
 
 class Namesake(Localiser):

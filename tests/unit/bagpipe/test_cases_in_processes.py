@@ -22,6 +22,7 @@ from tests.unit.bagpipe.fake_agent import FakeAgent, well_behaved
 from tests.unit.bagpipe.jobs import make_row
 from tests.unit.bagpipe.places import By
 from tests.unit.bagpipe.test_driver_over_spark import World
+from tests.waiting import PATIENCE, wait_until
 
 
 @pytest.fixture
@@ -61,7 +62,9 @@ def names_its_process(case: Case, _context: RunContext, _starts: int) -> Row:
 def waits(case: Case, context: RunContext, _starts: int) -> Row:
     """The first one ends, the others never."""
     while case.id != "a-0000":
-        (marks_of(context) / case.id).write_text(str(os.getpid()))
+        mark = marks_of(context) / case.id
+        mark.with_suffix(".part").write_text(str(os.getpid()))
+        mark.with_suffix(".part").rename(mark)
         time.sleep(3600)
     return make_row(case.id)
 
@@ -160,12 +163,14 @@ def test_an_interrupted_driver_ends_its_cases_and_keeps_what_is_done(world: Worl
         run_cases(cases, world.context, 2, keeper, waits)
 
     def interrupt(keeper: Keeper) -> None:
-        deadline, pause = time.monotonic() + 60, threading.Event()
-        while time.monotonic() < deadline and not (
-            keeper.progress.snapshot()["cases"]["passed"] and (marks / "c-0000").exists()
-        ):
-            pause.wait(0.01)
-        os.kill(os.getpid(), signal.SIGTERM)
+        def others_wait() -> bool:
+            passed: int = keeper.progress.snapshot()["cases"]["passed"]
+            return passed == 1 and all((marks / f"{name}-0000").exists() for name in "bc")
+
+        try:
+            wait_until(others_wait, PATIENCE, "no two cases run beside the one that ended")
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
 
     interruption, progress = driver.Interruption(), Progress(world.results.folder)
     before = signal.signal(signal.SIGTERM, interruption)

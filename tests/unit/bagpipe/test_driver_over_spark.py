@@ -31,6 +31,7 @@ from tests.unit.bagpipe.bags import steady, write_bag
 from tests.unit.bagpipe.fake_agent import FakeAgent, make_slot, well_behaved
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
 from tests.unit.bagpipe.places import By, nothing
+from tests.waiting import PATIENCE
 
 COMPLETED = "spark_executor_completed_tasks_total"
 
@@ -88,7 +89,7 @@ def test_sparks_executors_are_reported_by_its_own_figures(
     value = metrics.registry.get_sample_value
 
     def completed() -> float:
-        spark._jsc.sc().listenerBus().waitUntilEmpty()
+        spark._jsc.sc().listenerBus().waitUntilEmpty(int(PATIENCE * 1000))
         return value(COMPLETED, {"executor": "driver"}) or 0
 
     before = completed()

@@ -1,11 +1,14 @@
 """The CRD of schedules: what a person wrote of it, and the job's spec that is put into it."""
 
 import json
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
 import yaml
 
+from bagpipe_operator.api import readings
+from bagpipe_operator.api.runs import PassedRun
 from tests.unit.crds.test_crd import CRD, ROOT, schema_of, walk
 
 Schema = dict[str, Any]
@@ -50,6 +53,19 @@ def test_every_list_text_and_map_of_the_spec_is_bounded(spec: Schema) -> None:
         or ("additionalProperties" in s and "maxProperties" not in s)
     ]
     assert unbounded == []
+
+
+def test_what_the_operator_reads_of_a_status_is_a_field_of_one() -> None:
+    # The API server drops what its CRD does not have, without a word.
+    crds = [schema_of(yaml.safe_load(each.read_text())) for each in (CRD, SCHEDULES)]
+    kept = {field for crd in crds for field in crd["properties"]["status"]["properties"]}
+    assert set(readings.STATUS_FIELDS) - kept == set()
+
+
+def test_the_run_that_passed_is_kept_whole(crd: Schema) -> None:
+    run = PassedRun(datetime(2026, 11, 17, 2, 30, tzinfo=UTC), "n-1", "pvc://r/n-1").as_status()
+    status = schema_of(crd)["properties"]["status"]["properties"]
+    assert set(run) == set(status["lastPassed"]["properties"])
 
 
 def test_a_template_has_the_fields_of_a_job(spec: Schema) -> None:

@@ -43,6 +43,7 @@ def lines(stream: io.StringIO) -> list[dict[str, Any]]:
     return [json.loads(line) for line in stream.getvalue().splitlines()]
 
 
+@pytest.mark.looptime
 async def test_a_fault_met_with_a_job_names_the_job(stream: io.StringIO) -> None:
     view = View()
     job = make_job("lane").view()

@@ -4,7 +4,7 @@ from itertools import islice
 
 import pytest
 
-from tests.waiting import NotSeenError, pauses, wait_until
+from tests.waiting import NotSeenError, patient, pauses, wait_until
 
 
 def test_it_looks_until_there_is_something_and_gives_that() -> None:
@@ -27,3 +27,14 @@ def test_what_is_long_in_coming_is_looked_for_more_seldom() -> None:
     assert found == pytest.approx([0.02, 0.03, 0.045, 0.0675, 0.10125, 0.151875, 0.2, 0.2])
     assert list(islice(pauses(0.5), 3)) == [0.5, 0.5, 0.5]
     assert list(islice(pauses(0), 3)) == [0, 0, 0]
+
+
+def test_a_job_waits_long_for_its_stack_unless_it_says_how_long() -> None:
+    given = {"playback": {"steps": [{"trigger": "/a", "answer": "/b", "deadline": "2s"}]}}
+    assert patient(given)["playback"] == {
+        "subscribeTimeout": "120s",
+        "steps": [{"trigger": "/a", "answer": "/b", "deadline": "60s"}],
+    }
+    assert patient({})["playback"] == {"subscribeTimeout": "120s"}
+    brief = {"playback": {"subscribeTimeout": "5s"}}
+    assert patient(brief)["playback"] == {"subscribeTimeout": "5s"}

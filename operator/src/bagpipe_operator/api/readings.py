@@ -135,7 +135,8 @@ def _lost(value: object) -> int | None:
     return number if number is not None and 0 <= number < _MOST_DRIVERS else None
 
 
-_FIELDS: dict[str, Reading] = {
+# How each field of a status is read; jobs and schedules have some each.
+STATUS_FIELDS: dict[str, Reading] = {
     "activeCount": whole,
     "active": _texts,
     "attempt": _attempt,
@@ -168,5 +169,5 @@ _FIELDS: dict[str, Reading] = {
 def status(value: object) -> Json:
     """The fields of a job's or a schedule's status that are what they should be, and no other."""
     written = mapping(value)
-    read = {key: reading(written[key]) for key, reading in _FIELDS.items() if key in written}
+    read = {key: reading(written[key]) for key, reading in STATUS_FIELDS.items() if key in written}
     return {key: value for key, value in read.items() if value is not None}

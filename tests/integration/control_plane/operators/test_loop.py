@@ -91,7 +91,7 @@ async def as_operator(installation: Installation) -> AsyncIterator[KubernetesApi
         config_file=str(installation.kubeconfig), client_configuration=configuration
     )
     async with ApiClient(configuration=configuration) as client:
-        yield KubernetesApi(client, 10.0)
+        yield KubernetesApi(client, PATIENCE)
 
 
 class Behind:

@@ -89,16 +89,16 @@ fn nodes_are_waited_for_by_name() {
         return;
     }
     let agent = Agent::start(1);
-    let case = |node: &str| {
-        let Value::Map(mut case) = agent.case(ECHO, &[("subscribe", 5.0)]) else { panic!() };
+    let case = |node: &str, seconds: f64| {
+        let Value::Map(mut case) = agent.case(ECHO, &[("subscribe", seconds)]) else { panic!() };
         case.retain(|(key, _)| key.as_str() != Some("playback"));
         let wait_for = Value::Array(vec![node.into()]);
         case.push(("playback".into(), map(&[("mode", "max".into()), ("wait_for", wait_for)])));
         Value::Map(case)
     };
-    let (result, _) = agent.run(0, case("/echo"), &chatter(5)).result();
+    let (result, _) = agent.run(0, case("/echo", 100.0), &chatter(5)).result();
     assert_eq!(at(&result, "ledger.received").as_u64(), Some(5));
-    let abort = agent.run(0, case("/nobody"), &chatter(5)).abort();
+    let abort = agent.run(0, case("/nobody", 5.0), &chatter(5)).abort();
     assert_eq!(abort.reason, "NeverSubscribed");
     assert!(abort.message.contains("waited in vain for /nobody"), "{}", abort.message);
 }

@@ -43,11 +43,15 @@ nodes = [subprocess.Popen([python, here, "bad", *sys.argv[2:4]])]
 while not os.path.exists(sys.argv[1] + "/bad"):
     time.sleep(0.02)
 nodes.append(subprocess.Popen([python, here, "good", "0", "never"]))
+def has_ended(node):
+    return os.waitid(os.P_PID, node.pid, os.WEXITED | os.WNOWAIT | os.WNOHANG) is not None
 while True:
-    # Late enough that whoever watches can read how a child has ended, on a busy machine too.
-    time.sleep(1)
+    time.sleep(0.1)
     for place, node in enumerate(nodes):
-        if node is not None and node.poll() is not None:
+        if node is not None and has_ended(node):
+            # Whoever watches has that long to read how it ended, on a busy machine too.
+            time.sleep(1)
+            node.wait()
             respawn = [python, here, "bad", "0", "never"]
             nodes[place] = subprocess.Popen(respawn) if sys.argv[4] == "respawn" else None
 END

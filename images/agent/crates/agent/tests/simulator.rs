@@ -22,7 +22,7 @@ rospy.spin()
 const SECOND: u64 = 1_000_000_000;
 
 fn drive(agent: &Agent, script: &str) -> Value {
-    let Value::Map(mut case) = agent.case(script, &[("subscribe", 10.0), ("stop", 2.0)]) else {
+    let Value::Map(mut case) = agent.case(script, &[("subscribe", 100.0), ("stop", 2.0)]) else {
         panic!("a case is a map")
     };
     case.retain(|(key, _)| !["playback", "window"].contains(&key.as_str().unwrap()));

@@ -3,11 +3,14 @@
 
 mod worker;
 
+use std::path::{Path, PathBuf};
+
 use worker::exec::*;
 use worker::*;
 
 /// Holds so many MiB, burns half a second of its own CPU time, and rests for so many seconds once as
 /// many as are named hold theirs: on a busy machine one may begin when another would have ended.
+/// What it has burnt in all is its last word: to start and to take memory costs a slow machine more.
 const BURN: &str = "
 import os, sys, time
 held = b'x' * (int(sys.argv[1]) << 20)
@@ -20,7 +23,19 @@ while sum(name.startswith(mebibytes + '-') for name in os.listdir(folder)) < man
     assert time.monotonic() < late
     time.sleep(0.01)
 time.sleep(seconds)
+with open(os.path.join(folder, 'burnt-' + str(os.getpid())), 'w') as last:
+    last.write(str(time.process_time()))
 ";
+
+/// What the programs of a folder have burnt, in seconds; the folder is empty then.
+fn burnt(folder: &Path) -> Vec<f64> {
+    let met: Vec<_> = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()).collect();
+    let last = |file: &PathBuf| file.file_name().unwrap().to_str().unwrap().starts_with("burnt-");
+    let words = met.iter().filter(|file| last(file));
+    let burnt = words.map(|file| std::fs::read_to_string(file).unwrap().parse().unwrap()).collect();
+    met.iter().for_each(|file| std::fs::remove_file(file).unwrap());
+    burnt
+}
 
 #[test]
 fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
@@ -28,11 +43,14 @@ fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
     let program = folder.path().join("burn.py");
     std::fs::write(&program, BURN).unwrap();
     let burn = format!("/usr/bin/python3 {}", program.display());
-    // One that the shell waits for, two at a time, and one that left its parent and group.
+    let met = folder.path().join("met");
+    std::fs::create_dir(&met).unwrap();
+    // One that the shell waits for, two at a time, and one that left its parent and group, whose
+    // end is that of what can be read of the pipe: on a busy machine it takes its time.
     let script = format!(
-        "met=$(mktemp -d -p {folder}); {burn} 1 0 $met 1; {burn} 128 2 $met 2 & \
-         {burn} 128 2 $met 2 & wait; (setsid {burn} 1 0 $met 1 &); sleep 2 & wait; cat",
-        folder = folder.path().display()
+        "met={}; {burn} 1 0 $met 1; {burn} 128 2 $met 2 & {burn} 128 2 $met 2 & wait; \
+         mkfifo $met/end; (setsid {burn} 1 0 $met 1 9>$met/end &); read line <$met/end; cat",
+        met.display()
     );
     let agent = Agent::start(1);
     for round in 0..2 {
@@ -41,9 +59,13 @@ fn cpu_time_and_memory_of_all_processes_are_counted_however_they_end() {
         let result = given.result.unwrap();
         let usage = |key: &str| at(&result, &format!("stack.usage.{key}")).as_f64().unwrap();
         println!("usage: {}", at(&result, "stack.usage"));
-        // Four burners of half a second each; the shell and `sleep` take next to nothing.
-        assert!((2.0..2.5).contains(&usage("cpu_seconds")), "round {round}: {result}");
-        assert!(usage("seconds") >= 4.0, "{result}");
+        // Four burners of half a second each; the shell, and a burner's last moments, take little.
+        let burnt = burnt(&met);
+        let all: f64 = burnt.iter().sum();
+        assert!(burnt.len() == 4 && all >= 2.0, "round {round}: {burnt:?}");
+        let counted = usage("cpu_seconds") / all;
+        assert!((0.97..1.25).contains(&counted), "round {round}: {burnt:?} {result}");
+        assert!(usage("seconds") >= 3.5, "{result}");
         let mebibytes = at(&result, "stack.usage.peak_memory_bytes").as_u64().unwrap() >> 20;
         assert!((256..320).contains(&mebibytes), "round {round}: {mebibytes} MiB");
     }
@@ -79,7 +101,10 @@ fn the_rosmaster_is_not_the_stack() {
             line.unwrap().split(' ').skip(1).map(|word| word.parse().unwrap()).collect();
         println!("node: {used:?}, agent: {}", at(&result, "stack.usage"));
         let cpu = at(&result, "stack.usage.cpu_seconds").as_f64().unwrap();
-        assert!((-0.03..0.25).contains(&(cpu - used[0])), "{cpu} and {}", used[0]);
+        // Its end takes processor time too, on a slow machine more; a rosmaster would take as much
+        // as the node.
+        let more = 0.25_f64.max(0.4 * used[0]);
+        assert!((-0.03..more).contains(&(cpu - used[0])), "{cpu} and {}", used[0]);
         let memory = at(&result, "stack.usage.peak_memory_bytes").as_u64().unwrap() as f64;
         assert!((0.98..1.02).contains(&(memory / 1024.0 / used[1])), "{memory} and {}", used[1]);
     }

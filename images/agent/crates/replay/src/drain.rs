@@ -124,7 +124,7 @@ impl Drain<'_> {
 }
 
 /// What of a pause was nobody's time to say anything.
-fn stood_still(pause: Duration) -> Duration {
+pub(crate) fn stood_still(pause: Duration) -> Duration {
     if pause >= STOOD_STILL { pause.saturating_sub(PAUSE) } else { Duration::ZERO }
 }
 

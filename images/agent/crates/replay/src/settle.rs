@@ -8,6 +8,7 @@ use bagpipe_graph::{Audit, SystemState};
 
 use crate::ReplayError;
 use crate::discovery::{Discovery, LOOK, open_subscribers, others};
+use crate::drain::stood_still;
 use crate::play::Player;
 use crate::processes::Starting;
 use crate::time::Time;
@@ -23,15 +24,16 @@ const LOGS: [&str; 2] = ["/rosout", "/rosout_agg"];
 /// Waits until nobody seems to start any more, and the connections stand that the master knows
 /// of: several nodes may subscribe to one topic, the recorder must be connected to every
 /// publisher, and a node that passes an input on before the next one is connected loses it
-/// without a trace. At most 2 s, and not an error: a registration may be a dead node's, a node
-/// may work without end, and one that answers may be moved by something else than topics.
+/// without a trace. At most 2 s, in which a machine that stands still does not count, and not an
+/// error: a registration may be a dead node's, a node may work without end, and one that answers
+/// may be moved by something else than topics.
 pub(crate) fn settle(
     discovery: &Discovery<'_>,
     player: &mut Player<'_>,
     at_rest_below: Option<u32>,
     watch: &mut Watch<'_>,
 ) -> Result<(), ReplayError> {
-    let deadline = watch.now() + SETTLE;
+    let mut deadline = watch.now() + SETTLE;
     let node = discovery.node;
     let mut audit = node.audit(ASK);
     let mut inner = Inner::default();
@@ -56,7 +58,9 @@ pub(crate) fn settle(
             }
             last = state;
         }
+        let before = watch.now();
         watch.sleep(LOOK)?;
+        deadline += stood_still(watch.now() - before);
         player.show_clock(watch)?;
     }
     Ok(())

@@ -8,9 +8,11 @@ mod witness;
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-use bagpipe_replay::{Cancellation, Mode, ReplayError, Stage, replay};
+use bagpipe_replay::{Cancellation, Mode, Pause, ReplayError, Stage, replay};
 use graph::Graph;
 use scene::{TMP, bag_of_words, node, request, run, words};
 use witness::Witness;
@@ -253,6 +255,18 @@ fn a_subscriber_that_leaves_early_keeps_its_line_and_its_loss_counts() {
     assert_eq!(replayed.ledger.received, leaver.received);
 }
 
+/// Half-way through a hundred messages the play waits until so many nodes have subscribed: on a
+/// busy machine one takes as long to start as the rest of the play.
+fn half_way(graph: &Graph, topic: &str, nodes: usize) -> Pause {
+    let (master, wanted, asked) = (graph.client(), topic.to_owned(), AtomicU64::new(0));
+    let subscribed = move || {
+        let state = master.get_system_state().unwrap();
+        state.subscribers.get(&wanted).is_some_and(|there| there.len() >= nodes)
+    };
+    let resumed = move |_: &str| asked.fetch_add(1, Ordering::Relaxed) < 50 || subscribed();
+    Pause { topics: vec![topic.to_owned()], resumed: Arc::new(resumed) }
+}
+
 #[test]
 fn a_subscriber_that_comes_late_has_lost_what_was_before() {
     let texts: Vec<String> = (0..100).map(|number| format!("{number}")).collect();
@@ -269,6 +283,7 @@ fn a_subscriber_that_comes_late_has_lost_what_was_before() {
     };
     let mut request = request(&bag, &graph.uri);
     request.mode = Mode::Realtime;
+    request.pause = Some(half_way(&graph, "/talk", 2));
     let replayed = replay(&bag, &request, &mut progress, &|| None).unwrap();
     let lines = &replayed.ledger.topics[0].subscribers;
     eprintln!("{lines:?}");

@@ -4,9 +4,10 @@
 mod graph;
 mod scene;
 
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use bagpipe_replay::{Mode, replay};
+use bagpipe_replay::{Mode, Pause, replay};
 use bagpipe_rosbag::{Bag, Connection, MemoryChunkedFile};
 use graph::{Graph, Process, compile, wait_until};
 use scene::{TMP, bag_of, bag_of_words, node, read_back, request, run, words};
@@ -70,7 +71,17 @@ fn a_thousand_topics_arrive_whole() {
     eprintln!("{:?}", replayed.timings);
 }
 
-/// Plays 12 s of words in realtime; `at_half` is called once in the middle.
+/// Lets the play go on also when an assertion fails beside it.
+struct OpenOnDrop<'a>(&'a AtomicBool);
+
+impl Drop for OpenOnDrop<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Plays 12 s of words in realtime; `at_half` is called once in the middle, where the play stands
+/// as long.
 fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_replay::Replayed {
     let messages: Vec<(usize, u64, &str)> = (0..300).map(|n| (0, 1_000 + n * 40, "w")).collect();
     let bag = bag_of_words(&[words("/words", "/t", false)], &messages);
@@ -78,15 +89,18 @@ fn disturbed(graph: &mut Graph, at_half: &mut dyn FnMut(&mut Graph)) -> bagpipe_
     request.mode = Mode::Realtime;
     request.topics = vec!["/words".to_owned()];
     request.record_topics = vec!["/answer".to_owned()];
-    let sent = AtomicU64::new(0);
+    let (asked, open) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicBool::new(false)));
+    let (before, opened) = (Arc::clone(&asked), Arc::clone(&open));
+    let resumed = Arc::new(move |_: &str| {
+        before.fetch_add(1, Ordering::Relaxed) < 100 || opened.load(Ordering::Relaxed)
+    });
+    request.pause = Some(Pause { topics: vec!["/words".to_owned()], resumed });
     std::thread::scope(|scope| {
-        let playing = scope.spawn(|| {
-            let mut progress =
-                |now: bagpipe_replay::Progress| sent.store(now.sent, Ordering::Relaxed);
-            replay(&bag, &request, &mut progress, &|| None)
-        });
-        wait_until("half of it is played", || sent.load(Ordering::Relaxed) > 100);
+        let playing = scope.spawn(|| replay(&bag, &request, &mut |_| (), &|| None));
+        let _opens = OpenOnDrop(&open);
+        wait_until("a third of it is played", || asked.load(Ordering::Relaxed) > 100);
         at_half(graph);
+        open.store(true, Ordering::Relaxed);
         playing.join().unwrap().unwrap()
     })
 }
@@ -97,12 +111,18 @@ fn subscribers_come_and_go_and_each_has_its_own_line() {
     let _words = graph.python(&node("words.py"), &["/words"]);
     let mut late: Option<Process> = None;
     let counter = compile(TMP, &node("clock_of.cpp"));
+    let mut leaver: Option<Process> = None;
     let replayed = disturbed(&mut graph, &mut |graph| {
         // Comes in the middle, receives ten words and leaves.
-        let leaver = graph.python(&node("leaver.py"), &["/words", "10"]);
+        leaver = Some(graph.python(&node("leaver.py"), &["/words", "10"]));
         late = Some(graph.spawn(counter.to_str().unwrap(), &["/words", "/late_answer"]));
-        leaver.wait_for("leaving 10");
+        // On a busy machine they take as long to start as the rest of the play.
+        wait_until("both have subscribed", || {
+            let state = graph.client().get_system_state().unwrap();
+            state.subscribers.get("/words").is_some_and(|nodes| nodes.len() == 3)
+        });
     });
+    leaver.unwrap().wait_for("leaving 10");
     let lines = &replayed.ledger.topics[0].subscribers;
     let line = |node: &str| lines.iter().find(|line| line.node == node).unwrap();
     assert_eq!((line("/words").received, line("/words").dropped), (300, 0));

@@ -49,7 +49,11 @@ pub(crate) fn answer(
 /// A call's method and parameters, or what is wrong.
 pub(crate) fn parse(body: &str) -> Result<(String, Vec<Value>), String> {
     let call = MethodCall::from_xml(body).map_err(|error| no_xml_rpc(&error))?;
-    Ok((call.name.into_owned(), call.params.into_iter().map(Value::from_wire).collect()))
+    let params: Vec<Value> = call.params.into_iter().map(Value::from_wire).collect();
+    match params.iter().find_map(Value::no_xml) {
+        Some(one) => Err(format!("XML has no character U+{:04X}", u32::from(one))),
+        None => Ok((call.name.into_owned(), params)),
+    }
 }
 
 fn fault(why: &str) -> String {

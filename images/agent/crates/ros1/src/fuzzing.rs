@@ -30,9 +30,9 @@ pub fn write_same_header(header: &ConnectionHeader) -> Vec<u8> {
 
 /// The bodies of the requests in a stream, and whether it ended without an error.
 pub fn read_requests(stream: &mut impl Read) -> (Vec<String>, bool) {
-    let (mut buffer, mut bodies) = (Vec::new(), Vec::new());
+    let (mut buffer, mut bodies, room) = (Vec::new(), Vec::new(), http::Room::default());
     loop {
-        match http::read_request(stream, &mut buffer) {
+        match http::read_request(stream, &mut buffer, &room) {
             Ok(Some(request)) => bodies.push(request.body),
             Ok(None) => return (bodies, true),
             Err(_) => return (bodies, false),

@@ -74,7 +74,12 @@ impl Node {
         let data = Listener::start("tcpros", (ip, 0).into(), MAX_SERVED, {
             let (publications, name) = (Arc::clone(&publications), options.name.clone());
             let deadline = options.call_deadline;
-            move |stream| receive_subscriber(&publications, &name, stream, deadline)
+            move |connection| {
+                // Without a descriptor for it the peer sees it closed, and tries again.
+                if let Ok(stream) = connection.stream.try_clone() {
+                    receive_subscriber(&publications, &name, stream, deadline);
+                }
+            }
         })?;
         let (connect, jobs) = channel();
         let graph = Arc::new(Graph {
@@ -92,7 +97,8 @@ impl Node {
         });
         let slave = Listener::start("slave", (ip, 0).into(), MAX_SERVED, {
             let graph = Arc::clone(&graph);
-            move |stream| http::serve(stream, |body| slave::answer(&graph, body))
+            let room = http::Room::default();
+            move |one| http::serve(one, &room, |body| slave::answer(&graph, body))
         })?;
         graph.slave_uri.get_or_init(|| format!("http://{}/", slave.address()));
         let max_message = options.max_message.min(crate::MAX_MESSAGE);

@@ -15,6 +15,10 @@ pub enum Value {
     Double(f64),
     /// `string`
     String(String),
+    /// `base64`
+    Binary(Vec<u8>),
+    /// `dateTime.iso8601`, as the wire has it.
+    Date(String),
     /// `array`
     List(Vec<Value>),
     /// `struct`
@@ -34,6 +38,11 @@ impl Value {
             }
             Value::Double(d) => dxr::Value::Double(*d),
             Value::String(s) => dxr::Value::String(s.clone()),
+            Value::Binary(bytes) => dxr::Value::Base64(bytes.clone()),
+            Value::Date(text) => match text.parse() {
+                Ok(date) => dxr::Value::DateTime(date),
+                Err(_) => dxr::Value::String(text.clone()),
+            },
             Value::List(items) => {
                 dxr::Value::Array(items.iter().map(Value::to_wire).collect::<Result<_, _>>()?)
             }
@@ -46,15 +55,15 @@ impl Value {
         })
     }
 
-    /// From the XML-RPC form. Dates become their text and base64 becomes text where it
-    /// is text: neither occurs in the APIs that we call.
+    /// From the XML-RPC form.
     pub(crate) fn from_wire(value: dxr::Value) -> Value {
         match value {
             dxr::Value::Integer(i) => Value::Int(i64::from(i)),
             dxr::Value::Boolean(b) => Value::Bool(b),
             dxr::Value::String(s) => Value::String(s),
             dxr::Value::Double(d) => Value::Double(d),
-            dxr::Value::Base64(bytes) => Value::String(String::from_utf8_lossy(&bytes).into()),
+            dxr::Value::Base64(bytes) => Value::Binary(bytes),
+            dxr::Value::DateTime(date) => Value::Date(date.to_string()),
             dxr::Value::Array(items) => {
                 Value::List(items.into_iter().map(Value::from_wire).collect())
             }
@@ -62,6 +71,36 @@ impl Value {
                 members.into_iter().map(|(key, value)| (key, Value::from_wire(value))).collect(),
             ),
             other => Value::String(format!("{other:?}")),
+        }
+    }
+
+    /// About how much memory it takes.
+    pub(crate) fn bytes(&self) -> usize {
+        let content = match self {
+            Value::Bool(_) | Value::Int(_) | Value::Double(_) => 0,
+            Value::String(text) | Value::Date(text) => text.len(),
+            Value::Binary(bytes) => bytes.len(),
+            Value::List(items) => items.iter().map(Value::bytes).sum(),
+            Value::Map(members) => members.iter().map(|(name, one)| one.bytes_at(name)).sum(),
+        };
+        size_of::<Value>() + content
+    }
+
+    /// The same as a member of this name.
+    pub(crate) fn bytes_at(&self, name: &str) -> usize {
+        size_of::<String>() + name.len() + self.bytes()
+    }
+
+    /// The first character of a text in it that XML 1.0 can't have: an XML parser reads no answer
+    /// that has it.
+    pub(crate) fn no_xml(&self) -> Option<char> {
+        match self {
+            Value::String(text) => no_xml(text),
+            Value::List(items) => items.iter().find_map(Value::no_xml),
+            Value::Map(members) => {
+                members.iter().find_map(|(name, value)| no_xml(name).or_else(|| value.no_xml()))
+            }
+            _ => None,
         }
     }
 
@@ -127,6 +166,11 @@ impl From<Vec<Value>> for Value {
     }
 }
 
+fn no_xml(text: &str) -> Option<char> {
+    let control = |one: &char| *one < ' ' && !matches!(one, '\t' | '\n' | '\r');
+    text.chars().find(|one| control(one) || matches!(one, '\u{fffe}' | '\u{ffff}'))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -149,6 +193,8 @@ mod tests {
             ("gains".to_owned(), Value::List(vec![Value::Double(0.5), Value::Int(-3)])),
             ("name".to_owned(), Value::from("lane")),
             ("on".to_owned(), Value::Bool(true)),
+            ("mask".to_owned(), Value::Binary(vec![0, 255])),
+            ("since".to_owned(), Value::Date("20261124T03:12:44".to_owned())),
         ]));
         assert_eq!(Value::from_wire(value.to_wire().unwrap()), value);
     }

@@ -41,7 +41,11 @@ impl Client {
     }
 
     /// Calls a method and returns the value of the ROS triple `[code, message, value]`.
-    pub(crate) fn call(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
+    pub(crate) fn call<'v>(
+        &self,
+        method: &str,
+        params: impl IntoIterator<Item = &'v Value>,
+    ) -> Result<Value, RosError> {
         let answer = self.exchange(method, params)?;
         self.unwrap_triple(method, answer)
     }
@@ -79,13 +83,17 @@ impl Client {
         bad_answer(method, &self.uri, why)
     }
 
-    fn exchange(&self, method: &str, params: &[Value]) -> Result<Value, RosError> {
+    fn exchange<'v>(
+        &self,
+        method: &str,
+        params: impl IntoIterator<Item = &'v Value>,
+    ) -> Result<Value, RosError> {
         let unreachable = |why: String| RosError::Unreachable {
             method: method.into(),
             uri: self.uri.clone(),
             why,
         };
-        let params = params.iter().map(Value::to_wire).collect::<Result<_, _>>()?;
+        let params = params.into_iter().map(Value::to_wire).collect::<Result<_, _>>()?;
         let body = MethodCall { name: method.into(), params }
             .to_xml()
             .map_err(|error| self.bad_answer(method, &error.to_string()))?;

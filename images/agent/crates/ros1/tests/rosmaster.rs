@@ -47,3 +47,18 @@ fn a_name_of_too_many_levels_is_refused_with_a_sentence() {
     let error = client.set_param(&"/a".repeat(65), &Value::Int(1)).unwrap_err().to_string();
     assert!(error.contains("a parameter's name may have 64 levels"), "{error}");
 }
+
+#[test]
+fn what_one_graph_holds_and_one_call_answers_has_a_bound() {
+    let graph = Graph::of_ours(TMP);
+    let printed = graph.run("/usr/bin/python3", &[&script("bounds.py"), &graph.uri]);
+    let lines: Vec<&str> = printed.lines().collect();
+    let expected = [
+        "[1, 1, 1, -1]",
+        "8 the answers before take more than 67108864 bytes",
+        "[1, 1, 1, 1, 1, 1, 1, -1, -1]",
+    ];
+    assert_eq!(lines, expected);
+    let client = graph.client();
+    assert_eq!(client.get_param("/0").unwrap(), Value::String("x".repeat(8 << 20)));
+}

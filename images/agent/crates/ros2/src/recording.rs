@@ -11,6 +11,7 @@ use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
 use crate::account::Account;
 use crate::acquaintance::Acquaintance;
+use crate::stillness::counted;
 use crate::topic::Means;
 
 /// How often the thread looks whether it must end.
@@ -128,9 +129,10 @@ impl Inputs {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Waits until `holds`, asked after each batch, at most for `limit`.
+    /// Waits until `holds`, asked after each batch, at most for `limit`, in which a machine that
+    /// stands still does not count.
     pub(crate) fn wait(&self, limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
-        let deadline = Instant::now() + limit;
+        let (mut waited, mut looked) = (Duration::ZERO, Instant::now());
         let (batches, come) = &self.batches;
         let mut seen = batches.lock().unwrap_or_else(PoisonError::into_inner);
         loop {
@@ -138,7 +140,10 @@ impl Inputs {
             if holds() {
                 return true;
             }
-            let left = deadline.saturating_duration_since(Instant::now());
+            let now = Instant::now();
+            waited += counted(now - looked);
+            looked = now;
+            let left = limit.saturating_sub(waited);
             if left.is_zero() || self.failure().is_some() {
                 return false;
             }
@@ -245,5 +250,19 @@ mod tests {
         assert!(arrivals.has_come(4) && !arrivals.has_come(5));
         arrivals.give_up(4);
         assert!(!arrivals.has_come(5));
+    }
+
+    #[test]
+    fn a_machine_that_stands_still_uses_up_a_look_of_a_wait_and_no_more() {
+        let (inputs, limit, mut asked) = (Inputs::default(), Duration::from_millis(100), 0);
+        let come = || {
+            asked += 1;
+            if asked == 1 {
+                std::thread::sleep(3 * limit);
+            }
+            asked == 3
+        };
+        assert!(inputs.wait(limit, come));
+        assert!(!inputs.wait(limit, || false));
     }
 }

@@ -19,6 +19,12 @@ const COMES_BACK: Duration = Duration::from_millis(100);
 /// Of the time between two looks, which are every 20 ms, so much counts: we may have stood still.
 const LOOK: Duration = Duration::from_millis(40);
 
+/// What counts of the time between two looks for who waits for others: where the whole machine
+/// stood still, none of them had the rest of it either.
+pub(crate) fn counted(passed: Duration) -> Duration {
+    passed.min(LOOK)
+}
+
 /// What moves a stack on.
 const EVENTS: [Event; 3] = [Event::Taken, Event::Ended, Event::Published];
 
@@ -53,7 +59,7 @@ impl Doubt {
     fn look(&mut self, now: Instant, asleep: bool) -> Duration {
         let passed = self.looked.replace(now).map_or(Duration::ZERO, |before| now - before);
         if asleep {
-            self.asleep += passed.min(LOOK);
+            self.asleep += counted(passed);
         }
         self.asleep
     }

@@ -13,6 +13,7 @@ use bagpipe_ros2player::{Player, PlayerError, PublisherId, Qos};
 
 use crate::link::{Link, MOST_WAITING, Subscriptions, Totals};
 use crate::qos::incompatible;
+use crate::stillness::counted;
 
 /// Bytes that may be on their way to a subscriber: with more in flight of large messages a
 /// middleware that fragments them gets slower, not faster (measured with Cyclone DDS).
@@ -52,8 +53,8 @@ pub(crate) struct Topic {
     links: RwLock<Arc<Vec<Arc<Link>>>>,
     /// Subscriptions that have not matched yet: since when they are known.
     strangers: Mutex<BTreeMap<Owner, Instant>>,
-    /// Nodes that have destroyed their subscriptions, and since when: they may be about to make others.
-    departed: Mutex<BTreeMap<Owner, Instant>>,
+    /// Nodes that have destroyed their subscriptions: they may be about to make others.
+    departed: Mutex<BTreeMap<Owner, Absence>>,
     sent: Mutex<Sent>,
     /// Held by who looks at the subscriptions; what had gone out by the look before.
     looked: Mutex<Totals>,
@@ -65,6 +66,25 @@ pub(crate) struct Topic {
 
 /// A node's name, and its process.
 type Owner = (ProcessId, String);
+
+/// For how long a node has been without its subscriptions, at the looks that were taken.
+struct Absence {
+    looked: Instant,
+    lasted: Duration,
+}
+
+impl Absence {
+    fn begin() -> Absence {
+        Absence { looked: Instant::now(), lasted: Duration::ZERO }
+    }
+
+    /// Takes in a look at this moment.
+    fn look(&mut self, now: Instant) -> Duration {
+        self.lasted += counted(now - self.looked);
+        self.looked = now;
+        self.lasted
+    }
+}
 
 /// The ledger at a moment.
 pub(crate) struct Look {
@@ -191,16 +211,17 @@ impl Topic {
             let there = nodes.get(&owner).map(Vec::as_slice).unwrap_or_default();
             let others = link.replace(there, &self.means.ledger)?;
             if there.is_empty() && link.is_open() && look.running.contains(&owner.0) {
-                self.departed().insert(owner, Instant::now());
+                self.departed().insert(owner, Absence::begin());
             }
             if there.is_empty() || (others && self.means.paced_by == PacedBy::Subscribers) {
                 link.close();
             }
         }
-        self.departed().retain(|owner, since| {
+        let now = Instant::now();
+        self.departed().retain(|owner, absence| {
             !nodes.contains_key(owner)
                 && look.running.contains(&owner.0)
-                && since.elapsed() < RENEWED
+                && absence.look(now) < RENEWED
         });
         for (owner, subscriptions) in &nodes {
             self.welcome(&mut links, owner, subscriptions, (look, missed));
@@ -361,7 +382,7 @@ impl Topic {
         }
     }
 
-    fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Instant>> {
+    fn departed(&self) -> MutexGuard<'_, BTreeMap<Owner, Absence>> {
         self.departed.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -369,9 +390,8 @@ impl Topic {
     /// to subscribe again, and was not waited for in vain. By the clock nobody is.
     fn has_strangers(&self) -> bool {
         let is_new = |since: &Instant| since.elapsed() < UNREPORTED + RENEWED;
-        let may_return = |since: &Instant| since.elapsed() < RENEWED;
         self.means.paced_by == PacedBy::Subscribers
-            && (self.strangers().values().any(is_new) || self.departed().values().any(may_return))
+            && (self.strangers().values().any(is_new) || !self.departed().is_empty())
     }
 
     /// Waits until there is room for a message of so many bytes at each subscriber.
@@ -627,5 +647,15 @@ mod tests {
         assert_eq!(sent.bytes_of_last(MOST_WAITING), 3 * MOST_WAITING);
         assert_eq!(sent.bytes_of_last(1), 3);
         assert_eq!(sent.before.len() as u64, MOST_WAITING + 1);
+    }
+
+    #[test]
+    fn an_absence_lasts_as_long_as_somebody_looked() {
+        let mut absence = Absence::begin();
+        let (begun, ms) = (absence.looked, Duration::from_millis);
+        assert_eq!(absence.look(begun + ms(5)), ms(5));
+        assert_eq!(absence.look(begun + ms(30)), ms(30));
+        // A machine that stood still.
+        assert_eq!(absence.look(begun + ms(5_000)), ms(70));
     }
 }

@@ -10,15 +10,16 @@ use std::time::Duration;
 
 use bagpipe_replay::{LedgerSubscriber, Mode, Progress, Replayed, Stage, Strength};
 use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
+use standin::LONG;
 
-/// Of a node that is still once all is over.
-const REALTIME: Ask<'static> =
-    Ask { mode: Mode::Realtime, drain: Duration::from_secs(4), ..DEFAULT };
+/// Of a node that is still once all is over, however long that takes on a busy machine.
+const REALTIME: Ask<'static> = Ask { mode: Mode::Realtime, drain: LONG, ..DEFAULT };
 const LOCKSTEP: Ask<'static> = Ask { mode: Mode::Lockstep, ..DEFAULT };
 
-/// A relay from /in to /out with a queue of so many messages.
+/// A relay from /in to /out with a queue of so many messages, and one for answers that nothing
+/// overwrites while a busy machine keeps the recorder from its socket.
 fn relay<'a>(name: &'a str, subscription: &'a str, options: &[&'a str]) -> Vec<&'a str> {
-    let out = "/out:std_msgs/msg/String:10:reliable";
+    let out = "/out:std_msgs/msg/String:3000:reliable";
     let words = ["--name", name, "--sub", subscription, "--pub", out, "--relay", "/in=/out"];
     [&words[..], options].concat()
 }
@@ -127,7 +128,7 @@ fn who_begins_to_subscribe_during_the_play_has_no_more_than_it_took_from_then_on
                 started = Some(scene.start("standin_node", &late));
             }
         };
-        let ask = Ask { mode, drain: Duration::from_secs(4), ..DEFAULT };
+        let ask = Ask { mode, ..REALTIME };
         let replayed = scene.play_while(&recording(&["/in"], 3000, 50), &ask, &mut seen).unwrap();
         let line = lines(&replayed).iter().find(|line| line.node == "/late");
         let counts = scene.ledger.endpoints().unwrap();

@@ -16,8 +16,9 @@ use crate::options::PlayerOptions;
 /// What is kept of its standard error.
 const LINES: usize = 20;
 const LINE_BYTES: u64 = 500;
-/// How long its last lines are waited for once it has ended: others may have its standard error.
-const LAST_LINES: Duration = Duration::from_millis(200);
+/// How long its end and its last lines are waited for once its socket is closed, which takes a while
+/// on a busy machine: others may have its standard error.
+const LAST_LINES: Duration = Duration::from_secs(2);
 /// How long it may take to end by itself after SIGTERM, and then after SIGKILL.
 const GRACE: Duration = Duration::from_millis(1500);
 const KILLED: Duration = Duration::from_secs(5);

@@ -200,7 +200,7 @@ fn its_threads_are_woken_for_its_end() {
         };
         // Who is not woken looks by itself after half a second.
         let fastest = (0..8).map(took).min().unwrap();
-        assert!(fastest < Duration::from_millis(150), "{fastest:?}");
+        assert!(fastest < Duration::from_millis(350), "{fastest:?}");
     });
 }
 
@@ -222,7 +222,8 @@ fn variables_are_added_and_removed() {
 #[test]
 fn an_answer_that_comes_too_late_is_not_taken_for_the_next() {
     with_each_player(|graph| {
-        let deadline = Duration::from_millis(300);
+        // As long as it takes to start on a busy machine, too.
+        let deadline = Duration::from_secs(4);
         let player = Player::start(&PlayerOptions { deadline, ..graph.options() }).unwrap();
         let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
         let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
@@ -238,11 +239,11 @@ fn an_answer_that_comes_too_late_is_not_taken_for_the_next() {
             for _ in 0..4 {
                 scope.spawn(|| {
                     let error = player.graph().unwrap_err().to_string();
-                    assert!(error.contains("has not answered within 0.3 s"), "{error}");
+                    assert!(error.contains("has not answered within 4 s"), "{error}");
                 });
             }
         });
-        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+        assert!(begun.elapsed() < 3 * deadline, "{:?}", begun.elapsed());
         assert!(signal("-CONT"));
         assert_eq!(player.subscribers(publisher).unwrap(), 1);
         assert_eq!(player.graph().unwrap().len(), 1);
@@ -309,7 +310,7 @@ fn a_program_that_was_killed_is_an_error_in_every_call_at_once() {
         for error in errors {
             assert!(error.to_string().contains("has ended (signal: 9 (SIGKILL))"), "{error}");
         }
-        assert!(begun.elapsed() < Duration::from_secs(5));
+        assert!(begun.elapsed() < LONG / 2);
         assert!(!exists(player.pid()));
     });
 }
@@ -336,10 +337,11 @@ fn a_program_that_hangs_is_late_and_ended() {
     let script =
         format!("#!/bin/sh\ntrap '' TERM\necho $$ > {}/pid\nexec sleep 1000\n", folder.display());
     write_program(&program, script.as_bytes());
-    let deadline = Duration::from_millis(300);
+    // Until then it has written its number.
+    let deadline = Duration::from_secs(4);
     let options = PlayerOptions { program, deadline, ..graph.options() };
     let error = start_error(&options).to_string();
-    assert!(error.contains("has not answered within 0.3 s while it was to join"), "{error}");
+    assert!(error.contains("has not answered within 4 s while it was to join"), "{error}");
     let pid = std::fs::read_to_string(folder.join("pid")).unwrap().trim().parse().unwrap();
     assert!(!exists(pid));
     std::fs::remove_dir_all(folder).unwrap();
@@ -459,7 +461,7 @@ fn its_agent_killed_the_program_ends_within_a_second_whatever_it_waits_for() {
     agent.wait().unwrap();
     let killed = Instant::now();
     eventually(|| !pids.iter().any(|pid| runs(*pid)));
-    assert!(killed.elapsed() < Duration::from_secs(3), "{:?}", killed.elapsed());
+    assert!(killed.elapsed() < LONG / 4, "{:?}", killed.elapsed());
     drop(node);
     std::fs::remove_dir_all(folder).unwrap();
 }

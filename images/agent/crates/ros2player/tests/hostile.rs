@@ -32,7 +32,7 @@ fn opened(player: &Player) -> File {
 }
 
 fn filled(graph: &Graph) -> (Player, File) {
-    let options = PlayerOptions { room: ROOM, deadline: Duration::from_secs(2), ..graph.options() };
+    let options = PlayerOptions { room: ROOM, deadline: Duration::from_secs(6), ..graph.options() };
     let player = Player::start(&options).unwrap();
     let publisher = player.advertise("/in", "std_msgs/String", &ALL).unwrap();
     let subscription = player.subscribe("/in", "std_msgs/String", &ALL).unwrap();
@@ -132,10 +132,10 @@ fn any_bytes_are_an_answer_or_an_error_and_nothing_waits_beyond_its_limit() {
         let begun = Instant::now();
         refused += use_all(&player);
         refused += use_all(&player);
-        assert!(begun.elapsed() < Duration::from_secs(20));
+        assert!(begun.elapsed() < Duration::from_secs(60));
         let begun = Instant::now();
         drop(player);
-        assert!(begun.elapsed() < Duration::from_secs(4), "{:?}", begun.elapsed());
+        assert!(begun.elapsed() < Duration::from_secs(20), "{:?}", begun.elapsed());
     }
     assert!(refused >= 24, "{refused}");
 }

@@ -172,8 +172,14 @@ fn a_fast_publisher_loses_nothing_to_a_subscription_that_keeps_all() {
     });
 }
 
-/// Each wait has an end of its own, 20 ms or more: were nobody woken before, these would take ten
-/// seconds each.
+/// What half of these waits took at the most: a busy machine makes some of them late. Each has an end
+/// of its own, 20 ms or more: were nobody woken before, all of them would take that long.
+fn assert_woken(mut times: Vec<Duration>) {
+    times.sort();
+    let half = times[times.len() / 2];
+    assert!(half < Duration::from_millis(15), "{half:?} of {}", times.len());
+}
+
 #[test]
 fn who_waits_is_woken() {
     with_each_player(|graph| {
@@ -183,22 +189,37 @@ fn who_waits_is_woken() {
         let subscription = player.subscribe("/step", "std_msgs/UInt8MultiArray", &ALL).unwrap();
         match_own(&player, publisher, subscription);
         // For a message that comes: the program's publishing thread, and who receives.
-        let begun = Instant::now();
-        for one in 0..500 {
+        let step = |one| {
+            let begun = Instant::now();
             publish(&player, publisher, &message(one, 20)).unwrap();
             assert_eq!(number(&receive(&player, 1)[0].1), one);
-        }
-        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
+            begun.elapsed()
+        };
+        assert_woken((0..500).map(step).collect());
         // For room: two of these fill the ring, and each takes a while, since it goes to another process.
         let _sink = graph.node(&["--sub", "/far:std_msgs/msg/UInt8MultiArray:1:best_effort"]);
         let far = player.advertise("/far", "std_msgs/UInt8MultiArray", &RELIABLE).unwrap();
         graph.met("/far", &player, far);
-        let begun = Instant::now();
-        for one in 0..1000 {
-            publish(&player, far, &message(one, 32_000)).unwrap();
+        let step = |one| {
+            let (begun, mut waits) = (Instant::now(), false);
+            let mut asked = || {
+                waits = true;
+                false
+            };
+            player.publish(far, &[&message(one, 32_000)], &mut asked).unwrap();
+            waits.then(|| begun.elapsed())
+        };
+        // How many of them find room at once, the machine decides.
+        let (late, mut waits) = (Instant::now() + LONG, Vec::new());
+        for one in 0.. {
+            assert!(Instant::now() < late, "{} waits for {one} messages", waits.len());
+            waits.extend(step(one));
+            if waits.len() >= 15 {
+                break;
+            }
         }
+        assert_woken(waits);
         assert!(player.flush(Instant::now() + LONG).unwrap());
-        assert!(begun.elapsed() < Duration::from_secs(5), "{:?}", begun.elapsed());
     });
 }
 
@@ -218,7 +239,7 @@ fn a_subscription_that_is_added_is_taken_from_at_once() {
         };
         // Its thread looks by itself twice a second.
         let fastest = (0..10).map(took).min().unwrap();
-        assert!(fastest < Duration::from_millis(150), "{fastest:?}");
+        assert!(fastest < Duration::from_millis(350), "{fastest:?}");
     });
 }
 

@@ -19,6 +19,8 @@ const FIRST_PAUSE: Duration = Duration::from_millis(20);
 const LONGEST_PAUSE: Duration = Duration::from_millis(500);
 /// Where there are many processes a look takes long; it may cost a fiftieth of a processor.
 const REST: u32 = 50;
+/// A look that takes long because the machine is busy must not blind us for long.
+const LONGEST_REST: Duration = Duration::from_secs(1);
 
 /// The map `stack.usage` of RESULT.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -52,7 +54,7 @@ impl UsageSampler {
                 loop {
                     let begun = Instant::now();
                     peak = peak.max(memory(&descendants(std::process::id(), &spared.pids())));
-                    let rest = pause.max(begun.elapsed() * REST);
+                    let rest = pause.max((begun.elapsed() * REST).min(LONGEST_REST));
                     pause = (pause * 2).min(LONGEST_PAUSE);
                     if asked.recv_timeout(rest) != Err(RecvTimeoutError::Timeout) {
                         return peak;

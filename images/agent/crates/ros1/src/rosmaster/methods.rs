@@ -1,23 +1,34 @@
 //! The methods, on the state of one graph.
 
+use std::collections::BTreeMap;
+
 use crate::Value;
 use crate::calls::Answer;
 
+use super::call::{Call, arity};
 use super::names::resolve;
-use super::notices::Notice;
+use super::notices::Notices;
 use super::parameters::{Parameters, Update};
 use super::registrations::Registrations;
 
 /// Calls that one `system.multicall` may have: roslaunch sets all parameters of a file with one.
 const MOST_CALLS: usize = 100_000;
 
+/// About how much memory their answers may take together.
+const MOST_ANSWERED: usize = 64 << 20;
+/// Bytes of all registrations that a graph has ever had: a topic's type stays.
+const MOST_REGISTERED: usize = 64 << 20;
+/// What a registration takes beside its texts.
+const REGISTRATION: usize = 200;
+
 /// Nodes, topics, services and parameters.
 #[derive(Default)]
 pub(super) struct Graph {
     pub(super) uri: String,
     registrations: Registrations,
+    registered: usize,
     parameters: Parameters,
-    notices: Vec<(String, Notice)>,
+    notices: Notices,
 }
 
 /// What a call gave: the message and the value, or a refusal's, for -1.
@@ -31,47 +42,12 @@ fn refused(message: impl Into<String>, value: impl Into<Value>) -> Outcome {
     Err((message.into(), value.into()))
 }
 
-/// What a call comes with.
-struct Call<'c> {
-    caller: &'c str,
-    params: &'c [Value],
-}
-
-impl Call<'_> {
-    /// A text that is not empty.
-    fn text(&self, at: usize, what: &str) -> Result<&str, (String, Value)> {
-        let text = self.params.get(at).and_then(Value::as_str).filter(|text| !text.is_empty());
-        let wrong = || format!("the parameter {what} must be a text that is not empty");
-        text.ok_or_else(|| (wrong(), Value::Int(0)))
-    }
-
-    /// A name's global form.
-    fn name(&self, at: usize, what: &str) -> Result<String, (String, Value)> {
-        let text = self.text(at, what)?;
-        if text == "/" || text.contains([':', ' ']) {
-            return Err((format!("{text} is no name of a {what}"), Value::Int(0)));
-        }
-        Ok(resolve(text, self.caller))
-    }
-
-    fn key(&self, at: usize) -> Result<String, (String, Value)> {
-        Ok(resolve(self.text(at, "key")?, self.caller))
-    }
-
-    fn uri(&self, at: usize) -> Result<&str, (String, Value)> {
-        let uri = self.text(at, "URI")?;
-        match uri.starts_with("http://") || uri.starts_with("rosrpc://") {
-            true => Ok(uri),
-            false => Err((format!("{uri} is no URI of a node or a service"), Value::Int(0))),
-        }
-    }
-
-    fn node(&self, at: usize) -> Result<(String, String), (String, Value)> {
-        Ok((self.caller.to_owned(), self.uri(at)?.to_owned()))
-    }
-}
-
 impl Graph {
+    /// Whose nodes get notices that way.
+    pub(super) fn new(notices: Notices) -> Graph {
+        Graph { notices, ..Graph::default() }
+    }
+
     /// Answers a call; `None` where there is no such method.
     pub(super) fn call(&mut self, method: &str, params: &[Value]) -> Option<Answer> {
         match method {
@@ -84,6 +60,10 @@ impl Graph {
             return Some(Answer::Refused(-1, why.to_owned(), Value::Int(0)));
         };
         let call = Call { caller, params: &params[1..] };
+        if arity(method).is_some_and(|arity| arity != call.params.len()) {
+            let why = format!("{method} was called with {} parameters", params.len());
+            return Some(Answer::Refused(-1, why, Value::Int(0)));
+        }
         let outcome = match self.about_nodes(method, &call) {
             None => self.about_parameters(method, &call)?,
             Some(outcome) => outcome,
@@ -94,15 +74,17 @@ impl Graph {
         })
     }
 
-    /// Notices to nodes that the calls since have given, with the nodes' URIs.
-    pub(super) fn take_notices(&mut self) -> Vec<(String, Notice)> {
-        std::mem::take(&mut self.notices)
-    }
-
     /// Several calls in one, each with an answer in a list of its own.
     fn all(&mut self, params: &[Value]) -> Value {
         let calls = params.first().and_then(Value::as_list).unwrap_or_default();
+        let mut answered = 0;
         let answers = calls.iter().take(MOST_CALLS).map(|call| {
+            if answered > MOST_ANSWERED {
+                return fault(&format!("the answers before take more than {MOST_ANSWERED} bytes"));
+            }
+            if self.notices.have_ended() {
+                return fault("this master has ended");
+            }
             let Value::Map(call) = call else { return fault("a call is a struct") };
             let name = call.get("methodName").and_then(Value::as_str).unwrap_or_default();
             let params = call.get("params").and_then(Value::as_list).unwrap_or_default();
@@ -111,7 +93,11 @@ impl Graph {
                 _ => self.call(name, params),
             };
             match answer {
-                Some(answer) => Value::List(vec![answer.into_value()]),
+                Some(answer) => {
+                    let answer = answer.into_value();
+                    answered += answer.bytes();
+                    Value::List(vec![answer])
+                }
                 None => fault(&format!("the method {name} does not exist here")),
             }
         });
@@ -144,9 +130,7 @@ impl Graph {
             "setParam" => self.set(call),
             "getParam" => self.get(call),
             "deleteParam" => self.delete(call),
-            "hasParam" => {
-                call.key(0).and_then(|key| fine(key.as_str(), self.parameters.get(&key).is_some()))
-            }
+            "hasParam" => call.key(0).and_then(|key| fine(key.as_str(), self.parameters.has(&key))),
             "searchParam" => self.search(call),
             "getParamNames" => {
                 let names = self.parameters.names().into_iter().map(Value::from).collect();
@@ -158,13 +142,26 @@ impl Graph {
         })
     }
 
+    /// Counts a registration.
+    fn count(&mut self, call: &Call<'_>) -> Result<(), (String, Value)> {
+        let texts = call.params.iter().filter_map(Value::as_str).map(str::len).sum::<usize>();
+        self.registered += REGISTRATION + call.caller.len() + texts;
+        match self.registered <= MOST_REGISTERED {
+            true => Ok(()),
+            false => {
+                let why = format!("the registrations of a graph may take {MOST_REGISTERED} bytes");
+                Err((why, Value::Int(0)))
+            }
+        }
+    }
+
     /// Takes in a node; another of its name is asked to end.
     fn meet(&mut self, node: &(String, String)) {
         let Some(before) = self.registrations.meet(node) else { return };
         self.parameters.unsubscribe_all(&node.0);
         let why = format!("[{}] Reason: new node registered with same name", node.0);
-        let notice = Notice { method: "shutdown", params: vec![why.into()] };
-        self.notices.push((before, notice));
+        let notice = self.notices.notice("shutdown", vec![why.into()]);
+        self.notices.send(&before, notice);
     }
 
     fn forget_idle(&mut self, node: &str) {
@@ -175,17 +172,19 @@ impl Graph {
 
     /// Notifies a topic's subscribers of who publishes it.
     fn notify_subscribers(&mut self, topic: &str) {
-        let publishers: Vec<Value> =
+        let publishers =
             self.registrations.publishers.uris(topic).into_iter().map(Value::from).collect();
+        let params = vec![topic.into(), Value::List(publishers)];
+        let notice = self.notices.notice("publisherUpdate", params);
         for uri in self.registrations.subscribers.uris(topic) {
-            let params = vec![topic.into(), Value::List(publishers.clone())];
-            self.notices.push((uri, Notice { method: "publisherUpdate", params }));
+            self.notices.send(&uri, notice.clone());
         }
     }
 
     fn register_publisher(&mut self, call: &Call<'_>) -> Outcome {
         let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
-        let datatype = call.text(1, "type")?;
+        let datatype = call.datatype(1)?;
+        self.count(call)?;
         self.meet(&node);
         let message = format!("Registered [{}] as publisher of [{topic}]", node.0);
         self.registrations.publishers.register(&topic, node);
@@ -196,7 +195,8 @@ impl Graph {
 
     fn register_subscriber(&mut self, call: &Call<'_>) -> Outcome {
         let (topic, node) = (call.name(0, "topic")?, call.node(2)?);
-        let datatype = call.text(1, "type")?;
+        let datatype = call.datatype(1)?;
+        self.count(call)?;
         self.meet(&node);
         self.registrations.subscribers.register(&topic, node);
         self.registrations.subscribed_as(&topic, datatype);
@@ -224,6 +224,7 @@ impl Graph {
     fn register_service(&mut self, call: &Call<'_>) -> Outcome {
         let (service, uri) = (call.name(0, "service")?, call.uri(1)?);
         let node = call.node(2)?;
+        self.count(call)?;
         self.meet(&node);
         if let Some(before) = self.registrations.serve(&service, &node.0, uri) {
             self.forget_idle(&before);
@@ -267,10 +268,7 @@ impl Graph {
 
     fn set(&mut self, call: &Call<'_>) -> Outcome {
         let key = call.key(0)?;
-        let Some(value) = call.params.get(1) else {
-            return refused("the parameter value is missing", 0);
-        };
-        match self.parameters.set(&key, value.clone(), call.caller) {
+        match self.parameters.set(&key, call.params[1].clone(), call.caller) {
             Ok(updates) => self.notify(updates),
             Err(why) => return refused(why, 0),
         }
@@ -308,6 +306,7 @@ impl Graph {
 
     fn subscribe(&mut self, call: &Call<'_>) -> Outcome {
         let (node, key) = (call.node(0)?, call.key(1)?);
+        self.count(call)?;
         self.meet(&node);
         let value = self.parameters.subscribe(&key, node);
         fine(format!("Subscribed to parameter [{key}]"), value)
@@ -321,9 +320,14 @@ impl Graph {
     }
 
     fn notify(&mut self, updates: Vec<Update>) {
-        for Update { uri, key, value } in updates {
-            let params = vec![key.into(), value];
-            self.notices.push((uri, Notice { method: "paramUpdate", params }));
+        for Update { uris, key } in updates {
+            let value = self.parameters.get(&key);
+            // One that is gone is an empty tree.
+            let value = value.unwrap_or_else(|| Value::Map(BTreeMap::new()));
+            let notice = self.notices.notice("paramUpdate", vec![key.into(), value]);
+            for uri in uris {
+                self.notices.send(&uri, notice.clone());
+            }
         }
     }
 }

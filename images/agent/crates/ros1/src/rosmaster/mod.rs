@@ -2,6 +2,7 @@
 //! Server API (<https://wiki.ros.org/ROS/Parameter%20Server%20API>), as Debian's rosmaster serves
 //! them, which the tests compare.
 
+mod call;
 mod methods;
 mod names;
 mod notices;
@@ -17,12 +18,17 @@ use crate::{RosError, calls, http};
 use methods::Graph;
 use notices::Notices;
 
-/// Connections that are served at once. roscpp and rospy keep some for each node.
-const MOST_SERVED: usize = 4096;
+/// Connections that are served at once, of which roscpp and rospy keep some for each node: a part of
+/// the descriptors that the process may have, which the player and the recorder need as well.
+fn most_served() -> usize {
+    let files = rustix::process::getrlimit(rustix::process::Resource::Nofile).current;
+    usize::try_from(files.unwrap_or(u64::MAX) / 4).unwrap_or(usize::MAX).clamp(64, 1024)
+}
 
 /// A master that serves until it is dropped.
 pub struct Rosmaster {
     listener: Listener,
+    notices: Notices,
     uri: String,
 }
 
@@ -32,27 +38,21 @@ impl Rosmaster {
     /// # Errors
     /// The address can't be had.
     pub fn serve(address: SocketAddr) -> Result<Rosmaster, RosError> {
-        let graph: Arc<Mutex<Graph>> = Arc::default();
-        let notices = Notices::default();
-        let listener = Listener::start("rosmaster", address, MOST_SERVED, move |stream| {
-            let own = stream.local_addr();
-            http::serve(stream, |body| {
-                calls::answer(body, |method, params| {
-                    let mut graph = lock(&graph);
-                    if let Ok(own) = own {
-                        graph.uri = format!("http://{own}/");
-                    }
-                    let answer = graph.call(method, &params);
-                    // While the graph is held, so that a later call's notices are later ones.
-                    for (uri, notice) in graph.take_notices() {
-                        notices.send(&uri, notice);
-                    }
-                    answer
-                })
+        let (notices, room) = (Notices::default(), http::Room::default());
+        let graph = Arc::new(Mutex::new(Graph::new(notices.clone())));
+        let listener = Listener::start("rosmaster", address, most_served(), move |connection| {
+            let own = connection.stream.local_addr();
+            http::serve(connection, &room, |body| {
+                // Over all of a call, so that memory for one is all that any number need.
+                let mut graph = lock(&graph);
+                if let Ok(own) = own {
+                    graph.uri = format!("http://{own}/");
+                }
+                calls::answer(body, |method, params| graph.call(method, &params))
             });
         })?;
         let uri = format!("http://{}/", listener.address());
-        Ok(Rosmaster { listener, uri })
+        Ok(Rosmaster { listener, notices, uri })
     }
 
     /// Where it answers.
@@ -63,5 +63,12 @@ impl Rosmaster {
     /// Where it listens.
     pub fn address(&self) -> SocketAddr {
         self.listener.address()
+    }
+}
+
+impl Drop for Rosmaster {
+    /// A node that has the address of one of this graph's, later, gets nothing that was for that.
+    fn drop(&mut self) {
+        self.notices.end();
     }
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use crate::Value;
 
 /// The type of a topic that nobody has named yet.
-const ANY: &str = "*";
+pub(super) const ANY: &str = "*";
 
 /// A node's name, and the URI of its slave API.
 pub(super) type Registered = (String, String);

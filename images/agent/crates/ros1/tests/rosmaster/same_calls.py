@@ -13,7 +13,7 @@ import xmlrpc.server
 NODES = ["/one", "/ns/two", "/ns/deep/three"]
 TOPICS = ["/t", "t", "u", "/ns/u", "~own", "/ns//t/", "bad name", "bad:name", "/", "", 5]
 KEYS = ["a", "a/b", "/a/b/c", "~x", "/", "/ns/a", "//ns//a/", "b", "/b/", "~", "", 7]
-TYPES = ["pkg/One", "pkg/Two", "*"]
+TYPES = ["pkg/One", "pkg/Two", "*", "One", "pkg/msg/One", "", 5]
 DEADLINE = 60
 
 
@@ -115,11 +115,15 @@ def value(chance, depth=0):
         chance.random,
         lambda: chance.choice(["text", "", " <&> \n"]),
         lambda: chance.random() < 0.5,
+        lambda: chance.choice(["\x1b[0m", "\x00", "\ufffe", "\x7f\U0001f600"]),
+        lambda: xmlrpc.client.Binary(chance.randbytes(4)),
+        lambda: xmlrpc.client.DateTime("20261124T03:12:44"),
+        lambda: chance.choice([float("inf"), float("-inf"), 1e300, -5e-324, 2**31 - 1, -(2**31)]),
         lambda: [value(chance, 3) for _ in range(chance.randrange(3))],
         lambda: {key: value(chance, depth + 1) for key in chance.sample("abcx", 2)},
         dict,
     ]
-    return chance.choice(kinds[: 5 if depth > 2 else 7])()
+    return chance.choice(kinds[: 9 if depth > 2 else 11])()
 
 
 def call(chance):
@@ -157,6 +161,10 @@ def call(chance):
             ("subscribeParam", [node, uri, key]),
             ("unsubscribeParam", [node, uri, key]),
             ("getParam", [5, key]),
+            ("getParam", [node, key, "more"]),
+            ("registerPublisher", [node, topic, kind, uri, "more"]),
+            ("getSystemState", [node, "more"]),
+            ("lookupNode", [node]),
             ("noSuchMethod", [node]),
         ]
     )

@@ -18,8 +18,8 @@ use bagpipe_ros2player::{
     Qos, Reliability, SubscriptionId,
 };
 
-/// What no test should need.
-pub const LONG: Duration = Duration::from_secs(30);
+/// What no test should need, however slow the machine is.
+pub const LONG: Duration = Duration::from_secs(120);
 
 pub const RELIABLE: Qos = Qos {
     history: History::KeepLast(10),

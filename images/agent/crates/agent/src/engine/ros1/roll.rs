@@ -23,7 +23,9 @@ pub fn roll(master_uri: &str) -> Vec<Known> {
     let ours = |name: &String| name.starts_with(PLAYER);
     let known = names.into_iter().filter(|name| !ours(name)).filter_map(|name| {
         let uri = master.lookup_node(&name).ok()?;
-        let pid = pid_of(&uri).ok();
+        // The player answers, and the master: a node that gives the address of either as its own
+        // would live as long as they do.
+        let pid = pid_of(&uri).ok().filter(|pid| u32::try_from(*pid) != Ok(std::process::id()));
         Some(Known { name, uri, pid, stayed: false })
     });
     known.collect()
@@ -88,4 +90,23 @@ fn is_alive(pid: i32) -> bool {
     let text = String::from_utf8_lossy(&stat);
     let state = text.rsplit(')').next().and_then(|after| after.split_whitespace().next());
     state.is_some_and(|state| !matches!(state, "Z" | "X"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::Ipv4Addr;
+
+    use bagpipe_ros1::Rosmaster;
+
+    use super::*;
+
+    #[test]
+    fn a_node_that_gives_an_address_of_the_agent_as_its_own_is_not_kept_alive_by_it() {
+        let served = Rosmaster::serve((Ipv4Addr::LOCALHOST, 0).into()).unwrap();
+        let liar = Master::new(served.uri(), "/liar", ASK).unwrap();
+        liar.register_publisher("/t", "std_msgs/String", served.uri()).unwrap();
+        let known = roll(served.uri());
+        assert_eq!(known.len(), 1);
+        assert_eq!(look(served.uri(), &known), [Found::Unreachable]);
+    }
 }
