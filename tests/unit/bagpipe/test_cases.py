@@ -71,7 +71,29 @@ def test_the_names_of_many_rounds_sort_by_round(tmp_path: Path) -> None:
 def test_bags_of_one_name_stay_apart(tmp_path: Path) -> None:
     storage = storage_with(tmp_path, "x/a.bag", "y/a.bag")
     made = plan(make_spec(source=source("x/a.bag", "y/a.bag", "x/*.bag", length="60s")), storage)
-    assert sorted(case.id for case in made.cases) == ["a-000-0000", "a-001-0000"]
+    assert sorted((case.bag, case.id) for case in made.cases) == [
+        ("pvc://recordings/x/a.bag", "a-0c94b7eff280-0000"),
+        ("pvc://recordings/y/a.bag", "a-217ab156858c-0000"),
+    ]
+
+
+def test_bags_of_one_name_keep_theirs_whatever_is_beside_them(tmp_path: Path) -> None:
+    """Else a comparison with an earlier job, and a quarantine, would take one for another."""
+    storage = storage_with(tmp_path, "w/a.bag", "x/a.bag", "y/a.bag")
+    before = plan(make_spec(source=source("x/a.bag", "y/a.bag", length="60s")), storage).cases
+    after = plan(make_spec(source=source("*/a.bag", length="60s")), storage).cases
+    names = {case.bag: case.id for case in after}
+    assert len(set(names.values())) == 3
+    assert {case.bag: case.id for case in before}.items() < names.items()
+
+
+def test_bags_of_one_name_that_are_missing_have_a_row_each(tmp_path: Path) -> None:
+    storage = storage_with(tmp_path, "b.bag")
+    made = plan(make_spec(source=source("x/a.bag", "y/a.bag", "z.bag", length="60s")), storage)
+    first, second, third = made.unplanned
+    assert (first.bag, second.bag) == ("pvc://recordings/x/a.bag", "pvc://recordings/y/a.bag")
+    assert first.id != second.id
+    assert third.id == "z"
 
 
 def test_a_faulty_bag_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
@@ -144,7 +166,7 @@ def test_a_topic_without_a_message_is_not_reported_missing(tmp_path: Path) -> No
     assert bag.message.endswith("/scan is in the bag without a message; it has /camera")
 
 
-def test_names_are_numbered_by_the_place_of_their_bag_where_two_share_one(tmp_path: Path) -> None:
+def test_names_have_a_mark_of_their_bag_where_two_share_one(tmp_path: Path) -> None:
     names = ("b.bag", "x/a.bag", "y/a.bag", "q (1)+2.bag", "-.bag")
     storage = storage_with(tmp_path, *names)
     made = plan(make_spec(source=source(*names, length="60s")), storage)
@@ -152,8 +174,8 @@ def test_names_are_numbered_by_the_place_of_their_bag_where_two_share_one(tmp_pa
         ("-.bag", "bag-0000"),
         ("b.bag", "b-0000"),
         ("q (1)+2.bag", "q-1-2-0000"),
-        ("x/a.bag", "a-001-0000"),
-        ("y/a.bag", "a-002-0000"),
+        ("x/a.bag", "a-0c94b7eff280-0000"),
+        ("y/a.bag", "a-217ab156858c-0000"),
     ]
 
 

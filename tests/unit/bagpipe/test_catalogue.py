@@ -163,6 +163,12 @@ OUTSIDE = "is not within pvc://drives/: write what else the job may read into so
         ("file:///etc/x.bag", OUTSIDE),
         ("/etc/passwd", "'/etc/passwd' has no known scheme"),
         ("*.bag", "has a wildcard, and a row is one recording"),
+        ("sub//b.bag", "'pvc://drives/2026/sub//b.bag' has an empty part or '.'"),
+        ("sub/./b.bag", "has an empty part or '.': write each folder once"),
+        ("././b.bag", "has an empty part or '.'"),
+        ("sub/.", "has an empty part or '.'"),
+        ("pvc://drives//b.bag", "has an empty part or '.'"),
+        ("file:////etc/x.bag", "has an empty part or '.'"),
         ("pvc://drives/results", "output.uri is inside of 'pvc://drives/results'"),
     ],
 )

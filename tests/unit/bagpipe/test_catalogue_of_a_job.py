@@ -51,6 +51,20 @@ def test_the_cases_are_those_of_the_same_bags(tmp_path: Path) -> None:
     assert same.selection is None
 
 
+def test_a_row_more_leaves_the_others_cases_their_names(tmp_path: Path) -> None:
+    """So that tonight's comparison and quarantine are of the recordings of the night before."""
+    for folder in ("w", "x", "y"):
+        (tmp_path / folder).mkdir()
+        write_bag(tmp_path / folder / "lidar.bag", steady("/scan", 10, 100_000_000))
+    storage = catalogue(tmp_path, "uri,n\nx/lidar.bag,1\ny/lidar.bag,1\n")
+    spec = make_spec(source=source("n == 1"))
+    before = {case.id: case.bag for case in plan(spec, storage).cases}
+    (tmp_path / "c.csv").write_text("uri,n\nw/lidar.bag,1\nx/lidar.bag,1\ny/lidar.bag,1\n")
+    after = {case.id: case.bag for case in plan(spec, storage).cases}
+    assert (len(before), len(after)) == (2, 3)
+    assert before.items() < after.items()
+
+
 def test_a_recording_that_is_not_there_is_no_case(tmp_path: Path) -> None:
     storage = catalogue(tmp_path, "uri,n\na.bag,1\ngone.bag,1\n")
     found = plan(make_spec(source=source("n == 1")), storage)

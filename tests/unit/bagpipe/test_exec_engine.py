@@ -266,7 +266,12 @@ def test_one_case_for_each_file_and_a_sentence_for_what_is_missing(tmp_path: Pat
 
     made = cases("*.json", "big.bin", "none.json")
     assert [(case.id, case.bytes) for case in made] == [("big", 7), ("a", 1), ("b-c", 1)]
-    assert [case.id for case in cases("a.json", "sub/a.json")] == ["a.json.0000", "a.json.0001"]
+    names = {case.bag: case.id for case in cases("a.json", "sub/a.json")}
+    assert len(set(names.values())) == 2
+    (tmp_path / "more").mkdir()
+    (tmp_path / "more" / "a.json").write_bytes(b"x")
+    more = {case.bag: case.id for case in cases("a.json", "more/a.json", "sub/a.json")}
+    assert names.items() < more.items()
     (tmp_path / "a.yaml").touch()
     assert [case.id for case in cases("a.json", "a.yaml")] == ["a.json", "a.yaml"]
 

@@ -158,7 +158,7 @@ def test_one_wrong_time_is_refused_before_it_makes_millions_of_windows(times: Ti
     assert len(cut(tail, [], 1 << 64, 0)) == 1
 
 
-def test_recordings_of_one_name_are_numbered_whatever_their_formats(
+def test_recordings_of_one_name_are_kept_apart_whatever_their_formats(
     tmp_path: Path, storage: Storage
 ) -> None:
     write_bag(tmp_path / "a.bag", steady("/a", 10, SECOND))
@@ -166,4 +166,4 @@ def test_recordings_of_one_name_are_numbered_whatever_their_formats(
     alone = {case.id for case in plan(spec_over("a.bag", "exec"), storage).cases}
     assert alone == {"a-0000"}
     both = plan(spec_over("*", "exec"), storage).cases
-    assert {case.id for case in both} == {"a-000-0000", "a-001-0000"}
+    assert len({case.id for case in both} - alone) == len(both) == 2

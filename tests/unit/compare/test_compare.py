@@ -73,6 +73,16 @@ def test_new_cases_that_fail_and_criteria_that_are_gone_are_mentioned() -> None:
     assert (found.verdict, found.message) == ("same", sentence)
 
 
+def test_a_case_of_the_same_name_that_was_played_from_another_recording_is_mentioned() -> None:
+    earlier = [row(n, "", bag=f"s3://fleet/monday/{n}.bag") for n in range(3)]
+    now = [row(n, "", bag=f"s3://fleet/{'monday' if n else 'tuesday'}/{n}.bag") for n in range(3)]
+    [found] = compare(now, [], earlier)
+    sentence = "no case changed of 3 cases; 1 played from another recording than there"
+    assert (found.verdict, found.message) == ("same", sentence)
+    [same] = compare(earlier, [], earlier)
+    assert same.message == "no case changed of 3 cases"
+
+
 def test_a_case_that_passes_now_is_fixed() -> None:
     rows = [row(0, "released", "failed"), row(0, "pr-812"), row(1, "released"), row(1, "pr-812")]
     found = only(rows)

@@ -83,12 +83,12 @@ class FakeApi:
         self._called("get schedule")
         return self._found("schedules", name)
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+    async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
         self._called("list jobs")
         key, _, value = label.partition("=")
         jobs = [job for (kind, _), job in self.objects.items() if kind == "jobs"]
         labels = [(job, job["metadata"].get("labels") or {}) for job in jobs]
-        return [copy.deepcopy(job) for job, own in labels if own.get(key) == value]
+        return [copy.deepcopy(job) for job, own in labels if own.get(key) == value][:most]
 
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
         self._called("delete job")

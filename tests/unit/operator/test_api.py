@@ -81,6 +81,15 @@ async def test_the_calls() -> None:
     ]
 
 
+async def test_no_page_is_asked_for_beyond_what_is_wanted() -> None:
+    page = {"items": [{"kind": "A"}, {"kind": "B"}], "metadata": {"continue": "x"}}
+    recorder = Recorder(*[(200, page)] * 3)
+    async with server(recorder.answer) as api:
+        found = await api.list_jobs("lanes", "a=b", 3)
+    assert [each["kind"] for each in found] == ["A", "B", "A"]
+    assert len(recorder.calls) == 2
+
+
 async def test_the_calls_for_schedules() -> None:
     recorder = Recorder((200, {"items": [{"kind": "SimulationJob"}]}))
     manifest = {"metadata": {"name": "n-1", "namespace": "lanes"}, "spec": {"unknownField": [1]}}

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from bagpipe_operator.api import conditions, readings
+from bagpipe_operator.api import conditions, names, readings
 from bagpipe_operator.api.objects import Json
 
 
@@ -53,5 +53,17 @@ def kept_run(schedule_status: Json) -> PassedRun | None:
 
 def controller_of(job: Json) -> str:
     """The UID of the schedule that made a job; empty where none did."""
+    return str(_controller(job).get("uid") or "")
+
+
+def schedule_of(job: Json) -> tuple[str, str]:
+    """The name and the UID of the schedule that made a job; both empty where none did."""
+    owner = _controller(job)
+    if owner.get("kind") != names.SCHEDULE_KIND or not owner.get("name"):
+        return "", ""
+    return str(owner["name"]), str(owner.get("uid") or "")
+
+
+def _controller(job: Json) -> Json:
     owners = readings.objects(job["metadata"].get("ownerReferences"))
-    return next((str(o.get("uid") or "") for o in owners if o.get("controller")), "")
+    return next((owner for owner in owners if owner.get("controller")), {})

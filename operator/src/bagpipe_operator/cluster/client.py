@@ -82,8 +82,11 @@ class Api(Protocol):
     async def get_schedule(self, namespace: str, name: str) -> Json:
         """One SimulationSchedule."""
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
-        """The SimulationJobs with a label, written `key=value`, without their specs."""
+    async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
+        """The SimulationJobs with a label, written `key=value`, without their specs.
+
+        No more than `most` are asked for, if that is given.
+        """
 
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
         """Deletes a SimulationJob if it still is the one with that UID, and unchanged.
@@ -155,9 +158,14 @@ class KubernetesApi:
         path = f"{self._path(namespace, names.PLURAL)}?dryRun=All"
         await self._call("POST", path, manifest)
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+    async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
         path = f"{self._path(namespace, names.PLURAL)}?labelSelector={label}&limit={PAGE}"
-        return [trimmed(item) async for item in self._listed(path)]
+        found: list[Json] = []
+        async for item in self._listed(path):
+            found.append(trimmed(item))
+            if len(found) == most:
+                break
+        return found
 
     async def job_uids(self, namespace: str | None) -> set[str]:
         """The UIDs of all SimulationJobs, without their specs; None: of all namespaces."""

@@ -83,8 +83,8 @@ class FencedApi:
     async def get_schedule(self, namespace: str, name: str) -> Json:
         return await self._api.get_schedule(namespace, name)
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
-        return await self._api.list_jobs(namespace, label)
+    async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
+        return await self._api.list_jobs(namespace, label, most)
 
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
         await self._leading(lambda: self._api.delete_unchanged_job(namespace, name, uid, version))

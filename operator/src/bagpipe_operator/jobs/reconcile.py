@@ -27,7 +27,11 @@ from bagpipe_operator.jobs.pods.job_config import JobTooLargeError, UnusableSpec
 from bagpipe_operator.jobs.pods.pinned import followed_schedule, pinned_baseline
 from bagpipe_operator.jobs.pods.refusal import Refusal
 from bagpipe_operator.jobs.policies.halt import halt_as_seen, halt_of
-from bagpipe_operator.jobs.policies.last_passed import CannotCompareError, find_last_passed
+from bagpipe_operator.jobs.policies.last_passed import (
+    CannotCompareError,
+    Handover,
+    find_last_passed,
+)
 from bagpipe_operator.jobs.policies.places import living, needs_stop
 from bagpipe_operator.jobs.policies.replacement import pausing
 from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlier
@@ -81,6 +85,7 @@ class Reconciler:
     _lookout: Lookout = field(init=False)
     _refusals: Refusals = field(init=False)
     _rounds: Rounds = field(init=False)
+    _handover: Handover = field(init=False)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     # Jobs as they were before a write that was not answered: it may have happened.
     _unanswered: dict[str, JobView] = field(default_factory=dict)
@@ -96,6 +101,7 @@ class Reconciler:
         self._lookout = Lookout(self.api, self.settings, self.monotonic)
         self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
         self._rounds = Rounds(self.monotonic)
+        self._handover = Handover(self.api, self.monotonic)
         for uid in list(self._asked):
             self._forget_driver(uid)
         self._unanswered.clear()
@@ -112,6 +118,7 @@ class Reconciler:
             self._unanswered.pop(uid, None)
             self._recorder.forget(uid)
             self.announcer.forget(uid)
+            self._handover.forget(uid)
             if self.queueing is not None:
                 self.queueing.gone(uid)
             return
@@ -132,7 +139,9 @@ class Reconciler:
         if job is not None and self.queueing is not None:
             await self.queueing.settle(job)
         kept = job is None or not job.finished or self.announcer.owes(job)
-        if job is not None and not kept and expired(job, self.now()):
+        if job is None or kept or not expired(job, self.now()):
+            return
+        if not await self._handover.waits(job):
             await self._remove(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
@@ -446,6 +455,7 @@ class Reconciler:
                 raise
             await self._reread(job)
             return
+        self._handover.forget(job.uid)
         self.view.drop_job(job.uid)
 
     def _forget(self, uid: str) -> None:

@@ -15,6 +15,7 @@ from bagpipe_operator.api import names, readings
 from bagpipe_operator.api.kept_spec import packed, scalars, what_decides
 from bagpipe_operator.api.nesting import bounded
 from bagpipe_operator.api.objects import Json, is_older
+from bagpipe_operator.api.runs import schedule_of
 from bagpipe_operator.cluster.large_objects import TRIMMED, is_large
 
 
@@ -174,6 +175,7 @@ class JobView:
     spec: Json = field(default_factory=dict)
     status: Json = field(default_factory=dict)
     created: str = ""  # as the API server writes it
+    schedule: tuple[str, str] = ("", "")  # the name and the UID of the one that made it
     # `labels` and `annotations`, as far as results keep them
     marks: Json = field(default_factory=dict)
     # `spec` and `marks` whole, where these are only what decides; empty if it is too large to keep
@@ -227,6 +229,7 @@ class JobView:
             spec=bounded(readings.mapping(job.get("spec"))),
             status=bounded(readings.status(job.get("status"))),
             created=str(meta.get("creationTimestamp") or ""),
+            schedule=schedule_of(job),
             marks=marks_of(meta.get("labels") or {}, meta.get("annotations") or {}),
             packed=b"" if TRIMMED in job else None,
             large=is_large(job),

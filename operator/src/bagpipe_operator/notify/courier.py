@@ -5,8 +5,6 @@ fills them again; so a letter may arrive twice, with one identity.
 """
 
 import asyncio
-import heapq
-import itertools
 import logging
 import random
 import time
@@ -17,6 +15,7 @@ from typing import Protocol
 
 from bagpipe_operator.notify.letter import Answer, Letter, Outcome
 from bagpipe_operator.notify.metrics import NotificationMetrics
+from bagpipe_operator.notify.turns import Turns, Waiting
 
 logger = logging.getLogger(__name__)
 
@@ -44,16 +43,6 @@ def pause(tries: int, chance: float) -> float:
     return longest * (0.5 + chance / 2)
 
 
-@dataclass(order=True)
-class _Waiting:
-    """A letter in the queue, in the order of when it is due."""
-
-    due: float
-    number: int
-    letter: Letter = field(compare=False)
-    tries: int = field(default=0, compare=False)
-
-
 @dataclass
 class Line:
     """The queue of one receiver."""
@@ -65,20 +54,26 @@ class Line:
     leads: Callable[[], bool] = lambda: True
     monotonic: Callable[[], float] = time.monotonic
     chance: Callable[[], float] = random.random
-    _queue: list[_Waiting] = field(default_factory=list)
+    _queue: Turns = field(default_factory=Turns)
     _known: set[str] = field(default_factory=set)  # the jobs whose letters wait or are sent
-    _numbers: "itertools.count[int]" = field(default_factory=itertools.count)
     _news: asyncio.Event = field(default_factory=asyncio.Event)
 
     def offer(self, letter: Letter) -> None:
-        """Takes a letter, unless it has it already; says so if there is no room."""
+        """Takes a letter, unless it has it already; says so if there is no room.
+
+        Who has none finds some with the namespace that has most.
+        """
         if letter.uid in self._known:
             return
         if len(self._known) >= MOST_WAITING:
-            self._end(letter, Outcome("Dropped", f"{MOST_WAITING} were waiting for it."))
-            return
+            gives_way = self._queue.give_way(letter.namespace)
+            dropped = gives_way.letter if gives_way else letter
+            self._end(dropped, Outcome("Dropped", f"{MOST_WAITING} were waiting for it."))
+            if gives_way is None:
+                return
         self._known.add(letter.uid)
-        self._push(_Waiting(self.monotonic(), next(self._numbers), letter))
+        self._queue.add(letter, self.monotonic())
+        self.metrics.waiting(self.receiver, len(self._queue))
         self._news.set()
 
     def clear(self) -> None:
@@ -98,17 +93,18 @@ class Line:
 
     async def deliver_due(self) -> float | None:
         """Tries what is due, one after the other; seconds until there is more, None for never."""
-        while self._queue:
-            seconds = self._queue[0].due - self.monotonic()
+        while (seconds := self._queue.seconds(self.monotonic())) is not None:
             if seconds > 0:
                 return seconds
             if not self.leads():
                 self.clear()
                 return None
-            await self._try(heapq.heappop(self._queue))
+            waiting = self._queue.take(self.monotonic())
+            if waiting is not None:
+                await self._try(waiting)
         return None
 
-    async def _try(self, waiting: _Waiting) -> None:
+    async def _try(self, waiting: Waiting) -> None:
         letter, begun = waiting.letter, self.monotonic()
         try:
             answer = await self.post.post(letter)
@@ -128,15 +124,12 @@ class Line:
         else:
             seconds = max(pause(waiting.tries, self.chance()), answer.wait_seconds)
             waiting.due = self.monotonic() + seconds
-            self._push(waiting)
+            self._queue.put(waiting)
+            self.metrics.waiting(self.receiver, len(self._queue))
             logger.info(
                 "%s: %s is notified again in %.0f s: %s",
                 letter.about, self.receiver, seconds, answer.words,
             )  # fmt: skip
-
-    def _push(self, waiting: _Waiting) -> None:
-        heapq.heappush(self._queue, waiting)
-        self.metrics.waiting(self.receiver, len(self._queue))
 
     def _end(self, letter: Letter, outcome: Outcome) -> None:
         self._known.discard(letter.uid)

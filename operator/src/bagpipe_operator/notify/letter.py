@@ -16,6 +16,11 @@ class Letter:
     identity: str
     body: bytes
 
+    @property
+    def namespace(self) -> str:
+        """Of the job that it is about."""
+        return self.about.partition("/")[0]
+
 
 @dataclass(frozen=True)
 class Outcome:

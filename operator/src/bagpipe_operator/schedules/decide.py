@@ -149,7 +149,10 @@ def _limit(schedule: ScheduleView, field: str, default: int) -> int:
 
 
 def _surplus(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> tuple[ScheduledJob, ...]:
-    """The earliest of the ended jobs beyond the limits, good and failed ones apart."""
+    """The earliest of the ended jobs beyond the limits, good and failed ones apart.
+
+    Not those of whose end somebody is still to be notified, as only their statuses know.
+    """
     limits = {
         True: _limit(schedule, "successfulJobsHistoryLimit", DEFAULT_SUCCESSFUL_HISTORY),
         False: _limit(schedule, "failedJobsHistoryLimit", DEFAULT_FAILED_HISTORY),
@@ -157,5 +160,5 @@ def _surplus(schedule: ScheduleView, jobs: tuple[ScheduledJob, ...]) -> tuple[Sc
     surplus: list[ScheduledJob] = []
     for complete, limit in limits.items():
         ended = [j for j in jobs if j.finished and not j.deleting and j.complete is complete]
-        surplus += ended[: max(0, len(ended) - limit)]
+        surplus += [j for j in ended[: max(0, len(ended) - limit)] if not j.owes]
     return tuple(surplus)

@@ -87,6 +87,7 @@ class ScheduledJob:
     completed: datetime | None = None
     passed_run: PassedRun | None = None
     result: Result | None = None  # of one that has ended
+    owes: bool = False  # somebody is still to be notified of its end, as its status says
     resource_version: str = field(default="", compare=False)
 
     @property
@@ -117,6 +118,7 @@ class ScheduledJob:
             passed_run=passed_run(meta["name"], status),
             # Of one that runs it would change all the time, and nobody goes by it.
             result=_result(status, "Complete" in true) if true & {"Complete", "Failed"} else None,
+            owes=any(each["state"] == "Pending" for each in status.get("notifications") or []),
             resource_version=str(meta.get("resourceVersion") or ""),
         )
 

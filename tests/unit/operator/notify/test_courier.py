@@ -3,6 +3,7 @@
 import asyncio
 import itertools
 import random
+from collections import Counter
 from dataclasses import dataclass, field
 
 import pytest
@@ -18,13 +19,14 @@ from bagpipe_operator.notify.courier import (
 )
 from bagpipe_operator.notify.letter import Answer, Letter, Outcome
 from bagpipe_operator.notify.metrics import NotificationMetrics
+from bagpipe_operator.notify.turns import Turns
 from tests.unit.operator.builders import Clock
 
 REFUSED = Answer(False, "it answered 500")
 
 
-def letter(uid: str = "u", receiver: str = "team") -> Letter:
-    return Letter(uid, f"lanes/{uid}", receiver, f"{uid}-ended", b"{}")
+def letter(uid: str = "u", receiver: str = "team", namespace: str = "lanes") -> Letter:
+    return Letter(uid, f"{namespace}/{uid}", receiver, f"{uid}-ended", b"{}")
 
 
 @dataclass
@@ -179,6 +181,53 @@ async def test_what_finds_no_room_is_dropped_counted_and_reported(
     await office.until_nothing_is_due()
     assert (len(office.posts["team"].got), office.ended("delivered")) == (1000, 1000)
     assert office.sample("bagpipe_notifications_waiting") == 0
+
+
+async def test_a_team_that_floods_a_receiver_drops_its_own_and_no_other_team_s() -> None:
+    office = Office()
+    for number in range(MOST_WAITING + 5):
+        office.courier.offer(letter(f"flood{number}", namespace="loud"))
+    for number in range(2):
+        office.courier.offer(letter(f"quiet{number}", namespace="quiet"))
+    dropped = [
+        uid for uid in office.woken if office.courier.outcomes(uid)["team"].state == "Dropped"
+    ]
+    assert dropped == [f"flood{n}" for n in (1000, 1001, 1002, 1003, 1004, 999, 998)]
+    assert office.sample("bagpipe_notifications_waiting") == MOST_WAITING
+    await office.until_nothing_is_due()
+    order = [who for _, who in office.posts["team"].got]
+    assert order[:5] == [
+        "flood0-ended", "quiet0-ended", "flood1-ended", "quiet1-ended", "flood2-ended",
+    ]  # fmt: skip
+    assert len(order) == MOST_WAITING
+
+
+async def test_teams_share_the_room() -> None:
+    office = Office()
+    for team in "ab":
+        for number in range(MOST_WAITING):
+            office.courier.offer(letter(f"{team}{number}", namespace=team))
+    office.courier.offer(letter("c0", namespace="c"))
+    assert office.ended("dropped") == MOST_WAITING + 1
+    await office.until_nothing_is_due()
+    half = MOST_WAITING // 2
+    teams = Counter(who[0] for _, who in office.posts["team"].got)
+    assert sorted(teams.values()) == [1, half - 1, half]
+    assert (teams["c"], office.ended("delivered")) == (1, MOST_WAITING)
+
+
+def test_what_was_tried_already_gives_way_last() -> None:
+    turns = Turns()
+    for number in range(4):
+        turns.add(letter(f"a{number}", namespace="a"), 0.0)
+    for _ in range(2):
+        tried = turns.take(0.0)
+        assert tried is not None
+        tried.tries, tried.due = 1, 9.0
+        turns.put(tried)
+    found = [turns.give_way("b") for _ in range(4)]
+    assert [each and each.letter.uid for each in found] == ["a3", "a2", "a1", None]
+    assert (len(turns), turns.seconds(4.0), turns.take(8.9)) == (1, 5.0, None)
 
 
 async def test_a_receiver_that_hangs_holds_up_neither_another_nor_who_offers() -> None:

@@ -202,3 +202,19 @@ def test_of_ended_jobs_the_latest_are_kept_good_and_failed_ones_apart(
     bad = [job(count, "Failed") for count in range(6, 9)]
     found = decided(minute(9), *good, *bad, job(0, "Complete", deleting=True), job(9), **limits)
     assert [each.name for each in found.surplus] == [name_of(count) for count in surplus]
+
+
+@pytest.mark.parametrize("end", ["Complete", "Failed"])
+@pytest.mark.parametrize(
+    ("states", "stays"),
+    [(["Pending"], True), (["Delivered", "Pending"], True), (["Delivered", "Failed"], False)],
+)
+def test_a_job_is_kept_beyond_the_limits_until_all_are_notified_of_it(
+    end: str, states: list[str], *, stays: bool
+) -> None:
+    """An operator that is restarted knows from its status alone who is still to be."""
+    made = make_job(name_of(1), end)
+    made["status"]["notifications"] = [{"receiver": "team", "state": state} for state in states]
+    limits = {"successfulJobsHistoryLimit": 0, "failedJobsHistoryLimit": 0}
+    found = decided(minute(1), ScheduledJob.from_object(made), job(2, end), **limits)
+    assert [each.name for each in found.surplus] == [name_of(1)] * (not stays) + [name_of(2)]

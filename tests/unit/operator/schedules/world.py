@@ -116,11 +116,11 @@ class FakeApi:
         if name in self.jobs:
             raise ApiError(409, "AlreadyExists", f"{name} already exists")
 
-    async def list_jobs(self, namespace: str, label: str) -> list[Json]:
+    async def list_jobs(self, namespace: str, label: str, most: int | None = None) -> list[Json]:
         self._called("list")
         key, _, value = label.partition("=")
         found = [j for j in self.jobs.values() if j["metadata"]["labels"].get(key) == value]
-        return copy.deepcopy(found)
+        return copy.deepcopy(found[:most])
 
     async def delete_job(self, namespace: str, name: str, uid: str) -> None:
         self._called(f"delete {name}")

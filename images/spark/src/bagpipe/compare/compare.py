@@ -103,6 +103,8 @@ def _compared(
     unmeasured = _unmeasured(baseline, variant)
     message += f"; {len(hidden)} worse in quarantine" if hidden else ""
     message += f"; measured no more: {', '.join(unmeasured)}" if unmeasured else ""
+    other = sum(before.recording != after.recording for before, after in pairs.values())
+    message += f"; {other} played from another recording than there" if other else ""
     return Comparison(
         name, called, verdict, message, counts, {word: became[word] for word in _BECAME},
         regressed=regressed[:MOST_NAMED], fixed=_named("fixed", found, variant),

@@ -1,9 +1,18 @@
 """What a job's plan is: the cases that will run, and what yields none."""
 
-from dataclasses import dataclass
+import hashlib
+from collections import Counter
+from dataclasses import dataclass, replace
 from typing import Self
 
 from bagpipe.plan.case import Case
+
+
+def mark_of(uri: str) -> str:
+    """What keeps files of one name apart: twelve digits of the URI, so that each keeps its own,
+    whatever others there are beside it.
+    """
+    return hashlib.sha256(uri.encode()).hexdigest()[:12]
 
 
 @dataclass(frozen=True)
@@ -50,5 +59,10 @@ class Plan:
 
     @classmethod
     def of(cls, cases: list[Case], unplanned: list[Unplanned]) -> Self:
-        """Puts the cases in order."""
-        return cls(sorted(cases, key=lambda case: (-case.bytes, case.id)), unplanned)
+        """Puts the cases in order; what yields none has a name each, by which results have rows."""
+        named = Counter(each.id for each in unplanned)
+        apart = [
+            each if named[each.id] == 1 else replace(each, id=f"{each.id}-{mark_of(each.bag)}")
+            for each in unplanned
+        ]
+        return cls(sorted(cases, key=lambda case: (-case.bytes, case.id)), apart)

@@ -59,6 +59,12 @@ def asked() -> Iterator[None]:
         raise
     except exceptions.BaseError as error:
         raise translated(error) from None
+    except ValueError:
+        # Its text quotes what it could not read.
+        raise OSError(
+            "the storage library can't read the path, which may have no empty part and no '.', or"
+            " a setting beside it"
+        ) from None
 
 
 def translated(error: exceptions.BaseError) -> OSError:

@@ -1,4 +1,10 @@
-"""The run that spec.baseline.lastPassed stands for: looked for once, before a job has a driver."""
+"""The run that spec.baseline.lastPassed stands for: looked for once, before a job has a driver.
+
+A run that passed is known by its job, and by its schedule's status before that job is gone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from bagpipe_operator.api import names, readings
 from bagpipe_operator.api.objects import Json
@@ -6,6 +12,13 @@ from bagpipe_operator.api.runs import PassedRun, controller_of, kept_run, passed
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.pods.pinned import followed_schedule
 from bagpipe_operator.jobs.view import JobView
+from bagpipe_operator.runtime.patience import Patience
+
+# A schedule that has not named a run by then, such as one of a CRD without the field, never will.
+MOST_SECONDS = 600.0
+# A schedule keeps 200 that have ended. Anybody may give others its label, and each look would hold
+# one of the operator's workers for as long as they are read.
+MOST_LISTED = 1000
 
 
 class CannotCompareError(ValueError):
@@ -18,6 +31,15 @@ async def find_last_passed(api: Api, job: JobView) -> Json:
     Raises CannotCompareError, and ApiError for faults that may pass.
     """
     name = followed_schedule(job)
+    # In this order: a run whose job is not listed any more is in the status that is read then.
+    label = f"{names.LABEL_SCHEDULE}={name}"
+    listed = await api.list_jobs(job.namespace, label, MOST_LISTED + 1)
+    if len(listed) > MOST_LISTED:
+        raise CannotCompareError(
+            f"More than {MOST_LISTED:,} jobs in namespace {job.namespace} have the label {label},"
+            " and no more are looked at for the last that passed: delete those that the schedule"
+            " did not make."
+        )
     try:
         schedule = await api.get_schedule(job.namespace, name)
     except ApiError as error:
@@ -27,7 +49,6 @@ async def find_last_passed(api: Api, job: JobView) -> Json:
             f"There is no SimulationSchedule {name} in namespace {job.namespace}, which"
             " spec.baseline.lastPassed names: correct the name, or create the schedule first."
         ) from None
-    listed = await api.list_jobs(job.namespace, f"{names.LABEL_SCHEDULE}={name}")
     found = last_passed(job, schedule, listed)
     return {"schedule": name} | (found.as_status() if found else {})
 
@@ -42,6 +63,43 @@ def last_passed(job: JobView, schedule: Json, listed: list[Json]) -> PassedRun |
     until = run_of(job.name) if mine else None
     earlier = [run for run in runs if run and (until is None or run.run < until)]
     return max(earlier, default=None)
+
+
+@dataclass
+class Handover:
+    """Keeps the job of a run that passed until the schedule's status names it, or a later one."""
+
+    api: Api
+    monotonic: Callable[[], float]
+    _waiting: Patience = field(default_factory=Patience)
+
+    async def waits(self, job: JobView) -> bool:
+        """Whether an ended job has to stay for that; not for longer than MOST_SECONDS.
+
+        Raises ApiError for faults that may pass.
+        """
+        seen = ["unnamed"] if await self._is_unnamed(job) else []
+        seconds = self._waiting.observe(job.uid, seen, self.monotonic())
+        return any(waited < MOST_SECONDS for waited in seconds.values())
+
+    def forget(self, uid: str) -> None:
+        """The job is gone."""
+        self._waiting.forget(uid)
+
+    async def _is_unnamed(self, job: JobView) -> bool:
+        name, uid = job.schedule
+        passed = passed_run(job.name, job.status)
+        if not name or passed is None:
+            return False
+        try:
+            schedule = await self.api.get_schedule(job.namespace, name)
+        except ApiError as error:
+            if error.status != 404:
+                raise
+            return False
+        kept = kept_run(readings.status(schedule.get("status")))
+        ours = schedule["metadata"]["uid"] == uid
+        return ours and (kept is None or kept.run < passed.run)
 
 
 def _name(job: Json) -> str:

@@ -8,7 +8,7 @@ from bagpipe.plan.case import Case, crossed
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.fragments import check_encoding, cut, holding
 from bagpipe.plan.in_force import Late, as_wanted
-from bagpipe.plan.made import Plan, Unplanned
+from bagpipe.plan.made import Plan, Unplanned, mark_of
 from bagpipe.source.bags.opening import opened
 from bagpipe.source.naming import stem
 from bagpipe.source_spec import Source
@@ -74,9 +74,14 @@ def _without_messages(tail: BagTail, topics: list[str]) -> str:
 
 
 def _names(bags: list[str]) -> list[str]:
-    """A readable name per bag, numbered where two bags would share one."""
+    """A readable name per bag, with a mark where two bags would share one.
+
+    A number would be another bag's as soon as one more is there, and a comparison with an earlier
+    job, or a quarantine, would take the one for the other.
+    """
     stems = [stem(uri) for uri in bags]
     counts = Counter(stems)
     return [
-        stem if counts[stem] == 1 else f"{stem}-{number:03d}" for number, stem in enumerate(stems)
+        stem if counts[stem] == 1 else f"{stem}-{mark_of(uri)}"
+        for stem, uri in zip(stems, bags, strict=True)
     ]

@@ -99,6 +99,11 @@ class Choice:
             raise CatalogueError(f"{where}: {error}") from error
         if re.search(r"[*?[]", whole):
             raise CatalogueError(f"{where}: {whole!r} has a wildcard, and a row is one recording")
+        if re.search(r"/\.?(?=/)|/\.$", whole.partition("://")[2]):
+            raise CatalogueError(
+                f"{where}: {whole!r} has an empty part or '.': write each folder once, or the same"
+                " recording has several names"
+            )
         allowed = self.within or [root_of(self.uri)]
         if not any(whole.startswith(f"{each.rstrip('/')}/") for each in allowed):
             raise CatalogueError(

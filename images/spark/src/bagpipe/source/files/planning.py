@@ -5,6 +5,7 @@ from collections import Counter
 
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import mark_of
 from bagpipe.source.naming import plain
 from bagpipe.storage import Stat, Storage
 
@@ -39,7 +40,8 @@ def _names(uris: list[str]) -> list[str]:
             return names
     taken = Counter(names)
     return [
-        name if taken[name] == 1 else f"{name}.{number:04d}" for number, name in enumerate(names)
+        name if taken[name] == 1 else f"{name}.{mark_of(uri)}"
+        for name, uri in zip(names, uris, strict=True)
     ]
 
 

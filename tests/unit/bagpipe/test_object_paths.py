@@ -1,0 +1,22 @@
+"""Paths that no object has: each is the fault of its own recording, and not of the driver."""
+
+import pytest
+
+from bagpipe.source.planning import plan
+from bagpipe.storage import Storage, StorageError
+from tests.unit.bagpipe.jobs import make_spec
+
+
+@pytest.mark.parametrize("path", ["a//b.bag", "a/./b.bag"])
+def test_a_path_that_the_library_can_t_read_is_said_to_be_one(path: str) -> None:
+    with pytest.raises(StorageError, match=r"can't read the path, which may have no empty part"):
+        Storage({}).open(f"http://127.0.0.1:9/{path}")
+
+
+def test_a_recording_of_such_a_path_is_reported_as_any_that_can_t_be_opened() -> None:
+    source = {"bags": ["https://127.0.0.1:9/a//b.bag"], "topics": ["/scan"]}
+    (found,) = plan(
+        make_spec(source=source | {"fragment": {"length": "1s"}}), Storage({})
+    ).unplanned
+    assert found.bag == "https://127.0.0.1:9/a//b.bag"
+    assert "no empty part" in found.message
