@@ -28,10 +28,23 @@ STARTS = int(os.environ.get("BENCH_ROUNDS", "10"))
 NODE = Path(__file__).parent / "nodes/moments.py"
 # In this order they are shown; what a job has not shown is left out.
 ORDER = (
-    "Accepted", "driver created", "driver scheduled", "driver's containers run", "planned",
-    "Spark's JVM asked for", "executor created", "executor scheduled", "executor's containers run",
-    "agent ready", "node's process", "node registered", "first message", "Complete",
-)  # fmt: skip
+    "Accepted",
+    "driver created",
+    "driver scheduled",
+    "driver's containers run",
+    "planned",
+    "Spark's JVM asked for",
+    "executor created",
+    "executor scheduled",
+    "agent copied",
+    "stack's container runs",
+    "agent ready",
+    "executor's containers run",
+    "node's process",
+    "node registered",
+    "first message",
+    "Complete",
+)
 FIRST_MESSAGE_GOAL = 8.0
 WARM_GOAL = 0.3
 _JOB_SECONDS = 300
@@ -42,8 +55,9 @@ for path in sys.argv[1:]:
         print(json.dumps([json.loads(message.data) for _, message, _ in bag.read_messages()]))
 """
 
-Answers = list[dict[str, float]]
-# From one case to the next, and the node's own part of it, in seconds.
+# What the node of a case published, and the seconds that it then took to end.
+Case = tuple[list[dict[str, float]], float]
+# Seconds from one case to the next, and the nodes' own part: one's end and the next one's start.
 Change = tuple[float, float]
 
 
@@ -60,16 +74,18 @@ def job(name: str) -> k.Object:
     return made
 
 
-def answers_of(namespace: str, uri: str) -> list[Answers]:
-    """What the node published in each case, in the order in which they ran."""
+def cases_of(namespace: str, uri: str) -> list[Case]:
+    """What the nodes published and took, in the order in which the cases ran."""
     folder = "/" + uri.removeprefix("pvc://")
     _, rows = k.results(namespace, uri)
     paths = [f"{folder}/{row['recorded']}" for row in rows]
     lines = k.in_toolbox(namespace, "python3", "-c", _READ, *paths).splitlines()
-    return sorted((json.loads(line) for line in lines), key=lambda answers: answers[0]["begun"])
+    stops = [row["result"]["timings"]["stop"] for row in rows]
+    cases = zip(map(json.loads, lines), stops, strict=True)
+    return sorted(cases, key=lambda case: case[0][0]["begun"])
 
 
-def one_start(namespace: str, name: str) -> tuple[Moments, list[Answers]]:
+def one_start(namespace: str, name: str) -> tuple[Moments, list[Case]]:
     """A job's moments, in seconds after it was applied, and what its nodes published."""
     seen, over = Moments(), threading.Event()
 
@@ -96,23 +112,24 @@ def one_start(namespace: str, name: str) -> tuple[Moments, list[Answers]]:
             ended = k.get(namespace, "simjob", name)
             assert ended["status"].get("verdict") == "Passed", jobs.account(namespace, ended)
             log = k.kubectl("-n", namespace, "logs", f"{name}-1-driver", "--timestamps")
-            answers = answers_of(namespace, ended["status"]["results"])
+            cases = cases_of(namespace, ended["status"]["results"])
     for what, moment in start_seen.of_log(log):
         seen.note(what, moment)
-    first = answers[0][0]
+    first = cases[0][0][0]
     seen.note("node's process", first["begun"])
     seen.note("node registered", first["registered"])
     seen.note("first message", first["received"])
     for what in seen:
         seen[what] -= applied
-    return seen, answers
+    return seen, cases
 
 
-def case_to_case(answers: Sequence[Answers]) -> Iterator[Change]:
-    """Seconds from a case's last message to the next one's first, and what its node took of it."""
-    for before, after in itertools.pairwise(answers):
+def case_to_case(cases: Sequence[Case]) -> Iterator[Change]:
+    """Seconds from a case's last message to the next one's first, and what the nodes took of it."""
+    for (before, stop), (after, _) in itertools.pairwise(cases):
         first = after[0]
-        yield first["received"] - before[-1]["received"], first["registered"] - first["begun"]
+        own = stop + first["registered"] - first["begun"]
+        yield first["received"] - before[-1]["received"], own
 
 
 def rows(
@@ -124,9 +141,9 @@ def rows(
         if moments := [start[what] for start in starts if what in start]:
             goal = {"first message": FIRST_MESSAGE_GOAL}.get(what)
             found.append(_row("apply", what, moments, goal))
-    found.append(_row("case to case", "of the node itself", [own for _, own in changes], None))
+    found.append(_row("case to case", "of the nodes themselves", [own for _, own in changes], None))
     beyond = [whole - own for whole, own in changes]
-    return [*found, _row("case to case", "beyond the node", beyond, WARM_GOAL)]
+    return [*found, _row("case to case", "beyond the nodes", beyond, WARM_GOAL)]
 
 
 def _row(case: str, metric: str, ours: Sequence[float], goal: float | None) -> Row:
@@ -156,11 +173,10 @@ def measure() -> tuple[Sequence[Row], Mapping[str, str], str]:
     changes: list[Change] = []
     with namespace_with_recording() as namespace:
         for number in range(STARTS + 1):
-            seen, answers = one_start(namespace, f"start-{number}")
-            print(
-                number, {what: round(seen[what], 2) for what in ORDER if what in seen}, flush=True
-            )
+            seen, cases = one_start(namespace, f"start-{number}")
+            shown = [f"{what} {seen[what]:.2f}" for what in ORDER if what in seen]
+            print(f"start {number}: {', '.join(shown)}", flush=True)
             if number:
                 starts.append(seen)
-                changes += case_to_case(answers)
+                changes += case_to_case(cases)
     return rows(starts, changes), {}, f"{STARTS} starts of a job of four cases in one slot"

@@ -55,7 +55,12 @@ def of_pod(pod: Json) -> Iterator[str]:
     containers = status.get("containerStatuses", [])
     if containers and all("waiting" not in each["state"] for each in containers):
         yield f"{role}'s containers run"
-    if any(each["name"] == "stack" and each.get("started") for each in containers):
+    first = {each["name"]: each for each in status.get("initContainerStatuses", [])}
+    if "terminated" in first.get("agent", {}).get("state", {}):
+        yield "agent copied"
+    if "running" in first.get("stack", {}).get("state", {}):
+        yield "stack's container runs"
+    if first.get("stack", {}).get("started"):
         yield "agent ready"
 
 
