@@ -8,7 +8,7 @@ from tests.unit.bagpipe.jobs import make_spec
 
 
 @pytest.mark.parametrize("path", ["a//b.bag", "a/./b.bag"])
-def test_a_path_that_the_library_can_t_read_is_said_to_be_one(path: str) -> None:
+def test_a_path_that_the_library_can_t_read_is_named_as_one(path: str) -> None:
     with pytest.raises(StorageError, match=r"can't read the path, which may have no empty part"):
         Storage({}).open(f"http://127.0.0.1:9/{path}")
 
