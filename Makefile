@@ -150,11 +150,12 @@ test-programs: kubernetes
 	$(STEP) "Building what tests start" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
 	  nice $(CLUSTER_PY) build helm-unittest versitygw syft crane registry
 
-# The longest of all: at a low priority it takes what the other steps leave, and then everything.
+# The longest of all, of several threads each as heavy as one of another step: at the lowest priority
+# it takes what the other steps leave, and then everything.
 .PHONY: kubernetes
 kubernetes: machine
 	$(STEP) "Building Kubernetes" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
-	  nice $(CLUSTER_PY) build kubernetes pause
+	  nice -n 19 $(CLUSTER_PY) build kubernetes pause
 
 .PHONY: test-python
 test-python: venv tools test-programs ## Run the Python unit tests (part of test)
@@ -310,9 +311,9 @@ agent: preflight
 .PHONY: images
 images: preflight $(VENV) ## Build all images (`make cluster` loads them)
 ifeq ($(CLUSTER),kind)
-	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
+	$(STEP) "Building images" -- nice -n 15 python3 images/build/build.py --engine docker --no-archives $(WANTED_IMAGES)
 else
-	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py $(WANTED_IMAGES)
+	$(STEP) "Building images" -- nice -n 15 python3 images/build/build.py $(WANTED_IMAGES)
 endif
 
 .PHONY: plugin

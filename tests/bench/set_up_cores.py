@@ -22,9 +22,9 @@ ROOT = Path(__file__).parents[2]
 # How many processors a step can use, and the priority that the Makefile gives it; others use one.
 # Of images as many are built at once as there are processors, but most wait for the agent's.
 WIDE = {
-    "Building Kubernetes": (64, 10),
+    "Building Kubernetes": (64, 19),
     "Building the agent": (8, 0),
-    "Building images": (3, 5),
+    "Building images": (3, 15),
     "Compiling the agent's tests": (8, 0),
     "Building what tests start": (8, 10),
 }

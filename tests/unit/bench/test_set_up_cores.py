@@ -84,7 +84,7 @@ def test_times_are_of_the_processor_but_where_others_serve() -> None:
     ]
     needs = {"Building Kubernetes": NOTHING, "Loading images": NOTHING, "Never run": NOTHING}
     assert weighed(needs, measured) == [
-        Step("Building Kubernetes", NOTHING, work=400, width=64, niceness=10),
+        Step("Building Kubernetes", NOTHING, work=400, width=64, niceness=19),
         Step("Loading images", NOTHING, fixed=30),
         Step("Never run", NOTHING),
     ]
