@@ -44,8 +44,20 @@ def test_names_that_nothing_has_are_refused_with_the_first_that_there_is() -> No
         chosen(PLAN, ["0", "x*"])
     with pytest.raises(NoCaseError, match="the first is a-0001"):
         chosen(Plan(PLAN.cases, []), ["x*"])
-    with pytest.raises(NoCaseError, match="none of the 0 cases is called x; the first is lost"):
-        chosen(Plan([], [LOST]), ["x"])
+
+
+def test_a_name_that_is_not_there_where_a_recording_gave_no_case_says_why() -> None:
+    with pytest.raises(NoCaseError) as refused:
+        chosen(Plan(PLAN.cases, [LOST, LOST]), ["drive-0000"])
+    assert str(refused.value) == (
+        "none of the 4 cases is called drive-0000; the first is a-0001: `bagpipe plan` lists them"
+        " all. 2 recordings gave none, the first pvc://r/lost.bag: no file"
+    )
+
+
+def test_where_nothing_could_be_planned_that_is_what_is_left() -> None:
+    nothing = Plan([], [LOST])
+    assert chosen(nothing, ["drive-0000"]) == nothing
 
 
 def test_a_plan_of_nothing_stays_one() -> None:

@@ -15,11 +15,12 @@ def chosen(planned: Plan, wanted: Sequence[str]) -> Plan:
     """The plan's cases whose names match any pattern of `wanted`, at most as many as a number says.
 
     Patterns know `*`, `?` and `[...]`; of several numbers the least counts, and the first cases by
-    name are taken. Bags that yield no case stay as far as their names match. Raises NoCaseError.
+    name are taken. Bags that yield no case stay as far as their names match, and all of them where
+    nothing yields one: why is then what there is to tell. Raises NoCaseError.
     """
     numbers = [int(word) for word in wanted if word.isdecimal()]
     patterns = [word for word in wanted if not word.isdecimal()]
-    if not wanted or not (planned.cases or planned.unplanned):
+    if not wanted or not planned.cases:
         return planned
 
     def fits(name: str) -> bool:
@@ -33,9 +34,18 @@ def chosen(planned: Plan, wanted: Sequence[str]) -> Plan:
         unplanned=[bag for bag in planned.unplanned if fits(bag.id)],
     )
     if not left.cases and not left.unplanned:
-        first = min([case.id for case in planned.cases] + [bag.id for bag in planned.unplanned])
-        raise NoCaseError(
-            f"none of the {len(planned.cases)} cases is called {' or '.join(wanted)}; the first is"
-            f" {first}: `bagpipe plan` lists them all"
-        )
+        raise NoCaseError(_nobody(planned, wanted))
     return left
+
+
+def _nobody(planned: Plan, wanted: Sequence[str]) -> str:
+    """That no case is called so, and what there is."""
+    sentence = (
+        f"none of the {len(planned.cases)} cases is called {' or '.join(wanted)}; the first is"
+        f" {min(case.id for case in planned.cases)}: `bagpipe plan` lists them all"
+    )
+    if not planned.unplanned:
+        return sentence
+    lost = planned.unplanned[0]
+    gave = "recording gave" if len(planned.unplanned) == 1 else "recordings gave"
+    return f"{sentence}. {len(planned.unplanned)} {gave} none, the first {lost.bag}: {lost.message}"
