@@ -37,9 +37,9 @@ class Seen:
         now, job = time.monotonic(), labels[names.LABEL_JOB]
         self.pod_created.setdefault(job, now)
         status = pod.get("status") or {}
-        if status.get("phase") == "Running" and job not in self.pod_running:
+        address = status.get("podIP")
+        if status.get("phase") == "Running" and address and job not in self.pod_running:
             self.pod_running[job] = now
-            address = status.get("podIP", "")
             self.drivers.running_since[address] = now
             self.faulted[job] = now + fault_after(address)
 

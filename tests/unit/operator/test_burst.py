@@ -1,8 +1,7 @@
 """A burst through the operator's own queue, fence, pace and loop, at an API server that is slow.
 
-The API server, the drivers and the clock are models; what is measured is who waits for whom. Two
-hundred jobs, and twenty writes a second: as a thousand, of which each count changes every second,
-at an API server with one processor. tests/bench measures the same with the real ones.
+The API server, the drivers and the clock are models; what is measured is who waits for whom: 150
+jobs whose counts change every second, and twenty writes a second. tests/bench has the real ones.
 """
 
 import asyncio
@@ -25,9 +24,9 @@ from tests.unit.operator import virtual_time
 from tests.unit.operator.builders import account, make_driver, make_job
 from tests.unit.operator.fakes import FakeApi
 
-JOBS = 200
+JOBS = 150
 WRITE_SECONDS = 0.05  # of the API server's one processor
-RUN_SECONDS = 75
+RUN_SECONDS = 60
 BEGUN = datetime(2026, 11, 20, 4, 0, 0, tzinfo=UTC)
 
 
@@ -36,8 +35,8 @@ def now() -> float:
 
 
 def fault_at(number: int) -> float:
-    """When a driver's one case fails: spread over the half minute in which all is under way."""
-    return 30 + number * 0.618 % 1 * 30
+    """When a driver's one case fails: spread over the seconds in which all is under way."""
+    return 25 + number * 0.618 % 1 * 25
 
 
 @dataclass
@@ -51,7 +50,11 @@ class SlowApi(FakeApi):
     writes: int = 0
 
     async def patch_status(
-        self, namespace: str, name: str, patch: Json, urgent: bool = True  # noqa: ARG002
+        self,
+        namespace: str,
+        name: str,
+        patch: Json,
+        urgent: bool = True,  # noqa: ARG002
     ) -> Json:
         async with self.processor:
             await asyncio.sleep(self.seconds)
@@ -118,11 +121,11 @@ async def burst(settings: Settings, jobs: int = JOBS, seconds: float = WRITE_SEC
 
 
 async def _ages(api: SlowApi) -> list[float]:
-    """Of the half minute after the first, how old each job's count was, once a second."""
+    """In the same seconds, how old each job's count was, once a second."""
     ages: list[float] = []
     for second in range(RUN_SECONDS):
         await asyncio.sleep(1)
-        if 30 <= second < 65:
+        if 25 <= second < 50:
             ages += [max(0.0, now() - 1 - count) for count in api.counts.values()]
     return ages
 

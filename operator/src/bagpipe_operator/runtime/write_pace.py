@@ -42,7 +42,7 @@ class WritePace:
 
     def interval(self) -> float:
         """The interval at this moment."""
-        return interval(self._latency_now(), self._longest)
+        return interval(self._latency_at(self._now()), self._longest)
 
     def puts_off(self, uid: str) -> bool:
         """Whether progress of a job waits for a later visit; never once it waited for longest.
@@ -65,17 +65,18 @@ class WritePace:
             self._waits_since[uid] = self._now()
         finally:
             self._under_way -= not urgent
-            self._measured(self._now() - begun)
+            self._measured(begun)
 
     def forget(self, uid: str) -> None:
         """The job is gone, or has ended, or begins anew."""
         self._waits_since.pop(uid, None)
 
-    def _latency_now(self) -> float:
-        return self._latency * 0.5 ** ((self._now() - self._measured_at) / HALF_LIFE_SECONDS)
+    def _latency_at(self, moment: float) -> float:
+        idle = max(0.0, moment - self._measured_at)
+        return self._latency * 0.5 ** (idle / HALF_LIFE_SECONDS)
 
-    def _measured(self, seconds: float) -> None:
-        counted = min(seconds, MOST_OF_ONE_SECONDS)
-        known = self._latency_now()
+    def _measured(self, begun: float) -> None:
+        counted = min(self._now() - begun, MOST_OF_ONE_SECONDS)
+        known = self._latency_at(begun)  # while it was under way the API server had no rest
         self._latency = known + WEIGHT * (counted - known)
         self._measured_at = self._now()
