@@ -2,7 +2,8 @@
 
 KWOK gives pods addresses one after the other from a range of the loopback device, where one
 server listens at each. A driver's count of passed cases grows by one every STEP seconds from the
-moment its pod was seen running, so that a reader of the job's status knows how old it is.
+moment its pod was seen running, so that a reader of the job's status knows how old it is. One case
+fails, after a time that the address spreads: the first fault, which is not to wait for counts.
 """
 
 import asyncio
@@ -18,12 +19,19 @@ from bagpipe_operator.api.names import PROGRESS_PORT
 # 127.64.0.0/14 holds the addresses of all fake pods; nothing else of a machine uses it.
 POD_RANGE = ipaddress.ip_network("127.64.0.0/14")
 STEP = 1.0
+FIRST_FAULT, FAULTS_SPREAD = 5.0, 20.0
 PLANNED = 100_000
 
 
 def address(number: int) -> str:
     """The address of KWOK's pod number `number`, counted from 1."""
     return str(POD_RANGE[number])
+
+
+def fault_after(at: str) -> float:
+    """Seconds from a driver's begin to its one failed case; even over the addresses."""
+    number = int(ipaddress.ip_address(at)) - int(POD_RANGE[0])
+    return FIRST_FAULT + number * 0.618 % 1 * FAULTS_SPREAD
 
 
 class FakeDrivers:
@@ -36,10 +44,12 @@ class FakeDrivers:
     def account(self, at: str) -> bytes:
         """The driver's account as its HTTP server would send it."""
         since = self.running_since.get(at)
-        passed = 0 if since is None else int((time.monotonic() - since) / STEP)
+        age = 0.0 if since is None else time.monotonic() - since
+        passed = int(age / STEP)
+        failed = int(since is not None and age >= fault_after(at))
         progress = {
             "phase": "Running",
-            "cases": {"planned": PLANNED, "running": 4, "passed": passed},
+            "cases": {"planned": PLANNED, "running": 4, "passed": passed, "failed": failed},
             "ledger": {"sent": passed * 1000, "received": passed * 1000, "dropped": 0},
         }
         body = json.dumps(progress).encode()

@@ -115,10 +115,12 @@ async def _come(client: Client, count: int, per_second: float) -> dict[str, floa
 
 @dataclass(frozen=True)
 class Burst:
-    """Of many jobs at once: how stale a status was, in samples, and how late a phase was."""
+    """Of many jobs at once: how stale counts were, in samples, and how late all else was."""
 
     stale: list[float]
+    accepted: list[float]
     late: list[float]
+    faults: list[float]
     rate: float
 
 
@@ -136,10 +138,13 @@ async def burst(count: int) -> Burst:
         await until(f"{count} drivers running", lambda: len(seen.pod_running) == count, 240)
         await asyncio.sleep(PLATEAU_SECONDS)
         sampling.cancel()
+        await until(f"{count} faults", lambda: len(seen.fault_reported) == count, 60)
         await until(f"{count} reported", lambda: len(seen.running_reported) == count, 60)
         return Burst(
             seen.stale,
+            delays(seen.pod_created, seen.accepted),
             delays(seen.pod_running, seen.running_reported),
+            delays(seen.faulted, seen.fault_reported),
             rate(list(begun.values()), list(seen.pod_created.values())),
         )
 
@@ -346,6 +351,11 @@ async def _left(world: World) -> int:
         if not found or time.monotonic() > deadline:
             return len(found)
         await asyncio.sleep(0.5)
+
+
+def p50(values: list[float]) -> float:
+    """The median."""
+    return percentile(values, 0.5)
 
 
 def p99(values: list[float]) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from bagpipe_operator.api import names
 from tests.bench.operator_api import JOBS, Client, Object
-from tests.bench.operator_drivers import STEP, FakeDrivers
+from tests.bench.operator_drivers import STEP, FakeDrivers, fault_after
 from tests.bench.operator_times import staleness
 from tests.bench.operator_world import NAMESPACE
 
@@ -24,6 +24,8 @@ class Seen:
     pod_running: Moments = field(default_factory=dict)
     accepted: Moments = field(default_factory=dict)
     running_reported: Moments = field(default_factory=dict)  # the phase follows the pod
+    faulted: Moments = field(default_factory=dict)  # a driver's one case failed
+    fault_reported: Moments = field(default_factory=dict)
     passed: dict[str, int] = field(default_factory=dict)  # as the status says now
     stale: list[float] = field(default_factory=list)  # samples, seconds
 
@@ -35,9 +37,11 @@ class Seen:
         now, job = time.monotonic(), labels[names.LABEL_JOB]
         self.pod_created.setdefault(job, now)
         status = pod.get("status") or {}
-        if status.get("phase") == "Running" and job not in self.pod_running:
+        address = status.get("podIP")
+        if status.get("phase") == "Running" and address and job not in self.pod_running:
             self.pod_running[job] = now
-            self.drivers.running_since[status.get("podIP", "")] = now
+            self.drivers.running_since[address] = now
+            self.faulted[job] = now + fault_after(address)
 
     def take_job(self, kind: str, job: Object) -> None:
         """An event of the watch of jobs."""
@@ -49,7 +53,10 @@ class Seen:
                 self.accepted.setdefault(name, now)
         if status.get("phase", "Pending") != "Pending":
             self.running_reported.setdefault(name, now)
-        if (passed := (status.get("cases") or {}).get("passed")) is not None:
+        cases = status.get("cases") or {}
+        if cases.get("failed"):
+            self.fault_reported.setdefault(name, now)
+        if (passed := cases.get("passed")) is not None:
             self.passed[name] = passed
 
     def sample(self) -> None:

@@ -94,8 +94,9 @@ async def run(settings: Settings) -> None:
         )
         reconciler = Reconciler(
             fenced, view, drivers, settings, counted=metrics.job_written,
-            announcer=Announcer(Receivers(settings.receivers), courier),
+            paced=metrics.status_paced, announcer=Announcer(Receivers(settings.receivers), courier),
         )  # fmt: skip
+        metrics.progress_wait.set_function(reconciler.progress_wait)
         if settings.kueue:
             reconciler.queueing = Queueing(
                 fenced, workloads, settings, reconciler.now, reconciler.monotonic

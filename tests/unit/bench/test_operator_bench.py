@@ -15,7 +15,7 @@ from bagpipe_operator.jobs.view import PodView, View
 from bagpipe_operator.runtime.queue import WorkQueue
 from tests.bench import operator_bench, operator_load, operator_peer, rows, run
 from tests.bench.operator_api import MOST_TRIES, Client, Object
-from tests.bench.operator_drivers import FakeDrivers, address
+from tests.bench.operator_drivers import FakeDrivers, address, fault_after
 from tests.bench.operator_load import ended_status, job, metric, pod_of
 from tests.bench.operator_seen import Seen
 from tests.bench.operator_times import delays, percentile, rate, staleness
@@ -67,6 +67,55 @@ def test_fake_drivers_answer_by_address(monkeypatch: pytest.MonkeyPatch) -> None
     assert f"Content-Length: {len(body)}".encode() in head
     assert json.loads(body)["cases"]["passed"] == 7
     assert json.loads(drivers.account(address(1)).split(b"\r\n\r\n")[1])["cases"]["passed"] == 0
+
+
+def test_each_fake_driver_has_one_fault_at_a_time_of_its_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    times = [fault_after(address(number)) for number in range(1, 101)]
+    assert (min(times) >= 5, max(times) <= 25, len(set(times))) == (True, True, 100)
+    assert sorted(times)[50] == pytest.approx(15, abs=0.5)  # spread evenly
+    drivers, said = FakeDrivers(), []
+    drivers.running_since[address(1)] = 100.0
+    for now in (99.9 + times[0], 100.1 + times[0]):
+        monkeypatch.setattr("time.monotonic", lambda now=now: now)
+        _, body = drivers.account(address(1)).split(b"\r\n\r\n")
+        said.append(json.loads(body)["cases"]["failed"])
+    assert said == [0, 1]
+
+
+def test_the_bench_sees_when_a_fault_is_in_the_status(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([10.0, 20.0, 21.0, 22.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    seen = Seen(FakeDrivers())
+    running = {"status": {"phase": "Running", "podIP": address(1)}}
+    seen.take_pod("ADDED", pod_of("one", "uid", 0) | running)
+    assert seen.faulted == {"one": 10.0 + fault_after(address(1))}
+    for failed in (0, 1, 2):
+        status = {"phase": "Running", "cases": {"passed": 3, "failed": failed}}
+        seen.take_job("MODIFIED", job("one") | {"status": status})
+    assert seen.fault_reported == {"one": 21.0}
+
+
+async def test_a_burst_has_rows_for_what_waits_and_for_what_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    async def found(_count: int) -> operator_load.Burst:
+        return operator_load.Burst([20.0, 30.0], [1.0, 2.0], [3.0, 4.0], [4.5, 6.0], 11.0)
+
+    monkeypatch.setattr(operator_load, "burst", found)
+    rows = await operator_bench._burst(1.0, 1)
+    assert [(row.metric, row.ours, row.missed) for row in rows] == [
+        ("driver's pod to Accepted, p50", [1.0], False),
+        ("driver's pod to Accepted, p99", [2.0], False),
+        ("driver runs to status says so, p50", [3.0], False),
+        ("driver runs to status says so, p99", [4.0], False),
+        ("first fault to status says so, p50", [4.5], False),
+        ("first fault to status says so, p99", [6.0], True),
+        ("age of counts, p50", [20.0], False),
+        ("age of counts, p99", [30.0], False),
+        ("driver pods", [11.0], False),
+    ]
 
 
 def test_what_was_seen_first_counts(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -97,7 +97,9 @@ class FakeApi:
             raise ApiError(409, "Conflict", "the object has been modified")
         del self.objects["jobs", name]
 
-    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+    async def patch_status(
+        self, namespace: str, name: str, patch: Json, urgent: bool = True
+    ) -> Json:
         self._called("patch status")
         job = self._found("jobs", name)
         expected = patch["metadata"]["resourceVersion"]

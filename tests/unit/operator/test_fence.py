@@ -8,7 +8,13 @@ from dataclasses import dataclass, field
 import pytest
 
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.fence import WRITES_AT_ONCE, Fence, FencedApi, NotLeadingError
+from bagpipe_operator.cluster.fence import (
+    PROGRESS_AT_ONCE,
+    WRITES_AT_ONCE,
+    Fence,
+    FencedApi,
+    NotLeadingError,
+)
 from tests.unit.operator.fakes import FakeApi
 
 
@@ -20,7 +26,9 @@ class HeldApi(FakeApi):
     most: int = 0
     answers: asyncio.Event = field(default_factory=asyncio.Event)
 
-    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+    async def patch_status(
+        self, namespace: str, name: str, patch: Json, urgent: bool = True
+    ) -> Json:
         self.under_way += 1
         self.most = max(self.most, self.under_way)
         await self.answers.wait()
@@ -105,3 +113,29 @@ async def test_a_write_is_begun_before_the_end_and_not_at_it(remaining: float, b
 
 def test_who_lost_the_lead_may_try_again_as_after_a_lost_answer() -> None:
     assert (NotLeadingError().status, NotLeadingError().reason) == (0, "NotLeading")
+
+
+# Promise: two-turns-free-of-progress
+async def test_progress_leaves_turns_to_what_is_urgent_and_gets_its_own() -> None:
+    """However much progress is to be written, and however slowly: two turns are free of it."""
+    api, fence = HeldApi(), Fence()
+    fence.open_until(float("inf"))
+    fenced = FencedApi(api, fence)
+
+    async def write(urgent: bool) -> Json:
+        return await fenced.patch_status("lanes", "x", {"urgent": urgent}, urgent)
+
+    progress = [asyncio.create_task(write(False)) for _ in range(40)]
+    for _ in range(40):
+        await asyncio.sleep(0)
+    assert api.under_way == PROGRESS_AT_ONCE == 6
+    urgent = [asyncio.create_task(write(True)) for _ in range(30)]
+    for _ in range(30):
+        await asyncio.sleep(0)
+    assert api.under_way == WRITES_AT_ONCE
+    api.answers.set()
+    answered: list[Json] = [await each for each in asyncio.as_completed([*progress, *urgent])]
+    assert len(answered) == 70
+    # Of the forty that were there before no more than those with a turn come first.
+    last_urgent = max(n for n, each in enumerate(answered) if each["urgent"])
+    assert last_urgent < len(urgent) + 2 * PROGRESS_AT_ONCE

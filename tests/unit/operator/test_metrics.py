@@ -107,6 +107,8 @@ def test_a_scrape_has_transitions_ends_calls_and_questions() -> None:
     assert codes == [1, 1, 1]
     assert value(metrics, "bagpipe_api_throttled_total") == 1
     assert value(metrics, "bagpipe_api_request_seconds_sum", verb="PATCH") == pytest.approx(0.9)
+    metrics.status_paced("put_off")
+    assert value(metrics, "bagpipe_status_decisions_total", decision="put_off") == 1
     metrics.driver_asked(answered=False)
     assert value(metrics, "bagpipe_driver_requests_total", result="silent") == 1
 

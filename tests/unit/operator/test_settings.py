@@ -19,6 +19,7 @@ def test_what_the_chart_sets() -> None:
             "BAGPIPE_WATCH_NAMESPACES": "lanes, maps,",
             "BAGPIPE_STUCK_SECONDS": "7.5",
             "BAGPIPE_WORKERS": "2",
+            "BAGPIPE_PROGRESS_WAIT_SECONDS": "12",
             "BAGPIPE_OWN_EVALUATORS": "true",
             "BAGPIPE_STORAGE_HOSTS": "S3.lab, *.example.com,",
         }
@@ -28,6 +29,7 @@ def test_what_the_chart_sets() -> None:
     assert settings.spark_image == "r/spark:2"
     assert settings.watch_namespaces == ("lanes", "maps")
     assert (settings.stuck_seconds, settings.workers) == (7.5, 2)
+    assert settings.progress_wait_seconds == 12
 
 
 @pytest.mark.parametrize(

@@ -94,8 +94,13 @@ class Api(Protocol):
         Raises ApiError with status 404 or 409 where it is not.
         """
 
-    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
-        """Merges into a SimulationJob's status; the job as it is afterwards."""
+    async def patch_status(
+        self, namespace: str, name: str, patch: Json, urgent: bool = True
+    ) -> Json:
+        """Merges into a SimulationJob's status; the job as it is afterwards.
+
+        What is not urgent leaves others a turn where few writes are made at once.
+        """
 
 
 class KubernetesApi:
@@ -144,7 +149,13 @@ class KubernetesApi:
         }
         await self._call("DELETE", self._job_path(namespace, name), options)
 
-    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
+    async def patch_status(
+        self,
+        namespace: str,
+        name: str,
+        patch: Json,
+        urgent: bool = True,  # noqa: ARG002 - the fence's matter
+    ) -> Json:
         return await self._patch_status(self._job_path(namespace, name), patch)
 
     async def create_job(self, manifest: Json) -> Json:

@@ -13,6 +13,8 @@ Answer = TypeVar("Answer")
 # An API server with few processors makes fewer writes in a second when more are asked for at once;
 # its watches fall behind, and the Lease's renewal gets no answer. Workers beyond these ask drivers.
 WRITES_AT_ONCE = 8
+# Progress of jobs has no more of them: what is urgent finds a turn free of it, whatever counts.
+PROGRESS_AT_ONCE = 6
 
 
 class NotLeadingError(ApiError):
@@ -61,6 +63,7 @@ class FencedApi:
         self._api = api
         self._fence = fence
         self._turns = asyncio.Semaphore(WRITES_AT_ONCE)
+        self._progress = asyncio.Semaphore(PROGRESS_AT_ONCE)
 
     async def create(self, resource: str, manifest: Json) -> Json:
         return await self._leading(lambda: self._api.create(resource, manifest))
@@ -89,8 +92,13 @@ class FencedApi:
     async def delete_unchanged_job(self, namespace: str, name: str, uid: str, version: str) -> None:
         await self._leading(lambda: self._api.delete_unchanged_job(namespace, name, uid, version))
 
-    async def patch_status(self, namespace: str, name: str, patch: Json) -> Json:
-        return await self._leading(lambda: self._api.patch_status(namespace, name, patch))
+    async def patch_status(
+        self, namespace: str, name: str, patch: Json, urgent: bool = True
+    ) -> Json:
+        if urgent:
+            return await self._leading(lambda: self._api.patch_status(namespace, name, patch))
+        async with self._progress:
+            return await self.patch_status(namespace, name, patch)
 
     async def _leading(self, write: Callable[[], Awaitable[Answer]]) -> Answer:
         async with self._turns:

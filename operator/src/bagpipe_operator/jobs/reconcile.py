@@ -38,6 +38,7 @@ from bagpipe_operator.jobs.policies.resume import CannotResumeError, find_earlie
 from bagpipe_operator.jobs.policies.stuck import fatal
 from bagpipe_operator.jobs.policies.suspend import is_reported
 from bagpipe_operator.jobs.policies.ttl import expired
+from bagpipe_operator.jobs.policies.urgency import is_urgent
 from bagpipe_operator.jobs.status import acknowledged, decide
 from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.troubles.lookout import Lookout
@@ -46,6 +47,7 @@ from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.runtime.patience import Patience
+from bagpipe_operator.runtime.write_pace import WritePace
 from bagpipe_operator.settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -78,8 +80,10 @@ class Reconciler:
     now: Callable[[], datetime] = utc_now
     monotonic: Callable[[], float] = lambda: asyncio.get_running_loop().time()
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
+    paced: Callable[[str], None] = lambda _what: None  # urgent, progress, put_off
     queueing: Queueing | None = None
     announcer: Announcer = field(default_factory=Announcer)
+    pace: WritePace = field(init=False)
     _patience: Patience = field(init=False)
     _missing: Patience = field(init=False)
     _lookout: Lookout = field(init=False)
@@ -97,6 +101,7 @@ class Reconciler:
 
     def begin_to_lead(self) -> None:
         """Forgets what was seen when this replica led before: another may have led since."""
+        self.pace = WritePace(self.settings.progress_wait_seconds, self.monotonic)
         self._patience, self._missing = Patience(), Patience()
         self._lookout = Lookout(self.api, self.settings, self.monotonic)
         self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
@@ -109,6 +114,10 @@ class Reconciler:
             self.queueing.begin_to_lead()
         self.announcer.begin_to_lead()
         self._recorder.begin_to_lead(job.uid for job in self.view.jobs())
+
+    def progress_wait(self) -> float:
+        """For how many seconds progress of jobs waits at present."""
+        return self.pace.interval()
 
     async def reconcile(self, uid: str) -> None:
         """Brings one job forward; raises ApiError when it should be tried again."""
@@ -371,11 +380,17 @@ class Reconciler:
         changed |= {key: None for key in job.status if key not in status}
         if not changed:
             return job
+        urgent = is_urgent(job.status, status)
+        if not urgent and self.pace.puts_off(job.uid):
+            self.paced("put_off")
+            return job  # a later visit writes what is known then
+        self.paced("urgent" if urgent else "progress")
         # With the version that was decided on, a job that has changed since answers 409.
         patch = {"metadata": {"resourceVersion": job.resource_version}, "status": changed}
         self._unanswered[job.uid] = job
         try:
-            written = await self.api.patch_status(job.namespace, job.name, patch)
+            with self.pace.writing(job.uid, urgent):
+                written = await self.api.patch_status(job.namespace, job.name, patch, urgent)
         except ApiError as error:
             if error.status in {404, 409}:
                 await self._reread(job)
@@ -459,6 +474,7 @@ class Reconciler:
         self.view.drop_job(job.uid)
 
     def _forget(self, uid: str) -> None:
+        self.pace.forget(uid)
         self._patience.forget(uid)
         self._missing.forget(uid)
         self._lookout.forget(uid)

@@ -75,6 +75,21 @@ class Metrics:
             "Calls that the API server refused because there were too many (429).",
             registry=self.registry,
         )
+        self.progress_wait = Gauge(
+            "bagpipe_status_progress_wait_seconds",
+            "For how long counts of a running job wait to be written, so that a busy API server "
+            "has time for what is urgent; 0 when it answers quickly.",
+            registry=self.registry,
+        )
+        self._paced = Counter(
+            "bagpipe_status_decisions",
+            "Changes of jobs' statuses by what was decided: urgent ones and progress were written, "
+            "progress that was put off is looked at again at the next visit.",
+            ["decision"],
+            registry=self.registry,
+        )
+        for decision in ("urgent", "progress", "put_off"):
+            self._paced.labels(decision=decision)
         self._asked = Counter(
             "bagpipe_driver_requests",
             "Questions to drivers for their progress: answered, or silent.",
@@ -94,6 +109,10 @@ class Metrics:
         self._call_seconds.labels(verb=method).observe(seconds)
         if status == 429:
             self._throttled.inc()
+
+    def status_paced(self, decision: str) -> None:
+        """A change of a status was written, or put off."""
+        self._paced.labels(decision=decision).inc()
 
     def driver_asked(self, answered: bool) -> None:
         """A driver was asked for its progress."""
