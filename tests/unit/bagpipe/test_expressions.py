@@ -8,6 +8,7 @@ from bagpipe.expressions import Expression, ExpressionError, UnknownNamesError
 def test_it_is_computed_of_the_values_that_it_names() -> None:
     found = Expression.compiled("speed < 3.0 && gear == 'D'", {"speed", "gear", "t"})
     assert found.text == "speed < 3.0 && gear == 'D'"
+    assert found.names == {"speed", "gear"}
     assert found.holds({"speed": 2.5, "gear": "D"}) is True
     assert found.holds({"speed": 3.0, "gear": "D"}) is False
 
@@ -38,6 +39,21 @@ def test_text_that_does_not_parse_is_refused_in_one_line() -> None:
 def test_what_can_t_be_computed_is_reported_in_one_line() -> None:
     with pytest.raises(ExpressionError, match=r"^can't be computed: [^\n]+$"):
         Expression.compiled("speed < 'x'", {"speed"}).holds({"speed": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"), [(ValueError("first\nsecond"), "first"), (TypeError(), "TypeError")]
+)
+def test_of_a_fault_the_first_line_is_told_and_of_one_without_words_its_kind(
+    fault: Exception, words: str
+) -> None:
+    class Program:
+        def execute(self, _: object) -> bool:
+            raise fault
+
+    with pytest.raises(ExpressionError) as refused:
+        Expression("x", Program(), frozenset()).holds({})  # type: ignore[arg-type]
+    assert str(refused.value) == f"can't be computed: {words}"
 
 
 @pytest.mark.parametrize(("text", "given"), [("a + 1", "2"), ("'yes'", "'yes'"), ("null", "None")])

@@ -106,6 +106,12 @@ def test_a_run_is_compared_with_one_before_it_and_never_with_itself() -> None:
     assert found.job == f"nightly-{RUNS[1]}"
     first = last_passed(JobView.from_object(listed[0]), schedule(), listed)
     assert first is None
+    # One that only has a run's name is compared with the latest of all.
+    namesake = run(RUNS[1], owner="uid-of-another")
+    others = [listed[0], third, listed[3], namesake]
+    found = last_passed(JobView.from_object(namesake), schedule(), others)
+    assert found is not None
+    assert found.job == f"nightly-{RUNS[3]}"
 
 
 async def test_a_run_whose_job_is_gone_is_known_from_the_schedule() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
-from bagpipe_operator.jobs.policies.last_passed import MOST_LISTED, MOST_SECONDS
+from bagpipe_operator.jobs.policies.last_passed import MOST_LISTED
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.view import JobView
 from tests.unit.operator.test_last_passed import RUNS, kept, run, schedule, world_of
@@ -99,14 +99,15 @@ async def test_a_run_before_its_time_asks_for_nothing() -> None:
     assert "get schedule" not in world.api.calls
 
 
-async def test_a_schedule_that_never_names_it_keeps_no_job_for_ever() -> None:
+@pytest.mark.parametrize("more", [1.0, 1.5])
+async def test_a_schedule_that_never_names_it_keeps_no_job_for_ever(more: float) -> None:
     """As where the CRD is that of a release without status.lastPassed."""
     world, reconciler = ended_run()
     await reconciler.reconcile(UID)
-    world.clock.advance(MOST_SECONDS - 1)
+    world.clock.advance(599.0)
     await reconciler.reconcile(UID)
     assert is_there(world)
-    world.clock.advance(1)
+    world.clock.advance(more)
     await reconciler.reconcile(UID)
     assert not is_there(world)
 

@@ -119,3 +119,89 @@ impl Answers {
         over
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bagpipe_graph::Publisher;
+
+    use super::*;
+
+    fn from(node: Option<&str>) -> Publisher {
+        Publisher {
+            node: node.map(str::to_owned),
+            datatype: "std_msgs/UInt8".to_owned(),
+            read_stamp: Some(|data| data.first().map(|byte| u64::from(*byte))),
+            ..Publisher::default()
+        }
+    }
+
+    fn say(answers: &Answers, topic: &str, node: Option<&str>, data: &[u8]) {
+        let publisher = &from(node);
+        answers.receive(&Incoming { topic, publisher, link: 1, data });
+    }
+
+    #[test]
+    fn what_is_received_is_counted_by_topic_with_its_publishers() {
+        let answers = Answers::new([("/counted", false), ("/stamped", true)].into_iter());
+        for (topic, node, data) in [
+            ("/counted", Some("/one"), &[][..]),
+            ("/counted", Some("/two"), &[1]),
+            ("/counted", Some("/one"), &[2]),
+            ("/stamped", None, &[3]),
+            ("/nobody", Some("/one"), &[4]),
+        ] {
+            say(&answers, topic, node, data);
+        }
+        let publishers = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
+        let expected = ReceivedAnswers {
+            count: 3,
+            publishers: publishers(&["/one", "/two"]),
+            ..ReceivedAnswers::default()
+        };
+        assert_eq!(answers.of("/counted", |received| received.clone()), Some(expected));
+        let mut pairing = Pairing::default();
+        pairing.receive(3);
+        let mut expected = ReceivedAnswers {
+            count: 1,
+            publishers: publishers(&[""]),
+            unstamped: false,
+            pairing: Some(pairing),
+        };
+        assert_eq!(answers.of("/stamped", |received| received.clone()), Some(expected.clone()));
+        assert_eq!(answers.of("/nobody", |received| received.clone()), None);
+        // One that is too short to have a stamp.
+        say(&answers, "/stamped", None, &[]);
+        (expected.count, expected.unstamped) = (2, true);
+        assert_eq!(answers.of("/stamped", |received| received.clone()), Some(expected));
+        assert_eq!(answers.take_latest(), []);
+    }
+
+    #[test]
+    fn the_latest_message_of_each_topic_is_taken_once() {
+        let answers = Answers::new([("/b", false), ("/a", false)].into_iter()).keeping();
+        for (topic, data) in [("/b", 1), ("/a", 2), ("/b", 3), ("/nobody", 4)] {
+            say(&answers, topic, None, &[data]);
+        }
+        let latest = |topic: &str, data| LatestMessage {
+            topic: topic.to_owned(),
+            datatype: "std_msgs/UInt8".to_owned(),
+            data: vec![data],
+        };
+        assert_eq!(answers.take_latest(), [latest("/a", 2), latest("/b", 3)]);
+        assert_eq!(answers.take_latest(), []);
+        say(&answers, "/b", None, &[5]);
+        assert_eq!(answers.take_latest(), [latest("/b", 5)]);
+    }
+
+    #[test]
+    fn who_waits_on_a_topic_that_nobody_answers_on_is_told_so_at_once() {
+        let by_hand = crate::time::ByHand::new();
+        let answers = Answers::new([("/a", false)].into_iter());
+        let limit = Duration::from_millis(10);
+        assert!(!answers.wait("/b", &by_hand.time(), limit, |_| true));
+        assert_eq!(by_hand.passed(), Duration::ZERO);
+        assert!(answers.wait("/a", &by_hand.time(), limit, |received| received.count == 0));
+        assert!(!answers.wait("/a", &by_hand.time(), limit, |received| received.count == 1));
+        assert_eq!(by_hand.passed(), limit);
+    }
+}

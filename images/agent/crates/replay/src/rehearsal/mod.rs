@@ -8,11 +8,15 @@ mod drain;
 mod formats;
 mod kept;
 mod latched;
+mod ledger;
 mod lockstep;
 mod master;
 mod pause;
+mod proof;
 mod realtime;
 mod start;
+mod stepping;
+mod told;
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
