@@ -1,9 +1,11 @@
 """Criteria in a case's way from recording to row."""
 
+import base64
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bagpipe.evaluate.model import Criterion
@@ -26,12 +28,15 @@ def run(
     *criteria: dict[str, Any],
     inputs: list[Recorded] | None = None,
     messages: int = 2,
+    played: bytes = b"",
     **changed: Any,
 ) -> Row:
     (tmp_path / "recordings").mkdir()
     (tmp_path / "results").mkdir()
     messages_in = inputs or steady("/scan", 50, 10_000_000)
     write_bag(tmp_path / "recordings/a.bag", messages_in, chunk_bytes=512)
+    if played:
+        (tmp_path / "recordings/a.bag").write_bytes(played)
     folders = {name: str(tmp_path / name) for name in ("recordings", "results")}
     spec = make_spec(evaluate=list(criteria), **changed)
     context = RunContext("lab/drive", spec, folders, "pvc://results/r", str(tmp_path / "s"))
@@ -169,3 +174,70 @@ def test_criteria_are_not_for_programs_of_their_own() -> None:
                 ],
             }
         )
+
+
+def camera(value: int, *, width: int = 2) -> Any:
+    """A grey image of two pixels."""
+    data = np.full(2, value, np.uint8)
+    return STORE.types["sensor_msgs/msg/Image"](header(0.0), 1, width, "mono8", 0, 2, data)
+
+
+def test_what_cameras_showed_at_the_failing_moment_is_in_the_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    topics = [
+        {"topic": "/seen", "type": "sensor_msgs/Image", "messages": 2},
+        {"topic": "/out", "type": "std_msgs/Float64", "messages": 2},
+    ]
+    monkeypatch.setitem(RESULT["recorded"], "topics", topics)
+    images = [("/seen", 1.15, camera(10)), ("/seen", 1.19, camera(20)), ("/seen", 1.3, camera(30))]
+    recorded = bag([("/out", 1.1, number(3.0)), ("/out", 1.2, number(5.0)), *images])
+    row = run(tmp_path, recorded, BELOW)
+    (image,) = row["images"]
+    assert (image["topic"], image["of"], image["at"]) == ("/seen", "output", 0.19)
+    assert (image["width"], image["height"], image["type"]) == (2, 1, "image/png")
+    assert len(base64.b64decode(image["data"])) < 100
+
+
+def test_a_broken_image_is_a_sentence_and_changes_no_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    topic = {"topic": "/seen", "type": "sensor_msgs/Image", "messages": 1}
+    monkeypatch.setitem(RESULT["recorded"], "topics", [topic])
+    recorded = bag([("/out", 1.2, number(5.0)), ("/seen", 1.15, camera(1, width=900))])
+    row = run(tmp_path, recorded, BELOW)
+    assert (row["outcome"], row["reason"]) == ("failed", "CriterionFailed")
+    assert row["images"] == [
+        {
+            "topic": "/seen",
+            "of": "output",
+            "fault": "its rows have 2 bytes, and 900 pixels take 900",
+        }
+    ]
+
+
+def test_a_case_that_passed_has_no_images(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    topic = {"topic": "/seen", "type": "sensor_msgs/Image", "messages": 1}
+    monkeypatch.setitem(RESULT["recorded"], "topics", [topic])
+    outputs = [("/out", 1.1, number(3.0)), ("/out", 1.2, number(3.0))]
+    recorded = bag([*outputs, ("/seen", 1.15, camera(1))])
+    row = run(tmp_path, recorded, BELOW)
+    assert (row["outcome"], "images" in row) == ("passed", False)
+
+
+def test_the_input_s_camera_is_shown_by_the_name_that_the_recording_has(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent = {"topic": "/own", "type": "sensor_msgs/Image", "sent": 3, "lead_in": 0}
+    ledger = RESULT["ledger"] | {
+        "topics": [*RESULT["ledger"]["topics"], sent | {"subscribers": []}]
+    }
+    monkeypatch.setitem(RESULT, "ledger", ledger)
+    images = [("/cam", 1.0, camera(1)), ("/cam", 1.18, camera(2)), ("/cam", 1.3, camera(3))]
+    source = bag([("/scan", 1.0, text("a")), ("/scan", 1.5, text("b")), *images])
+    recorded = bag([("/out", 1.1, number(3.0)), ("/out", 1.2, number(5.0))])
+    stack = {"image": "stack:1", "command": ["run"], "remap": {"/own": "/cam"}}
+    topics = {"bags": ["pvc://recordings/*.bag"], "topics": ["/scan", "/cam"]}
+    row = run(tmp_path, recorded, BELOW, played=source, stack=stack, source=topics)
+    (image,) = row["images"]
+    assert (image["topic"], image["of"], image["at"]) == ("/cam", "input", 0.18)

@@ -33,7 +33,8 @@ class Played:
     """What an attempt came to.
 
     `recorded` are names below the job's results; `findings` are those of the criteria, None of an
-    engine that has none; `log` is what the stack's nodes wrote and when.
+    engine that has none; `log` is what the stack's nodes wrote and when, `images` what cameras
+    showed when a criterion failed.
     """
 
     judgement: Judgement
@@ -41,6 +42,7 @@ class Played:
     answer: Answer
     findings: list[dict[str, Any]] | None = None
     log: list[dict[str, Any]] = field(default_factory=list)
+    images: list[dict[str, Any]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from bagpipe.engine.criteria import judged_by_criteria
 from bagpipe.engine.delivery import Proof, judge
 from bagpipe.engine.engine import Attempt, Played
+from bagpipe.engine.moment_images import images_of
 from bagpipe.engine.replay_result import RESULT
 from bagpipe.evaluate.evidence import Recording
 from bagpipe.evaluate.written import TOPIC, written
@@ -46,4 +47,5 @@ def replayed(
     if any(topic["topic"] == TOPIC for topic in result["recorded"]["topics"]):
         passed = judgement.outcome == "passed"
         log = written(recording, attempt.case.window.start, passed=passed)
-    return Played(judgement, name, answer, findings, log)
+    images = images_of(attempt, recording, result, findings)
+    return Played(judgement, name, answer, findings, log, images)

@@ -6,7 +6,9 @@ import zlib
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
+from bagpipe.pictures import MOST_OF_A_PAGE
 from bagpipe.report.columns import short
+from bagpipe.report.images import images_of
 from bagpipe.report.lines import lines_of
 from bagpipe.report.series import series_of
 from bagpipe.report.spool import Spool
@@ -59,7 +61,8 @@ class Details:
     def add(self, row: Row) -> None:
         """One case. Raises OSError."""
         name = str(row["case"])
-        self._spool.add(name, {"detail": detail_of(row), "pair": pair_of(row)})
+        record = {"detail": detail_of(row), "pair": pair_of(row), "images": images_of(row)}
+        self._spool.add(name, record)
         if row["outcome"] == "passed":
             self._passed.append(name)
             return
@@ -97,15 +100,19 @@ class Details:
             # By a number that has nothing to do with the name: a sample, and each time the same.
             passed,
         )
-        there, taken = frozenset(among), 0
+        there, taken, pictures = frozenset(among), 0, MOST_OF_A_PAGE
         for names, share in zip(kinds, _SHARES, strict=True):
             for name in names:
                 if name in shown or name not in there:
                     continue
-                detail, size = fitting(self._spool.read(name)["detail"])
+                record = self._spool.read(name)
+                detail, size = fitting(record["detail"])
                 if taken + size > share * self._most_bytes:
                     break
-                shown[name] = detail
+                # They have a bound of their own: a picture is as large as a case.
+                images = record["images"]
+                shown[name] = detail | _pictured(images, pictures)
+                pictures = max(0, pictures - len(images))
                 taken += size
         return shown
 
@@ -118,6 +125,12 @@ def fitting(detail: dict[str, Any], most: int = _MOST_CASE_BYTES) -> tuple[dict[
         detail = detail | {"series": detail["series"][:-1], "left": left}
         size = len(json.dumps(detail))
     return detail, size
+
+
+def _pictured(images: list[dict[str, Any]], room: int) -> dict[str, Any]:
+    """As many images as there is room for, and how many were left out."""
+    kept = images[:room]
+    return {"images": kept, "unseen": len(images) - len(kept)} if images else {}
 
 
 def _not_passed(row: Row) -> list[str]:

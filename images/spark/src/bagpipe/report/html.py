@@ -31,7 +31,7 @@ Row = Mapping[str, Any]
 # In this order: each uses those before it.
 _SCRIPTS = (
     "dom.js", "data.js", "filters.js", "heat_map.js", "criteria.js", "cases.js", "axes.js",
-    "plane.js", "charts.js", "details.js", "causes.js", "main.js",
+    "plane.js", "charts.js", "images.js", "details.js", "causes.js", "main.js",
 )  # fmt: skip
 
 

@@ -171,7 +171,7 @@ def _unproved(row: Row, context: RunContext) -> Row:
     """
     _throw_away(row, context)
     measured = {key: row["result"][key] for key in ("ledger", "machine")}
-    row = {key: value for key, value in row.items() if key != "log"}
+    row = {key: value for key, value in row.items() if key not in ("log", "images")}
     return row | {"recorded": None, "result": None, "criteria": [], "evidence": measured}
 
 
@@ -230,7 +230,8 @@ def _played(case: Case, context: RunContext) -> Row:
 
     played = engine.play(attempt, exchange)
     found: Row = {} if played.findings is None else {"criteria": played.findings}
-    return _judged(played) | found | ({"log": played.log} if played.log else {})
+    more = {"log": played.log, "images": played.images}
+    return _judged(played) | found | {key: value for key, value in more.items() if value}
 
 
 def _judged(played: Played) -> Row:

@@ -25,7 +25,7 @@ function caseParts(at) {
   parts.push(detail && detail.criteria.length ? findings(detail.criteria) : figuresOf(at));
   const discarded = detail ? detail.discarded : [word(CASES.discarded, at)].filter(Boolean);
   if (discarded.length) parts.push(el("h4", {}, "Runs that do not count"), el("pre", {}, discarded.join("\n")));
-  if (detail) parts.push(charts(name, detail), ...detailParts(detail));
+  if (detail) parts.push(charts(name, detail), ...(cameras(detail) || []), ...detailParts(detail));
   else parts.push(...inShort(at));
   parts.push(el("h4", {}, "Look at this case, or run it again, on a laptop"), command(verbCommand("open", name)), command(verbCommand("replay", name)));
   return parts.filter(Boolean);
