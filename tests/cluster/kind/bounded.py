@@ -26,6 +26,9 @@ CAPABILITIES = (
     "WAKE_ALARM BLOCK_SUSPEND AUDIT_READ PERFMON BPF CHECKPOINT_RESTORE"
 ).split()
 RESOURCE = "CAP_SYS_RESOURCE"
+# runc's, of which the first in a command line is what it is to do.
+VERBS = set("checkpoint create delete events exec kill list pause ps restore resume run spec start "
+            "state update features".split())  # fmt: skip
 
 
 def bounding_set(status: str) -> set[str]:
@@ -54,9 +57,10 @@ def value(arguments: list[str], *flags: str) -> str | None:
 
 def rewrite(arguments: list[str], bound: set[str]) -> None:
     """Change the configuration that a command of runc's names, if it names any."""
-    if "create" in arguments or "run" in arguments:
+    verb = next((argument for argument in arguments if argument in VERBS), "")
+    if verb in {"create", "run"}:
         path = Path(value(arguments, "--bundle", "-b") or ".") / "config.json"
-    elif "exec" in arguments and (given := value(arguments, "--process", "-p")):
+    elif verb == "exec" and (given := value(arguments, "--process", "-p")):
         path = Path(given)
     else:
         return

@@ -9,6 +9,7 @@ and nothing lowers a score of the OOM killer.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -22,8 +23,8 @@ from . import engine
 
 FILES = Path(__file__).with_name("files")
 IMAGE = f"bagpipe.local/kind-node:{builds.KUBERNETES}"
-BASE = "bagpipe.local/kind-base:1"
 COMPONENTS = "bagpipe.local/kind-components:1"
+LABEL = "io.bagpipe.content"
 SECONDS = 1200.0
 CLAIMS = 4
 PACKAGES = [
@@ -44,7 +45,9 @@ PACKAGES = [
     "systemd-sysv",
     "util-linux",
 ]
-CALLED = ["etcd", "kube-controller-manager", "kube-scheduler"]
+BASE = f"bagpipe.local/kind-base:{hashlib.sha256(' '.join(PACKAGES).encode()).hexdigest()[:16]}"
+# By the name of the link a multi-call program knows what it is.
+CALLED = ["etcd", "kube-controller-manager", "kube-proxy", "kube-scheduler"]
 
 
 def run(*command: str | Path, folder: Path | None = None) -> str:
@@ -63,10 +66,22 @@ def run(*command: str | Path, folder: Path | None = None) -> str:
     return done.stdout
 
 
-def has(image: str) -> bool:
-    asked = ["docker", "image", "inspect", image]
-    done = subprocess.run(asked, env=engine.environment(), capture_output=True, check=False)
-    return done.returncode == 0
+def label(image: str) -> str | None:
+    """What an image of the engine's was made of; empty where it does not say, None without it."""
+    template = '{{index .Config.Labels "' + LABEL + '"}}'
+    asked = ["docker", "image", "inspect", image, "--format", template]
+    done = subprocess.run(
+        asked, env=engine.environment(), capture_output=True, text=True, check=False
+    )
+    return None if done.returncode else done.stdout.strip()
+
+
+def content(*programs: Path) -> str:
+    """A hash over all that decides what is in the node's image."""
+    digest = hashlib.sha256("\n".join([BASE, *(path.name for path in programs)]).encode())
+    for path in sorted([Path(__file__), *FILES.iterdir()]):
+        digest.update(f"\n{path.name}\n".encode() + path.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def make_base(folder: Path) -> None:
@@ -115,51 +130,55 @@ def images(kubeadm: Path) -> list[str]:
     return run(kubeadm, "config", "images", "list", "--kubernetes-version", version).split()
 
 
-def make_components(folder: Path, kubernetes: Path, others: Path, names: list[str]) -> None:
-    """One image of all components, saved under each of their names; pause is an image of its own."""
+def make_components(folder: Path, kubernetes: Path, others: Path, pause: Path) -> None:
+    """One image of all components, and one that is the same but for what it starts: pause."""
     context = folder / "components"
     (context / "links").mkdir(parents=True)
     for name in CALLED:
         (context / "links" / name).symlink_to("kube-apiserver")
-    (context / "links" / "kube-proxy").symlink_to("kube-apiserver")
-    shutil.copy(kubernetes, context / "kubernetes")
-    shutil.copy(others / "resolver", context / "resolver")
-    shutil.copy(builds.ensure(builds.named("pause")) / "pause", context / "pause")
-    dockerfile = FILES / "components.Dockerfile"
-    build = ["docker", "build", "--network=none", f"--build-arg=BASE={BASE}", "-f", dockerfile]
-    run(*build, "-t", COMPONENTS, context)
+    for program in (kubernetes / "kubernetes", others / "resolver", pause / "pause"):
+        shutil.copy(program, context)
+    shutil.copy(FILES / "components.Dockerfile", context / "Dockerfile")
+    run("docker", "build", "--network=none", f"--build-arg=BASE={BASE}", "-t", COMPONENTS, context)
+    start = context / "pause.Dockerfile"
+    start.write_text(f'FROM {COMPONENTS}\nENTRYPOINT ["/pause"]\n')
+    run("docker", "build", "-f", start, "-t", f"{COMPONENTS}-pause", context)
+
+
+def make_node(folder: Path, programs: list[Path], names: list[str], made_of: str) -> None:
+    context = folder / "node"
+    shutil.copytree(FILES, context)
+    shutil.copy(context / "node.Dockerfile", context / "Dockerfile")
+    for program in programs:
+        shutil.copy(program, context)
+    pause = next(name for name in names if "/pause:" in name)
+    toml = context / "containerd.toml"
+    toml.write_text(toml.read_text().replace("@PAUSE@", pause))
+    (context / "version").write_text(f"v{builds.KUBERNETES}")
+    (context / "default-storage.yaml").write_text(claims())
+    for script in ("entrypoint", "cgroups"):
+        (context / script).chmod(0o755)
     for name in names:
-        change = ["--label=of=pause"] if "/pause:" in name else []
-        if change:
-            text = f'FROM {COMPONENTS}\nENTRYPOINT ["/pause"]\n'
-            (context / "pause.Dockerfile").write_text(text)
-            run("docker", "build", "-f", context / "pause.Dockerfile", "-t", name, context)
-        else:
-            run("docker", "tag", COMPONENTS, name)
+        run("docker", "tag", f"{COMPONENTS}-pause" if name == pause else COMPONENTS, name)
+    run("docker", "save", "-o", context / "images.tar", *names)
+    build = ["docker", "build", "--network=none", f"--build-arg=BASE={BASE}"]
+    run(*build, f"--label={LABEL}={made_of}", "-t", IMAGE, context)
 
 
 def make() -> str:
-    """Have the engine hold the node's image; its name."""
-    kubernetes = builds.ensure(builds.named("kubernetes")) / "kubernetes"
+    """Have the engine hold the node's image, of what is in this checkout; its name."""
+    kubernetes, pause = (builds.ensure(builds.named(name)) for name in ("kubernetes", "pause"))
     others = builds.ensure(builds.KUBEADM)
-    names = images(others / "kubeadm")
-    pause = next(name for name in names if "/pause:" in name)
+    made_of = content(kubernetes, pause, others)
+    if label(IMAGE) == made_of:
+        return IMAGE
     with tempfile.TemporaryDirectory(dir=engine.folder()) as place:
         folder = Path(place)
-        if not has(BASE):
+        if label(BASE) is None:
+            print("  making the node's base of Debian's packages", flush=True)
             make_base(folder)
-        make_components(folder, kubernetes, others, names)
-        context = folder / "node"
-        shutil.copytree(FILES, context)
-        toml = context / "containerd.toml"
-        toml.write_text(toml.read_text().replace("@PAUSE@", pause))
-        shutil.copy(kubernetes, context / "kubernetes")
-        shutil.copy(others / "kubeadm", context / "kubeadm")
-        (context / "version").write_text(f"v{builds.KUBERNETES}")
-        (context / "default-storage.yaml").write_text(claims())
-        for script in ("entrypoint", "cgroups"):
-            (context / script).chmod(0o755)
-        run("docker", "save", "-o", context / "images.tar", *names)
-        build = ["docker", "build", "--network=none", f"--build-arg=BASE={BASE}"]
-        run(*build, "-f", context / "node.Dockerfile", "-t", IMAGE, context)
+        print(f"  making {IMAGE}", flush=True)
+        make_components(folder, kubernetes, others, pause)
+        programs = [kubernetes / "kubernetes", others / "kubeadm"]
+        make_node(folder, programs, images(others / "kubeadm"), made_of)
     return IMAGE
