@@ -1,7 +1,7 @@
 """A Docker engine of the tests' own, with its own folders, that touches no firewall of the machine.
 
-It lives in a mount namespace of its own: what an engine leaves mounted ends with it. Nodes are linked
-by a bridge of the machine, and nothing is forwarded between it and the world.
+It lives in a mount namespace of its own: what an engine leaves mounted ends with it. Nodes are
+linked by a bridge of the machine, and nothing is forwarded between it and the world.
 """
 
 from __future__ import annotations

@@ -3,8 +3,7 @@
 kind asks little of a node: systemd, containerd with the images of a control plane, kubelet, kubeadm
 and kubectl, and in /kind the version and what to apply for a network and a class of storage. Three
 things differ from the node that kind publishes: pods are linked by plugins of Debian's in place of
-kindnetd (so there is one node), the class offers four folders that are there in place of making them,
-and nothing lowers a score of the OOM killer.
+kindnetd (so there is one node), the class offers four folders and makes none, and nothing lowers a score of the OOM killer.
 """
 
 from __future__ import annotations
@@ -93,8 +92,8 @@ def make_base(folder: Path) -> None:
 
 
 def claims() -> str:
-    """A default class of as many volumes as the demonstration has claims, and some: folders that all
-    may write to, as in those that kind's own class makes.
+    """A default class of a few volumes: folders that all may write to, as those are that kind's
+    own class makes.
     """
     default = {"storageclass.kubernetes.io/is-default-class": "true"}
     parts: list[dict[str, object]] = [
@@ -106,21 +105,21 @@ def claims() -> str:
             "volumeBindingMode": "WaitForFirstConsumer",
         }
     ]
-    for number in range(CLAIMS):
-        parts.append(
-            {
-                "apiVersion": "v1",
-                "kind": "PersistentVolume",
-                "metadata": {"name": f"claim-{number}"},
-                "spec": {
-                    "storageClassName": "standard",
-                    "capacity": {"storage": "10Gi"},
-                    "accessModes": ["ReadWriteOnce"],
-                    "persistentVolumeReclaimPolicy": "Retain",
-                    "hostPath": {"path": f"/var/claims/{number}", "type": "Directory"},
-                },
-            }
-        )
+    parts += [
+        {
+            "apiVersion": "v1",
+            "kind": "PersistentVolume",
+            "metadata": {"name": f"claim-{number}"},
+            "spec": {
+                "storageClassName": "standard",
+                "capacity": {"storage": "10Gi"},
+                "accessModes": ["ReadWriteOnce"],
+                "persistentVolumeReclaimPolicy": "Retain",
+                "hostPath": {"path": f"/var/claims/{number}", "type": "Directory"},
+            },
+        }
+        for number in range(CLAIMS)
+    ]
     return "\n---\n".join(map(json.dumps, parts))
 
 

@@ -1,6 +1,6 @@
 """Runs a command where kind can be used: `python3 -m kind.rig make demo CLUSTER=kind`.
 
-The command finds in DOCKER_HOST an engine that starts for it, and in KIND_IMAGE the image of a node.
+The command finds in DOCKER_HOST an engine that starts for it, and in KIND_IMAGE a node's image.
 Clusters and kind's network end with it; images stay in the engine's folder for the next time.
 """
 
