@@ -222,6 +222,13 @@ test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes
 	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e tests/integration/kubectl_plugin -m slow
 
+# On a machine that has no registry in reach, or whose Docker may not do all that a node wants.
+.PHONY: test-kind
+test-kind: ## Run `make demo CLUSTER=kind` with an engine and a node that are made for it here
+	$(STEP) "Getting what kind needs" -- $(CLUSTER_PY) preflight cluster images kind tools laptop
+	$(STEP) "Running the demonstration on kind" --if-it-fails "It says above what stopped it." -- \
+	  env PYTHONPATH=tests/cluster python3 -m kind.rig $(MAKE) demo CLUSTER=kind
+
 .PHONY: test-nodes
 ifeq ($(CLUSTER),embedded)
 # On any other number of nodes all its tests are skipped, which would look like success.
@@ -361,8 +368,8 @@ else ifeq ($(CLUSTER),kind)
 	$(STEP) "Getting kubectl, helm and kind" -- bash -euc '$(CLUSTER_PY) tools; \
 	  command -v kind || GOBIN=$(BAGPIPE_CACHE)/bin/tools go install sigs.k8s.io/kind@$(KIND_VERSION)'
 	$(STEP) "Starting Kubernetes in Docker" -- bash -euc 'kind get clusters | grep -qx bagpipe || \
-	  kind create cluster --name bagpipe --config tests/cluster/kind.yaml --wait 3m'
-	$(STEP) "Loading images" -- kind load docker-image --name bagpipe $(IMAGES)
+	  kind create cluster --name bagpipe --config tests/cluster/kind.yaml --wait 3m $(if $(KIND_IMAGE),--image "$(KIND_IMAGE)")'
+	$(STEP) "Loading images" -- kind load docker-image --name bagpipe $(or $(WANTED_IMAGES:%=bagpipe.local/%:$(NUMBER)),$(IMAGES))
 else
 	$(STEP) "Getting kubectl and helm" -- $(CLUSTER_PY) tools
 	$(STEP) "Looking for your cluster" --if-it-fails "Set KUBECONFIG, or use CLUSTER=embedded." -- kubectl version

@@ -52,14 +52,17 @@ VERSION = "k8s.io/component-base/version"
 # client-go took 123 s of processor time with both, and 79 s with neither.
 QUICK_TO_COMPILE = "-l -dwarf=false"
 MAJOR, MINOR, _PATCH = KUBERNETES.split(".")
+OF_KUBERNETES = (
+    (f"{VERSION}.gitVersion", f"v{KUBERNETES}"),
+    (f"{VERSION}.gitMajor", MAJOR),
+    (f"{VERSION}.gitMinor", MINOR),
+    (f"{VERSION}.gitTreeState", "clean"),
+)
 PROGRAMS = [
     Program(
         "kubernetes",
         variables=(
-            (f"{VERSION}.gitVersion", f"v{KUBERNETES}"),
-            (f"{VERSION}.gitMajor", MAJOR),
-            (f"{VERSION}.gitMinor", MINOR),
-            (f"{VERSION}.gitTreeState", "clean"),
+            *OF_KUBERNETES,
             ("helm.sh/helm/v3/internal/version.version", "v3.19.5"),
         ),
         links=(
@@ -78,6 +81,15 @@ PROGRAMS = [
     ),
     Program("pause"),
 ]
+# What a node of kind's has beyond those, built only where kind is tried.
+KUBEADM = Program(
+    "kubeadm",
+    package="k8s.io/kubernetes/cmd/kubeadm",
+    variables=OF_KUBERNETES,
+    beside=(("resolver", "./resolver"),),
+    compiler=QUICK_TO_COMPILE,
+    expect="about a minute after Kubernetes",
+)
 # No part of the cluster: the tests of storage start it.
 S3_SERVER = Program(
     "versitygw",
@@ -124,7 +136,7 @@ REGISTRY = Program(
 def named(folder: str) -> Program:
     """The program of a module's folder; raises ClusterError where there is none."""
     others = [S3_SERVER, KWOK, SPARK_OPERATOR, CHART_TESTS, PROMETHEUS]
-    known = [*PROGRAMS, *others, CONTENTS, PUSHER, REGISTRY]
+    known = [*PROGRAMS, KUBEADM, *others, CONTENTS, PUSHER, REGISTRY]
     for program in known:
         if program.folder == folder:
             return program

@@ -66,6 +66,8 @@ PACKAGES = {
         "python3-tf2-msgs",
     ],
 }
+# Only for who asks for them by name: a Docker engine is much to have on a machine.
+BY_NAME = {"kind": ["docker.io"]}
 
 
 def version_in(text: str) -> Version:
@@ -262,9 +264,10 @@ def check() -> None:
 
 def run(sets: list[str]) -> None:
     """Check everything, then install the sets of packages, all of them if none is named."""
-    unknown = set(sets) - set(PACKAGES)
+    known = {**PACKAGES, **BY_NAME}
+    unknown = set(sets) - set(known)
     if unknown:
-        raise ClusterError(f"There is no set {', '.join(unknown)}; sets are {', '.join(PACKAGES)}.")
+        raise ClusterError(f"There is no set {', '.join(unknown)}; sets are {', '.join(known)}.")
     check()
-    install([package for name in sets or PACKAGES for package in PACKAGES[name]])
+    install([package for name in sets or PACKAGES for package in known[name]])
     print("  the machine has what is needed", flush=True)
