@@ -5,6 +5,7 @@ goes in; how long a job takes on more workers than a machine can hold comes out.
 """
 
 import heapq
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,22 +18,33 @@ class Costs:
     worker: float
 
 
-def makespan(cases: Sequence[float], workers: int, costs: Costs) -> float:
-    """Seconds until the last of `cases` (each the seconds of its stack) has ended.
+def ends(cases: Sequence[float], workers: int, costs: Costs) -> list[float]:
+    """When each of `cases` (the seconds of its stack) has ended, in seconds.
 
     The driver gives a case to the worker that is free first, and is busy with that for
     `costs.driver`; a case keeps its worker for its own time and `costs.worker`.
     """
     free = [0.0] * workers
     driver = 0.0
-    end = 0.0
+    found = []
     for seconds in cases:
         begun = max(heapq.heappop(free), driver) + costs.driver
         driver = begun
         ended = begun + seconds + costs.worker
         heapq.heappush(free, ended)
-        end = max(end, ended)
-    return end
+        found.append(ended)
+    return found
+
+
+def makespan(cases: Sequence[float], workers: int, costs: Costs) -> float:
+    """Seconds until the last of the cases has ended."""
+    return max(ends(cases, workers, costs), default=0.0)
+
+
+def tail(cases: Sequence[float], workers: int, costs: Costs) -> float:
+    """Seconds from the end of 95 of 100 cases to the end of the last."""
+    found = sorted(ends(cases, workers, costs))
+    return found[-1] - found[math.ceil(0.95 * len(found)) - 1]
 
 
 def efficiency(cases: Sequence[float], workers: int, costs: Costs) -> float:

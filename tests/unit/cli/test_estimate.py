@@ -10,8 +10,9 @@ import yaml
 from click.testing import CliRunner
 
 from bagpipe.cli.__main__ import main
-from bagpipe.cli.estimate import Earlier, earlier_of, estimate, sentences
+from bagpipe.cli.estimate import estimate, sentences
 from bagpipe.plan.case import Case
+from bagpipe.plan.expected import Earlier, earlier_of
 from bagpipe.plan.fragments import Window
 from bagpipe.spec import SimulationJobSpec
 from tests.unit.bagpipe.bags import steady, write_bag

@@ -1,14 +1,13 @@
 """How long a planned job takes, and how much memory an executor's stack, before it runs. Pure."""
 
 import heapq
-import math
-import statistics
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from bagpipe.engine_fields import fields_of
 from bagpipe.plan.case import Case
+from bagpipe.plan.expected import Earlier, recorded_seconds
 from bagpipe.quantities import memory_bytes, size
 from bagpipe.spec import SimulationJobSpec
 
@@ -21,20 +20,6 @@ _AGENT_BYTES, _SHARED_BYTES = 5 << 20, 64 << 20
 _SAME, _OTHERS = (0.9, 1.25), (0.8, 1.5)
 # Of the earlier figures for a case that has none of its own.
 _LOW_SHARE, _HIGH_SHARE = 0.1, 0.9
-_SECOND = 1e9
-
-
-@dataclass(frozen=True)
-class Earlier:
-    """What earlier results show: seconds of each case and of each fragment, seconds for a second of
-    recording, and of the stack and its recordings the most bytes.
-    """
-
-    by_case: dict[str, list[float]] = field(default_factory=dict)
-    by_fragment: dict[str, list[float]] = field(default_factory=dict)
-    shares: list[float] = field(default_factory=list)
-    stack: int | None = None
-    recorded: int | None = None
 
 
 @dataclass(frozen=True)
@@ -43,34 +28,6 @@ class Span:
 
     low: float
     high: float | None
-
-
-def earlier_of(rows: Iterable[Mapping[str, Any]]) -> Earlier:
-    """Of lines of results; those without a time of their own are passed over."""
-    found = Earlier()
-    stack: list[int] = []
-    recorded: list[int] = []
-    for row in rows:
-        seconds, window = row.get("seconds"), row.get("window")
-        if not isinstance(seconds, int | float) or not 0 < seconds < math.inf:
-            continue
-        # A case that was tried again says what all its attempts took.
-        each = seconds / max(1, int(row.get("attempts") or 1))
-        found.by_case.setdefault(str(row["case"]), []).append(each)
-        if row.get("fragment"):
-            found.by_fragment.setdefault(str(row["fragment"]), []).append(each)
-        if isinstance(window, list) and len(window) == 3 and window[2] > window[0]:
-            found.shares.append(each / ((window[2] - window[0]) / _SECOND))
-        result = row.get("result") or {}
-        stack.append(((result.get("stack") or {}).get("usage") or {}).get("peak_memory_bytes") or 0)
-        recorded.append((result.get("recorded") or {}).get("high_water_bytes") or 0)
-    return Earlier(
-        found.by_case,
-        found.by_fragment,
-        found.shares,
-        max(stack, default=0) or None,
-        max(recorded, default=0) or None,
-    )
 
 
 def estimate(spec: SimulationJobSpec, cases: Sequence[Case], earlier: Earlier) -> dict[str, Any]:
@@ -102,14 +59,10 @@ def estimate(spec: SimulationJobSpec, cases: Sequence[Case], earlier: Earlier) -
 
 
 def _span(spec: SimulationJobSpec, case: Case, earlier: Earlier) -> tuple[str, Span]:
-    for name, known in (
-        ("case", earlier.by_case.get(case.id)),
-        ("fragment", earlier.by_fragment.get(case.fragment)),
-    ):
-        if known:
-            median = statistics.median(known)
-            return name, Span(_SAME[0] * median, _SAME[1] * median)
-    recorded = (case.window.end - case.window.lead_in_start) / _SECOND
+    if (own := earlier.own_seconds(case)) is not None:
+        name, median = own
+        return name, Span(_SAME[0] * median, _SAME[1] * median)
+    recorded = recorded_seconds(case)
     if earlier.shares:
         shares = sorted(earlier.shares)
         low, high = (shares[round(s * (len(shares) - 1))] for s in (_LOW_SHARE, _HIGH_SHARE))

@@ -11,13 +11,14 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from bagpipe.cli.estimate import Earlier, earlier_of, estimate, sentences
+from bagpipe.cli.estimate import estimate, sentences
 from bagpipe.cli.manifest import ManifestError, read_job
 from bagpipe.cli.places import RefusedError, folders, print_as, results_at, volume_option
 from bagpipe.cli.terminal import unstyled
 from bagpipe.matrix.expand import Expansion
 from bagpipe.matrix.faults import MatrixError
 from bagpipe.plan.conditions import crossing
+from bagpipe.plan.expected import Earlier, earlier_of
 from bagpipe.plan.made import Plan, Selection
 from bagpipe.plan.variant import check_templates
 from bagpipe.quarantine import planned

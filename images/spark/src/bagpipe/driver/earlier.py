@@ -32,7 +32,7 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
             " have changed since. Leave out spec.resumeFrom to run all cases."
         )
     cases = {case.id: case for case in planned.cases}
-    for row in _rows(earlier, storage):
+    for row in all_rows(earlier, storage):
         if "window" not in row:  # a bag that yields no case
             continue
         case = cases.get(row["case"])
@@ -56,7 +56,8 @@ def _taken_over(row: Row, earlier: EarlierResults) -> Row:
     return row | {"recorded": recorded, "ran_in": row.get("ran_in", earlier.job)}
 
 
-def _rows(earlier: EarlierResults, storage: Storage) -> Iterator[Row]:
+def all_rows(earlier: EarlierResults, storage: Storage) -> Iterator[Row]:
+    """Every row that the earlier job has left, whatever it came to. Raises CannotResumeError."""
     try:
         uri = posixpath.join(earlier.results, "results.jsonl")
         if storage.exists(uri):

@@ -24,6 +24,7 @@ from bagpipe.driver.patience import patiently
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Manifest, Results
 from bagpipe.driver.row_file import RowFile
+from bagpipe.driver.running_order import in_running_order
 from bagpipe.driver.same_catalogue import check_selection
 from bagpipe.driver.spark_gone import SparkGoneError
 from bagpipe.evaluate.judge import faults
@@ -156,7 +157,7 @@ def run(
         if job.resume is not None:
             taken = keeper.take_over(passed_rows(job.resume, planned, storage))
             log.info("%d cases were taken over from job %s", taken, job.resume.job)
-        _run_the_rest(place, job, planned, keeper)
+        _run_the_rest(place, job, planned, keeper, storage)
         if keeper.interrupted:
             sys.exit(_INTERRUPTED_STATUS)
         if keeper.stop is not None:
@@ -213,13 +214,15 @@ def _taken_away(keeper: Keeper, planned: Plan, results: Results) -> Manifest | N
     return None
 
 
-def _run_the_rest(place: Place, job: JobFile, planned: Plan, keeper: Keeper) -> None:
+def _run_the_rest(
+    place: Place, job: JobFile, planned: Plan, keeper: Keeper, storage: Storage
+) -> None:
     """Run the cases without a row; however that ends, the rows there are reach the journal."""
     left = [case for case in planned.cases if case.id not in keeper.rows]
     log.info("%d cases were done before, %d are to run", len(keeper.rows), len(left))
     try:
         if left and keeper.stop is None:
-            place.run_cases(job, left, keeper)
+            place.run_cases(job, in_running_order(job, left, storage), keeper)
     finally:
         keeper.finish(threading.Event())
 
