@@ -34,6 +34,11 @@ def with_images(rows: list[dict[str, Any]], kind: str = PHOTO.kind) -> list[dict
     return [row | ({"images": images} if row["outcome"] == "failed" else {}) for row in rows]
 
 
+def ran(cases: int) -> list[dict[str, Any]]:
+    """Rows of cases that passed or failed: of these the first is open."""
+    return [row for row in drive_rows(cases) if row["outcome"] != "errored"]
+
+
 @pytest.mark.parametrize("width", [390, 1280])
 def test_the_cameras_picture_of_the_failing_moment_is_drawn(
     browser: webdriver.Chrome, page: Path, width: int
@@ -41,7 +46,7 @@ def test_the_cameras_picture_of_the_failing_moment_is_drawn(
     size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     try:
-        opened(browser, page, with_images(drive_rows(100)))
+        opened(browser, page, with_images(ran(100)))
         first = browser.find_element(By.CSS_SELECTOR, "#failing-cases .case[open] .cameras")
         shown = first.find_element(By.TAG_NAME, "img")
         natural = (
@@ -53,14 +58,16 @@ def test_the_cameras_picture_of_the_failing_moment_is_drawn(
         assert "No picture: images encoded as 'yuv422' are not shown." in first.text
         assert browser.execute_script("return document.documentElement.scrollWidth") <= width
         assert logged(browser, "browser") == []
-        assert requests(browser) == [page.as_uri()]
+        # DevTools counts what is in the page as a request, which leaves nowhere.
+        left = [each for each in requests(browser) if not each.startswith("data:")]
+        assert left == [page.as_uri()]
     finally:
         browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_a_picture_of_another_type_is_none(browser: webdriver.Chrome, page: Path) -> None:
     """Whatever a row says of itself, the browser is told what the bytes are."""
-    opened(browser, page, with_images(drive_rows(100), kind="image/svg+xml"))
+    opened(browser, page, with_images(ran(100), kind="image/svg+xml"))
     first = browser.find_element(By.CSS_SELECTOR, "#failing-cases .case[open] .cameras img")
     assert first.get_attribute("src").startswith("data:image/png;base64,iVBOR")
 

@@ -221,7 +221,7 @@ def test_a_case_that_passed_has_no_images(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setitem(RESULT["recorded"], "topics", [topic])
     outputs = [("/out", 1.1, number(3.0)), ("/out", 1.2, number(3.0))]
     recorded = bag([*outputs, ("/seen", 1.15, camera(1))])
-    row = run(tmp_path, recorded, BELOW)
+    row = run(tmp_path, recorded, THERE)
     assert (row["outcome"], "images" in row) == ("passed", False)
 
 
