@@ -3,9 +3,9 @@
 
 Docker's --privileged asks for every capability that the kernel knows, and runc asks the kernel for
 each, which refuses what is not in the machine's bounding set (CAP_SYS_RESOURCE often is not in
-virtual machines of build services): "unable to apply caps: operation not permitted". Lowering a score of
-the OOM killer and raising a limit of resources need CAP_SYS_RESOURCE as well. So this program takes
-all that out of the container's configuration, and becomes runc.
+virtual machines of build services): "unable to apply caps: operation not permitted". Lowering a
+score of the OOM killer and raising a limit of resources need CAP_SYS_RESOURCE as well. So this
+program takes all that out of the container's configuration, and becomes runc.
 """
 
 from __future__ import annotations
