@@ -111,7 +111,7 @@ def _show(job: k.Object) -> int:
     _show_real_time()
     console.print(
         "The cluster stays up: export KUBECONFIG="
-        f"{k.EMBEDDED_KUBECONFIG}; kubectl get simjob,pods -A. make down removes it.",
+        f"{k.tool_environment()['KUBECONFIG']}; kubectl get simjob,pods -A. make down removes it.",
         soft_wrap=True,
     )
     return 0 if status.get("verdict") == "Passed" else 1

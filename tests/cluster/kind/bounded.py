@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
 """An OCI runtime for engines that ask for more than the machine has: runc, asked for what there is.
 
-Docker's --privileged asks for every capability that the kernel knows. runc asks the kernel for each,
-which refuses what is not in the machine's bounding set (CAP_SYS_RESOURCE often is not in virtual
-machines of build services): "unable to apply caps: operation not permitted". Lowering a score of
-the OOM killer and raising a limit of resources need CAP_SYS_RESOURCE as well. So this program takes
-all that out of the container's configuration, and becomes runc.
+Docker's --privileged asks for every capability that the kernel knows, and runc asks the kernel for
+each, which refuses what is not in the machine's bounding set (CAP_SYS_RESOURCE often is not in
+virtual machines of build services): "unable to apply caps: operation not permitted". Lowering a
+score of the OOM killer and raising a limit of resources need CAP_SYS_RESOURCE as well. So this
+program takes all that out of the container's configuration, and becomes runc.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ def value(arguments: list[str], *flags: str) -> str | None:
     for at, argument in enumerate(arguments):
         name, equals, text = argument.partition("=")
         if name in flags:
-            return text if equals else (arguments[at + 1 :] or [None])[0]
+            return text if equals else next(iter(arguments[at + 1 :]), None)
     return None
 
 

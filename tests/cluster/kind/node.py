@@ -3,7 +3,8 @@
 kind asks little of a node: systemd, containerd with the images of a control plane, kubelet, kubeadm
 and kubectl, and in /kind the version and what to apply for a network and a class of storage. Three
 things differ from the node that kind publishes: pods are linked by plugins of Debian's in place of
-kindnetd (so there is one node), the class offers four folders and makes none, and nothing lowers a score of the OOM killer.
+kindnetd (so there is one node), the class offers four folders and makes none, and nothing lowers a
+score of the OOM killer.
 """
 
 from __future__ import annotations
