@@ -1,7 +1,7 @@
 """Jobs of ROS 2 nodes over MCAP on the cluster.
 
-At full speed nothing is lost, and lock-step records the same bytes each time. The client library of
-the image is the stand-in over Debian's Cyclone DDS.
+At full speed nothing is lost, and lock-step records the same bytes each time, whichever player
+plays. The client library of the image is the stand-in over Debian's Cyclone DDS.
 """
 
 from pathlib import Path
@@ -17,9 +17,10 @@ pytestmark = [pytest.mark.e2e, pytest.mark.usefixtures("recordings")]
 
 MESSAGES = 1000
 STRING = "std_msgs/msg/String:10:reliable"
+ON_DDS = {"ros2": {"player": "dds"}}
 
 
-def job(name: str, playback: dict[str, Any]) -> k.Object:
+def job(name: str, playback: dict[str, Any], **stack: Any) -> k.Object:
     """A node that answers each message of /in on /out, in four fragments."""
     subscription = f"/in:{ros2_recording.IMU}:10:reliable"
     topics = ["--sub", subscription, "--pub", f"/out:{STRING}", "--relay", "/in=/out"]
@@ -32,7 +33,8 @@ def job(name: str, playback: dict[str, Any]) -> k.Object:
             "engine": "ros2",
             "image": "bagpipe.local/ros2-standin:0.2.0",
             "command": ["standin_node", "--name", "/relay", *topics],
-        },
+        }
+        | stack,
         "playback": playback | {"subscribeTimeout": "120s"},
         "record": {"topics": ["/out"]},
         "evaluate": [{"name": "answers", "presence": {"topic": "/out", "min": 240}}],
@@ -43,8 +45,8 @@ def job(name: str, playback: dict[str, Any]) -> k.Object:
     return kind | {"metadata": {"name": name}, "spec": spec}
 
 
-def run(namespace: str, manifest: k.Object) -> dict[str, str]:
-    """The digest of each case's recording, once all have passed with every message called."""
+def passed(namespace: str, manifest: k.Object) -> dict[str, dict[str, Any]]:
+    """The row of each case, with the digest of its recording, once the job has passed."""
     name = manifest["metadata"]["name"]
     with jobs.applied(namespace, manifest):
         ended = jobs.ended(namespace, name, 400)
@@ -53,24 +55,53 @@ def run(namespace: str, manifest: k.Object) -> dict[str, str]:
         assert (status["phase"], status.get("verdict")) == ("Complete", "Passed"), account
         _, rows = k.results(namespace, status["results"])
         assert sum(row["result"]["ledger"]["sent"] for row in rows) == MESSAGES
-        digests = {}
         for row in rows:
-            ledger = row["result"]["ledger"]
-            assert (ledger["received"], ledger["dropped"]) == (ledger["sent"], 0)
-            assert (ledger["strength"], row["attempts"]) == ("called", 1)
             path = "/" + status["results"].removeprefix("pvc://") + "/" + row["recorded"]
-            digests[row["case"]] = k.in_toolbox(namespace, "sha256sum", path).split()[0]
-        return digests
+            row["digest"] = k.in_toolbox(namespace, "sha256sum", path).split()[0]
+        return {row["case"]: row for row in rows}
 
 
-def test_lock_step_is_the_same_twice_and_full_speed_loses_nothing(
-    namespace: str, tmp_path: Path
+def run(namespace: str, manifest: k.Object, player: str = "rcl") -> dict[str, str]:
+    """The digest of each case's recording, once all have passed with every message called."""
+    rows = passed(namespace, manifest)
+    for row in rows.values():
+        ledger = row["result"]["ledger"]
+        assert (ledger["received"], ledger["dropped"]) == (ledger["sent"], 0)
+        assert (ledger["strength"], row["attempts"]) == ("called", 1)
+        assert row["result"]["player"]["name"] == player
+    return {case: row["digest"] for case, row in rows.items()}
+
+
+@pytest.fixture
+def drive(namespace: str, tmp_path: Path) -> None:
+    k.put(namespace, ros2_recording.write(tmp_path / "d", ["/in"], MESSAGES), "ros2/drive.mcap")
+
+
+@pytest.mark.usefixtures("drive")
+def test_lock_step_is_the_same_twice_by_either_player_and_full_speed_loses_nothing(
+    namespace: str,
 ) -> None:
-    drive = ros2_recording.write(tmp_path / "drive.mcap", ["/in"], MESSAGES)
-    k.put(namespace, drive, "ros2/drive.mcap")
     steps = [{"trigger": "/in", "answer": "/out", "deadline": "60s"}]
     lockstep = {"mode": "lockstep", "steps": steps}
     once = run(namespace, job("ros2-lockstep-once", lockstep))
     assert len(once) == 4
     assert run(namespace, job("ros2-lockstep-again", lockstep)) == once
+    assert run(namespace, job("ros2-lockstep-dds", lockstep, **ON_DDS), "dds") == once
     assert run(namespace, job("ros2-max", {"mode": "max"})).keys() == once.keys()
+
+
+@pytest.mark.usefixtures("drive")
+def test_a_stack_without_librcl_is_played_on_dds_and_passes_where_that_proof_is_allowed(
+    namespace: str,
+) -> None:
+    command = ["dds_relay", "/in", "/out", "sensor_msgs/Imu"]
+    hidden = [{"name": "LD_LIBRARY_PATH", "value": "/nowhere"}]
+    manifest = job("ros2-dds", {"mode": "max"}, command=command, env=hidden, **ON_DDS)
+    manifest["spec"]["faultPolicy"] = [{"cause": "DeliveryUnproved", "action": "allow"}]
+    rows = passed(namespace, manifest)
+    assert len(rows) == 4
+    for row in rows.values():
+        assert (row["outcome"], row["allowed"][0]["cause"]) == ("passed", "DeliveryUnproved")
+        assert row["result"]["player"] == {"name": "dds", "why": "the job asks for it"}
+        assert row["result"]["ledger"]["strength"] == "sent"
+        assert row["result"]["recorded"]["messages"] == row["result"]["ledger"]["sent"]

@@ -33,11 +33,13 @@ static _Noreturn void fail(const char *what) {
   exit(1);
 }
 
-static const struct type_support *type_of(const char *package, const char *type) {
+static const struct type_support *type_of(const char *package, const char *folder,
+                                          const char *type) {
   char library[300], symbol[400];
   snprintf(library, sizeof library, "lib%s__rosidl_typesupport_c.so", package);
   snprintf(symbol, sizeof symbol,
-           "rosidl_typesupport_c__get_message_type_support_handle__%s__msg__%s", package, type);
+           "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s", package, folder,
+           type);
   void *loaded = dlopen(library, RTLD_NOW);
   const void *(*get)(void) =
       loaded == NULL ? NULL : (const void *(*)(void))dlsym(loaded, symbol);
@@ -69,19 +71,19 @@ static void create_endpoints(void) {
   for (int one = 0; one < asked.publishers; one++) {
     __typeof__(&asked.publisher[0]) of = &asked.publisher[one];
     snprintf(publishers[one].topic, sizeof publishers[one].topic, "%s", of->topic);
-    publishers[one].rmw =
-        rmw_create_publisher(node, type_of(of->package, of->type), of->topic, &of->qos, NULL);
+    const struct type_support *type = type_of(of->package, of->folder, of->type);
+    publishers[one].rmw = rmw_create_publisher(node, type, of->topic, &of->qos, NULL);
     if (publishers[one].rmw == NULL) fail(of->topic);
   }
   for (int one = 0; one < asked.subscriptions; one++) {
     __typeof__(&asked.subscription[0]) of = &asked.subscription[one];
-    subscribe(&subscriptions[one], of->topic, type_of(of->package, of->type), &of->qos);
+    subscribe(&subscriptions[one], of->topic, type_of(of->package, of->folder, of->type), &of->qos);
   }
   struct rmw_qos newest = {.history = HISTORY_KEEP_LAST, .depth = 1,
                            .reliability = RELIABILITY_BEST_EFFORT,
                            .durability = DURABILITY_VOLATILE};
   if (asked.sim_time)
-    subscribe(&clock_subscription, "/clock", type_of("rosgraph_msgs", "Clock"), &newest);
+    subscribe(&clock_subscription, "/clock", type_of("rosgraph_msgs", "msg", "Clock"), &newest);
 }
 
 static void connect_relays(void) {
@@ -109,7 +111,7 @@ static void renew(struct subscription *of) {
   rmw_destroy_subscription(node, of->rmw);
   sleep_us(asked.apart_us);
   of->turn = 1 - of->turn;
-  subscribe(of, as->topic, type_of(as->package, as->type), &as->qos);
+  subscribe(of, as->topic, type_of(as->package, as->folder, as->type), &as->qos);
 }
 
 /* Takes a message, if there is one, and calls back. */

@@ -32,7 +32,7 @@ struct subscription {
 struct asked {
   char name[256], space[256];
   struct {
-    char topic[256], package[128], type[128];
+    char topic[256], package[128], folder[8], type[128];
     struct rmw_qos qos;
   } subscription[MOST], publisher[MOST];
   int subscriptions, publishers;

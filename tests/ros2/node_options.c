@@ -65,9 +65,9 @@ static void endpoint(bool subscribes, const char *text) {
   if (*count == MOST) refuse("too many", text);
   __typeof__(&asked.publisher[0]) into =
       subscribes ? (void *)&asked.subscription[*count] : &asked.publisher[*count];
-  int found = sscanf(text, "%255[^:]:%127[^/]/msg/%127[^:]:%31[^:]:%31[^:]:%31s", into->topic,
-                     into->package, into->type, depth, reliability, durability);
-  if (found < 5) refuse("no topic with its type and quality of service", text);
+  int found = sscanf(text, "%255[^:]:%127[^/]/%7[^/]/%127[^:]:%31[^:]:%31[^:]:%31s", into->topic,
+                     into->package, into->folder, into->type, depth, reliability, durability);
+  if (found < 6) refuse("no topic with its type and quality of service", text);
   into->qos = qos_of(depth, reliability, durability);
   ++*count;
 }
