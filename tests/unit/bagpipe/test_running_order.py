@@ -76,7 +76,7 @@ def lines(*rows: dict[str, Any]) -> str:
 
 
 CASES = [case("a"), case("b"), case("c")]
-TIMES = lines(row("a", 5.0), row("b", 7.0), row("c", 60.0, outcome="failed"))
+TIMES = lines(row("a", 5.0), row("b", 7.0), row("c", 60.0))
 
 
 def test_a_job_that_goes_on_runs_first_what_took_longest(tmp_path: Path) -> None:
@@ -89,6 +89,13 @@ def test_a_job_that_goes_on_runs_first_what_took_longest(tmp_path: Path) -> None
 def test_a_job_with_a_baseline_runs_first_what_took_longest_there(tmp_path: Path) -> None:
     job, storage = job_after(tmp_path, TIMES, baseline={"results": OLD})
     assert names(in_running_order(job, CASES, storage)) == ["c", "b", "a"]
+
+
+def test_a_case_that_did_not_pass_shows_nothing_of_how_long_it_takes(tmp_path: Path) -> None:
+    times = lines(row("a", 5.0), row("b", 7.0), row("c", 1.0, outcome="failed"))
+    job, storage = job_after(tmp_path, times, baseline={"results": OLD})
+    # 0.6 s for a second of recording: 6 s for c.
+    assert names(in_running_order(job, CASES, storage)) == ["b", "c", "a"]
 
 
 @pytest.mark.parametrize(
