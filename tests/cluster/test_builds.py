@@ -287,6 +287,6 @@ def test_a_step_has_the_processors_that_its_processes_used(tmp_path: Path) -> No
 def test_a_program_has_the_name_of_its_module_s_folder() -> None:
     assert builds.named("helm-unittest") is builds.CHART_TESTS
     with pytest.raises(
-        ClusterError, match="no program nothing: it can be crane, helm-unittest, kubernetes, kwok"
+        ClusterError, match="no program nothing: it can be crane, helm-unittest, kubeadm"
     ):
         builds.named("nothing")

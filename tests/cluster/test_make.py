@@ -46,3 +46,21 @@ def test_a_change_of_each_crate_of_the_native_module_builds_it_again() -> None:
     assert line is not None
     listed = set(re.findall(r"images/agent/crates/(\w+)/src/lib\.rs", line[1]))
     assert listed == crates_of("python") >= {"python", "log", "rosbag", "mcap"}
+
+
+def test_kind_loads_the_images_that_were_built_and_no_others() -> None:
+    # kind stops at an image that Docker has not: the demonstration builds five of nine.
+    text = made("demo", "CLUSTER=kind")
+    built = re.search(r"--engine docker --no-archives (.*)$", text, re.MULTILINE)
+    loaded = re.search(r"kind load docker-image --name bagpipe (.*)$", text, re.MULTILINE)
+    assert built is not None
+    assert loaded is not None
+    names = [each.split("/")[1].split(":")[0] for each in loaded[1].split()]
+    assert names == built[1].split()
+    assert len(names) == 5
+
+
+def test_kind_takes_its_own_node_unless_another_is_named() -> None:
+    assert "--image" not in made("demo", "CLUSTER=kind")
+    text = made("demo", "CLUSTER=kind", "KIND_IMAGE=here/node:1")
+    assert 'kind.yaml --wait 3m --image "here/node:1"' in text
