@@ -170,5 +170,5 @@ def test_the_transcript_is_what_is_printed(place: Place, verb: str) -> None:
         text = "".join(f"$ {step.line}\n{step.printed.rstrip()}\n" for step in found)
         PAGE.write_text(replaced(PAGE.read_text(), verb, text))
         return
-    for step, printed in zip(wanted, found, strict=True):
-        assert alike(printed.printed).rstrip() == alike(step.printed).rstrip(), step.line
+    for shown, now in zip(wanted, found, strict=True):
+        assert alike(now.printed).rstrip() == alike(shown.printed).rstrip(), shown.line

@@ -44,7 +44,7 @@ def test_what_can_t_be_computed_is_reported_in_one_line() -> None:
 @pytest.mark.parametrize(
     ("fault", "words"), [(ValueError("first\nsecond"), "first"), (TypeError(), "TypeError")]
 )
-def test_of_a_fault_the_first_line_is_told_and_of_one_without_words_its_kind(
+def test_of_a_fault_the_first_line_is_shown_and_of_one_without_words_its_kind(
     fault: Exception, words: str
 ) -> None:
     class Program:

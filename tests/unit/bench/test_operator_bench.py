@@ -75,13 +75,13 @@ def test_each_fake_driver_has_one_fault_at_a_time_of_its_own(
     times = [fault_after(address(number)) for number in range(1, 101)]
     assert (min(times) >= 5, max(times) <= 25, len(set(times))) == (True, True, 100)
     assert sorted(times)[50] == pytest.approx(15, abs=0.5)  # spread evenly
-    drivers, said = FakeDrivers(), []
+    drivers, stated = FakeDrivers(), []
     drivers.running_since[address(1)] = 100.0
     for now in (99.9 + times[0], 100.1 + times[0]):
         monkeypatch.setattr("time.monotonic", lambda now=now: now)
         _, body = drivers.account(address(1)).split(b"\r\n\r\n")
-        said.append(json.loads(body)["cases"]["failed"])
-    assert said == [0, 1]
+        stated.append(json.loads(body)["cases"]["failed"])
+    assert stated == [0, 1]
 
 
 def test_the_bench_sees_when_a_fault_is_in_the_status(monkeypatch: pytest.MonkeyPatch) -> None:

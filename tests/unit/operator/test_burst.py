@@ -41,12 +41,12 @@ def fault_at(number: int) -> float:
 
 @dataclass
 class SlowApi(FakeApi):
-    """One write after the other; notes since when each count and each fault was not said."""
+    """One write after the other; notes since when each count and each fault was not reported."""
 
     seconds: float = WRITE_SECONDS
     processor: asyncio.Lock = field(default_factory=asyncio.Lock)
     counts: dict[str, int] = field(default_factory=dict)
-    said_fault: dict[str, float] = field(default_factory=dict)
+    fault_reported: dict[str, float] = field(default_factory=dict)
     writes: int = 0
 
     async def patch_status(
@@ -63,7 +63,7 @@ class SlowApi(FakeApi):
         cases = written["status"].get("cases") or {}
         self.counts[name] = cases.get("passed", 0)
         if cases.get("failed"):
-            self.said_fault.setdefault(name, now())
+            self.fault_reported.setdefault(name, now())
         return written
 
 
@@ -116,8 +116,8 @@ async def burst(settings: Settings, jobs: int = JOBS, seconds: float = WRITE_SEC
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
-    said = [api.said_fault[f"x-{n}"] - fault_at(n) for n in range(jobs)]
-    return Found(sorted(ages), sorted(said), api.writes / RUN_SECONDS)
+    reported = [api.fault_reported[f"x-{n}"] - fault_at(n) for n in range(jobs)]
+    return Found(sorted(ages), sorted(reported), api.writes / RUN_SECONDS)
 
 
 async def _ages(api: SlowApi) -> list[float]:
@@ -134,7 +134,7 @@ def p99(values: list[float]) -> float:
     return values[int(0.99 * len(values))]
 
 
-def test_in_a_burst_faults_are_said_within_five_seconds_and_counts_within_their_bound() -> None:
+def test_in_a_burst_faults_are_reported_within_five_seconds_and_counts_within_their_bound() -> None:
     found = virtual_time.run(burst(Settings()))
     assert len(found.faults) == JOBS
     assert p99(found.faults) < 5

@@ -35,14 +35,14 @@ def make_busy(world: World) -> None:
 
 
 async def visits(world: World, seconds: int) -> list[int]:
-    """The counts that the status said after each visit, one every two seconds."""
-    said = []
+    """The counts that the status stated after each visit, one every two seconds."""
+    stated = []
     for second in range(0, seconds, 2):
         make_busy(world)
         world.drivers.says = passed(2 + second)
         await world.reconcile(after=1)
-        said.append(world.status()["cases"]["passed"])
-    return said
+        stated.append(world.status()["cases"]["passed"])
+    return stated
 
 
 # Promise: progress-waits-30-s
@@ -134,7 +134,7 @@ async def test_a_job_that_is_gone_leaves_nothing_behind() -> None:
     assert UID not in world.reconciler.pace._waits_since
 
 
-async def test_who_leads_anew_knows_of_no_busy_api_server() -> None:
+async def test_who_leads_again_knows_of_no_busy_api_server() -> None:
     world = await running()
     make_busy(world)
     assert world.reconciler.pace.interval() == 30

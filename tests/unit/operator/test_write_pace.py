@@ -1,5 +1,6 @@
 """How long progress waits: not at all where the API server has time, never beyond its bound."""
 
+from contextlib import ExitStack
 from itertools import pairwise
 
 import pytest
@@ -161,7 +162,20 @@ def test_where_writes_of_progress_have_no_place_no_worker_waits_for_one() -> Non
     assert PROGRESS_AT_ONCE < WRITES_AT_ONCE
 
 
-def test_a_job_that_is_forgotten_begins_anew_and_leaves_nothing() -> None:
+def test_who_waited_longest_is_let_go_also_where_no_place_is_free() -> None:
+    paced = Paced()
+    paced.write("a", 0.02)
+    with ExitStack() as under_way:
+        for number in range(PROGRESS_AT_ONCE):
+            under_way.enter_context(paced.pace.writing(str(number), urgent=False))
+        paced.make_busy(0.5)  # thirty seconds
+        assert not paced.pace.puts_off("a")
+        paced.write("a", 0.02)
+        paced.make_busy(0.49)
+        assert paced.pace.puts_off("a")
+
+
+def test_a_job_that_is_forgotten_begins_again_and_leaves_nothing() -> None:
     paced = Paced()
     paced.make_busy()
     for number in range(1000):

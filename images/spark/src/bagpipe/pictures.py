@@ -22,7 +22,7 @@ _LENGTHS = frozenset({0xC4, 0xDB, 0xDD, 0xFE, *range(0xE0, 0xF0), *_FRAMES})
 
 @dataclass(frozen=True)
 class Kind:
-    """The type that a browser is told, and the picture's size in pixels."""
+    """The type that a browser is given, and the picture's size in pixels."""
 
     kind: str
     width: int

@@ -5,6 +5,7 @@ from everything else. What it takes to write a status, the wait for a turn inclu
 it is: a mean over the last writes, which falls while nothing is written.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -68,12 +69,12 @@ class WritePace:
             self._measured(begun)
 
     def forget(self, uid: str) -> None:
-        """The job is gone, or has ended, or begins anew."""
+        """The job is gone, or has ended, or begins again."""
         self._waits_since.pop(uid, None)
 
     def _latency_at(self, moment: float) -> float:
         idle = max(0.0, moment - self._measured_at)
-        return self._latency * 0.5 ** (idle / HALF_LIFE_SECONDS)
+        return self._latency * math.exp2(-idle / HALF_LIFE_SECONDS)
 
     def _measured(self, begun: float) -> None:
         counted = min(self._now() - begun, MOST_OF_ONE_SECONDS)

@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn who_waits_on_a_topic_that_nobody_answers_on_is_told_so_at_once() {
+    fn who_waits_on_a_topic_that_nobody_answers_on_learns_it_at_once() {
         let by_hand = crate::time::ByHand::new();
         let answers = Answers::new([("/a", false)].into_iter());
         let limit = Duration::from_millis(10);

@@ -16,7 +16,7 @@ def chosen(planned: Plan, wanted: Sequence[str]) -> Plan:
 
     Patterns know `*`, `?` and `[...]`; of several numbers the least counts, and the first cases by
     name are taken. Bags that yield no case stay as far as their names match, and all of them where
-    nothing yields one: why is then what there is to tell. Raises NoCaseError.
+    nothing yields one: why is then what there is to report. Raises NoCaseError.
     """
     numbers = [int(word) for word in wanted if word.isdecimal()]
     patterns = [word for word in wanted if not word.isdecimal()]

@@ -48,7 +48,7 @@ def _inputs(
     the whole would have to be in memory once more.
     """
     case = attempt.case
-    if case.parts or not case.ranges or not attempt.spec.source.bags:
+    if case.parts or not case.ranges or "://" not in case.bag:
         return {}
     before = max(case.window.lead_in_start, at - _LOOK_BACK)
     moment = replace(case, window=replace(case.window, start=before, end=at + 1))

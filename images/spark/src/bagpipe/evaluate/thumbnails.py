@@ -122,7 +122,8 @@ def _of_bayer(rows: Pixels, cell: Any, width: int, side: int) -> Pixels:
     down, across = _places(width // 2, len(rows) // 2, side)
 
     def sensor(place: tuple[int, int]) -> Pixels:
-        return rows[2 * down + place[0]][:, 2 * across + place[1]]
+        cells: Pixels = rows[2 * down + place[0]][:, 2 * across + place[1]]
+        return cells
 
     red, blue = cell
     first, second = (sensor((row, 1 - red[1] if row == red[0] else 1 - blue[1])) for row in (0, 1))
@@ -145,7 +146,8 @@ def _stretched(values: Any) -> Pixels:
     there = values[values > 0]
     low, high = (int(there.min()), int(there.max())) if there.size else (0, 1)
     grey = (values - low) * 254 // max(1, high - low) + 1
-    return np.where(values > 0, grey, 0).astype(np.uint8)
+    pixels: Pixels = np.where(values > 0, grey, 0).astype(np.uint8)
+    return pixels
 
 
 def _coarse(pixels: Pixels) -> bytes:

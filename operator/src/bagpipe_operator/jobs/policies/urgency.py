@@ -49,17 +49,17 @@ def _failures(before: object, after: object) -> bool:
 
 
 def _comparisons(before: object, after: object) -> bool:
-    def said(found: object) -> list[tuple[object, object]]:
+    def stated(found: object) -> list[tuple[object, object]]:
         return [(each.get("variant"), each.get("verdict")) for each in readings.objects(found)]
 
-    return said(before) == said(after)
+    return stated(before) == stated(after)
 
 
 def _conditions(before: object, after: object) -> bool:
-    return _said(before) == _said(after)
+    return _stated(before) == _stated(after)
 
 
-def _said(conditions: object) -> list[Json]:
+def _stated(conditions: object) -> list[Json]:
     """Conditions without the numbers of their sentences."""
     return [
         each | {"message": _NUMBER.sub("0", str(each.get("message")))}

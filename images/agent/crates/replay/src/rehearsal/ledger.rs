@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bagpipe_graph::{LinkState, Publication};
 
-use super::told::{Told, Words, left, link};
+use super::scripted::{Scripted, Words, left, link};
 use crate::ledger::{ledger, present};
 use crate::outcome::{Ledger, LedgerSubscriber, LedgerTopic, Strength};
 use crate::play::Played;
@@ -20,7 +20,7 @@ fn of(topics: &[Topic<'_>], words: &Words) -> Ledger {
         topics.iter().map(|(_, _, (lead_in, counted))| played(*lead_in, *counted)).collect();
     let topics: Vec<Arc<dyn Publication>> = topics
         .iter()
-        .map(|(topic, links, _)| Told::new(topic, links) as Arc<dyn Publication>)
+        .map(|(topic, links, _)| Scripted::new(topic, links) as Arc<dyn Publication>)
         .collect();
     let mut proof = Proof::new(words.audit());
     proof.ask(&topics);
@@ -125,8 +125,8 @@ fn nodes_that_share_a_name_make_up_for_nothing_that_the_other_lost() {
 #[test]
 fn who_came_after_the_last_message_is_no_subscriber_of_the_case() {
     let links = [link(1, "/one", (0, 100)), link(2, "/late", (0, 0))];
-    let topic: Arc<dyn Publication> = Told::new("/a", &links);
-    let other: Arc<dyn Publication> = Told::new("/b", &[link(2, "/two", (0, 0))]);
+    let topic: Arc<dyn Publication> = Scripted::new("/a", &links);
+    let other: Arc<dyn Publication> = Scripted::new("/b", &[link(2, "/two", (0, 0))]);
     let topics = [topic, other];
     assert_eq!(present(&topics), [BTreeSet::from([1, 2]), BTreeSet::from([2])]);
     let proof = Proof::new(Words::default().audit());
@@ -143,7 +143,7 @@ fn who_has_called_back_for_all_has_nothing_left_to_call_back_for() {
     words.say("/one", ("/a", 1), 9, Some(0));
     words.say("/two", ("/a", 2), 9, Some(0));
     let topic: Arc<dyn Publication> =
-        Told::new("/a", &[link(1, "/one", (0, 9)), link(2, "/two", (0, 9))]);
+        Scripted::new("/a", &[link(1, "/one", (0, 9)), link(2, "/two", (0, 9))]);
     let mut proof = Proof::new(words.audit());
     let topics = [topic];
     proof.ask(&topics);

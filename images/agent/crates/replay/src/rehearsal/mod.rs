@@ -14,9 +14,9 @@ mod master;
 mod pause;
 mod proof;
 mod realtime;
+mod scripted;
 mod start;
 mod stepping;
-mod told;
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};

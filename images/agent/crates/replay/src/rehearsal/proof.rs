@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bagpipe_graph::{FarEnd, LinkState, Publication, Received};
 
-use super::told::{Told, Words, left, link};
+use super::scripted::{Scripted, Words, left, link};
 use super::{ByHand, ms};
 use crate::patience::{Patience, Settled};
 use crate::prove::{Known, Place, Proof};
@@ -16,8 +16,11 @@ fn end(id: u64, unread: u64, called_back: Option<bool>) -> FarEnd {
 }
 
 /// A proof of one topic with these connections.
-fn proof_of(words: &Words, links: &[LinkState]) -> (Proof, Arc<Told>, [Arc<dyn Publication>; 1]) {
-    let topic = Told::new("/a", links);
+fn proof_of(
+    words: &Words,
+    links: &[LinkState],
+) -> (Proof, Arc<Scripted>, [Arc<dyn Publication>; 1]) {
+    let topic = Scripted::new("/a", links);
     let topics = [Arc::clone(&topic) as Arc<dyn Publication>];
     (Proof::new(words.audit()), topic, topics)
 }
@@ -34,8 +37,8 @@ fn each_node_is_asked_once_for_all_its_open_connections() {
     words.say("/one", ("/a", 77), 9, None);
     words.say("/one", ("/b", 3), 5, None);
     let topics: [Arc<dyn Publication>; 2] = [
-        Told::new("/a", &[link(1, "/one", (0, 4)), left(link(2, "/one", (0, 2)))]),
-        Told::new("/b", &[link(3, "/one", (0, 5)), link(4, "/two", (0, 5))]),
+        Scripted::new("/a", &[link(1, "/one", (0, 4)), left(link(2, "/one", (0, 2)))]),
+        Scripted::new("/b", &[link(3, "/one", (0, 5)), link(4, "/two", (0, 5))]),
     ];
     let mut proof = Proof::new(words.audit());
     proof.ask(&topics);
@@ -53,7 +56,7 @@ fn each_node_is_asked_once_for_all_its_open_connections() {
 }
 
 #[test]
-fn a_node_that_no_longer_answers_keeps_what_it_said() {
+fn a_node_that_no_longer_answers_keeps_what_it_reported() {
     let words = Words::default();
     words.say("/one", ("/a", 1), 4, None);
     let (mut proof, _, topics) = proof_of(&words, &[link(1, "/one", (0, 9))]);
@@ -88,7 +91,7 @@ fn where_somebody_was_says_nothing_of_what_was_sent_to_it_since() {
     for (lead_in, counted, place) in
         [(2, 9, Place::Back), (3, 9, Place::Unknown), (2, 10, Place::Unknown)]
     {
-        let topic = Told::new("/a", &[link(1, "/one", (2, 9))]);
+        let topic = Scripted::new("/a", &[link(1, "/one", (2, 9))]);
         topic.ends_are(&[end(1, 0, Some(true))]);
         let sent_meanwhile = Arc::clone(&topic);
         let words = Words {

@@ -8,7 +8,7 @@ use bagpipe_graph::{
     Audit, Cancelled, GraphError, Node, Outlet, Publication, Seen, SendError, Share, TopicInfo,
 };
 
-use super::told::Words;
+use super::scripted::Words;
 use super::{AnswerBy, ByHand, Mode, Rehearsal, ms, request, say, step, window};
 use crate::ReplayError;
 use crate::plan::Plan;

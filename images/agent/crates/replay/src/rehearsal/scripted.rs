@@ -9,17 +9,17 @@ use bagpipe_graph::{
 };
 
 /// A topic with the connections that it is given.
-pub(super) struct Told {
+pub(super) struct Scripted {
     info: TopicInfo,
     links: Mutex<Vec<LinkState>>,
     ends: Mutex<Vec<FarEnd>>,
 }
 
-impl Told {
-    pub(super) fn new(topic: &str, links: &[LinkState]) -> Arc<Told> {
+impl Scripted {
+    pub(super) fn new(topic: &str, links: &[LinkState]) -> Arc<Scripted> {
         let datatype = format!("{}_msgs/String", &topic[1..]);
         let info = TopicInfo { topic: topic.to_owned(), datatype, ..TopicInfo::default() };
-        Arc::new(Told { info, links: Mutex::new(links.to_vec()), ends: Mutex::default() })
+        Arc::new(Scripted { info, links: Mutex::new(links.to_vec()), ends: Mutex::default() })
     }
 
     /// What is seen of the other ends from now on.
@@ -33,7 +33,7 @@ impl Told {
     }
 }
 
-impl Outlet for Told {
+impl Outlet for Scripted {
     fn topic(&self) -> &str {
         &self.info.topic
     }
@@ -49,7 +49,7 @@ impl Outlet for Told {
     }
 }
 
-impl Publication for Told {
+impl Publication for Scripted {
     fn info(&self) -> &TopicInfo {
         &self.info
     }
