@@ -182,7 +182,7 @@ fn all_is_settled_once_every_open_connection_has_counted_what_was_sent() {
     let words = Words::default();
     words.say("/one", ("/a", 1), 11, Some(5));
     let open = link(1, "/one", (2, 9));
-    assert_eq!(settled(&words, &[open.clone()]), (Settled::Complete, 10, 2));
+    assert_eq!(settled(&words, std::slice::from_ref(&open)), (Settled::Complete, 10, 2));
     words.asked.lock().unwrap().clear();
     // Who is gone is not waited for, and who says nothing is.
     let gone = left(link(2, "/two", (2, 9)));

@@ -85,10 +85,13 @@ pub(super) fn left(link: LinkState) -> LinkState {
 /// Of which node which connections were asked for.
 pub(super) type Questions = Arc<Mutex<Vec<(String, BTreeMap<String, Vec<u64>>)>>>;
 
+/// What a node reports of each of its connections: by topic and number.
+type Counted = BTreeMap<(String, u64), Received>;
+
 /// Nodes that say of each connection what `words` has; the others do not answer.
 #[derive(Clone, Default)]
 pub(super) struct Words {
-    pub(super) words: Arc<Mutex<BTreeMap<String, BTreeMap<(String, u64), Received>>>>,
+    pub(super) words: Arc<Mutex<BTreeMap<String, Counted>>>,
     pub(super) outlives: bool,
     pub(super) pids: BTreeMap<String, i32>,
     pub(super) asked: Questions,
