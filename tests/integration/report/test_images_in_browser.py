@@ -53,7 +53,8 @@ def test_the_cameras_picture_of_the_failing_moment_is_drawn(
             "return [arguments[0].complete, arguments[0].naturalWidth, arguments[0].naturalHeight]"
         )
         assert browser.execute_script(natural, shown) == [True, 320, 240]
-        assert shown.rect["width"] >= 300
+        column = first.find_element(By.TAG_NAME, "figure").rect["width"]
+        assert shown.rect["width"] == pytest.approx(min(320, column), abs=1)
         assert "/lane/seen of the stack at 10.020 s, 640 × 480" in first.text
         assert "No picture: images encoded as 'yuv422' are not shown." in first.text
         assert browser.execute_script("return document.documentElement.scrollWidth") <= width
