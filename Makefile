@@ -345,10 +345,16 @@ release-programs: preflight
 	$(STEP) "Building what releases are made and pushed with" --if-it-fails "Is the Go module proxy reachable? Then run it again." -- \
 	  nice $(CLUSTER_PY) build syft crane
 
+# Compilers for platforms other than this machine's, before anything else is built.
+PLATFORMS ?= linux/amd64 linux/arm64
+.PHONY: release-platforms
+release-platforms: preflight
+	$(STEP) "Getting compilers for $(PLATFORMS)" --if-it-fails "PLATFORMS= names fewer." -- $(CLUSTER_PY) preflight $(if $(word 2,$(PLATFORMS)),cross)
+
 .PHONY: release
-release: preflight venv release-programs ## Make all that registries and indexes take of VERSION=0.2.0 in FOLDER=dist (REGISTRY=, DOWNLOADS=, KEY=)
-	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py agent operator spark
-	$(STEP) "Making the release" --if-it-fails "It says above what is missing." -- $(RELEASE).make "$(VERSION)" --folder "$(DIST)" \
+release: preflight venv release-programs release-platforms ## Make all that registries and indexes take of VERSION=0.2.0 in FOLDER=dist (PLATFORMS=, REGISTRY=, DOWNLOADS=, KEY=)
+	$(STEP) "Building images" -- nice -n 5 python3 images/build/build.py --platforms "$(PLATFORMS)" agent operator spark
+	$(STEP) "Making the release" --if-it-fails "It says above what is missing." -- $(RELEASE).make "$(VERSION)" --folder "$(DIST)" --platforms "$(PLATFORMS)" \
 	  $(if $(REGISTRY),--registry "$(REGISTRY)") $(if $(DOWNLOADS),--downloads "$(DOWNLOADS)") $(if $(KEY),--key "$(KEY)")
 
 .PHONY: push

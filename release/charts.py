@@ -28,11 +28,17 @@ _HUB = "artifacthub.io"
 
 
 def pack(
-    name: str, version: str, folder: Path, registry: str = LOCAL, digests: Mapping[str, str] = {}
+    name: str,
+    version: str,
+    folder: Path,
+    registry: str = LOCAL,
+    digests: Mapping[str, str] = {},
+    platforms: Mapping[str, list[str]] = {},
 ) -> Path:
     """Write a chart's package into a folder; its path. Raises ReleaseError.
 
-    `digests` has the manifest's digest of each image of the chart's values, by its name.
+    `digests` has the digest of each image of the chart's values, by its name: that of its index
+    where it is for several of `platforms`.
     """
     source = ROOT / "charts" / name
     files = {
@@ -43,7 +49,7 @@ def pack(
     if digests:
         files["values.yaml"] = pinned(files["values.yaml"].decode(), registry, digests).encode()
     described = yaml.safe_load(files["Chart.yaml"])
-    described["annotations"] = hub_annotations(described, version, registry, digests)
+    described["annotations"] = hub_annotations(described, version, registry, digests, platforms)
     files["Chart.yaml"] = yaml.safe_dump(described, sort_keys=False, width=100).encode()
     files["LICENSE"] = (ROOT / "LICENSE").read_bytes()
     folder.mkdir(parents=True, exist_ok=True)
@@ -75,14 +81,22 @@ def pinned(values: str, registry: str, digests: Mapping[str, str]) -> str:
 
 
 def hub_annotations(
-    described: Mapping[str, Any], version: str, registry: str, digests: Mapping[str, str]
+    described: Mapping[str, Any],
+    version: str,
+    registry: str,
+    digests: Mapping[str, str],
+    platforms: Mapping[str, list[str]] = {},
 ) -> dict[str, str]:
     """What Artifact Hub shows of the chart: those of its Chart.yaml, and the release's own."""
     found: dict[str, str] = dict(described.get("annotations") or {})
     found[f"{_HUB}/prerelease"] = "true" if "-" in version else "false"
     if digests:
         images = [
-            {"name": name, "image": f"{registry}/{name}@{digest}", "platforms": ["linux/amd64"]}
+            {
+                "name": name,
+                "image": f"{registry}/{name}@{digest}",
+                "platforms": list(platforms.get(name, ["linux/amd64"])),
+            }
             for name, digest in sorted(digests.items())
         ]
         examples = [

@@ -113,7 +113,7 @@ def _last(answer: str) -> str:
 def digests(folder: Path) -> dict[str, str]:
     """The digest of each image, as the release lists them."""
     lines = (folder / DIGESTS).read_text().splitlines()
-    return {name: digest for name, digest, _platform in (line.split() for line in lines)}
+    return {name: digest for name, digest, _platforms in (line.split() for line in lines)}
 
 
 def pins(chart: Path) -> dict[str, str]:

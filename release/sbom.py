@@ -1,7 +1,7 @@
 """What is in a release, as CycloneDX: Debian's packages, Python's, jars and crates, by syft.
 
-One list for each image, out of its archive, and one of the crates that the agent and the native
-module are compiled from: a static binary says nothing of them.
+One list for each image and platform, out of its archive, and one of the crates that the agent and
+the native module are compiled from: a static binary says nothing of them.
 """
 
 from __future__ import annotations
@@ -21,9 +21,13 @@ SCAN_SECONDS = 900.0
 _SETTINGS = {"SYFT_CHECK_FOR_APP_UPDATE": "false", "SYFT_FILE_METADATA_SELECTION": "none"}
 
 
-def of_image(archive: Path, name: str, version: str, folder: Path) -> Path:
-    """List what an image's archive holds; the list's path. Raises ReleaseError."""
-    return _list(f"oci-archive:{archive}", name, version, folder / f"{name}-{version}.cdx.json")
+def of_image(archive: Path, name: str, version: str, arch: str, folder: Path) -> Path:
+    """List what an image's archive for one architecture holds; the list's path.
+
+    Raises ReleaseError.
+    """
+    target = folder / f"{name}-{version}-{arch}.cdx.json"
+    return _list(f"oci-archive:{archive}", name, version, target)
 
 
 def of_crates(version: str, folder: Path) -> Path:

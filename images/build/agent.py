@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import sys
 
-from context import BuildError, agent_binary
+from context import agent_binary
+from failure import BuildError
 
 
 def main() -> int:

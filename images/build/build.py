@@ -1,6 +1,7 @@
 """Build all images of Bagpipe, or the named ones, and keep each as an archive for loading.
 
-    python3 images/build/build.py [--engine docker|buildah] [--no-archives] [NAME...]
+    python3 images/build/build.py [--engine docker|buildah] [--no-archives] [--platforms P]
+                                  [NAME...]
 
 An image whose content did not change is not built again: a second run takes seconds.
 """
@@ -17,14 +18,18 @@ from concurrent.futures import FIRST_EXCEPTION, Future, ThreadPoolExecutor, wait
 from pathlib import Path
 
 import engines
-from context import IMAGES, BuildError, Image, cache, content, stage
+from context import IMAGES, Image, cache, content, foreign, stage
+from cross import own, possible
+from failure import BuildError
 from lock import LockError, locked
 
 Engine = engines.Docker | engines.Buildah
 
 
 def archive_of(image: Image) -> Path:
-    return cache() / "images" / f"{image.name}.oci.tar"
+    folder = cache() / "images"
+    # A cluster loads all of the first ones, and its nodes could not run these.
+    return (folder / image.target.arch if image.target else folder) / f"{image.name}.oci.tar"
 
 
 def recorded(image: Image) -> str:
@@ -40,6 +45,7 @@ def recorded(image: Image) -> str:
 def keep(engine: Engine, image: Image, hashed: str) -> None:
     """Write the archive beside its final place, move it there, then record what it holds."""
     path = archive_of(image)
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}")
     temporary.unlink(missing_ok=True)
     path.with_suffix(".json").unlink(missing_ok=True)
@@ -91,6 +97,9 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(i.name for i in IMAGES))
+    parser.add_argument(
+        "--platforms", default=own().platform, help="such as 'linux/amd64 linux/arm64'"
+    )
     parser.add_argument("--engine", choices=["auto", "docker", "buildah"], default="auto")
     parser.add_argument(
         "--no-archives", action="store_true", help="for kind, which loads from Docker's engine"
@@ -104,12 +113,14 @@ def main() -> int:
         if given.clean:
             engines.remove_tree(cache())
             return 0
+        targets = possible(given.platforms)
         engine = engines.choose(given.engine)
         # All share storage and contexts.
         with locked(cache() / "images" / "lock"):
             engine.release()
             if not given.release:
-                named = [i for i in IMAGES if i.name in (given.names or [i.name])]
+                others = [image for target in targets[1:] for image in foreign(target)]
+                named = [i for i in [*IMAGES, *others] if i.name in (given.names or [i.name])]
                 ensure_all(engine, named, not given.no_archives)
     except (BuildError, LockError) as error:
         print(f"Building the images failed. {error}", file=sys.stderr)

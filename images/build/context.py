@@ -10,11 +10,14 @@ import hashlib
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from claim import claim
+from cross import Target, environment
+from failure import BuildError
 from lock import locked
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,10 +30,6 @@ WHEEL_SECONDS = 120.0
 WHEEL = "manylinux_2_34"
 # Layers are reused when files are the same to the second, and a copy has a time of its own.
 EPOCH = 1_700_000_000
-
-
-class BuildError(Exception):
-    """An image could not be built; the message is for the user."""
 
 
 def cache() -> Path:
@@ -85,17 +84,34 @@ def package(source: Path, folder: Path) -> None:
         raise BuildError(f"hatchling could not build {source.name}: {done.stderr.strip()}")
 
 
-def compile_rust(what: str, command: list[str], **environment: str) -> None:
-    """Run cargo or maturin on the workspace, which is quick when nothing changed."""
+def cargo_folder(target: Target | None = None) -> Path:
+    """Where cargo builds for this machine, or for a target of another architecture."""
+    return cache() / (f"cargo-{target.arch}" if target else "cargo")
+
+
+def compile_rust(
+    what: str,
+    command: list[str],
+    target: Target | None = None,
+    last: Sequence[str] = (),
+    **settings: str,
+) -> None:
+    """Run cargo or maturin on the workspace, which is quick when nothing changed.
+
+    With a target it compiles for that architecture, else for this machine. What comes last in the
+    command is rustc's.
+    """
     # Where cargo leaves what it builds, and for which machines, is not the user's to choose here.
     inherited = {name: value for name, value in os.environ.items() if name != "CARGO_BUILD_TARGET"}
-    target = cache() / "cargo"
+    crossed = environment(target, cache()) if target else {}
+    folder = cargo_folder(target)
+    # One at a time, whatever for: each takes all processors.
     with locked(cache() / "cargo.lock", CARGO_SECONDS):
-        claim(target)
+        claim(folder)
         done = subprocess.run(
-            command,
+            [*command, *(["--target", target.triple] if target else []), *last],
             cwd=ROOT / "images" / "agent",
-            env={**inherited, "CARGO_TARGET_DIR": str(target), **environment},
+            env={**inherited, "CARGO_TARGET_DIR": str(folder), **crossed, **settings},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
@@ -107,23 +123,25 @@ def compile_rust(what: str, command: list[str], **environment: str) -> None:
         raise BuildError(f"cargo could not build {what} in images/agent. Its last lines:\n{last}")
 
 
-def agent_binary() -> Path:
-    """Build the static agent with the machine's cargo."""
+def agent_binary(target: Target | None = None) -> Path:
+    """Build the static agent with the machine's cargo, for this machine or for another target."""
     # Only the last crate is built as static, so bagpipe.MemoryBag can share the others.
     command = ["cargo", "rustc", "--locked", "--release", "--package", "bagpipe-agent"]
-    compile_rust("the agent", [*command, "--", "-C", "target-feature=+crt-static"], RUSTFLAGS="")
-    return cache() / "cargo" / "release" / "bagpipe-agent"
+    static = ["--", "-C", "target-feature=+crt-static"]
+    compile_rust("the agent", command, target, static, RUSTFLAGS="")
+    folder = cargo_folder(target)
+    return (folder / target.triple if target else folder) / "release" / "bagpipe-agent"
 
 
-def memory_bag(folder: Path) -> Path:
+def memory_bag(folder: Path, target: Target | None = None) -> Path:
     """Build bagpipe.MemoryBag's module as a wheel in a folder; the same sources give the same
-    bytes.
+    bytes. It is for this machine, or for another target.
     """
     command = [tool("maturin"), "build", "--locked", "--release", "--compatibility", WHEEL]
     command += ["--manifest-path", "crates/python/Cargo.toml", "--out", str(folder)]
     # maturin moves what cargo made: a second one at the same time would miss it.
     with locked(cache() / "memory-bag.lock", CARGO_SECONDS):
-        compile_rust("bagpipe.MemoryBag", command)
+        compile_rust("bagpipe.MemoryBag", command, target)
     return one_wheel(folder)
 
 
@@ -134,8 +152,8 @@ def one_wheel(folder: Path) -> Path:
     return wheels[0]
 
 
-def stage_agent(folder: Path) -> None:
-    shutil.copy(agent_binary(), folder / "bagpipe-agent")
+def stage_agent(folder: Path, target: Target | None = None) -> None:
+    shutil.copy(agent_binary(target), folder / "bagpipe-agent")
 
 
 def stage_spark(folder: Path) -> None:
@@ -200,10 +218,17 @@ class Image:
     dockerfile: Path
     stage: Callable[[Path], None]
     base: str = BASE
+    # Of another machine than this one: it is in no cluster here, and goes into releases.
+    target: Target | None = None
+
+    @property
+    def key(self) -> str:
+        """What its files in the cache are called."""
+        return f"{self.name}-{self.target.arch}" if self.target else self.name
 
     @property
     def reference(self) -> str:
-        return f"{REGISTRY}/{self.name}:{VERSION}"
+        return f"{REGISTRY}/{self.name}:{VERSION}" + (f"-{self.target.arch}" if self.target else "")
 
 
 IMAGES = [
@@ -223,9 +248,18 @@ IMAGES = [
 ]
 
 
+def foreign(target: Target) -> list[Image]:
+    """The images that can be built for another architecture: of programs that cargo makes for it.
+
+    The others run programs of their own architecture while they are built.
+    """
+    staged = partial(stage_agent, target=target)
+    return [Image("agent", ROOT / "images/agent/Dockerfile", staged, "scratch", target)]
+
+
 def stage(image: Image) -> Path:
     """Make an image's context again and return its folder."""
-    folder = cache() / "images" / "contexts" / image.name
+    folder = cache() / "images" / "contexts" / image.key
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     image.stage(folder)

@@ -12,7 +12,8 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from archive import make_oci
-from context import BASE, BuildError, Image, cache
+from context import BASE, Image, cache
+from failure import BuildError
 
 BUILD_SECONDS = 1800.0
 PULL_SECONDS = 90.0
@@ -111,6 +112,11 @@ def secrets() -> list[str]:
     return [*flags, f"--secret=id=pip-conf,src={path}"]
 
 
+def platform(image: Image) -> list[str]:
+    """The flag by which an image says that it is for other machines than this one."""
+    return [f"--platform={image.target.platform}"] if image.target else []
+
+
 @contextlib.contextmanager
 def minimal_debian() -> Iterator[Path]:
     """A tar of Debian's packages, in the place of a base image that could not be pulled."""
@@ -179,12 +185,12 @@ class Docker:
 
     def build(self, image: Image, folder: Path, content: str) -> None:
         command = ["docker", "build", "--network=host", f"--label={LABEL}={content}"]
-        command += [*secrets(), f"--tag={image.reference}"]
-        run([*command, folder], log=logs(image.name))
+        command += [*platform(image), *secrets(), f"--tag={image.reference}"]
+        run([*command, folder], log=logs(image.key))
 
     def save(self, image: Image, archive: Path) -> None:
         saved = archive.with_suffix(".saved")
-        run(["docker", "save", "-o", saved, image.reference], log=logs(f"{image.name}-save"))
+        run(["docker", "save", "-o", saved, image.reference], log=logs(f"{image.key}-save"))
         make_oci(saved, archive, image.reference)
         saved.unlink(missing_ok=True)
 
@@ -254,11 +260,11 @@ class Buildah:
     def build(self, image: Image, folder: Path, content: str) -> None:
         arguments = ["bud", "--isolation=chroot", "--network=host", "--pull-never", "--layers"]
         arguments += [f"--label={LABEL}={content}", *secrets(), f"--tag={image.reference}"]
-        run(self._command(*arguments, folder), log=logs(image.name))
+        run(self._command(*arguments, *platform(image), folder), log=logs(image.key))
 
     def save(self, image: Image, archive: Path) -> None:
         target = f"oci-archive:{archive}:{image.reference}"
-        run(self._command("push", image.reference, target), log=logs(f"{image.name}-save"))
+        run(self._command("push", image.reference, target), log=logs(f"{image.key}-save"))
 
 
 def docker_answers() -> bool:

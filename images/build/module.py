@@ -12,7 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from context import BuildError, memory_bag, tool
+from context import memory_bag, tool
+from failure import BuildError
 from lock import LockError
 
 INSTALL_SECONDS = 120.0

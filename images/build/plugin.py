@@ -20,7 +20,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
-from context import EPOCH, ROOT, VERSION, BuildError, memory_bag, package, requirements
+from context import EPOCH, ROOT, VERSION, memory_bag, package, requirements
+from failure import BuildError
 from lock import LockError
 
 NAME = "bagpipe"

@@ -10,12 +10,25 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from context import ROOT, BuildError, agent_binary, memory_bag, package
+from context import ROOT, agent_binary, memory_bag, package
+from cross import Target
+from failure import BuildError
 from lock import LockError
 from whole_wheel import whole_wheel
+
+
+def build_for(target: Target, folder: Path) -> Path:
+    """Write the wheel with all three for another architecture; its path. Raises BuildError."""
+    with tempfile.TemporaryDirectory() as scratch:
+        package(ROOT / "images" / "spark", Path(scratch))
+        native = memory_bag(Path(scratch), target)
+        (bagpipe,) = Path(scratch).glob("bagpipe-[0-9]*-none-any.whl")
+        folder.mkdir(parents=True, exist_ok=True)
+        return whole_wheel(bagpipe, native, agent_binary(target), folder)
 
 
 def build(folder: Path) -> list[Path]:

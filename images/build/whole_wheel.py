@@ -12,7 +12,8 @@ import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 
-from context import EPOCH, BuildError
+from context import EPOCH
+from failure import BuildError
 
 _FILE, _PROGRAM = 0o100644, 0o100755
 

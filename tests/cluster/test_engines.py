@@ -9,7 +9,8 @@ from pathlib import Path
 
 import engines
 import pytest
-from context import BASE, BuildError
+from context import BASE
+from failure import BuildError
 
 DOCKER = """#!/bin/sh
 cd "$(dirname "$0")"

@@ -16,7 +16,8 @@ import claim
 import context
 import engines
 import pytest
-from context import IMAGES, BuildError, Image
+from context import IMAGES, Image
+from failure import BuildError
 from lock import LockError, locked
 
 
@@ -223,7 +224,7 @@ def test_of_two_checkouts_that_share_a_cache_each_builds_its_own_sources(tmp_pat
 def test_only_the_spark_image_gets_the_native_module(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def compiled(_what: str, command: list[str], **_environment: str) -> None:
+    def compiled(_what: str, command: list[str], _target: None) -> None:
         folder = Path(command[command.index("--out") + 1])
         (folder / "bagpipe_bag-1.whl").touch()
 

@@ -8,7 +8,8 @@ import zipfile
 from pathlib import Path
 
 import pytest
-from context import BuildError, tool
+from context import tool
+from failure import BuildError
 from whole_wheel import whole_wheel
 
 TAGS = "cp311-abi3-manylinux_2_34_x86_64"

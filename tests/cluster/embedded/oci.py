@@ -53,7 +53,9 @@ class _Layout:
         return {"mediaType": media_type, "digest": f"sha256:{digest}", "size": len(content)}
 
 
-def write_single_binary(archive: Path, name: str, binary: Path, inside: str) -> None:
+def write_single_binary(
+    archive: Path, name: str, binary: Path, inside: str, arch: str = ""
+) -> None:
     """Write an image that holds one static program and runs it. Same input, same bytes."""
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w") as layer:
@@ -63,7 +65,7 @@ def write_single_binary(archive: Path, name: str, binary: Path, inside: str) -> 
         layer.addfile(info, io.BytesIO(content))
     diff = "sha256:" + hashlib.sha256(buffer.getvalue()).hexdigest()
     config = {
-        "architecture": {"x86_64": "amd64", "aarch64": "arm64"}[platform.machine()],
+        "architecture": arch or {"x86_64": "amd64", "aarch64": "arm64"}[platform.machine()],
         "os": "linux",
         "config": {"Entrypoint": [inside]},
         "rootfs": {"type": "layers", "diff_ids": [diff]},

@@ -39,12 +39,12 @@ def image(folder: Path) -> Path:
 
 
 def test_the_packages_of_an_image_are_listed(tmp_path: Path) -> None:
-    first = sbom.of_image(image(tmp_path / "a"), "agent", "1.2.3", tmp_path / "sbom")
+    first = sbom.of_image(image(tmp_path / "a"), "agent", "1.2.3", "arm64", tmp_path / "sbom")
     assert components(first) == {("tree", "2.1.0-1")}
     text = first.read_text()
     assert json.loads(text)["metadata"]["component"]["name"] == "bagpipe/agent"
     assert str(tmp_path) not in text
-    again = sbom.of_image(image(tmp_path / "b"), "agent", "1.2.3", tmp_path / "other")
+    again = sbom.of_image(image(tmp_path / "b"), "agent", "1.2.3", "arm64", tmp_path / "other")
     assert again.read_text() == text
 
 
@@ -59,4 +59,4 @@ def test_what_can_t_be_listed_is_named(tmp_path: Path) -> None:
     with pytest.raises(
         ReleaseError, match=f"syft could not list what is in oci-archive:{tmp_path}/"
     ):
-        sbom.of_image(tmp_path / "none.tar", "agent", "1.2.3", tmp_path)
+        sbom.of_image(tmp_path / "none.tar", "agent", "1.2.3", "arm64", tmp_path)

@@ -142,7 +142,7 @@ def archive(tmp_path: Path) -> Path:
 
 def test_an_archive_names_its_image(archive: Path) -> None:
     found = archives.inspect(archive)
-    assert (found.name, found.platform) == ("a/b:1", "linux/amd64")
+    assert (found.name, found.platforms) == ("a/b:1", "linux/amd64")
     assert oci.names_and_digests(archive) == {"a/b:1": found.digest}
 
 

@@ -48,6 +48,7 @@ const LEFT_OUT: [&str; 16] = [
 fn main() -> ExitCode {
     println!("cargo::rerun-if-changed=include");
     println!("cargo::rerun-if-env-changed=CC");
+    println!("cargo::rerun-if-env-changed=AR");
     match build() {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
@@ -67,7 +68,7 @@ fn build() -> Result<(), String> {
     let objects: Vec<PathBuf> =
         (0..files.len()).map(|number| folder.join(format!("{number}.o"))).collect();
     let compile = |file: &Path, object: &Path| {
-        let mut command = Command::new(compiler());
+        let mut command = Command::new(program("CC", "cc"));
         command.args(FLAGS).args(included.iter().map(|part| format!("-I{}", part.display())));
         run(command.arg("-c").arg(file).arg("-o").arg(object))
     };
@@ -76,7 +77,7 @@ fn build() -> Result<(), String> {
     if archive.exists() {
         std::fs::remove_file(&archive).map_err(|error| error.to_string())?;
     }
-    run(Command::new("ar").arg("rcs").arg(&archive).args(&objects))?;
+    run(Command::new(program("AR", "ar")).arg("rcs").arg(&archive).args(&objects))?;
     println!("cargo::metadata=archive={}", archive.display());
     // The first ones are public.
     let public: Vec<String> =
@@ -129,8 +130,9 @@ fn on_all_processors(
     })
 }
 
-fn compiler() -> std::ffi::OsString {
-    std::env::var_os("CC").unwrap_or_else(|| "cc".into())
+/// What a variable names: for another architecture neither is the machine's own.
+fn program(variable: &str, usual: &str) -> std::ffi::OsString {
+    std::env::var_os(variable).unwrap_or_else(|| usual.into())
 }
 
 fn run(command: &mut Command) -> Result<(), String> {
