@@ -219,8 +219,8 @@ test-e2e: cluster install ## Run whole jobs on the cluster (part of test)
 	$(STEP) "Testing how soon trouble is reported" -- $(PYTEST) tests/e2e -m "alone and not slow"
 
 .PHONY: test-slow
-test-slow: cluster install ## Test an upgrade, two operators, and what else takes minutes
-	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e tests/integration/kubectl_plugin -m slow
+test-slow: cluster install release-platforms recording ## Test an upgrade, two operators, and what else takes minutes
+	$(STEP) "Testing what takes minutes" -- $(PYTEST) tests/e2e tests/integration/kubectl_plugin tests/integration/release -m slow
 
 # On a machine that has no registry in reach, or whose Docker may not do all that a node wants.
 .PHONY: test-kind

@@ -23,6 +23,8 @@ USER, PASSWORD = "robot", "opensesame"
 # bcrypt of the password, the one hash that the registry takes; of the least cost.
 _HASH = "$2b$05$fPPN.XSqrHb5HsZtqJSBp.xnegonp/zu7CsLnjcIwCEG4seg5yprq"
 _SECONDS = 60
+# Of the small release: one of its images is for both.
+PLATFORMS = {"agent": ("amd64", "arm64"), "operator": ("amd64",), "spark": ("amd64",)}
 
 
 @dataclass(frozen=True)
@@ -97,12 +99,20 @@ def small_release(folder: Path) -> dict[str, str]:
     for name in RELEASED:
         program = folder.parent / f"{name}-program"
         program.write_bytes(name.encode() * 1000)
+        reference, parts = f"bagpipe.local/{name}:{number}", []
+        for arch in PLATFORMS[name]:
+            parts.append(folder.parent / f"{name}-{arch}.tar")
+            oci.write_single_binary(parts[-1], reference, program, "/program", arch)
         archive = folder / "images" / f"{name}-{number}.oci.tar"
-        oci.write_single_binary(archive, f"bagpipe.local/{name}:{number}", program, "/program")
-        found[name] = archives.inspect(archive).digest
-    lines = [f"{name} {digest} linux/amd64\n" for name, digest in found.items()]
+        if len(parts) > 1:
+            archives.join(parts, archive, reference)
+        else:
+            parts[0].replace(archive)
+        found[name] = archives.inspect(archive)
+    lines = [f"{name} {each.digest} {each.platforms}\n" for name, each in found.items()]
     (folder / DIGESTS).write_text("".join(lines))
-    charts.pack("bagpipe", number, folder / "charts", digests=found)
+    digests = {name: each.digest for name, each in found.items()}
+    charts.pack("bagpipe", number, folder / "charts", digests=digests)
     charts.pack("bagpipe-namespace", number, folder / "charts")
     sums.write(folder)
-    return found
+    return digests

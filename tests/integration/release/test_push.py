@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from release import push, version
+from release import archives, push, version
 from tests.integration.release.registry import PASSWORD, Running, registry, small_release
 
 
@@ -57,6 +57,20 @@ def test_what_was_pushed_is_pulled_by_its_digest(
     package = f"bagpipe-{number}.tgz"
     assert (tmp_path / package).read_bytes() == (folder / "charts" / package).read_bytes()
     assert push.pins(tmp_path / package) == digests
+
+
+def test_each_platform_finds_its_own_below_the_digest_that_the_chart_pins(
+    release: tuple[Path, dict[str, str]], running: Running
+) -> None:
+    folder, digests = release
+    assert push.main([str(folder), running.name, "--plain-http"]) == 0
+    held = archives.inspect(folder / "images" / f"agent-{version.version()}.oci.tar")
+    assert sorted(held.manifests) == ["linux/amd64", "linux/arm64"]
+    pinned = f"{running.name}/agent@{digests['agent']}"
+    for platform, digest in held.manifests.items():
+        assert running.ask("crane", "digest", f"--platform={platform}", pinned) == digest
+        config = json.loads(running.ask("crane", "config", f"--platform={platform}", pinned))
+        assert f"{config['os']}/{config['architecture']}" == platform
 
 
 def test_a_second_push_changes_nothing(
