@@ -123,11 +123,11 @@ def _inspected(path: Path, tar: tarfile.TarFile) -> Archive:
         return Archive(name, digest, {_platform(path, tar, blobs, digest): digest})
     manifests: dict[str, str] = {}
     for each in top["manifests"]:
-        said = f"{each['platform']['os']}/{each['platform']['architecture']}"
+        named = f"{each['platform']['os']}/{each['platform']['architecture']}"
         held = _platform(path, tar, blobs, str(each["digest"]))
-        if held != said or held in manifests:
-            raise ReleaseError(f"{path} has an image of {held} in the place of one of {said}.")
-        manifests[said] = str(each["digest"])
+        if held != named or held in manifests:
+            raise ReleaseError(f"{path} has an image of {held} in the place of one of {named}.")
+        manifests[named] = str(each["digest"])
     return Archive(name, digest, manifests)
 
 

@@ -73,7 +73,7 @@ def test_other_platforms_are_refused(machine: Path, words: str, why: str) -> Non
     assert str(caught.value).startswith(why)
 
 
-def test_all_that_is_missing_is_said_at_once_with_its_cure(machine: Path) -> None:
+def test_all_that_is_missing_is_named_at_once_with_its_cure(machine: Path) -> None:
     with pytest.raises(BuildError) as caught:
         cross.possible("linux/amd64 linux/arm64")
     assert str(caught.value) == (
@@ -163,12 +163,12 @@ def test_cargo_builds_for_another_architecture_in_a_folder_of_its_own(
 ) -> None:
     program(machine / "bin", "aarch64-linux-gnu-gcc")
     add_target(machine)
-    program(machine / "bin", "cargo", f'echo "$CARGO_TARGET_DIR $CC $*" > {machine}/said')
+    program(machine / "bin", "cargo", f'echo "$CARGO_TARGET_DIR $CC $*" > {machine}/words')
     monkeypatch.setattr(context, "claim", lambda _folder: False)
     built = context.agent_binary(ARM64)
     cargo = machine / "cache/cargo-arm64"
     assert built == cargo / "aarch64-unknown-linux-gnu/release/bagpipe-agent"
-    assert (machine / "said").read_text() == (
+    assert (machine / "words").read_text() == (
         f"{cargo} aarch64-linux-gnu-gcc rustc --locked --release --package bagpipe-agent --target"
         " aarch64-unknown-linux-gnu -- -C target-feature=+crt-static\n"
     )

@@ -169,17 +169,17 @@ def test_an_archive_that_was_not_built_is_named(built: Path) -> None:
         make.images(version.version(), built / "dist", [own(), other])
 
 
-def test_what_is_not_for_all_platforms_is_said() -> None:
+def test_what_is_not_for_all_platforms_is_named() -> None:
     both = ["linux/amd64", "linux/arm64"]
-    said = make.fewer({"agent": both, "spark": both[:1], "operator": both[:1]}, TARGETS)
-    assert said == (
+    sentence = make.fewer({"agent": both, "spark": both[:1], "operator": both[:1]}, TARGETS)
+    assert sentence == (
         "No image of operator and spark is for linux/arm64: building it runs programs of that"
         " architecture."
     )
     assert make.fewer({"agent": both}, TARGETS) == ""
 
 
-def test_artifact_hub_is_told_the_platforms_of_each_image() -> None:
+def test_artifact_hub_gets_the_platforms_of_each_image() -> None:
     digests = {"agent": "sha256:a", "spark": "sha256:b"}
     platforms = {"agent": ["linux/amd64", "linux/arm64"], "spark": ["linux/amd64"]}
     found = charts.hub_annotations({}, version.version(), charts.LOCAL, digests, platforms)
