@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 import tarfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
+
+from archive import add, blob_path
 
 from release import ReleaseError
 
@@ -62,7 +63,7 @@ def join(parts: Sequence[Path], target: Path, name: str) -> None:
     """
     described: list[dict[str, Any]] = []
     with tarfile.open(target, "w") as joined:
-        _add(joined, "oci-layout", b'{"imageLayoutVersion": "1.0.0"}')
+        add(joined, "oci-layout", b'{"imageLayoutVersion": "1.0.0"}')
         written: set[str] = set()
         for part in parts:
             with tarfile.open(part) as tar:
@@ -77,33 +78,23 @@ def join(parts: Sequence[Path], target: Path, name: str) -> None:
         index = {"schemaVersion": 2, "mediaType": INDEX, "manifests": described}
         content = json.dumps(index).encode()
         digest = hashlib.sha256(content).hexdigest()
-        _add(joined, f"blobs/sha256/{digest}", content)
+        add(joined, blob_path(f"sha256:{digest}"), content)
         top = {
             "mediaType": INDEX, "digest": f"sha256:{digest}", "size": len(content),
             "annotations": {_NAME: name},
         }  # fmt: skip
-        _add(joined, "index.json", json.dumps({"schemaVersion": 2, "manifests": [top]}).encode())
+        add(joined, "index.json", json.dumps({"schemaVersion": 2, "manifests": [top]}).encode())
 
 
 def _descriptor(tar: tarfile.TarFile, path: Path) -> dict[str, Any]:
     """What an index says of the one image of an archive."""
     (found,) = _read(tar, tar.getmember("index.json"))["manifests"]
-    manifest = _read(tar, tar.getmember(_member_name(str(found["digest"]))))
+    manifest = _read(tar, tar.getmember(blob_path(str(found["digest"]))))
     if "config" not in manifest:
         raise ReleaseError(f"{path} is of several platforms already.")
-    config = _read(tar, tar.getmember(_member_name(str(manifest["config"]["digest"]))))
+    config = _read(tar, tar.getmember(blob_path(str(manifest["config"]["digest"]))))
     kept = {key: found[key] for key in ("mediaType", "digest", "size")}
     return kept | {"platform": {"architecture": config["architecture"], "os": config["os"]}}
-
-
-def _member_name(digest: str) -> str:
-    return "blobs/" + digest.replace(":", "/")
-
-
-def _add(tar: tarfile.TarFile, path: str, content: bytes) -> None:
-    info = tarfile.TarInfo(path)
-    info.size = len(content)
-    tar.addfile(info, io.BytesIO(content))
 
 
 def _inspected(path: Path, tar: tarfile.TarFile) -> Archive:

@@ -34,7 +34,7 @@ def _convert(source: tarfile.TarFile, target: tarfile.TarFile, name: str) -> Non
     layers = [_member(source, path) for path in image["Layers"]]
     # The same layer may be in an image twice.
     for digest, member in dict(zip(digests, layers, strict=True)).items():
-        info = tarfile.TarInfo(_blob_path(digest))
+        info = tarfile.TarInfo(blob_path(digest))
         info.size = member.size
         target.addfile(info, source.extractfile(member))
     manifest: dict[str, Any] = {
@@ -49,8 +49,8 @@ def _convert(source: tarfile.TarFile, target: tarfile.TarFile, name: str) -> Non
     described = _blob(target, manifest["mediaType"], json.dumps(manifest).encode())
     described["annotations"] = {"org.opencontainers.image.ref.name": name}
     index = {"schemaVersion": 2, "manifests": [described]}
-    _write(target, "oci-layout", b'{"imageLayoutVersion": "1.0.0"}')
-    _write(target, INDEX, json.dumps(index).encode())
+    add(target, "oci-layout", b'{"imageLayoutVersion": "1.0.0"}')
+    add(target, INDEX, json.dumps(index).encode())
 
 
 def _member(tar: tarfile.TarFile, path: str) -> tarfile.TarInfo:
@@ -66,11 +66,13 @@ def _content(tar: tarfile.TarFile, path: str) -> bytes:
     return file.read() if file else b""
 
 
-def _blob_path(digest: str) -> str:
+def blob_path(digest: str) -> str:
+    """Where an OCI layout has a blob."""
     return "blobs/" + digest.replace(":", "/")
 
 
-def _write(tar: tarfile.TarFile, path: str, content: bytes) -> None:
+def add(tar: tarfile.TarFile, path: str, content: bytes) -> None:
+    """Add a file of these bytes, with nothing that another run would have otherwise."""
     info = tarfile.TarInfo(path)
     info.size = len(content)
     tar.addfile(info, io.BytesIO(content))
@@ -79,5 +81,5 @@ def _write(tar: tarfile.TarFile, path: str, content: bytes) -> None:
 def _blob(tar: tarfile.TarFile, media_type: str, content: bytes) -> dict[str, Any]:
     """Add a blob and return its descriptor."""
     digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
-    _write(tar, _blob_path(digest), content)
+    add(tar, blob_path(digest), content)
     return {"mediaType": media_type, "digest": digest, "size": len(content)}
