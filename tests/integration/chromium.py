@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -30,6 +31,17 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[webdriver.Chro
     driver.set_script_timeout(180)
     yield driver
     driver.quit()
+
+
+@contextmanager
+def screen(browser: webdriver.Chrome, width: int) -> Iterator[None]:
+    """A screen of so many pixels; a phone's below 500."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    try:
+        yield
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def logged(browser: webdriver.Chrome, kind: str) -> list[dict[str, Any]]:

@@ -11,7 +11,7 @@ from selenium import webdriver
 from selenium.webdriver.common.by import By
 
 from bagpipe.evaluate.thumbnails import of_image
-from tests.integration.chromium import logged, requests
+from tests.integration.chromium import logged, requests, screen
 from tests.integration.report.drives import drive_rows, report_of
 from tests.integration.report.test_report_in_browser import URI, opened
 
@@ -43,9 +43,7 @@ def ran(cases: int) -> list[dict[str, Any]]:
 def test_the_cameras_picture_of_the_failing_moment_is_drawn(
     browser: webdriver.Chrome, page: Path, width: int
 ) -> None:
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    try:
+    with screen(browser, width):
         opened(browser, page, with_images(ran(100)))
         first = browser.find_element(By.CSS_SELECTOR, "#failing-cases .case[open] .cameras")
         shown = first.find_element(By.TAG_NAME, "img")
@@ -62,8 +60,6 @@ def test_the_cameras_picture_of_the_failing_moment_is_drawn(
         # DevTools counts what is in the page as a request, which leaves nowhere.
         left = [each for each in requests(browser) if not each.startswith("data:")]
         assert left == [page.as_uri()]
-    finally:
-        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_a_picture_of_another_type_is_none(browser: webdriver.Chrome, page: Path) -> None:

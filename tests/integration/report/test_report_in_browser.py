@@ -15,7 +15,7 @@ from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
-from tests.integration.chromium import logged, requests
+from tests.integration.chromium import logged, requests, screen
 from tests.integration.report import drives
 from tests.integration.report.drives import drive_rows, report_of
 from tests.waiting import PATIENCE, wait_until
@@ -488,17 +488,13 @@ def outcomes_of(rows: list[dict[str, Any]]) -> dict[str, str]:
 def test_nothing_is_wider_than_the_screen(
     browser: webdriver.Chrome, page: Path, width: int
 ) -> None:
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    try:
+    with screen(browser, width):
         opened(browser, page, drive_rows(100))
         for summary in browser.find_elements(By.CSS_SELECTOR, "#failing-cases summary"):
             browser.execute_script("arguments[0].click()", summary)
         assert len(browser.find_elements(By.CSS_SELECTOR, "#failing-cases .plot")) >= 9
         wide = browser.execute_script("return document.documentElement.scrollWidth")
         assert wide <= width
-    finally:
-        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_it_prints_the_failing_cases_in_full(browser: webdriver.Chrome, page: Path) -> None:
