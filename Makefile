@@ -347,9 +347,12 @@ release-programs: preflight
 
 # Compilers for platforms other than this machine's, before anything else is built.
 PLATFORMS ?= linux/amd64 linux/arm64
+COMMA := ,
 .PHONY: release-platforms
 release-platforms: preflight
-	$(STEP) "Getting compilers for $(PLATFORMS)" --if-it-fails "PLATFORMS= names fewer." -- $(CLUSTER_PY) preflight $(if $(word 2,$(PLATFORMS)),cross)
+ifneq ($(word 2,$(subst $(COMMA), ,$(PLATFORMS))),)
+	$(STEP) "Getting compilers for $(PLATFORMS)" --if-it-fails "PLATFORMS= names fewer." -- $(CLUSTER_PY) preflight cross
+endif
 
 .PHONY: release
 release: preflight venv release-programs release-platforms ## Make all that registries and indexes take of VERSION=0.2.0 in FOLDER=dist (PLATFORMS=, REGISTRY=, DOWNLOADS=, KEY=)

@@ -8,6 +8,8 @@ import subprocess
 import tomllib
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 CRATES = ROOT / "images/agent/crates"
 
@@ -64,3 +66,14 @@ def test_kind_takes_its_own_node_unless_another_is_named() -> None:
     assert "--image" not in made("demo", "CLUSTER=kind")
     text = made("demo", "CLUSTER=kind", "KIND_IMAGE=here/node:1")
     assert 'kind.yaml --wait 3m --image "here/node:1"' in text
+
+
+@pytest.mark.parametrize("two", ["linux/amd64 linux/arm64", "linux/amd64,linux/arm64"])
+def test_a_release_for_this_machine_alone_gets_no_other_compiler(two: str) -> None:
+    # `preflight` without the name of a set installs all that there are.
+    for platforms, times in (("linux/amd64", 0), (two, 1)):
+        text = made("release-platforms", f"PLATFORMS={platforms}")
+        assert text.count("Getting compilers for") == times
+        assert re.findall(r"Getting compilers.*preflight ?(.*)$", text, re.MULTILINE) == (
+            ["cross"] * times
+        )
