@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 import yaml
 from embedded import builds, preflight
+from embedded.failure import ClusterError
 from kind import bounded, engine, node
 
 # Of a machine without CAP_SYS_RESOURCE, and of one with all 41.
@@ -115,6 +117,32 @@ def test_the_engine_leaves_the_machines_firewall_alone() -> None:
     assert {"--iptables=false", "--ip6tables=false", "--ip-forward=false", "--bridge=none"} <= set(
         engine.command()
     )
+
+
+def test_an_engine_that_does_not_answer_is_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A client whose daemon has taken its connection, and nothing more, waits for ever.
+    client = tmp_path / "docker"
+    client.write_text("#!/bin/sh\nexec sleep 600\n")
+    client.chmod(0o755)
+    monkeypatch.setattr(engine, "environment", lambda: {"PATH": f"{tmp_path}:/usr/bin:/bin"})
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    monkeypatch.setattr(engine, "ANSWER_SECONDS", 0.1)
+    assert not engine.answers()
+
+
+def test_where_docker_is_missing_a_verb_that_there_is_gets_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(engine.shutil, "which", lambda _program: None)
+    with pytest.raises(ClusterError) as caught, engine.running():
+        pass
+    (verb,) = re.findall(r"`make ([a-z-]+)`", str(caught.value))
+    makefile = (Path(__file__).resolve().parents[2] / "Makefile").read_text()
+    recipe = re.search(rf"^{verb}:.*\n((?:\t.*\n)+)", makefile, re.MULTILINE)
+    assert recipe is not None
+    assert re.search(r"preflight .*\bkind\b", recipe[1])
 
 
 def test_no_machine_gets_docker_unless_kind_is_asked_for() -> None:

@@ -19,7 +19,7 @@ from embedded.failure import ClusterError
 from embedded.places import cache
 
 RUNTIME = Path(__file__).with_name("bounded.py")
-BEGIN_SECONDS, END_SECONDS = 60.0, 60.0
+BEGIN_SECONDS, ANSWER_SECONDS, END_SECONDS = 60.0, 10.0, 60.0
 
 
 def folder() -> Path:
@@ -45,7 +45,12 @@ def command() -> list[str]:
 
 def answers() -> bool:
     asked = ["docker", "version", "--format", "{{.Server.Version}}"]
-    done = subprocess.run(asked, env=environment(), capture_output=True, check=False)
+    try:
+        done = subprocess.run(
+            asked, env=environment(), capture_output=True, check=False, timeout=ANSWER_SECONDS
+        )
+    except subprocess.TimeoutExpired:
+        return False
     return done.returncode == 0
 
 
@@ -53,7 +58,7 @@ def answers() -> bool:
 def running() -> Iterator[Path]:
     """The engine, from its first answer until the end of the block; yields its log."""
     if not shutil.which("dockerd"):
-        raise ClusterError("There is no dockerd: `make kind-check` gets it from Debian.")
+        raise ClusterError("There is no dockerd: `make test-kind` gets it from Debian.")
     root, log = folder(), folder() / "dockerd.log"
     (root / "client").mkdir(parents=True, exist_ok=True)
     (root / "none.json").write_text("{}")
