@@ -317,8 +317,9 @@ HONEST = [
         OF,
         "has a node that is respawned, which the job allows",
         ALLOWED,
-        launched(_death("leaves-after40"), PLANNER, option="--respawn"),
+        launched(_death("leaves-after40"), _death("outlives-it"), option="--respawn"),
         "passed",
+        marks=("ran", "died"),
     ),
     Row(
         "crash-allowed",

@@ -8,8 +8,9 @@ import threading
 
 import rosgraph
 import rospy
+from geometry_msgs.msg import PoseStamped
 from localiser import POSES, Localiser, die, main, right, wait
-from marks import mark
+from marks import mark, runs_before
 
 
 class SegfaultAfterTheLast(Localiser):
@@ -63,6 +64,28 @@ class LeavesAfter40(StatusThree):
 
     at = 40
     status = 0
+
+    def begin(self):
+        mark("up")
+
+
+class OutlivesIt(Localiser):
+    """Reports on /status until the one that left is up again, so that the case does not end first."""
+
+    name = "planner"
+    out = "/status"
+
+    def begin(self):
+        threading.Thread(target=self._report, daemon=True).start()
+
+    def received(self, number, pose):
+        pass
+
+    def _report(self):
+        while not rospy.is_shutdown():
+            if runs_before("up") == runs_before("died"):
+                self.say(PoseStamped())
+            wait(0.05)
 
 
 class DoneAfterTheLast(StatusThree):
