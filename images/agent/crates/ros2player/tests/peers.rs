@@ -76,13 +76,15 @@ fn all_that_is_played_comes_to_a_fast_dds_reader_byte_for_byte() {
     }
 }
 
-/// Publishes until something arrives, and returns how many: Cyclone DDS begins to take from a writer of
-/// Fast DDS at its first heartbeat, which may be later than both know of each other.
+/// Publishes until something arrives, and returns how many. Cyclone DDS throws away what a writer of
+/// Fast DDS has sent by its first heartbeat, which may be later than both know of each other. A
+/// greeting is so long that it is sent in pieces, with a heartbeat behind each: the one that arrives
+/// had a heartbeat before it.
 fn greet(player: &Player, writer: &mut Peer) -> i32 {
     let (late, mut published, mut arrived) = (Instant::now() + LONG, 0, 0);
     while arrived == 0 {
         assert!(Instant::now() < late, "{published} greetings");
-        writer.publish(&message(GREETING, 0));
+        writer.publish(&message(GREETING, 1 << 17));
         published += 1;
         arrived = player.receive(Duration::from_millis(500), &mut |_| ()).unwrap();
     }
