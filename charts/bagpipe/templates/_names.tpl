@@ -36,6 +36,16 @@ helm.sh/chart: {{ .Chart.Name }}-{{ .Chart.Version }}
 {{- end }}
 {{- end }}
 
+{{/* The labels of the nodes for what runs the operator's image, as YAML: the images' processor, and what
+     the administrator asks for, whose own word of the processor counts. */}}
+{{- define "bagpipe.nodes" -}}
+{{- $labels := deepCopy .Values.operator.nodeSelector -}}
+{{- with .Values.images.architecture -}}
+{{- $labels = merge $labels (dict "kubernetes.io/arch" .) -}}
+{{- end -}}
+{{- toYaml $labels -}}
+{{- end }}
+
 {{/* The namespaces that the operator watches, with commas; none of them means all, which has to be
      stated: an empty list must never come to the whole cluster by itself. */}}
 {{- define "bagpipe.watched" -}}

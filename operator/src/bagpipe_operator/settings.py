@@ -30,6 +30,11 @@ class Settings:
     image_pull_policy: str = "IfNotPresent"
     """BAGPIPE_IMAGE_PULL_POLICY: for both; the images may exist on the nodes only."""
 
+    architecture: str = "amd64"
+    """BAGPIPE_ARCHITECTURE: kubernetes.io/arch of the nodes that jobs' pods go to, unless a job
+    names one itself; set and empty means any. Spark's image is of amd64 alone, and a pod that is
+    scheduled to another node fails there."""
+
     driver_service_account: str = "bagpipe-driver"
     """BAGPIPE_DRIVER_SERVICE_ACCOUNT: the chart makes it in every job namespace."""
 
@@ -143,6 +148,7 @@ class Settings:
             progress_seconds=_number(environment, "BAGPIPE_PROGRESS_SECONDS", cls.progress_seconds),
             workers=int(_number(environment, "BAGPIPE_WORKERS", cls.workers)),
             lease_seconds=_lease_seconds(environment, cls.lease_seconds),
+            architecture=environment.get("BAGPIPE_ARCHITECTURE", cls.architecture),
             own_evaluators=_truth(environment, "BAGPIPE_OWN_EVALUATORS", cls.own_evaluators),
             storage_hosts=_hosts(environment),
             receivers=_receivers(environment),

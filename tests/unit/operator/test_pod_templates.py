@@ -45,7 +45,8 @@ def test_a_role_s_pods_are_as_the_job_says(role: str) -> None:
     assert (meta["labels"]["sim.bagpipe.io/job-uid"], meta["labels"]["sim.bagpipe.io/role"]) == (
         "uid-of-x", role,
     )  # fmt: skip
-    for field in ("nodeSelector", "affinity", "priorityClassName", "runtimeClassName"):
+    assert spec["nodeSelector"] == {"kubernetes.io/arch": "amd64", "gpu": "yes"}
+    for field in ("affinity", "priorityClassName", "runtimeClassName"):
         assert spec[field] == POD[field]
     assert spec["imagePullSecrets"] == [{"name": "registry-login"}]
     assert spec["resourceClaims"] == [{"name": "gpu", "resourceClaimTemplateName": "one-gpu"}]

@@ -171,7 +171,7 @@ def test_a_job_runs_when_its_queue_admits_it_and_rests_when_it_does_not(
     world.await_reported("lane", "Suspended", "False/Admitted")
     world.await_pods("lane-1-driver")
     pod = admin.get(core(namespace, "pods", "lane-1-driver"))
-    assert pod["spec"]["nodeSelector"] == {"pool": "spot"}
+    assert pod["spec"]["nodeSelector"] == {"kubernetes.io/arch": "amd64", "pool": "spot"}
     assert f"{GROUP}/queue-name" not in pod["metadata"]["labels"]
 
     # On a node it takes its time to go.

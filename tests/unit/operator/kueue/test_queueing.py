@@ -56,7 +56,8 @@ async def test_its_workload_asks_for_all_pods_at_once() -> None:
     [driver, executors] = world.workload()["spec"]["podSets"]
     assert (driver["name"], driver["count"]) == ("driver", 1)
     assert (executors["name"], executors["count"]) == ("executors", 3)
-    assert driver["template"]["spec"]["nodeSelector"] == {"disk": "fast"}
+    nodes = {"kubernetes.io/arch": "amd64", "disk": "fast"}
+    assert driver["template"]["spec"]["nodeSelector"] == nodes
     [main] = driver["template"]["spec"]["containers"]
     assert main["resources"]["requests"] == {"cpu": "500m", "memory": "1Gi"}
     [spark] = executors["template"]["spec"]["containers"]
@@ -117,7 +118,7 @@ async def test_an_admitted_job_starts_where_its_flavors_are() -> None:
     driver = world.api.objects["pods", DRIVER]
     template = yaml.safe_load(world.config("x-1")["data"]["executor.yaml"])
     for pod in (driver, template):
-        assert pod["spec"]["nodeSelector"] == {"pool": "spot"}
+        assert pod["spec"]["nodeSelector"] == {"kubernetes.io/arch": "amd64", "pool": "spot"}
         assert toleration in pod["spec"]["tolerations"]
         # Kueue's integration for plain pods would hold it back once more.
         assert "kueue.x-k8s.io/queue-name" not in pod["metadata"]["labels"]
@@ -139,10 +140,11 @@ async def test_what_an_admission_check_adds_is_on_the_pods_of_its_set() -> None:
     await world.reconcile()
 
     template = yaml.safe_load(world.config("x-1")["data"]["executor.yaml"])
-    assert template["spec"]["nodeSelector"] == {"zone": "b"}
+    assert template["spec"]["nodeSelector"] == {"kubernetes.io/arch": "amd64", "zone": "b"}
     assert template["metadata"]["labels"]["reserved"] == "yes"
     assert template["metadata"]["annotations"].items() >= annotations.items()
-    assert "nodeSelector" not in world.api.objects["pods", DRIVER]["spec"]
+    driver = world.api.objects["pods", DRIVER]
+    assert driver["spec"]["nodeSelector"] == {"kubernetes.io/arch": "amd64"}
 
 
 async def test_quota_without_the_checks_is_no_admission() -> None:

@@ -39,7 +39,9 @@ def driver_pod(
         },
         "spec": {
             "restartPolicy": "Never",
-            **pod_parts.placement(pod, names.selector(job.uid, names.ROLE_DRIVER)),
+            **pod_parts.placement(
+                pod, names.selector(job.uid, names.ROLE_DRIVER), settings.architecture
+            ),
             "serviceAccountName": settings.driver_service_account,
             # One container gets the token by its own mount; what others inject must not have it.
             "automountServiceAccountToken": False,

@@ -46,7 +46,9 @@ def executor_template(
         ),
         "spec": {
             "restartPolicy": "Never",
-            **pod_parts.placement(pod, names.selector(job.uid, names.ROLE_EXECUTOR)),
+            **pod_parts.placement(
+                pod, names.selector(job.uid, names.ROLE_EXECUTOR), settings.architecture
+            ),
             # A cloud's identity for storage hangs on it; it has no rights in the cluster.
             "serviceAccountName": settings.executor_service_account,
             # Neither Spark's executor nor the user's code has any business with the API server.

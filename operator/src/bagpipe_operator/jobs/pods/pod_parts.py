@@ -44,6 +44,8 @@ SPARK_SCRATCH_MOUNTS: list[Json] = [
     {"name": "bagpipe-home", "mountPath": "/home/bagpipe"},
 ]
 
+ARCHITECTURE_LABEL = "kubernetes.io/arch"
+
 # A user that no image has: the stack shares no files with Spark but the pipes.
 STACK_UID = 65532
 STACK_HOME = "/bagpipe/home"
@@ -90,10 +92,15 @@ def metadata(
     return found
 
 
-def placement(pod: PodSettings, labels: dict[str, str]) -> Json:
-    """Where the pods run and by whose leave; `labels` are those of the job's pods of this role."""
+def placement(pod: PodSettings, labels: dict[str, str], architecture: str) -> Json:
+    """Where the pods run and by whose leave.
+
+    `labels` are those of the job's pods of this role. `architecture` is the nodes' unless the
+    user names one; empty means any.
+    """
+    images = {ARCHITECTURE_LABEL: architecture} if architecture else {}
     found: Json = {
-        "nodeSelector": dict(pod.node_selector),
+        "nodeSelector": images | pod.node_selector,
         "affinity": dict(pod.affinity),
         "topologySpreadConstraints": [
             plain(rule) | {"labelSelector": {"matchLabels": labels}}

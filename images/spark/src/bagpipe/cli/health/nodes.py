@@ -42,7 +42,8 @@ def of_nodes(answer: Answer, pods: Iterable[PodNeed]) -> list[Finding]:
             Finding(
                 "job", "architecture", "unknown",
                 f"the job's pods may come to nodes of {' and '.join(named)}",
-                "the images must be of all of these, or name one in spark.executor.pod and"
+                "the operator sends them to amd64, unless its administrator says otherwise"
+                " (images.architecture); to be sure, name one in spark.executor.pod and"
                 f" spark.driver.pod: nodeSelector: {{{_ARCHITECTURE}: {named[0]}}}",
             )
         )  # fmt: skip
