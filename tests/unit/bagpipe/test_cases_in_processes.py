@@ -75,9 +75,8 @@ def test_a_folder_of_temporary_files_with_a_long_path_leaves_room_for_sockets(
     """Whatever a process has asked for its folder once, it remembers: so one of its own."""
     program = (
         "import multiprocessing, tempfile\n"
-        "from bagpipe.driver.cases_in_processes import make_room_for_sockets\n"
-        "make_room_for_sockets()\n"
-        "process = multiprocessing.get_context('forkserver').Process(target=print, args=('ran',))\n"
+        "from bagpipe.driver import slot_server\n"
+        "process = slot_server.forks().Process(target=print, args=('ran',))\n"
         "process.start()\n"
         "process.join()\n"
         "print(process.exitcode, tempfile.gettempdir(), multiprocessing.util.get_temp_dir())\n"

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from bagpipe.definitions import full_name
 from bagpipe.evaluate.cameras import first_moment, is_camera, seen
-from bagpipe.evaluate.thumbnails import PictureError, of_compressed, of_image
-from bagpipe.pictures import MOST_BYTES, MOST_OF_A_CASE, kind_of
+from bagpipe.evaluate.thumbnails import of_compressed, of_image
+from bagpipe.pictures import MOST_BYTES, MOST_OF_A_CASE, PictureError, kind_of
 from tests.unit.evaluate.recordings import SECOND, STORE, Entry, evidence, header, text
 
 RED, GREEN, BLUE = (255, 0, 0), (0, 255, 0), (0, 0, 255)

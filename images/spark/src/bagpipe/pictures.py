@@ -29,6 +29,20 @@ class Kind:
     height: int
 
 
+class PictureError(Exception):
+    """A message shows no picture; the sentence says why."""
+
+
+@dataclass(frozen=True)
+class Thumbnail:
+    """A file of a picture; `width` and `height` are those of the message."""
+
+    kind: str
+    data: bytes
+    width: int
+    height: int
+
+
 def kind_of(data: bytes) -> Kind | None:
     """What the bytes are; None for all that is not shown."""
     if data.startswith(_PNG) and len(data) >= len(_PNG) + _PNG_SIZE.size:

@@ -6,11 +6,7 @@ again, and is given up after as many starts as there.
 
 import gc
 import logging
-import multiprocessing
-import multiprocessing.util
-import os
 import socket
-import tempfile
 import threading
 import time
 import traceback
@@ -19,6 +15,7 @@ from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
 
+from bagpipe.driver import slot_server
 from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.plan.case import Case
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
@@ -26,14 +23,7 @@ from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 from bagpipe.run.laptop import die_with_parent
 from bagpipe.run.ran_on import ran_on
 
-# Processes are forked off a server that has this, so that only one imports it. Threads of ours are
-# no danger to them: the server has none.
-_PRELOADED = ["bagpipe.run.case_run"]
 _END_SECONDS = 10.0
-# A socket's path has at most 107 bytes, of which multiprocessing's own names below the folder of
-# temporary files take 32.
-_LONGEST_FOLDER = 107 - 32
-_SHORT_FOLDER = "/tmp"  # noqa: S108  in a folder of its own there, which mkdtemp makes
 _MOST_CHARACTERS = 1000
 
 # A case's row; the last is how often it was started, this time included.
@@ -53,25 +43,9 @@ def run_cases(
 
     No process of a slot is left when this returns.
     """
-    make_room_for_sockets()
     pool = _Pool(cases, lambda: _Worker(context, run), min(slots, len(cases)))
     with Keeping(keeper, pool.new_rows, pool.running, pool.cancel):
         pool.run()
-
-
-def make_room_for_sockets() -> None:
-    """Has multiprocessing keep its sockets where their paths fit, whatever TMPDIR is.
-
-    Python does so itself from 3.14 on (gh-132124).
-    """
-    if len(os.fsencode(tempfile.gettempdir())) <= _LONGEST_FOLDER:
-        return
-    usual, tempfile.tempdir = tempfile.tempdir, _SHORT_FOLDER
-    try:
-        # It remembers the folder.
-        multiprocessing.util.get_temp_dir()
-    finally:
-        tempfile.tempdir = usual
 
 
 def _serve(connection: Connection, context: RunContext, run: Run) -> None:
@@ -97,8 +71,7 @@ class _Worker:
     """A process for one case after the other."""
 
     def __init__(self, context: RunContext, run: Run) -> None:
-        forks = multiprocessing.get_context("forkserver")
-        forks.set_forkserver_preload(_PRELOADED)
+        forks = slot_server.forks()
         self._connection, theirs = forks.Pipe()
         self._process = forks.Process(target=_serve, args=(theirs, context, run), daemon=True)
         self._process.start()

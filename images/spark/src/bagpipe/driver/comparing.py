@@ -3,16 +3,18 @@
 import logging
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from bagpipe.compare.compare import Comparison, compare
 from bagpipe.compare.gate import Objection, objections
 from bagpipe.driver.baseline import baseline_rows
 from bagpipe.run.case_run import Row
 from bagpipe.spec import FoundBaseline, SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 
-_Make = Callable[[], list[Comparison]]
+if TYPE_CHECKING:
+    from bagpipe.compare.compare import Comparison
+
+_Make = Callable[[], list["Comparison"]]
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +49,7 @@ def compared(
     spec: SimulationJobSpec,
     rows: Callable[[], Iterable[Row]],
     storage: Storage,
-    patiently: Callable[[_Make], list[Comparison]] = lambda make: make(),
+    patiently: Callable[[_Make], list["Comparison"]] = lambda make: make(),
     followed: FoundBaseline | None = None,
 ) -> Compared:
     """The variants against each other, or against the baseline; nothing where none is asked for.
@@ -65,7 +67,10 @@ def compared(
     allowed = frozenset(spec.comparison.allow)
     names = [variant.name for variant in spec.variants]
 
-    def made() -> list[Comparison]:
+    def made() -> list["Comparison"]:
+        # It imports NumPy, 0.1 s before the first case of a job that compares nothing.
+        from bagpipe.compare.compare import compare  # noqa: PLC0415
+
         earlier = baseline_rows(baseline, storage) if baseline else None
         return compare(rows(), names, earlier)
 

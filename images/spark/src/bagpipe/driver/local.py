@@ -7,6 +7,13 @@ here: its processes import the program's main module again.
 import sys
 
 if __name__ == "__main__":
+    from bagpipe.driver import slot_server
+    from bagpipe.driver.own_stdout import own_stdout
+
+    stdout = own_stdout()
+    if "--spark" not in sys.argv:
+        slot_server.start()
+
     from bagpipe.driver.this_machine import main
 
-    sys.exit(main())
+    sys.exit(main(stdout))

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bagpipe.driver.artefacts import Artefacts
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.own_pods import Seen
 from bagpipe.driver.progress import Progress
@@ -111,6 +110,9 @@ class Results:
 
         May be done again, by another driver too, until the journal is gone, which goes last.
         """
+        # PyArrow and Jinja, which are loaded while the cases run.
+        from bagpipe.driver.artefacts import Artefacts  # noqa: PLC0415
+
         with Artefacts(self.job, self.storage, self.folder, manifest) as artefacts:
             for row in self._lines(manifest, rows):
                 artefacts.add(row)

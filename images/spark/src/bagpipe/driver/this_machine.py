@@ -10,7 +10,6 @@ import json
 import logging
 import os
 import signal
-import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -97,8 +96,8 @@ class ProgressLines:
         return True
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Run a job to its end; 0 when it is Complete, 1 when it Failed.
+def main(stdout: TextIO, arguments: list[str] | None = None) -> int:
+    """Run a job to its end, whose progress goes to `stdout`; 0 when it is Complete, 1 when Failed.
 
     Raises SystemExit with status 143 when SIGTERM has interrupted it.
     """
@@ -115,13 +114,6 @@ def main(arguments: list[str] | None = None) -> int:
     interruption = Interruption()
     signal.signal(signal.SIGTERM, interruption)
     place = ThisMachine(options.shared, options.slots, options.cases, options.spark)
-    with _own_stdout() as stdout, ProgressLines(progress, stdout):
+    with stdout, ProgressLines(progress, stdout):
         complete = ended(progress, lambda: run(job, progress, place, interruption))
     return 0 if complete else 1
-
-
-def _own_stdout() -> TextIO:
-    """Stdout for this module alone: what its children write there goes to stderr."""
-    stdout = os.fdopen(os.dup(sys.stdout.fileno()), "w")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    return stdout

@@ -16,14 +16,11 @@ from bagpipe.definitions import HEADER, OLD_HEADER, full_name, types_in
 from bagpipe.evaluate.decoding import decoder
 from bagpipe.evaluate.evidence import Received, Recording
 from bagpipe.evaluate.finding import NoEvidenceError
-from bagpipe.evaluate.thumbnails import PictureError, Thumbnail, of_compressed, of_image
 from bagpipe.moments import moments
-from bagpipe.pictures import MOST_OF_A_CASE
+from bagpipe.pictures import MOST_OF_A_CASE, PictureError, Thumbnail
 
-_SHOWN: dict[str, Callable[[Any], Thumbnail]] = {
-    "sensor_msgs/msg/Image": of_image,
-    "sensor_msgs/msg/CompressedImage": of_compressed,
-}
+_IMAGE = "sensor_msgs/msg/Image"
+_SHOWN = (_IMAGE, "sensor_msgs/msg/CompressedImage")
 # A type may hold those of a lower rank.
 _RANKS = dict.fromkeys(_SHOWN, 2) | {HEADER: 1, OLD_HEADER: 1, "builtin_interfaces/msg/Time": 0}
 _MOST_FIELDS, _MOST_DEFINITION = 16, 1 << 16
@@ -99,7 +96,11 @@ def _thumbnail(received: Received) -> Thumbnail:
         raise PictureError("its definition is not that of a camera's images")
     if len(received.raw) > _MOST_MESSAGE:
         raise PictureError(f"its message has {len(received.raw):,} bytes")
-    return _SHOWN[kind](decoder(received.connection)(received.raw))
+    # It imports NumPy, 0.1 s which every command would take and a driver, who show no image.
+    from bagpipe.evaluate import thumbnails  # noqa: PLC0415
+
+    made = thumbnails.of_image if kind == _IMAGE else thumbnails.of_compressed
+    return made(decoder(received.connection)(received.raw))
 
 
 def _as_known(connection: Any, kind: str) -> bool:

@@ -1,13 +1,12 @@
 """A camera's message as a small picture that a page may show. Its bytes are anybody's. Pure."""
 
 import itertools
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bagpipe.evaluate.png import Pixels, grey_or_colour, indexed
-from bagpipe.pictures import MOST_BYTES, kind_of
+from bagpipe.pictures import MOST_BYTES, PictureError, Thumbnail, kind_of
 
 # Widths and heights that are tried, until one takes no more bytes than MOST_BYTES: the last does.
 _SIDES = (320, 240, 160, 96)
@@ -31,20 +30,6 @@ _PALETTE = bytes(
     for place in itertools.product(*map(range, _STEPS))
     for number, steps in zip(place, _STEPS, strict=True)
 )
-
-
-class PictureError(Exception):
-    """A message shows no picture; the sentence says why."""
-
-
-@dataclass(frozen=True)
-class Thumbnail:
-    """A file of a picture; `width` and `height` are those of the message."""
-
-    kind: str
-    data: bytes
-    width: int
-    height: int
 
 
 def of_compressed(message: Any) -> Thumbnail:
