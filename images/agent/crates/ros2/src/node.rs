@@ -420,12 +420,12 @@ impl Node for Graph {
         }
         // Nor can what lacks then be known: it is reported.
         let Ok(due) = self.due() else { return };
-        let come = || due.iter().all(|(input, due)| input.arrivals.has_come(*due));
+        let missing = || due.iter().map(|(input, due)| input.arrivals.missing(*due)).sum();
         let exact = self.means.paced_by == PacedBy::Subscribers;
         let first = exact && !self.lacked.load(Ordering::Relaxed);
         let limit = if first { limit.max(ON_ITS_WAY) } else { limit };
         // What did not come then is lacking: nothing after it is waited for as long, nor it again.
-        if !self.inputs.wait(limit, come) {
+        if !self.inputs.await_arrivals(limit, self.means.stall, missing) {
             self.lacked.store(true, Ordering::Relaxed);
             due.iter().for_each(|(input, due)| input.arrivals.give_up(*due));
         }
@@ -443,8 +443,9 @@ impl Node for Graph {
             }
         };
         // What goes out at this moment is on its way.
-        let come = || due.iter().all(|(input, due)| input.arrivals.handed() >= *due);
-        self.inputs.wait(ON_ITS_WAY, come);
+        let missing =
+            || due.iter().map(|(input, due)| due.saturating_sub(input.arrivals.handed())).sum();
+        self.inputs.await_arrivals(ON_ITS_WAY, self.means.stall, missing);
         // Once more for a play that was shorter than who comes needs to be seen.
         if let Ok(nodes) = self.means.player.graph() {
             self.must_be_alone(&nodes);

@@ -34,9 +34,9 @@ impl Arrivals {
         self.handed.load(Ordering::Acquire)
     }
 
-    /// Whether so many have come, without those that were waited for in vain.
-    pub(crate) fn has_come(&self, due: u64) -> bool {
-        self.handed() + self.given_up.load(Ordering::Relaxed) >= due
+    /// How many of so many have not come, without those that were waited for in vain.
+    pub(crate) fn missing(&self, due: u64) -> u64 {
+        due.saturating_sub(self.handed() + self.given_up.load(Ordering::Relaxed))
     }
 
     /// Takes in that so many were due and waited for.
@@ -129,27 +129,44 @@ impl Inputs {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Waits until `holds`, asked after each batch, at most for `limit`, in which a machine that
+    /// Waits until nothing is `missing`, asked after each batch: at most for `limit` in which no less
+    /// is missing than before, and at most for `whole` in all. A recorder that has no processor for a
+    /// second, or has more to take than it can in one, loses nothing. The time in which the machine
     /// stands still does not count.
-    pub(crate) fn wait(&self, limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
+    pub(crate) fn await_arrivals(
+        &self,
+        limit: Duration,
+        whole: Duration,
+        mut missing: impl FnMut() -> u64,
+    ) -> bool {
+        let (mut fewest, mut since) = (u64::MAX, Duration::ZERO);
         let (mut waited, mut looked) = (Duration::ZERO, Instant::now());
         let (batches, come) = &self.batches;
         let mut seen = batches.lock().unwrap_or_else(PoisonError::into_inner);
         loop {
             // A batch that comes now waits for the lock, and is noticed.
-            if holds() {
+            let left = missing();
+            if left == 0 {
                 return true;
             }
             let now = Instant::now();
             waited += counted(now - looked);
             looked = now;
-            let left = limit.saturating_sub(waited);
-            if left.is_zero() || self.failure().is_some() {
+            if left < fewest {
+                (fewest, since) = (left, waited);
+            }
+            let until = (since + limit).min(whole.max(limit));
+            let pause = until.saturating_sub(waited).min(GLANCE);
+            if pause.is_zero() || self.failure().is_some() {
                 return false;
             }
-            seen =
-                come.wait_timeout(seen, left.min(GLANCE)).unwrap_or_else(PoisonError::into_inner).0;
+            seen = come.wait_timeout(seen, pause).unwrap_or_else(PoisonError::into_inner).0;
         }
+    }
+
+    /// Waits until `holds`, asked after each batch, at most for `limit`.
+    fn wait(&self, limit: Duration, mut holds: impl FnMut() -> bool) -> bool {
+        self.await_arrivals(limit, limit, || u64::from(!holds()))
     }
 
     fn run(&self, means: &Means, sink: &mut dyn Sink) {
@@ -242,14 +259,14 @@ mod tests {
     fn what_was_waited_for_in_vain_is_not_waited_for_again_and_what_follows_is() {
         let arrivals = Arrivals::default();
         arrivals.add();
-        assert!(arrivals.has_come(1) && !arrivals.has_come(3));
+        assert_eq!((arrivals.missing(1), arrivals.missing(3)), (0, 2));
         arrivals.give_up(3);
-        assert!(arrivals.has_come(3) && !arrivals.has_come(4));
+        assert_eq!((arrivals.missing(3), arrivals.missing(4)), (0, 1));
         // The next one comes after all, so that none lacks that was not given up.
         arrivals.add();
-        assert!(arrivals.has_come(4) && !arrivals.has_come(5));
+        assert_eq!((arrivals.missing(4), arrivals.missing(5)), (0, 1));
         arrivals.give_up(4);
-        assert!(!arrivals.has_come(5));
+        assert_eq!(arrivals.missing(5), 1);
     }
 
     #[test]
@@ -264,5 +281,35 @@ mod tests {
         };
         assert!(inputs.wait(limit, come));
         assert!(!inputs.wait(limit, || false));
+    }
+
+    /// Each question is asked a glance of 20 ms after the one before.
+    fn counts_down(from: u64, by: u64) -> impl FnMut() -> u64 {
+        let mut left = from + by;
+        move || {
+            left = left.saturating_sub(by);
+            left
+        }
+    }
+
+    #[test]
+    fn who_still_receives_is_waited_for_beyond_the_limit_and_who_does_not_is_not() {
+        let (inputs, limit) = (Inputs::default(), 3 * GLANCE);
+        assert!(inputs.await_arrivals(limit, 100 * limit, counts_down(12, 1)));
+        assert!(!inputs.await_arrivals(limit, 100 * limit, || 1));
+        assert!(inputs.await_arrivals(limit, Duration::ZERO, || 0));
+    }
+
+    #[test]
+    fn who_receives_for_ever_is_waited_for_until_the_whole_time_is_over() {
+        let (inputs, limit) = (Inputs::default(), 3 * GLANCE);
+        let mut asked = 0;
+        let mut fewer = counts_down(u64::MAX / 2, 1);
+        let missing = || {
+            asked += 1;
+            fewer()
+        };
+        assert!(!inputs.await_arrivals(limit, 4 * limit, missing));
+        assert!((7..=13).contains(&asked), "{asked}");
     }
 }
