@@ -20,20 +20,23 @@ def test_mutants_are_counted_by_file_and_survivors_are_named() -> None:
             {"scenario": "Baseline", "summary": "Success"},
             outcome("a.rs", "CaughtMutant"),
             outcome("a.rs", "MissedMutant", "a.rs:7:1: replace < with <="),
-            outcome("b.rs", "Timeout"),
+            outcome("b.rs", "Timeout", "b.rs:8:1: replace + with *"),
             outcome("b.rs", "Unviable"),
         ]
     )
     assert found == {
         "a.rs": (Counter(CaughtMutant=1, MissedMutant=1), ["a.rs:7:1: replace < with <="]),
-        "b.rs": (Counter(Timeout=1, Unviable=1), []),
+        "b.rs": (
+            Counter(Timeout=1, Unviable=1),
+            ["b.rs:8:1: replace + with * (ran out of time)"],
+        ),
     }
 
 
-def test_what_does_not_compile_is_no_mutant_and_what_does_not_end_was_noticed() -> None:
-    counts = Counter(CaughtMutant=15, Timeout=2, MissedMutant=3, Unviable=9)
+def test_what_does_not_compile_is_no_mutant_and_what_ran_out_of_time_was_not_noticed() -> None:
+    counts = Counter(CaughtMutant=17, Timeout=2, MissedMutant=1, Unviable=9)
     assert rust.line("a.rs", counts) == (
-        "a.rs: 17 of 20 killed (85 %), 2 of them by time, 9 do not compile"
+        "a.rs: 17 of 20 killed (85 %), 2 ran out of time, 9 do not compile"
     )
 
 
@@ -65,6 +68,8 @@ def test_only_one_crate_s_unit_tests_are_built_and_in_the_copy() -> None:
     assert [words[at + 1] for at, word in enumerate(words) if word == "--file"] == ["a.rs", "b.rs"]
     assert words[words.index("--package") + 1] == "one"
     assert "--cargo-arg=--lib" in words
+    assert words[words.index("--timeout-multiplier") + 1] == "10"
+    assert words[words.index("--minimum-test-timeout") + 1] == "60"
     assert words[-2:] == ["--shard", "0/4"]
     assert "--shard" not in rust.command("one", ["a.rs"], None)
 
