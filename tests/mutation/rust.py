@@ -115,7 +115,7 @@ def mirror(source: Path, names: list[str], copy: Path) -> None:
     """Make a copy what the named files are.
 
     What is the same keeps its time, so that cargo does not build it again; what a run that was cut
-    off left broken is written anew.
+    off left broken is written again.
     """
     wanted = {name for name in names if (source / name).is_file()}
     for there in [path for path in copy.rglob("*") if path.is_file() or path.is_symlink()]:

@@ -70,7 +70,7 @@ class LeavesAfter40(StatusThree):
 
 
 class OutlivesIt(Localiser):
-    """Reports on /status until the one that left is up again, so that the case does not end first."""
+    """Reports on /status until the one that left is up again, which keeps the case open."""
 
     name = "planner"
     out = "/status"

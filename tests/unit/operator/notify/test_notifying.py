@@ -27,7 +27,7 @@ def receivers(*names: str, **more: Any) -> Receivers:
     return Receivers(Receiver(name, "http://127.0.0.1/", **more) for name in names)
 
 
-def said(
+def written_for(
     status: Json,
     known: Receivers | None = None,
     notify: Any = ("team",),
@@ -49,26 +49,26 @@ def after(
     """Of a job that has ended with these entries, which are a receiver's name and a state."""
     written = [{"receiver": name, "state": state} for name, state in entries]
     status = PASSED | {"notifications": written}
-    return said(status, known, before=status, outcomes=outcomes)
+    return written_for(status, known, before=status, outcomes=outcomes)
 
 
 def test_before_the_end_the_receivers_are_named_and_nothing_is_owed() -> None:
     running: Json = {"phase": "Running", "conditions": [{"type": "Running", "status": "True"}]}
     expected = (None, "Unknown", "NotEnded", "team, maps: notified when the job has ended.")
     known = receivers("team", "maps")
-    assert said(running, known, ["team", "maps", "team"]) == expected
-    assert said({}, known, ["team", "maps"]) == expected
+    assert written_for(running, known, ["team", "maps", "team"]) == expected
+    assert written_for({}, known, ["team", "maps"]) == expected
     # What somebody wrote there is taken away, also where nobody is notified.
     forged = running | {"notifications": [{"receiver": "maps", "state": "Pending"}]}
-    assert said(forged, known, ["team", "maps"]) == expected
-    assert said(forged, known, []) == (None, "", "", "")
+    assert written_for(forged, known, ["team", "maps"]) == expected
+    assert written_for(forged, known, []) == (None, "", "", "")
     # An end that is not true is none.
     ending: Json = {"conditions": [COMPLETE | {"status": "False"}]}
-    assert said(ending, known, ["team", "maps"]) == expected
+    assert written_for(ending, known, ["team", "maps"]) == expected
 
 
-def test_before_the_end_a_name_without_a_receiver_is_what_is_said() -> None:
-    assert said({}, notify=["teem", "team"]) == (
+def test_before_the_end_a_name_without_a_receiver_is_what_it_names() -> None:
+    assert written_for({}, notify=["teem", "team"]) == (
         None, "False", "ReceiverUnknown",
         ("spec.notify has teem, which is no receiver for jobs of this namespace: correct it, or let"
          " an administrator add it to the chart's notifications.receivers. The job runs on"
@@ -80,26 +80,26 @@ def test_before_the_end_a_name_without_a_receiver_is_what_is_said() -> None:
 def test_at_the_end_each_receiver_that_asks_for_it_is_owed_one(end: str) -> None:
     status = PASSED | {"conditions": [COMPLETE | {"type": end}]}
     owed = [{"receiver": name, "state": "Pending"} for name in ("team", "maps")]
-    assert said(status, receivers("team", "maps"), ["team", "maps", "team"]) == (
+    assert written_for(status, receivers("team", "maps"), ["team", "maps", "team"]) == (
         owed, "Unknown", "Notifying", "team, maps: being notified.",
     )  # fmt: skip
     for_all = receivers("maps", always=frozenset({"lanes"}))
-    assert said(status, for_all, [])[0] == owed[1:]
-    assert said(status, receivers("maps", always=frozenset({"others"})), [])[0] is None
+    assert written_for(status, for_all, [])[0] == owed[1:]
+    assert written_for(status, receivers("maps", always=frozenset({"others"})), [])[0] is None
 
 
 def test_at_the_end_who_asks_for_other_ends_is_owed_nothing() -> None:
     red = receivers("red", events=frozenset({"failed"}))
-    nobody = ([], "True", "Notified", "No receiver asks for jobs that end so.")
-    assert said(PASSED, red, ["red"]) == nobody
-    assert said(PASSED | {"verdict": "Failed"}, red, ["red"])[0] == [
+    nobody: Any = ([], "True", "Notified", "No receiver asks for jobs that end so.")
+    assert written_for(PASSED, red, ["red"]) == nobody
+    assert written_for(PASSED | {"verdict": "Failed"}, red, ["red"])[0] == [
         {"receiver": "red", "state": "Pending"}
     ]
-    assert said(PASSED, receivers(), []) == (None, "", "", "")
+    assert written_for(PASSED, receivers(), []) == (None, "", "", "")
 
 
-def test_at_the_end_unknown_names_are_kept_and_said_first() -> None:
-    entries, status, reason, message = said(PASSED, notify=["teem", "team", "maps"])
+def test_at_the_end_unknown_names_are_kept_and_come_first() -> None:
+    entries, status, reason, message = written_for(PASSED, notify=["teem", "team", "maps"])
     assert entries == [
         {"receiver": "team", "state": "Pending"},
         {"receiver": "teem", "state": "Unknown"},
@@ -111,12 +111,12 @@ def test_at_the_end_unknown_names_are_kept_and_said_first() -> None:
         " or let an administrator add it to the chart's notifications.receivers. team: being"
         " notified."
     )
-    assert said(PASSED, notify=["teem"])[0] == [{"receiver": "teem", "state": "Unknown"}]
+    assert written_for(PASSED, notify=["teem"])[0] == [{"receiver": "teem", "state": "Unknown"}]
 
 
 def test_so_many_names_are_read() -> None:
     many = [f"r{number}" for number in range(MOST_NAMED + 1)]
-    entries = said(PASSED, receivers(*many), many)[0]
+    entries = written_for(PASSED, receivers(*many), many)[0]
     assert [entry["receiver"] for entry in entries] == many[:8]
 
 
@@ -164,7 +164,7 @@ def test_the_gravest_entry_is_the_reason_and_each_has_its_words() -> None:
 
 
 def test_a_job_that_ended_before_there_were_notifications_gets_none() -> None:
-    assert said(PASSED, before=PASSED) == (None, "", "", "")
+    assert written_for(PASSED, before=PASSED) == (None, "", "", "")
 
 
 def test_other_conditions_stay_and_its_own_keeps_the_time_of_its_last_change() -> None:
