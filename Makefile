@@ -261,6 +261,11 @@ endif
 mutants: venv ## Break modules line by line, and name the breaks that no unit test notices (FILES='a.py b.py')
 	$(STEP) "Breaking the code" -- .venv/bin/python -m tests.mutation.run $(FILES)
 
+.PHONY: mutants-rust
+mutants-rust: venv ## Break the agent's deciders, and name the breaks that no unit test notices (FILES='a.rs b.rs')
+	$(STEP) "Breaking the agent" --if-it-fails "It says above what is missing, or in which file too few were killed." -- \
+	  .venv/bin/python -m tests.mutation.rust $(FILES)
+
 .PHONY: lint
 lint: venv tools ## Check style and types of everything
 	$(STEP) "Linting" -- tests/lint.sh

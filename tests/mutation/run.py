@@ -183,12 +183,17 @@ def _mutants(programs: Path, folder: Path, file: str, tests: list[str]) -> list[
         tested.wait()
 
 
-def _copy_into(folder: Path) -> None:
+def named_by_git() -> list[str]:
+    """The files that git knows or could know; some may have been deleted."""
     names = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT, capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
-    for name in names.split("\0"):
+    return [name for name in names.split("\0") if name]
+
+
+def _copy_into(folder: Path) -> None:
+    for name in named_by_git():
         if (ROOT / name).is_file():  # one that was deleted is in the index still
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name, follow_symlinks=False)

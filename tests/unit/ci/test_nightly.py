@@ -23,12 +23,13 @@ ALL = [
     "fuzz SECONDS=120",
     "fuzz TARGET=manifests SECONDS=1200",
     "mutants",
+    "mutants-rust",
     "bench",
 ]
 
 
 OUTCOME = re.compile(
-    r"^(usage: .*|\w+: passed|\w+: FAILED, status \d+)(?=, \d+ s$|$)", re.MULTILINE
+    r"^(usage: .*|[\w-]+: passed|[\w-]+: FAILED, status \d+)(?=, \d+ s$|$)", re.MULTILINE
 )
 
 
@@ -57,7 +58,7 @@ def nightly(folder: Path, *parts: str, fails: str = "") -> tuple[int, list[str],
 def test_all_parts_run_one_after_the_other(tmp_path: Path) -> None:
     status, asked, outcomes = nightly(tmp_path)
     assert (status, asked) == (0, ALL)
-    parts = ["slow", "nodes", "rust", "fuzz", "manifests", "mutants", "bench"]
+    parts = ["slow", "nodes", "rust", "fuzz", "manifests", "mutants", "mutants-rust", "bench"]
     assert outcomes == [f"{part}: passed" for part in parts]
 
 
@@ -77,4 +78,6 @@ def test_an_unknown_part_is_refused_before_any_runs(tmp_path: Path) -> None:
     status, asked, outcomes = nightly(tmp_path, "rust", "fuzzers")
     assert (status, asked) == (2, [])
     (usage,) = outcomes
-    assert usage.endswith("fuzzers is none of: slow nodes rust fuzz manifests mutants bench")
+    assert usage.endswith(
+        "fuzzers is none of: slow nodes rust fuzz manifests mutants mutants-rust bench"
+    )

@@ -56,7 +56,12 @@ def test_what_is_decided_no_further_round_changes(rounds: list[Step], more: list
 def test_the_sentences_name_what_was_seen() -> None:
     seen = cases("passed", "failed", "errored", "failed", "failed", "failed")
     assert of_round(seen, 6).why == "a-1: Why; a-3: Why; a-4: Why; and 1 more"
+    assert of_round(cases("failed", "failed", "failed"), 3).why == "a-0: Why; a-1: Why; a-2: Why"
     assert of_round(cases("passed", "invalid"), 2).why == "a-1: Why"
+    unnamed = [{"case": "a", "outcome": "errored", "reason": "", "message": "no node came up"}]
+    assert of_round(unnamed, 1).why == "a: errored: no node came up"
+    assert of_round([], 0) == Step("unknown", "0 of 0 cases gave a result")
+    assert of_rounds([]) == Step("unknown", "nothing ran")
     assert of_round(cases("passed"), 2).why == "1 of 2 cases gave a result"
     assert of_round(cases("passed"), 1).why == "1 of 1 cases passed"
     flaky = of_rounds([GOOD, BAD])

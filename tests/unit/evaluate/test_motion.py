@@ -8,7 +8,7 @@ import pytest
 from bagpipe.evaluate.finding import Finding
 from bagpipe.evaluate.judge import evaluate
 from bagpipe.evaluate.model import Criterion, Separation
-from bagpipe.evaluate.motion import closest
+from bagpipe.evaluate.motion import closest, nearest, separation
 from tests.unit.evaluate.recordings import STORE, evidence, header, number, poses, stamped
 
 Point = tuple[float, float]
@@ -49,6 +49,9 @@ def found(entries: list[Any], inputs: list[int] | None = None, **wanted: Any) ->
         ((0, 0), (10, 0), (10, 0), math.inf),
         ((2, 0), (10, 0), (12, 0), math.inf),
         ((0, 0), (10, 0), (1, 0), 0.0),
+        ((0, 0), (1, 0), (1, 0), 0.0),  # they touch, and nothing moves
+        ((0, 0), (0.5, 0), (1, 0), 0.0),  # nor does it matter that they part
+        ((0, 0), (10, 4), (10, 0), math.inf),  # it is nearest now
         ((0, 0), (10, 0), (-0.3, 0.4), 0.0),
     ],
 )
@@ -140,8 +143,67 @@ def test_where_no_inputs_came_no_scene_is_missed() -> None:
         assert found(entries, inputs, **wanted).coverage == share
 
 
+def test_only_what_lies_in_the_window_speaks_for_it() -> None:
+    """A stamp may be a rounding later than its receipt, and of the lead-in's time."""
+    late = [("/ego", 19.9998, stamped(20.0004, 0, 0)), ("/cars", 19.9998, poses(20.0004, (9, 9)))]
+    assert found(late, minDistance=1).coverage == 0.0
+    early = [("/ego", 11, stamped(9.5, 0, 0)), ("/cars", 11, poses(9.5, (9, 9)))]
+    assert found(early, minDistance=1).coverage == 0.0
+    first = [ego(10), cars(10, (9, 9))]
+    assert found(first, minDistance=1).coverage == 0.1
+
+
+@pytest.mark.parametrize("what", ["the ego's pose", "an obstacle's pose"])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_place_that_is_no_number_fails_with_its_time(what: str, axis: int) -> None:
+    odd = (1.0, math.nan) if axis else (math.inf, 1.0)
+    here, there = (odd, (5.0, 5.0)) if "ego" in what else ((0.0, 0.0), odd)
+    finding = found([ego(11, *here), ego(12), cars(11, there), cars(12, (5, 5))], minDistance=1)
+    assert (finding.outcome, finding.figure, finding.instead) == ("failed", None, "failed")
+    value = "nan" if axis else "inf"
+    assert finding.message == (
+        f"{what} is no finite number but {value} at 1.000 s, the first of 1 of 4 values"
+    )
+
+
+def test_too_little_that_was_seen_is_invalid_and_says_what_to_do() -> None:
+    few = [each for at in range(10, 15) for each in (ego(at), cars(at, (9, 0)))]
+    finding = found(few, minDistance=1, minCoverage=0.6)
+    assert (finding.outcome, finding.coverage) == ("invalid", 0.5)
+    assert finding.message == (
+        "judged on 50% of the window, in which both are at most 1s old, which is 50%, and at least"
+        " 60% are needed: raise maxAge if they are published less often, or lower minCoverage;"
+        " 9 m at 0.000 s"
+    )
+    # A car that came too near did so, however little else was seen.
+    assert found(few, minDistance=10, minCoverage=0.6).outcome == "failed"
+
+
+def test_places_of_two_frames_are_compared_only_where_somebody_says_so() -> None:
+    scene = poses(11, (3, 0))
+    scene.header.frame_id = "odom"
+    entries = [ego(11), ("/cars", 11, scene)]
+    finding = found(entries, minDistance=1)
+    assert finding.outcome == "invalid"
+    assert finding.message.startswith("/ego is in the frame map and /cars in the frame odom:")
+    assert found(entries, minDistance=1, anyFrame=True).figure == 3.0
+
+
+def test_what_was_measured_is_not_measured_again() -> None:
+    wanted = Separation.model_validate(FAR | {"minDistance": 1})
+    given = evidence([ego(11), cars(11, (3, 0))])
+    separation("c", wanted, given)
+    kept = given.kept(wanted)
+    assert nearest(wanted, given) == [(11 * SECOND, (0.0, 0.0), (3.0, 0.0))]
+    assert given.kept(wanted) is kept
+
+
 def test_stamps_of_another_clock_leave_the_times_of_receipt() -> None:
     entries = [ego(12), ego(13, 1), ("/cars", 13.5, poses(900, (3, 0)))]
+    finding = found(entries, minDistance=1, maxAge="600ms")
+    assert (finding.figure, finding.clock) == (2.0, "receipt")
+    # Also where it is the ego's clock that is another one.
+    entries = [("/ego", 13, stamped(900, 1, 0)), ("/cars", 13.5, poses(13.2, (3, 0)))]
     finding = found(entries, minDistance=1, maxAge="600ms")
     assert (finding.figure, finding.clock) == (2.0, "receipt")
 

@@ -1,20 +1,24 @@
 """What belongs to a window and how much of it messages speak for, to the nanosecond."""
 
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from bagpipe.evaluate.evidence import Evidence, Received, Recording
+from bagpipe.evaluate.evidence import Evidence, Received, Recording, Sample
+from bagpipe.evaluate.finding import NoEvidenceError
 from bagpipe.evaluate.window import (
-    ROUNDING,
     TopicMessages,
     backward,
     credible,
+    frames_differ,
     messages_of,
     over_window,
+    samples,
     spread,
     stamp_fault,
+    times_of,
 )
 from tests.unit.evaluate.recordings import evidence, number, stamped
 
@@ -42,8 +46,8 @@ def received(time: float, stamp: float | None = None, latching: bool = False) ->
     return Received(round(time * SECOND), memoryview(b""), connection, of)
 
 
-# A rounded stamp, of ten seconds.
-A_BIT = ROUNDING / (10 * SECOND)
+# A rounded stamp, a millisecond of ten seconds.
+A_BIT = 0.0001
 
 
 @pytest.mark.parametrize(
@@ -52,6 +56,7 @@ A_BIT = ROUNDING / (10 * SECOND)
         (range(10), 0.0, 1.0),
         ([], 0.0, 0.0),
         ([-0.5, 10.0], 0.0, 0.0),  # the window's end is not in it
+        ([0.0, 11.0], 0.0, A_BIT),  # nor is what comes after it
         ([0.0], 0.0, A_BIT),  # and its start is
         ([1, 2], 0.0, 0.2 + A_BIT),
         ([1, 2], 2.0, 0.4 + A_BIT),
@@ -71,6 +76,12 @@ def test_messages_speak_for_all_but_the_longest_silence(
     assert spread(seconds(*times), window(), 0.0, usual * SECOND) == pytest.approx(share, rel=1e-9)
 
 
+def test_without_a_usual_time_every_nanosecond_of_silence_counts() -> None:
+    assert spread(seconds(0), window(), 0.0) == pytest.approx(A_BIT, rel=1e-9)
+    assert spread(seconds(*range(10)), window(), 0.0) == 1.0
+    assert spread(seconds(12, 13), window(10.0, 20.0), 0.0) == pytest.approx(0.3 + A_BIT)
+
+
 def test_a_window_without_length_is_not_covered() -> None:
     assert spread(seconds(5), window(5.0, 5.0), 0.0) == 0.0
     assert spread(seconds(5), window(6.0, 5.0), 0.0) == 0.0
@@ -84,6 +95,15 @@ def test_where_too_little_is_covered_a_silence_counts_as_far_as_inputs_came(
     inputs = seconds(*(n / 10 for n in range(41)))
     given = window(inputs=lambda: inputs)
     assert spread(seconds(0, 1, 2, 3, 4), given, least) == pytest.approx(share, rel=1e-9)
+
+
+def test_where_enough_is_covered_nobody_asks_when_inputs_came() -> None:
+    def asked() -> list[int]:
+        raise AssertionError
+
+    # Of four seconds without a message one is usual.
+    share = spread(seconds(*range(7)), window(inputs=asked), 0.5)
+    assert share == pytest.approx(0.7 + A_BIT)
 
 
 def test_of_the_time_in_which_inputs_came_a_silence_takes_its_share() -> None:
@@ -107,6 +127,10 @@ def test_a_latched_message_speaks_for_all_that_comes_after_it() -> None:
     # One that is not latched among them lets the others lapse.
     mixed = on_topic("receipt", [received(6, latching=True), received(8)])
     assert over_window(mixed, window(), 0.0)[0] == pytest.approx(0.4 + A_BIT)
+    # Stamped half a millisecond after the end, it was never in force; nor in no time.
+    after = on_topic("header", [received(9.9996, 10.0005, latching=True)])
+    assert over_window(after, window(), 0.0)[0] == 0.0
+    assert over_window(before, window(5.0, 5.0), 0.0)[0] == 0.0
     nobody = over_window(on_topic("receipt", []), window(), 0.0)
     assert nobody == (0.0, "0 messages without a longer silence in 0% of the window")
 
@@ -124,6 +148,7 @@ def test_receipts_of_mode_max_leave_open_what_they_cover_and_stamps_do_not() -> 
     )  # fmt: skip
     at_first = on_topic("receipt", [received(0, latching=True)])
     assert over_window(at_first, window(0.0, paced=False), 0.0)[0] == 1.0
+    assert over_window(at_first, window(1.0, paced=False), 0.0)[0] == 1.0
     stamps = on_topic("header", [received(1, 5)], [received(12, 9)])
     assert over_window(stamps, given, 0.0)[0] == pytest.approx(0.5 + A_BIT)
 
@@ -138,6 +163,7 @@ def test_receipts_of_mode_max_leave_open_what_they_cover_and_stamps_do_not() -> 
         # Half of the times is not yet a hint, and nor are two messages.
         ([1, 1, 2], ""),
         ([2, 1, 2], ""),
+        ([1, 1, 0.5, 2], ""),  # one stands still and one goes back
         ([1, 1], ""),
         ([2, 1, None], ""),
         ([1, 2, 3], ""),
@@ -176,6 +202,8 @@ def test_what_comes_after_the_end_belongs_to_the_window_that_its_stamp_lies_in()
     assert split((109, 108.5), (110, 109.5), (111, 109.999), (112, 110)) == (
         [109], [110, 111], [112],
     )  # fmt: skip
+    # Stamped after the end, it answers nothing of the window.
+    assert split((109, 108.5), (112, 111)) == ([109], [], [112])
     # What was answered already is not answered again.
     assert split((109, 108.5), (111, 108.5), (112, 109), (113, 109)) == ([109], [112], [111, 113])
 
@@ -215,9 +243,75 @@ def test_stamps_that_can_t_be_are_counted_with_the_first_of_them() -> None:
     days = fault((101, 101 + 2 * 86_400), (102, 102 + 3 * 86_400))
     assert "2 of 2 messages on /t are stamped later" in days
     assert "by 2 days:" in days
+    assert "by 3 days:" in fault((101, 101 + 3 * 86_400))
     assert "by 172799.000 s:" in fault((101, 100 + 2 * 86_400))
+    # A second has 1,000,000,000 ns, neither more nor fewer.
+    assert "by 172799.001 s:" in fault((101, 100.0006 + 2 * 86_400))
+    assert "by 172799.000 s:" in fault((101, 100.0004 + 2 * 86_400))
+    assert "the first at 1000000.000 s by" in fault((1_000_100, 1_000_101))
 
 
 def test_second_zero_is_empty_where_the_play_begins_with_second_one() -> None:
     assert fault((1.5, 0), start=1.0) == "1 messages on /t have an empty header.stamp"
     assert fault((1.5, 0), start=0.999) == ""
+
+
+def test_a_topic_s_times_are_those_of_its_clock() -> None:
+    messages = [received(1, 0), received(2, 1.5)], [received(11, 3)]
+    assert times_of(on_topic("header", *messages)) == seconds(0, 1.5, 3)
+    assert times_of(on_topic("receipt", *messages)) == seconds(1, 2, 11)
+
+
+def test_the_messages_of_a_window_are_decoded_in_the_order_of_their_receipt() -> None:
+    entries = [("/t", at, stamped(at - 0.5, x, 0)) for at, x in ((11, 1), (20.4, 2), (21, 3))]
+    given = evidence(entries)
+    found = samples(messages_of("/t", given), given)
+    assert [(each.time, each.message.pose.position.x) for each in found] == [
+        (11 * SECOND, 1.0), (20_400_000_000, 2.0),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [(stamped(20.5, 0, 0), "with stamps outside of it"),
+     (number(1.0), "and no stamp shows what they answer")],
+)  # fmt: skip
+def test_where_all_came_too_late_it_says_by_which_clock(message: Any, words: str) -> None:
+    given = evidence([("/t", 21.0, message), ("/t", 22.0, message)])
+    with pytest.raises(NoEvidenceError) as refused:
+        samples(messages_of("/t", given), given)
+    assert str(refused.value) == (
+        f"no message on /t belongs to the case's window: all 2 came after its end, {words}"
+    )
+
+
+def in_frames(*frames: str | None) -> list[Sample]:
+    """Messages with these frames; None is one without a header."""
+    headers = [None if name is None else SimpleNamespace(frame_id=name) for name in frames]
+    return [Sample(0, SimpleNamespace(header=header)) for header in headers]
+
+
+@pytest.mark.parametrize(
+    ("ours", "theirs", "shown"),
+    [
+        (["map"], ["map"], None),
+        (["/map", "map"], ["map", "/map"], None),  # of tf, and of tf2
+        (["map"], ["odom"], ("the frame map", "the frame odom")),
+        ([""], ["map"], ("no frame", "the frame map")),
+        (["map"], ["map", ""], ("the frame map", "the frame no frame, then map")),
+        # Several frames are no one's, also where both have the same ones.
+        (["a", "b"], ["b", "a"], ("the frame a, then b", "the frame a, then b")),
+        (["d", "c", "b", "a"], ["a"], ("the frame a, then b, then c", "the frame a")),
+        # Who names none can't be asked.
+        (["map"], [""], None),
+        (["map"], [None], None),
+        ([None], ["map"], None),
+        ([None, "odom"], ["map"], ("the frame odom", "the frame map")),
+    ],
+)
+def test_frames_differ_where_a_figure_would_be_of_two(
+    ours: list[str | None], theirs: list[str | None], shown: tuple[str, str] | None
+) -> None:
+    found = frames_differ(in_frames(*ours), in_frames(*theirs), "/t", "/other")
+    wanted = "" if shown is None else f"/t is in {shown[0]} and /other in {shown[1]}: figures of"
+    assert found[: len(wanted) or None] == wanted

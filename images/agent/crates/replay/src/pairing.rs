@@ -241,6 +241,24 @@ mod tests {
         assert_eq!(pairing.end(), 10_000);
     }
 
+    #[test]
+    fn each_of_the_last_inputs_that_were_missed_is_remembered() {
+        let mut pairing = Pairing::default();
+        for second in [5, 6] {
+            let due = at(second * SECOND, second * SECOND);
+            pairing.begin(due, false);
+            pairing.miss(due);
+        }
+        let due = at(3 * SECOND, 9 * SECOND);
+        pairing.begin(due, false);
+        [5, 6].into_iter().for_each(|late| pairing.receive(late * SECOND));
+        assert!(!pairing.take(due));
+        pairing.receive(4 * SECOND);
+        assert!(pairing.take(due));
+        (0..2_000).for_each(|input| pairing.miss(at(input, input)));
+        assert_eq!((pairing.missed.len(), pairing.missed[0]), (1_024, 976));
+    }
+
     fn stamps() -> impl Strategy<Value = u64> {
         let whole =
             prop_oneof![0..4u64, 2_147_483_640..2_147_483_655u64, 4_294_967_290..4_294_967_295u64];

@@ -142,9 +142,9 @@ def _with_ego(
 def _share(times: list[int], age: int, least: float, evidence: Evidence) -> float:
     """The share of the window that is at most `age` after one of the times, or before the first."""
     edges = [evidence.start, *(t for t in times if evidence.start <= t < evidence.end)]
-    length = evidence.end - evidence.start
-    if len(edges) == 1 or length <= 0:
+    if len(edges) == 1:
         return 0.0
+    length = evidence.end - evidence.start
     gaps = list(itertools.pairwise([*edges, evidence.end]))
     unknown = [(before + age, after) for before, after in gaps if before + age < after]
     share = 1.0 - sum(after - before for before, after in unknown) / length
@@ -207,6 +207,6 @@ def _time_to_collision(ego: Point, obstacle: Point, velocity: Point, reach: floa
     a = velocity[0] ** 2 + velocity[1] ** 2
     b = 2 * (x * velocity[0] + y * velocity[1])
     root = b * b - 4 * a * gap
-    if a == 0 or b >= 0 or root < 0:
+    if b >= 0 or root < 0:  # it comes no nearer, or passes by
         return math.inf
     return (-b - math.sqrt(root)) / (2 * a)

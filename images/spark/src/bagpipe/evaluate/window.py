@@ -190,9 +190,9 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
     inputs came meanwhile.
     """
     inside = sorted(time for time in times if evidence.start <= time < evidence.end)
-    length = evidence.end - evidence.start
-    if not inside or length <= 0:
+    if not inside:
         return 0.0
+    length = evidence.end - evidence.start
     between = list(itertools.pairwise(inside))
     if len(between) >= _LEAST_STEPS:
         usual = max(usual, statistics.median(after - before for before, after in between))
@@ -201,7 +201,7 @@ def spread(times: Iterable[int], evidence: Evidence, least: float, usual: float 
     if 1.0 - (longest - usual) / length < least:
         longest = max(evidence.input_time_between(before, after) for before, after in silences)
         length = evidence.input_time_between(evidence.start, evidence.end) or length
-    return 1.0 - min(1.0, max(0.0, longest - usual - ROUNDING) / length)
+    return 1.0 - max(0.0, longest - usual - ROUNDING) / length
 
 
 def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple[float | None, str]:
@@ -214,7 +214,7 @@ def over_window(found: TopicMessages, evidence: Evidence, least: float) -> tuple
         return None, f"{len(times)} messages, whose times mode max leaves open"
     if found.latching and times:
         held = evidence.end - max(min(times), evidence.start)
-        share = min(1.0, max(0.0, held / max(1, evidence.end - evidence.start)))
+        share = max(0.0, held / max(1, evidence.end - evidence.start))
         return share, f"{len(times)} latched messages, in force for {share:.0%} of the window"
     share = spread(times, evidence, least)
     covered = f"{len(times)} messages without a longer silence in {share:.0%} of the window"
