@@ -26,6 +26,7 @@ mod node;
 mod options;
 mod qos;
 mod recording;
+mod seen;
 mod stamp;
 mod stillness;
 mod topic;
