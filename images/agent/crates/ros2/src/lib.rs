@@ -20,6 +20,7 @@ mod audit;
 mod clock;
 mod definition;
 mod error;
+mod life;
 mod link;
 mod middleware;
 mod node;

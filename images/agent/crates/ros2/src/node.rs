@@ -51,7 +51,7 @@ impl Graph {
         options: &NodeOptions,
         sink: Box<dyn Sink>,
     ) -> Result<Graph, GraphError> {
-        let Ros2Options { ledger, qos, prefixes, .. } = middleware;
+        let Ros2Options { ledger, qos, prefixes, active, .. } = middleware;
         let means = Arc::new(Means {
             player,
             ledger: Arc::clone(ledger),
@@ -63,6 +63,7 @@ impl Graph {
         });
         let inputs = Arc::new(Inputs::default());
         let receiving = Receiving::start(&inputs, &means, sink).map_err(failed)?;
+        inputs.lives.follow(&means.player, active)?;
         Ok(Graph {
             name: name.to_owned(),
             _receiving: receiving,
@@ -342,6 +343,7 @@ impl Node for Graph {
         }
         let nodes = self.means.player.graph().map_err(failed)?;
         self.must_be_alone(&nodes);
+        self.inputs.lives.ask(&self.means.player)?;
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
@@ -371,6 +373,14 @@ impl Node for Graph {
             self.compare_types(input, &nodes, &look.endpoints);
         }
         Ok(Seen { state, again: 0 })
+    }
+
+    fn absent(&self) -> Vec<String> {
+        self.inputs.lives.absent()
+    }
+
+    fn begin(&self) -> Vec<String> {
+        self.inputs.lives.hold()
     }
 
     fn restarted(&self, again: u64) -> String {
