@@ -42,6 +42,7 @@ FULL: Json = {
         "master": "image",
         "qos": {"/a": {"reliability": "bestEffort", "durability": "volatile", "depth": 1}},
         "player": "dds",
+        "active": ["/n"],
     },
     "playback": {
         "mode": "lockstep", "rate": 2, "wait_for": ["/n"],

@@ -1,6 +1,7 @@
 /* A node that relays, as its arguments say. It takes and reports as rclcpp's executors do: threads
  * wait in turn; a subscription's callbacks exclude each other. -DWITHOUT_TRACEPOINTS makes it one
- * like rclpy's. SIGINT and SIGTERM end it. */
+ * like rclpy's. SIGINT and SIGTERM end it; SIGUSR1 has its life cycle
+ * go on. */
 #define _GNU_SOURCE
 #include "node.h"
 
@@ -33,13 +34,9 @@ static _Noreturn void fail(const char *what) {
   exit(1);
 }
 
-static const struct type_support *type_of(const char *package, const char *folder,
-                                          const char *type) {
-  char library[300], symbol[400];
+static const struct type_support *found_in(const char *package, const char *symbol) {
+  char library[300];
   snprintf(library, sizeof library, "lib%s__rosidl_typesupport_c.so", package);
-  snprintf(symbol, sizeof symbol,
-           "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s", package, folder,
-           type);
   void *loaded = dlopen(library, RTLD_NOW);
   const void *(*get)(void) =
       loaded == NULL ? NULL : (const void *(*)(void))dlsym(loaded, symbol);
@@ -48,6 +45,22 @@ static const struct type_support *type_of(const char *package, const char *folde
     exit(1);
   }
   return get();
+}
+
+const struct type_support *message_type(const char *package, const char *folder,
+                                        const char *type) {
+  char symbol[400];
+  snprintf(symbol, sizeof symbol,
+           "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s", package, folder,
+           type);
+  return found_in(package, symbol);
+}
+
+const struct type_support *service_type(const char *package, const char *type) {
+  char symbol[400];
+  snprintf(symbol, sizeof symbol,
+           "rosidl_typesupport_c__get_service_type_support_handle__%s__srv__%s", package, type);
+  return found_in(package, symbol);
 }
 
 void publish(struct publisher *into, const uint8_t *bytes, size_t length) {
@@ -71,19 +84,19 @@ static void create_endpoints(void) {
   for (int one = 0; one < asked.publishers; one++) {
     __typeof__(&asked.publisher[0]) of = &asked.publisher[one];
     snprintf(publishers[one].topic, sizeof publishers[one].topic, "%s", of->topic);
-    const struct type_support *type = type_of(of->package, of->folder, of->type);
+    const struct type_support *type = message_type(of->package, of->folder, of->type);
     publishers[one].rmw = rmw_create_publisher(node, type, of->topic, &of->qos, NULL);
     if (publishers[one].rmw == NULL) fail(of->topic);
   }
   for (int one = 0; one < asked.subscriptions; one++) {
     __typeof__(&asked.subscription[0]) of = &asked.subscription[one];
-    subscribe(&subscriptions[one], of->topic, type_of(of->package, of->folder, of->type), &of->qos);
+    subscribe(&subscriptions[one], of->topic, message_type(of->package, of->folder, of->type), &of->qos);
   }
   struct rmw_qos newest = {.history = HISTORY_KEEP_LAST, .depth = 1,
                            .reliability = RELIABILITY_BEST_EFFORT,
                            .durability = DURABILITY_VOLATILE};
   if (asked.sim_time)
-    subscribe(&clock_subscription, "/clock", type_of("rosgraph_msgs", "msg", "Clock"), &newest);
+    subscribe(&clock_subscription, "/clock", message_type("rosgraph_msgs", "msg", "Clock"), &newest);
 }
 
 static void connect_relays(void) {
@@ -111,7 +124,7 @@ static void renew(struct subscription *of) {
   rmw_destroy_subscription(node, of->rmw);
   sleep_us(asked.apart_us);
   of->turn = 1 - of->turn;
-  subscribe(of, as->topic, type_of(as->package, as->folder, as->type), &as->qos);
+  subscribe(of, as->topic, message_type(as->package, as->folder, as->type), &as->qos);
 }
 
 /* Takes a message, if there is one, and calls back. */
@@ -222,7 +235,7 @@ static void write_counts(void) {
 
 static void wait_for_signal(const sigset_t *wanted) {
   int signal;
-  sigwait(wanted, &signal);
+  while (sigwait(wanted, &signal) == 0 && signal == SIGUSR1) life_turns();
   ending = true;
   for (int one = 0; one < asked.threads; one++) rmw_trigger_guard_condition(changed);
   rmw_trigger_guard_condition(clock_ends);
@@ -237,6 +250,7 @@ int serve(int argc, char **argv) {
   sigemptyset(&wanted);
   sigaddset(&wanted, SIGINT);
   sigaddset(&wanted, SIGTERM);
+  sigaddset(&wanted, SIGUSR1);
   pthread_sigmask(SIG_BLOCK, &wanted, NULL);
   if (rmw_init(NULL, &context) != RMW_OK) fail("no context");
   node = rmw_create_node(&context, asked.name, asked.space);
@@ -247,6 +261,7 @@ int serve(int argc, char **argv) {
   clock_set = rmw_create_wait_set(&context, 2);
   create_endpoints();
   connect_relays();
+  life_begins();
   for (int one = 0; one < asked.threads; one++) pthread_create(&threads[one], NULL, spin, NULL);
   if (asked.sim_time) pthread_create(&clock_thread, NULL, follow_clock, NULL);
   pthread_create(&talking, NULL, talk, NULL);
@@ -255,6 +270,7 @@ int serve(int argc, char **argv) {
   for (int one = 0; one < asked.threads; one++) pthread_join(threads[one], NULL);
   if (asked.sim_time) pthread_join(clock_thread, NULL);
   write_counts();
+  life_ends();
   for (int one = 0; one < asked.subscriptions; one++)
     rmw_destroy_subscription(node, subscriptions[one].rmw);
   for (int one = 0; one < asked.publishers; one++) rmw_destroy_publisher(node, publishers[one].rmw);

@@ -44,7 +44,12 @@ struct asked {
   bool sim_time;
   uint64_t delay_us, first_us, die_after, drop_every, renew_every, apart_us, answers, burst, every_us;
   char counts[512];
+  int life; /* the state in which its life cycle begins, or 0: it has none */
+  uint64_t leave_after;
 };
+
+/* lifecycle_msgs/msg/State */
+enum state { INACTIVE = 2, ACTIVE = 3, ACTIVATING = 13, DEACTIVATING = 14 };
 
 extern struct asked asked;
 extern struct rmw_context context;
@@ -59,5 +64,12 @@ void work(struct subscription *of);
 void set_time(const struct message *clock);
 void say(struct publisher *into); /* a String with how many it has reported */
 
+/* node_life.c: its life cycle, if it has one. */
+void life_begins(void);
+void life_turns(void); /* from inactive to active, and back */
+void life_ends(void);
+
 /* node.c */
+const struct type_support *message_type(const char *package, const char *folder, const char *type);
+const struct type_support *service_type(const char *package, const char *type);
 void publish(struct publisher *into, const uint8_t *bytes, size_t length);

@@ -28,6 +28,8 @@ static const char usage[] =
     "                       its middleware knows no subscription until then\n"
     "--burst N              Strings at once on each publisher that no relay has\n"
     "--every-us N           and then one after the other, by a thread outside of callbacks\n"
+    "--life-cycle STATE     has one, which begins inactive or active and goes on by SIGUSR1\n"
+    "--leave-after N        is made inactive in the callback of the Nth message of a topic\n"
     "--count-to FILE        where its own counts go at its end: lines of\n"
     "                       'sub TOPIC taken N called N' and 'pub TOPIC published N'\n";
 
@@ -98,6 +100,9 @@ static void value(const char *option, const char *text) {
   else if (!strcmp(option, "--every-us")) asked.every_us = strtoull(text, NULL, 10);
   else if (!strcmp(option, "--threads")) asked.threads = atoi(text);
   else if (!strcmp(option, "--meets-late-ms")) setenv(MEETS_LATE, text, 1);
+  else if (!strcmp(option, "--leave-after")) asked.leave_after = strtoull(text, NULL, 10);
+  else if (!strcmp(option, "--life-cycle"))
+    asked.life = !strcmp(text, "active") ? ACTIVE : INACTIVE;
   else if (!strcmp(option, "--count-to")) snprintf(asked.counts, sizeof asked.counts, "%s", text);
   else refuse("no option", option);
 }

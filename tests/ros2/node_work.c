@@ -95,6 +95,7 @@ void work(struct subscription *of) {
     setrlimit(RLIMIT_CORE, &none);
     abort();
   }
+  if (asked.leave_after > 0 && count == asked.leave_after) life_turns();
   bool dropped = asked.drop_every > 0 && count % asked.drop_every == 0;
   for (uint64_t answer = 0; answer < asked.answers && !dropped; answer++) {
     if (of->work == WORK_TEXT) answer_text(of, count);

@@ -40,8 +40,7 @@ struct rcl_node_options rcl_node_get_default_options(void) {
   return options;
 }
 
-/* Whether it is words of letters, digits and underscores, with `between` between them. */
-static bool is_name(const char *name, char between) {
+bool rcl_is_name(const char *name, char between) {
   char before = between;
   for (; *name != 0; before = *name++) {
     bool begins = before == between;
@@ -57,10 +56,10 @@ int rcl_node_init(struct rcl_node *node, const char *name, const char *space,
   char whole[512];
   if (options->allocator.allocate == NULL || context->impl == NULL)
     return standin_error(RCL_INVALID_ARGUMENT, "the node has no context or no allocator");
-  if (!is_name(name, 0) || *name == 0)
+  if (!rcl_is_name(name, 0) || *name == 0)
     return standin_error(RCL_NODE_INVALID_NAME, "%s is no name of a node", name);
   snprintf(whole, sizeof whole, "%s%s", *space == '/' ? "" : "/", space);
-  if (whole[1] != 0 && !is_name(whole + 1, '/'))
+  if (whole[1] != 0 && !rcl_is_name(whole + 1, '/'))
     return standin_error(RCL_NODE_INVALID_NAMESPACE, "%s is no namespace", space);
   node->impl = rmw_create_node(context->impl, name, whole);
   node->context = context;
@@ -95,7 +94,7 @@ static int init(struct rcl_endpoint *made, const struct rcl_node *node,
   bool absolute = topic[0] == '/';
   snprintf(whole, sizeof whole, "%s%s%s", absolute ? "" : space,
            absolute || space[1] == 0 ? "" : "/", topic);
-  if (!is_name(whole + 1, '/'))
+  if (!rcl_is_name(whole + 1, '/'))
     return standin_error(RCL_TOPIC_NAME_INVALID, "%s is no name of a topic", topic);
   made->impl = make(node->impl, type, whole, &options->qos, options->rmw);
   return made->impl == NULL ? RCL_ERROR : RCL_OK;

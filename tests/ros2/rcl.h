@@ -11,6 +11,8 @@
 #define RCL_NODE_INVALID_NAME 201
 #define RCL_NODE_INVALID_NAMESPACE 202
 #define RCL_SUBSCRIPTION_TAKE_FAILED 401
+#define RCL_SERVICE_NAME_INVALID 104
+#define RCL_CLIENT_TAKE_FAILED 501
 #define RCL_WAIT_SET_EMPTY 901
 #define RCL_WAIT_SET_FULL 902
 
@@ -39,6 +41,13 @@ struct rcl_endpoint_options {
 };
 struct rcl_endpoint {
   struct rmw_endpoint *impl;
+};
+struct rcl_client_options {
+  struct rmw_qos qos;
+  struct allocator allocator;
+};
+struct rcl_client {
+  struct rmw_client *impl;
 };
 struct rcl_guard_options {
   struct allocator allocator;
@@ -83,6 +92,15 @@ int rcl_subscription_get_publisher_count(const struct rcl_endpoint *subscription
 int rcl_take_serialized_message(const struct rcl_endpoint *subscription, struct serialized *,
                                 struct rmw_info *, void *allocation);
 
+struct rcl_client_options rcl_client_get_default_options(void);
+int rcl_client_init(struct rcl_client *client, const struct rcl_node *, const struct type_support *,
+                    const char *service, const struct rcl_client_options *);
+int rcl_client_fini(struct rcl_client *client, struct rcl_node *);
+int rcl_service_server_is_available(const struct rcl_node *, const struct rcl_client *client,
+                                    bool *available);
+int rcl_send_request(const struct rcl_client *client, const void *request, int64_t *sequence);
+int rcl_take_response(const struct rcl_client *client, struct rmw_request_id *, void *response);
+
 int rcl_guard_condition_init(struct rcl_guard *guard, struct rcl_context *,
                              struct rcl_guard_options);
 int rcl_guard_condition_fini(struct rcl_guard *guard);
@@ -107,3 +125,7 @@ int rcl_get_subscriber_names_and_types_by_node(const struct rcl_node *node, stru
                                                bool mangled, const char *name, const char *space,
                                                struct names_and_types *into);
 int rcl_names_and_types_fini(struct names_and_types *of);
+
+/* What only the stand-in has: whether it is words of letters, digits and underscores, with `between`
+ * between them. */
+bool rcl_is_name(const char *name, char between);

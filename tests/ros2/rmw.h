@@ -53,6 +53,16 @@ struct rmw_endpoint {
   void *options[4];
   bool can_lend;
 };
+struct rmw_client {
+  const char *implementation;
+  void *data;
+  const char *name;
+};
+struct rmw_service {
+  const char *implementation;
+  void *data;
+  const char *name;
+};
 struct rmw_guard {
   const char *implementation;
   void *data;
@@ -95,6 +105,21 @@ struct type_support {
 };
 struct type_name {
   const char *package, *folder, *name;
+};
+
+/* The real one of lifecycle_msgs/srv/GetState: its label is not looked at. */
+struct get_state_response {
+  uint8_t id;
+  char *label;
+  size_t length, capacity;
+};
+struct rmw_request_id {
+  uint8_t writer[16];
+  int64_t sequence;
+};
+struct rmw_service_info {
+  int64_t source, received;
+  struct rmw_request_id id;
 };
 
 int rmw_init(const void *options, struct rmw_context *context);
@@ -145,6 +170,23 @@ int rmw_take_loaned_message_with_info(const struct rmw_endpoint *subscription, v
                                       bool *taken, struct rmw_info *info, void *allocation);
 int rmw_take_sequence(const struct rmw_endpoint *subscription, size_t count, struct sequence *,
                       void *infos, size_t *taken, void *allocation);
+
+/* Of the one service that there is, lifecycle_msgs/srv/GetState. */
+struct rmw_client *rmw_create_client(const struct rmw_node *node, const struct type_support *,
+                                     const char *name, const struct rmw_qos *);
+int rmw_destroy_client(struct rmw_node *node, struct rmw_client *client);
+int rmw_service_server_is_available(const struct rmw_node *node, const struct rmw_client *client,
+                                    bool *available);
+int rmw_send_request(const struct rmw_client *client, const void *request, int64_t *sequence);
+int rmw_take_response(const struct rmw_client *client, struct rmw_service_info *info,
+                      void *response, bool *taken);
+struct rmw_service *rmw_create_service(const struct rmw_node *node, const struct type_support *,
+                                       const char *name, const struct rmw_qos *);
+int rmw_destroy_service(struct rmw_node *node, struct rmw_service *service);
+int rmw_take_request(const struct rmw_service *service, struct rmw_service_info *info,
+                     void *request, bool *taken);
+int rmw_send_response(const struct rmw_service *service, struct rmw_request_id *id,
+                      void *response);
 
 struct rmw_guard *rmw_create_guard_condition(struct rmw_context *context);
 int rmw_destroy_guard_condition(struct rmw_guard *guard);

@@ -15,7 +15,7 @@ from bagpipe.binpiped.exchange import exchange
 from bagpipe.binpiped.failure import BinPipedError
 from bagpipe.binpiped.logic import Command, Deadlines, Fifos, Logic, Slots
 from bagpipe.binpiped.partition import PartitionRun
-from bagpipe.binpiped.planning import Descriptor, bag_fragments, pack, partitions_for, whole_files
+from bagpipe.binpiped.planning import Descriptor, fragments, pack, partitions_for, whole_files
 from bagpipe.binpiped.record import InputRecord
 from bagpipe.plan.bag_tail import MAGIC
 from bagpipe.storage import Storage, StorageError
@@ -282,7 +282,7 @@ def test_a_bag_becomes_fragments_that_are_bags(tmp_path: Path) -> None:
         (Recorded("/a", 1 + n * 100_000_000, "x" * 100) for n in range(400)),
         chunk_bytes=4096,
     )
-    found = bag_fragments(Storage({}), [str(bag)], 10, ["/a"])
+    found = fragments(Storage({}), [str(bag)], 10, ["/a"])
     assert [descriptor.name for descriptor in found] == [f"file://{bag}#{n}" for n in range(4)]
     for descriptor in found:
         opened = descriptor.open(Storage({}))
@@ -294,7 +294,7 @@ def test_a_bag_becomes_fragments_that_are_bags(tmp_path: Path) -> None:
 
 def test_a_bag_that_was_replaced_since_it_was_planned_is_no_record(tmp_path: Path) -> None:
     planned = write_bag(tmp_path / "a.bag", [Recorded("/a", 1, "x")])
-    (descriptor,) = bag_fragments(Storage({}), [str(planned)], 10, ["/a"])
+    (descriptor,) = fragments(Storage({}), [str(planned)], 10, ["/a"])
     write_bag(tmp_path / "b.bag", [Recorded("/a", 1, "y" * 1000)]).replace(planned)
     with pytest.raises(StorageError, match="is no longer the file that was planned"):
         list(descriptor.open(Storage({})).pieces())

@@ -9,7 +9,8 @@ import pytest
 from bagpipe.encodings import ROS1
 from bagpipe.pieces import RecordedTopics, SequencePart
 from bagpipe.plan.fragments import Window
-from bagpipe.plan.parts import Part, PartError, PartPlanner, version_of
+from bagpipe.plan.part import Part
+from bagpipe.plan.parts import PartError, PartPlanner, version_of
 from bagpipe.storage import OpenFile, Storage
 from tests.unit.bagpipe.bags import steady, write_bag
 

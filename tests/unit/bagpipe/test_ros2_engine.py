@@ -10,7 +10,7 @@ from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.engine.delivery import judge
 from bagpipe.engine.ros2.proof import PROOF
-from bagpipe.faults import FaultPolicy, FaultRule
+from bagpipe.faults import ALLOWABLE, FAILURES, FaultPolicy, FaultRule
 from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import Window
 from bagpipe.run.case_run import RunContext, case_map
@@ -62,6 +62,33 @@ def test_hello_has_what_plays_and_no_other_player_is_one() -> None:
     assert refusal({"ros2": {"player": "fastdds"}}) == "Input should be 'auto', 'rcl' or 'dds'"
     with pytest.raises(ValidationError):
         valid_case(hello(spec()) | {"stack": {"command": ["a"], "player": "fastdds"}})
+
+
+def test_hello_has_the_nodes_that_have_to_be_active() -> None:
+    case = hello(spec({"ros2": {"active": ["/planner", "/ns/map_server"]}}))
+    assert case["stack"]["active"] == ["/planner", "/ns/map_server"]
+    assert valid_case(case) == case
+    for without in (spec(), spec({"ros2": {}}), make_spec()):
+        assert hello(without)["stack"]["active"] == []
+
+
+@pytest.mark.parametrize(
+    ("ros2", "says"),
+    [
+        ({"active": ["planner server"]}, "planner server"),
+        ({"active": ["/a", "/a"]}, "/a"),
+        ({"active": [f"/n{number}" for number in range(65)]}, "at most 64 items"),
+        ({"active": ["/a"], "player": "dds"}, "stack.ros2.active has no meaning with stack.ros2"),
+    ],
+)
+def test_nodes_that_nobody_could_wait_for_are_refused(ros2: Json, says: str) -> None:
+    assert says in refusal({"ros2": ros2})
+
+
+def test_a_node_that_left_its_state_fails_the_case_or_has_it_tried_again() -> None:
+    assert "NodeInactive" in FAILURES
+    assert "NodeInactive" not in ALLOWABLE
+    assert FaultPolicy([FaultRule(cause="NodeInactive", action="retry")]).retries("NodeInactive")
 
 
 @pytest.mark.parametrize("wrong", [{"depth": 0}, {"reliability": "best_effort"}, {"depth": "5"}])

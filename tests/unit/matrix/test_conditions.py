@@ -130,6 +130,7 @@ def test_a_case_s_stack_reaches_the_agent(tmp_path: Path) -> None:
         "remap": {"/c": "/d_on"},
         "master": "agent",
         "player": "auto",
+        "active": [],
         "qos": {},
     }
     assert dataclasses.asdict(tuned.conditions)["values"] == {"threshold": 0.6, "rain": "on"}

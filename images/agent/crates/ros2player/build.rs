@@ -6,8 +6,15 @@ use std::process::{Command, ExitCode};
 /// What both have.
 const SHARED: [&str; 7] =
     ["answer.c", "control.c", "main.c", "publish.c", "ring.c", "take.c", "threads.c"];
-const RCL: [&str; 6] =
-    ["rcl/endpoints.c", "rcl/graph.c", "rcl/join.c", "rcl/old_glibc.c", "rcl/rcl.c", "rcl/wait.c"];
+const RCL: [&str; 7] = [
+    "rcl/endpoints.c",
+    "rcl/graph.c",
+    "rcl/join.c",
+    "rcl/old_glibc.c",
+    "rcl/rcl.c",
+    "rcl/states.c",
+    "rcl/wait.c",
+];
 const DDS: [&str; 7] = [
     "dds/blob.c",
     "dds/endpoints.c",

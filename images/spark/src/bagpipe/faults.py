@@ -14,6 +14,7 @@ Cause = Literal[
     "MessagesLost",
     "DeliveryUnproved",
     "NeverSubscribed",
+    "NodeInactive",
     "StackNeverExited",
     "StackStoppedReading",
     "CaseDeadlineExceeded",
@@ -25,7 +26,7 @@ _SEEN = frozenset({"StackCrashed", "StackExited", "NodeGone", "NodeRespawned", "
 # What leaves a run that can still be judged; after the others there is nothing to judge.
 ALLOWABLE = _SEEN | {"DeliveryUnproved"}
 # A case that ends so was run: the stack failed it.
-FAILURES = _SEEN | {"StackStoppedReading"}
+FAILURES = _SEEN | {"StackStoppedReading", "NodeInactive"}
 
 
 class FaultRule(BaseModel):

@@ -2,12 +2,12 @@
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, Field, JsonValue
+from pydantic import AfterValidator, BaseModel, Field, JsonValue, model_validator
 
 from bagpipe.pod_spec import SPEC_CONFIG
-from bagpipe.texts import Name
+from bagpipe.texts import Name, NodeName, each_once
 
 # The node's full name, whose parts may be wildcards, and the parameter's behind the last slash.
 _PARAMETER = re.compile(r"(?:/(?:[A-Za-z_][A-Za-z0-9_]*|\*\*?))+/[^/]+")
@@ -35,6 +35,17 @@ class Ros2(BaseModel):
     player: Player = "auto"
 
     qos: dict[Name, Qos] = Field(default={}, max_length=200)
+
+    active: Annotated[list[NodeName], AfterValidator(each_once)] = Field(default=[], max_length=64)
+
+    @model_validator(mode="after")
+    def _states_are_asked_for_by_librcl(self) -> Self:
+        if self.active and self.player == "dds":
+            raise ValueError(
+                "stack.ros2.active has no meaning with stack.ros2.player: dds, which can't ask"
+                " nodes for their states: write player: rcl, or name nodes in playback.waitFor"
+            )
+        return self
 
 
 def parameters_refusal(parameters: Mapping[str, JsonValue]) -> str | None:

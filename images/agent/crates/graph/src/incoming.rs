@@ -46,4 +46,6 @@ pub trait Sink: Send {
     fn part(&mut self) {}
     /// A message longer than accepted was announced; its connection is closed.
     fn too_large(&mut self, topic: &str, length: u64);
+    /// What had to stay there as long as the play lasts did not, as a sentence.
+    fn broken(&mut self, _why: String) {}
 }

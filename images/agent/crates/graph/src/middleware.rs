@@ -84,6 +84,18 @@ pub trait Node: Send + Sync {
     /// The graph does not answer or refuses; the rest is left for the next time.
     fn look(&self) -> Result<Seen, GraphError>;
 
+    /// What else must be there before the play and is not, as what is waited for, such as
+    /// `/planner to be active (it is inactive)`; by the last [`Node::look`].
+    fn absent(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// That the play begins, from which on that must stay there ([`Sink::broken`]); what is not there
+    /// by now, as above.
+    fn begin(&self) -> Vec<String> {
+        Vec::new()
+    }
+
     /// What to show a user whose graph lost so many of our registrations.
     fn restarted(&self, again: u64) -> String;
 

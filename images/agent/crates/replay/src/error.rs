@@ -19,6 +19,9 @@ pub enum ReplayError {
     /// Nobody subscribed in time.
     #[error("{0}")]
     NeverSubscribed(String),
+    /// A node that was to be active did not stay so.
+    #[error("{0}; a play proves nothing of a node that is not at work")]
+    NodeInactive(String),
     /// A subscriber took nothing for too long.
     #[error(
         "the node {node} has taken nothing from {topic} for {:.1} s although messages wait for \
@@ -98,6 +101,7 @@ impl ReplayError {
         match self {
             ReplayError::StackExited { .. } => "StackExited",
             ReplayError::NeverSubscribed(_) => "NeverSubscribed",
+            ReplayError::NodeInactive(_) => "NodeInactive",
             ReplayError::StackStoppedReading { .. } => "StackStoppedReading",
             ReplayError::RecorderBudgetExceeded(_) => "RecorderBudgetExceeded",
             ReplayError::CaseDeadlineExceeded { .. } => "CaseDeadlineExceeded",

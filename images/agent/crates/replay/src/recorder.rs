@@ -66,6 +66,7 @@ struct State {
     topics: BTreeMap<String, RecordedTopic>,
     bytes: u64,
     failure: Option<Failure>,
+    broken: Option<String>,
 }
 
 /// A message that is latched, and whose.
@@ -120,6 +121,7 @@ impl Recorder {
             topics: BTreeMap::new(),
             bytes: 0,
             failure: None,
+            broken: None,
         };
         Recorder {
             shared: Arc::new(Shared {
@@ -188,6 +190,11 @@ impl Recorder {
         let last =
             self.shared.born + Duration::from_nanos(self.shared.last.load(Ordering::Relaxed));
         self.shared.clock.time.now().saturating_duration_since(last.max(since))
+    }
+
+    /// What did not stay there, if it had to.
+    pub(crate) fn what_broke(&self) -> Option<ReplayError> {
+        self.state().broken.clone().map(ReplayError::NodeInactive)
     }
 
     /// Why recording has failed, if it has.
@@ -354,6 +361,10 @@ impl Sink for Recorder {
         let why =
             format!("a message of {length} bytes on {topic} is larger than the recording may be");
         self.state().failure = Some(Failure::Budget(why));
+    }
+
+    fn broken(&mut self, why: String) {
+        self.state().broken.get_or_insert(why);
     }
 }
 

@@ -41,7 +41,8 @@ pub(crate) fn wait_for_stack(
             player.show_clock(watch)?;
         }
         let unanswered = discovery.unanswered();
-        let absent = absent(player.publications(), request);
+        let mut absent = absent(player.publications(), request);
+        absent.extend(discovery.node.absent());
         if absent.is_empty()
             && unanswered.is_empty()
             && waiting.is_over(player.publications(), now, deadline)
@@ -66,7 +67,13 @@ pub(crate) fn wait_for_stack(
         watch.sleep_until(begin.min(watch.now() + LOOK))?;
         player.show_clock(watch)?;
     }
-    Ok(())
+    match discovery.node.begin() {
+        gone if gone.is_empty() => Ok(()),
+        gone => Err(ReplayError::NodeInactive(format!(
+            "the play was to begin, and was waiting again for {}",
+            gone.join(", ")
+        ))),
+    }
 }
 
 /// What the request wants to wait for and is not there, in words.

@@ -1,5 +1,6 @@
 //! How fast a recording is played into a node of the stand-in over Cyclone DDS, with its proof:
-//! `cargo run --release -p bagpipe-ros2 --example speed [ROUNDS]` prints medians with their spread.
+//! `cargo run --release -p bagpipe-ros2 --example speed [ROUNDS [WORD]]` prints medians with their
+//! spread, of all or of those whose line has the word.
 #![allow(clippy::unwrap_used)]
 
 #[path = "../tests/scene/mod.rs"]
@@ -14,9 +15,16 @@ const NODE: [&str; 4] = ["--name", "/relay", "--sub", "/in:sensor_msgs/msg/Imu:1
 const ANSWERS: [&str; 4] = ["--pub", "/out:std_msgs/msg/String:10:reliable", "--relay", "/in=/out"];
 
 fn main() {
-    let rounds = std::env::args().nth(1).and_then(|text| text.parse().ok()).unwrap_or(5);
+    let mut arguments = std::env::args().skip(1);
+    let rounds = arguments.next().and_then(|text| text.parse().ok()).unwrap_or(5);
+    let word = arguments.next().unwrap_or_default();
     let bare = NODE.to_vec();
     let relay = [NODE, ANSWERS].concat();
+    let measure = |what: &str, rounds, how| {
+        if what.contains(&word) {
+            measure(what, rounds, how);
+        }
+    };
     measure("full speed, 1 KB, messages/s", rounds, (&bare, Mode::Max, 100_000, 1000));
     measure("full speed, 1 MB, messages/s", rounds, (&bare, Mode::Max, 300, 1_000_000));
     measure(

@@ -17,6 +17,7 @@ use crate::audit::Reader;
 use crate::definition::installed;
 use crate::error::failed;
 use crate::recording::{Input, Inputs, Receiving};
+use crate::seen::{namesakes, state};
 use crate::stillness::Stillness;
 use crate::topic::{Look, Means, Topic, uncounted};
 use crate::{QosOverride, Ros2Options, qos, stamp};
@@ -50,7 +51,7 @@ impl Graph {
         options: &NodeOptions,
         sink: Box<dyn Sink>,
     ) -> Result<Graph, GraphError> {
-        let Ros2Options { ledger, qos, prefixes, .. } = middleware;
+        let Ros2Options { ledger, qos, prefixes, active, .. } = middleware;
         let means = Arc::new(Means {
             player,
             ledger: Arc::clone(ledger),
@@ -62,6 +63,7 @@ impl Graph {
         });
         let inputs = Arc::new(Inputs::default());
         let receiving = Receiving::start(&inputs, &means, sink).map_err(failed)?;
+        inputs.lives.follow(&means.player, active)?;
         Ok(Graph {
             name: name.to_owned(),
             _receiving: receiving,
@@ -285,21 +287,6 @@ impl Graph {
     }
 }
 
-/// Names that more nodes of the graph have than count: what one of these subscribes to the graph
-/// does not show by itself.
-fn namesakes(endpoints: &[Endpoint], nodes: &[GraphNode]) -> BTreeSet<String> {
-    let mut there: BTreeMap<&String, usize> = BTreeMap::new();
-    for node in nodes.iter().filter(|node| !is_hidden(&node.name)) {
-        *there.entry(&node.name).or_default() += 1;
-    }
-    let counting = |name: &String| {
-        let own = endpoints.iter().filter(|one| one.node == *name);
-        own.map(|one| one.process).collect::<BTreeSet<_>>().len()
-    };
-    let more = there.into_iter().filter(|(name, many)| *many > counting(name).max(1));
-    more.map(|(name, _)| name.clone()).collect()
-}
-
 /// The subscriptions of a topic that count, also those that are gone.
 fn subscribed_to<'e>(
     topic: &'e str,
@@ -323,11 +310,6 @@ fn foreign_player(name: &str) -> Option<&str> {
     let process: u32 = process.parse().ok()?;
     let runs = || Path::new("/proc").join(process.to_string()).exists();
     (process != std::process::id() && runs()).then_some(name)
-}
-
-/// Whether a name is one that tools hide, such as those of the command line's own nodes.
-fn is_hidden(name: &str) -> bool {
-    name.split('/').any(|part| part.starts_with('_'))
 }
 
 impl Node for Graph {
@@ -361,6 +343,7 @@ impl Node for Graph {
         }
         let nodes = self.means.player.graph().map_err(failed)?;
         self.must_be_alone(&nodes);
+        self.inputs.lives.ask(&self.means.player)?;
         // Before what was published is read, so that what comes meanwhile is missing for a moment.
         let inputs = self.inputs.all();
         let handed: Vec<u64> = inputs.iter().map(|input| input.arrivals.handed()).collect();
@@ -390,6 +373,14 @@ impl Node for Graph {
             self.compare_types(input, &nodes, &look.endpoints);
         }
         Ok(Seen { state, again: 0 })
+    }
+
+    fn absent(&self) -> Vec<String> {
+        self.inputs.lives.absent()
+    }
+
+    fn begin(&self) -> Vec<String> {
+        self.inputs.lives.hold()
     }
 
     fn restarted(&self, again: u64) -> String {
@@ -480,29 +471,4 @@ impl Node for Graph {
         let topics = self.topics().clone();
         Box::new(Reader { ledger: Arc::clone(&self.means.ledger), topics })
     }
-}
-
-/// Who publishes and subscribes, by the ledger and by the graph, which knows those that do not count.
-fn state(endpoints: &[Endpoint], nodes: &[GraphNode]) -> SystemState {
-    let mut publishers: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-    let mut subscribers = publishers.clone();
-    for one in endpoints.iter().filter(|one| !one.destroyed) {
-        let side = match one.kind {
-            Kind::Publisher => &mut publishers,
-            Kind::Subscription => &mut subscribers,
-        };
-        side.entry(one.topic.clone()).or_default().insert(one.node.clone());
-    }
-    for node in nodes.iter().filter(|node| !is_hidden(&node.name)) {
-        for (topic, _) in &node.publishes {
-            publishers.entry(topic.clone()).or_default().insert(node.name.clone());
-        }
-        for (topic, _) in &node.subscribes {
-            subscribers.entry(topic.clone()).or_default().insert(node.name.clone());
-        }
-    }
-    let listed = |side: BTreeMap<String, BTreeSet<String>>| {
-        side.into_iter().map(|(topic, nodes)| (topic, nodes.into_iter().collect())).collect()
-    };
-    SystemState { publishers: listed(publishers), subscribers: listed(subscribers) }
 }

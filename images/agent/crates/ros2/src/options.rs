@@ -22,6 +22,8 @@ pub struct Ros2Options {
     pub environment: Vec<(OsString, OsString)>,
     /// Quality of service by topic, in place of what was recorded.
     pub qos: BTreeMap<String, QosOverride>,
+    /// Nodes with a life cycle that have to be active before the play, and as long as it lasts.
+    pub active: Vec<String>,
     /// Where packages are installed, for the definitions of recorded types (AMENT_PREFIX_PATH).
     pub prefixes: Vec<PathBuf>,
     /// Until when the player must be there, and each answer of it.

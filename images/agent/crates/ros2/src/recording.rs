@@ -11,6 +11,7 @@ use bagpipe_ros2player::{Qos, Received, SubscriptionId};
 
 use crate::account::Account;
 use crate::acquaintance::Acquaintance;
+use crate::life::LifeCycles;
 use crate::stillness::counted;
 use crate::topic::Means;
 
@@ -86,6 +87,8 @@ pub(crate) struct Inputs {
     all: RwLock<HashMap<SubscriptionId, Arc<Input>>>,
     /// Notified after each batch that was handed on, and when an input is added.
     batches: (Mutex<u64>, Condvar),
+    /// Whose transitions come among the messages.
+    pub(crate) lives: LifeCycles,
     stop: AtomicBool,
     failure: Mutex<Option<String>>,
 }
@@ -204,12 +207,18 @@ impl Inputs {
 
     fn hand_on(&self, received: &Received<'_>, sink: &mut dyn Sink) {
         let mut input = self.find(received.subscription);
-        if input.is_none() {
+        let transition = || self.lives.event(received.subscription, received.data);
+        let mut event = if input.is_none() { transition() } else { None };
+        if input.is_none() && event.is_none() {
             // What was kept for who comes late arrives before the call that subscribes has ended.
             self.wait(UNLISTED, || {
                 input = self.find(received.subscription);
-                input.is_some() || self.stop.load(Ordering::Relaxed)
+                event = transition();
+                input.is_some() || event.is_some() || self.stop.load(Ordering::Relaxed)
             });
+        }
+        if let Some(event) = event {
+            return event.into_iter().for_each(|why| sink.broken(why));
         }
         let Some(input) = input else {
             return self.fail("a message came of a subscription that nobody made".to_owned());

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use rustix::fs::Timespec;
 use rustix::thread::futex;
 
+use crate::layout::Header;
 use crate::{Ledger, LedgerError, ProcessId};
 
 /// How long a wait may go without a look at the processes: nobody wakes us for one that was killed.
@@ -56,15 +57,21 @@ impl Ledger {
         deadline: Instant,
         mut holds: impl FnMut(&Ledger) -> Result<bool, LedgerError>,
     ) -> Result<Waited, LedgerError> {
-        let changes = &self.memory.header.changes;
-        let mut looked = Instant::now();
+        let Header { changes, wanted, .. } = &self.memory.header;
+        let (mut looked, mut wanting) = (Instant::now(), false);
         loop {
-            for event in events {
-                self.memory.header.wanted[*event as usize].store(1, SeqCst);
-            }
+            // Read first: whoever is woken from here on has changed it, so that we don't sleep.
             let before = changes.load(SeqCst);
+            if wanting {
+                events.iter().for_each(|event| wanted[*event as usize].store(1, SeqCst));
+            }
             if holds(self)? {
                 return Ok(Waited::Held);
+            }
+            // Where it holds at the first question, nobody is to wake us.
+            if !wanting {
+                wanting = true;
+                continue;
             }
             let now = Instant::now();
             if now >= deadline {
@@ -77,6 +84,8 @@ impl Ledger {
                 }
             }
             sleep(changes, before, LOOK.min(deadline - now))?;
+            // What woke us is wanted no more, unless it was not what we wait for.
+            wanting = changes.load(SeqCst) == before;
         }
     }
 }

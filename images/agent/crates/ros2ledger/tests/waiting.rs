@@ -98,6 +98,34 @@ fn a_timer_s_callback_wakes_once_who_waits_for_its_start_or_end_and_nobody_else(
 }
 
 #[test]
+fn where_it_holds_already_no_node_wakes_anybody() {
+    let ledger = Ledger::new().unwrap();
+    let mut node = Node::start(Client::Rclcpp, &ledger);
+    node.obey(&["sub /scan 10", "pub /scan 1", "publish /scan 1"]);
+    let events = [Event::Taken, Event::Ended, Event::Published];
+    let waited = ledger.wait(&events, &[], Instant::now() + SOON, |_| Ok(true)).unwrap();
+    node.obey(&["spin / 1", "publish /scan 1"]);
+    assert_eq!((waited, changes(&ledger)), (Waited::Held, 0));
+}
+
+/// A node may end between taking a wish and waking who has it.
+#[test]
+fn a_wish_that_was_taken_without_a_wake_is_there_again_at_the_next_look() {
+    let ledger = Ledger::new().unwrap();
+    let [(_, path), _] = ledger.environment("/ledger.so".as_ref(), None);
+    let file = File::options().read(true).write(true).open(path).unwrap();
+    let (place, mut seen) = (68 + 4 * Event::Ended as u64, Vec::new());
+    let waited = ledger.wait(&[Event::Ended], &[], Instant::now() + SOON, |_| {
+        let mut word = [0; 4];
+        file.read_exact_at(&mut word, place).unwrap();
+        seen.push(u32::from_le_bytes(word));
+        file.write_all_at(&[0; 4], place).unwrap();
+        Ok(seen.len() == 4)
+    });
+    assert_eq!((waited.unwrap(), seen), (Waited::Held, vec![0, 1, 1, 1]));
+}
+
+#[test]
 fn an_endpoint_that_appears_wakes() {
     let ledger = Ledger::new().unwrap();
     let mut node = Node::start(Client::Rclcpp, &ledger);

@@ -16,6 +16,16 @@ enum verb {
   VERB_GRAPH,       /* nodes: namespace, name, what it publishes, what it subscribes to */
   VERB_REFUSAL,     /* a publisher's slot; text: why its last message was refused */
   VERB_LISTEN,      /* as to subscribe, but to what this program publishes itself */
+  VERB_STATE,       /* a number below PLAYER_STATES, which is the node's from then on; its name; u32:
+                     * how far it is (enum asked); u32: the state */
+};
+
+/* How far the question for a node's state is; each request takes it on by a step. */
+enum asked {
+  ASKED_NOBODY,  /* there is no such service */
+  ASKED_NOW,     /* by this request */
+  ASKED_BEFORE,  /* by an earlier one, and it is not answered yet */
+  ASKED_ANSWERED /* what was asked last, by the state that follows */
 };
 
 enum status {

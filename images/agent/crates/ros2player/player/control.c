@@ -46,6 +46,7 @@ static void obey(struct request *from, struct answer *into) {
     return;
   }
   uint32_t slot;
+  const char *name = NULL;
   switch (verb) {
     case VERB_START:
       start(from, into);
@@ -55,6 +56,10 @@ static void obey(struct request *from, struct answer *into) {
     case VERB_SUBSCRIBE: create(from, into, subscription_add, false); return;
     case VERB_LISTEN: create(from, into, subscription_add, true); return;
     case VERB_GRAPH: middleware_graph(into); return;
+    case VERB_STATE:
+      slot = request_number(from);
+      name = request_text(from);
+      break;
     default: slot = request_number(from);
   }
   if (from->wrong || slot >= PLAYER_ENDPOINTS)
@@ -62,6 +67,7 @@ static void obey(struct request *from, struct answer *into) {
   else if (verb == VERB_SUBSCRIBERS) publisher_matched(slot, into);
   else if (verb == VERB_PUBLISHERS) subscription_matched(slot, into);
   else if (verb == VERB_REFUSAL) publisher_refusal(slot, into);
+  else if (verb == VERB_STATE && slot < PLAYER_STATES) node_state(slot, name, into);
   else answer_failed(into, STATUS_REQUEST, "it is no verb");
 }
 

@@ -7,6 +7,7 @@
 #define PLAYER_MAGIC 0x31594c5047474142ull /* "BAGGPLY1" */
 #define PLAYER_VERSION 1u
 #define PLAYER_ENDPOINTS 1024u /* of each kind */
+#define PLAYER_STATES 64u      /* nodes whose state is asked for */
 #define PLAYER_ALIGNMENT 16u   /* of a record in its ring */
 #define PLAYER_RINGS 65536u    /* where the first ring begins: a page of any size */
 

@@ -50,6 +50,9 @@ bool subscription_count(uint32_t slot, uint64_t *matched, struct answer *into);
 enum took subscription_take(uint32_t slot, struct taken *into, char reason[REASON_MOST]);
 void subscription_unmake(uint32_t slot);
 
+/* The state of a node with a life cycle, by its service. */
+void node_state(uint32_t number, const char *name, struct answer *into);
+
 /* Waits until some of these subscriptions have messages, somebody wakes it, or a moment is over.
  * False, with the reason, if it can't. */
 bool messages_wait(const uint32_t *slots, size_t count, bool *ready, char reason[REASON_MOST]);

@@ -25,6 +25,7 @@ pub(crate) enum Verb {
     Graph,
     Refusal,
     Listen,
+    State,
 }
 
 /// A request, written up.

@@ -8,6 +8,8 @@ pub(crate) const MAGIC: u64 = 0x3159_4c50_4747_4142;
 pub(crate) const VERSION: u32 = 1;
 /// Publishers, and as many subscriptions.
 pub(crate) const ENDPOINTS: usize = 1024;
+/// Nodes whose state is asked for.
+pub(crate) const STATES: usize = 64;
 /// Of a record in its ring, in bytes.
 pub(crate) const ALIGNMENT: u64 = 16;
 /// Where the first ring begins.
@@ -118,10 +120,11 @@ mod tests {
         all
     }
 
-    const CONSTANTS: [(&str, u64); 10] = [
+    const CONSTANTS: [(&str, u64); 11] = [
         ("PLAYER_MAGIC", MAGIC),
         ("PLAYER_VERSION", VERSION as u64),
         ("PLAYER_ENDPOINTS", ENDPOINTS as u64),
+        ("PLAYER_STATES", STATES as u64),
         ("PLAYER_ALIGNMENT", ALIGNMENT),
         ("PLAYER_RINGS", RINGS as u64),
         ("RECORD_MESSAGE", RECORD_MESSAGE as u64),

@@ -13,8 +13,8 @@
 //! [`DDS_PROGRAM`] does the same: a static program with Cyclone DDS in it, on loopback, in the domain
 //! of `ROS_DOMAIN_ID`, with `CYCLONEDDS_URI` on top of its own settings. It knows no types: a
 //! message is what its bytes are. Nodes' names are those that participants report on
-//! `ros_discovery_info` or in their user data; others are `/unnamed_dds_participant_N`. Security, and
-//! RMWs that are no DDS, are librcl's alone.
+//! `ros_discovery_info` or in their user data; others are `/unnamed_dds_participant_N`. Security,
+//! RMWs that are no DDS, and services ([`Player::ask_state`]) are librcl's alone.
 //!
 //! # How they talk
 //! The program's standard input is a socket. By its first byte comes the shared memory, a file
@@ -56,6 +56,7 @@ mod program;
 mod qos;
 mod receive;
 mod ring;
+mod state;
 
 pub use error::PlayerError;
 pub use graph::GraphNode;
@@ -63,6 +64,7 @@ pub use options::PlayerOptions;
 pub use player::{Player, PublisherId, SubscriptionId};
 pub use qos::{Durability, History, Qos, Reliability};
 pub use receive::Received;
+pub use state::Asked;
 
 /// The program: an ELF file of some 30 KiB for this processor and any glibc from 2.17 on, to be written
 /// where the user's container can execute it.

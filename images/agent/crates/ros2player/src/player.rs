@@ -257,7 +257,7 @@ impl Player {
     }
 
     /// Asks the program, and reads the status. `about`: topic, type and package of an endpoint.
-    fn ask(
+    pub(crate) fn ask(
         &self,
         what: &str,
         request: &Request,

@@ -1,7 +1,7 @@
 """Which files a job reads and which partition each goes to; nothing here reads their bytes."""
 
 import heapq
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -9,6 +9,15 @@ from bagpipe.binpiped.record import Fields, InputRecord
 from bagpipe.plan.bag_tail import BagError, read_tail
 from bagpipe.plan.fragments import cut
 from bagpipe.plan.framing import framing
+from bagpipe.plan.part import Part
+from bagpipe.plan.rosbag2 import (
+    Rosbag2,
+    in_folders,
+    is_folder,
+    joined,
+    read_metadata,
+    without_members,
+)
 from bagpipe.storage import Stat, Storage, StorageError
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
 
@@ -21,7 +30,8 @@ _NANOSECONDS = 1_000_000_000
 class Descriptor:
     """One record before it is read: (offset, length) ranges of a file, in bytes.
 
-    They lie behind the bytes `head` and before the bytes `end`.
+    They lie behind the bytes `head` and before the bytes `end`. A folder of rosbag2 has `parts` of
+    its files in their place.
     """
 
     name: str
@@ -32,14 +42,19 @@ class Descriptor:
     fields: Fields = field(default_factory=dict)
     # The file's mark when it was planned: another file's bytes in its ranges are no record.
     version: str = ""
+    parts: tuple[Part, ...] = ()
 
     @property
     def size(self) -> int:
-        """Bytes of the record."""
-        return len(self.head) + sum(length for _, length in self.ranges) + len(self.end)
+        """Bytes of the record; of parts, those that are read for it."""
+        ranges = sum(length for _, length in self.ranges) + sum(part.bytes for part in self.parts)
+        return len(self.head) + ranges + len(self.end)
 
     def open(self, storage: Storage) -> InputRecord:
-        """The record, to be read when its turn comes."""
+        """The record, to be read when its turn comes. Raises StorageError."""
+        if self.parts:
+            data = memoryview(self._joined(storage))
+            return InputRecord(self.name, len(data), lambda: _pieces_of(data), self.fields)
 
         def pieces() -> Iterable[bytes]:
             if self.head:
@@ -50,6 +65,21 @@ class Descriptor:
                 yield self.end
 
         return InputRecord(self.name, self.size, lambda: iter(pieces()), self.fields)
+
+    def _joined(self, storage: Storage) -> bytes:
+        """The parts as one file of MCAP, in memory. Raises StorageError."""
+        try:
+            metadata = read_metadata(self.uri, storage)
+            if metadata.version != self.version:
+                raise StorageError(f"{self.uri} is no longer the file that was planned")
+            return joined(self.parts, metadata, storage, {})
+        except BagError as error:
+            raise StorageError(f"{self.uri}: {error}") from error
+
+
+def _pieces_of(data: memoryview) -> Iterator[memoryview]:
+    for at in range(0, len(data), MAX_PAYLOAD_BYTES):
+        yield data[at : at + MAX_PAYLOAD_BYTES]
 
 
 def whole_files(storage: Storage, patterns: Iterable[str]) -> list[Descriptor]:
@@ -62,29 +92,53 @@ def _whole(uri: str, found: Stat) -> Descriptor:
     return Descriptor(uri, uri, ranges, version=found.version)
 
 
-def bag_fragments(
+def fragments(
     storage: Storage, patterns: Iterable[str], seconds: float, topics: Sequence[str]
 ) -> list[Descriptor]:
-    """One record for each fragment of each bag, by chunk boundaries, from the bags' tails alone.
+    """One record for each fragment of each recording, from their indexes alone.
 
-    A record is a recording without an index: the connections and the chunks that hold the window.
-    Raises StorageError, also for a bag that can't be planned.
+    A record is a recording without an index: of a bag or of MCAP the connections and the chunks
+    that hold the window, of a folder of rosbag2 the messages in it, as MCAP. Raises StorageError,
+    also for what can't be planned.
     """
-    found = []
-    for uri in _expand(storage, patterns):
-        file = storage.open(uri)
+    length = round(seconds * _NANOSECONDS)
+    found: list[Descriptor] = []
+    for uri in _recordings(storage, patterns):
+        plan = _of_folder if is_folder(uri) else _of_file
         try:
-            tail = read_tail(file.read, file.size)
-            parts = cut(tail, list(topics), round(seconds * _NANOSECONDS), 0)
+            found += plan(storage, uri, length, list(topics))
         except BagError as error:
             raise StorageError(f"{uri}: {error}") from error
-        (head, end), declarations = framing(tail.declarations), tuple(tail.declarations)
-        for part in parts:
-            window: Fields = {"start": part.window.start, "end": part.window.end}
-            ranges = declarations + tuple(part.ranges)
-            name = f"{uri}#{part.number}"
-            found.append(Descriptor(name, uri, ranges, head, end, window, file.version))
     return found
+
+
+def _of_file(storage: Storage, uri: str, length: int, topics: list[str]) -> Iterator[Descriptor]:
+    file = storage.open(uri)
+    tail = read_tail(file.read, file.size)
+    (head, end), declarations = framing(tail.declarations), tuple(tail.declarations)
+    for part in cut(tail, topics, length, 0):
+        window: Fields = {"start": part.window.start, "end": part.window.end}
+        ranges = declarations + tuple(part.ranges)
+        yield Descriptor(f"{uri}#{part.number}", uri, ranges, head, end, window, file.version)
+
+
+def _of_folder(storage: Storage, uri: str, length: int, topics: list[str]) -> Iterator[Descriptor]:
+    folder = Rosbag2(read_metadata(uri, storage), storage)
+    for each in cut(folder.tail, topics, length, 0):
+        window: Fields = {"start": each.window.start, "end": each.window.end}
+        parts = tuple(folder.parts(each, topics))
+        name = f"{uri}#{each.number}"
+        yield Descriptor(name, uri, (), fields=window, version=folder.version, parts=parts)
+
+
+def _recordings(storage: Storage, patterns: Iterable[str]) -> list[str]:
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        uris = without_members(in_folders(located(pattern), storage), storage)
+        if not uris:
+            raise StorageError(f"{pattern} names no file")
+        found.update(dict.fromkeys(uris))
+    return without_members(list(found), storage)
 
 
 def _expand(storage: Storage, patterns: Iterable[str]) -> list[str]:

@@ -16,7 +16,7 @@ from bagpipe.binpiped.logic import (
 from bagpipe.binpiped.partition import MOST_RECORD_BYTES, RECORD_BYTES, PartitionRun
 from bagpipe.binpiped.planning import (
     Descriptor,
-    bag_fragments,
+    fragments,
     located,
     pack,
     partitions_for,
@@ -118,7 +118,8 @@ def bin_piped(  # noqa: PLR0913  options of a public function, all by name
     `uris` are URIs or paths, globs allowed. The program is a `command` (a list, no shell reads
     it) that is started once for each partition, or serves a `fifo`. `timeout` and
     `record_timeout` are seconds. With `source="rosbag"` a record is a fragment of `fragment`
-    seconds of a bag's `topics` (empty: all). Raises StorageError, ValueError or TypeError.
+    seconds of a recording's `topics` (empty: all): of a bag, of MCAP, or of a folder of rosbag2.
+    Raises StorageError, ValueError or TypeError.
     """
     if not 0 < max_record_bytes <= MOST_RECORD_BYTES:
         raise ValueError(f"max_record_bytes is 1 to {MOST_RECORD_BYTES:,}")
@@ -130,7 +131,7 @@ def bin_piped(  # noqa: PLR0913  options of a public function, all by name
     if source == "files":
         descriptors = whole_files(storage, patterns)
     elif source == "rosbag":
-        descriptors = bag_fragments(storage, patterns, fragment, topics)
+        descriptors = fragments(storage, patterns, fragment, topics)
     else:
         raise ValueError(f"source is 'files' or 'rosbag', not {source!r}")
     count = partitions or partitions_for(descriptors, spark.defaultParallelism)

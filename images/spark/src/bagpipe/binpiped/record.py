@@ -22,7 +22,7 @@ class InputRecord:
 
     name: str
     size: int
-    pieces: Callable[[], Iterator[bytes]]
+    pieces: Callable[[], Iterator[bytes | memoryview]]
     fields: Mapping[str, Field] = field(default_factory=dict)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.fragments import Window
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,13 @@
-"""Pieces of recordings as parts of one case: which bytes of which bag, shifted to which time."""
+"""Pieces of recordings, as a spec has them, as parts of one case."""
 
 import hashlib
 import json
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from bagpipe.pieces import Piece, RecordedTopics, SequencePart
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import Window, check_encoding, cut_one
+from bagpipe.plan.part import Part
 from bagpipe.storage import Storage, StorageError
 from bagpipe.texts import duration_nanoseconds
 
@@ -18,44 +19,6 @@ class PartError(Exception):
         super().__init__(f"{bag}: {message}")
         self.bag = bag
         self.reason = reason
-
-
-@dataclass(frozen=True)
-class Part:
-    """A window of one bag, in the bag's own times, in ns; `at` is its start in the case's time.
-
-    `version` is the file's mark when it was planned; `topics` are those to be played (none: all);
-    `connections` and `ranges` are (offset, length) in bytes, as a case has them.
-    """
-
-    bag: str
-    version: str
-    topics: list[str]
-    window: Window
-    at: int
-    connections: list[tuple[int, int]]
-    ranges: list[tuple[int, int]]
-    messages: int
-
-    @property
-    def shift(self) -> int:
-        """What is added to a recorded time, in ns."""
-        return self.at - self.window.start
-
-    @property
-    def end(self) -> int:
-        """Where the next part begins, in the case's time."""
-        return self.at + self.window.end - self.window.start
-
-    @property
-    def bytes(self) -> int:
-        """Bytes that are read from storage."""
-        return sum(length for _, length in self.connections + self.ranges)
-
-    def as_row(self) -> dict[str, object]:
-        """The part as a line of results has it."""
-        window = [self.window.start, self.window.end]
-        return {"bag": self.bag, "version": self.version, "window": window, "at": self.at}
 
 
 class PartPlanner:

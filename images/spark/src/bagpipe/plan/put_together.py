@@ -10,7 +10,8 @@ from bagpipe.pieces import P, filled_pieces
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Crossing
 from bagpipe.plan.made import Plan, Unplanned
-from bagpipe.plan.parts import Part, PartError
+from bagpipe.plan.part import Part
+from bagpipe.plan.parts import PartError
 
 
 def put_together(

@@ -31,7 +31,7 @@ from bagpipe.plan.bag_tail import (
 from bagpipe.plan.fragments import FragmentPlan, Window, ranges_of
 from bagpipe.plan.framing import framed
 from bagpipe.plan.in_force import Late
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 from bagpipe.storage import OpenFile, Storage, StorageError
 
 METADATA = "metadata.yaml"

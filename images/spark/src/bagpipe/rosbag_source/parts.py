@@ -6,7 +6,7 @@ from typing import Any
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagError, resolve
 from bagpipe.plan.framing import framed
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import MOST_FRAGMENT_BYTES, is_folder, joined, read_metadata
 from bagpipe.storage import Storage, StorageError
 

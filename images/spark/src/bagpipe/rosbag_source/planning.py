@@ -8,7 +8,7 @@ from typing import Any
 from bagpipe.plan.bag_tail import BagError, BagTail, Connection, connection_fields
 from bagpipe.plan.bag_tail import resolve as resolved
 from bagpipe.plan.fragments import Window, cut, cut_one
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, in_folders, without_members
 from bagpipe.rosbag_source.parts import opened, wanted
 from bagpipe.rosbag_source.recordings import Bag, McapFile, recording

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from bagpipe.plan.bag_tail import BagError, BagTail, read_tail
 from bagpipe.plan.fragments import FragmentPlan
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import Rosbag2, is_folder, read_metadata
 from bagpipe.storage import OpenFile, Storage, StorageError
 

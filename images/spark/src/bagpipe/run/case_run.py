@@ -307,6 +307,7 @@ def case_map(case: Case, context: RunContext) -> HelloCase:
             "remap": stack.remap,
             "qos": _offered(stack),
             "player": stack.ros2.player if stack.ros2 else "auto",
+            "active": stack.ros2.active if stack.ros2 else [],
             "master": stack.ros1.master if stack.ros1 else "agent",
         },
         "playback": {

@@ -11,7 +11,7 @@ from bagpipe.encodings import ROS1
 from bagpipe.native import native
 from bagpipe.plan.bag_tail import resolve
 from bagpipe.plan.framing import framed
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 from bagpipe.source.stamps import StampError, moved
 from bagpipe.storage import Storage
 from bagpipe.wire.frames import MAX_PAYLOAD_BYTES

@@ -116,6 +116,11 @@ class HelloStack(TypedDict):
             ),
         ]
     ]
+    active: NotRequired[
+        Annotated[
+            list[str], _default([], "In ROS 2: nodes with a life cycle that have to be active.")
+        ]
+    ]
     master: NotRequired[
         Annotated[
             Literal["agent", "image"],

@@ -111,6 +111,9 @@ pub struct Stack {
     /// In ROS 2, what plays.
     #[serde(default)]
     pub player: Player,
+    /// In ROS 2, nodes with a life cycle that have to be active.
+    #[serde(default)]
+    pub active: Vec<String>,
     /// In ROS 1, whose master it is.
     #[serde(default)]
     pub master: Master,

@@ -43,8 +43,13 @@ pub struct StackEnd {
 }
 
 /// What goes wrong because something of the stack crashed before.
-const CONSEQUENCES: [&str; 4] =
-    ["StackExited", "NeverSubscribed", "StackStoppedReading", "CaseDeadlineExceeded"];
+const CONSEQUENCES: [&str; 5] = [
+    "StackExited",
+    "NeverSubscribed",
+    "NodeInactive",
+    "StackStoppedReading",
+    "CaseDeadlineExceeded",
+];
 
 impl StackEnd {
     /// Finds what of all that ended is evidence.

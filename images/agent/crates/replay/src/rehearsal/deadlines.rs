@@ -2,6 +2,8 @@
 
 use std::cell::Cell;
 
+use bagpipe_graph::Sink as _;
+
 use super::realtime::bag_of_times;
 use super::{ByHand, Rehearsal, ms, request, window};
 use crate::{Cancellation, ReplayError, Stage};
@@ -100,6 +102,30 @@ fn a_stack_may_end_once_the_last_message_goes_out() {
     let reported = rehearsal.reported.lock().unwrap();
     let last_out = reported.iter().map(|(_, progress)| progress.last_out).collect::<Vec<_>>();
     assert_eq!(last_out, [None, Some(rehearsal.by_hand.moment(ms(20)))]);
+}
+
+#[test]
+fn what_had_to_stay_may_leave_once_the_last_message_goes_out() {
+    for (stage, last_goes_out, ends) in [
+        (Stage::LeadIn, false, true),
+        (Stage::Play, false, true),
+        (Stage::Play, true, false),
+        (Stage::Drain, false, false),
+    ] {
+        let rehearsal = rehearsal();
+        rehearsal.recorder.clone().broken("/a rests".to_owned());
+        rehearsal.recorder.clone().broken("/b rests".to_owned());
+        let checked = rehearsal.watched(|watch| {
+            watch.enter(stage);
+            if last_goes_out {
+                watch.last_goes_out();
+            }
+            watch.check()
+        });
+        let sentence = "/a rests; a play proves nothing of a node that is not at work";
+        let ended = checked.err().map(|error| (error.reason(), error.to_string()));
+        assert_eq!(ended, ends.then(|| ("NodeInactive", sentence.to_owned())), "{stage:?}");
+    }
 }
 
 #[test]

@@ -131,11 +131,17 @@ impl Scene {
     }
 
     pub fn middleware(&self) -> Ros2 {
+        self.middleware_of(&[])
+    }
+
+    /// One that is to wait until these nodes are active.
+    fn middleware_of(&self, active: &[&str]) -> Ros2 {
         Ros2::start(Ros2Options {
             ledger: Arc::clone(&self.ledger),
             program: built().join("player"),
             environment: self.graph.environment(),
             qos: BTreeMap::new(),
+            active: active.iter().map(|&node| node.to_owned()).collect(),
             prefixes: vec![self.prefix.0.clone()],
             deadline: LONG,
         })
@@ -162,7 +168,7 @@ impl Scene {
             optional: false,
         };
         let request = ReplayRequest {
-            middleware: Arc::new(self.middleware()),
+            middleware: Arc::new(self.middleware_of(ask.active)),
             window: Window { lead_in_start: first, start: first + ask.lead_in, end: last + 1 },
             topics: Vec::new(),
             late: BTreeMap::new(),
@@ -199,6 +205,8 @@ pub struct Ask<'a> {
     pub by: AnswerBy,
     pub record: &'a [&'a str],
     pub use_sim_time: bool,
+    /// Nodes that have to be active.
+    pub active: &'a [&'a str],
     /// How long to wait for the subscribers.
     pub deadline: Duration,
     /// How long the last answers may take.
@@ -213,6 +221,7 @@ pub const DEFAULT: Ask<'static> = Ask {
     by: AnswerBy::Count,
     record: &["/out.*"],
     use_sim_time: false,
+    active: &[],
     deadline: LONG,
     drain: Duration::from_secs(10),
 };

@@ -64,6 +64,12 @@ bool middleware_join(const char *name, const char *space, struct answer *into) {
   return graph_prepare(into) && nodes_prepare(into) && wait_prepare(into);
 }
 
+/* What a service's messages begin with differs between RMWs. */
+void node_state(uint32_t number, const char *name, struct answer *into) {
+  (void)number, (void)name;
+  answer_failed(into, STATUS_REQUEST, "on DDS alone no service is called");
+}
+
 void middleware_leave(void) {
   if (participant > 0) dds_delete(participant);
 }

@@ -8,19 +8,6 @@
 static struct blob publishers[PLAYER_ENDPOINTS], subscriptions[PLAYER_ENDPOINTS];
 static struct serialized buffer; /* of what was taken */
 
-/* The handle of a type, or NULL with an answer. */
-static const void *type_of(const struct wanted *wanted, struct answer *into) {
-  char library[512];
-  const char *missing;
-  const void *type =
-      rcl_type(wanted->package, wanted->folder, wanted->name, library, &missing);
-  if (type == NULL) {
-    answer_failed(into, missing[0] != 0 ? STATUS_PACKAGE : STATUS_TYPE, library);
-    if (missing[0] != 0) answer_text(into, missing);
-  }
-  return type;
-}
-
 static void qos_into(struct blob *options, const struct qos *qos) {
   struct qos head;
   memcpy(&head, options, sizeof head);
@@ -32,7 +19,7 @@ static void qos_into(struct blob *options, const struct qos *qos) {
 }
 
 bool publisher_make(const struct wanted *wanted, struct answer *into) {
-  const void *type = type_of(wanted, into);
+  const void *type = rcl_type(wanted->package, wanted->folder, wanted->name, into);
   if (type == NULL) return false;
   struct blob *made = &publishers[wanted->slot];
   struct blob options = rcl.rcl_publisher_get_default_options();
@@ -73,7 +60,7 @@ static void ignore_own(struct blob *options) {
 }
 
 bool subscription_make(const struct wanted *wanted, struct answer *into) {
-  const void *type = type_of(wanted, into);
+  const void *type = rcl_type(wanted->package, wanted->folder, wanted->name, into);
   if (type == NULL) return false;
   struct blob *made = &subscriptions[wanted->slot];
   struct blob options = rcl.rcl_subscription_get_default_options();

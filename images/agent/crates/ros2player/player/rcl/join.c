@@ -41,6 +41,7 @@ bool middleware_join(const char *name, const char *space, struct answer *into) {
 
 void middleware_leave(void) {
   take_unprepare();
+  states_leave();
   if (with_node) (void)!rcl.rcl_node_fini(&node);
   if (with_context && rcl.rcl_shutdown(&context) == RCL_OK)
     (void)!rcl.rcl_context_fini(&context);

@@ -24,17 +24,24 @@ const char *rcl_load(bool *symbol) {
   return NULL;
 }
 
-const void *rcl_type(const char *package, const char *folder, const char *name, char library[512],
-                     const char **missing) {
-  char symbol[1024];
-  snprintf(library, 512, "lib%s__rosidl_typesupport_c.so", package);
+void *rcl_function(const char *library, const char *symbol, struct answer *into) {
+  void *loaded = dlopen(library, RTLD_NOW);
+  void *found = loaded == NULL ? NULL : dlsym(loaded, symbol);
+  if (found != NULL) return found;
+  const char *missing = loader_says();
+  answer_failed(into, loaded == NULL ? STATUS_PACKAGE : STATUS_TYPE, library);
+  if (loaded == NULL) answer_text(into, missing);
+  return NULL;
+}
+
+const void *rcl_type(const char *package, const char *folder, const char *name,
+                     struct answer *into) {
+  char library[512], symbol[1024];
+  snprintf(library, sizeof library, "lib%s__rosidl_typesupport_c.so", package);
   snprintf(symbol, sizeof symbol,
            "rosidl_typesupport_c__get_message_type_support_handle__%s__%s__%s", package, folder,
            name);
-  void *loaded = dlopen(library, RTLD_NOW);
-  *missing = loaded == NULL ? loader_says() : "";
-  if (loaded == NULL) return NULL;
-  const void *(*get)(void) = (const void *(*)(void))dlsym(loaded, symbol);
+  const void *(*get)(void) = (const void *(*)(void))rcl_function(library, symbol, into);
   return get == NULL ? NULL : get();
 }
 

@@ -74,6 +74,13 @@ struct names_and_types {
   X(int, rcl_subscription_get_publisher_count, (const void *subscription, size_t *count))          \
   X(int, rcl_take_serialized_message, (const void *subscription, struct serialized *, void *info,  \
                                        void *allocation))                                          \
+  X(struct blob, rcl_client_get_default_options, (void))                                           \
+  X(int, rcl_client_init, (void *client, const void *node, const void *type, const char *service,  \
+                           const void *options))                                                   \
+  X(int, rcl_client_fini, (void *client, void *node))                                              \
+  X(int, rcl_service_server_is_available, (const void *node, const void *client, bool *available)) \
+  X(int, rcl_send_request, (const void *client, const void *request, int64_t *sequence))           \
+  X(int, rcl_take_response, (const void *client, void *id, void *response))                        \
   X(int, rcl_guard_condition_init, (void *guard, void *context, struct allocator))                 \
   X(int, rcl_guard_condition_fini, (void *guard))                                                  \
   X(int, rcl_trigger_guard_condition, (void *guard))                                               \
@@ -104,16 +111,21 @@ extern struct rcl rcl;
  * name of a function, and not the loader's words. */
 const char *rcl_load(bool *symbol);
 
-/* The handle of a message type; NULL with what the loader says, or "" where the library has no such
- * type. `library` becomes its file's name. */
-const void *rcl_type(const char *package, const char *folder, const char *name, char library[512],
-                     const char **missing);
+/* The handle of a message type; NULL with an answer if its library is not there, or lacks it. */
+const void *rcl_type(const char *package, const char *folder, const char *name,
+                     struct answer *into);
+
+/* The function of a package's library, loaded by its file's name; as above. */
+void *rcl_function(const char *library, const char *symbol, struct answer *into);
 
 extern struct blob context, node;
 
 /* wait.c: what wakes who waits; false with an answer if it is not to be had. */
 bool take_prepare(struct answer *into);
 void take_unprepare(void);
+
+/* states.c: its clients leave before the node does. */
+void states_leave(void);
 
 /* endpoints.c */
 const void *subscription_handle(uint32_t slot);

@@ -32,5 +32,5 @@ FIELDS = EngineFields(
             "stack.ros1 has a meaning with stack.engine: ros1 alone: write that, or leave it out"
         ),
     },
-    reasons=frozenset({"DeliveryUnproved", "RecordingIncomplete", "Ros2Failed"}),
+    reasons=frozenset({"DeliveryUnproved", "NodeInactive", "RecordingIncomplete", "Ros2Failed"}),
 )

@@ -12,7 +12,7 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.fragments import cut_one
 from bagpipe.plan.framing import framed, framing
 from bagpipe.plan.in_force import Late
-from bagpipe.plan.parts import Part
+from bagpipe.plan.part import Part
 from bagpipe.plan.rosbag2 import (
     Metadata,
     Rosbag2,

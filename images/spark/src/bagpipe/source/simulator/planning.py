@@ -10,7 +10,8 @@ from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
 from bagpipe.plan.fragments import Window
 from bagpipe.plan.made import Plan
-from bagpipe.plan.parts import Part, PartPlanner, version_of
+from bagpipe.plan.part import Part
+from bagpipe.plan.parts import PartPlanner, version_of
 from bagpipe.plan.put_together import put_together
 from bagpipe.simulator.model import START, Simulator
 from bagpipe.simulator.scenario import Scenario

@@ -142,6 +142,7 @@ impl Host for Ros2Host<'_> {
             Arc::clone(&self.ledger),
             self.files.clone(),
             self.qos(),
+            self.case.stack.active.clone(),
             (self.own_variables(), self.folder.clone()),
         );
         let ros2 = players.choose(self.case.stack.player, occasion);

@@ -28,6 +28,8 @@ pub struct Players {
     ledger: Arc<Ledger>,
     files: Files,
     qos: BTreeMap<String, QosOverride>,
+    /// Nodes whose state is asked for.
+    active: Vec<String>,
     /// Of a player that no node gives any.
     variables: Variables,
     /// Where what a player reads is written.
@@ -44,12 +46,14 @@ impl Players {
         ledger: Arc<Ledger>,
         files: Files,
         qos: BTreeMap<String, QosOverride>,
+        active: Vec<String>,
         (variables, folder): (Variables, PathBuf),
     ) -> Players {
         Players {
             ledger,
             files,
             qos,
+            active,
             variables,
             folder,
             pids: Vec::new(),
@@ -143,6 +147,7 @@ impl Players {
             prefixes: prefixes(&variables),
             environment: variables,
             qos: self.qos.clone(),
+            active: self.active.clone(),
             deadline: DEADLINE,
         })?;
         self.pids.push(ros2.pid());
@@ -156,6 +161,14 @@ impl Players {
         started: Result<Ros2, PlayerError>,
     ) -> Result<Ros2, Failure> {
         let ros2 = started.map_err(|error| Failure::new("Ros2Failed", error.to_string()))?;
+        if name == PlayerName::Dds && !self.active.is_empty() {
+            let why = format!(
+                "stack.ros2.active names {}, whose state the image's librcl alone can ask for, and \
+                 it is played on DDS: {why}",
+                self.active.join(", ")
+            );
+            return Err(Failure::new("Ros2Failed", why));
+        }
         self.chosen = Some(ChosenPlayer { name, why });
         Ok(ros2)
     }
