@@ -96,6 +96,36 @@ def test_bags_of_one_name_that_are_missing_have_a_row_each(tmp_path: Path) -> No
     assert third.id == "z"
 
 
+def test_a_faulty_bag_that_is_called_as_a_case_takes_no_case_s_place(tmp_path: Path) -> None:
+    """Results have one row for each name: the case would never have run."""
+    storage = storage_with(tmp_path, "a.bag")
+    (tmp_path / "a-0001.bag").write_text("a slice that was never written")
+    made = plan(make_spec(source=source("a.bag", "a-0001.bag")), storage)
+    assert sorted(case.id for case in made.cases) == ["a-0000", "a-0001", "a-0002"]
+    [faulty] = made.unplanned
+    assert (faulty.id, faulty.bag) == ("a-0001-8aa43f306ee2", "pvc://recordings/a-0001.bag")
+
+
+def test_a_file_s_variant_that_is_called_as_another_s_is_a_case_of_its_own(tmp_path: Path) -> None:
+    for name in ("drive.x", "drive-fast.x", "walk.x"):
+        (tmp_path / name).write_text(name)
+    spec = make_spec(
+        source={"files": ["pvc://recordings/*.x"]},
+        stack={"engine": "exec", "image": "judge:1", "command": ["judge"]},
+        record=None,
+        variants=[{"name": "lidar"}, {"name": "fast-lidar"}],
+    )
+    cases = plan(spec, Storage({"recordings": str(tmp_path)})).cases
+    assert sorted((case.id, case.fragment, case.conditions.variant) for case in cases) == [
+        ("drive-fast-fast-lidar", "drive-fast", "fast-lidar"),
+        ("drive-fast-lidar-38b91d042697", "drive-fast", "lidar"),
+        ("drive-fast-lidar-e098fccb8a13", "drive", "fast-lidar"),
+        ("drive-lidar", "drive", "lidar"),
+        ("walk-fast-lidar", "walk", "fast-lidar"),
+        ("walk-lidar", "walk", "lidar"),
+    ]
+
+
 def test_a_faulty_bag_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
     storage = storage_with(tmp_path, "good.bag", "cut.bag", "other.bag")
     whole = (tmp_path / "cut.bag").read_bytes()

@@ -363,3 +363,29 @@ def test_a_length_that_never_ends_is_refused(length: int, chunks: int) -> None:
 def test_a_length_of_a_nanosecond_is_the_least() -> None:
     tail = BagTail(10**6, [], [SCAN], [Chunk(1000, 2000, 0, 2, {0: 3})])
     assert [(f.window.start, f.window.end) for f in cut(tail, [], 1, 0)] == [(0, 1), (1, 2), (2, 3)]
+
+
+class CountedChunk(Chunk):
+    """How often one is looked at."""
+
+    looks = 0
+
+    def __getattribute__(self, name: str) -> object:
+        if name in {"end_time", "counts"}:
+            CountedChunk.looks += 1
+        return super().__getattribute__(name)
+
+
+def test_no_window_looks_at_all_chunks() -> None:
+    """Else a night of a camera, in hundred thousands of chunks, is planned for minutes."""
+    for count in (100, 400):
+        chunks: list[Chunk] = [
+            CountedChunk(n * 100, n * 100 + 100, n * SECOND, (n + 1) * SECOND - 1, {0: 5, 1: 1})
+            for n in range(count)
+        ]
+        CountedChunk.looks = 0
+        tail = BagTail(count * 100, [], [SCAN, connection(1, "/tf_static", in_force=2)], chunks)
+        fragments = cut(tail, [], SECOND, SECOND)
+        assert len(fragments) == count
+        assert fragments[-1].ranges == [((count - 4) * 100, 400)]
+        assert CountedChunk.looks < 30 * count

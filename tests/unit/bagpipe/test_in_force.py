@@ -13,7 +13,7 @@ from bagpipe.native import native
 from bagpipe.plan.bag_tail import BagTail, Chunk, Connection
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
-from bagpipe.plan.in_force import Late, as_wanted, chunks_in_force
+from bagpipe.plan.in_force import Latched, Late, as_wanted
 from bagpipe.source.bags.folder_stream import folder_file
 from bagpipe.source.bags.late import late_of
 from bagpipe.source.bags.planning import fragments
@@ -216,7 +216,7 @@ def test_the_chunks_hold_what_is_in_force_wherever_in_them_messages_lie(
         for number, (start, length, count) in enumerate(chunks)
     ]
     publisher = Connection(7, "/map", "", "", "cdr", in_force, "", 0, 0)
-    found = chunks_in_force(made, before, [publisher])
+    found = Latched(made, [publisher]).chunks_at(before)
     times = [
         sorted(seed.randint(chunk.start_time, chunk.end_time) for _ in range(chunk.counts[7]))  # type: ignore[attr-defined]
         for chunk in made

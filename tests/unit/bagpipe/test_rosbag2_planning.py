@@ -2,14 +2,19 @@
 
 import itertools
 import shutil
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from bagpipe.plan.bag_tail import BagError, read_tail
+from bagpipe.plan.bag_tail import BagError, Chunk, read_tail
 from bagpipe.plan.case import Case
 from bagpipe.plan.conditions import Conditions, Crossing
+from bagpipe.plan.fragments import cut
 from bagpipe.plan.made import Plan
+from bagpipe.plan.rosbag2 import Rosbag2, read_metadata, without_members
 from bagpipe.run.laptop import planned_case, write_fragment
 from bagpipe.source.bags.expanding import recordings
 from bagpipe.source.bags.folder_stream import (
@@ -19,6 +24,7 @@ from bagpipe.source.bags.folder_stream import (
 )
 from bagpipe.source.bags.planning import fragments
 from bagpipe.source.chosen import source_of
+from bagpipe.source.expanding import expanded
 from bagpipe.source.planning import plan
 from bagpipe.source_spec import Source
 from bagpipe.spec import SimulationJobSpec
@@ -152,6 +158,54 @@ def test_other_files_beside_a_folder_s_own_are_recordings(tmp_path: Path) -> Non
     assert (found, missing) == ([metadata.as_uri(), other.as_uri()], [])
     _, missing = recordings([(tmp_path / "none").as_uri()], STORAGE)
     assert [each.reason for each in missing] == ["BagMissing"]
+
+
+def test_no_recording_is_compared_with_every_other_one() -> None:
+    """A catalogue names each of thousands by itself."""
+    compared = []
+
+    class Uri(str):
+        __slots__ = ()
+        __hash__ = str.__hash__
+
+        def __eq__(self, other: object) -> bool:
+            compared.append(other)
+            return super().__eq__(other)
+
+    patterns = [f"s3://fleet/{n:04d}.bag" for n in range(500)]
+    found, missing = expanded([*patterns, patterns[7]], STORAGE, "none", lambda p, _: [Uri(p)])
+    assert (found, missing) == (patterns, [])
+    assert len(compared) <= 1001
+
+
+def test_no_folder_is_compared_with_every_other_recording() -> None:
+    """Thousands of them are named by one pattern."""
+    asked = []
+
+    class Uri(str):
+        __slots__ = ()
+
+        def startswith(self, *given: Any) -> bool:
+            asked.append(self)
+            return super().startswith(*given)
+
+    uris = [Uri(f"s3://fleet/drive-{n:04d}/metadata.yaml") for n in range(500)]
+    assert without_members(list(uris), STORAGE) == uris
+    assert len(asked) <= 1000
+
+
+def test_no_fragment_looks_at_all_chunks_of_a_folder(tmp_path: Path) -> None:
+    class Chunks(list[Chunk]):
+        def __iter__(self) -> Iterator[Chunk]:
+            raise AssertionError("all chunks were looked at")
+
+    metadata = folder(tmp_path / "drive", Form("mcap"), split(drive(), 30))
+    found = Rosbag2(read_metadata(metadata.as_uri(), STORAGE), STORAGE)
+    [fragment] = cut(found.tail, [], 3600 * SECOND, 0)
+    whole = found.parts(fragment, [])
+    found.tail = replace(found.tail, chunks=Chunks(found.tail.chunks))
+    assert found.parts(fragment, []) == whole
+    assert [part.messages for part in whole] == [30, len(drive()) - 30]
 
 
 def refused(metadata: Path, encoding: str = "cdr") -> str:

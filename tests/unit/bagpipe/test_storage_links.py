@@ -1,5 +1,6 @@
 """Symbolic links in a volume, which a job's user may have written: they never lead out of it."""
 
+import glob
 from collections.abc import Callable
 from pathlib import Path
 
@@ -65,3 +66,51 @@ def test_nothing_is_written_or_removed_through_a_folder_that_leads_out(
 def test_the_process_s_own_environment_is_no_file_of_a_job(uri: str) -> None:
     with pytest.raises(StorageError, match=LEADS_OUT):
         Storage({}).open(uri)
+
+
+def test_folders_that_link_to_each_other_are_looked_through_once(volume: Path) -> None:
+    (volume / "days").mkdir()
+    (volume / "days" / "monday.bag").write_text("a recording")
+    for name in ("a", "b", "latest"):
+        (volume / "days" / name).symlink_to("..")
+    (volume / "latest").symlink_to("days")
+    found = Storage({"r": str(volume)}).expand("pvc://r/**/*.bag")
+    assert found == ["pvc://r/days/monday.bag", "pvc://r/drive.bag"]
+
+
+def test_a_pattern_goes_into_no_folder_outside_of_the_volume(volume: Path) -> None:
+    (volume / "gone").symlink_to("nowhere")
+    (volume / "away").symlink_to("/")
+    storage = Storage({"r": str(volume)})
+    assert storage.expand("pvc://r/*.bag") == ["pvc://r/drive.bag"]
+    for pattern in ("**/*.bag", "away/**/*.bag"):
+        with pytest.raises(StorageError, match=LEADS_OUT):
+            storage.expand(f"pvc://r/{pattern}")
+
+
+def test_a_folder_elsewhere_in_the_volume_is_looked_through_by_its_link(volume: Path) -> None:
+    (volume / "a" / ".store").mkdir(parents=True)
+    (volume / "a" / ".store" / "monday.bag").write_text("a recording")
+    (volume / "a" / "days").symlink_to(".store")
+    storage = Storage({"r": str(volume)})
+    assert storage.expand("pvc://r/a/**/*.bag") == ["pvc://r/a/days/monday.bag"]
+    assert storage.expand("pvc://r/a/days/**") == ["pvc://r/a/days/monday.bag"]
+
+
+PATTERNS = (
+    "**/*.bag", "**", "*/**/*.bag", "**/day*/**/*.bag", "a/**/b/*", "**/**/*.bag", "a**/x.bag",
+    "[[]x]/**/*.bag", "**/.hidden/*.bag", "none/**/*", "**/b/**",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_without_links_the_patterns_find_what_python_s_find(tmp_path: Path, pattern: str) -> None:
+    for name in ("x.bag", "a/x.bag", "a/b/y.bag", "a/day1/b/z.bag", "[x]/b/w.bag", ".hidden/v.bag"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("a recording")
+    # Python's finds a file once for each way to it, where a pattern has ** twice.
+    ours = f"{glob.escape(str(tmp_path))}/{pattern}"
+    whole = set(glob.glob(ours, recursive=True))  # noqa: PTH207  what ours is compared with
+    wanted = sorted(path for path in whole if Path(path).is_file())
+    found = Storage({"r": str(tmp_path)}).expand(f"pvc://r/{pattern}")
+    assert found == sorted(f"pvc://r/{Path(path).relative_to(tmp_path)}" for path in wanted)

@@ -131,6 +131,19 @@ def test_silence_is_too_low_a_rate_and_no_rate_that_is_low_enough() -> None:
         assert finding.message == "no message on /t: a stack that is silent shows no rate"
 
 
+def test_repeated_messages_fill_no_gap() -> None:
+    """One answer that is published again and again is a long silence, however often it comes."""
+    stuck = [("/t", 10 + n / 2, stamped(10, 1.0, 0.0)) for n in range(20)]
+    finding = found("rate", stuck, {"min": 1.0, "over": "worst"})
+    assert (finding.outcome, finding.figure) == ("failed", 0.1)
+    assert "19 of 20 repeat another one" in finding.message
+    often = found("rate", stuck, {"max": 1.0, "over": "worst"})
+    assert (often.outcome, often.figure) == ("failed", 2.0)
+    pairs = [("/t", 10 + n / 2, stamped(10 + n // 2, n // 2, 0.0)) for n in range(20)]
+    enough = found("rate", pairs, {"min": 1.0, "over": "worst"})
+    assert (enough.outcome, enough.figure) == ("passed", 2.0)
+
+
 def test_a_window_without_length_has_no_rate() -> None:
     for end in (10.0, 9.0):
         finding = found("rate", plain(10), {"min": 1.0}, end=end)

@@ -76,9 +76,25 @@ def test_the_soonest_collision_is_reported_with_its_time() -> None:
 def test_a_speed_needs_an_earlier_place_of_the_same_car() -> None:
     entries = [ego(10), ego(11), cars(10, (12, 0)), cars(11, (10, 0), (3, 0))]
     assert found(entries, minTimeToCollision=1, radius=0.5).figure == 4.5
-    # Two scenes of one time: nothing moves in no time.
-    entries = [ego(11), ("/cars", 11.1, poses(11, (12, 0))), ("/cars", 11.2, poses(11, (10, 0)))]
-    assert found(entries, minTimeToCollision=1, radius=0.5).figure == math.inf
+
+
+@pytest.mark.parametrize(
+    "scenes",
+    [
+        [(11.1, 11.0, (12, 0))],
+        # Two scenes of one time: nothing moves in no time.
+        [(11.1, 11.0, (12, 0)), (11.2, 11.0, (10, 0))],
+    ],
+)
+def test_where_no_speed_is_known_there_is_no_time_to_a_collision(scenes: list[Any]) -> None:
+    entries = [ego(11), *(("/cars", at, poses(stamp, car)) for at, stamp, car in scenes)]
+    finding = found(entries, minTimeToCollision=1, radius=0.5)
+    assert (finding.outcome, finding.figure) == ("invalid", None)
+    assert finding.message == "no obstacle on /cars was seen at two times, so that none has a speed"
+    # Who stands in it needs no speed, and a distance is known without one.
+    within = [*entries, ("/cars", 11.3, poses(11, (0.5, 0)))]
+    assert found(within, minTimeToCollision=1, radius=0.5).figure == 0.0
+    assert found(entries, minDistance=1).outcome == "passed"
 
 
 def test_the_nearest_car_of_every_scene_is_its_distance() -> None:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from bagpipe.evaluate.evidence import Evidence, Received
@@ -88,9 +88,10 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     few = wanted.min is not None and len(own) / evidence.seconds < wanted.min
     figure = len(own if few else counted) / evidence.seconds
     if wanted.over == "worst":
-        times = [each.time for each in found.inside]
-        edges = [evidence.start, *times, evidence.end]
-        figure = 1e9 / max(after - before for before, after in itertools.pairwise(edges))
+        first = {each.identity: each.time for each in reversed(found.inside)}
+        figure = _of_longest_gap(first.values(), evidence)
+        if wanted.min is None or figure >= wanted.min:
+            figure = _of_longest_gap((each.time for each in found.inside), evidence)
     finding = bounded(
         Finding(name, "rate", "passed", figure, "Hz", direction="higher"),
         wanted.min,
@@ -107,6 +108,12 @@ def rate(name: str, wanted: Rate, evidence: Evidence) -> Finding:
     return covering(
         finding, share, covered, found.clock, wanted.min_coverage, lasting=True, remedy=_REMEDY
     )
+
+
+def _of_longest_gap(times: Iterable[int], evidence: Evidence) -> float:
+    """Hertz; the window's ends are among the times."""
+    edges = [evidence.start, *sorted(times), evidence.end]
+    return 1e9 / max(after - before for before, after in itertools.pairwise(edges))
 
 
 def _counted(found: TopicMessages, evidence: Evidence) -> list[Received]:

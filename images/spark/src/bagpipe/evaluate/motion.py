@@ -14,8 +14,8 @@ from bagpipe.evaluate.window import frames_differ, messages_of, samples
 from bagpipe.texts import duration_nanoseconds
 
 Point = tuple[float, float]
-# Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it.
-Pair = tuple[int, Point, Point, Point]
+# Time in ns, the ego, an obstacle, and the obstacle's velocity as the ego sees it, if it is known.
+Pair = tuple[int, Point, Point, Point | None]
 
 
 def separation(name: str, wanted: Separation, evidence: Evidence) -> Finding:
@@ -50,7 +50,12 @@ def _least(name: str, wanted: Separation, evidence: Evidence, pairs: list[Pair])
         )
         if found.outcome == "failed" or wanted.min_time_to_collision is None:
             return found
-    least = min((_time_to_collision(e, o, v, 2 * wanted.radius), t) for t, e, o, v in pairs)
+    times = [(_time_to_collision(e, o, v, 2 * wanted.radius), t) for t, e, o, v in pairs]
+    least = min(((left, t) for left, t in times if left is not None), default=None)
+    if least is None:
+        raise NoEvidenceError(
+            f"no obstacle on {wanted.obstacles} was seen at two times, so that none has a speed"
+        )
     return bounded(
         Finding(name, "separation", "passed", least[0], "s", direction="higher"),
         wanted.min_time_to_collision,
@@ -177,11 +182,11 @@ def _paired(scenes: list[tuple[int, Point, list[Point]]]) -> list[Pair]:
 
     Velocities come from the scene before, where an obstacle keeps its place in the list.
     """
-    pairs = []
+    pairs: list[Pair] = []
     before: tuple[int, Point, list[Point]] | None = None
     for time, ego, points in scenes:
         for number, point in enumerate(points):
-            velocity = (0.0, 0.0)
+            velocity = None
             if before is not None and number < len(before[2]) and time > before[0]:
                 span = (time - before[0]) / 1e9
                 old_ego, old = before[1], before[2][number]
@@ -198,12 +203,18 @@ def _distance(ego: Point, obstacle: Point) -> float:
     return math.dist(ego, obstacle)
 
 
-def _time_to_collision(ego: Point, obstacle: Point, velocity: Point, reach: float) -> float:
-    """Seconds until two circles meet at constant velocities; infinite where they never do."""
+def _time_to_collision(
+    ego: Point, obstacle: Point, velocity: Point | None, reach: float
+) -> float | None:
+    """Seconds until two circles meet at constant velocities; infinite where they never do, None
+    where it is not known how fast they come nearer.
+    """
     x, y = obstacle[0] - ego[0], obstacle[1] - ego[1]
     gap = x * x + y * y - reach * reach
     if gap <= 0:
         return 0.0
+    if velocity is None:
+        return None
     a = velocity[0] ** 2 + velocity[1] ** 2
     b = 2 * (x * velocity[0] + y * velocity[1])
     root = b * b - 4 * a * gap

@@ -7,11 +7,12 @@ A window in which nothing was recorded becomes no fragment, as it would prove no
 
 import bisect
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from bagpipe.plan.bag_tail import BagError, BagTail, Chunk, Connection
-from bagpipe.plan.in_force import chunks_in_force
+from bagpipe.plan.bag_tail import BagError, BagTail, Chunk
+from bagpipe.plan.by_time import ChunksByTime
+from bagpipe.plan.in_force import Latched
 
 # A cut may move this share of the length to meet a chunk boundary, and no remainder shorter
 # than it becomes a fragment of its own.
@@ -58,7 +59,6 @@ def cut(
     if length < 1:
         raise ValueError(f"a fragment lasts at least 1 ns, and not {length}")
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
-    latching = [c for c in tail.connections if c.in_force and c.id in wanted]
     chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
     if not chunks:
         return []
@@ -72,12 +72,10 @@ def cut(
             " the fragments are too short",
         )
     edges = _edges(begin, end, length, sorted(chunk.start_time for chunk in chunks))
-    recorded = _Recorded(chunks, wanted, times)
+    cutter = _Cutter(tail, chunks, wanted)
+    recorded = _Recorded(cutter.by_time, wanted, times)
     return [
-        replace(
-            _fragment(chunks, Window(max(begin, start - warm_up), start, stop), wanted, latching),
-            number=number,
-        )
+        replace(cutter.fragment(Window(max(begin, start - warm_up), start, stop)), number=number)
         for number, (start, stop) in enumerate(itertools.pairwise(edges))
         if recorded.between(start, stop)
     ]
@@ -86,9 +84,8 @@ def cut(
 def cut_one(tail: BagTail, topics: list[str], window: Window) -> FragmentPlan:
     """The fragment of a window of one's own choice; it may have no message."""
     wanted = {c.id for c in tail.connections if not topics or c.topic in topics}
-    latching = [c for c in tail.connections if c.in_force and c.id in wanted]
     chunks = [chunk for chunk in tail.chunks if wanted & holding(chunk)]
-    return _fragment(chunks, window, wanted, latching)
+    return _Cutter(tail, chunks, wanted).fragment(window)
 
 
 def holding(chunk: Chunk) -> set[int]:
@@ -131,18 +128,16 @@ def near(tail: BagTail, wanted: set[int], start: int, end: int) -> list[Chunk]:
 class _Recorded:
     """When messages of some connections were recorded, as far as a bag's indexes show."""
 
-    def __init__(self, chunks: list[Chunk], wanted: set[int], times: Times | None) -> None:
+    def __init__(self, chunks: ChunksByTime, wanted: set[int], times: Times | None) -> None:
         self._chunks, self._wanted, self._asked = chunks, wanted, times
         self._times: dict[int, list[int] | None] = {}
 
     def between(self, start: int, end: int) -> bool:
         """Whether a time t with start <= t < end has a message; True where that is unknown."""
-        return any(self._surely(chunk, start, end) for chunk in self._near(start, end)) or any(
-            self._maybe(chunk, start, end) for chunk in self._near(start, end)
+        near = self._chunks.near(start, end)
+        return any(self._surely(chunk, start, end) for chunk in near) or any(
+            self._maybe(chunk, start, end) for chunk in near
         )
-
-    def _near(self, start: int, end: int) -> Iterator[Chunk]:
-        return (c for c in self._chunks if c.start_time < end and c.end_time >= start)
 
     def _surely(self, chunk: Chunk, start: int, end: int) -> bool:
         """By the tail: a chunk has a message at its first and one at its last time."""
@@ -181,18 +176,23 @@ def _snap(nominal: int, boundaries: list[int], tolerance: int) -> int:
     return best if abs(best - nominal) <= tolerance else nominal
 
 
-def _fragment(
-    chunks: list[Chunk], window: Window, wanted: set[int], latching: list[Connection]
-) -> FragmentPlan:
-    needed = {
-        chunk.offset: chunk
-        for chunk in chunks
-        if chunk.start_time < window.end and chunk.end_time >= window.lead_in_start
-    }
-    messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in wanted)
-    for chunk in chunks_in_force(chunks, window.lead_in_start, latching):
-        needed[chunk.offset] = chunk
-    return FragmentPlan(window, ranges_of(list(needed.values())), messages)
+class _Cutter:
+    """What a window needs of a bag; `chunks` are those that have a message of what is wanted."""
+
+    def __init__(self, tail: BagTail, chunks: list[Chunk], wanted: set[int]) -> None:
+        latching = [c for c in tail.connections if c.in_force and c.id in wanted]
+        self.by_time = ChunksByTime(chunks)
+        self._wanted = wanted
+        self._in_force = Latched(chunks, latching)
+
+    def fragment(self, window: Window) -> FragmentPlan:
+        """The window with its lead-in, and with what is in force before that."""
+        near = self.by_time.near(window.lead_in_start, window.end)
+        needed = {chunk.offset: chunk for chunk in near}
+        messages = sum(n for c in needed.values() for k, n in c.counts.items() if k in self._wanted)
+        for chunk in self._in_force.chunks_at(window.lead_in_start):
+            needed[chunk.offset] = chunk
+        return FragmentPlan(window, ranges_of(list(needed.values())), messages)
 
 
 def ranges_of(chunks: list[Chunk]) -> list[tuple[int, int]]:

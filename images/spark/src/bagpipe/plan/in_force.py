@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 from bagpipe.plan.bag_tail import BagTail, Chunk, Connection, resolve
+from bagpipe.plan.by_time import ChunksByTime
 
 
 @dataclass(frozen=True)
@@ -37,22 +38,19 @@ def as_wanted(tail: BagTail, late: Mapping[str, Late]) -> BagTail:
     return replace(tail, connections=[wanted(each) for each in tail.connections])
 
 
-def chunks_in_force(
-    chunks: list[Chunk], before: int, connections: Iterable[Connection]
-) -> list[Chunk]:
-    """The chunks that may hold what is in force of each connection at a time (ns).
+class Latched:
+    """Where the messages of some connections lie that are in force at a time."""
 
-    Chunks may overlap, so all those are taken that could hold a later message than is certain.
-    """
-    found = []
-    for each in connections:
-        earlier = [c for c in chunks if c.counts.get(each.id) and c.start_time < before]
-        whole = sorted((c for c in earlier if c.end_time < before), key=lambda c: -c.start_time)
-        certain, missing = 0, each.in_force
-        for chunk in whole:
-            missing -= chunk.counts[each.id]
-            if missing <= 0:
-                certain = chunk.start_time
-                break
-        found += [c for c in earlier if c.end_time >= certain]
-    return found
+    def __init__(self, chunks: list[Chunk], connections: Iterable[Connection]) -> None:
+        self._held = [
+            (each, ChunksByTime(chunk for chunk in chunks if chunk.counts.get(each.id)))
+            for each in connections
+        ]
+
+    def chunks_at(self, time: int) -> list[Chunk]:
+        """The chunks that may hold what is in force of each connection at a time (ns)."""
+        return [
+            chunk
+            for each, held in self._held
+            for chunk in held.holding_last(each.id, each.in_force, time)
+        ]

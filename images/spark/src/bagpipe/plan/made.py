@@ -59,10 +59,22 @@ class Plan:
 
     @classmethod
     def of(cls, cases: list[Case], unplanned: list[Unplanned]) -> Self:
-        """Puts the cases in order; what yields none has a name each, by which results have rows."""
-        named = Counter(each.id for each in unplanned)
+        """Puts the cases in order; each, and what yields none, has a name that no other has, as
+        results have one row for each name.
+        """
+        named = Counter(case.id for case in cases)
+        own = [
+            case if named[case.id] == 1 else replace(case, id=f"{case.id}-{_mark_of_case(case)}")
+            for case in cases
+        ]
+        named += Counter(each.id for each in unplanned)
         apart = [
             each if named[each.id] == 1 else replace(each, id=f"{each.id}-{mark_of(each.bag)}")
             for each in unplanned
         ]
-        return cls(sorted(cases, key=lambda case: (-case.bytes, case.id)), apart)
+        return cls(sorted(own, key=lambda case: (-case.bytes, case.id)), apart)
+
+
+def _mark_of_case(case: Case) -> str:
+    """What keeps fragments apart whose conditions make one name of two."""
+    return mark_of(f"{case.bag} {case.fragment}")

@@ -92,9 +92,12 @@ def without_members(uris: list[str], storage: Storage) -> list[str]:
     and would be played twice.
     """
     members: set[str] = set()
+    ordered = sorted(set(uris))
     for uri in filter(is_folder, uris):
         folder = uri.removesuffix(METADATA)
-        if any(other != uri and other.startswith(folder) for other in uris):
+        # What begins alike stands together: the folder's own metadata, and maybe more.
+        first = bisect.bisect_left(ordered, folder)
+        if any(each != uri and each.startswith(folder) for each in ordered[first : first + 2]):
             # Who plans it says what is wrong.
             with contextlib.suppress(BagError, StorageError):
                 members.update(read_metadata(uri, storage).files)
@@ -160,6 +163,8 @@ class Rosbag2:
             chunks += [self._moved(known, chunk) for chunk in tail.chunks]
             size += file.size
         self.tail = BagTail(size, [], list(connections.values()), chunks)
+        self._bases = [file.base for file in self._files]
+        self._places = sorted(self._chunks)
         if not chunks:
             raise BagError("BagEmpty", "its files hold no messages")
 
@@ -184,11 +189,11 @@ class Rosbag2:
     def parts(self, fragment: FragmentPlan, topics: list[str]) -> list[Part]:
         """What a fragment needs of each file, in their order."""
         needed: dict[int, list[Chunk]] = {}
-        starts = [file.base for file in self._files]
-        for chunk in self.tail.chunks:
-            if _lies_in(chunk, fragment.ranges):
-                at = bisect.bisect_right(starts, chunk.offset) - 1
-                needed.setdefault(at, []).append(self._chunks[chunk.offset][1])
+        for offset, length in fragment.ranges:
+            first = bisect.bisect_left(self._places, offset)
+            for place in self._places[first : bisect.bisect_left(self._places, offset + length)]:
+                at = bisect.bisect_right(self._bases, place) - 1
+                needed.setdefault(at, []).append(self._chunks[place][1])
         return [
             self._part(self._files[at], chunks, fragment.window, topics)
             for at, chunks in needed.items()
@@ -234,12 +239,6 @@ class Rosbag2:
         )
         self._chunks[moved.offset] = (file, chunk)
         return moved
-
-
-def _lies_in(chunk: Chunk, ranges: list[tuple[int, int]]) -> bool:
-    at = bisect.bisect_right(ranges, (chunk.offset, chunk.end)) - 1
-    found = [each for each in ranges[max(0, at) : at + 2] if each[0] <= chunk.offset]
-    return any(chunk.end <= offset + length for offset, length in found)
 
 
 def _tail_of(uri: str, metadata: Metadata, storage: Storage) -> tuple[OpenFile, BagTail]:

@@ -21,7 +21,7 @@ def expanded(
 
     `named` gives the URIs of one pattern.
     """
-    uris: list[str] = []
+    uris: dict[str, None] = {}
     unplanned: list[Unplanned] = []
     for pattern in patterns:
         try:
@@ -32,5 +32,5 @@ def expanded(
         if not found:
             message = f"no file at {pattern}: check the name and volume"
             unplanned.append(Unplanned(stem(pattern), pattern, missing, message))
-        uris += [uri for uri in found if uri not in uris]
-    return uris, unplanned
+        uris |= dict.fromkeys(found)
+    return list(uris), unplanned

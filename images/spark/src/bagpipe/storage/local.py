@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import glob
 import os
 import stat
 import uuid
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from bagpipe.storage.backend import ChangedError, Stat, UnfitError
+from bagpipe.storage.folders import matching
 
 # What a file system answers that knows no hard links.
 _NO_LINKS = {errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK}
@@ -53,8 +53,7 @@ class LocalBackend:
 
     def glob(self, pattern: str) -> list[str]:
         """The files that a pattern matches; a name that begins with a dot only where it says so."""
-        found = glob.glob(pattern, recursive=True)  # noqa: PTH207  Path.glob wants a relative one
-        return [path for path in found if Path(path).is_file()]
+        return matching(pattern, self._inside)
 
     def names(self, folder: str) -> list[str]:
         """The names in a folder; empty where it does not exist."""
