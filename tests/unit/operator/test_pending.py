@@ -128,6 +128,16 @@ def test_the_moment_of_an_event_in_either_of_its_forms() -> None:
     assert {pending.last_seen(e) for e in (series, single, bare)} == {START + timedelta(seconds=3)}
 
 
+def test_an_event_of_a_moment_that_is_none_explains_nothing_and_stops_nothing() -> None:
+    """Who may write Events in a namespace may write any; the API server takes the year 0."""
+    pod = on_node(make_driver("x")).view()
+    forged = event("FailedMount", "forged") | {"lastTimestamp": "0000-12-31T23:00:00Z"}
+    found = pending.of_events(pod, [event("FailedMount", 'secret "a" not found'), forged])
+    assert found is not None
+    assert found.reason == "SecretMissing"
+    assert pending.last_seen(forged).year == 1970
+
+
 def test_what_a_claim_says() -> None:
     pod = make_driver("x").view()
     missing = pending.of_claim(pod, "tapes", None, ())

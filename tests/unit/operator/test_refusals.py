@@ -43,6 +43,18 @@ async def test_refused_jobs_do_not_flood_the_api_server(jobs: int, attempts: int
     assert Counter(world.api.event_reasons()) == {"QuotaExceeded": jobs}
 
 
+async def test_a_job_whose_config_finds_no_room_waits_for_it() -> None:
+    """Who resumes a job again and again has a ConfigMap for each time: a quota bounds them."""
+    world = World()
+    full = ApiError(403, "Forbidden", "exceeded quota: jobs, requested: count/configmaps=1")
+    world.api.fail("create configmaps", full)
+    await world.reconcile()
+    assert world.reason("Accepted") == "False/QuotaExceeded"
+    assert world.api.named("pods") == []
+    await world.reconcile(after=4)
+    assert world.reason("Accepted") == "True/DriverCreated"
+
+
 async def test_a_job_that_is_edited_is_tried_at_once() -> None:
     world = World()
     world.api.fail("create pods", FULL)

@@ -55,3 +55,17 @@ def test_a_driver_that_needs_no_look_takes_none_of_the_others_turns() -> None:
     for driver in drivers[300:]:
         rounds.forget(driver.job_uid)
     assert all(rounds.due(driver) for driver in drivers[:300])
+
+
+def test_a_silent_driver_is_looked_for_at_once_and_then_as_those_that_wait() -> None:
+    clock = Clock()
+    rounds, driver = Rounds(clock.monotonic), make_driver("x").running().view()
+    assert rounds.due(driver, at_once=True)
+    for _ in range(3):
+        rounds.looked(driver)
+        clock.advance(29.5)
+        assert not rounds.due(driver, at_once=True)
+        clock.advance(0.5)
+        assert rounds.due(driver, at_once=True)
+    rounds.forget(UID)
+    assert rounds.due(driver, at_once=True)

@@ -71,7 +71,7 @@ async def test_a_pending_driver_is_looked_for_every_thirty_seconds() -> None:
     for _ in range(60):
         await world.reconcile(after=2)
     assert world.reason("Running") == "False/Unschedulable"
-    assert world.api.calls.count("get pods") == 3
+    assert world.api.calls.count("get pods") == 4
     world.api.put("pods", make_driver("x").running().object())  # and the watch has not reported
     for _ in range(16):
         await world.reconcile(after=2)
@@ -80,6 +80,19 @@ async def test_a_pending_driver_is_looked_for_every_thirty_seconds() -> None:
     for _ in range(60):
         await world.reconcile(after=2)
     assert world.api.calls == []
+
+
+async def test_a_driver_that_stays_silent_is_looked_for_every_thirty_seconds() -> None:
+    """Not at each visit, which would be a call to the API server every two seconds."""
+    world = World()
+    await running(world)
+    world.drivers.says, world.drivers.silent = None, 30.0
+    for _ in range(60):
+        await world.reconcile(after=2)
+    assert world.api.calls.count("get pods") == 4
+    vanish(world, "x-1-driver")
+    await world.reconcile(after=2)
+    assert (world.status()["attempt"], world.reason("Running")) == (2, "False/DriverLost")
 
 
 async def test_many_pending_drivers_are_looked_for_more_seldom() -> None:

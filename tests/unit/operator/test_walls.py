@@ -60,6 +60,24 @@ async def test_a_pod_of_another_namespace_explains_no_job_s_end() -> None:
         assert ("ExecutorOutOfMemory" in world.reason("Running")) is not foreign
 
 
+async def test_an_executor_of_another_job_s_driver_steers_no_job_by_its_uid() -> None:
+    """A driver's token makes executors with its own job's name, and with whatever UID."""
+    world = World()
+    await world.reconcile()
+    world.deliver(make_driver("x").running(), make_executor("x").running())
+    world.drivers.says = account()
+    await world.reconcile(after=2)
+    forged = make_executor("y").waiting("stack", "ErrImageNeverPull", "none").object()
+    forged["metadata"]["labels"]["sim.bagpipe.io/job-uid"] = UID
+    world.view.put_pod(PodView.from_object(forged))
+    assert [pod.name for pod in world.view.pods(UID)] == ["x-1-driver", "x-1-exec-1"]
+    for _ in range(30):
+        await world.reconcile(after=2)
+    assert world.reason("Running") == "True/CasesRunning"
+    world.view.drop_pod(PodView.from_object(forged))
+    assert world.view.gone_pods(UID) == ()
+
+
 async def test_a_prepared_config_is_not_taken_for_ours() -> None:
     """Who may create ConfigMaps, but no pods, knows the name and the UID of the next attempt's."""
     for forged in ({"executor.yaml": "spec: {hostPID: true}"}, None):

@@ -344,17 +344,15 @@ class Reconciler:
     async def _refreshed_if_silent(self, driver: PodView) -> PodView | None:
         """The driver as it is now if it was silent for long; None when it is gone."""
         self._missing.forget(driver.job_uid)
-        if driver.ended or not self._is_silent(driver):
+        silent = self.drivers.silent_seconds(driver.uid) >= SILENT_DRIVER_SECONDS
+        if serves(driver) and not silent:
+            self._rounds.forget(driver.job_uid)
+            return driver
+        if driver.ended or not self._rounds.due(driver, at_once=silent):
             return driver
         live = await self._refreshed(driver)
-        self._rounds.forget(driver.job_uid)
+        self._rounds.looked(driver)
         return live
-
-    def _is_silent(self, driver: PodView) -> bool:
-        if not serves(driver):
-            return self._rounds.due(driver)
-        self._rounds.forget(driver.job_uid)
-        return self.drivers.silent_seconds(driver.uid) >= SILENT_DRIVER_SECONDS
 
     async def _refreshed(self, pod: PodView) -> PodView | None:
         """The pod as the API server has it, and the view from now on; None when it is gone."""

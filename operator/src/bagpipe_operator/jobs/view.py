@@ -50,6 +50,7 @@ class PodView:
     name: str
     uid: str
     job_uid: str
+    job: str  # its name, by a label that admission holds drivers' tokens to
     role: str
     attempt: int
     phase: str = "Pending"
@@ -94,6 +95,7 @@ class PodView:
             name=meta["name"],
             uid=meta["uid"],
             job_uid=labels.get(names.LABEL_JOB_UID, ""),
+            job=labels.get(names.LABEL_JOB, ""),
             role=labels.get(names.LABEL_ROLE, ""),
             attempt=int(attempt) if attempt.isdecimal() else 0,
             phase=status.get("phase") or "Pending",
@@ -288,10 +290,11 @@ class View:
         """A job's pods, by name.
 
         Labels are anybody's to write: a pod of another namespace is nobody's, whatever it says.
+        And a driver's token may write any UID, but no other job's name.
         """
         job, pods = self._jobs.get(job_uid), self._pods.get(job_uid, {})
         found = (pods[key] for key in sorted(pods))
-        return tuple(pod for pod in found if job is None or pod.namespace == job.namespace)
+        return tuple(pod for pod in found if job is None or _is_of(job, pod))
 
     def all_pods(self) -> Iterator[PodView]:
         """The pods of all jobs."""
@@ -368,8 +371,12 @@ class View:
         if known and known.uid == pod.uid:
             del pods[pod.namespace, pod.name]
             job = self._jobs.get(pod.job_uid)
-            if job is not None and not job.finished and pod.namespace == job.namespace:
+            if job is not None and not job.finished and _is_of(job, pod):
                 gone = self._gone.setdefault(pod.job_uid, deque(maxlen=MOST_GONE_PODS))
                 gone.append(pod)
         if not pods:
             self._pods.pop(pod.job_uid, None)
+
+
+def _is_of(job: JobView, pod: PodView) -> bool:
+    return (pod.namespace, pod.job) == (job.namespace, job.name)

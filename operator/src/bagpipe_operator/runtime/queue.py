@@ -6,6 +6,7 @@ worked on once more afterwards. Its bound is the number of jobs: every key is he
 """
 
 import asyncio
+from collections import Counter, deque
 from collections.abc import Callable
 from enum import IntEnum
 
@@ -33,6 +34,11 @@ def retry_delay(failures: int) -> float:
     return float(min(LONGEST_RETRY_SECONDS, FIRST_RETRY_SECONDS * 2 ** (failures - 1)))
 
 
+def most_of_one(workers: int) -> int:
+    """How many of the workers one tenant may keep busy: a quarter is left to all others."""
+    return workers - workers // 4
+
+
 def order(turn: int) -> tuple[Lane, ...]:
     """The lanes in the order in which they are looked into at a turn."""
     if turn % TURNS == 0:
@@ -48,9 +54,6 @@ class _Turns:
     def __init__(self) -> None:
         self._keys: dict[str, dict[str, None]] = {}  # by tenant; whose turn it is comes first
 
-    def __bool__(self) -> bool:
-        return bool(self._keys)
-
     def add(self, key: str, tenant: str) -> None:
         self._keys.setdefault(tenant, {})[key] = None
 
@@ -59,9 +62,11 @@ class _Turns:
         if not self._keys[tenant]:
             del self._keys[tenant]
 
-    def take(self) -> str:
-        tenant, keys = next(iter(self._keys.items()))
-        key = next(iter(keys))
+    def take(self, is_full: Callable[[str], bool]) -> str | None:
+        tenant = next((each for each in self._keys if not is_full(each)), None)
+        if tenant is None:
+            return None
+        key = next(iter(self._keys[tenant]))
         self.remove(key, tenant)
         if tenant in self._keys:
             self._keys[tenant] = self._keys.pop(tenant)  # to the end
@@ -71,25 +76,30 @@ class _Turns:
 class WorkQueue:
     """Keys; in each lane their tenants take turns, so that no tenant's thousands come first.
 
-    `tenant_of` says whose a key is: a job's namespace.
+    `tenant_of` says whose a key is: a job's namespace. Turns alone would not do where the visits of
+    one tenant's jobs take long, as of drivers that hang: they would have all workers in the end. So
+    at most `most_of_one` of a tenant's keys are worked on at once; None: as many as there are.
     """
 
     def __init__(
         self,
         now: Callable[[], float] | None = None,
         tenant_of: Callable[[str], str] = lambda _key: "",
+        most_of_one: int | None = None,
     ) -> None:
         self._now = now or (lambda: asyncio.get_running_loop().time())
         self._tenant_of = tenant_of
+        self._most_of_one = most_of_one
         self._ready: dict[Lane, _Turns] = {lane: _Turns() for lane in Lane}
         self._place: dict[str, tuple[Lane, str]] = {}  # lane and tenant of each key that is ready
         self._turn = 0
-        self._busy: set[str] = set()
+        self._busy: dict[str, str] = {}  # the tenant of each key that is worked on
+        self._busy_of: Counter[str] = Counter()
         self._again: dict[str, Lane] = {}
         self._failures: dict[str, int] = {}
         self._not_before: dict[str, float] = {}
-        # One place for each ready key, so that a key wakes one worker and not all of them.
-        self._places = asyncio.Semaphore(0)
+        # A key wakes one of the workers that wait, and not all of them.
+        self._idle: deque[asyncio.Future[None]] = deque()
 
     def __len__(self) -> int:
         return len(self._place)
@@ -107,7 +117,7 @@ class WorkQueue:
             self._ready[there].remove(key, tenant)
         else:
             tenant = self._tenant_of(key)
-            self._places.release()
+            self._wake_one()
         self._place[key] = lane, tenant
         self._ready[lane].add(key, tenant)
 
@@ -124,13 +134,38 @@ class WorkQueue:
 
     async def get(self) -> str:
         """The next key; its worker must end with done() or retry()."""
-        await self._places.acquire()
-        lane = next(lane for lane in order(self._turn) if self._ready[lane])
-        self._turn += 1
-        key = self._ready[lane].take()
-        del self._place[key]
-        self._busy.add(key)
+        while (key := self._take()) is None:
+            woken = asyncio.get_running_loop().create_future()
+            self._idle.append(woken)
+            try:
+                await woken
+            except asyncio.CancelledError:
+                if not woken.cancelled():
+                    self._wake_one()  # the key that it was woken for is another's
+                raise
         return key
+
+    def _take(self) -> str | None:
+        """The next key, or None where none is ready of a tenant that may have another worker."""
+        for lane in order(self._turn):
+            key = self._ready[lane].take(self._is_full)
+            if key is not None:
+                self._turn += 1
+                _, tenant = self._place.pop(key)
+                self._busy[key] = tenant
+                self._busy_of[tenant] += 1
+                return key
+        return None
+
+    def _is_full(self, tenant: str) -> bool:
+        return self._most_of_one is not None and self._busy_of[tenant] >= self._most_of_one
+
+    def _wake_one(self) -> None:
+        while self._idle:
+            woken = self._idle.popleft()
+            if not woken.done():
+                woken.set_result(None)
+                return
 
     def done(self, key: str) -> None:
         """The key was worked on without a fault."""
@@ -154,7 +189,13 @@ class WorkQueue:
         self._again.pop(key, None)
 
     def _release(self, key: str) -> None:
-        self._busy.discard(key)
+        tenant = self._busy.pop(key, None)
+        if tenant is not None:
+            if self._is_full(tenant):
+                self._wake_one()  # for what waited until it was not
+            self._busy_of[tenant] -= 1
+            if not self._busy_of[tenant]:
+                del self._busy_of[tenant]
         lane = self._again.pop(key, None)
         if lane is not None:
             self.add(key, lane)

@@ -147,13 +147,16 @@ def job_name(schedule: str, run: datetime) -> str:
 
 
 class Schedules:
-    """All schedules by UID, and the jobs of each by name."""
+    """All schedules by UID, and by namespace and name the jobs that call one their owner.
+
+    Owners are anybody's to write: a job of another namespace is nobody's, whatever it says.
+    """
 
     def __init__(self) -> None:
         self._schedules: dict[str, ScheduleView] = {}
-        self._jobs: dict[str, dict[str, ScheduledJob]] = {}
+        self._jobs: dict[str, dict[tuple[str, str], ScheduledJob]] = {}
         # A job that passed may be gone before its schedule is looked at, as by ttlAfterFinished.
-        self._passed: dict[str, PassedRun] = {}
+        self._passed: dict[str, dict[str, PassedRun]] = {}
 
     def schedule(self, uid: str) -> ScheduleView | None:
         """The schedule, or None when it is gone or was never seen."""
@@ -197,12 +200,13 @@ class Schedules:
 
     def last_passed(self, uid: str) -> PassedRun | None:
         """The latest of a schedule's runs that was seen to have passed."""
-        return self._passed.get(uid)
+        return self._passed.get(uid, {}).get(self.namespace_of(uid))
 
     def jobs(self, uid: str) -> tuple[ScheduledJob, ...]:
         """A schedule's jobs, the earliest run first."""
-        jobs = self._jobs.get(uid, {})
-        return tuple(sorted(jobs.values(), key=lambda job: (len(job.name), job.name)))
+        schedule, jobs = self._schedules.get(uid), self._jobs.get(uid, {}).values()
+        own = (job for job in jobs if schedule is None or schedule.namespace == job.namespace)
+        return tuple(sorted(own, key=lambda job: (len(job.name), job.name)))
 
     def put_job(self, job: ScheduledJob) -> bool:
         """Keeps a job; says whether anything that a schedule goes by has changed.
@@ -211,14 +215,15 @@ class Schedules:
         what was before.
         """
         jobs = self._jobs.setdefault(job.schedule_uid, {})
-        known = jobs.get(job.name)
+        known = jobs.get(_key(job))
         if known is not None and is_older(job.resource_version, known.resource_version):
             return False
         changed = known != job
-        jobs[job.name] = job
+        jobs[_key(job)] = job
         if job.passed_run is not None:
-            before = self._passed.get(job.schedule_uid, job.passed_run)
-            self._passed[job.schedule_uid] = max(before, job.passed_run)
+            passed = self._passed.setdefault(job.schedule_uid, {})
+            before = passed.get(job.namespace, job.passed_run)
+            passed[job.namespace] = max(before, job.passed_run)
         return changed
 
     def replace_jobs(self, uid: str, jobs: list[ScheduledJob]) -> None:
@@ -228,15 +233,19 @@ class Schedules:
         """
         listed = [job for job in jobs if job.schedule_uid == uid]
         known = self._jobs.get(uid, {})
-        self._jobs[uid] = {job.name: known.get(job.name, job) for job in listed}
+        self._jobs[uid] = {_key(job): known.get(_key(job), job) for job in listed}
         for job in listed:
             self.put_job(job)
 
     def drop_job(self, job: ScheduledJob) -> None:
         """Forgets a job, unless another of the same name has taken its place."""
         jobs = self._jobs.get(job.schedule_uid, {})
-        known = jobs.get(job.name)
+        known = jobs.get(_key(job))
         if known and known.uid == job.uid:
-            del jobs[job.name]
+            del jobs[_key(job)]
         if not jobs:
             self._jobs.pop(job.schedule_uid, None)
+
+
+def _key(job: ScheduledJob) -> tuple[str, str]:
+    return job.namespace, job.name

@@ -40,7 +40,7 @@ class ScheduleWatch:
             self.view.drop_job(job)
         elif not self.view.put_job(job):
             return  # the job's progress is no matter of its schedule
-        if self.view.schedule(job.schedule_uid) is not None:
+        if self.view.namespace_of(job.schedule_uid) == job.namespace:
             self.queue.add(job.schedule_uid)
 
 

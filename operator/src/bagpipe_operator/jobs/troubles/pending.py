@@ -8,9 +8,9 @@ to 15 s (its backOffPeriod and jitter), unless something else happens to the pod
 
 import re
 from collections.abc import Iterable
-from datetime import datetime
+from datetime import UTC, datetime
 
-from bagpipe_operator.api import reasons
+from bagpipe_operator.api import readings, reasons
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.troubles.diagnose import of_image, of_missing
 from bagpipe_operator.jobs.troubles.trouble import Trouble, sentence
@@ -22,6 +22,7 @@ _SANDBOX = frozenset({"FailedCreatePodSandBox", "FailedCreatePodContainer"})
 _STARTING = frozenset({"Pulling", "Pulled", "Created", "Started"})
 _PULL = re.compile(r"Failed to pull image\b")
 _CONTAINER = re.compile(r"\.(?:initContainers|containers)\{([^}]+)\}$")
+_LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 _UNBOUND = "unbound immediate PersistentVolumeClaims"
 
 
@@ -97,7 +98,10 @@ def of_claim(
 
 
 def last_seen(event: Json) -> datetime:
-    """When an Event was last reported, in whichever of the two formats it was written."""
+    """When an Event was last reported, in whichever of the two formats it was written.
+
+    Long ago for one with a moment that nothing but malice writes, such as one of the year 0.
+    """
     series = event.get("series") or {}
     text = (
         series.get("lastObservedTime")
@@ -105,7 +109,7 @@ def last_seen(event: Json) -> datetime:
         or event.get("eventTime")
         or event["metadata"]["creationTimestamp"]
     )
-    return datetime.fromisoformat(text)
+    return readings.moment(text) or _LONG_AGO
 
 
 def refused_executor(
