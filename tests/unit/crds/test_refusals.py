@@ -16,8 +16,13 @@ KUBERNETES = (
     "Required",
     "Unsupported value",
     "must be of type",
+    "must not validate",
+    "should be a multiple",
     "should be greater than",
     "should be less than",
+    "should have at most",
+    "should match",
+    "is required",
     "supported values",
     "unknown field",
 )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from bagpipe.quantities import heap_mebibytes, memory_bytes, quantity
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
-from bagpipe.spec import JobFile, PodResources
+from bagpipe.spec import JobFile, PodResources, Spark
 from bagpipe.texts import duration_seconds
 
 EXECUTOR_TEMPLATE = "/etc/bagpipe/executor.yaml"
@@ -27,6 +27,9 @@ CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
 _ARCHIVED_HEAP_MEBIBYTES = 32 << 10
 # A case that is quicker than that is not worth a copy, however slow it is beside the others.
 LEAST_STRAGGLER_SECONDS = 60
+# An executor without a case is kept for so long: the case that waits next saves a start of 20 s,
+# and the place is another job's soon.
+IDLE_SECONDS = 15
 
 
 @dataclass(frozen=True)
@@ -48,7 +51,8 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 
 def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """All Spark settings of a job that has so many cases to run."""
-    settings = _where(job, pod) | _size(job) | _endurance() | _speculation(job)
+    settings = _where(job, pod) | _size(job) | _width(job.spec.spark, cases)
+    settings |= _endurance() | _speculation(job)
     own = settings["spark.driver.extraJavaOptions"].split()
     quick = [QUICK_JVM] if cases <= _FEW_CASES else []
     archived = [f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"] if pod.has_archive else []
@@ -114,7 +118,6 @@ def _size(job: JobFile) -> dict[str, str]:
     heap, overhead = memory_split(spark.executor.resources)
     cpu = quantity(spark.executor.resources.cpu)
     return {
-        "spark.executor.instances": str(spark.executors),
         # Slots are task places, not processors: the pod requests what the user asked for.
         "spark.executor.cores": str(spark.slots),
         "spark.kubernetes.executor.request.cores": f"{math.ceil(cpu * 1000)}m",
@@ -125,6 +128,22 @@ def _size(job: JobFile) -> dict[str, str]:
         "spark.scheduler.minRegisteredResourcesRatio": "0.0",
         "spark.kubernetes.allocation.batch.size": "100",
         "spark.kubernetes.allocation.batch.delay": "1s",
+    }
+
+
+def _width(spark: Spark, cases: int) -> dict[str, str]:
+    """How many executors there are, or between which bounds Spark has them come and go."""
+    if not spark.is_elastic:
+        return {"spark.executor.instances": str(spark.most_executors)}
+    return {
+        "spark.dynamicAllocation.enabled": "true",
+        "spark.dynamicAllocation.minExecutors": str(spark.executors_for(0)),
+        "spark.dynamicAllocation.maxExecutors": str(spark.most_executors),
+        # All cases are there from the beginning; else Spark asks for 1, 2, 4, ... once a second.
+        "spark.dynamicAllocation.initialExecutors": str(spark.executors_for(cases)),
+        "spark.dynamicAllocation.executorIdleTimeout": f"{IDLE_SECONDS}s",
+        # Spark wants a shuffle service, or this. Nothing is shuffled, so it keeps no executor.
+        "spark.dynamicAllocation.shuffleTracking.enabled": "true",
     }
 
 
