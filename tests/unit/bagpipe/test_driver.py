@@ -206,6 +206,19 @@ def test_the_executors_that_metrics_call_wanted_are_those_that_cases_keep_busy()
     assert registry.get_sample_value("bagpipe_executors", {"state": "wanted"}) == 1
 
 
+@pytest.mark.parametrize(("timeout", "grace"), [("10m", "600s"), ("9m", "600s"), ("90s", "150s")])
+def test_an_executor_that_is_told_to_go_has_time_for_its_case(timeout: str, grace: str) -> None:
+    job = make_job({}, playback={"caseTimeout": timeout})
+    settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"), 1)
+    chosen = {
+        "spark.decommission.enabled": "true",
+        "spark.executor.decommission.signal": "TERM",
+        "spark.kubernetes.decommission.script": "/bin/true",
+        "spark.kubernetes.executor.terminationGracePeriodSeconds": grace,
+    }
+    assert {key: settings[key] for key in chosen} == chosen
+
+
 OWN, ARCHIVED, QUICK = (
     "-XX:+ExitOnOutOfMemoryError",
     "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",

@@ -30,6 +30,10 @@ LEAST_STRAGGLER_SECONDS = 60
 # An executor without a case is kept for so long: the case that waits next saves a start of 20 s,
 # and the place is another job's soon.
 IDLE_SECONDS = 15
+# As long as cluster autoscalers wait for a pod; who drains a node by hand waits as long as well.
+_MOST_GRACE_SECONDS = 600
+# Around the case itself: its recording is kept, its stack ended.
+_GRACE_AROUND_SECONDS = 60
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,7 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """All Spark settings of a job that has so many cases to run."""
     settings = _where(job, pod) | _size(job) | _width(job.spec.spark, cases)
-    settings |= _endurance() | _speculation(job)
+    settings |= _endurance() | _leaving(job) | _speculation(job)
     own = settings["spark.driver.extraJavaOptions"].split()
     quick = [QUICK_JVM] if cases <= _FEW_CASES else []
     archived = [f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"] if pod.has_archive else []
@@ -174,6 +178,23 @@ def _endurance() -> dict[str, str]:
         # pod's network could try to speak to it; the socket's file is in Spark's own /tmp.
         "spark.python.unix.domain.socket.enabled": "true",
         "spark.locality.wait": "0s",
+    }
+
+
+def _leaving(job: JobFile) -> dict[str, str]:
+    """An executor that is told to go, by Spark or by SIGTERM, first ends the cases that it runs.
+
+    Spark gives it no further one. A case that takes longer than the grace period is run elsewhere,
+    and Spark does not call that the case's fault.
+    """
+    longest = math.ceil(duration_seconds(job.spec.playback.case_timeout))
+    grace = min(_MOST_GRACE_SECONDS, longest + _GRACE_AROUND_SECONDS)
+    return {
+        "spark.decommission.enabled": "true",
+        # What a kubelet sends, whatever the reason; Spark's own choice needs a script that sends it.
+        "spark.executor.decommission.signal": "TERM",
+        "spark.kubernetes.decommission.script": "/bin/true",
+        "spark.kubernetes.executor.terminationGracePeriodSeconds": f"{grace}s",
     }
 
 
