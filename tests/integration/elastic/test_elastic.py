@@ -50,6 +50,11 @@ class Lab:
                 found[int(entry.name)] = work / "stderr"
         return found
 
+    def send_off(self, pid: int, log: Path) -> None:
+        """SIGTERM, as a kubelet sends it, and the driver knows of it."""
+        os.kill(pid, signal.SIGTERM)
+        wait_until(lambda: "ecommission" in log.read_text(), 120, "the executor to notice")
+
     def begun(self, run: int) -> Callable[[], bool]:
         return (self.folder / f"marks/begun-{run}").exists
 
@@ -131,9 +136,8 @@ def test_an_executor_without_cases_goes_while_the_longest_case_runs_on(lab: Lab)
 def test_an_executor_that_gets_sigterm_ends_its_case_first(lab: Lab) -> None:
     with lab.running(("long",)) as driver:
         wait_until(lab.begun(1), 300, "the long case")
-        [(told, log)] = lab.executors().items()
-        os.kill(told, signal.SIGTERM)
-        wait_until(lambda: "ecommission" in log.read_text(), 120, "the executor to have heard it")
+        [(pid, log)] = lab.executors().items()
+        lab.send_off(pid, log)
         lab.let_go()
         rows = lab.rows(driver)
     assert (rows["long"]["starts"], rows["long"]["attempts"]) == (1, 1)
@@ -145,11 +149,10 @@ def test_executors_that_are_taken_away_use_up_no_attempt_of_their_case(lab: Lab)
     with lab.running(("long",)) as driver:
         for run in range(1, lost + 1):
             wait_until(lab.begun(run), 300, f"run {run}")
-            for told, log in lab.executors().items():
-                os.kill(told, signal.SIGTERM)
-                wait_until(lambda log=log: "ecommission" in log.read_text(), 120, "to be heard")
+            for pid, log in lab.executors().items():
+                lab.send_off(pid, log)
                 # Its grace period is over.
-                os.kill(told, signal.SIGKILL)
+                os.kill(pid, signal.SIGKILL)
         wait_until(lab.begun(lost + 1), 300, "the last run")
         lab.let_go()
         rows = lab.rows(driver)

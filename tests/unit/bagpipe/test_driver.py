@@ -207,7 +207,7 @@ def test_the_executors_that_metrics_call_wanted_are_those_that_cases_keep_busy()
 
 
 @pytest.mark.parametrize(("timeout", "grace"), [("10m", "600s"), ("9m", "600s"), ("90s", "150s")])
-def test_an_executor_that_is_told_to_go_has_time_for_its_case(timeout: str, grace: str) -> None:
+def test_an_executor_that_must_go_has_time_for_its_case(timeout: str, grace: str) -> None:
     job = make_job({}, playback={"caseTimeout": timeout})
     settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"), 1)
     chosen = {

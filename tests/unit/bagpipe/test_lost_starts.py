@@ -63,7 +63,7 @@ OWN = "ExecutorLostFailure (executor 5 exited caused by one of the running tasks
         ([AWAY] * 15, 15),
     ],
 )
-def test_starts_whose_executors_were_taken_away_are_told_from_those_that_were_lost(
+def test_starts_whose_executors_were_taken_away_are_not_those_that_were_lost(
     errors: list[str], taken_away: int
 ) -> None:
     tasks = [task(0, n, "5", errorMessage=error) for n, error in enumerate(errors)]

@@ -35,7 +35,7 @@ class ExecutorRange(BaseModel):
     """`spark.executors` of a job whose executors come and go with what it has to do."""
 
     # The API server takes this field as a whole: what it would prune elsewhere is refused here.
-    model_config = ConfigDict(SPEC_CONFIG, extra="forbid")
+    model_config = SPEC_CONFIG | ConfigDict(extra="forbid")
 
     min: _Count
     max: _Count

@@ -182,7 +182,7 @@ def _endurance() -> dict[str, str]:
 
 
 def _leaving(job: JobFile) -> dict[str, str]:
-    """An executor that is told to go, by Spark or by SIGTERM, first ends the cases that it runs.
+    """An executor that must go, by Spark or by SIGTERM, first ends the cases that it runs.
 
     Spark gives it no further one. A case that takes longer than the grace period is run elsewhere,
     and Spark does not call that the case's fault.
@@ -191,7 +191,7 @@ def _leaving(job: JobFile) -> dict[str, str]:
     grace = min(_MOST_GRACE_SECONDS, longest + _GRACE_AROUND_SECONDS)
     return {
         "spark.decommission.enabled": "true",
-        # What a kubelet sends, whatever the reason; Spark's own choice needs a script that sends it.
+        # What a kubelet sends, whatever the reason; for its own choice Spark needs a script.
         "spark.executor.decommission.signal": "TERM",
         "spark.kubernetes.decommission.script": "/bin/true",
         "spark.kubernetes.executor.terminationGracePeriodSeconds": f"{grace}s",
