@@ -25,6 +25,8 @@ HERE = Path(__file__).parent
 DRIVER = HERE.parent / "stragglers/driver_of_two_hosts.py"
 # Of a case that is to be copied: none here.
 NEVER_SLOW = 3600
+# What an executor logs once its driver has answered that it knows.
+LEAVES = "Will exit when finished decommissioning"
 SHORT = tuple(f"short-{n}" for n in range(5))
 
 
@@ -53,7 +55,7 @@ class Lab:
     def send_off(self, pid: int, log: Path) -> None:
         """SIGTERM, as a kubelet sends it, and the driver knows of it."""
         os.kill(pid, signal.SIGTERM)
-        wait_until(lambda: "ecommission" in log.read_text(), 120, "the executor to notice")
+        wait_until(lambda: LEAVES in log.read_text(), 120, "the executor to notice")
 
     def begun(self, run: int) -> Callable[[], bool]:
         return (self.folder / f"marks/begun-{run}").exists
