@@ -77,12 +77,12 @@ def _of_any_type(schema: Schema, value: Any, path: str) -> Iterator[str]:
     elif isinstance(value, str) and not re2.search(schema.get("pattern", ""), value):
         yield f"{path}: should match '{schema['pattern']}'"
     elif isinstance(value, list) and len(value) > schema.get("maxItems", len(value)):
-        yield f"{path}: should have at most {schema['maxItems']} items"
+        yield f"{path}: must have at most {schema['maxItems']} items"
     elif isinstance(value, dict):
         for name in [each for each in schema.get("required", []) if each not in value]:
             yield f"{path}.{name}: Required value"
         if len(value) > schema.get("maxProperties", len(value)):
-            yield f"{path}: should have at most {schema['maxProperties']} properties"
+            yield f"{path}: must have at most {schema['maxProperties']} items"
 
 
 def _nothing(_schema: Schema, _value: Any, _path: str) -> Iterator[str]:

@@ -20,9 +20,8 @@ KUBERNETES = (
     "should be a multiple",
     "should be greater than",
     "should be less than",
-    "should have at most",
+    "must have at most",
     "should match",
-    "is required",
     "supported values",
     "unknown field",
 )
