@@ -23,7 +23,7 @@ SEED, COUNT = 13, 2000
 # patterns, lists and products of other fields, and the hosts of a thousand URIs, which the budget
 # of rules does not hold. docs/reference/api-changes.md names them.
 _LATE = re.compile(
-    r"matrix\b|source\.simulator\b|stack\.parameters\.|variants\.\d+\.parameters\."
+    r"matrix\b|spark\.executors\b|source\.simulator\b|stack\.parameters\.|variants\.\d+\.parameters\."
     r"|source\.((bags|files|sequence)\.\d+|catalogue\.(uri|within\.\d+)).*has no known scheme"
     r"|: Value error, (evaluate\[.*reads .*record\.topics|the step's trigger"
     r"|stack\.parameters has .*which names no node)"

@@ -22,13 +22,15 @@ def settings(of: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """The job's own settings, less Kubernetes."""
     made = spark_context.spark_settings(of, pod, cases) | {
         "spark.master": _master,
-        "spark.cores.max": str(of.spec.spark.executors * of.spec.spark.slots),
+        "spark.cores.max": str(of.spec.spark.most_slots),
         # Only Spark's Kubernetes backend makes the secret by itself.
         "spark.authenticate": "false",
         "spark.network.crypto.enabled": "false",
         "spark.speculation.minTaskRuntime": f"{_seconds}s",
         "spark.speculation.task.duration.threshold": f"{_seconds}s",
     }
+    if of.spec.spark.is_elastic:
+        made["spark.dynamicAllocation.executorIdleTimeout"] = "1s"
     return {key: value for key, value in made.items() if not key.startswith("spark.kubernetes.")}
 
 

@@ -163,6 +163,62 @@ def test_spark_settings_that_decide() -> None:
     assert {key: settings[key] for key in chosen} == chosen
 
 
+ALLOCATION = "spark.dynamicAllocation."
+
+
+@pytest.mark.parametrize(
+    ("cases", "slots", "begins_with"), [(1, 2, 2), (5, 2, 3), (6, 2, 3), (1000, 2, 8), (8, 1, 8)]
+)
+def test_executors_that_come_and_go_begin_as_many_as_have_cases(
+    cases: int, slots: int, begins_with: int
+) -> None:
+    job = make_job({}, spark={"executors": {"min": 2, "max": 8}, "slots": slots})
+    settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"), cases)
+    assert {k: v for k, v in settings.items() if k.startswith(ALLOCATION)} == {
+        f"{ALLOCATION}enabled": "true",
+        f"{ALLOCATION}minExecutors": "2",
+        f"{ALLOCATION}maxExecutors": "8",
+        f"{ALLOCATION}initialExecutors": str(begins_with),
+        f"{ALLOCATION}executorIdleTimeout": "15s",
+        f"{ALLOCATION}shuffleTracking.enabled": "true",
+    }
+    # It would be another number to begin with, the larger of which Spark takes.
+    assert "spark.executor.instances" not in settings
+
+
+def test_a_number_of_executors_stays_the_same() -> None:
+    settings = spark_settings(make_job({}), DriverPod("pod", "lab", "198.18.0.9"), 9)
+    assert [name for name in settings if name.startswith(ALLOCATION)] == []
+    elastic = make_job({}, spark={"executors": {"min": 2, "max": 8}})
+    assert [name for name in local_settings(elastic, 2) if name.startswith(ALLOCATION)] == []
+
+
+def test_the_executors_that_metrics_call_wanted_are_those_that_cases_keep_busy() -> None:
+    progress = Progress("pvc://results/r")
+    job = make_job({}, spark={"executors": {"min": 1, "max": 3}, "slots": 2})
+    registry = DriverMetrics(progress, job).registry
+    seen = []
+    progress.begin(9)
+    for name in "abcdefghi":
+        seen.append(registry.get_sample_value("bagpipe_executors", {"state": "wanted"}))
+        progress.add(row(name))
+    assert seen == [3, 3, 3, 3, 3, 2, 2, 1, 1]
+    assert registry.get_sample_value("bagpipe_executors", {"state": "wanted"}) == 1
+
+
+@pytest.mark.parametrize(("timeout", "grace"), [("10m", "600s"), ("9m", "600s"), ("90s", "150s")])
+def test_an_executor_that_must_go_has_time_for_its_case(timeout: str, grace: str) -> None:
+    job = make_job({}, playback={"caseTimeout": timeout})
+    settings = spark_settings(job, DriverPod("pod", "lab", "198.18.0.9"), 1)
+    chosen = {
+        "spark.decommission.enabled": "true",
+        "spark.executor.decommission.signal": "TERM",
+        "spark.kubernetes.decommission.script": "/bin/true",
+        "spark.kubernetes.executor.terminationGracePeriodSeconds": grace,
+    }
+    assert {key: settings[key] for key in chosen} == chosen
+
+
 OWN, ARCHIVED, QUICK = (
     "-XX:+ExitOnOutOfMemoryError",
     "-XX:SharedArchiveFile=/opt/bagpipe/spark.jsa",

@@ -18,6 +18,7 @@ from bagpipe.driver import job as driver
 from bagpipe.driver.cases_on_spark import run_cases
 from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
+from bagpipe.driver.lost_starts import Task
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
 from bagpipe.driver.results import Results
@@ -265,6 +266,38 @@ def test_a_row_says_how_often_its_case_was_started_before_it_ended(
     assert sorted(path.name for path in marks.iterdir()) == ["1", "2", "3"]
     # Two starts that were lost and one try that was lossy do not count.
     assert keeper.progress.snapshot()["cases"]["discarded"] == 3
+
+
+def test_a_case_whose_executors_were_taken_away_runs_again_and_counts_once(
+    spark: SparkContext, world: World, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+
+    def taken_away(_spark: SparkContext, _stage: int) -> list[Task]:
+        # As Spark words it of Kubernetes' executors; local Spark has none that could go.
+        error = "ExecutorLostFailure (executor 1 exited unrelated to the running tasks)"
+        lost = {"index": 0, "executorId": "1", "host": "10.0.0.1", "errorMessage": error}
+        return [lost | {"attempt": number} for number in range(4)]
+
+    def passes_at_last(case: Case, _context: RunContext, starts: int) -> Row:
+        (marks / f"{case.id}.{starts}").touch()
+        if case.id == "a-0000" and starts < 6:
+            os._exit(137)
+        return make_row(case.id, starts=starts)
+
+    monkeypatch.setattr(cases_on_spark, "failed_tasks", taken_away)
+    monkeypatch.setattr(cases_on_spark, "run_case", passes_at_last)
+    keeper = world.keeper()
+    run_cases(spark, world.cases[:2], world.context, keeper)
+    rows = {row["case"]: row for row in world.rows.rows()}
+    assert {name: (row["outcome"], row["attempts"]) for name, row in rows.items()} == {
+        "a-0000": ("passed", 1), "b-0000": ("passed", 1),
+    }  # fmt: skip
+    assert (rows["a-0000"]["starts"], rows["b-0000"]["starts"]) == (6, 1)
+    assert sorted(path.name for path in marks.glob("a-*")) == [f"a-0000.{n}" for n in range(1, 7)]
+    assert keeper.progress.snapshot()["cases"]["passed"] == 2
+    assert keeper.progress.snapshot()["cases"]["errored"] == 0
 
 
 def test_a_driver_after_a_commit_runs_nothing(

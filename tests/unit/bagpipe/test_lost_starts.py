@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import pytest
 from py4j.protocol import Py4JNetworkError
 
 from bagpipe.driver.lost_starts import Task, failed_tasks, given_up, with_evidence
@@ -41,8 +42,33 @@ def test_a_case_that_was_given_up_names_its_executors_and_why_they_were_lost() -
     ]  # fmt: skip
     assert starts[0]["error"] == "ExecutorLostFailure (executor 5 exited with exit code 137)"
     assert unknown["evidence"] == {"starts": []}
+    assert [row.get("taken_away") for row in (passed, lost, unknown)] == [None, 0, 0]
     assert [row for row in (lost, unknown) if "task" in row] == []
     assert asked == [3]
+
+
+AWAY = "ExecutorLostFailure (executor 5 exited unrelated to the running tasks) Reason: deleted"
+OWN = "ExecutorLostFailure (executor 5 exited caused by one of the running tasks) Reason: 137"
+
+
+@pytest.mark.parametrize(
+    ("errors", "taken_away"),
+    [
+        ([AWAY] * 4, 4),
+        ([AWAY, OWN, AWAY, OWN], 2),
+        ([OWN] * 4, 0),
+        # Words of a user's own are not Spark's.
+        ([f"Exception: {AWAY}", "", "exited unrelated to the running tasks"], 0),
+        # Of more than are kept as evidence all are counted.
+        ([AWAY] * 15, 15),
+    ],
+)
+def test_starts_whose_executors_were_taken_away_are_not_those_that_were_lost(
+    errors: list[str], taken_away: int
+) -> None:
+    tasks = [task(0, n, "5", errorMessage=error) for n, error in enumerate(errors)]
+    (row,) = with_evidence([given_up(make_row("a"), 0, 0)], lambda _stage: tasks)
+    assert row["taken_away"] == taken_away
 
 
 def test_evidence_is_bounded() -> None:

@@ -1,5 +1,6 @@
 """The spec's models: durations, URIs and claims."""
 
+import json
 from typing import Any
 
 import pytest
@@ -57,6 +58,15 @@ def test_defaults() -> None:
         ({"stack": EXEC, "record": None, "playback": {"mode": "max"}}, "caseTimeout"),
         ({"stack": EXEC, "record": None, "playback": {"rate": 2}}, "caseTimeout"),
         ({"source": {"bags": ["pvc://a/b"], "topics": ["scan"]}}, "write /scan"),
+        ({"spark": {"executors": 0}}, "greater than or equal to 1"),
+        ({"spark": {"executors": 1001}}, "less than or equal to 1000"),
+        ({"spark": {"executors": "4"}}, "such as 4, or {min: 1, max: 4}"),
+        ({"spark": {"executors": True}}, "such as 4, or {min: 1, max: 4}"),
+        ({"spark": {"executors": {"min": 0, "max": 3}}}, "greater than or equal to 1"),
+        ({"spark": {"executors": {"min": 1, "max": 1001}}}, "less than or equal to 1000"),
+        ({"spark": {"executors": {"min": 4, "max": 3}}}, "write a max that is at least min"),
+        ({"spark": {"executors": {"min": 1}}}, "executors.range.max\n.*Field required"),
+        ({"spark": {"executors": {"min": 1, "max": 2, "most": 3}}}, "Extra inputs"),
         ({"playback": {"rate": 0}}, "greater than 0"),
         ({"playback": {"rounds": 0}}, "greater than or equal to 1"),
         ({"playback": {"rounds": 101}}, "less than or equal to 100"),
@@ -70,6 +80,25 @@ def test_defaults() -> None:
 def test_refusals_say_what_to_write(changed: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=words):
         make_spec(**changed)
+
+
+@pytest.mark.parametrize(
+    ("executors", "of_cases", "slots"),
+    [
+        (3, {0: 3, 1: 3, 100: 3}, 6),
+        ({"min": 1, "max": 3}, {0: 1, 1: 1, 2: 1, 3: 2, 4: 2, 5: 3, 100: 3}, 6),
+        ({"min": 2, "max": 2}, {0: 2, 100: 2}, 4),
+    ],
+)
+def test_executors_are_a_number_or_as_many_as_have_cases(
+    executors: Any, of_cases: dict[int, int], slots: int
+) -> None:
+    spark = make_spec(spark={"executors": executors, "slots": 2}).spark
+    assert {cases: spark.executors_for(cases) for cases in of_cases} == of_cases
+    assert (spark.most_slots, spark.is_elastic) == (slots, isinstance(executors, dict))
+    # As the operator hands it to the driver.
+    passed_on = make_spec(spark=json.loads(spark.model_dump_json(by_alias=True))).spark
+    assert passed_on == spark
 
 
 @pytest.mark.parametrize(

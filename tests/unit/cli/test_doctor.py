@@ -194,6 +194,11 @@ def test_the_quota(hard: dict[str, str], used: dict[str, str], expected: str, wo
     assert (found.state, words in found.found) == (expected, True), found
 
 
+def test_the_quota_of_executors_that_come_and_go_has_room_for_all_of_them() -> None:
+    breathing = needs_of(spec(spark={"executors": {"min": 1, "max": 2}}))
+    assert breathing == needs_of(spec(spark={"executors": 2}))
+
+
 def test_of_several_quotas_those_that_lack_are_shown() -> None:
     needs = needs_of(spec())
     answer = listed(quota({"pods": "9"}), quota({"pods": "1"}), quota({"requests.cpu": "1m"}))

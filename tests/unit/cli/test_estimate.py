@@ -65,6 +65,9 @@ def test_slots_run_side_by_side_and_the_longest_case_bounds_them() -> None:
     found = estimate(wide, [case(str(n)) for n in range(5)], Earlier())
     # Five of 22 to 40 s on four slots: at least a quarter of them, at most two after each other.
     assert found["wallSeconds"] == [27.5, 80.0]
+    # Of executors that come and go: with all of them.
+    breathing = spec(spark={"executors": {"min": 1, "max": 2}, "slots": 2})
+    assert estimate(breathing, [case(str(n)) for n in range(5)], Earlier()) == found
     one = estimate(wide, [case("a", 100.0), case("b", 4.0)], Earlier())
     assert one["wallSeconds"] == [102.0, 120.0]
 

@@ -174,6 +174,7 @@ def test_slots_are_the_job_s_own_at_most_one_for_each_processor(
     monkeypatch.setattr("os.sched_getaffinity", lambda _pid: set(range(6)))
     assert module._slots(make_spec(spark={"executors": 2, "slots": 2})) == 4
     assert module._slots(make_spec(spark={"executors": 100, "slots": 4})) == 6
+    assert module._slots(make_spec(spark={"executors": {"min": 1, "max": 2}, "slots": 2})) == 4
     assert module._slots(make_spec()) == 1
 
 

@@ -55,6 +55,7 @@ def _structural(schema: Schema, value: Any, path: str) -> Iterator[str]:
             yield f"{path}: must be of type integer or string"
         return
     if "type" not in schema:  # whatever it is, it is preserved
+        yield from _of_any_type(schema, value, path)
         return
     kind = schema["type"]
     if type(value) not in _TYPES[kind]:  # a boolean is an integer to isinstance
@@ -63,6 +64,25 @@ def _structural(schema: Schema, value: Any, path: str) -> Iterator[str]:
         yield f"{path}: Unsupported value: {value!r}"
     else:
         yield from _CHECKS.get(kind, _nothing)(schema, value, path)
+
+
+def _of_any_type(schema: Schema, value: Any, path: str) -> Iterator[str]:
+    """A field without a type is judged by those of its bounds that its value's type has."""
+    if value in schema.get("not", {}).get("enum", []) and isinstance(value, bool):
+        yield f"{path}: must not validate the schema (not)"
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        yield from _bounds(schema, value, path)
+        if value % schema.get("multipleOf", value or 1):
+            yield f"{path}: should be a multiple of {schema['multipleOf']}"
+    elif isinstance(value, str) and not re2.search(schema.get("pattern", ""), value):
+        yield f"{path}: should match '{schema['pattern']}'"
+    elif isinstance(value, list) and len(value) > schema.get("maxItems", len(value)):
+        yield f"{path}: must have at most {schema['maxItems']} items"
+    elif isinstance(value, dict):
+        for name in [each for each in schema.get("required", []) if each not in value]:
+            yield f"{path}.{name}: Required value"
+        if len(value) > schema.get("maxProperties", len(value)):
+            yield f"{path}: must have at most {schema['maxProperties']} items"
 
 
 def _nothing(_schema: Schema, _value: Any, _path: str) -> Iterator[str]:

@@ -16,8 +16,12 @@ KUBERNETES = (
     "Required",
     "Unsupported value",
     "must be of type",
+    "must not validate",
+    "should be a multiple",
     "should be greater than",
     "should be less than",
+    "must have at most",
+    "should match",
     "supported values",
     "unknown field",
 )

@@ -88,12 +88,30 @@ async def test_what_decides_is_the_same_in_part_and_in_whole() -> None:
     job = make_job("x").with_spec("stack.parameters", LARGE).with_spec("spark.executors", 7)
     for name, value in fields.items():
         job.with_spec(name, value)
+    job.with_spec("spark.slots", 2)
     part = job.view().kept()
-    assert part.spec == fields | {"spark": {"executors": 7}}
+    assert part.spec == fields | {"spark": {"executors": 7, "slots": 2}}
     assert part.managed_elsewhere
     assert part.kept() == part
     world = World(job)
     assert (await whole(world.api, part)).spec == job.object["spec"]
+
+
+@pytest.mark.parametrize(
+    ("executors", "kept"),
+    [
+        ({"min": 1, "max": 8}, {"executors": {"min": 1, "max": 8}}),
+        ({"min": 1, "max": 8, "more": "x" * 9000}, {"executors": {"min": 1, "max": 8}}),
+        ({"min": 1}, {}),
+        ({"min": 1, "max": "x" * 9000}, {}),
+        ([1, 8], {}),
+    ],
+)
+def test_of_executors_that_come_and_go_both_numbers_are_kept(
+    executors: object, kept: dict[str, Any]
+) -> None:
+    part = make_job("x").with_spec("spark", {"executors": executors}).view().kept()
+    assert part.spec.get("spark", {}) == kept
 
 
 def test_texts_as_long_as_no_name_and_lists_are_left_out() -> None:

@@ -171,7 +171,7 @@ async def test_a_thousand_jobs_without_executors_do_not_flood_the_api_server() -
         api.calls.clear()
         for _ in range(rounds):
             for job in jobs:
-                assert await lookout.look(job, 1, (), cases_wait=True) == ()
+                assert await lookout.look(job, 1, (), cases_left=1) == ()
             clock.advance(2)
         return api.calls.count("try pods")
 

@@ -32,11 +32,11 @@ class Lookouts:
         self.lookout = Lookout(self.api, Settings(), self.clock.monotonic)
 
     async def found(
-        self, *pods: PodBuilder, after: float = 0.0, cases_wait: bool = False
+        self, *pods: PodBuilder, after: float = 0.0, cases_left: int | None = None
     ) -> list[tuple[str, bool]]:
         """Reasons of what is reported, and whether each lasts."""
         self.clock.advance(after)
-        reported = await self.lookout.look(self.job, 1, [pod.view() for pod in pods], cases_wait)
+        reported = await self.lookout.look(self.job, 1, [pod.view() for pod in pods], cases_left)
         return [(trouble.reason, trouble.lasting) for trouble in reported]
 
 
@@ -131,11 +131,11 @@ async def test_a_claim_that_can_t_be_read_is_not_reported_as_missing() -> None:
 async def test_executors_that_do_not_come_are_asked_about_after_four_seconds() -> None:
     world = Lookouts()
     world.api.fail("try pods", QUOTA)
-    assert await world.found(cases_wait=True) == []
-    assert await world.found(cases_wait=True, after=3.5) == []
+    assert await world.found(cases_left=1) == []
+    assert await world.found(cases_left=1, after=3.5) == []
     assert world.api.calls == []
-    assert await world.found(cases_wait=True, after=0.5) == [("QuotaExceeded", False)]
-    assert await world.found(cases_wait=True, after=4) == []
+    assert await world.found(cases_left=1, after=0.5) == [("QuotaExceeded", False)]
+    assert await world.found(cases_left=1, after=4) == []
     assert world.api.calls == ["try pods"] * 2
 
 
@@ -158,7 +158,33 @@ async def test_executors_are_asked_about_where_fewer_live_than_are_wanted(
     job = make_job("x") if executors is None else make_job("x").with_executors(executors)
     world = Lookouts(job.view())
     for after in (0, 4):
-        await world.found(*pods, cases_wait=True, after=after)
+        await world.found(*pods, cases_left=1, after=after)
+    assert world.api.calls == ["try pods"] * asked
+
+
+@pytest.mark.parametrize(
+    ("slots", "cases", "alive", "asked"),
+    [
+        (1, 9, 3, 0),
+        (1, 9, 2, 1),
+        # Two went for lack of cases, and none is missing.
+        (1, 1, 1, 0),
+        (1, 2, 1, 1),
+        (4, 4, 1, 0),
+        (4, 5, 1, 1),
+        # The least number is wanted to the end, and of a driver that says nothing of its cases.
+        (1, 0, 0, 1),
+        (1, 0, 1, 0),
+    ],
+)
+async def test_of_executors_that_come_and_go_as_many_are_wanted_as_have_cases(
+    slots: int, cases: int, alive: int, asked: int
+) -> None:
+    job = make_job("x").with_spec("spark", {"executors": {"min": 1, "max": 3}, "slots": slots})
+    pods = [make_executor("x", number + 1).running() for number in range(alive)]
+    world = Lookouts(job.view().kept())
+    for after in (0, 4):
+        await world.found(*pods, cases_left=cases, after=after)
     assert world.api.calls == ["try pods"] * asked
 
 
@@ -176,8 +202,8 @@ async def test_a_refusal_of_executors_lasts_where_none_is_there(alone: bool) -> 
     pods = [make_driver("x").running()]
     if not alone:
         pods.append(make_executor("x").running())
-    await world.found(*pods, cases_wait=True)
-    reported = await world.found(*pods, cases_wait=True, after=4)
+    await world.found(*pods, cases_left=1)
+    reported = await world.found(*pods, cases_left=1, after=4)
     assert reported == [("ExecutorsRefused", alone)]
 
 
@@ -186,16 +212,16 @@ async def test_a_pod_that_waits_and_executors_that_do_not_come_are_reported_toge
     world.api.events_about["uid-of-x-1-exec-1"] = [MOUNT]
     world.api.fail("try pods", QUOTA)
     pod = placed(make_executor("x"))
-    await world.found(pod, cases_wait=True)
-    reported = await world.found(pod, cases_wait=True, after=4)
+    await world.found(pod, cases_left=1)
+    reported = await world.found(pod, cases_left=1, after=4)
     assert reported == [*MOUNTS, ("QuotaExceeded", False)]
 
 
 async def test_a_refusal_that_may_pass_is_not_reported() -> None:
     world = Lookouts()
     world.api.fail("try pods", ApiError(500, "InternalError", "etcd has no leader"))
-    await world.found(cases_wait=True)
-    assert await world.found(cases_wait=True, after=4) == []
+    await world.found(cases_left=1)
+    assert await world.found(cases_left=1, after=4) == []
 
 
 def unusable() -> JobView:
@@ -211,6 +237,6 @@ def too_large() -> JobView:
 async def test_without_a_spec_that_can_be_read_no_executor_is_tried(job: JobView) -> None:
     world = Lookouts(job)
     world.api.fail("get job", ApiError(500, "InternalError", "no"))
-    await world.found(cases_wait=True)
-    assert await world.found(cases_wait=True, after=4) == []
+    await world.found(cases_left=1)
+    assert await world.found(cases_left=1, after=4) == []
     assert "try pods" not in world.api.calls

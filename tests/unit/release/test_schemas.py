@@ -61,7 +61,7 @@ JOB = yaml.safe_load((ROOT / "docs/examples/robot-state-publisher/job.yaml").rea
     ("path", "value", "where", "word"),
     [
         (("spec", "playbck"), {}, "$.spec", "additionalProperties"),
-        (("spec", "spark", "executors"), "two", "$.spec.spark.executors", "type"),
+        (("spec", "spark", "executors"), "two", "$.spec.spark.executors", "pattern"),
         (("spec", "stack", "engine"), "ros3", "$.spec.stack.engine", "enum"),
         (("kind",), "SimulationSchedule", "$.kind", "const"),
         (("apiVersion",), "sim.bagpipe.io/v1", "$.apiVersion", "const"),

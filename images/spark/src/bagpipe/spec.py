@@ -19,6 +19,7 @@ from pydantic import (
 
 from bagpipe.engine_fields import DEFAULT_ENGINE, engine_names, load_engines, refusal
 from bagpipe.evaluate.model import Criterion, topics_of
+from bagpipe.executor_range import ExecutorRange, Executors, least_of, most_of, wanted
 from bagpipe.faults import FaultRule
 from bagpipe.matrix.model import Matrix
 from bagpipe.pod_spec import (
@@ -180,10 +181,29 @@ class SparkRole(_Model):
 class Spark(_Model):
     """How wide the job runs."""
 
-    executors: int = Field(default=1, ge=1, le=1000)
+    executors: Executors = 1
     slots: int = Field(default=1, ge=1, le=64)
     driver: SparkRole = SparkRole()
     executor: SparkRole = SparkRole()
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether executors come and go with what there is to do."""
+        return isinstance(self.executors, ExecutorRange)
+
+    @property
+    def most_executors(self) -> int:
+        """How many there are at most: what quotas must have room for."""
+        return most_of(self.executors)
+
+    @property
+    def most_slots(self) -> int:
+        """How many cases run side by side at most."""
+        return self.most_executors * self.slots
+
+    def executors_for(self, cases: int) -> int:
+        """How many are wanted while so many cases run or wait."""
+        return wanted(least_of(self.executors), self.most_executors, self.slots, cases)
 
 
 class Output(_Model):

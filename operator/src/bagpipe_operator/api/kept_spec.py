@@ -32,13 +32,24 @@ def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
 def what_decides(spec: Json, fields: frozenset[str] | None = None) -> Json:
     """Those scalars of a job's spec, how many executors it wants, what its baseline follows, and
     who is to be notified."""
-    executors = readings.whole(readings.mapping(spec.get("spark")).get("executors"))
-    wanted: Json = {} if executors is None else {"spark": {"executors": executors}}
+    spark = readings.mapping(spec.get("spark"))
+    width = {
+        "executors": _executors(spark.get("executors")),
+        "slots": readings.whole(spark.get("slots")),
+    }
+    known = {key: value for key, value in width.items() if value is not None}
+    wanted: Json = {"spark": known} if known else {}
     followed = scalars(readings.mapping(spec.get("baseline")), frozenset({"lastPassed"}))
     baseline: Json = {"baseline": followed} if followed else {}
     names = [name for name in readings.texts(spec.get("notify")) if len(name) <= _LONGEST_NAME]
     notify: Json = {"notify": names[:MOST_NAMED]} if names else {}
     return scalars(spec, fields) | wanted | baseline | notify
+
+
+def _executors(value: object) -> int | Json | None:
+    """A number, or the least and the most."""
+    bounds = {key: readings.whole(readings.mapping(value).get(key)) for key in ("min", "max")}
+    return readings.whole(value) if None in bounds.values() else bounds
 
 
 def _is_small(value: object) -> bool:

@@ -248,7 +248,8 @@ class Reconciler:
         pods = self.view.pods_of(job.uid, attempt)
         gone = [pod for pod in self.view.gone_pods(job.uid) if pod.attempt == attempt]
         wanting = progress is not None and progress.phase == "Running" and halt is None
-        looked_up = await self._lookout.look(job, attempt, pods, wanting)
+        left = progress.cases.left if progress is not None and wanting else None
+        looked_up = await self._lookout.look(job, attempt, pods, left)
         found = tuple(troubles(pods, self.now(), gone, looked_up))
         keys = [t.key for t in found] + ([refusal.key] if refusal else [])
         seen_for = self._patience.observe(job.uid, keys, self.monotonic())

@@ -7,6 +7,8 @@ import pytest
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.kueue import workload
 from bagpipe_operator.jobs.kueue.workload_view import WorkloadView
+from bagpipe_operator.jobs.pods.job_config import read_spec
+from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import START, make_job
 
 # A condition as type, status, reason and message.
@@ -44,11 +46,23 @@ def test_another_release_finds_the_workload_of_the_one_before() -> None:
     assert workload.name_of(job) == "simulationjob-x-29c8838fae"
     assert workload.made_of(job) == "4b7cf58572c1155f"
     assert workload.made_of(make_job("x").with_executors(4).view()) != workload.made_of(job)
+    breathing = make_job("x").with_spec("spark", {"executors": {"min": 1, "max": 3}}).view()
+    assert workload.made_of(breathing) != workload.made_of(job)
     orders = [{"executors": 3, "driver": {}}, {"driver": {}, "executors": 3}]
     marks = {workload.made_of(make_job("x").with_spec("spark", each).view()) for each in orders}
     assert len(marks) == 1
     edited = make_job("x").with_executors(3).with_spec("activeDeadline", "1h")
     assert workload.made_of(edited.view()) == workload.made_of(job)
+
+
+def test_a_queue_is_asked_for_as_many_executors_as_there_may_be() -> None:
+    """Kueue gives a job its quota as a whole, before there is a pod."""
+    job = make_job("x").with_spec("queueName", "nightly")
+    view = job.with_spec("spark.executors", {"min": 1, "max": 5}).view()
+    made = workload.manifest(view, read_spec(view), Settings())
+    assert [(each["name"], each["count"]) for each in made["spec"]["podSets"]] == [
+        ("driver", 1), ("executors", 5),
+    ]  # fmt: skip
 
 
 AGAIN = " again: its Workload was ended or deleted, another follows when it is gone."

@@ -36,7 +36,7 @@ def estimate(spec: SimulationJobSpec, cases: Sequence[Case], earlier: Earlier) -
     `withoutBasis` are cases of which only the least is known; `basis` counts the others by what
     they rest on.
     """
-    slots = spec.spark.executors * spec.spark.slots
+    slots = spec.spark.most_slots
     spans, basis = [], dict.fromkeys(("case", "fragment", "others", "recording"), 0)
     for case in cases:
         rests_on, span = _span(spec, case, earlier)

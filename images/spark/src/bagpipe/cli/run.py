@@ -214,8 +214,7 @@ def _spark_lacks() -> list[str]:
 
 
 def _slots(spec: SimulationJobSpec) -> int:
-    asked = spec.spark.executors * spec.spark.slots
-    return min(asked, len(os.sched_getaffinity(0)), _MOST_SLOTS)
+    return min(spec.spark.most_slots, len(os.sched_getaffinity(0)), _MOST_SLOTS)
 
 
 def _prepare(folder: Path, wanted: Wanted) -> None:

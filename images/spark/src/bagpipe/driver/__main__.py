@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 def progress_of(job: JobFile) -> Progress:
     """The account of one driver, which says whose it is: its address may be another's next."""
-    slots = job.spec.spark.executors * job.spec.spark.slots
+    slots = job.spec.spark.most_slots
     return Progress(results_uri(job), slots=slots, uid=job.uid, attempt=job.attempt)
 
 

@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from functools import cache
 
 from py4j.protocol import Py4JError
-from pyspark import SparkContext, TaskContext
+from pyspark import Broadcast, SparkContext, TaskContext
 from pyspark.accumulators import AccumulatorParam
 
+from bagpipe.driver.given_back import GivenBack, Tried
 from bagpipe.driver.keep import Keeper, Keeping
 from bagpipe.driver.lost_starts import failed_tasks, given_up, with_evidence
 from bagpipe.driver.spark_gone import SparkGoneError
 from bagpipe.plan.case import Case
-from bagpipe.run.attempts import QUARANTINE_ATTEMPT
 from bagpipe.run.case_run import Row, RunContext, lost_row, run_case
 from bagpipe.run.ran_on import ran_on
 
@@ -74,25 +74,43 @@ def _is_gone(spark: SparkContext) -> bool:
 
 
 def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper: Keeper) -> None:
-    """Run all cases over Spark.
+    """Run all cases over Spark, and again those whose executors were only taken away."""
+    shared_context, given_back = spark.broadcast(context), GivenBack()
+    _run_round(spark, cases, shared_context, keeper, given_back)
+    while given_back.again and keeper.stop is None:
+        again = [case for case in cases if case.id in given_back.again]
+        given_back.again.clear()
+        log.info("%d cases run again: their executors were taken away", len(again))
+        _run_round(spark, again, shared_context, keeper, given_back)
+
+
+def _run_round(
+    spark: SparkContext,
+    cases: list[Case],
+    shared_context: Broadcast[RunContext],
+    keeper: Keeper,
+    given_back: GivenBack,
+) -> None:
+    """Run cases, one task each.
 
     Spark merges the rows of every successful task before it calls the job done, each task's once
     whatever was retried or speculated, so nothing has to be collected a second time.
     """
     finished = spark.accumulator([], _RowsParam())
-    shared_context = spark.broadcast(context)
+    tried = {case.id: given_back.tried[case.id] for case in cases if case.id in given_back.tried}
 
     def run(partition: Iterable[Case]) -> None:
         settle_worker()
         task = TaskContext.get()
         # Spark counts a task's launches from 0, copies of slow ones too.
-        before = task.attemptNumber() if task else 0
+        launches = task.attemptNumber() if task else 0
         for case in partition:
-            if task and before >= QUARANTINE_ATTEMPT:
-                lost = lost_row(case, before)
+            before = tried.get(case.id, Tried())
+            if task and before.is_enough(launches):
+                lost = lost_row(case, before.starts + launches)
                 finished.add([given_up(lost, task.stageId(), task.partitionId())])
             else:
-                row = run_case(case, shared_context.value, before + 1)
+                row = run_case(case, shared_context.value, before.starts + launches + 1)
                 finished.add([row | {"ran_on": ran_on()}])
 
     def new_rows() -> list[Row]:
@@ -100,7 +118,8 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         rows = finished.value
         taken = rows[: len(rows)]
         del rows[: len(taken)]
-        return with_evidence(taken, lambda stage: failed_tasks(spark, stage))
+        known = with_evidence(taken, lambda stage: failed_tasks(spark, stage))
+        return given_back.sift(known)
 
     keeping = Keeping(keeper, new_rows, lambda: active_tasks(spark), spark.cancelAllJobs)
     with keeping:

@@ -1,10 +1,11 @@
 """Why the starts of a case were lost, as Spark knows it: asked when the case is given up."""
 
 import logging
+import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from py4j.protocol import Py4JError
+from py4j.protocol import Py4JError, Py4JJavaError
 from pyspark import SparkContext
 
 from bagpipe.driver.spark_json import as_json, status_store
@@ -14,6 +15,13 @@ from bagpipe.run.case_run import Row
 _MOST_TASKS = 1000
 _MOST_STARTS = 10
 _MOST_CHARACTERS = 1000
+_EVENTS_MILLISECONDS = 5_000
+
+# Spark's words for an executor that was deleted, drained or scaled down. It takes what ended by
+# itself for its tasks' fault. Nothing that a user wrote stands before them.
+_TAKEN_AWAY = re.compile(
+    r"ExecutorLostFailure \(executor \S+ exited unrelated to the running tasks\)"
+)
 
 Task = dict[str, Any]
 
@@ -26,7 +34,8 @@ def given_up(row: Row, stage: int, index: int) -> Row:
 
 
 def with_evidence(rows: Iterable[Row], failed: Callable[[int], list[Task]]) -> list[Row]:
-    """The rows; those that were given up have what became of their starts.
+    """The rows; those that were given up have what became of their starts, and by `taken_away` how
+    many of these ended with an executor that left for no fault of its cases.
 
     `failed` gives the failed tasks of a stage.
     """
@@ -41,13 +50,16 @@ def with_evidence(rows: Iterable[Row], failed: Callable[[int], list[Task]]) -> l
             tasks[stage] = sorted(failed(stage), key=lambda task: task["attempt"])
         starts = [_start(task) for task in tasks[stage] if task["index"] == index]
         rest = {key: value for key, value in row.items() if key != "task"}
-        kept.append(rest | {"evidence": {"starts": starts[-_MOST_STARTS:]}})
+        evidence = {"evidence": {"starts": starts[-_MOST_STARTS:]}}
+        taken_away = sum(_TAKEN_AWAY.match(start["error"]) is not None for start in starts)
+        kept.append(rest | evidence | {"taken_away": taken_away})
     return kept
 
 
 def failed_tasks(spark: SparkContext, stage: int) -> list[Task]:
     """The newest failed tasks of a stage; none where Spark does not say."""
     try:
+        _await_what_spark_knows(spark)
         jvm: Any = spark._jvm  # noqa: SLF001  pyspark offers no public way to it
         failed = jvm.java.util.ArrayList()
         failed.add(jvm.org.apache.spark.status.api.v1.TaskStatus.FAILED)
@@ -59,6 +71,14 @@ def failed_tasks(spark: SparkContext, stage: int) -> list[Task]:
         log.warning("Spark does not report why starts of a case were lost: %s", error)
         return []
     return found
+
+
+def _await_what_spark_knows(spark: SparkContext) -> None:
+    """Its store learns of a task's end by an event, which a busy driver handles later."""
+    try:
+        spark._jsc.sc().listenerBus().waitUntilEmpty(_EVENTS_MILLISECONDS)  # noqa: SLF001
+    except Py4JJavaError as error:
+        log.warning("Spark has events that wait: %s", error.java_exception)
 
 
 def _start(task: Task) -> dict[str, Any]:

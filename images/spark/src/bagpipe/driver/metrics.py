@@ -57,7 +57,9 @@ class _ProgressCollector(Collector):
             ledger.add_metric([counted], count)
         yield ledger
         yield GaugeMetricFamily(
-            "bagpipe_slots", "Places for cases that the job asked for.", value=self._progress.slots
+            "bagpipe_slots",
+            "Places for cases that the job asked for, at most.",
+            value=self._progress.slots,
         )
         yield GaugeMetricFamily(
             "bagpipe_slots_busy", "Places in which a case runs.", value=snapshot["cases"]["running"]
@@ -81,7 +83,8 @@ class DriverMetrics:
         self.registry = CollectorRegistry()
         self._reasons = REASONS | _own_reasons(job.spec)
         self._asks_for_a_rate = job.spec.playback.mode == "realtime"
-        self.executors = SparkExecutors(job.spec.spark.executors)
+        spark = job.spec.spark
+        self.executors = SparkExecutors(lambda: spark.executors_for(progress.left()))
         self.registry.register(_ProgressCollector(progress))
         self.registry.register(self.executors)
         ProcessCollector(registry=self.registry)

@@ -81,6 +81,11 @@ class Progress:
         with self._lock:
             return self._counting["failed"] + self._counting["errored"]
 
+    def left(self) -> int:
+        """Cases that have not ended."""
+        with self._lock:
+            return max(0, self.planned - self._done())
+
     def look_at(self, quarantine: Quarantine) -> None:
         """By which rules the rows to come are in quarantine; they are marked when they come."""
         with self._lock:

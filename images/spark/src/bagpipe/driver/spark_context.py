@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from bagpipe.quantities import heap_mebibytes, memory_bytes, quantity
 from bagpipe.run.attempts import QUARANTINE_ATTEMPT
-from bagpipe.spec import JobFile, PodResources
+from bagpipe.spec import JobFile, PodResources, Spark
 from bagpipe.texts import duration_seconds
 
 EXECUTOR_TEMPLATE = "/etc/bagpipe/executor.yaml"
@@ -27,6 +27,13 @@ CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
 _ARCHIVED_HEAP_MEBIBYTES = 32 << 10
 # A case that is quicker than that is not worth a copy, however slow it is beside the others.
 LEAST_STRAGGLER_SECONDS = 60
+# An executor without a case is kept for so long: the case that waits next saves a start of 20 s,
+# and the place is another job's soon.
+IDLE_SECONDS = 15
+# As long as cluster autoscalers wait for a pod; who drains a node by hand waits as long as well.
+_MOST_GRACE_SECONDS = 600
+# Around the case itself: its recording is kept, its stack ended.
+_GRACE_AROUND_SECONDS = 60
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,8 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
 
 def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     """All Spark settings of a job that has so many cases to run."""
-    settings = _where(job, pod) | _size(job) | _endurance() | _speculation(job)
+    settings = _where(job, pod) | _size(job) | _width(job.spec.spark, cases)
+    settings |= _endurance() | _leaving(job) | _speculation(job)
     own = settings["spark.driver.extraJavaOptions"].split()
     quick = [QUICK_JVM] if cases <= _FEW_CASES else []
     archived = [f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"] if pod.has_archive else []
@@ -114,7 +122,6 @@ def _size(job: JobFile) -> dict[str, str]:
     heap, overhead = memory_split(spark.executor.resources)
     cpu = quantity(spark.executor.resources.cpu)
     return {
-        "spark.executor.instances": str(spark.executors),
         # Slots are task places, not processors: the pod requests what the user asked for.
         "spark.executor.cores": str(spark.slots),
         "spark.kubernetes.executor.request.cores": f"{math.ceil(cpu * 1000)}m",
@@ -125,6 +132,22 @@ def _size(job: JobFile) -> dict[str, str]:
         "spark.scheduler.minRegisteredResourcesRatio": "0.0",
         "spark.kubernetes.allocation.batch.size": "100",
         "spark.kubernetes.allocation.batch.delay": "1s",
+    }
+
+
+def _width(spark: Spark, cases: int) -> dict[str, str]:
+    """How many executors there are, or between which bounds Spark has them come and go."""
+    if not spark.is_elastic:
+        return {"spark.executor.instances": str(spark.most_executors)}
+    return {
+        "spark.dynamicAllocation.enabled": "true",
+        "spark.dynamicAllocation.minExecutors": str(spark.executors_for(0)),
+        "spark.dynamicAllocation.maxExecutors": str(spark.most_executors),
+        # All cases are there from the beginning; else Spark asks for 1, 2, 4, ... once a second.
+        "spark.dynamicAllocation.initialExecutors": str(spark.executors_for(cases)),
+        "spark.dynamicAllocation.executorIdleTimeout": f"{IDLE_SECONDS}s",
+        # Spark wants a shuffle service, or this. Nothing is shuffled, so it keeps no executor.
+        "spark.dynamicAllocation.shuffleTracking.enabled": "true",
     }
 
 
@@ -155,6 +178,23 @@ def _endurance() -> dict[str, str]:
         # pod's network could try to speak to it; the socket's file is in Spark's own /tmp.
         "spark.python.unix.domain.socket.enabled": "true",
         "spark.locality.wait": "0s",
+    }
+
+
+def _leaving(job: JobFile) -> dict[str, str]:
+    """An executor that must go, by Spark or by SIGTERM, first ends the cases that it runs.
+
+    Spark gives it no further one. A case that takes longer than the grace period is run elsewhere,
+    and Spark does not call that the case's fault.
+    """
+    longest = math.ceil(duration_seconds(job.spec.playback.case_timeout))
+    grace = min(_MOST_GRACE_SECONDS, longest + _GRACE_AROUND_SECONDS)
+    return {
+        "spark.decommission.enabled": "true",
+        # What a kubelet sends, whatever the reason; for its own choice Spark needs a script.
+        "spark.executor.decommission.signal": "TERM",
+        "spark.kubernetes.decommission.script": "/bin/true",
+        "spark.kubernetes.executor.terminationGracePeriodSeconds": f"{grace}s",
     }
 
 

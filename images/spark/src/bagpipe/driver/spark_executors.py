@@ -6,7 +6,7 @@ settings and can end its stages. The same figures are asked of Spark's status st
 
 import logging
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -55,7 +55,7 @@ _PEAKS = [
 class SparkExecutors(Collector):
     """Spark's executors of the job; nothing before Spark has started and after it has ended."""
 
-    def __init__(self, wanted: int) -> None:
+    def __init__(self, wanted: Callable[[], int]) -> None:
         self._wanted = wanted
         self._last: list[dict[str, Any]] = []
         self._lock = threading.Lock()
@@ -67,12 +67,13 @@ class SparkExecutors(Collector):
         known = self._known()
         states = GaugeMetricFamily(
             "bagpipe_executors",
-            "Executors: wanted by the job, and registered with its driver.",
+            "Executors: wanted by the job for the cases that have not ended, and registered with "
+            "its driver.",
             labels=["state"],
         )
         # Spark counts its driver among its executors.
         registered = [e for e in known if e["isActive"] and e["id"] != "driver"]
-        states.add_metric(["wanted"], self._wanted)
+        states.add_metric(["wanted"], self._wanted())
         states.add_metric(["registered"], len(registered))
         yield states
         for name, text, kind, field, factor in _FIELDS:

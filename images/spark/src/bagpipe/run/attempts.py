@@ -13,6 +13,9 @@ BUSY_MACHINE_PAUSES = (0.0, 2.0, 8.0, 16.0, 32.0)
 # The number, from 0, of the Spark attempt that gives a case up instead of running it. Of the
 # attempts before it at most one still runs (a speculative copy), so at least 3 executors were lost.
 QUARANTINE_ATTEMPT = 4
+# A case whose executors were taken away each time is given up all the same after so many starts: it
+# may be what its nodes die of.
+MOST_STARTS = 20
 # Seconds before each further try while the volume is full: somebody has a minute to make room.
 FULL_VOLUME_PAUSES = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 

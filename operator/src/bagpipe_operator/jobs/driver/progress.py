@@ -61,6 +61,11 @@ class Cases(_Model):
         """Whether any case runs or has run."""
         return self.running + self.passed + self.failed + self.invalid + self.errored > 0
 
+    @property
+    def left(self) -> int:
+        """How many have not ended."""
+        return max(0, self.planned - self.passed - self.failed - self.invalid - self.errored)
+
 
 class Ledger(_Model):
     """Messages, over the cases that count."""

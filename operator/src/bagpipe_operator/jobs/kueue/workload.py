@@ -80,7 +80,7 @@ def manifest(
             "queueName": spec.queue_name,
             "podSets": [
                 _pod_set(DRIVER, 1, driver["spec"]),
-                _pod_set(EXECUTORS, spec.spark.executors, executor["spec"]),
+                _pod_set(EXECUTORS, spec.spark.most_executors, executor["spec"]),
             ],
             **(priority or {}),
         },

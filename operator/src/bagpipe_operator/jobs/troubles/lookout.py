@@ -9,6 +9,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from bagpipe.executor_range import wanted
 from bagpipe_operator.api import names, readings
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
@@ -52,14 +53,14 @@ class Lookout:
     _share: FairShare = field(default_factory=lambda: FairShare(LOOK_EVERY_SECONDS))
 
     async def look(
-        self, job: JobView, attempt: int, pods: Sequence[PodView], cases_wait: bool
+        self, job: JobView, attempt: int, pods: Sequence[PodView], cases_left: int | None
     ) -> tuple[Trouble, ...]:
-        """Troubles of one job's pods; `cases_wait` says that its driver wants executors.
+        """Troubles of one job's pods; while its driver wants executors, for so many cases.
 
         A call that fails is logged and finds nothing: the job's status does not depend on it.
         """
         suspects = [p for p in pods if pending.awaits_a_claim(p) or pending.awaits_its_node(p)]
-        missing = cases_wait and self._executors_missing(job, pods)
+        missing = cases_left is not None and _executors_missing(job, pods, cases_left)
         keys = [p.uid for p in suspects] + ([_EXECUTORS] if missing else [])
         now = self.monotonic()
         waited = self._waiting.observe(job.uid, keys, now)
@@ -86,13 +87,6 @@ class Lookout:
     def _drop(self, uid: str) -> None:
         self._found.pop(uid, None)
         self._share.remove(uid)
-
-    @staticmethod
-    def _executors_missing(job: JobView, pods: Sequence[PodView]) -> bool:
-        spark = readings.mapping(job.spec.get("spark"))
-        wanted = readings.whole(spark.get("executors")) or 1
-        alive = [p for p in pods if p.role == names.ROLE_EXECUTOR and not (p.ended or p.deleting)]
-        return len(alive) < wanted
 
     async def _of_pod(self, pod: PodView) -> list[Trouble]:
         try:
@@ -138,3 +132,15 @@ class Lookout:
             )
             return [found] if found else []
         return []
+
+
+def _executors_missing(job: JobView, pods: Sequence[PodView], cases_left: int) -> bool:
+    """Whether there are fewer than the job wants now: one that went for lack of cases is not."""
+    spark = readings.mapping(job.spec.get("spark"))
+    bounds = readings.mapping(spark.get("executors"))
+    number = readings.whole(spark.get("executors"))
+    least = readings.whole(bounds.get("min")) or number or 1
+    most = readings.whole(bounds.get("max")) or number or 1
+    slots = max(1, readings.whole(spark.get("slots")) or 1)
+    alive = [p for p in pods if p.role == names.ROLE_EXECUTOR and not (p.ended or p.deleting)]
+    return len(alive) < wanted(least, most, slots, cases_left)

@@ -125,7 +125,7 @@ def _of_memory(found: Seen, spec: SimulationJobSpec | None, here: bool) -> Findi
     slots = 1
     case = _CASE_BYTES
     if spec is not None:
-        slots = min(spec.spark.executors * spec.spark.slots, found.processors)
+        slots = min(spec.spark.most_slots, found.processors)
         limit = (spec.stack.resources.limits or {}).get("memory")
         if limit is not None:
             # The limit is a container's, which runs an executor's slots.

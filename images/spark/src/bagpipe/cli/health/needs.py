@@ -117,7 +117,9 @@ def _maps_of(volumes: Iterable[Volume]) -> set[str]:
 def _amounts(spec: SimulationJobSpec) -> dict[str, float]:
     """By the names that a ResourceQuota has. A stack without a limit counts as far as it says."""
     spark, images = spec.spark, len(stack_images(spec))
-    found = {"pods": float(spark.executors + 1)}
+    # All of them may be there at once, also where their number goes up and down.
+    executors = spark.most_executors
+    found = {"pods": float(executors + 1)}
     for what in ("cpu", "memory"):
         driver = quantity(getattr(spark.driver.resources, what))
         executor = quantity(getattr(spark.executor.resources, what))
@@ -125,10 +127,10 @@ def _amounts(spec: SimulationJobSpec) -> dict[str, float]:
         limits = (spec.stack.resources.limits or {}).get(what)
         asked = requests if requests is not None else limits
         stack = images * quantity(str(asked)) if asked is not None else 0.0
-        found[f"requests.{what}"] = driver + spark.executors * (executor + stack)
+        found[f"requests.{what}"] = driver + executors * (executor + stack)
         if what == "memory" and limits is not None:
             most = images * quantity(str(limits))
-            found["limits.memory"] = driver + spark.executors * (executor + most)
+            found["limits.memory"] = driver + executors * (executor + most)
     return found | {"cpu": found["requests.cpu"], "memory": found["requests.memory"]}
 
 
