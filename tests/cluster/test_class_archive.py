@@ -31,7 +31,10 @@ OF_THE_JOB = {
 
 # Numbers and names, which load nothing, and what only a pod in a cluster has.
 NOT_TRAINED = {
-    "spark.driver.extraJavaOptions", "spark.excludeOnFailure.enabled", "spark.executor.cores",
+    "spark.decommission.enabled", "spark.driver.extraJavaOptions",
+    "spark.excludeOnFailure.enabled", "spark.executor.cores",
+    "spark.executor.decommission.signal", "spark.kubernetes.decommission.script",
+    "spark.kubernetes.executor.terminationGracePeriodSeconds",
     "spark.executor.extraJavaOptions", "spark.executor.failuresValidityInterval",
     "spark.executor.heartbeatInterval", "spark.executor.maxNumFailures", "spark.executor.memory",
     "spark.executor.memoryOverhead", "spark.kubernetes.allocation.batch.delay",

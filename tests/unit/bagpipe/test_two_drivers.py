@@ -150,7 +150,7 @@ def follow(
 @pytest.fixture(autouse=True)
 def in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bagpipe.driver.job.Storage", lambda _volumes: doors.mine)
-    monkeypatch.setattr("bagpipe.driver.results.Artefacts", NoArtefacts)
+    monkeypatch.setattr("bagpipe.driver.artefacts.Artefacts", NoArtefacts)
     unhurried = SimpleNamespace(Event=lambda: SimpleNamespace(wait=lambda _seconds: None))
     monkeypatch.setattr("bagpipe.driver.job.threading", unhurried)
     # Two runs may differ in their order alone: neither in random names nor in times.

@@ -229,7 +229,7 @@ def test_a_comparison_that_can_t_be_made_costs_itself_alone(
     def break_off(*_arguments: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("bagpipe.driver.comparing.compare", break_off)
+    monkeypatch.setattr("bagpipe.compare.compare.compare", break_off)
     variants = [{"name": "released"}, {"name": "pr-812"}]
     folder = publish(tmp_path, versions(failing=set()), variants=variants)
     assert not (folder / "comparison.json").exists()

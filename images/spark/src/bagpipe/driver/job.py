@@ -9,7 +9,6 @@ import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
-from importlib import import_module
 from pathlib import Path
 from types import FrameType
 
@@ -223,15 +222,9 @@ def _run_the_rest(
     log.info("%d cases were done before, %d are to run", len(keeper.rows), len(left))
     try:
         if left and keeper.stop is None:
-            threading.Thread(target=_load_what_publishes, name="load", daemon=True).start()
             place.run_cases(job, in_running_order(job, left, storage), keeper)
     finally:
         keeper.finish(threading.Event())
-
-
-def _load_what_publishes() -> None:
-    """What makes reports takes 0.1 s to import: before the first case that would be waited for."""
-    import_module("bagpipe.driver.artefacts")
 
 
 def _adopted(results: Results, manifest: Manifest, journal: Journal, progress: Progress) -> bool:

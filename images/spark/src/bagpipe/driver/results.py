@@ -110,7 +110,7 @@ class Results:
 
         May be done again, by another driver too, until the journal is gone, which goes last.
         """
-        # PyArrow and Jinja, which are loaded while the cases run.
+        # PyArrow and Jinja, which a laptop loads while the cases run.
         from bagpipe.driver.artefacts import Artefacts  # noqa: PLC0415
 
         with Artefacts(self.job, self.storage, self.folder, manifest) as artefacts:
