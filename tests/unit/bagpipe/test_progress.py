@@ -83,3 +83,15 @@ def test_errors_of_several_reasons_are_one_reason_together() -> None:
         progress.add(make_row(f"case-{number}", "errored", f"Why{number}"))
     progress.finish()
     assert progress.snapshot()["reason"] == "CasesErrored"
+
+
+def test_what_could_not_be_committed_has_no_verdict() -> None:
+    progress = Progress("pvc://results/r")
+    progress.begin(1)
+    progress.add(make_row("case-0", "passed"))
+    assert progress.finish()
+    assert progress.snapshot()["verdict"] == "Passed"
+    progress.fail("StorageFailed", "no room")
+    found = progress.snapshot()
+    assert (found["phase"], found["reason"]) == ("Failed", "StorageFailed")
+    assert (found["verdict"], found["verdictReason"]) == ("", "")

@@ -46,6 +46,13 @@ def test_the_condition_that_matters_now(conditions: list[dict[str, Any]], reason
     assert state.reason == reason
 
 
+def uncommitted() -> dict[str, Any]:
+    """A job whose driver had decided when its storage failed, as operators once wrote it."""
+    job = ended("", "StorageFailed")
+    job["status"]["verdict"] = "Passed"
+    return job
+
+
 @pytest.mark.parametrize(
     ("job", "status"),
     [
@@ -53,6 +60,7 @@ def test_the_condition_that_matters_now(conditions: list[dict[str, Any]], reason
         (ended("Failed"), 1),
         (ended("Invalid"), 1),
         (ended("", "StackImageUnavailable"), 2),
+        (uncommitted(), 2),
         (running(passed=4), 2),
         (running() | {"status": running()["status"] | {"verdict": "Passed"}}, 2),
         (a_job(), 2),
@@ -67,6 +75,11 @@ def test_a_state_as_data() -> None:
     assert (shown["phase"], shown["verdict"], shown["cases"]["passed"]) == ("Complete", "Failed", 4)
     assert shown["completionTime"] == "2026-11-20T04:00:00+00:00"
     assert "first_case" not in shown
+
+
+def test_a_failed_job_is_not_shown_as_passed() -> None:
+    state = JobState.of(uncommitted())
+    assert (state.phase, state.verdict, state.reason) == ("Failed", "", "StorageFailed")
 
 
 def test_a_rate_is_that_of_the_last_minutes() -> None:

@@ -111,9 +111,10 @@ def test_a_late_job_fails_when_its_pods_are_gone_with_its_driver_s_last_account(
 
 
 def test_an_end_of_its_own_outweighs_a_halt() -> None:
-    done = Ending(True, "AllCasesPassed", "4 of 4 cases passed.")
+    account_of_it = parse(account("Complete", verdict="Passed"))
+    done = Ending(True, "AllCasesPassed", "4 of 4 cases passed.", account_of_it)
     for halt in (SUSPENDED, LATE):
-        ended = decided(seen({"verdict": "Passed"}, halt=halt, ending=done))
+        ended = decided(seen(halt=halt, ending=done))
         assert found(ended, "Complete") == ("True", "AllCasesPassed", "4 of 4 cases passed.")
         assert found(ended, "Failed") == ("False", "JobComplete", "The job completed.")
         assert found(ended, "Passed") == ("True", "Passed", "4 of 4 cases passed.")
@@ -317,11 +318,12 @@ def test_whose_results_a_job_goes_on_from_is_reported_from_then_on() -> None:
     assert "resumedFrom" not in decided(seen())
 
 
-def test_a_verdict_is_the_last_account_s() -> None:
+def test_a_verdict_is_that_of_a_job_s_good_end() -> None:
     taken_back = decided(seen({"verdict": "Passed"}, progress=parse(account())))
     assert "verdict" not in taken_back
-    kept = decided(seen({"verdict": "Passed"}))
-    assert kept["verdict"] == "Passed"
+    assert "verdict" not in decided(seen({"verdict": "Passed"}))
+    assert "verdict" not in decided(seen(progress=parse(account("Complete", verdict="Passed"))))
+    assert "verdict" not in decided(seen({"verdict": "Passed"}, halt=SUSPENDED, ending=LOST))
     done = parse(account("Complete", verdict="Failed", verdictReason="TooManyLost"))
     ended = decided(seen(ending=Ending(True, "JobComplete", "It ran.", done)))
     assert ended["verdict"] == "Failed"

@@ -57,6 +57,34 @@ async def test_a_failed_job_has_not_passed_for_the_reason_of_its_failure() -> No
     assert world.reason("Passed") == "False/BagMissing"
 
 
+async def test_a_job_that_could_not_be_run_has_no_verdict_to_be_read() -> None:
+    world = await ended("Failed", reason="StorageFailed", message="no room", verdict="Passed")
+    assert world.status()["phase"] == "Failed"
+    assert "verdict" not in world.status()
+
+
+async def test_a_verdict_is_there_with_the_end_of_its_job_and_not_before() -> None:
+    """A driver decides, and then commits: its storage may be gone for as long as it has patience,
+    and so may it be itself."""
+    decided = account("Complete", reason="AllCasesRan", verdict="Passed", cases=GOOD)
+    world = World(make_job("x").with_spec("backoffLimit", 1))
+    await world.reconcile()
+    for attempt in (1, 2):
+        world.deliver(make_driver("x", attempt).running())
+        world.deliver(make_executor("x", attempt=attempt).running())
+        world.drivers.says = decided
+        await world.reconcile(after=2)
+        assert (world.status()["phase"], world.status()["cases"]["passed"]) == ("Running", 4)
+        assert "verdict" not in world.status()
+        world.deliver(make_driver("x", attempt).ended(143, decided))
+        await world.reconcile(after=2)
+        assert "verdict" not in world.status()
+        await world.reconcile(after=30)
+    assert world.reason("Failed") == "True/DriverFailed"
+    assert world.reason("Passed") == "False/DriverFailed"
+    assert "verdict" not in world.status()
+
+
 async def test_passed_has_no_event_of_its_own() -> None:
     world = await ended("Complete", reason="AllCasesRan", verdict="Passed", cases=GOOD)
     reported = world.api.event_reasons()

@@ -92,10 +92,12 @@ def _noted(seen: Observation, now: datetime) -> Json:
         status["baseline"] = seen.baseline
     progress = (seen.ending.progress if seen.ending else None) or seen.progress
     if progress is not None:
-        status.pop("verdict", None)
         status |= progress.as_status()
         if progress.cases.begun:
             status.setdefault("firstCaseTime", conditions.timestamp(now))
+    if seen.ending is None or not seen.ending.complete:
+        # A driver decides before it commits, which its storage, or its own end, may forbid.
+        status.pop("verdict", None)
     return status
 
 

@@ -189,6 +189,8 @@ class Progress:
         """End the job for a fault of the whole, such as storage that can't be written."""
         with self._lock:
             self.phase, self.reason, self.running = "Failed", reason, 0
+            # What was decided counts only once it is committed.
+            self.verdict, self.verdict_reason = "", ""
             self.message = shortened(message, 2 * _MAX_MESSAGE)
 
     def snapshot(self) -> dict[str, Any]:

@@ -63,12 +63,14 @@ class JobState:
         conditions = {c["type"]: c for c in status.get("conditions") or []}
         reason, message = _reason(conditions)
         counts = status.get("cases") or {}
+        # One that could not be run has none, also where an earlier release's operator wrote one.
+        verdict = (status.get("verdict") or "") if not _true(conditions, "Failed") else ""
         return cls(
             name=job["metadata"]["name"],
             namespace=job["metadata"]["namespace"],
             uid=job["metadata"]["uid"],
             phase=status.get("phase") or "Pending",
-            verdict=status.get("verdict") or "",
+            verdict=verdict,
             reason=reason,
             message=message,
             cases=Counts(**{key: int(counts.get(key) or 0) for key in Counts.__annotations__}),
