@@ -76,6 +76,34 @@ def test_killed_executors_and_a_killed_sidecar(namespace: str) -> None:
         assert ended["status"]["attempt"] == 1
 
 
+def drain_of_executors(node: str) -> None:
+    """As before a spot node goes, or its kernel is changed: its executors are evicted."""
+    k.kubectl(
+        "drain", node, "--pod-selector", "sim.bagpipe.io/role=executor",
+        "--delete-emptydir-data", "--ignore-daemonsets", "--timeout=120s", seconds=150,
+    )  # fmt: skip
+
+
+def test_nodes_that_are_drained_in_turn_cost_no_case_a_start(namespace: str) -> None:
+    width = jobs.spark(3, 4) | {"executors": {"min": 1, "max": 3}}
+    with jobs.applied(namespace, fleet.make_job("drained", spark=width)) as name:
+        evicted = 0
+        for least, node in zip((20, 60, 100), nodes.names(), strict=True):
+            await_done(namespace, name, least)
+            there = fleet.pods(namespace, name, "executor")
+            evicted += sum(pod["spec"]["nodeName"] == node for pod in there)
+            try:
+                drain_of_executors(node)
+            finally:
+                k.kubectl("uncordon", node)
+        ended = jobs.ended(namespace, name, 240)
+        assert_undisturbed(namespace, ended)
+        assert evicted >= 3, "the executors were on other nodes each time"
+        _, rows = k.results(namespace, ended["status"]["results"])
+        assert {(row["starts"], row["attempts"]) for row in rows} == {(1, 1)}
+        assert (ended["status"]["attempt"], ended["status"]["lostDrivers"]) == (1, 0)
+
+
 def test_the_cases_of_a_frozen_executor_are_overtaken(namespace: str) -> None:
     # Longer than the minute after which a case may be called slow.
     job = fleet.make_job("frozen", playback={"caseTimeout": "150s"})
