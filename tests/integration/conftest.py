@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from bagpipe.run.master_ports import master_ports
+from tests import ros2_standin
 from tests.agent_binary import built
 
 ROOT = Path(__file__).parents[2]
@@ -50,6 +51,12 @@ class RunningAgent:
 def agent_binary() -> Path:
     """The static agent, built as the images build it."""
     return built()
+
+
+@pytest.fixture(scope="session")
+def standin() -> Path:
+    """The folder of the stand-in of ROS 2."""
+    return ros2_standin.built()
 
 
 @pytest.fixture

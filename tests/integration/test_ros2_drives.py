@@ -31,11 +31,6 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST = "geometry_msgs/msg/Twist"
 
 
-@pytest.fixture(scope="session")
-def standin() -> Path:
-    return ros2_standin.built()
-
-
 def driver(standin: Path, answer: str = TWIST, work: str = "--steer") -> list[str]:
     """A node that publishes a wish after each odometry, faster each time."""
     topics = ["--sub", f"/ego/odom:{ODOMETRY}:10:reliable", "--pub", f"/cmd:{answer}:10:reliable"]

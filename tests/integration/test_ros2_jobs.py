@@ -24,12 +24,8 @@ from tests.waiting import PATIENCE, patient, wait_until
 pytestmark = pytest.mark.integration
 
 MESSAGES = 400
+ALL = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
 LOCKSTEP = {"mode": "lockstep", "steps": [{"trigger": "/in", "answer": "/out"}]}
-
-
-@pytest.fixture(scope="session")
-def standin() -> Path:
-    return ros2_standin.built()
 
 
 @pytest.fixture
@@ -94,7 +90,7 @@ def test_all_that_is_sent_is_called_and_recorded(
         ros2_standin.environment(standin),
         {"mode": mode},
         relay(standin, depth=DEPTHS[mode]),
-        evaluate=[{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}],
+        evaluate=ALL,
     )
     row = run(job, folders, start_agent())
     assert (row["outcome"], row["attempts"]) == ("passed", 1), row

@@ -9,16 +9,9 @@ import pytest
 from bagpipe.run.case_run import Row
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
-from tests.integration.test_ros2_jobs import LOCKSTEP, MESSAGES, relay, run, spec
+from tests.integration.test_ros2_jobs import ALL, LOCKSTEP, MESSAGES, relay, run, spec
 
 pytestmark = pytest.mark.integration
-
-ALL = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
-
-
-@pytest.fixture(scope="session")
-def standin() -> Path:
-    return ros2_standin.built()
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ import pytest
 from tests import ros2_recording, ros2_standin
 from tests.integration.conftest import RunningAgent
 from tests.integration.test_ros2_jobs import (
+    ALL,
     DEPTHS,
     LOCKSTEP,
     MESSAGES,
@@ -23,16 +24,10 @@ from tests.integration.test_ros2_jobs import (
 
 pytestmark = pytest.mark.integration
 
-ALL = [{"name": "answers", "presence": {"topic": "/out", "min": MESSAGES}}]
 ALLOWED = [{"cause": "DeliveryUnproved", "action": "allow"}]
 MISSING = "librcl.so: cannot open shared object file"
 # Whatever is sourced where the tests run.
 WITHOUT_ROS = {"LD_LIBRARY_PATH": "/nowhere"}
-
-
-@pytest.fixture(scope="session")
-def standin() -> Path:
-    return ros2_standin.built()
 
 
 @pytest.fixture

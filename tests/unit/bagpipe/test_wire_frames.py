@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bagpipe.wire.frames import Decoder, Encoder, FrameType, ProtocolError
+from bagpipe.wire.frames import Decoder, Encoder, FrameType, ProtocolError, payloads
 
 VECTORS = json.loads(
     (Path(__file__).parents[3] / "docs/reference/binpipe-vectors.json").read_text()
@@ -86,6 +86,16 @@ def test_any_changed_byte_is_noticed(
         # A length that grew waits for bytes that never come: the end of the stream shows it.
         assert decoder.pending > 0
         assert len(frames) < len(payloads)
+
+
+@pytest.mark.parametrize("length", [0, 1, 2**20 - 1, 2**20, 2**20 + 1, 3 * 2**20, 3 * 2**20 + 7])
+@pytest.mark.parametrize("kind", [bytes, memoryview])
+def test_data_goes_out_in_as_few_payloads_as_hold_it(kind: type, length: int) -> None:
+    data = bytes(range(251)) * (length // 251 + 1)
+    found = list(payloads(kind(data[:length])))
+    whole, rest = divmod(length, 2**20)
+    assert [len(each) for each in found] == [2**20] * whole + ([rest] if rest else [])
+    assert b"".join(found) == data[:length]
 
 
 def test_a_payload_above_one_mebibyte_is_not_encoded() -> None:

@@ -9,24 +9,13 @@ mod standin;
 use std::time::Duration;
 
 use bagpipe_replay::{Mode, Progress, ReplayError, Replayed, Stage};
-use scene::{Ask, DEFAULT, Scene, recorded, recording};
+use scene::{Ask, DEFAULT, RELAY, Scene, recorded, recording};
 
-const RELAY: [&str; 10] = [
-    "--name",
-    "/ns/relay",
-    "--sub",
-    "/in:sensor_msgs/msg/Imu:10:reliable",
-    "--pub",
-    "/out:std_msgs/msg/String:5000:reliable",
-    "--relay",
-    "/in=/out",
-    "--life-cycle",
-    "active",
-];
 const ACTIVE: Ask<'static> = Ask { active: &["/ns/relay"], ..DEFAULT };
 
-fn inactive() -> [&'static str; 10] {
-    RELAY.map(|one| if one == "active" { "inactive" } else { one })
+/// A relay within a namespace, with these further options.
+fn relay<'a>(further: &[&'a str]) -> Vec<&'a str> {
+    [&["--name", "/ns/relay"], &RELAY[2..], further].concat()
 }
 
 fn assert_whole(replayed: &Replayed, messages: u64) {
@@ -38,7 +27,7 @@ fn assert_whole(replayed: &Replayed, messages: u64) {
 #[test]
 fn a_node_that_was_active_before_anybody_looked_is_played_to() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &RELAY);
+    let _relay = scene.start("standin_node", &relay(&["--life-cycle", "active"]));
     scene.await_subscriptions(1);
     assert_whole(&scene.play(&recording(&["/in"], 200, 100), &ACTIVE).unwrap(), 200);
 }
@@ -47,7 +36,7 @@ fn a_node_that_was_active_before_anybody_looked_is_played_to() {
 #[test]
 fn the_play_does_not_begin_before_the_node_is_active() {
     let scene = Scene::new();
-    let relay = scene.start("standin_node", &inactive());
+    let relay = scene.start("standin_node", &relay(&["--life-cycle", "inactive"]));
     let mut stages = Vec::new();
     // It is looked at twice a second: by then all else has long been there.
     let mut seen = |progress: Progress| {
@@ -72,7 +61,7 @@ fn refusal(scene: &Scene, active: &[&str], seconds: u64) -> String {
 #[test]
 fn who_is_not_active_in_time_is_named_with_its_state() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &inactive());
+    let _relay = scene.start("standin_node", &relay(&["--life-cycle", "inactive"]));
     let expected = "waited in vain for /ns/relay to be active (it is inactive) for 8.0 s";
     assert_eq!(refusal(&scene, &["/ns/relay"], 8), expected);
 }
@@ -80,7 +69,7 @@ fn who_is_not_active_in_time_is_named_with_its_state() {
 #[test]
 fn who_is_not_there_or_has_no_life_cycle_is_named() {
     let scene = Scene::new();
-    let _relay = scene.start("standin_node", &RELAY[..8]);
+    let _relay = scene.start("standin_node", &relay(&[]));
     let expected = "waited in vain for /ns/relay to be active (nobody serves /ns/relay/get_state), \
                     /more to be active (nobody serves /more/get_state) for 3.0 s";
     assert_eq!(refusal(&scene, &["/ns/relay", "/more"], 3), expected);
@@ -89,7 +78,7 @@ fn who_is_not_there_or_has_no_life_cycle_is_named() {
 /// A lock-step play to a node that is made inactive by one of the messages.
 fn left_after(messages: &str, all: u64) -> Result<Replayed, ReplayError> {
     let scene = Scene::new();
-    let leaves = [&RELAY[..], &["--leave-after", messages]].concat();
+    let leaves = relay(&["--life-cycle", "active", "--leave-after", messages]);
     let _relay = scene.start("standin_node", &leaves);
     let ask = Ask { mode: Mode::Lockstep, steps: &[("/in", "/out")], ..ACTIVE };
     scene.play(&recording(&["/in"], all, 100), &ask)

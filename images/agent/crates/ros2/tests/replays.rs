@@ -17,21 +17,8 @@ use bagpipe_graph::{Incoming, Middleware as _, Node, NodeOptions, PacedBy, Sink}
 use bagpipe_replay::{AnswerBy, Mode, Progress, Stage, Strength};
 use bagpipe_ros2::Ros2;
 use bagpipe_ros2player::{GraphNode, Player, PlayerOptions};
-use scene::{Ask, DEFAULT, MS, Scene, recorded, recording};
+use scene::{Ask, DEFAULT, MS, RELAY, Scene, recorded, recording};
 use standin::{LONG, Node as Process, eventually};
-
-const RELAY: [&str; 8] = [
-    "--name",
-    "/relay",
-    "--sub",
-    "/in:sensor_msgs/msg/Imu:10:reliable",
-    "--pub",
-    // Deep enough for all answers: the recorder is in nobody's way, and a busy machine may keep it
-    // from its socket until that is full.
-    "/out:std_msgs/msg/String:5000:reliable",
-    "--relay",
-    "/in=/out",
-];
 
 /// The same with a queue that no pause of the machine fills in real time.
 fn deep_relay() -> [&'static str; 8] {

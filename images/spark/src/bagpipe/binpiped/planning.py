@@ -19,7 +19,7 @@ from bagpipe.plan.rosbag2 import (
     without_members,
 )
 from bagpipe.storage import Stat, Storage, StorageError
-from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES, payloads
 
 # A partition of this many bytes is work for some seconds and little to repeat.
 PARTITION_BYTES = 128 << 20
@@ -53,8 +53,8 @@ class Descriptor:
     def open(self, storage: Storage) -> InputRecord:
         """The record, to be read when its turn comes. Raises StorageError."""
         if self.parts:
-            data = memoryview(self._joined(storage))
-            return InputRecord(self.name, len(data), lambda: _pieces_of(data), self.fields)
+            data = self._joined(storage)
+            return InputRecord(self.name, len(data), lambda: payloads(data), self.fields)
 
         def pieces() -> Iterable[bytes]:
             if self.head:
@@ -75,11 +75,6 @@ class Descriptor:
             return joined(self.parts, metadata, storage, {})
         except BagError as error:
             raise StorageError(f"{self.uri}: {error}") from error
-
-
-def _pieces_of(data: memoryview) -> Iterator[memoryview]:
-    for at in range(0, len(data), MAX_PAYLOAD_BYTES):
-        yield data[at : at + MAX_PAYLOAD_BYTES]
 
 
 def whole_files(storage: Storage, patterns: Iterable[str]) -> list[Descriptor]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import bagpipe
 from bagpipe.binpiped.record import InputRecord
-from bagpipe.wire.frames import MAX_PAYLOAD_BYTES, Encoder, FrameType
+from bagpipe.wire.frames import Encoder, FrameType, payloads
 
 PROTOCOL = 1
 # One writev carries small frames together; the kernel takes 1,024 pieces at most.
@@ -80,9 +80,8 @@ class Sender:
             head = {"name": record.name, "size": record.size, "fields": dict(record.fields)}
             yield encoder.encode_fields(FrameType.FILE, head)
             for piece in record.pieces():
-                for at in range(0, len(piece), MAX_PAYLOAD_BYTES):
-                    part = piece if len(piece) <= MAX_PAYLOAD_BYTES else memoryview(piece)[at:]
-                    yield from encoder.encode(FrameType.DATA, part[:MAX_PAYLOAD_BYTES])
+                for payload in payloads(piece):
+                    yield from encoder.encode(FrameType.DATA, payload)
                 self.bytes += len(piece)
             self.records += 1
         digest = encoder.digest

@@ -84,6 +84,14 @@ class Frame:
         return value
 
 
+def payloads(data: bytes | memoryview) -> Iterator[bytes | memoryview]:
+    """Data as payloads of frames, without a copy; what fits into one frame is left as it is."""
+    if len(data) > MAX_PAYLOAD_BYTES:
+        data = memoryview(data)
+    for at in range(0, len(data), MAX_PAYLOAD_BYTES):
+        yield data[at : at + MAX_PAYLOAD_BYTES]
+
+
 class Encoder:
     """Numbers and checks the frames of one direction of a session."""
 

@@ -17,12 +17,12 @@ from pydantic import TypeAdapter
 
 import bagpipe
 from bagpipe.wire.frames import (
-    MAX_PAYLOAD_BYTES,
     Decoder,
     Encoder,
     Frame,
     FrameType,
     ProtocolError,
+    payloads,
 )
 from bagpipe.wire.greeting import Greeting
 from bagpipe.wire.maps import session as maps
@@ -58,7 +58,7 @@ class InputFile:
     name: str
     size: int
     ranges: list[tuple[int, int, int]]
-    pieces: Callable[[], Iterator[bytes]]
+    pieces: Callable[[], Iterator[bytes | memoryview]]
 
 
 class Sink(Protocol):
@@ -251,10 +251,8 @@ def _turns(
         if sum(len(data) for _, data in step["messages"]) > _MOST_STEP_BYTES:
             for _, data in step["messages"]:
                 total += len(data)
-                for at in range(0, len(data), MAX_PAYLOAD_BYTES):
-                    yield from encoder.encode(
-                        FrameType.DATA, memoryview(data)[at : at + MAX_PAYLOAD_BYTES]
-                    )
+                for payload in payloads(data):
+                    yield from encoder.encode(FrameType.DATA, payload)
             lengths = [[place, len(data)] for place, data in step["messages"]]
             step = step | {"messages": lengths}
         yield encoder.encode_fields(FrameType.STEP, step)

@@ -19,6 +19,19 @@ use bagpipe_ros2ledger::{Endpoint, Kind, Ledger};
 use crate::standin::{Graph, LONG, Node, built, eventually};
 
 pub const MS: u64 = 1_000_000;
+/// A node that answers what it gets.
+pub const RELAY: [&str; 8] = [
+    "--name",
+    "/relay",
+    "--sub",
+    "/in:sensor_msgs/msg/Imu:10:reliable",
+    "--pub",
+    // Deep enough for all answers: the recorder is in nobody's way, and a busy machine may keep it
+    // from its socket until that is full.
+    "/out:std_msgs/msg/String:5000:reliable",
+    "--relay",
+    "/in=/out",
+];
 const QOS: &str =
     "- history: keep_last\n  depth: 10\n  reliability: reliable\n  durability: volatile\n";
 

@@ -20,7 +20,7 @@ from bagpipe.plan.rosbag2 import (
     read_metadata,
 )
 from bagpipe.storage import Storage
-from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.frames import MAX_PAYLOAD_BYTES, payloads
 from bagpipe.wire.session import InputFile, SessionError
 
 
@@ -32,11 +32,8 @@ def folder_file(case: Case, storage: Storage, late: Mapping[str, Late]) -> Input
     metadata = _metadata(case, storage)
     if len(case.parts) == 1 and metadata.as_stored:
         return _as_stored(case.parts[0], storage)
-    made = memoryview(_joined(case.parts, metadata, storage, late))
-    pieces = range(0, len(made), MAX_PAYLOAD_BYTES)
-    return InputFile(
-        case.bag, len(made), [], lambda: (bytes(made[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
-    )
+    made = _joined(case.parts, metadata, storage, late)
+    return InputFile(case.bag, len(made), [], lambda: payloads(made))
 
 
 def folder_truth(case: Case, topics: set[str], storage: Storage) -> bytes:

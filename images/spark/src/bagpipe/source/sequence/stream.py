@@ -9,7 +9,7 @@ from bagpipe.native import native
 from bagpipe.plan.case import Case
 from bagpipe.source.part_reader import MOST_BYTES, PartMessage, PartReader
 from bagpipe.storage import Storage
-from bagpipe.wire.frames import MAX_PAYLOAD_BYTES
+from bagpipe.wire.frames import payloads
 from bagpipe.wire.session import InputFile, SessionError
 
 
@@ -82,10 +82,7 @@ def _known(
 def sequence_file(case: Case, storage: Storage, name: str, encoding: str) -> InputFile:
     """The case's input: the whole sequence, which is made before the first byte goes out."""
     made = sequence(case, storage, encoding)
-    pieces = range(0, len(made), MAX_PAYLOAD_BYTES)
-    return InputFile(
-        name, len(made), [], lambda: (bytes(made[at : at + MAX_PAYLOAD_BYTES]) for at in pieces)
-    )
+    return InputFile(name, len(made), [], lambda: payloads(made))
 
 
 def _write(writer: _Writer, message: PartMessage, time: int) -> None:
