@@ -20,7 +20,7 @@ from pathlib import Path
 import build
 import plugin
 import wheels
-from context import IMAGES, Image, foreign
+from context import IMAGES, Image, foreign, unemulated
 from cross import Target, own, possible
 from embedded.failure import ClusterError
 from failure import BuildError
@@ -120,19 +120,22 @@ def fill(
             shutil.copy(wheel, folder / "wheels")
     for target in targets[1:]:
         wheels.build_for(target, folder / "wheels")
-    if partial := fewer(platforms, targets):
+    why = {target.platform: unemulated(target) for target in targets[1:]}
+    if partial := fewer(platforms, targets, why):
         print(partial)
 
 
-def fewer(platforms: Mapping[str, Sequence[str]], targets: Sequence[Target]) -> str:
-    """A sentence on the images that are not for all platforms of a release, or nothing."""
+def fewer(
+    platforms: Mapping[str, Sequence[str]], targets: Sequence[Target], why: Mapping[str, str]
+) -> str:
+    """A sentence on the images that are not for all platforms of a release, and why, or nothing."""
     lines = []
     for target in targets:
         without = sorted(name for name, has in platforms.items() if target.platform not in has)
         if without:
             lines.append(
                 f"No image of {' and '.join(without)} is for {target.platform}: building it runs"
-                " programs of that architecture."
+                f" programs of that architecture, and {why[target.platform]}."
             )
     return "\n".join(lines)
 

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import engines
 from context import IMAGES, Image, cache, content, foreign, stage
-from cross import own, possible
+from cross import Target, own, possible
 from failure import BuildError
 from lock import LockError, locked
 
@@ -92,6 +92,28 @@ def ensure_all(engine: Engine, images: Sequence[Image], archives: bool) -> None:
             each.result()
 
 
+def build_all(
+    engine: Engine, names: Sequence[str], others: Sequence[Target], archives: bool
+) -> None:
+    """Build the named images, or all of them, for this machine and for others. Raises BuildError.
+
+    What is emulated comes last, as it takes longest.
+    """
+
+    def named(images: Sequence[Image]) -> list[Image]:
+        return [image for image in images if image.name in (names or [image.name])]
+
+    for_others = {target: named(foreign(target)) for target in others}
+    compiled = [i for images in for_others.values() for i in images if i.base == "scratch"]
+    ensure_all(engine, [*named(IMAGES), *compiled], archives)
+    for target, images in for_others.items():
+        if emulated := [image for image in images if image.base != "scratch"]:
+            print(f"  emulating {target.platform}, which takes ten times as long", flush=True)
+            emulating = engines.Buildah(target)
+            emulating.release()
+            ensure_all(emulating, emulated, archives)
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -119,9 +141,7 @@ def main() -> int:
         with locked(cache() / "images" / "lock"):
             engine.release()
             if not given.release:
-                others = [image for target in targets[1:] for image in foreign(target)]
-                named = [i for i in [*IMAGES, *others] if i.name in (given.names or [i.name])]
-                ensure_all(engine, named, not given.no_archives)
+                build_all(engine, given.names, targets[1:], not given.no_archives)
     except (BuildError, LockError) as error:
         print(f"Building the images failed. {error}", file=sys.stderr)
         return 1

@@ -11,10 +11,11 @@ import os
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+import emulation
 from claim import claim
 from cross import Target, environment
 from failure import BuildError
@@ -156,11 +157,11 @@ def stage_agent(folder: Path, target: Target | None = None) -> None:
     shutil.copy(agent_binary(target), folder / "bagpipe-agent")
 
 
-def stage_spark(folder: Path) -> None:
+def stage_spark(folder: Path, target: Target | None = None) -> None:
     requirements("bagpipe", folder / "requirements.txt", "spark", "storage")
     builders(folder / "build-requirements.txt")
     package(ROOT / "images" / "spark", folder / "packages")
-    memory_bag(folder / "packages")
+    memory_bag(folder / "packages", target)
     for name in ("entrypoint.sh", "class_archive.py"):
         shutil.copy(ROOT / "images" / "spark" / name, folder)
 
@@ -248,13 +249,33 @@ IMAGES = [
 ]
 
 
-def foreign(target: Target) -> list[Image]:
-    """The images that can be built for another architecture: of programs that cargo makes for it.
+# What a cluster needs, and what stages the parts that are compiled for its machines.
+FOREIGN: dict[str, Callable[..., None] | None] = {
+    "agent": stage_agent,
+    "operator": None,
+    "spark": stage_spark,
+}
 
-    The others run programs of their own architecture while they are built.
+
+def foreign(target: Target) -> list[Image]:
+    """The images that can be built here for another architecture.
+
+    The agent is all made by cargo; the others run programs of their own architecture while they
+    are built, which have to be emulated.
     """
-    staged = partial(stage_agent, target=target)
-    return [Image("agent", ROOT / "images/agent/Dockerfile", staged, "scratch", target)]
+    return [
+        replace(image, stage=partial(stage, target=target) if stage else image.stage, target=target)
+        for name, stage in FOREIGN.items()
+        for image in IMAGES
+        if image.name == name and (image.base == "scratch" or not unemulated(target))
+    ]
+
+
+def unemulated(target: Target) -> str:
+    """Why images with a base can't be built for a target here, and the cure; else nothing."""
+    if not shutil.which("buildah"):
+        return "there is no buildah: run `make preflight`"
+    return emulation.lacking(target.machine)
 
 
 def stage(image: Image) -> Path:

@@ -11,11 +11,15 @@ import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import emulation
 from archive import make_oci
 from context import BASE, Image, cache
+from cross import Target
 from failure import BuildError
 
 BUILD_SECONDS = 1800.0
+# An emulated program takes ten times as long as one of this machine.
+EMULATED_SECONDS = 4 * 3600.0
 PULL_SECONDS = 90.0
 LABEL = "io.bagpipe.content"
 # Images without a name, of which the next build takes layers: six changes of all of them.
@@ -118,20 +122,32 @@ def platform(image: Image) -> list[str]:
 
 
 @contextlib.contextmanager
-def minimal_debian() -> Iterator[Path]:
-    """A tar of Debian's packages, in the place of a base image that could not be pulled."""
+def minimal_debian(target: Target | None = None) -> Iterator[Path]:
+    """A tar of Debian's packages, in the place of a base image that could not be pulled.
+
+    With a target it is of that architecture, whose programs have to run here.
+    """
     # A name of its own: the orphan of a killed build may still be writing the last one.
     tar = temporary() / f"debian-{os.getpid()}.tar"
     # Its proc, sys and dev are mounted in a namespace that ends with it: a killed one would
     # else leave them below the cache, where a deletion of the cache would walk into them.
     make = ["unshare", "--mount", "mmdebstrap", "--variant=minbase"]
     # An interrupted layer is thrown away: dpkg need not wait for the disk, as in Debian's images.
-    make += ["--dpkgopt=force-unsafe-io", "bookworm"]
+    make += ["--dpkgopt=force-unsafe-io"]
+    if target:
+        # What mmdebstrap would look at, a program of another package, has been tried out.
+        make += [f"--architectures={target.arch}", "--skip=check/qemu"]
     try:
-        run([*make, tar], log=logs("mmdebstrap"))
+        run(_where_they_run([*make, "bookworm", tar], target), log=logs("mmdebstrap"))
         yield tar
     finally:
         tar.unlink(missing_ok=True)
+
+
+def _where_they_run(command: Sequence[str | Path], target: Target | None) -> Sequence[str | Path]:
+    """A command that starts programs of a target, in a namespace in which they can run."""
+    program = emulation.interpreter(target.machine) if target else None
+    return emulation.words(program, target.machine, command) if target and program else command
 
 
 def pulled(command: Sequence[str | Path]) -> bool:
@@ -196,12 +212,17 @@ class Docker:
 
 
 class Buildah:
-    """buildah with a storage of its own, so that `make clean` can remove all it made."""
+    """buildah with a storage of its own, so that `make clean` can remove all it made.
+
+    With a target it builds images of another architecture, whose programs are emulated meanwhile
+    (emulation.py); its storage is another one, as a base has the same name for each.
+    """
 
     name = "buildah"
 
-    def __init__(self) -> None:
-        self._root = cache() / "buildah"
+    def __init__(self, target: Target | None = None) -> None:
+        self._target = target
+        self._root = cache() / (f"buildah-{target.arch}" if target else "buildah")
         self._base = ""
 
     def _command(self, *arguments: str | Path) -> list[str]:
@@ -210,7 +231,8 @@ class Buildah:
         """
         own = ["--root", self._root / "storage", "--runroot", self._root / "run"]
         buildah = ["buildah", *map(str, own), "--storage-driver", "overlay"]
-        return ["unshare", "--mount", *buildah, *map(str, arguments)]
+        whole = ["unshare", "--mount", *buildah, *map(str, arguments)]
+        return [*map(str, _where_they_run(whole, self._target))]
 
     def _ask(self, *arguments: str | Path) -> str | None:
         done = subprocess.run(
@@ -244,14 +266,16 @@ class Buildah:
         return self._base
 
     def _fetch_base(self) -> None:
-        if pulled(self._command("pull", BASE)):
+        arch = [f"--arch={self._target.arch}"] if self._target else []
+        if pulled(self._command("pull", *arch, BASE)):
             return
-        with minimal_debian() as tar:
-            container = self._ask("from", "scratch")
+        with minimal_debian(self._target) as tar:
+            container = self._ask("from", *arch, "scratch")
             if container is None:
                 raise BuildError(f"buildah can't make a container below {self._root}.")
             run(self._command("add", container, tar, "/"), log=logs("base-add"))
-        run(self._command("config", "--cmd", "/bin/bash", container), log=logs("base-config"))
+        config = self._command("config", *arch, "--cmd", "/bin/bash", container)
+        run(config, log=logs("base-config"))
         run(self._command("commit", "--rm", container, BASE), log=logs("base-commit"))
 
     def has(self, _image: Image, _content: str) -> bool:
@@ -260,7 +284,9 @@ class Buildah:
     def build(self, image: Image, folder: Path, content: str) -> None:
         arguments = ["bud", "--isolation=chroot", "--network=host", "--pull-never", "--layers"]
         arguments += [f"--label={LABEL}={content}", *secrets(), f"--tag={image.reference}"]
-        run(self._command(*arguments, *platform(image), folder), log=logs(image.key))
+        seconds = EMULATED_SECONDS if self._target else BUILD_SECONDS
+        command = self._command(*arguments, *platform(image), folder)
+        run(command, log=logs(image.key), seconds=seconds)
 
     def save(self, image: Image, archive: Path) -> None:
         target = f"oci-archive:{archive}:{image.reference}"

@@ -196,4 +196,4 @@ def test_the_cross_compiler_is_installed_only_where_it_is_asked_for(
     preflight.run(["cross"])
     assert not [each for each in wanted[0] if "gcc-" in each]
     (other,) = (each for each in cross.TARGETS if each != cross.own())
-    assert wanted[1] == [other.package, f"libc6-dev-{other.arch}-cross"]
+    assert wanted[1] == [other.package, f"libc6-dev-{other.arch}-cross", "qemu-user-static"]

@@ -138,7 +138,8 @@ def _installed() -> Path:
         cwd=ROOT, capture_output=True, text=True, check=True,
     ).stdout  # fmt: skip
     CACHE.mkdir(parents=True, exist_ok=True)
-    venv, kept = CACHE / "venv", CACHE / "requirements.txt"
+    # In the environment, so that one that was removed is not taken for there.
+    venv, kept = CACHE / "venv", CACHE / "venv" / "requirements.txt"
     if not kept.exists() or kept.read_text() != lock:
         subprocess.run([sys.executable, "-m", "venv", "--clear", venv], check=True)
         wanted = CACHE / "requirements.partly.txt"

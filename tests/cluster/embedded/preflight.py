@@ -66,10 +66,10 @@ PACKAGES = {
         "python3-tf2-msgs",
     ],
 }
-# What releases for machines of the other architecture are compiled and linked with, on each.
+# What releases for machines of the other architecture are compiled, linked and run with, on each.
 CROSS = {
-    "x86_64": ["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross"],
-    "aarch64": ["gcc-x86-64-linux-gnu", "libc6-dev-amd64-cross"],
+    "x86_64": ["gcc-aarch64-linux-gnu", "libc6-dev-arm64-cross", "qemu-user-static"],
+    "aarch64": ["gcc-x86-64-linux-gnu", "libc6-dev-amd64-cross", "qemu-user-static"],
 }
 # Only for who asks for them by name: a Docker engine is much to have on a machine.
 BY_NAME = {"kind": ["docker.io"], "cross": CROSS.get(os.uname().machine, [])}

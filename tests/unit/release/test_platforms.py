@@ -112,6 +112,7 @@ def test_an_index_is_not_joined_again(both: Path, tmp_path: Path) -> None:
 def built(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache with the images of a release: the agent for both, and the others for this machine."""
     monkeypatch.setenv("BAGPIPE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(context, "unemulated", lambda _target: "nothing emulates it")
 
     def listed(_archive: Path, name: str, number: str, arch: str, folder: Path) -> None:
         folder.mkdir(exist_ok=True)
@@ -171,12 +172,13 @@ def test_an_archive_that_was_not_built_is_named(built: Path) -> None:
 
 def test_what_is_not_for_all_platforms_is_named() -> None:
     both = ["linux/amd64", "linux/arm64"]
-    sentence = make.fewer({"agent": both, "spark": both[:1], "operator": both[:1]}, TARGETS)
+    why = {"linux/arm64": "there is no QEMU"}
+    sentence = make.fewer({"agent": both, "spark": both[:1], "operator": both[:1]}, TARGETS, why)
     assert sentence == (
         "No image of operator and spark is for linux/arm64: building it runs programs of that"
-        " architecture."
+        " architecture, and there is no QEMU."
     )
-    assert make.fewer({"agent": both}, TARGETS) == ""
+    assert make.fewer({"agent": both}, TARGETS, why) == ""
 
 
 def test_artifact_hub_gets_the_platforms_of_each_image() -> None:
