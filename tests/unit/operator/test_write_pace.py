@@ -114,6 +114,16 @@ def test_what_it_took_is_forgotten_by_half_in_five_seconds() -> None:
     assert paced.pace.interval() == pytest.approx(interval(latency / 2, LONGEST))
 
 
+def test_sixteen_writes_are_remembered_and_five_seconds_halve_them() -> None:
+    paced = Paced()
+    for _ in range(8):
+        paced.write("another", 1.0)
+    latency = 1 - (15 / 16) ** 8
+    assert paced.pace.interval() == pytest.approx(30.0 * (latency - 0.1) / 0.5)
+    paced.clock.advance(5.0)
+    assert paced.pace.interval() == pytest.approx(30.0 * (latency / 2 - 0.1) / 0.5)
+
+
 @pytest.mark.parametrize("seconds", [1.2, 10.0, 60.0])
 def test_one_write_without_an_answer_makes_nobody_wait(seconds: float) -> None:
     paced = Paced()
@@ -160,6 +170,25 @@ def test_where_writes_of_progress_have_no_place_no_worker_waits_for_one() -> Non
     under_way.pop().__exit__(None, None, None)
     assert not paced.pace.puts_off("a")
     assert PROGRESS_AT_ONCE < WRITES_AT_ONCE
+
+
+@pytest.mark.parametrize("under_way", [PROGRESS_AT_ONCE, PROGRESS_AT_ONCE + 1])
+def test_where_no_place_is_free_it_waits_as_soon_as_the_api_server_is_busy_at_all(
+    under_way: int,
+) -> None:
+    paced = Paced()
+    with ExitStack() as writes:
+        for number in range(under_way):
+            writes.enter_context(paced.pace.writing(str(number), urgent=False))
+        assert not paced.pace.puts_off("a")
+        while not paced.pace.interval():
+            paced.write("another", 0.11)
+        assert paced.pace.interval() < 0.1
+        paced.clock.advance(0.1)
+        assert paced.pace.interval() == 0
+        paced.write("another", 0.2)
+        assert 0 < paced.pace.interval() < 1
+        assert paced.pace.puts_off("a")
 
 
 def test_who_waited_longest_is_let_go_also_where_no_place_is_free() -> None:
