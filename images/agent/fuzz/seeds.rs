@@ -58,7 +58,15 @@ fn main() -> Outcome {
     headers(&Folder::new(root, "headers")?)?;
     messages(&Folder::new(root, "messages")?)?;
     http(&Folder::new(root, "http")?)?;
+    pictures(&Folder::new(root, "pictures")?)?;
     xmlrpc(&Folder::new(root, "xmlrpc")?)
+}
+
+/// Two halves of 16 pixels by 16, as JPEG.
+fn pictures(folder: &Folder) -> Outcome {
+    folder.add("baseline", include_bytes!("seeds/baseline.jpg"))?;
+    folder.add("progressive", include_bytes!("seeds/progressive.jpg"))?;
+    Ok(())
 }
 
 fn bag(compression: Compression, messages: u64) -> Result<Vec<u8>, Box<dyn Error>> {

@@ -71,11 +71,11 @@ class Fleet:
         """End all, and count what simulated ones say."""
         for process in (process for part in self.parts for process in part):
             try:
-                said, _ = process.communicate(timeout=END_SECONDS)
+                stated, _ = process.communicate(timeout=END_SECONDS)
             except subprocess.TimeoutExpired:
                 process.kill()
-                said, _ = process.communicate()
-            if said and len(words := said.split()) == 2:
+                stated, _ = process.communicate()
+            if stated and len(words := stated.split()) == 2:
                 self.ended += int(words[0])
                 self.heartbeats += int(words[1])
 

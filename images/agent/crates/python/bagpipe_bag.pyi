@@ -361,6 +361,14 @@ def merge_recordings(
 def mend_recording(path: str | PathLike[str], *, compression: str, memory: int) -> _Written:
     """What is whole, with an index: of a bag a bag, of all else MCAP."""
 
+def jpeg_pixels(data: bytes, side: int) -> tuple[int, int, int, int, int, bytes]:
+    """`(width, height, rows, columns, channels, pixels)` of at most `side` rows and columns.
+
+    `width` and `height` are the picture's own; `channels` is 1 for grey, 3 for red, green and blue.
+    At most 16,777,216 pixels, or 8,388,608 if it is progressive, are unpacked, for which some
+    150 MiB are taken for a moment. Raises ValueError, whose text says why there are none.
+    """
+
 def convert_recording(
     path: str | PathLike[str], target: str, *, compression: str, memory: int
 ) -> _Written:

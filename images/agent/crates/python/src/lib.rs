@@ -12,6 +12,7 @@ mod mcap_writer;
 mod memory;
 mod messages;
 mod model;
+mod pictures;
 mod recordings;
 mod rosbag2;
 mod tail;
@@ -35,6 +36,8 @@ mod bagpipe_bag {
     use crate::messages::Messages;
     #[pymodule_export]
     use crate::model::{Checked, Connection, Damage};
+    #[pymodule_export]
+    use crate::pictures::jpeg_pixels;
     #[pymodule_export]
     use crate::recordings::{
         check_recording, convert_recording, describe_recording, mend_recording, merge_recordings,

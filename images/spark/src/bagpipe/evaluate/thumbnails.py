@@ -1,9 +1,11 @@
 """A camera's message as a small picture that a page may show. Its bytes are anybody's. Pure."""
 
 import itertools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from bagpipe_bag import jpeg_pixels
 
 from bagpipe.evaluate.png import Pixels, grey_or_colour, indexed
 from bagpipe.pictures import MOST_BYTES, PictureError, Thumbnail, kind_of
@@ -11,6 +13,7 @@ from bagpipe.pictures import MOST_BYTES, PictureError, Thumbnail, kind_of
 # Widths and heights that are tried, until one takes no more bytes than MOST_BYTES: the last does.
 _SIDES = (320, 240, 160, 96)
 _MOST_SIDE = 1 << 16
+_JPEG = b"\xff\xd8\xff"
 _WORD_CHARACTERS = 40
 # Bytes of a pixel, and where in it red, green and blue are, or the grey.
 _LAYOUTS: dict[str, tuple[int, list[int]]] = {
@@ -33,19 +36,36 @@ _PALETTE = bytes(
 
 
 def of_compressed(message: Any) -> Thumbnail:
-    """A CompressedImage as it is, where it is small. Raises PictureError.
+    """A CompressedImage as it is, where it is small; of a larger JPEG fewer pixels.
 
-    What it says of its own format is not believed.
+    What it says of its own format is not believed. Raises PictureError.
     """
     data = bytes(_bytes(message))
     if len(data) > MOST_BYTES:
-        raise PictureError(
-            f"its compressed image has {len(data):,} bytes: more than {MOST_BYTES:,} are not shown"
-        )
+        return _of_jpeg(data)
     found = kind_of(data)
     if found is None:
         raise PictureError("its compressed image is no PNG and no JPEG of a size that is shown")
     return Thumbnail(found.kind, data, found.width, found.height)
+
+
+def _of_jpeg(data: bytes) -> Thumbnail:
+    if not data.startswith(_JPEG):
+        raise PictureError(
+            f"its compressed image has {len(data):,} bytes and is no JPEG: of others no more than"
+            f" {MOST_BYTES:,} are shown"
+        )
+    try:
+        width, height, rows, columns, channels, pixels = jpeg_pixels(data, _SIDES[0])
+    except ValueError as error:
+        raise PictureError(str(error)) from None
+    image = np.frombuffer(pixels, np.uint8).reshape(rows, columns, channels)
+
+    def at_most(side: int) -> Pixels:
+        down, across = _places(columns, rows, side)
+        return np.ascontiguousarray(image[down][:, across])
+
+    return _small(at_most, width, height)
 
 
 def of_image(message: Any) -> Thumbnail:
@@ -61,8 +81,14 @@ def of_image(message: Any) -> Thumbnail:
     if len(data) < step * height:
         raise PictureError(f"it has {len(data):,} bytes of {step * height:,}")
     rows = data[: step * height].reshape(height, step)
+    big = bool(message.is_bigendian)
+    return _small(lambda side: _pixels(rows, encoding, width, side, big=big), width, height)
+
+
+def _small(at_most: Callable[[int], Pixels], width: int, height: int) -> Thumbnail:
+    """The first file of few enough bytes, of pixels that are ever fewer and coarser."""
     for side in _SIDES:
-        pixels = _pixels(rows, encoding, width, side, big=bool(message.is_bigendian))
+        pixels = at_most(side)
         for file in (grey_or_colour(pixels), _coarse(pixels)):
             if len(file) <= MOST_BYTES:
                 return Thumbnail("image/png", file, width, height)
