@@ -1,0 +1,52 @@
+"""Each step of a handover; tests/unit/between has it with drivers, in any order."""
+
+from datetime import datetime, timedelta
+
+import pytest
+
+from bagpipe_operator.jobs.pools.claim import Act, Claim, Heard, State, Step, step
+from tests.unit.operator.builders import START
+
+STEPS: list[tuple[State, Heard, State | None, Act]] = [
+    ("offered", "taken", "taken", "run"),
+    ("offered", "ended", None, "read"),
+    ("offered", "refused", None, "cold"),
+    ("offered", "gone", None, "cold"),
+    ("offered", "silent", "offered", "offer"),
+    ("taken", "taken", "taken", "run"),
+    ("taken", "ended", None, "read"),
+    ("taken", "silent", "taken", "run"),
+    ("taken", "refused", "taken", "run"),
+    ("taken", "gone", None, "replace"),
+    ("fenced", "ended", None, "read"),
+    ("fenced", "silent", "fenced", "delete"),
+    ("fenced", "taken", "fenced", "delete"),
+    ("fenced", "refused", None, "cold"),
+    ("fenced", "gone", None, "cold"),
+]
+
+
+def after(seconds: float) -> datetime:
+    return START + timedelta(seconds=seconds)
+
+
+@pytest.mark.parametrize(("state", "heard", "then", "act"), STEPS)
+def test_a_step_within_the_deadline(
+    state: State, heard: Heard, then: State | None, act: Act
+) -> None:
+    expected = Step(Claim("d", START, then) if then else None, act)
+    assert step(Claim("d", START, state), heard, after(9.999)) == expected
+
+
+@pytest.mark.parametrize(("state", "heard", "then", "act"), STEPS)
+def test_past_it_only_silence_is_another_matter(
+    state: State, heard: Heard, then: State | None, act: Act
+) -> None:
+    if (state, heard) == ("offered", "silent"):
+        then, act = "fenced", "delete"
+    expected = Step(Claim("d", START, then) if then else None, act)
+    assert step(Claim("d", START, state), heard, after(10)) == expected
+
+
+def test_a_claim_begins_as_an_offer() -> None:
+    assert Claim("d", START).state == "offered"
