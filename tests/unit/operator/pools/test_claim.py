@@ -38,14 +38,15 @@ def test_a_step_within_the_deadline(
     assert step(Claim("d", START, state), heard, after(9.999)) == expected
 
 
+@pytest.mark.parametrize("late", [10, 10.5, 999])
 @pytest.mark.parametrize(("state", "heard", "then", "act"), STEPS)
 def test_past_it_only_silence_is_another_matter(
-    state: State, heard: Heard, then: State | None, act: Act
+    state: State, heard: Heard, then: State | None, act: Act, late: float
 ) -> None:
     if (state, heard) == ("offered", "silent"):
         then, act = "fenced", "delete"
     expected = Step(Claim("d", START, then) if then else None, act)
-    assert step(Claim("d", START, state), heard, after(10)) == expected
+    assert step(Claim("d", START, state), heard, after(late)) == expected
 
 
 def test_a_claim_begins_as_an_offer() -> None:

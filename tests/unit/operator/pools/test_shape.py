@@ -29,6 +29,15 @@ def test_two_jobs_of_one_spec_are_alike_whatever_they_are_called() -> None:
     assert not USUAL.pulls
 
 
+def test_the_order_in_which_labels_are_written_is_no_difference() -> None:
+    one, other = {"a": "1", "b": "2"}, {"b": "2", "a": "1"}
+    shapes = [
+        shape(make_job("x").with_spec("spark.executor.pod", {"labels": labels}))
+        for labels in (one, other)
+    ]
+    assert shapes[0] == shapes[1]
+
+
 @pytest.mark.parametrize(
     ("path", "value"),
     [

@@ -101,8 +101,8 @@ class Seat:
                 left = self._until - self._monotonic()
                 if left <= 0:
                     self._closed = True
-                    break
-                self._changed.wait(left)
+                else:
+                    self._changed.wait(left)
             return self._current.job if self._current is not None else None
 
     def leave(self, stays: bool) -> None:
