@@ -190,7 +190,7 @@ def test_a_driver_whose_work_fails_takes_no_other_job(world: World, kept: KeptSp
     assert turns.answers == ["taken", "refused"]
 
 
-def test_a_driver_that_waits_ends_at_sigterm_and_tells_no_keeper_of_an_ended_job(
+def test_a_driver_that_waits_ends_at_sigterm_and_not_the_keeper_of_an_ended_job(
     kept: KeptSpark, world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(cases_on_spark, "run_case", passes)

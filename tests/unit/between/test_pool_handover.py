@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bagpipe.driver.seat import Claimed, Offer, Seat
-from bagpipe_operator.jobs.pools.claim import Act, Claim, Heard, step
+from bagpipe_operator.jobs.pools.claim import Act, Claim, Received, step
 from bagpipe_operator.jobs.pools.warm import Cold, Pooling, WarmDriver, Wish, chosen
 from tests.unit.bagpipe.jobs import make_job
 from tests.unit.operator.builders import START
@@ -63,7 +63,7 @@ class World:
     cold: list[str] = field(default_factory=list)
     ran: list[tuple[str, str]] = field(default_factory=list)
     late: list[tuple[str, str]] = field(default_factory=list)
-    unread: dict[tuple[str, str], Heard] = field(default_factory=dict)
+    unread: dict[tuple[str, str], Received] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name in DRIVERS:
@@ -97,7 +97,7 @@ class World:
         else:
             self.seen[leader].pop(job, None)
 
-    def deliver(self, job: str, name: str) -> Heard:
+    def deliver(self, job: str, name: str) -> Received:
         """An offer arrives at a driver."""
         driver = self.drivers[name]
         if not driver.alive:
@@ -138,11 +138,13 @@ class World:
             else:
                 self.write(leader, job, Claim(found.uid, now), "claims")
             return
-        heard = self.unread.pop((leader, job), None) or self.heard(job, state.claim.driver, how)
+        received = self.unread.pop((leader, job), None) or self.received(
+            job, state.claim.driver, how
+        )
         if how == "slowly":
-            self.unread[leader, job] = heard
+            self.unread[leader, job] = received
             return
-        taken = step(state.claim, heard, now)
+        taken = step(state.claim, received, now)
         modes: dict[Act, str] = {
             "cold": "cold", "replace": "replaced", "run": "runs", "read": "ended",
         }  # fmt: skip
@@ -153,7 +155,7 @@ class World:
         if taken.act == "cold":
             self.cold.append(job)
 
-    def heard(self, job: str, name: str, how: str) -> Heard:
+    def received(self, job: str, name: str, how: str) -> Received:
         if not self.drivers[name].alive:
             return "gone"
         if how == "late":

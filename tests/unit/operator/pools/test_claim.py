@@ -4,10 +4,10 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from bagpipe_operator.jobs.pools.claim import Act, Claim, Heard, State, Step, step
+from bagpipe_operator.jobs.pools.claim import Act, Claim, Received, State, Step, step
 from tests.unit.operator.builders import START
 
-STEPS: list[tuple[State, Heard, State | None, Act]] = [
+STEPS: list[tuple[State, Received, State | None, Act]] = [
     ("offered", "taken", "taken", "run"),
     ("offered", "ended", None, "read"),
     ("offered", "refused", None, "cold"),
@@ -30,23 +30,23 @@ def after(seconds: float) -> datetime:
     return START + timedelta(seconds=seconds)
 
 
-@pytest.mark.parametrize(("state", "heard", "then", "act"), STEPS)
+@pytest.mark.parametrize(("state", "received", "then", "act"), STEPS)
 def test_a_step_within_the_deadline(
-    state: State, heard: Heard, then: State | None, act: Act
+    state: State, received: Received, then: State | None, act: Act
 ) -> None:
     expected = Step(Claim("d", START, then) if then else None, act)
-    assert step(Claim("d", START, state), heard, after(9.999)) == expected
+    assert step(Claim("d", START, state), received, after(9.999)) == expected
 
 
 @pytest.mark.parametrize("late", [10, 10.5, 999])
-@pytest.mark.parametrize(("state", "heard", "then", "act"), STEPS)
+@pytest.mark.parametrize(("state", "received", "then", "act"), STEPS)
 def test_past_it_only_silence_is_another_matter(
-    state: State, heard: Heard, then: State | None, act: Act, late: float
+    state: State, received: Received, then: State | None, act: Act, late: float
 ) -> None:
-    if (state, heard) == ("offered", "silent"):
+    if (state, received) == ("offered", "silent"):
         then, act = "fenced", "delete"
     expected = Step(Claim("d", START, then) if then else None, act)
-    assert step(Claim("d", START, state), heard, after(late)) == expected
+    assert step(Claim("d", START, state), received, after(late)) == expected
 
 
 def test_a_claim_begins_as_an_offer() -> None:

@@ -63,7 +63,7 @@ def test_a_job_that_can_t_take_any_over_starts_cold(changed: dict[str, Any], rea
     assert choice(warm("d"), wish=replace(WISH, **changed)) == reason
 
 
-def test_where_pools_are_off_every_job_starts_cold_and_is_told_whom_to_ask() -> None:
+def test_where_pools_are_off_every_job_starts_cold_and_says_whom_to_ask() -> None:
     assert choice(warm("d"), pooling=replace(POOLING, enabled=False)) == "PoolsOff"
     assert choice(warm("d"), pooling=Pooling()) == "PoolsOff"
     found = chosen(WISH, [], Pooling(), START)

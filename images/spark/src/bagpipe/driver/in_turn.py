@@ -18,6 +18,6 @@ def work_in_turn(seat: Seat, work: Callable[[JobFile], bool], interruption: Inte
         try:
             stays = work(job)
         finally:
-            # SIGTERM would be told to the keeper of a job that is over, and end nothing.
+            # SIGTERM would go to the keeper of a job that is over, and end nothing.
             interruption.keeper = None
             seat.leave(stays)

@@ -14,7 +14,7 @@ from bagpipe_operator.jobs.pools.warm import HANDOVER_SECONDS
 
 State = Literal["offered", "taken", "fenced"]
 # What the driver answered, or that its pod is no more.
-Heard = Literal["taken", "ended", "refused", "silent", "gone"]
+Received = Literal["taken", "ended", "refused", "silent", "gone"]
 # What is to be done: offer the job again, leave the driver to it, delete the driver's pod, make
 # pods of the job's own, replace the driver as that of any job, or read how the job ended.
 Act = Literal["offer", "run", "delete", "cold", "replace", "read"]
@@ -39,21 +39,21 @@ class Step:
     act: Act
 
 
-def step(claim: Claim, heard: Heard, now: datetime) -> Step:
+def step(claim: Claim, received: Received, now: datetime) -> Step:
     """The next step of a handover.
 
     A driver that is to be deleted may have taken the job in that moment: it is deleted all the
     same, since its answer may come from before.
     """
-    if heard == "ended":
+    if received == "ended":
         return Step(None, "read")
     if claim.state == "taken":
-        return Step(None, "replace") if heard == "gone" else Step(claim, "run")
-    if heard in {"refused", "gone"}:
+        return Step(None, "replace") if received == "gone" else Step(claim, "run")
+    if received in {"refused", "gone"}:
         return Step(None, "cold")
-    late = heard == "silent" and (now - claim.since).total_seconds() >= HANDOVER_SECONDS
+    late = received == "silent" and (now - claim.since).total_seconds() >= HANDOVER_SECONDS
     if claim.state == "fenced" or late:
         return Step(replace(claim, state="fenced"), "delete")
-    if heard == "taken":
+    if received == "taken":
         return Step(replace(claim, state="taken"), "run")
     return Step(claim, "offer")
