@@ -42,7 +42,7 @@ class FakeSpark:
         return self._rows
 
     def broadcast(self, value: object) -> SimpleNamespace:
-        return SimpleNamespace(value=value)
+        return SimpleNamespace(value=value, destroy=lambda: None)
 
     def parallelize(self, *_arguments: object) -> "FakeSpark":
         return self

@@ -50,7 +50,7 @@ def run_cases(spark: SparkContext, cases: list[Case], context: RunContext, keepe
     try:
         _run_all(spark, cases, context, keeper)
     except Exception as error:
-        gone = _is_gone(spark)
+        gone = is_gone(spark)
         if keeper.stop is not None and (gone or isinstance(error, Py4JError)):
             log.info("stopped: %s", keeper.stop.message)
             return
@@ -59,7 +59,7 @@ def run_cases(spark: SparkContext, cases: list[Case], context: RunContext, keepe
         raise
 
 
-def _is_gone(spark: SparkContext) -> bool:
+def is_gone(spark: SparkContext) -> bool:
     """Whether Spark can run no further case.
 
     The error that its end raises doesn't show it: a call that is cut off is a plain Py4JError,
@@ -82,6 +82,16 @@ def _run_all(spark: SparkContext, cases: list[Case], context: RunContext, keeper
         given_back.again.clear()
         log.info("%d cases run again: their executors were taken away", len(again))
         _run_round(spark, again, shared_context, keeper, given_back)
+    _forget(shared_context)
+
+
+def _forget(shared_context: Broadcast[RunContext]) -> None:
+    """Where Spark stays, the job's description does not."""
+    try:
+        shared_context.destroy()
+    except (Py4JError, OSError) as error:
+        # All rows are there: what is left behind is no reason to end the job.
+        log.warning("Spark keeps what the cases shared: %s", error)
 
 
 def _run_round(

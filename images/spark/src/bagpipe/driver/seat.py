@@ -1,0 +1,126 @@
+"""The place of one job at a time in a driver that stays for the next one.
+
+Who offers a job is not believed: what counts is the claim in the job's own status, looked up at
+that moment, which nobody but the operator writes.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+from bagpipe.spec import JobFile
+
+# What is remembered of offers; a driver that has met more takes no other and ends.
+MOST_MET = 1_000
+
+Answer = Literal["taken", "ended", "refused", "unknown"]
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A job for this driver."""
+
+    job: JobFile
+    digest: str
+    """SHA-256 of job.json as it came, in hexadecimal digits."""
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """Which job, and which of its attempts."""
+        return self.job.uid, self.job.attempt
+
+
+@dataclass(frozen=True)
+class Claimed:
+    """What a job's status says of its claim."""
+
+    uid: str
+    attempt: int
+    driver: str
+    digest: str
+
+
+# Looks a job's claim up by its name, within a deadline of its own; None where it has none. Raises
+# OSError where nobody answers.
+LookUp = Callable[[str], Claimed | None]
+
+
+class Seat:
+    """Whose turn it is. Offers come from the server's threads, one thread works."""
+
+    def __init__(
+        self,
+        driver: str,
+        namespace: str,
+        idle_seconds: float,
+        look_up: LookUp,
+        monotonic: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._driver, self._namespace = driver, namespace
+        self._idle_seconds = idle_seconds
+        self._look_up = look_up
+        self._monotonic = monotonic
+        self._changed = threading.Condition()
+        self._met: set[tuple[str, int]] = set()
+        self._ended: set[tuple[str, int]] = set()
+        self._current: Offer | None = None
+        self._closed = False
+        self._until = monotonic() + idle_seconds
+
+    def offer(self, offer: Offer) -> Answer:
+        """Whether the driver runs the job, or has run it; `unknown` may be asked again.
+
+        What was refused once is refused for ever: the operator has made other pods for it.
+        """
+        with self._changed:
+            if self._current is not None and self._current.key == offer.key:
+                return "taken"
+            if offer.key in self._ended:
+                return "ended"
+            # Anybody may fill the memory of offers; a closed seat needs none.
+            self._closed = self._closed or len(self._met) >= MOST_MET
+            if self._closed or offer.key in self._met:
+                return "refused"
+            try:
+                fits = self._is_free() and self._is_ours(offer)
+            except OSError:
+                return "unknown"
+            self._met.add(offer.key)
+            if not fits:
+                return "refused"
+            self._current = offer
+            self._changed.notify_all()
+            return "taken"
+
+    def taken(self) -> JobFile | None:
+        """Waits for the next job; None when none came in time, and no other will be taken."""
+        with self._changed:
+            while self._current is None and not self._closed:
+                left = self._until - self._monotonic()
+                if left <= 0:
+                    self._closed = True
+                else:
+                    self._changed.wait(left)
+            return self._current.job if self._current is not None else None
+
+    def leave(self, stays: bool) -> None:
+        """The job has ended; `stays` where nothing of it can reach the next one."""
+        with self._changed:
+            if self._current is not None:
+                self._ended.add(self._current.key)
+            self._current = None
+            self._closed = self._closed or not stays
+            self._until = self._monotonic() + self._idle_seconds
+            self._changed.notify_all()
+
+    def _is_free(self) -> bool:
+        return self._current is None and self._monotonic() < self._until
+
+    def _is_ours(self, offer: Offer) -> bool:
+        job = offer.job
+        if job.namespace != self._namespace:
+            return False
+        wanted = Claimed(job.uid, job.attempt, self._driver, offer.digest)
+        return self._look_up(job.name) == wanted

@@ -1,0 +1,161 @@
+"""Which waiting driver a job may take over, and which drivers wait no longer. Pure."""
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Literal
+
+# A driver that would end within this time is not offered: it might while it is handed over.
+HANDOVER_SECONDS = 10.0
+# A driver ends by itself when it has waited for long enough; one that does not is ended.
+_LATE_SECONDS = 30.0
+
+
+@dataclass(frozen=True)
+class Pooling:
+    """What the administrator lets drivers do after a job."""
+
+    enabled: bool = False
+    idle_seconds: float = 300.0
+    """For how long a driver waits for another job."""
+
+    per_namespace: int = 2
+    """How many drivers may wait in one namespace at the same time."""
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a job that names a pool needs of a driver."""
+
+    namespace: str
+    pool: str
+    account: str
+    shape: str
+    pulls: bool = False
+    queue: str = ""
+
+
+@dataclass(frozen=True)
+class WarmDriver:
+    """A driver of a pool, with a job or waiting for one."""
+
+    uid: str
+    namespace: str
+    pool: str
+    account: str
+    shape: str
+    idle_since: datetime | None = None
+    """None as long as a job has it, or was promised it."""
+
+    leaving: bool = False
+    """Whether it has ended or is being deleted."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether it could take a job."""
+        return self.idle_since is not None and not self.leaving
+
+
+@dataclass(frozen=True)
+class Cold:
+    """Why a job gets pods of its own; `reason` is CamelCase, the message a sentence."""
+
+    reason: str
+    message: str
+
+
+def chosen(
+    wish: Wish, drivers: Iterable[WarmDriver], pooling: Pooling, now: datetime
+) -> WarmDriver | Cold:
+    """The driver that a job may take over, or why it starts cold.
+
+    Of several the one that has waited shortest: the others come to their end.
+    """
+    if (cold := _forbidden(wish, pooling)) is not None:
+        return cold
+    place = (wish.namespace, wish.pool)
+    waiting = [d for d in drivers if d.waits and (d.namespace, d.pool) == place]
+    if not waiting:
+        return Cold("NoneWaits", f"No driver of pool {wish.pool} waits in {wish.namespace}.")
+    alike = [d for d in waiting if (d.account, d.shape) == (wish.account, wish.shape)]
+    if not alike:
+        return Cold(
+            "PodsDiffer",
+            f"The drivers of pool {wish.pool} that wait have other images, resources, volumes or "
+            "settings than this job's pods.",
+        )
+    staying = [d for d in alike if _left(d, pooling, now) >= HANDOVER_SECONDS]
+    if not staying:
+        return Cold("AboutToEnd", f"The driver of pool {wish.pool} that waits is about to end.")
+    return min(staying, key=lambda d: (-_left(d, pooling, now), d.uid))
+
+
+def _forbidden(wish: Wish, pooling: Pooling) -> Cold | None:
+    if not pooling.enabled:
+        return Cold(
+            "PoolsOff",
+            "This installation keeps no drivers: ask an administrator for pools.enabled of the "
+            "Helm chart.",
+        )
+    if wish.queue:
+        return Cold(
+            "Queued", f"Queue {wish.queue} admits each job's own pods, so it can't take others."
+        )
+    if wish.pulls:
+        return Cold(
+            "ImagePulled",
+            "An image's pull policy is Always, and a driver that waits would not ask for it again: "
+            "write IfNotPresent and a tag that does not move.",
+        )
+    return None
+
+
+def may_wait(driver: WarmDriver, others: Iterable[WarmDriver], pooling: Pooling) -> bool:
+    """Whether a driver whose job has ended may wait for another job."""
+    if not pooling.enabled or driver.leaving:
+        return False
+    neighbours = [d for d in others if d.namespace == driver.namespace and d.uid != driver.uid]
+    return sum(d.waits for d in neighbours) < pooling.per_namespace
+
+
+Leave = Literal["PoolsOff", "IdleTooLong", "RoomNeeded", "TooMany"]
+
+
+def leaving(
+    drivers: Iterable[WarmDriver], crowded: Collection[str], pooling: Pooling, now: datetime
+) -> list[tuple[WarmDriver, Leave]]:
+    """The drivers that wait no longer, with the reason, those that waited longest first.
+
+    `crowded` are the namespaces where a job's pods wait for room: a quota's or a node's. No driver
+    that has a job is among them.
+    """
+    found: list[tuple[WarmDriver, Leave]] = []
+    kept: dict[str, int] = defaultdict(int)
+    waiting = sorted(
+        (d for d in drivers if d.waits), key=lambda d: (-_left(d, pooling, now), d.uid)
+    )
+    for driver in waiting:
+        if (why := _why(driver, crowded, pooling, now)) is not None:
+            found.append((driver, why))
+        elif kept[driver.namespace] >= pooling.per_namespace:
+            found.append((driver, "TooMany"))
+        else:
+            kept[driver.namespace] += 1
+    return found[::-1]
+
+
+def _why(
+    driver: WarmDriver, crowded: Collection[str], pooling: Pooling, now: datetime
+) -> Leave | None:
+    if not pooling.enabled:
+        return "PoolsOff"
+    if driver.namespace in crowded:
+        return "RoomNeeded"
+    return "IdleTooLong" if _left(driver, pooling, now) <= -_LATE_SECONDS else None
+
+
+def _left(driver: WarmDriver, pooling: Pooling, now: datetime) -> float:
+    """For how many seconds it still waits; negative when it should have ended."""
+    since = driver.idle_since or now
+    return pooling.idle_seconds - (now - since).total_seconds()

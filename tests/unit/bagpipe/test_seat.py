@@ -1,0 +1,159 @@
+"""One job at a time, only by its own claim, and what was refused once stays refused."""
+
+import threading
+
+import pytest
+
+from bagpipe.driver import seat as seats
+from bagpipe.driver.seat import Claimed, Offer, Seat
+from bagpipe.spec import JobFile
+from tests.unit.bagpipe.jobs import make_job
+from tests.waiting import PATIENCE
+
+
+class World:
+    """A seat of the driver `d` in the namespace `lab`, and what the API server says."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.claims: dict[str, Claimed] = {}
+        self.broken = False
+        self.asked: list[str] = []
+        self.seat = Seat("d", "lab", 300.0, self.look_up, lambda: self.now)
+
+    def look_up(self, job: str) -> Claimed | None:
+        self.asked.append(job)
+        if self.broken:
+            raise OSError("nobody answers")
+        return self.claims.get(job)
+
+    def offer(self, name: str, claimed: bool = True, attempt: int = 1) -> Offer:
+        job = make_job({}).model_copy(
+            update={"name": name, "uid": f"uid-{name}", "attempt": attempt}
+        )
+        if claimed:
+            self.claims[name] = Claimed(f"uid-{name}", attempt, "d", "digest")
+        return Offer(job, "digest")
+
+
+def test_a_claimed_job_is_taken_once_and_worked_on() -> None:
+    world = World()
+    offer = world.offer("a")
+    assert world.seat.offer(offer) == "taken"
+    assert world.seat.offer(offer) == "taken"  # the answer was lost: it is asked again
+    assert world.seat.taken() == offer.job
+    assert world.asked == ["a"]
+
+
+def test_a_job_that_claims_nothing_or_something_else_is_refused() -> None:
+    for claim in (
+        None,
+        Claimed("another-uid", 1, "d", "digest"),
+        Claimed("uid-a", 2, "d", "digest"),
+        Claimed("uid-a", 1, "another-driver", "digest"),
+        Claimed("uid-a", 1, "d", "another-digest"),
+    ):
+        world = World()
+        offer = world.offer("a", claimed=False)
+        if claim is not None:
+            world.claims["a"] = claim
+        assert world.seat.offer(offer) == "refused", claim
+
+
+def test_a_job_of_another_namespace_is_refused_without_a_question() -> None:
+    world = World()
+    offer = world.offer("a")
+    elsewhere = Offer(offer.job.model_copy(update={"namespace": "elsewhere"}), "digest")
+    assert world.seat.offer(elsewhere) == "refused"
+    assert world.asked == []
+
+
+def test_two_jobs_do_not_sit_down_together() -> None:
+    world = World()
+    assert world.seat.offer(world.offer("a")) == "taken"
+    assert world.seat.offer(world.offer("b")) == "refused"
+    assert world.asked == ["a"]
+
+
+def test_what_was_refused_is_refused_when_the_seat_is_free_and_the_claim_is_there() -> None:
+    """Its operator has made other pods for it."""
+    world = World()
+    world.seat.offer(world.offer("a"))
+    refused = world.offer("b")
+    assert world.seat.offer(refused) == "refused"
+    world.seat.leave(stays=True)
+    assert world.seat.offer(refused) == "refused"
+    assert world.seat.offer(world.offer("b", attempt=2)) == "taken"
+
+
+def test_a_job_that_has_left_does_not_run_a_second_time() -> None:
+    world = World()
+    offer = world.offer("a")
+    world.seat.offer(offer)
+    world.seat.leave(stays=True)
+    assert world.seat.offer(offer) == "ended"
+    assert world.seat.offer(world.offer("b")) == "taken"
+    assert world.seat.offer(offer) == "ended"
+
+
+def test_while_nobody_answers_the_answer_is_open() -> None:
+    world = World()
+    world.broken = True
+    offer = world.offer("a")
+    assert world.seat.offer(offer) == "unknown"
+    world.broken = False
+    assert world.seat.offer(offer) == "taken"
+
+
+def test_a_driver_waits_for_so_long_from_the_last_job_s_end_on() -> None:
+    world = World()
+    world.now = 299.0
+    assert world.seat.offer(world.offer("a")) == "taken"
+    world.now = 2000.0
+    world.seat.leave(stays=True)
+    world.now = 2299.0
+    assert world.seat.offer(world.offer("b")) == "taken"
+    world.seat.leave(stays=True)
+    world.now = 2599.0
+    assert world.seat.offer(world.offer("c")) == "refused"
+    assert world.seat.taken() is None
+    world.now = 0.0  # whatever the clock does then
+    assert world.seat.offer(world.offer("d")) == "refused"
+
+
+def test_one_that_may_not_stay_takes_no_other_job() -> None:
+    world = World()
+    world.seat.offer(world.offer("a"))
+    world.seat.leave(stays=False)
+    assert world.seat.taken() is None
+    assert world.seat.offer(world.offer("b")) == "refused"
+
+
+def test_who_offers_without_end_fills_no_memory_and_ends_no_job(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(seats, "MOST_MET", 3)
+    world = World()
+    offer = world.offer("a")
+    assert world.seat.offer(offer) == "taken"
+    for number in range(9):
+        world.seat.offer(world.offer(f"x{number}", claimed=False))
+    assert len(world.seat._met) == 3
+    assert world.seat.offer(offer) == "taken"
+    assert world.seat.taken() == offer.job
+    world.seat.leave(stays=True)
+    assert world.seat.taken() is None
+
+
+def test_who_waits_is_woken_by_a_job() -> None:
+    claims: dict[str, Claimed] = {}
+    seat = Seat("d", "lab", PATIENCE, claims.get)
+    found: list[JobFile | None] = []
+    waiting = threading.Thread(target=lambda: found.append(seat.taken()))
+    waiting.start()
+    world = World()
+    offer = world.offer("a")
+    claims |= world.claims
+    assert seat.offer(offer) == "taken"
+    waiting.join(PATIENCE)
+    assert found == [offer.job]
