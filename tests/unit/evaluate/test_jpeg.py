@@ -210,3 +210,18 @@ def test_damaged_files_are_shown_or_refused(options: dict[str, Any]) -> None:
         outcomes.append(shown_or_refused(bytes(bytes_)))
     assert any(outcomes)
     assert not all(outcomes)
+
+
+@pytest.mark.parametrize("marker", [0xD8, 0x01, 0xDC, 0xF7])
+def test_a_head_that_hides_another_one_does_not_make_a_larger_picture(marker: int) -> None:
+    """Whether a marker has a length is read in two ways: what lies in its segment is not ours."""
+    data = grainy()
+    hidden = with_size(data, 4000, 4000)[frame(data) : frame(data) + 19]
+    segment = bytes([0xFF, marker]) + (2 + len(hidden)).to_bytes(2, "big") + hidden
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    try:
+        made = of_compressed(compressed(data[:20] + segment + data[20:]))
+        assert (made.width, made.height) == (WIDTH, HEIGHT)
+    except PictureError as error:
+        assert str(error)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 32 << 10

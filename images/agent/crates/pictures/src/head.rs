@@ -1,6 +1,6 @@
 //! What a JPEG's markers say of its size and its work, without unpacking it (ITU-T T.81, annex B).
 
-use crate::PictureError;
+use crate::error::PictureError;
 
 const START: [u8; 2] = [0xFF, 0xD8];
 const SCAN: u8 = 0xDA;

@@ -7,6 +7,7 @@ use zune_jpeg::zune_core::bytestream::ZCursor;
 use zune_jpeg::zune_core::colorspace::ColorSpace;
 use zune_jpeg::zune_core::options::DecoderOptions;
 
+use crate::error::PictureError;
 use crate::head::{Head, head};
 
 /// Pixels of a picture that is unpacked: 4,096 by 4,096, which take 48 MiB for a moment.
@@ -15,30 +16,6 @@ const MOST_PIXELS: usize = 1 << 24;
 const MOST_PROGRESSIVE: usize = 1 << 23;
 /// Pixels times scans: thirty scans of the largest progressive picture.
 const MOST_WORK: usize = 30 * MOST_PROGRESSIVE;
-
-/// Why there are no pixels.
-#[derive(Debug, thiserror::Error, PartialEq, Eq)]
-pub enum PictureError {
-    /// The bytes are something else.
-    #[error("it is no JPEG")]
-    NotJpeg,
-    /// A kind of JPEG that is not unpacked, or none.
-    #[error("its JPEG is not shown: {0}")]
-    Unknown(&'static str),
-    /// More than a picture may be, by its own head.
-    #[error("its JPEG has {width} x {height} pixels in {scans} scans: more than is unpacked")]
-    TooLarge {
-        /// In pixels.
-        width: usize,
-        /// In pixels.
-        height: usize,
-        /// How often the pixels are gone through.
-        scans: usize,
-    },
-    /// The decoder's own sentence.
-    #[error("its JPEG is damaged: {0}")]
-    Damaged(String),
-}
 
 /// Few pixels of a picture, row by row.
 #[derive(Debug, PartialEq, Eq)]
@@ -68,7 +45,7 @@ pub fn few_pixels(data: &[u8], side: usize) -> Result<Pixels, PictureError> {
     let found = head(data)?;
     within(&found)?;
     // It is pure and its bytes are anybody's: a fault of the decoder's ends here.
-    match catch_unwind(AssertUnwindSafe(|| unpacked(data))) {
+    match catch_unwind(AssertUnwindSafe(|| unpacked(data, &found))) {
         Ok(result) => result.and_then(|(space, bytes)| fewer(&found, side, space, &bytes)),
         Err(_) => Err(PictureError::Damaged("the decoder gave up".to_owned())),
     }
@@ -87,9 +64,13 @@ fn within(found: &Head) -> Result<(), PictureError> {
     Ok(())
 }
 
-fn unpacked(data: &[u8]) -> Result<(usize, Vec<u8>), PictureError> {
+fn unpacked(data: &[u8], found: &Head) -> Result<(usize, Vec<u8>), PictureError> {
     let damaged = |error: &dyn std::fmt::Display| PictureError::Damaged(error.to_string());
-    let options = DecoderOptions::default().set_strict_mode(false);
+    // Should the decoder find another head than ours, it may not go by a larger one.
+    let options = DecoderOptions::default()
+        .set_strict_mode(false)
+        .set_max_width(found.width)
+        .set_max_height(found.height);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(data), options);
     decoder.decode_headers().map_err(|error| damaged(&error))?;
     let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
