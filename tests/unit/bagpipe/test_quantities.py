@@ -2,7 +2,7 @@
 
 import pytest
 
-from bagpipe.quantities import heap_mebibytes, memory_bytes, quantity
+from bagpipe.quantities import heap_mebibytes, memory_bytes, quantity, size
 
 
 @pytest.mark.parametrize(
@@ -41,6 +41,21 @@ def test_the_heap_is_half_of_the_memory_in_mebibytes_and_512_at_least(
     memory: str, share: int
 ) -> None:
     assert heap_mebibytes(memory) == share
+
+
+@pytest.mark.parametrize(
+    ("count", "words"),
+    [
+        (0, "0 bytes"), (1023, "1023 bytes"), (1024, "1 KiB"), (1536, "1.5 KiB"),
+        (10_000, "9.77 KiB"), (102_349, "100 KiB"), (102_400, "100 KiB"), (103_424, "101 KiB"),
+        (1_048_575, "1024 KiB"), (1_048_576, "1 MiB"), (2_411_725, "2.3 MiB"),
+        (1_073_741_823, "1024 MiB"), (1_073_741_824, "1 GiB"), (16_911_433_728, "15.8 GiB"),
+        (1_099_511_627_775, "1024 GiB"), (1_099_511_627_776, "1 TiB"),
+        (1_125_899_906_842_624, "1024 TiB"),
+    ],
+)  # fmt: skip
+def test_bytes_are_written_for_people(count: int, words: str) -> None:
+    assert size(count) == words
 
 
 @pytest.mark.parametrize(

@@ -64,6 +64,18 @@ def test_circles_meet_at_the_speeds_of_the_last_second(
     assert finding.outcome == ("passed" if seconds else "failed")
 
 
+@pytest.mark.parametrize("origin", [(100, 0), (0, 40), (-30, 70)])
+def test_where_the_origin_lies_changes_no_speed(origin: Point) -> None:
+    """Both drive: what counts is where they are to each other."""
+
+    def there(x: float, y: float) -> Point:
+        return x + origin[0], y + origin[1]
+
+    entries = [ego(10, *there(0, 0)), ego(11, *there(1, 4))]
+    entries += [cars(10, there(9, 12)), cars(11, there(7, 12))]
+    assert found(entries, minTimeToCollision=1, radius=0.5).figure == pytest.approx(1.8)
+
+
 def test_the_soonest_collision_is_reported_with_its_time() -> None:
     entries = [ego(10), ego(12), ego(14)]
     entries += [cars(10, (20, 0)), cars(12, (10, 0)), cars(14, (8, 0))]

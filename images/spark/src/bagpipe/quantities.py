@@ -15,6 +15,7 @@ _FACTOR = {
 }  # fmt: skip
 _MEBIBYTE = 2**20
 _UNITS = ((1 << 40, "TiB"), (1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB"))
+_WHOLE = 100
 # Spark refuses a JVM of less than 450 MiB, and the JVM counts a part of its heap as not usable.
 _LEAST_HEAP_MEBIBYTES = 512
 
@@ -39,7 +40,9 @@ def size(count: float) -> str:
     """Bytes for people: 2.3 MiB."""
     for unit, name in _UNITS:
         if count >= unit:
-            return f"{count / unit:.3g} {name}"
+            number = count / unit
+            # Three digits, but never 1.02e+03.
+            return f"{number:.0f} {name}" if number >= _WHOLE else f"{number:.3g} {name}"
     return f"{count:.0f} bytes"
 
 
