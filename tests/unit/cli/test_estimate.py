@@ -123,6 +123,24 @@ def test_memory_is_compared_with_the_limit() -> None:
     assert unknown.endswith("without a limit (stack.resources.limits).")
 
 
+def test_a_driver_of_more_cases_than_it_holds_is_told_so() -> None:
+    many = [case("a")] * 200_000
+    found = estimate(spec(), many, Earlier())
+    # The heap of half a gigabyte, 250 MiB beside it, 95 of Python, and 1.5 KiB for each case.
+    assert found["memory"]["driver"] == (512 + 250 + 95) * MIB + 200_000 * 1536
+    assert found["memory"]["driverLimit"] == 1024 * MIB
+    assert sentences(found, "realtime")[-1] == (
+        "  Memory of the driver: 1.12 GiB with 200,000 cases, ABOVE its limit 1 GiB: raise"
+        " spark.driver.resources.memory."
+    )
+    raised = spec(spark={"driver": {"resources": {"memory": "2Gi"}}})
+    wide = estimate(raised, many, Earlier())
+    assert wide["memory"]["driver"] == (1024 + 250 + 95) * MIB + 200_000 * 1536
+    few = estimate(spec(), [case("a")] * 1000, Earlier())
+    for each in (wide, few):
+        assert not any("of the driver" in line for line in sentences(each, "realtime"))
+
+
 def test_a_plan_without_a_case_takes_nothing() -> None:
     found = estimate(spec(), [], Earlier())
     assert (found["wallSeconds"], found["memory"]["fragment"]) == ([0.0, 0.0], 0)

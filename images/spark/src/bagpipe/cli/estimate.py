@@ -8,7 +8,7 @@ from typing import Any
 from bagpipe.engine_fields import fields_of
 from bagpipe.plan.case import Case
 from bagpipe.plan.expected import Earlier, recorded_seconds
-from bagpipe.quantities import memory_bytes, size
+from bagpipe.quantities import heap_mebibytes, memory_bytes, size
 from bagpipe.spec import SimulationJobSpec
 
 # Around a play in real time: the start of the stack, its subscribers, its end, storage. Cases of
@@ -16,6 +16,9 @@ from bagpipe.spec import SimulationJobSpec
 _LEAST_AROUND, _MOST_AROUND = 2.0, 20.0
 # The agent beside a fragment, and the pipes (docs/operations/sizing.md).
 _AGENT_BYTES, _SHARED_BYTES = 5 << 20, 64 << 20
+# The driver's JVM beside its heap, its Python, and of each case a name and where it stands: with
+# 1,000 executors and 100,000 cases (docs/scale.md, "Many executors").
+_JVM_BYTES, _PYTHON_BYTES, _CASE_BYTES = 250 << 20, 95 << 20, 1536
 # How far a run may lie from earlier ones of the same case, and from those of others.
 _SAME, _OTHERS = (0.9, 1.25), (0.8, 1.5)
 # Of the earlier figures for a case that has none of its own.
@@ -95,7 +98,15 @@ def _memory(spec: SimulationJobSpec, cases: Sequence[Case], earlier: Earlier) ->
         "recorded": earlier.recorded,
         "executor": slots * each + _SHARED_BYTES,
         "limit": None if limit is None else memory_bytes(str(limit)),
+        "driver": _driver(spec, len(cases)),
+        "driverLimit": memory_bytes(spec.spark.driver.resources.memory),
     }
+
+
+def _driver(spec: SimulationJobSpec, cases: int) -> int:
+    """Bytes of the driver; its JVM fills its heap before it looks for room in it."""
+    heap = heap_mebibytes(spec.spark.driver.resources.memory) << 20
+    return heap + _JVM_BYTES + _PYTHON_BYTES + cases * _CASE_BYTES
 
 
 def sentences(found: Mapping[str, Any], mode: str) -> list[str]:
@@ -118,7 +129,16 @@ def sentences(found: Mapping[str, Any], mode: str) -> list[str]:
             f"  How long {found['withoutBasis']} cases take in playback.mode: {mode} is the stack's"
             " affair: earlier results say it (--results)."
         )
-    return [*lines, *_of_memory(found["memory"])]
+    return [*lines, *_of_memory(found["memory"]), *_of_driver(found["memory"], found["cases"])]
+
+
+def _of_driver(found: Mapping[str, Any], cases: int) -> list[str]:
+    """A warning; of a driver that has room nothing."""
+    if found["driver"] <= found["driverLimit"]:
+        return []
+    needs, limit = size(found["driver"]), size(found["driverLimit"])
+    text = f"  Memory of the driver: {needs} with {cases:,} cases, ABOVE its limit {limit}"
+    return [f"{text}: raise spark.driver.resources.memory."]
 
 
 def _of_memory(found: Mapping[str, Any]) -> list[str]:
