@@ -27,7 +27,7 @@ UV_VERSION := 0.13.8
 NUMBER := $(file < VERSION)
 NAMESPACE ?= bagpipe-system
 IMAGE_NAMES := agent operator spark ros robot-state-publisher barrier-car exec-highway example-nodes ros2-standin
-MODULE_CRATES := log packing rosbag mcap rosbag2 formats
+MODULE_CRATES := log packing pictures rosbag mcap rosbag2 formats
 MEMORY_BAG_SOURCES := $(wildcard images/agent/Cargo.* images/agent/crates/python/*.* \
   images/agent/crates/python/src/*.rs images/build/module.py \
   $(foreach crate,$(MODULE_CRATES),images/agent/crates/$(crate)/Cargo.toml images/agent/crates/$(crate)/src/*.rs))

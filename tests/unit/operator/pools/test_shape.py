@@ -87,8 +87,8 @@ def test_a_claim_that_is_written_to_is_another_mount_than_one_that_is_read() -> 
 
 def test_another_release_or_setting_of_the_installation_makes_other_pods() -> None:
     for changed in (
-        {"spark_image": "bagpipe.local/spark:9.9.9"},
-        {"agent_image": "bagpipe.local/agent:9.9.9"},
+        {"spark_image": "registry.example/spark:next"},
+        {"agent_image": "registry.example/agent:next"},
         {"driver_service_account": "another"},
         {"executor_service_account": "another"},
         {"storage_hosts": ("s3.example.com",)},
