@@ -123,7 +123,7 @@ def test_memory_is_compared_with_the_limit() -> None:
     assert unknown.endswith("without a limit (stack.resources.limits).")
 
 
-def test_a_driver_of_more_cases_than_it_holds_is_told_so() -> None:
+def test_a_driver_with_more_cases_than_it_holds_is_named_with_its_limit() -> None:
     many = [case("a")] * 200_000
     found = estimate(spec(), many, Earlier())
     # The heap of half a gigabyte, 250 MiB beside it, 95 of Python, and 1.5 KiB for each case.
