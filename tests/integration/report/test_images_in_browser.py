@@ -51,6 +51,9 @@ def test_the_cameras_picture_of_the_failing_moment_is_drawn(
             "return [arguments[0].complete, arguments[0].naturalWidth, arguments[0].naturalHeight]"
         )
         assert browser.execute_script(natural, shown) == [True, 320, 240]
+        # As the camera took it, whether its file is shown or a smaller one of its pixels.
+        turned = "return getComputedStyle(arguments[0]).imageOrientation"
+        assert browser.execute_script(turned, shown) == "none"
         column = first.find_element(By.TAG_NAME, "figure").rect["width"]
         assert shown.rect["width"] == pytest.approx(min(320, column), abs=1)
         assert "/lane/seen of the stack at 10.020 s, 640 × 480" in first.text
