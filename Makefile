@@ -396,7 +396,7 @@ endif
 install: cluster ## Install the CRD and the chart with Helm
 	$(STEP) "Installing the chart" --if-it-fails "See 'kubectl -n $(NAMESPACE) describe pods'." -- \
 	  helm upgrade --install bagpipe charts/bagpipe --namespace $(NAMESPACE) --create-namespace --wait --timeout 3m \
-	  --set clusterWide=true \
+	  --set clusterWide=true --set pools.enabled=true \
 	  --set-string "operator.podAnnotations.sim\.bagpipe\.io/image-content=$(OPERATOR_CONTENT)"
 
 .PHONY: uninstall

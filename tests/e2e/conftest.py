@@ -45,6 +45,7 @@ def driver_rights(namespace: str) -> str:
             *("helm", "template", "bagpipe", str(ROOT / "charts/bagpipe")),
             *("--show-only", "templates/driver-rights.yaml", "--kube-version", "1.34"),
             *("--set-json", f"jobNamespaces={json.dumps([namespace])}"),
+            *("--set", "pools.enabled=true"),
         ],
         capture_output=True,
         text=True,

@@ -7,7 +7,8 @@
      Executors have an account without rights and without a token; a cloud's identity for
      storage is given to both accounts by annotations. The driver's pod mounts its token itself, into
      one container; no other pod that uses the account gets it without asking.
-     Takes the namespace, the labels as text, and the values serviceAccounts. */}}
+     Where drivers wait for further jobs, each looks up whether a job that it is offered claims it.
+     Takes the namespace, the labels as text, and the values serviceAccounts and pools. */}}
 {{- define "bagpipe.jobAccounts" -}}
 {{- range $role := list "driver" "executor" }}
 apiVersion: v1
@@ -39,6 +40,11 @@ rules:
 - apiGroups: [""]
   resources: [pods]
   verbs: [get, list, watch, create, delete, deletecollection]
+{{- if .pools.enabled }}
+- apiGroups: [sim.bagpipe.io]
+  resources: [simulationjobs]
+  verbs: [get]
+{{- end }}
 ---
 apiVersion: rbac.authorization.k8s.io/v1
 kind: RoleBinding

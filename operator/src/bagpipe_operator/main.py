@@ -23,6 +23,7 @@ from bagpipe_operator.cluster.fence import Fence
 from bagpipe_operator.cluster.lease import Terms
 from bagpipe_operator.jobs import watch
 from bagpipe_operator.jobs.announcer import Announcer
+from bagpipe_operator.jobs.driver.offer import DriverOffers
 from bagpipe_operator.jobs.driver.progress import ProgressReader
 from bagpipe_operator.jobs.kueue.api import FencedKueueApi, KubernetesKueueApi
 from bagpipe_operator.jobs.kueue.queueing import Queueing
@@ -95,6 +96,7 @@ async def run(settings: Settings) -> None:
         reconciler = Reconciler(
             fenced, view, drivers, settings, counted=metrics.job_written,
             paced=metrics.status_paced, announcer=Announcer(Receivers(settings.receivers), courier),
+            offers=DriverOffers(session, settings.progress_seconds),
         )  # fmt: skip
         metrics.progress_wait.set_function(reconciler.progress_wait)
         if settings.kueue:

@@ -104,6 +104,18 @@ class Settings:
     """BAGPIPE_KUEUE: true or false; whether a job with a queueName gets a Workload of Kueue's, and
     its pods only when that is admitted. Needs Kueue in the cluster, and rights of its own."""
 
+    pools: bool = False
+    """BAGPIPE_POOLS: true or false; whether the driver and the executors of a job that names a pool
+    wait for the next one."""
+
+    pool_idle_seconds: float = 300.0
+    """BAGPIPE_POOL_IDLE_SECONDS: for how long they wait. Somebody who tries one change after the
+    other is back within minutes, and nobody else has the place meanwhile."""
+
+    pools_per_namespace: int = 2
+    """BAGPIPE_POOLS_PER_NAMESPACE: how many drivers, each with its executors, may wait in one
+    namespace at the same time."""
+
     scrape_annotations: bool = True
     """BAGPIPE_SCRAPE_ANNOTATIONS: true or false; whether drivers and executors carry
     prometheus.io/scrape."""
@@ -153,6 +165,13 @@ class Settings:
             storage_hosts=_hosts(environment),
             receivers=_receivers(environment),
             kueue=_truth(environment, "BAGPIPE_KUEUE", cls.kueue),
+            pools=_truth(environment, "BAGPIPE_POOLS", cls.pools),
+            pool_idle_seconds=_number(
+                environment, "BAGPIPE_POOL_IDLE_SECONDS", cls.pool_idle_seconds
+            ),
+            pools_per_namespace=int(
+                _number(environment, "BAGPIPE_POOLS_PER_NAMESPACE", cls.pools_per_namespace)
+            ),
             scrape_annotations=_truth(
                 environment, "BAGPIPE_SCRAPE_ANNOTATIONS", cls.scrape_annotations
             ),

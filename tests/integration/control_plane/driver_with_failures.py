@@ -25,7 +25,7 @@ from bagpipe.driver.journal import Journal
 from bagpipe.driver.keep import Keeper
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
-from bagpipe.driver.progress_server import serve_progress
+from bagpipe.driver.progress_server import Account, serve_progress
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.spark_context import QUICK_JVM
 from bagpipe.plan.case import Case
@@ -117,7 +117,7 @@ class ServedJob:
         self.progress = Progress("pvc://results/out", slots=2)
         self.progress.begin(PLANNED)
         metrics = DriverMetrics(self.progress, job)
-        serve_progress(self.progress, metrics.registry, address, PORT)
+        serve_progress(Account(self.progress, metrics.registry), address, PORT)
         storage = Storage(job.volumes)
         uri = f"pvc://results/out/{job.name}"
         self.keeper = Keeper(

@@ -8,7 +8,7 @@ import pytest
 
 from bagpipe.driver.metrics import DriverMetrics
 from bagpipe.driver.progress import Progress
-from bagpipe.driver.progress_server import serve_progress
+from bagpipe.driver.progress_server import Account, serve_progress
 from bagpipe.driver.spark_context import (
     DriverPod,
     local_settings,
@@ -126,7 +126,7 @@ def test_progress_and_metrics_are_served() -> None:
     progress.begin(3)
     progress.add(row("a"))
     registry = DriverMetrics(progress, make_job({})).registry
-    server = serve_progress(progress, registry, "127.0.0.1", 0)
+    server = serve_progress(Account(progress, registry), "127.0.0.1", 0)
     try:
         address = f"http://127.0.0.1:{server.server_address[1]}"
         with urllib.request.urlopen(f"{address}/progress", timeout=30) as answer:  # noqa: S310

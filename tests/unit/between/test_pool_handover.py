@@ -10,7 +10,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from bagpipe.driver.seat import Claimed, Offer, Seat
-from bagpipe_operator.jobs.pools.claim import Act, Claim, Received, step
+from bagpipe_operator.jobs.claim import Claim
+from bagpipe_operator.jobs.pools.handover import Act, Received, step
 from bagpipe_operator.jobs.pools.warm import Cold, Pooling, WarmDriver, Wish, chosen
 from tests.unit.bagpipe.jobs import make_job
 from tests.unit.operator.builders import START
@@ -114,7 +115,8 @@ class World:
 
     def warm_as_seen(self, leader: str) -> list[WarmDriver]:
         """A leader knows promises by the jobs that it has seen, and pods by their watch."""
-        promised = {s.claim.driver for s in self.seen[leader].values() if s.claim is not None}
+        live = [s for s in self.seen[leader].values() if s.mode not in OVER]
+        promised = {s.claim.driver for s in live if s.claim is not None}
         return [
             WarmDriver(
                 name, "lab", "nightly", "bagpipe-driver", "shape",

@@ -183,6 +183,7 @@ class Spark(_Model):
 
     executors: Executors = 1
     slots: int = Field(default=1, ge=1, le=64)
+    pool: str | None = Field(default=None, pattern=r"^[a-z]([-a-z0-9]*[a-z0-9])?$", max_length=40)
     driver: SparkRole = SparkRole()
     executor: SparkRole = SparkRole()
 

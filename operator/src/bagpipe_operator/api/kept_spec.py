@@ -30,12 +30,13 @@ def scalars(spec: Json, fields: frozenset[str] | None = None) -> Json:
 
 
 def what_decides(spec: Json, fields: frozenset[str] | None = None) -> Json:
-    """Those scalars of a job's spec, how many executors it wants, what its baseline follows, and
-    who is to be notified."""
+    """Those scalars of a job's spec, how many executors it wants and of which pool, what its
+    baseline follows, and who is to be notified."""
     spark = readings.mapping(spec.get("spark"))
     width = {
         "executors": _executors(spark.get("executors")),
         "slots": readings.whole(spark.get("slots")),
+        "pool": scalars(spark, frozenset({"pool"})).get("pool"),
     }
     known = {key: value for key, value in width.items() if value is not None}
     wanted: Json = {"spark": known} if known else {}

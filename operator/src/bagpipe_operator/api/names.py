@@ -20,6 +20,8 @@ LABEL_JOB_UID = f"{GROUP}/job-uid"
 LABEL_ROLE = f"{GROUP}/role"
 LABEL_ATTEMPT = f"{GROUP}/attempt"
 LABEL_SCHEDULE = f"{GROUP}/schedule"
+# On a driver's pod that waits for another job: what that one must have alike.
+ANNOTATION_SHAPE = f"{GROUP}/shape"
 ANNOTATION_SCHEDULED_AT = f"{GROUP}/scheduled-at"
 
 # Kueue's own: pods with it wait for a place in the queue that it names.

@@ -111,6 +111,9 @@ def _texts(value: object) -> list[str] | None:
 _MOST_NOTIFICATIONS = 32
 _LONGEST_TEXT = 1024
 _OF_ONE = ("receiver", "state", "time", "message")
+_OF_A_POOL = (
+    "name", "state", "reason", "message", "driver", "pod", "job", "uid", "digest", "since",
+)  # fmt: skip
 
 
 def _notifications(value: object) -> list[Json] | None:
@@ -122,6 +125,16 @@ def _notifications(value: object) -> list[Json] | None:
         for each in objects(value)[:_MOST_NOTIFICATIONS]
     ]
     return [each for each in read if "receiver" in each and "state" in each]
+
+
+def _pool(value: object) -> Json | None:
+    """Texts that are not too long, and the attempt."""
+    found = mapping(value)
+    read: Json = {
+        key: found[key][:_LONGEST_TEXT] for key in _OF_A_POOL if isinstance(found.get(key), str)
+    }
+    attempt = _attempt(found.get("attempt"))
+    return read | ({} if attempt is None else {"attempt": attempt}) or None
 
 
 def _attempt(value: object) -> int | None:
@@ -159,6 +172,7 @@ STATUS_FIELDS: dict[str, Reading] = {
     "notifications": _notifications,
     "observedGeneration": whole,
     "phase": _text,
+    "pool": _pool,
     "results": _text,
     "resumedFrom": lambda value: mapping(value) or None,
     "startTime": _moment_text,

@@ -16,7 +16,8 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.announcer import Announcer
-from bagpipe_operator.jobs.driver.ending import Ending, ending_of, lost_driver
+from bagpipe_operator.jobs.claim import driver_name
+from bagpipe_operator.jobs.driver.ending import Ending, ending_of, has_ended, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
 from bagpipe_operator.jobs.event_recorder import EventRecorder
@@ -44,6 +45,12 @@ from bagpipe_operator.jobs.troubles.diagnose import troubles
 from bagpipe_operator.jobs.troubles.lookout import Lookout
 from bagpipe_operator.jobs.troubles.refusals import Refusals
 from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.warm_start import (
+    NoOffers,
+    Offers,
+    WarmStarts,
+    is_asked_for,
+)
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.clock import utc_now
 from bagpipe_operator.runtime.patience import Patience
@@ -54,6 +61,8 @@ logger = logging.getLogger(__name__)
 
 # A driver that has been silent for this long is looked for: the watch may have lost its end.
 SILENT_DRIVER_SECONDS = 30.0
+# How often a status may change in one visit while a driver is asked whether it takes the job.
+_MOST_ASKED = 3
 
 
 class Drivers(Protocol):
@@ -82,6 +91,7 @@ class Reconciler:
     counted: Callable[[JobView, JobView], None] = lambda _before, _after: None
     paced: Callable[[str], None] = lambda _what: None  # urgent, progress, put_off
     queueing: Queueing | None = None
+    offers: Offers = field(default_factory=NoOffers)
     announcer: Announcer = field(default_factory=Announcer)
     pace: WritePace = field(init=False)
     _patience: Patience = field(init=False)
@@ -90,6 +100,7 @@ class Reconciler:
     _refusals: Refusals = field(init=False)
     _rounds: Rounds = field(init=False)
     _handover: Handover = field(init=False)
+    _warm: WarmStarts = field(init=False)
     _asked: dict[str, str] = field(default_factory=dict)  # the driver last asked, by its job
     # Jobs as they were before a write that was not answered: it may have happened.
     _unanswered: dict[str, JobView] = field(default_factory=dict)
@@ -107,6 +118,7 @@ class Reconciler:
         self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
         self._rounds = Rounds(self.monotonic)
         self._handover = Handover(self.api, self.monotonic)
+        self._warm = WarmStarts(self.api, self.view, self.offers, self.settings, self.now)
         for uid in list(self._asked):
             self._forget_driver(uid)
         self._unanswered.clear()
@@ -150,11 +162,15 @@ class Reconciler:
         kept = job is None or not job.finished or self.announcer.owes(job)
         if job is None or kept or not expired(job, self.now()):
             return
-        if not await self._handover.waits(job):
+        if not self.view.has_guest(uid) and not await self._handover.waits(job):
             await self._remove(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
         """Looks, decides, writes and stops what has to stop; the job as it is now."""
+        asked = await self._asked_in_pool(job)
+        if asked is None:
+            return None
+        job = asked
         seen = replace(await self._observe(job), kueue=self.queueing is not None)
         if await self._was_behind(seen):
             return job  # the next visit decides by what is known now
@@ -164,6 +180,21 @@ class Reconciler:
         if written is not None and not written.finished and seen.halt is not None:
             await self._stop_gracefully(written)
         return written
+
+    async def _asked_in_pool(self, job: JobView) -> JobView | None:
+        """The job, once it is written which driver it has asked, or that it has pods of its own."""
+        if job.status.get("driver") or _resumes(job) or _follows(job):
+            return job
+        for _ in range(_MOST_ASKED):
+            halted = halt_of(job, self.now()) is not None
+            pool = await self._warm.next_status(job, halted)
+            if pool is None or pool == job.status.get("pool"):
+                break
+            written = await self._write(job, job.status | {"pool": pool})
+            if written is None:
+                return None
+            job = written
+        return job
 
     async def _was_behind(self, seen: Observation) -> bool:
         """Whether the pod whose trouble is about to end the job is another by now, or gone."""
@@ -192,7 +223,7 @@ class Reconciler:
         ending: Ending | None = None
         if driver is None and (job.status.get("driver") or (halt and not is_reported(job))):
             driver, ending = await self._look_for(job, attempt, at_once=halt is not None)
-        elif driver is None and halt is None and not pausing(job, self.now()):
+        elif driver is None and halt is None and self._may_start(job):
             driver, refusal, ending = await self._start(job, attempt)
         if driver is not None:
             seen, driver = driver, await self._refreshed_if_silent(driver)
@@ -203,16 +234,20 @@ class Reconciler:
             ending = ending_of(driver, self.now())
             if ending is None and serves(driver):
                 progress = await self._account_of(driver)
+                ending = has_ended(progress)
         running = driver is not None and ending is None and serves(driver)
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
+    def _may_start(self, job: JobView) -> bool:
+        return not pausing(job, self.now()) and not is_asked_for(job)
+
     async def _looked_up(self, job: JobView, attempt: int) -> Observation | None:
         """The earlier jobs that this one depends on, one at a time; None when they are written."""
-        if job.spec.get("resumeFrom") and not job.status.get("resumedFrom"):
+        if _resumes(job):
             return await self._resumed(job, attempt)
-        if followed_schedule(job) and pinned_baseline(job) is None:
+        if _follows(job):
             return await self._compared(job, attempt)
         return None
 
@@ -251,6 +286,9 @@ class Reconciler:
         left = progress.cases.left if progress is not None and wanting else None
         looked_up = await self._lookout.look(job, attempt, pods, left)
         found = tuple(troubles(pods, self.now(), gone, looked_up))
+        wants = {t.reason for t in found} | ({refusal.reason} if refusal else set())
+        on_nodes = any(pod.unschedulable for pod in pods)
+        self._warm.note_room(job, reasons.QUOTA_EXCEEDED in wants, on_nodes)
         keys = [t.key for t in found] + ([refusal.key] if refusal else [])
         seen_for = self._patience.observe(job.uid, keys, self.monotonic())
         return Observation(
@@ -284,7 +322,7 @@ class Reconciler:
             made = (
                 spec
                 if isinstance(spec, Refusal)
-                else await create_children(self.api, entire, spec, attempt, self.settings, again)
+                else await self._create(entire, spec, attempt, again)
             )
         except UnusableSpecError as error:
             return None, None, _refused(reasons.SPEC_INVALID, error)
@@ -296,6 +334,12 @@ class Reconciler:
         self._refusals.forget(job.uid)
         self.view.put_pod(made)
         return made, None, None
+
+    async def _create(
+        self, entire: JobView, spec: SimulationJobSpec, attempt: int, again: bool
+    ) -> PodView | Refusal:
+        shape = self._warm.shape_to_keep(entire, spec)
+        return await create_children(self.api, entire, spec, attempt, self.settings, again, shape)
 
     async def _place(self, entire: JobView) -> SimulationJobSpec | Refusal:
         """The job's spec, with its pods where its queue wants them if it has one."""
@@ -322,7 +366,7 @@ class Reconciler:
         self, job: JobView, attempt: int, at_once: bool
     ) -> tuple[PodView | None, Ending | None]:
         """A driver that may be there and is not in sight: wait for the watch, then ask."""
-        name = names.driver_name(job.name, attempt)
+        name = driver_name(job.name, attempt, job.status)
         missing_for = self._missing.observe(job.uid, [name], self.monotonic())[name]
         went = next((p for p in self.view.gone_pods(job.uid) if p.name == name), None)
         at_once = at_once or went is not None
@@ -331,7 +375,6 @@ class Reconciler:
         driver = await self._get_pod(job.namespace, name)
         if driver is None or driver.job_uid != job.uid:
             return None, lost_driver(job.namespace, name, went)
-        self.view.put_pod(driver)
         return driver, None
 
     async def _account_of(self, driver: PodView) -> Progress | None:
@@ -361,16 +404,18 @@ class Reconciler:
         if live is None or live.uid != pod.uid:
             self.view.drop_pod(pod)
             return None
-        self.view.put_pod(live)
         return live
 
     async def _get_pod(self, namespace: str, name: str) -> PodView | None:
+        """A pod as the API server has it, which the view has from now on; None for none."""
         try:
-            return PodView.from_object(await self.api.get("pods", namespace, name))
+            pod = PodView.from_object(await self.api.get("pods", namespace, name))
         except ApiError as error:
             if error.status == 404:
                 return None
             raise
+        self.view.put_pod(pod)
+        return self.view.shown(pod)
 
     async def _write(self, job: JobView, status: Json) -> JobView | None:
         """Writes what changed, then reports it; the job as it is now, None when it is gone."""
@@ -438,6 +483,8 @@ class Reconciler:
         for their logs until the job is deleted.
         """
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
+        if pods and self._warm.keeps(job):
+            return
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
             if needs_stop(pod, self.now()):
                 await self._delete(pod)
@@ -473,6 +520,7 @@ class Reconciler:
         self.view.drop_job(job.uid)
 
     def _forget(self, uid: str) -> None:
+        self._warm.forget(uid)
         self.pace.forget(uid)
         self._patience.forget(uid)
         self._missing.forget(uid)
@@ -485,6 +533,16 @@ class Reconciler:
         asked = self._asked.pop(uid, None)
         if asked is not None:
             self.drivers.forget(asked)
+
+
+def _resumes(job: JobView) -> bool:
+    """Whether it is still to be written from which job this one goes on."""
+    return bool(job.spec.get("resumeFrom")) and not job.status.get("resumedFrom")
+
+
+def _follows(job: JobView) -> bool:
+    """Whether it is still to be written with which job this one is compared."""
+    return bool(followed_schedule(job)) and pinned_baseline(job) is None
 
 
 def _backoff_limit(job: JobView) -> int:

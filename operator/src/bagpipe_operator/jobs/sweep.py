@@ -43,8 +43,9 @@ class Sweeper:
     def _is_due(self, job: JobView) -> bool:
         if not job.finished:
             return not rests(job)
-        now = self.now()
-        return expired(job, now) or any(lingers(pod, now) for pod in self.view.pods(job.uid))
+        now, pods = self.now(), self.view.pods(job.uid)
+        waits = bool(job.status.get("pool")) and any(not (p.ended or p.deleting) for p in pods)
+        return expired(job, now) or waits or any(lingers(pod, now) for pod in pods)
 
     def sweep_all(self) -> None:
         """Asks for every job, also those that have ended: a new leader knows of no work done."""

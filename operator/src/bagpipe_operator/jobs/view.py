@@ -17,6 +17,7 @@ from bagpipe_operator.api.nesting import bounded
 from bagpipe_operator.api.objects import Json, is_older
 from bagpipe_operator.api.runs import schedule_of
 from bagpipe_operator.cluster.large_objects import TRIMMED, is_large
+from bagpipe_operator.jobs.claim import Claim, driver_name, taken
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,7 @@ class PodView:
     claims: tuple[str, ...] = ()  # PersistentVolumeClaims that it mounts
     disruption: Disruption | None = None
     node_silent: bool = False  # the node does not report, whatever the pod is doing
+    shape: str = ""  # of a driver that waits for another job: what that one must have alike
 
     @property
     def deleting(self) -> bool:
@@ -110,6 +112,7 @@ class PodView:
             claims=_claims(pod.get("spec") or {}),
             disruption=_disruption(status),
             node_silent=_node_silent(status),
+            shape=(meta.get("annotations") or {}).get(names.ANNOTATION_SHAPE, ""),
         )
 
 
@@ -267,6 +270,9 @@ class View:
         self._jobs: dict[str, JobView] = {}
         self._pods: dict[str, dict[tuple[str, str], PodView]] = {}
         self._gone: dict[str, deque[PodView]] = {}
+        # The jobs that run, or have run, in the pods that were made for another job, by its UID.
+        self._guests: dict[str, set[str]] = {}
+        self._pooled: set[str] = set()
 
     def job(self, uid: str) -> JobView | None:
         """The job, or None when it is gone or was never seen."""
@@ -291,10 +297,61 @@ class View:
 
         Labels are anybody's to write: a pod of another namespace is nobody's, whatever it says.
         And a driver's token may write any UID, but no other job's name.
+        Pods that run another job are that one's, and look as if they had been made for it.
         """
         job, pods = self._jobs.get(job_uid), self._pods.get(job_uid, {})
-        found = (pods[key] for key in sorted(pods))
-        return tuple(pod for pod in found if job is None or _is_of(job, pod))
+        found = [pods[key] for key in sorted(pods)]
+        own = [pod for pod in found if job is None or _is_of(job, pod)]
+        claim = self._guest_claim(job_uid)
+        if claim is not None:
+            own = [pod for pod in own if pod.attempt != claim.attempt]
+        return (*own, *self._taken_over(job))
+
+    def _taken_over(self, job: JobView | None) -> list[PodView]:
+        """The pods that a job has from another one."""
+        claim = taken(job.status) if job is not None else None
+        if job is None or claim is None or self.user_of(claim.uid, claim.attempt) != job.uid:
+            return []
+        pods = self._pods.get(claim.uid, {})
+        return [
+            _as_of(job, pods[key])
+            for key in sorted(pods)
+            if _is_lent(claim, job.namespace, pods[key])
+        ]
+
+    def user_of(self, job_uid: str, attempt: int) -> str:
+        """Whose the pods are that were made for a job's attempt: its own, or of the last guest."""
+        claim = self._guest_claim(job_uid)
+        if claim is None or claim.attempt != attempt:
+            return job_uid
+        return self._last_guest(job_uid).uid
+
+    def _guest_claim(self, job_uid: str) -> Claim | None:
+        if not self._guests.get(job_uid):
+            return None
+        return taken(self._last_guest(job_uid).status)
+
+    def _last_guest(self, job_uid: str) -> JobView:
+        """One that has not ended comes before those that have, of which the last one counts."""
+        guests = [self._jobs[uid] for uid in self._guests[job_uid]]
+        ends = [(not job.finished, job.status.get("completionTime") or "") for job in guests]
+        return max(zip(ends, guests, strict=True), key=lambda pair: (pair[0], pair[1].uid))[1]
+
+    def has_guest(self, job_uid: str) -> bool:
+        """Whether another job, which has not ended, runs in a job's pods."""
+        return bool(self._guests.get(job_uid)) and not self._last_guest(job_uid).finished
+
+    def pooled(self) -> list[JobView]:
+        """The jobs whose status names a pool."""
+        return [self._jobs[uid] for uid in sorted(self._pooled)]
+
+    def shown(self, pod: PodView) -> PodView:
+        """A pod as it came from the API server, as that of the job that it runs."""
+        user = self._jobs.get(self.user_of(pod.job_uid, pod.attempt))
+        claim = taken(user.status) if user is not None else None
+        if user is None or claim is None or user.uid == pod.job_uid:
+            return pod
+        return _as_of(user, pod) if _is_lent(claim, user.namespace, pod) else pod
 
     def all_pods(self) -> Iterator[PodView]:
         """The pods of all jobs."""
@@ -306,7 +363,7 @@ class View:
         A copy has another name, and its end and its troubles are not the job's.
         """
         job = self._jobs.get(job_uid)
-        own = names.driver_name(job.name, attempt) if job is not None else None
+        own = driver_name(job.name, attempt, job.status) if job is not None else None
         return tuple(
             pod
             for pod in self.pods(job_uid)
@@ -329,11 +386,30 @@ class View:
             return False
         if job.finished:
             self._gone.pop(job.uid, None)
+        self._leave_pool(job.uid)
         self._jobs[job.uid] = job.kept()
+        self._enter_pool(job)
         return True
+
+    def _enter_pool(self, job: JobView) -> None:
+        if job.status.get("pool"):
+            self._pooled.add(job.uid)
+        if (claim := taken(job.status)) is not None:
+            self._guests.setdefault(claim.uid, set()).add(job.uid)
+
+    def _leave_pool(self, uid: str) -> None:
+        known = self._jobs.get(uid)
+        self._pooled.discard(uid)
+        claim = taken(known.status) if known is not None else None
+        if claim is not None:
+            guests = self._guests[claim.uid]
+            guests.discard(uid)
+            if not guests:
+                del self._guests[claim.uid]
 
     def drop_job(self, uid: str) -> None:
         """Forgets a job; its pods are forgotten when their own deletion arrives."""
+        self._leave_pool(uid)
         self._jobs.pop(uid, None)
         self._gone.pop(uid, None)
 
@@ -366,17 +442,39 @@ class View:
 
     def drop_pod(self, pod: PodView) -> None:
         """Takes a pod away, unless another of the same name has taken its place."""
-        pods = self._pods.get(pod.job_uid, {})
+        made_for, pods = self._group_of(pod)
         known = pods.get((pod.namespace, pod.name))
         if known and known.uid == pod.uid:
             del pods[pod.namespace, pod.name]
-            job = self._jobs.get(pod.job_uid)
-            if job is not None and not job.finished and _is_of(job, pod):
-                gone = self._gone.setdefault(pod.job_uid, deque(maxlen=MOST_GONE_PODS))
-                gone.append(pod)
+            shown = self.shown(known)
+            job = self._jobs.get(shown.job_uid)
+            if job is not None and not job.finished and _is_of(job, shown):
+                gone = self._gone.setdefault(job.uid, deque(maxlen=MOST_GONE_PODS))
+                gone.append(replace(pod, job_uid=job.uid, job=job.name, attempt=shown.attempt))
         if not pods:
-            self._pods.pop(pod.job_uid, None)
+            self._pods.pop(made_for, None)
+
+    def _group_of(self, pod: PodView) -> tuple[str, dict[tuple[str, str], PodView]]:
+        """Where a pod is kept: by the job that it was made for, whichever it runs."""
+        job = self._jobs.get(pod.job_uid)
+        claim = taken(job.status) if job is not None else None
+        own = self._pods.get(pod.job_uid, {})
+        if claim is None or (pod.namespace, pod.name) in own:
+            return pod.job_uid, own
+        return claim.uid, self._pods.get(claim.uid, {})
 
 
 def _is_of(job: JobView, pod: PodView) -> bool:
     return (pod.namespace, pod.job) == (job.namespace, job.name)
+
+
+def _is_lent(claim: Claim, namespace: str, pod: PodView) -> bool:
+    """Whether a pod is one of those that a claim is for."""
+    made_for = (pod.namespace, pod.job_uid, pod.job, pod.attempt)
+    is_another = pod.role == names.ROLE_DRIVER and pod.uid != claim.driver
+    return made_for == (namespace, claim.uid, claim.job, claim.attempt) and not is_another
+
+
+def _as_of(job: JobView, pod: PodView) -> PodView:
+    """A pod that a job has taken over, as if it had been made for the job's first attempt."""
+    return replace(pod, job_uid=job.uid, job=job.name, attempt=1)

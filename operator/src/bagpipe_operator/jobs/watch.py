@@ -56,7 +56,7 @@ class Watch:
             self.view.drop_pod(pod)
         elif not self.view.put_pod(pod):
             return  # nothing that is decided on has changed
-        self.queue.add(pod.job_uid)
+        self.queue.add(self.view.user_of(pod.job_uid, pod.attempt))
 
 
 class NoDiffBase(kopf.DiffBaseStorage):

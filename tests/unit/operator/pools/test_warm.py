@@ -8,12 +8,12 @@ import pytest
 
 from bagpipe_operator.jobs.pools.warm import (
     Cold,
+    Crowd,
     Pooling,
     WarmDriver,
     Wish,
     chosen,
     leaving,
-    may_wait,
 )
 from tests.unit.operator.builders import START
 
@@ -86,21 +86,14 @@ def test_of_several_the_one_that_waited_shortest_is_taken_and_uids_settle_the_re
     assert choice(warm("a", shape="shape-2", idle_since=after(10)), warm("b")) == "b"
 
 
-def test_so_many_wait_in_a_namespace_and_no_more() -> None:
-    ended = warm("d", idle_since=None)
-    elsewhere = [warm(f"e{n}", namespace="depths") for n in range(9)]
-    busy = [warm(f"b{n}", idle_since=None) for n in range(9)]
-    assert may_wait(ended, [ended, *elsewhere, *busy, warm("a")], POOLING)
-    assert not may_wait(ended, [ended, warm("a"), warm("b")], POOLING)
-    assert not may_wait(ended, [ended, warm("a"), warm("b"), warm("c")], POOLING)
-    assert may_wait(warm("d"), [warm("d"), warm("a")], POOLING)  # it is not its own neighbour
-    assert not may_wait(ended, [], replace(POOLING, per_namespace=0))
-    assert not may_wait(ended, [], replace(POOLING, enabled=False))
-    assert not may_wait(warm("d", leaving=True), [], POOLING)
+LANES = Crowd("lanes", after(30))
 
 
 def ends(
-    *drivers: WarmDriver, crowded: tuple[str, ...] = (), pooling: Pooling = POOLING, at: float = 20
+    *drivers: WarmDriver,
+    crowded: tuple[Crowd, ...] = (),
+    pooling: Pooling = POOLING,
+    at: float = 20,
 ) -> list[tuple[str, str]]:
     return [(d.uid, why) for d, why in leaving(drivers, crowded, pooling, after(at))]
 
@@ -112,12 +105,23 @@ def test_a_driver_waits_in_peace_while_it_may() -> None:
 def test_a_driver_that_has_a_job_or_ends_already_is_never_ended() -> None:
     off = replace(POOLING, enabled=False, per_namespace=0)
     busy = [warm("a", idle_since=None), warm("b", leaving=True)]
-    assert ends(*busy, crowded=("lanes",), pooling=off, at=9999) == []
+    assert ends(*busy, crowded=(LANES,), pooling=off, at=9999) == []
 
 
 def test_where_a_job_waits_for_room_waiting_drivers_make_it() -> None:
     drivers = [warm("a"), warm("b", namespace="depths")]
-    assert ends(*drivers, crowded=("lanes",)) == [("a", "RoomNeeded")]
+    assert ends(*drivers, crowded=(LANES,)) == [("a", "RoomNeeded")]
+
+
+def test_a_job_that_no_node_has_room_for_ends_those_that_wait_when_it_begins_to() -> None:
+    """And none that waits later: else one job that no node can hold would end the pools of all."""
+    drivers = [warm("a", idle_since=after(9)), warm("b", idle_since=after(9.5))]
+    nodes = Crowd("depths", after(9), on_nodes=True)
+    assert ends(*drivers, crowded=(nodes,)) == [("a", "RoomNeeded")]
+    assert ends(*drivers, crowded=(replace(nodes, on_nodes=False),)) == []
+    assert ends(*drivers, crowded=(replace(nodes, namespace="lanes"),)) == [
+        ("a", "RoomNeeded"), ("b", "RoomNeeded"),
+    ]  # fmt: skip
 
 
 def test_one_that_has_not_ended_by_itself_is_ended_half_a_minute_late() -> None:
@@ -127,7 +131,7 @@ def test_one_that_has_not_ended_by_itself_is_ended_half_a_minute_late() -> None:
 
 def test_where_pools_were_switched_off_all_that_wait_end() -> None:
     off = replace(POOLING, enabled=False)
-    assert ends(warm("a"), crowded=("lanes",), pooling=off) == [("a", "PoolsOff")]
+    assert ends(warm("a"), crowded=(LANES,), pooling=off) == [("a", "PoolsOff")]
 
 
 def test_too_many_in_a_namespace_end_those_first_that_waited_longest() -> None:

@@ -1,31 +1,42 @@
 """`python -m bagpipe.driver --job /etc/bagpipe/job.json`: the driver pod's only process."""
 
 import argparse
+import hashlib
 import json
 import logging
 import os
 import signal
 import sys
+from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 from pathlib import Path
 
+from pydantic import ValidationError
 from pyspark import SparkConf, SparkContext
 
 from bagpipe.driver.cases_on_spark import run_cases
+from bagpipe.driver.in_turn import work_in_turn
 from bagpipe.driver.job import Interruption, Place, ended, job_of, run
 from bagpipe.driver.keep import Keeper
+from bagpipe.driver.kept_spark import KeptSpark, Settings
 from bagpipe.driver.metrics import DriverMetrics
+from bagpipe.driver.own_claim import StillClaimed, claim_of
 from bagpipe.driver.own_pods import Looking, pods_of
 from bagpipe.driver.progress import Progress
-from bagpipe.driver.progress_server import serve_progress
+from bagpipe.driver.progress_server import Account, serve_progress
 from bagpipe.driver.results import results_uri
-from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
+from bagpipe.driver.seat import Offer, Seat
+from bagpipe.driver.spark_context import CLASS_ARCHIVE, FEW_CASES, DriverPod, spark_settings
+from bagpipe.installed import InstallationError
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import RunContext
 from bagpipe.spec import JobFile
 
 PROGRESS_PORT = 8080
 _TERMINATION_LOG = Path("/dev/termination-log")
+# Copies of cases that have an answer are ended within this time, or the driver ends.
+_SETTLE_SECONDS = 5.0
 
 log = logging.getLogger("bagpipe.driver")
 
@@ -33,31 +44,114 @@ log = logging.getLogger("bagpipe.driver")
 def main(arguments: list[str] | None = None) -> int:
     """Run a job to its end; 0 when it is Complete, 1 when it Failed.
 
-    Raises SystemExit with status 143 when SIGTERM has interrupted it, 75 when Spark is gone, and
-    with a sentence where the job can't be read.
+    In a pool the driver then waits for further jobs, and the last one counts. Raises SystemExit
+    with status 143 when SIGTERM has interrupted a job, 75 when Spark is gone, and with a sentence
+    where the job can't be read.
     """
     parser = argparse.ArgumentParser(prog="bagpipe.driver", description=__doc__)
     parser.add_argument("--job", type=Path, required=True, help="the job.json of the operator")
     options = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s %(message)s")
     logging.getLogger("py4j").setLevel(logging.WARNING)
-    job = job_of(options.job)
-    progress = progress_of(job)
-    metrics = DriverMetrics(progress, job)
-    server = serve_progress(progress, metrics.registry, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
-    interruption = Interruption()
-    signal.signal(signal.SIGTERM, interruption)
+    driver = Driver(job_of(options.job), os.environ)
+    signal.signal(signal.SIGTERM, driver.interruption)
+    server = serve_progress(driver.account, "0.0.0.0", PROGRESS_PORT)  # noqa: S104  the operator asks by the pod's address
     try:
-        complete = ended(
-            progress, lambda: run(job, progress, Cluster(), interruption, metrics.count)
-        )
+        driver.work()
     finally:
-        message = progress.termination_message()
-        log.info("%s", message)
-        if _TERMINATION_LOG.exists():
-            _TERMINATION_LOG.write_text(message)
         server.shutdown()
-    return 0 if complete else 1
+    return 0 if driver.complete else 1
+
+
+class Driver:
+    """One pod's work: the job that the pod was made for, and those that come after it."""
+
+    def __init__(self, job: JobFile, environment: Mapping[str, str]) -> None:
+        self.job = job
+        self.interruption = Interruption()
+        self.complete = False
+        self._spark = KeptSpark(_start_spark)
+        self._uid = environment.get("BAGPIPE_POD_UID", "")
+        self._idle_seconds = float(environment.get("BAGPIPE_POOL_IDLE_SECONDS") or 0)
+        look_up = partial(claim_of, job.namespace)
+        self._look_up = look_up
+        self._seat = Seat(self._uid, job.namespace, self._idle_seconds, look_up)
+        self._seat.begin(job)
+        progress = progress_of(job)
+        self._metrics = DriverMetrics(progress, job)
+        self.account = Account(progress, self._metrics.registry)
+        if self.waits:
+            self.account.offered = self._offered
+
+    @property
+    def waits(self) -> bool:
+        """Whether it waits for further jobs."""
+        return self._idle_seconds > 0
+
+    def work(self) -> None:
+        """Bring one job after the other to its end. Raises SystemExit."""
+        try:
+            work_in_turn(self._seat, self._work_on, self.interruption, self._leave)
+        finally:
+            self._spark.end()
+
+    def _offered(self, description: bytes) -> str:
+        """Whether this driver runs the job of that job.json."""
+        try:
+            job = JobFile.model_validate_json(description)
+        except (ValidationError, InstallationError) as error:
+            log.warning("what was offered is no job: %s", error)
+            return "refused"
+        answer = self._seat.offer(Offer(job, hashlib.sha256(description).hexdigest()))
+        log.info("job %s/%s was offered: %s", job.namespace, job.name, answer)
+        return answer
+
+    def _work_on(self, job: JobFile) -> bool:
+        """Bring a job to its end; whether the driver may take another one."""
+        if job is not self.job:
+            self._show(job)
+        progress, place = self.account.progress, Cluster(self._spark, self.job, self.waits)
+        try:
+            with self._claimed(job):
+                self.complete = ended(
+                    progress,
+                    lambda: run(job, progress, place, self.interruption, self._metrics.count),
+                )
+        finally:
+            message = progress.termination_message()
+            log.info("%s", message)
+            _leave_word(message)
+        return self.waits and self.complete and self._spark.settles(_SETTLE_SECONDS)
+
+    def _show(self, job: JobFile) -> None:
+        """What is served and left behind is of this job from here on."""
+        log.info("the next job is %s/%s", job.namespace, job.name)
+        # How the job before it ended is no account of this one, whatever ends the pod.
+        _leave_word("")
+        self.complete = False
+        progress = progress_of(job)
+        self._metrics = DriverMetrics(progress, job)
+        self.account.progress, self.account.registry = progress, self._metrics.registry
+
+    def _leave(self) -> None:
+        """Who asks learns from the account that the job has ended."""
+        self.account.progress.close()
+
+    def _claimed(self, job: JobFile) -> AbstractContextManager[object]:
+        if job is self.job:
+            return nullcontext()  # its pods go with it
+        return StillClaimed(job, self._uid, self._look_up)
+
+
+def _leave_word(message: str) -> None:
+    """What the pod's status says when its container has ended."""
+    if _TERMINATION_LOG.exists():
+        _TERMINATION_LOG.write_text(message)
+
+
+def _start_spark(settings: Settings) -> SparkContext:
+    log.info("Spark settings: %s", json.dumps(settings, sort_keys=True))
+    return SparkContext(conf=SparkConf().setAll(list(settings.items())))
 
 
 def progress_of(job: JobFile) -> Progress:
@@ -67,30 +161,35 @@ def progress_of(job: JobFile) -> Progress:
 
 
 class Cluster(Place):
-    """In executors of Kubernetes."""
+    """In executors of Kubernetes, which have the labels of the job that the pod was made for."""
+
+    def __init__(self, spark: KeptSpark, made_for: JobFile, stays: bool) -> None:
+        super().__init__()
+        self._spark, self._made_for, self._stays = spark, made_for, stays
 
     def run_cases(self, job: JobFile, cases: list[Case], keeper: Keeper) -> None:
-        """Run the cases; Spark is gone when this returns."""
+        """Run the cases; unless it stays for another job, Spark is gone when this returns."""
         pod = DriverPod(
             name=os.environ["BAGPIPE_POD_NAME"],
             namespace=os.environ["BAGPIPE_NAMESPACE"],
             address=os.environ["BAGPIPE_POD_IP"],
             has_archive=Path(CLASS_ARCHIVE).exists(),
         )
-        settings = spark_settings(job, pod, len(cases))
-        log.info("Spark settings: %s", json.dumps(settings, sort_keys=True))
+        # A Spark that stays is started alike for every job, whatever the number of its cases.
+        count = min(len(cases), FEW_CASES) if self._stays else len(cases)
+        settings = spark_settings(job, pod, count)
         context = RunContext(
             job=f"{job.namespace}/{job.name}",
             spec=job.spec,
             volumes=job.volumes,
             results=results_uri(job),
         )
-        spark = SparkContext(conf=SparkConf().setAll(list(settings.items())))
         try:
-            with Looking(partial(pods_of, pod.namespace, job.uid), self.seen):
-                run_cases(spark, cases, context, keeper)
+            with Looking(partial(pods_of, pod.namespace, self._made_for.uid), self.seen):
+                run_cases(self._spark.of(settings), cases, context, keeper)
         finally:
-            spark.stop()
+            if not self._stays:
+                self._spark.end()
 
 
 if __name__ == "__main__":

@@ -4,21 +4,17 @@ A tag may have moved between two executors of one job, so all pods are looked at
 at the end. The driver may list the pods of its namespace, which Spark needs too; nodes it may not.
 """
 
-import json
 import logging
-import ssl
 import threading
-import urllib.request
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any, Self
 from urllib.parse import quote, urlencode
 
-API_SERVER = "https://kubernetes.default.svc"
-_ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
+from bagpipe.driver.api_server import ACCOUNT, API_SERVER, get_json
+
 _UID_LABEL = "sim.bagpipe.io/job-uid"
 _LOOK_SECONDS = 60.0
-_PATIENCE_SECONDS = 10.0
 _PAGE = 500
 _MOST_IMAGES = 100
 
@@ -64,22 +60,15 @@ def _plain(digest: str) -> str:
 
 
 def pods_of(
-    namespace: str, uid: str, server: str = API_SERVER, account: Path = _ACCOUNT
+    namespace: str, uid: str, server: str = API_SERVER, account: Path = ACCOUNT
 ) -> list[Json]:
     """All pods of a job. Raises OSError, and ValueError for an answer that is none."""
-    tls = ssl.create_default_context(cafile=str(account / "ca.crt")) if "https" in server else None
-    # No proxy of the environment: this is the cluster's own server.
-    handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=tls)]
-    opener = urllib.request.build_opener(*handlers)
-    token = (account / "token").read_text().strip()
     found: list[Json] = []
     more = ""
     while True:
         asked = {"labelSelector": f"{_UID_LABEL}={uid}", "limit": _PAGE, "continue": more}
-        url = f"{server}/api/v1/namespaces/{quote(namespace)}/pods?{urlencode(asked)}"
-        request = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"})  # noqa: S310  our own server
-        with opener.open(request, timeout=_PATIENCE_SECONDS) as answer:
-            page = json.load(answer)
+        path = f"/api/v1/namespaces/{quote(namespace)}/pods?{urlencode(asked)}"
+        page = get_json(path, server, account)
         found += page["items"]
         more = (page.get("metadata") or {}).get("continue") or ""
         if not more:

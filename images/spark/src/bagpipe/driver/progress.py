@@ -49,6 +49,8 @@ class Progress:
     # Seconds since 1970: when this driver began, and when it first saw the job at its end.
     began: float = field(default_factory=time.time)
     ended: float | None = None
+    # Whether the driver has done with the job and waits for another one.
+    is_closed: bool = False
     _outcomes: Counter[str] = field(default_factory=Counter)
     # Of the cases that are not in quarantine.
     _counting: Counter[str] = field(default_factory=Counter)
@@ -190,6 +192,11 @@ class Progress:
         with self._lock:
             self.running, self.reason, self.message = 0, "SparkGone", message
 
+    def close(self) -> None:
+        """The job has ended, and its driver has not: who asks learns the end from the account."""
+        with self._lock:
+            self.is_closed = True
+
     def fail(self, reason: str, message: str) -> None:
         """End the job for a fault of the whole, such as storage that can't be written."""
         with self._lock:
@@ -208,6 +215,7 @@ class Progress:
                 "uid": self.uid,
                 "attempt": self.attempt,
                 "phase": self.phase,
+                "ended": self.is_closed,
                 "reason": self.reason,
                 "message": self.message,
                 "warning": self.warning,

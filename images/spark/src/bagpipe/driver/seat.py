@@ -69,6 +69,12 @@ class Seat:
         self._closed = False
         self._until = monotonic() + idle_seconds
 
+    def begin(self, job: JobFile) -> None:
+        """The job that the driver's pod was made for, which needs no claim."""
+        with self._changed:
+            self._current = Offer(job, "")
+            self._met.add(self._current.key)
+
     def offer(self, offer: Offer) -> Answer:
         """Whether the driver runs the job, or has run it; `unknown` may be asked again.
 

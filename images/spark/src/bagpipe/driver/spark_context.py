@@ -19,7 +19,7 @@ _MEBIBYTE = 1 << 20
 # compiler earns what that costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
 # So many cases were measured; a job of more may earn it.
-_FEW_CASES = 3_000
+FEW_CASES = 3_000
 # Made with the image (images/spark/class_archive.py). A JVM that can't use the archive that it
 # is given uses not even Java's own, so only one that can is given it.
 CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
@@ -58,7 +58,7 @@ def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     settings = _where(job, pod) | _size(job) | _width(job.spec.spark, cases)
     settings |= _endurance() | _leaving(job) | _speculation(job)
     own = settings["spark.driver.extraJavaOptions"].split()
-    quick = [QUICK_JVM] if cases <= _FEW_CASES else []
+    quick = [QUICK_JVM] if cases <= FEW_CASES else []
     archived = [f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"] if pod.has_archive else []
     heap, _ = memory_split(job.spec.spark.executor.resources)
     fits = archived if heap < _ARCHIVED_HEAP_MEBIBYTES else []

@@ -108,6 +108,8 @@ class Progress(_Model):
     uid: Word = ""
     attempt: Count = 0
     phase: Literal["Planning", "Running", "Complete", "Failed"]
+    # Whether the driver has ended the job and waits for another one.
+    ended: bool = False
     reason: Word = ""
     message: Sentence = ""
     warning: Sentence = ""  # a trouble of the driver's that may pass

@@ -30,14 +30,16 @@ async def create_children(
     attempt: int,
     settings: Settings,
     again: bool = False,
+    shape: str = "",
 ) -> PodView | Refusal:
     """The attempt's driver, created now or found to exist already.
 
     `again`: it was refused before, so its ConfigMap is looked for first. It is looked at each time,
     since it could have been replaced by another's while there was no room for the driver.
+    `shape`: of the pods, where they are to wait for another job afterwards.
     Raises UnusableSpecError, JobTooLargeError, and ApiError for faults that may pass.
     """
-    _check_allowed(spec, settings)
+    check_allowed(spec, settings)
     config = job_config(job, spec, attempt, settings)
     what = "an executor's pod"
     try:
@@ -47,7 +49,7 @@ async def create_children(
         made = made or await _create_or_find(api, job, "configmaps", config)
         if isinstance(made, Refusal):
             return made
-        pod = driver_pod(job, spec, attempt, settings, config["metadata"]["name"])
+        pod = driver_pod(job, spec, attempt, settings, config["metadata"]["name"], shape)
         made = await _create_or_find(api, job, "pods", pod)
     except ApiError as error:
         refusal = _refusal_of(error, job, what)
@@ -57,7 +59,7 @@ async def create_children(
     return made if isinstance(made, Refusal) else PodView.from_object(made)
 
 
-def _check_allowed(spec: SimulationJobSpec, settings: Settings) -> None:
+def check_allowed(spec: SimulationJobSpec, settings: Settings) -> None:
     """Refuses what this installation's administrator lets no job do."""
     if evaluator_config_maps(spec) and not settings.own_evaluators:
         raise UnusableSpecError(

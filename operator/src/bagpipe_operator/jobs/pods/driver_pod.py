@@ -19,10 +19,21 @@ SPARK_USER = "bagpipe"
 
 
 def driver_pod(
-    job: JobView, spec: SimulationJobSpec, attempt: int, settings: Settings, config: str
+    job: JobView,
+    spec: SimulationJobSpec,
+    attempt: int,
+    settings: Settings,
+    config: str,
+    shape: str = "",
 ) -> Json:
-    """The manifest of one attempt's driver, which reads the ConfigMap of that name."""
+    """The manifest of one attempt's driver, which reads the ConfigMap of that name.
+
+    With a shape it waits for another job of that shape when its own is Complete.
+    """
     pod = spec.spark.driver.pod
+    annotations = {names.ANNOTATION_SHAPE: shape} if shape else {}
+    if settings.scrape_annotations:
+        annotations |= names.scraped(names.PROGRESS_PORT)
     labels = names.labels(job.name, job.uid, names.ROLE_DRIVER, attempt)
     return {
         "apiVersion": "v1",
@@ -33,7 +44,7 @@ def driver_pod(
             **pod_parts.metadata(
                 pod,
                 labels | names.queue_label(spec.queue_name),
-                names.scraped(names.PROGRESS_PORT) if settings.scrape_annotations else {},
+                annotations,
             ),
             "ownerReferences": [names.owner_reference(job.name, job.uid)],
         },
@@ -47,7 +58,7 @@ def driver_pod(
             "automountServiceAccountToken": False,
             "enableServiceLinks": False,
             "securityContext": pod_parts.groups(pod, settings.fixed_users),
-            "containers": [_container(spec, settings)],
+            "containers": [_container(spec, settings, waits=bool(shape))],
             "volumes": [
                 {"name": "config", "configMap": {"name": config}},
                 pod_parts.TOKEN_VOLUME,
@@ -59,7 +70,7 @@ def driver_pod(
     }
 
 
-def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
+def _container(spec: SimulationJobSpec, settings: Settings, waits: bool) -> Json:
     resources = spec.spark.driver.resources
     return {
         "name": names.CONTAINER_DRIVER,
@@ -75,6 +86,7 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             # Else Spark takes the HADOOP_USER_NAME of a Secret, and writes it into executors' pods.
             {"name": "SPARK_USER", "value": SPARK_USER},
             *host_environment(settings),
+            *(_waiting(settings) if waits else []),
         ],
         "envFrom": secret_environment(spec),
         "ports": [{"name": "progress", "containerPort": names.PROGRESS_PORT}],
@@ -92,6 +104,14 @@ def _container(spec: SimulationJobSpec, settings: Settings) -> Json:
             *pod_parts.own_mounts(spec.spark.driver.volume_mounts),
         ],
     }
+
+
+def _waiting(settings: Settings) -> list[Json]:
+    """By what the driver knows itself in a job's claim, and how long it waits for one."""
+    return [
+        _downward("BAGPIPE_POD_UID", "metadata.uid"),
+        {"name": "BAGPIPE_POOL_IDLE_SECONDS", "value": f"{settings.pool_idle_seconds:g}"},
+    ]
 
 
 def _downward(name: str, field: str) -> Json:

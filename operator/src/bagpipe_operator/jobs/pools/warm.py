@@ -34,6 +34,8 @@ class Wish:
     shape: str
     pulls: bool = False
     queue: str = ""
+    brings_code: bool = False
+    """Whether it has an evaluator of its own, which a worker that runs has loaded for good."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def chosen(
 
     Of several the one that has waited shortest: the others come to their end.
     """
-    if (cold := _forbidden(wish, pooling)) is not None:
+    if (cold := forbidden(wish, pooling)) is not None:
         return cold
     place = (wish.namespace, wish.pool)
     waiting = [d for d in drivers if d.waits and (d.namespace, d.pool) == place]
@@ -91,7 +93,8 @@ def chosen(
     return min(staying, key=lambda d: (-_left(d, pooling, now), d.uid))
 
 
-def _forbidden(wish: Wish, pooling: Pooling) -> Cold | None:
+def forbidden(wish: Wish, pooling: Pooling) -> Cold | None:
+    """Why no driver of another job will do, nor this one's for another, whichever there are."""
     if not pooling.enabled:
         return Cold(
             "PoolsOff",
@@ -108,27 +111,33 @@ def _forbidden(wish: Wish, pooling: Pooling) -> Cold | None:
             "An image's pull policy is Always, and a driver that waits would not ask for it again: "
             "write IfNotPresent and a tag that does not move.",
         )
+    if wish.brings_code:
+        return Cold(
+            "OwnEvaluator",
+            "The job has an evaluator of its own, and executors that wait may have loaded another.",
+        )
     return None
 
 
-def may_wait(driver: WarmDriver, others: Iterable[WarmDriver], pooling: Pooling) -> bool:
-    """Whether a driver whose job has ended may wait for another job."""
-    if not pooling.enabled or driver.leaving:
-        return False
-    neighbours = [d for d in others if d.namespace == driver.namespace and d.uid != driver.uid]
-    return sum(d.waits for d in neighbours) < pooling.per_namespace
+@dataclass(frozen=True)
+class Crowd:
+    """A job that waits for room."""
+
+    namespace: str
+    since: datetime
+    on_nodes: bool = False
+    """Whether a node's room is lacking, which any namespace's pods may have; else a quota's."""
 
 
 Leave = Literal["PoolsOff", "IdleTooLong", "RoomNeeded", "TooMany"]
 
 
 def leaving(
-    drivers: Iterable[WarmDriver], crowded: Collection[str], pooling: Pooling, now: datetime
+    drivers: Iterable[WarmDriver], crowded: Collection[Crowd], pooling: Pooling, now: datetime
 ) -> list[tuple[WarmDriver, Leave]]:
     """The drivers that wait no longer, with the reason, those that waited longest first.
 
-    `crowded` are the namespaces where a job's pods wait for room: a quota's or a node's. No driver
-    that has a job is among them.
+    No driver that has a job is among them.
     """
     found: list[tuple[WarmDriver, Leave]] = []
     kept: dict[str, int] = defaultdict(int)
@@ -146,13 +155,21 @@ def leaving(
 
 
 def _why(
-    driver: WarmDriver, crowded: Collection[str], pooling: Pooling, now: datetime
+    driver: WarmDriver, crowded: Collection[Crowd], pooling: Pooling, now: datetime
 ) -> Leave | None:
     if not pooling.enabled:
         return "PoolsOff"
-    if driver.namespace in crowded:
+    if any(_gives_room(driver, crowd) for crowd in crowded):
         return "RoomNeeded"
     return "IdleTooLong" if _left(driver, pooling, now) <= -_LATE_SECONDS else None
+
+
+def _gives_room(driver: WarmDriver, crowd: Crowd) -> bool:
+    """A job that lacks room for ever, since no node is so large, ends only those that wait when it
+    begins to: else one tenant's mistake would end the pools of all."""
+    if driver.namespace == crowd.namespace:
+        return True
+    return crowd.on_nodes and driver.idle_since is not None and driver.idle_since <= crowd.since
 
 
 def _left(driver: WarmDriver, pooling: Pooling, now: datetime) -> float:

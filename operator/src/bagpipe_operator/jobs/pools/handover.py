@@ -10,25 +10,14 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Literal
 
+from bagpipe_operator.jobs.claim import Claim
 from bagpipe_operator.jobs.pools.warm import HANDOVER_SECONDS
 
-State = Literal["offered", "taken", "fenced"]
 # What the driver answered, or that its pod is no more.
 Received = Literal["taken", "ended", "refused", "silent", "gone"]
 # What is to be done: offer the job again, leave the driver to it, delete the driver's pod, make
 # pods of the job's own, replace the driver as that of any job, or read how the job ended.
 Act = Literal["offer", "run", "delete", "cold", "replace", "read"]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """A job's claim to a driver."""
-
-    driver: str
-    """The UID of the driver's pod."""
-
-    since: datetime
-    state: State = "offered"
 
 
 @dataclass(frozen=True)
@@ -46,14 +35,14 @@ def step(claim: Claim, received: Received, now: datetime) -> Step:
     same, since its answer may come from before.
     """
     if received == "ended":
-        return Step(None, "read")
-    if claim.state == "taken":
+        return Step(replace(claim, state="Taken"), "read")
+    if claim.state == "Taken":
         return Step(None, "replace") if received == "gone" else Step(claim, "run")
     if received in {"refused", "gone"}:
         return Step(None, "cold")
     late = received == "silent" and (now - claim.since).total_seconds() >= HANDOVER_SECONDS
-    if claim.state == "fenced" or late:
-        return Step(replace(claim, state="fenced"), "delete")
+    if claim.state == "Fenced" or late:
+        return Step(replace(claim, state="Fenced"), "delete")
     if received == "taken":
-        return Step(replace(claim, state="taken"), "run")
+        return Step(replace(claim, state="Taken"), "run")
     return Step(claim, "offer")

@@ -4,25 +4,26 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from bagpipe_operator.jobs.pools.claim import Act, Claim, Received, State, Step, step
+from bagpipe_operator.jobs.claim import Claim, State
+from bagpipe_operator.jobs.pools.handover import Act, Received, Step, step
 from tests.unit.operator.builders import START
 
 STEPS: list[tuple[State, Received, State | None, Act]] = [
-    ("offered", "taken", "taken", "run"),
-    ("offered", "ended", None, "read"),
-    ("offered", "refused", None, "cold"),
-    ("offered", "gone", None, "cold"),
-    ("offered", "silent", "offered", "offer"),
-    ("taken", "taken", "taken", "run"),
-    ("taken", "ended", None, "read"),
-    ("taken", "silent", "taken", "run"),
-    ("taken", "refused", "taken", "run"),
-    ("taken", "gone", None, "replace"),
-    ("fenced", "ended", None, "read"),
-    ("fenced", "silent", "fenced", "delete"),
-    ("fenced", "taken", "fenced", "delete"),
-    ("fenced", "refused", None, "cold"),
-    ("fenced", "gone", None, "cold"),
+    ("Offered", "taken", "Taken", "run"),
+    ("Offered", "ended", "Taken", "read"),
+    ("Offered", "refused", None, "cold"),
+    ("Offered", "gone", None, "cold"),
+    ("Offered", "silent", "Offered", "offer"),
+    ("Taken", "taken", "Taken", "run"),
+    ("Taken", "ended", "Taken", "read"),
+    ("Taken", "silent", "Taken", "run"),
+    ("Taken", "refused", "Taken", "run"),
+    ("Taken", "gone", None, "replace"),
+    ("Fenced", "ended", "Taken", "read"),
+    ("Fenced", "silent", "Fenced", "delete"),
+    ("Fenced", "taken", "Fenced", "delete"),
+    ("Fenced", "refused", None, "cold"),
+    ("Fenced", "gone", None, "cold"),
 ]
 
 
@@ -43,11 +44,11 @@ def test_a_step_within_the_deadline(
 def test_past_it_only_silence_is_another_matter(
     state: State, received: Received, then: State | None, act: Act, late: float
 ) -> None:
-    if (state, received) == ("offered", "silent"):
-        then, act = "fenced", "delete"
+    if (state, received) == ("Offered", "silent"):
+        then, act = "Fenced", "delete"
     expected = Step(Claim("d", START, then) if then else None, act)
     assert step(Claim("d", START, state), received, after(late)) == expected
 
 
 def test_a_claim_begins_as_an_offer() -> None:
-    assert Claim("d", START).state == "offered"
+    assert Claim("d", START).state == "Offered"

@@ -1,0 +1,31 @@
+"""Questions to the cluster's API server, with the account of the driver's own pod."""
+
+import json
+import ssl
+import urllib.request
+from pathlib import Path
+from typing import Any
+
+API_SERVER = "https://kubernetes.default.svc"
+ACCOUNT = Path("/var/run/secrets/kubernetes.io/serviceaccount")
+_PATIENCE_SECONDS = 10.0
+
+
+def get_json(
+    path: str,
+    server: str = API_SERVER,
+    account: Path = ACCOUNT,
+    patience_seconds: float = _PATIENCE_SECONDS,
+) -> Any:
+    """The answer to a GET. Raises OSError (an HTTPError where it is refused), and ValueError for an
+    answer that is not JSON."""
+    tls = ssl.create_default_context(cafile=str(account / "ca.crt")) if "https" in server else None
+    # No proxy of the environment: this is the cluster's own server.
+    handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=tls)]
+    opener = urllib.request.build_opener(*handlers)
+    token = (account / "token").read_text().strip()
+    request = urllib.request.Request(  # noqa: S310  our own server
+        f"{server}{path}", headers={"Authorization": f"Bearer {token}"}
+    )
+    with opener.open(request, timeout=patience_seconds) as answer:
+        return json.load(answer)

@@ -1,0 +1,213 @@
+"""Jobs of pools: each is handed to a driver that waits, or has pods of its own that wait later.
+
+Level-triggered as the reconciler that asks; what decides is in pools/.
+"""
+
+import hashlib
+import json
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from typing import Protocol
+
+from bagpipe.spec import SimulationJobSpec, evaluator_config_maps
+from bagpipe_operator.api import readings
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.jobs.claim import COLD, Claim, claim_of
+from bagpipe_operator.jobs.driver.ending import overdue
+from bagpipe_operator.jobs.pods.children import check_allowed
+from bagpipe_operator.jobs.pods.job_config import (
+    LARGEST_CONFIG_BYTES,
+    UnusableSpecError,
+    job_file,
+    read_spec,
+)
+from bagpipe_operator.jobs.policies.places import over
+from bagpipe_operator.jobs.pools.handover import Received, step
+from bagpipe_operator.jobs.pools.shape import shape_of
+from bagpipe_operator.jobs.pools.standing import drivers_of_pools, standing_driver
+from bagpipe_operator.jobs.pools.warm import (
+    Cold,
+    Crowd,
+    Pooling,
+    Wish,
+    chosen,
+    forbidden,
+    leaving,
+)
+from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.whole_job import whole
+from bagpipe_operator.settings import Settings
+
+logger = logging.getLogger(__name__)
+
+
+class Offers(Protocol):
+    """Who hands jobs to drivers."""
+
+    async def offer(self, ip: str, description: bytes) -> Received:
+        """What the driver at that address answers to a job.json."""
+
+
+class NoOffers:
+    """Where nobody hands jobs over, no driver answers."""
+
+    async def offer(self, ip: str, description: bytes) -> Received:  # noqa: ARG002
+        """Silence."""
+        return "silent"
+
+
+def pool_of(job: JobView) -> str:
+    """The pool that a job names; empty for none."""
+    return str(readings.mapping(job.spec.get("spark")).get("pool") or "")
+
+
+def is_asked_for(job: JobView) -> bool:
+    """Whether a driver has been asked for the job, and it is not known whether it runs it."""
+    claim = claim_of(job.status)
+    return claim is not None and claim.state != "Taken"
+
+
+@dataclass
+class WarmStarts:
+    """One per operator."""
+
+    api: Api
+    view: View
+    offers: Offers
+    settings: Settings
+    now: Callable[[], datetime]
+    # The jobs that wait for room, by their UIDs.
+    _crowded: dict[str, Crowd] = field(default_factory=dict)
+
+    @property
+    def pooling(self) -> Pooling:
+        """What the administrator lets drivers do."""
+        settings = self.settings
+        return Pooling(settings.pools, settings.pool_idle_seconds, settings.pools_per_namespace)
+
+    async def next_status(self, job: JobView, halted: bool) -> Json | None:
+        """What the job's status.pool is to say next; None where there is nothing to ask.
+
+        Raises ApiError.
+        """
+        pool, attempt = pool_of(job), int(job.status.get("attempt") or 1)
+        if not pool or attempt != 1 or job.status.get("driver"):
+            return None
+        claim = claim_of(job.status)
+        if claim is not None:
+            return None if claim.state == "Taken" else await self._go_on(job, pool, claim, halted)
+        decided = readings.mapping(job.status.get("pool")).get("state") == COLD
+        return None if decided or halted or job.suspended else await self._begin(job, pool)
+
+    async def _begin(self, job: JobView, pool: str) -> Json | None:
+        """A driver that waits, or why the job has pods of its own."""
+        entire = await whole(self.api, job)
+        try:
+            spec = read_spec(entire)
+            check_allowed(spec, self.settings)
+        except UnusableSpecError:
+            return None  # the job ends, with its sentence, when its pods are to be made
+        account = self.settings.driver_service_account
+        drivers = drivers_of_pools(self.view, account)
+        found = chosen(self._wish(entire, spec, pool), drivers, self.pooling, self.now())
+        if isinstance(found, Cold):
+            return _cold(pool, found)
+        pod = next((pod for pod in self.view.all_pods() if pod.uid == found.uid), None)
+        description = self._description(entire, spec)
+        if pod is None or len(description) > LARGEST_CONFIG_BYTES:
+            return _cold(pool, Cold("NoneWaits", f"No driver of pool {pool} can take the job."))
+        claim = Claim(
+            pod.uid, self.now(), "Offered", pod.name, pod.job, pod.job_uid, pod.attempt,
+            hashlib.sha256(description).hexdigest(),
+        )  # fmt: skip
+        return claim.as_status(pool)
+
+    async def _go_on(self, job: JobView, pool: str, claim: Claim, halted: bool) -> Json:
+        received = await self._received(job, claim, halted)
+        following = step(claim, received, self.now())
+        if halted and following.act == "offer":
+            # Nobody may run it now, and a driver that has not answered may have taken it.
+            return replace(claim, state="Fenced").as_status(pool)
+        if following.claim is not None:
+            return following.claim.as_status(pool)
+        message = f"Driver {claim.pod}, which waited in pool {pool}, could not take the job."
+        return _cold(pool, Cold("DriverGone" if received == "gone" else "DriverRefused", message))
+
+    async def _received(self, job: JobView, claim: Claim, halted: bool) -> Received:
+        """What the driver answers, or that it can't have the job: its pod is gone."""
+        pod = await self._pod(job.namespace, claim)
+        if pod is None or pod.ended or over(pod) or overdue(pod, self.now()):
+            return "gone"
+        if claim.state == "Fenced":
+            if not pod.deleting:
+                await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
+            return "silent"
+        if halted or pod.deleting:
+            return "silent"
+        entire = await whole(self.api, job)
+        return await self.offers.offer(pod.ip, self._description(entire, read_spec(entire)))
+
+    async def _pod(self, namespace: str, claim: Claim) -> PodView | None:
+        try:
+            pod = PodView.from_object(await self.api.get("pods", namespace, claim.pod))
+        except ApiError as error:
+            if error.status == 404:
+                return None
+            raise
+        return pod if pod.uid == claim.driver else None
+
+    def _description(self, entire: JobView, spec: SimulationJobSpec) -> bytes:
+        return json.dumps(job_file(entire, spec, 1, self.settings), sort_keys=True).encode()
+
+    def _wish(self, entire: JobView, spec: SimulationJobSpec, pool: str) -> Wish:
+        shape = shape_of(entire, spec, self.settings)
+        account = self.settings.driver_service_account
+        own = bool(evaluator_config_maps(spec))
+        queue = spec.queue_name or ""
+        return Wish(entire.namespace, pool, account, shape.digest, shape.pulls, queue, own)
+
+    def shape_to_keep(self, entire: JobView, spec: SimulationJobSpec) -> str:
+        """The shape of pods that wait after the job; empty where they don't."""
+        if not spec.spark.pool:
+            return ""
+        wish = self._wish(entire, spec, spec.spark.pool)
+        return "" if forbidden(wish, self.pooling) else wish.shape
+
+    def note_room(self, job: JobView, in_quota: bool, on_nodes: bool) -> None:
+        """Whether a job waits for room, and where: drivers that wait for a job give theirs."""
+        if not in_quota and not on_nodes:
+            self._crowded.pop(job.uid, None)
+            return
+        known = self._crowded.get(job.uid)
+        since = known.since if known is not None else self.now()
+        self._crowded[job.uid] = Crowd(job.namespace, since, on_nodes)
+
+    def forget(self, uid: str) -> None:
+        """A job has ended, or is gone."""
+        self._crowded.pop(uid, None)
+
+    def keeps(self, job: JobView) -> bool:
+        """Whether the pods of a job that has ended stay, for another job or because they have one.
+
+        Those that wait go when they have waited for too long, are too many, or others need room.
+        """
+        pod = standing_driver(self.view, job) if job.status.get("pool") else None
+        if pod is None:
+            return False
+        drivers = drivers_of_pools(self.view, self.settings.driver_service_account)
+        found = next((driver for driver in drivers if driver.uid == pod.uid), None)
+        if found is None:
+            return False
+        crowded = list(self._crowded.values())
+        for driver, why in leaving(drivers, crowded, self.pooling, self.now()):
+            if driver.uid == pod.uid:
+                logger.info("%s/%s waits no longer: %s", pod.namespace, pod.name, why)
+                return False
+        return True
+
+
+def _cold(pool: str, why: Cold) -> Json:
+    return {"name": pool, "state": COLD, "reason": why.reason, "message": why.message}

@@ -1,0 +1,469 @@
+"""Jobs of a pool, one after the other, over the fakes: whose pods they run in, and until when."""
+
+import hashlib
+import json
+from typing import Any
+
+import pytest
+
+from bagpipe_operator.api import names
+from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.claim import claim_of
+from bagpipe_operator.jobs.driver.progress import Progress, parse
+from bagpipe_operator.jobs.pools.handover import Received
+from bagpipe_operator.jobs.reconcile import Reconciler
+from bagpipe_operator.jobs.sweep import Sweeper
+from bagpipe_operator.jobs.view import JobView, PodView, View
+from bagpipe_operator.jobs.watch import Watch
+from bagpipe_operator.runtime.metrics import Metrics
+from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.settings import Settings
+from tests.unit.operator.builders import Clock, JobBuilder, account, make_executor, make_job
+from tests.unit.operator.fakes import FakeApi
+
+POOLS = Settings(pools=True, pool_idle_seconds=300.0, pools_per_namespace=2)
+DRIVER = "uid-of-one-1-driver"
+
+
+class Drivers:
+    """The drivers' accounts, by the pods' UIDs, each of a job's attempt."""
+
+    def __init__(self) -> None:
+        self.says: dict[str, str] = {}
+
+    async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:  # noqa: ARG002
+        progress = parse(self.says[uid]) if uid in self.says else None
+        return progress if progress is not None and progress.is_of(*whose) else None
+
+    def silent_seconds(self, uid: str) -> float:  # noqa: ARG002
+        return 0.0
+
+    def forget(self, uid: str) -> None: ...
+
+
+class Offers:
+    """What drivers answer, in turn; the last answer stands."""
+
+    def __init__(self) -> None:
+        self.answers: list[Received] = ["taken"]
+        self.came: list[Json] = []
+        self.digests: list[str] = []
+
+    async def offer(self, ip: str, description: bytes) -> Received:
+        assert ip == "10.0.0.5"
+        self.came.append(json.loads(description))
+        self.digests.append(hashlib.sha256(description).hexdigest())
+        return self.answers.pop(0) if len(self.answers) > 1 else self.answers[0]
+
+
+def pooled(name: str, pool: str = "lane") -> JobBuilder:
+    return make_job(name).with_spec("spark.pool", pool)
+
+
+class World:
+    """Jobs of a namespace, an operator, and pods that run as soon as they are made."""
+
+    def __init__(self, *jobs: JobBuilder, settings: Settings = POOLS) -> None:
+        self.clock, self.api, self.view = Clock(), FakeApi(), View()
+        self.settings, self.drivers, self.offers = settings, Drivers(), Offers()
+        for job in jobs:
+            self.create(job)
+        self.restart()
+
+    def restart(self, fresh: bool = False) -> None:
+        if fresh:
+            self.view = View()
+            for kind, name in sorted(self.api.objects):
+                if kind == "jobs":
+                    self.view.put_job(JobView.from_object(self.api.objects[kind, name]))
+                if kind == "pods":
+                    self.view.put_pod(PodView.from_object(self.api.objects[kind, name]))
+        self.reconciler = Reconciler(
+            self.api, self.view, self.drivers, self.settings, self.clock.now,
+            self.clock.monotonic, offers=self.offers,
+        )  # fmt: skip
+
+    def create(self, job: JobBuilder) -> None:
+        self.api.put("jobs", job.object)
+        self.view.put_job(job.view())
+
+    async def visit(self, name: str, after: float = 0) -> None:
+        self.clock.advance(after)
+        await self.reconciler.reconcile(f"uid-of-{name}")
+
+    def run(self, driver: str) -> None:
+        """The kubelet starts a driver, and Spark an executor."""
+        pod = self.api.objects["pods", driver]
+        pod["status"] = {
+            "phase": "Running",
+            "podIP": "10.0.0.5",
+            "containerStatuses": [{"name": "driver", "state": {"running": {}}}],
+        }
+        self.view.put_pod(PodView.from_object(pod))
+        job = pod["metadata"]["labels"][names.LABEL_JOB]
+        executor = make_executor(job).running().object()
+        self.api.put("pods", executor)
+        self.view.put_pod(PodView.from_object(executor))
+
+    def says(self, job: str, phase: str = "Running", ended: bool = False, **more: Any) -> None:
+        """The driver's account of a job."""
+        self.drivers.says[DRIVER] = account(
+            phase, uid=f"uid-of-{job}", attempt=1, ended=ended, **more
+        )
+
+    def status(self, name: str) -> Json:
+        return dict(self.api.objects["jobs", name].get("status") or {})
+
+    def reason(self, name: str, type_: str) -> str:
+        found = next(c for c in self.status(name)["conditions"] if c["type"] == type_)
+        return f"{found['status']}/{found['reason']}"
+
+    def goes(self, pod: str) -> None:
+        """A pod is gone, and its events are."""
+        self.api.objects.pop(("pods", pod), None)
+        for known in list(self.view.all_pods()):
+            if known.name == pod:
+                self.view.drop_pod(known)
+
+    async def run_the_first(self) -> None:
+        """Job `one` runs cold and is Complete; its driver waits."""
+        await self.visit("one")
+        self.run("one-1-driver")
+        self.says("one")
+        await self.visit("one", after=2)
+        self.says("one", "Complete", ended=True, verdict="Passed", reason="AllCasesRan")
+        await self.visit("one", after=2)
+
+    def pods(self) -> list[str]:
+        return self.api.named("pods")
+
+
+async def test_the_first_job_of_a_pool_has_pods_of_its_own_which_wait() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    assert world.status("one")["pool"] == {
+        "name": "lane",
+        "state": "Cold",
+        "reason": "NoneWaits",
+        "message": "No driver of pool lane waits in lanes.",
+    }
+    pod = world.api.objects["pods", "one-1-driver"]
+    env = {each["name"]: each for each in pod["spec"]["containers"][0]["env"]}
+    assert env["BAGPIPE_POOL_IDLE_SECONDS"]["value"] == "300"
+    assert env["BAGPIPE_POD_UID"]["valueFrom"] == {"fieldRef": {"fieldPath": "metadata.uid"}}
+    assert len(pod["metadata"]["annotations"][names.ANNOTATION_SHAPE]) == 64
+    assert world.reason("one", "Complete") == "True/AllCasesRan"
+    assert world.reason("one", "Passed") == "True/Passed"
+    assert world.pods() == ["one-1-driver", "one-1-exec-1"]
+
+
+async def test_the_next_job_runs_in_its_pods_from_the_first_visit_on() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=60)
+    assert world.pods() == ["one-1-driver", "one-1-exec-1"]
+    status = world.status("two")
+    claim = claim_of(status)
+    assert claim is not None
+    assert (claim.state, claim.driver, claim.pod) == ("Taken", DRIVER, "one-1-driver")
+    assert (claim.job, claim.uid, claim.attempt) == ("one", "uid-of-one", 1)
+    assert claim.digest == world.offers.digests[-1]
+    assert (status["driver"], status["phase"]) == ("one-1-driver", "Planning")
+    offered = world.offers.came[-1]
+    assert (offered["name"], offered["uid"], offered["attempt"]) == ("two", "uid-of-two", 1)
+    assert world.api.named("configmaps") == [
+        name for name in world.api.named("configmaps") if name.startswith("one-1-")
+    ]
+    world.says("two")
+    await world.visit("two", after=2)
+    assert world.reason("two", "Running") == "True/CasesRunning"
+    world.says("two", "Complete", ended=True, verdict="Failed", reason="AllCasesRan")
+    await world.visit("two", after=2)
+    assert world.reason("two", "Complete") == "True/AllCasesRan"
+    assert world.status("two")["verdict"] == "Failed"
+    assert world.status("one")["verdict"] == "Passed"
+    assert world.pods() == ["one-1-driver", "one-1-exec-1"]
+
+
+async def test_what_the_driver_says_of_the_job_before_is_no_account_of_the_next() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    for _ in range(5):
+        await world.visit("two", after=2)  # the driver still answers for the first
+    assert world.status("two")["phase"] == "Planning"
+    assert world.reason("two", "Complete") == "False/InProgress"
+
+
+async def test_a_pod_that_dies_with_the_last_word_of_the_job_before_has_lost_the_next() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    pod = world.api.objects["pods", "one-1-driver"]
+    word = account("Complete", uid="uid-of-one", attempt=1, verdict="Passed")
+    ended = {"exitCode": 0, "reason": "Completed", "message": word}
+    pod["status"] |= {
+        "phase": "Succeeded",
+        "containerStatuses": [{"name": "driver", "state": {"terminated": ended}}],
+    }
+    world.view.put_pod(PodView.from_object(pod))
+    await world.visit("two", after=1)
+    assert world.status("two")["phase"] == "Pending"
+    assert (world.status("two")["attempt"], world.status("two")["lostDrivers"]) == (2, 1)
+    assert world.reason("two", "Running") == "False/DriverFailed"
+    await world.visit("two", after=11)
+    assert "two-2-driver" in world.pods()  # cold: only a job's first attempt is handed over
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"stack.image": "example/lane:2"}, "PodsDiffer"),
+        ({"spark.slots": 2}, "PodsDiffer"),
+        ({"storage.secrets": ["other"]}, "PodsDiffer"),
+        ({"spark.pool": "another"}, "NoneWaits"),
+        ({"stack.imagePullPolicy": "Always"}, "ImagePulled"),
+        ({"queueName": "team"}, "Queued"),
+    ],
+)
+async def test_another_job_has_pods_of_its_own(changed: Json, reason: str) -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    job = pooled("two")
+    for path, value in changed.items():
+        job = job.with_spec(path, value)
+    world.create(job)
+    await world.visit("two", after=1)
+    assert (world.status("two")["pool"]["state"], world.offers.came) == ("Cold", [])
+    assert world.status("two")["pool"]["reason"] == reason
+    assert "two-1-driver" in world.pods()
+
+
+async def test_where_pools_are_off_no_driver_waits() -> None:
+    world = World(pooled("one"), settings=Settings())
+    await world.visit("one")
+    assert world.status("one")["pool"]["reason"] == "PoolsOff"
+    pod = world.api.objects["pods", "one-1-driver"]
+    assert names.ANNOTATION_SHAPE not in pod["metadata"]["annotations"]
+    assert "BAGPIPE_POOL" not in json.dumps(pod)
+
+
+async def test_a_job_without_a_pool_costs_no_further_call() -> None:
+    world = World(make_job("one"))
+    await world.visit("one")
+    assert "pool" not in world.status("one")
+    assert world.api.calls == [
+        "try pods", "create configmaps", "create pods", "patch status", "create events",
+    ]  # fmt: skip
+
+
+async def test_what_the_administrator_forbids_is_not_offered_either() -> None:
+    """A job that would be refused cold is not run warm."""
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.settings = Settings(pools=True, storage_hosts=("s3.example.com",))
+    world.restart()
+    world.create(pooled("two").with_spec("output.uri", "hdfs://elsewhere:8020/results"))
+    await world.visit("two", after=1)
+    assert (world.reason("two", "Failed"), world.offers.came) == ("True/SpecInvalid", [])
+
+
+async def test_a_driver_that_refuses_leaves_the_job_to_pods_of_its_own() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["refused"]
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    assert world.status("two")["pool"]["reason"] == "DriverRefused"
+    assert "two-1-driver" in world.pods()
+
+
+async def test_a_driver_that_is_silent_for_too_long_is_ended_before_another_is_made() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    world.create(pooled("two"))
+    for _ in range(5):
+        await world.visit("two", after=1.9)
+        assert world.status("two")["pool"]["state"] == "Offered"
+        assert world.pods() == ["one-1-driver", "one-1-exec-1"]
+    await world.visit("two", after=2)
+    assert world.status("two")["pool"]["state"] == "Fenced"
+    assert "delete one-1-driver" in world.api.calls
+    await world.visit("two", after=2)
+    assert world.status("two")["pool"]["reason"] == "DriverGone"
+    assert "two-1-driver" in world.pods()
+
+
+async def test_an_answer_that_was_lost_is_asked_for_again_by_another_operator() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    first = world.offers.digests[-1]
+    world.offers.answers = ["ended"]
+    world.says("two", "Complete", ended=True, verdict="Passed", reason="AllCasesRan")
+    world.restart(fresh=True)
+    await world.visit("two", after=2)
+    assert world.offers.digests[-1] == first
+    assert world.reason("two", "Complete") == "True/AllCasesRan"
+    assert "two-1-driver" not in world.pods()
+
+
+async def test_a_suspended_job_is_run_by_nobody() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    job = world.api.objects["jobs", "two"]
+    job["spec"]["suspend"] = True
+    job["metadata"]["resourceVersion"] = "900"
+    world.api.version = 900
+    world.view.put_job(JobView.from_object(job))
+    for _ in range(3):
+        await world.visit("two", after=1)
+    assert "one-1-driver" not in world.pods()
+    assert world.status("two")["pool"]["state"] == "Cold"
+    assert world.reason("two", "Suspended").startswith("True/")
+
+
+async def test_a_suspended_job_gives_the_pods_back_that_were_made_for_another() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.says("two")
+    await world.visit("two", after=2)
+    job = world.api.objects["jobs", "two"]
+    job["spec"]["suspend"] = True
+    world.api.version += 1
+    job["metadata"]["resourceVersion"] = str(world.api.version)
+    world.view.put_job(JobView.from_object(job))
+    await world.visit("two", after=1)
+    assert "one-1-driver" not in world.pods()
+    world.goes("one-1-driver")
+    world.goes("one-1-exec-1")
+    await world.visit("two", after=1)
+    assert world.reason("two", "Suspended").startswith("True/")
+    assert world.status("two")["attempt"] == 2
+
+
+async def test_a_driver_waits_for_so_long_and_no_longer() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    await world.visit("one", after=329)
+    assert "one-1-driver" in world.pods()
+    await world.visit("one", after=1)  # it should have ended by itself 30 s ago
+    assert world.pods() == []
+
+
+async def test_no_more_wait_than_a_namespace_may_keep() -> None:
+    world = World(*(pooled(name, f"pool-{name}") for name in ("one", "two", "three")))
+    for name in ("one", "two", "three"):
+        await world.visit(name, after=1)
+        world.run(f"{name}-1-driver")
+        done = account("Complete", uid=f"uid-of-{name}", attempt=1, ended=True, verdict="Passed")
+        world.drivers.says[f"uid-of-{name}-1-driver"] = done
+        await world.visit(name, after=2)
+    await world.visit("one", after=2)
+    assert world.pods() == [
+        "three-1-driver", "three-1-exec-1", "two-1-driver", "two-1-exec-1",
+    ]  # fmt: skip
+
+
+async def test_those_that_wait_give_their_place_to_a_job_without_room() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(make_job("big"))
+    await world.visit("big", after=1)
+    pod = world.api.objects["pods", "big-1-driver"]
+    why = {"type": "PodScheduled", "status": "False", "reason": "Unschedulable", "message": "full"}
+    pod["status"] = {"phase": "Pending", "conditions": [why]}
+    world.view.put_pod(PodView.from_object(pod))
+    await world.visit("big", after=1)
+    await world.visit("one", after=1)
+    assert world.pods() == ["big-1-driver"]
+
+
+async def test_a_job_that_failed_keeps_nobody() -> None:
+    world = World(pooled("one"))
+    await world.visit("one")
+    world.run("one-1-driver")
+    pod = world.api.objects["pods", "one-1-driver"]
+    word = account("Failed", uid="uid-of-one", attempt=1, reason="CasesErrored")
+    ended = {"exitCode": 1, "reason": "Error", "message": word}
+    pod["status"] |= {"containerStatuses": [{"name": "driver", "state": {"terminated": ended}}]}
+    world.view.put_pod(PodView.from_object(pod))
+    await world.visit("one", after=1)
+    assert world.reason("one", "Failed") == "True/CasesErrored"
+    assert "one-1-exec-1" not in world.pods()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    assert world.status("two")["pool"]["reason"] == "NoneWaits"
+
+
+async def test_an_expired_job_stays_as_long_as_another_runs_in_its_pods() -> None:
+    world = World(pooled("one").with_spec("ttlAfterFinished", "10s"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.says("two")
+    await world.visit("one", after=60)
+    assert ("jobs", "one") in world.api.objects
+    world.says("two", "Complete", ended=True, verdict="Passed")
+    await world.visit("two", after=2)
+    await world.visit("one", after=2)
+    assert ("jobs", "one") not in world.api.objects
+
+
+async def test_a_driver_that_was_promised_is_promised_once() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    for name in ("two", "three"):
+        world.create(pooled(name))
+        await world.visit(name, after=1)
+    assert world.status("two")["pool"]["state"] == "Offered"
+    assert world.status("three")["pool"]["reason"] == "NoneWaits"
+    assert "three-1-driver" in world.pods()
+
+
+async def test_a_pod_that_somebody_made_with_a_driver_s_labels_is_offered_nothing() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    forged = json.loads(json.dumps(world.api.objects["pods", "one-1-driver"]))
+    forged["metadata"] |= {"name": "copy-1-driver", "uid": "forged"}
+    world.goes("one-1-driver")
+    world.api.put("pods", forged)
+    world.view.put_pod(PodView.from_object(forged))
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    assert (world.status("two")["pool"]["reason"], world.offers.came) == ("NoneWaits", [])
+
+
+async def test_events_of_pods_bring_forward_the_job_that_runs_in_them() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    queue = WorkQueue()
+    watch = Watch(world.view, queue, Metrics())
+    pod = json.loads(json.dumps(world.api.objects["pods", "one-1-driver"]))
+    pod["status"]["message"] = "news"
+    pod["metadata"]["resourceVersion"] = "999"
+    watch.pod_event({"type": "MODIFIED", "object": pod})
+    assert await queue.get() == "uid-of-two"
+
+
+async def test_jobs_whose_drivers_wait_are_visited() -> None:
+    world = World(pooled("one"), make_job("plain"))
+    await world.run_the_first()
+    queue = WorkQueue()
+    sweeper = Sweeper(world.view, queue, 2.0, now=world.clock.now)
+    sweeper.sweep()
+    assert await queue.get() == "uid-of-one"
