@@ -1,5 +1,7 @@
 """Where the start of a job goes: from `kubectl apply` to the first message, and case to case.
 
+And of a job of a pool, which the driver of an earlier one takes.
+
 It needs a cluster on this machine with the operator and the images, as `make cluster install`
 leaves it: moments are of one clock. The node under test is a rospy node that publishes its own
 moments; the recording is made here.
@@ -47,6 +49,7 @@ ORDER = (
 )
 FIRST_MESSAGE_GOAL = 8.0
 WARM_GOAL = 0.3
+POOL_GOAL = 2.0
 _JOB_SECONDS = 300
 _READ = """
 import json, sys, rosbag
@@ -61,9 +64,10 @@ Case = tuple[list[dict[str, float]], float]
 Change = tuple[float, float]
 
 
-def job(name: str) -> k.Object:
+def job(name: str, pool: str = "") -> k.Object:
     """Four cases of four seconds, one after the other in one slot."""
-    made = jobs.make_job(name, source={"fragment": {"length": "4s"}}, spark=jobs.spark(1, 1))
+    spark = jobs.spark(1, 1) | ({"pool": pool} if pool else {})
+    made = jobs.make_job(name, source={"fragment": {"length": "4s"}}, spark=spark)
     made["spec"]["stack"] = {
         "image": IMAGE,
         "command": ["python3", "-c", NODE.read_text()],
@@ -85,8 +89,11 @@ def cases_of(namespace: str, uri: str) -> list[Case]:
     return sorted(cases, key=lambda case: case[0][0]["begun"])
 
 
-def one_start(namespace: str, name: str) -> tuple[Moments, list[Case]]:
-    """A job's moments, in seconds after it was applied, and what its nodes published."""
+def one_start(namespace: str, name: str, pool: str = "") -> tuple[Moments, list[Case]]:
+    """A job's moments, in seconds after it was applied, and what its nodes published.
+
+    With a pool, a driver of it waits that takes the job: there are no pods of the job's own.
+    """
     seen, over = Moments(), threading.Event()
 
     def take_job(found: k.Object, moment: float) -> None:
@@ -106,12 +113,15 @@ def one_start(namespace: str, name: str) -> tuple[Moments, list[Case]]:
         start_seen.watching(namespace, "pods", take_pod),
     ):
         applied = time.time()
-        with jobs.applied(namespace, job(name)):
+        with jobs.applied(namespace, job(name, pool)):
             # Asking again and again would take what is measured from it.
             assert over.wait(_JOB_SECONDS), f"{name} does not end"
             ended = k.get(namespace, "simjob", name)
             assert ended["status"].get("verdict") == "Passed", jobs.account(namespace, ended)
-            log = k.kubectl("-n", namespace, "logs", f"{name}-1-driver", "--timestamps")
+            if pool:
+                assert ended["status"]["pool"]["state"] == "Taken", ended["status"]["pool"]
+            pod, since = ended["status"]["driver"], ended["metadata"]["creationTimestamp"]
+            log = k.kubectl("-n", namespace, "logs", pod, "--timestamps", f"--since-time={since}")
             cases = cases_of(namespace, ended["status"]["results"])
     for what, moment in start_seen.of_log(log):
         seen.note(what, moment)
@@ -133,14 +143,18 @@ def case_to_case(cases: Sequence[Case]) -> Iterator[Change]:
 
 
 def rows(
-    starts: Sequence[Mapping[str, float]], changes: Sequence[tuple[float, float]]
+    starts: Sequence[Mapping[str, float]],
+    in_pool: Sequence[Mapping[str, float]],
+    changes: Sequence[tuple[float, float]],
 ) -> list[Row]:
-    """The milestones of all starts, and the changes from case to case."""
+    """The milestones of all starts, with pods of their own and without; then case to case."""
     found = []
-    for what in ORDER:
-        if moments := [start[what] for start in starts if what in start]:
-            goal = {"first message": FIRST_MESSAGE_GOAL}.get(what)
-            found.append(_row("apply", what, moments, goal))
+    kinds = (("apply", starts, FIRST_MESSAGE_GOAL), ("apply, in a pool", in_pool, POOL_GOAL))
+    for case, seen, first in kinds:
+        for what in ORDER:
+            if moments := [start[what] for start in seen if what in start]:
+                goal = {"first message": first}.get(what)
+                found.append(_row(case, what, moments, goal))
     found.append(_row("case to case", "of the nodes themselves", [own for _, own in changes], None))
     beyond = [whole - own for whole, own in changes]
     return [*found, _row("case to case", "beyond the nodes", beyond, WARM_GOAL)]
@@ -170,13 +184,29 @@ def namespace_with_recording() -> Iterator[str]:
 def measure() -> tuple[Sequence[Row], Mapping[str, str], str]:
     """The medians of several starts, after one that is not counted."""
     starts: list[Moments] = []
+    in_pool: list[Moments] = []
     changes: list[Change] = []
     with namespace_with_recording() as namespace:
         for number in range(STARTS + 1):
             seen, cases = one_start(namespace, f"start-{number}")
-            shown = [f"{what} {seen[what]:.2f}" for what in ORDER if what in seen]
-            print(f"start {number}: {', '.join(shown)}", flush=True)
+            _show(f"start {number}", seen)
             if number:
                 starts.append(seen)
                 changes += case_to_case(cases)
-    return rows(starts, changes), {}, f"{STARTS} starts of a job of four cases in one slot"
+        with jobs.applied(namespace, job("first", "bench")) as first:
+            jobs.ended(namespace, first, _JOB_SECONDS)
+            for number in range(STARTS + 1):
+                seen, _ = one_start(namespace, f"pooled-{number}", "bench")
+                _show(f"start {number} in a pool", seen)
+                if number:
+                    in_pool.append(seen)
+    return (
+        rows(starts, in_pool, changes),
+        {},
+        f"{STARTS} starts of a job of four cases in one slot, and as many in a pool",
+    )
+
+
+def _show(which: str, seen: Moments) -> None:
+    shown = [f"{what} {seen[what]:.2f}" for what in ORDER if what in seen]
+    print(f"{which}: {', '.join(shown)}", flush=True)
