@@ -89,6 +89,15 @@ def cases_of(namespace: str, uri: str) -> list[Case]:
     return sorted(cases, key=lambda case: case[0][0]["begun"])
 
 
+def log_of(namespace: str, job: k.Object) -> str:
+    """What a job's driver has logged since the job was created: in a pool it had others before."""
+    status, since = job["status"], job["metadata"]["creationTimestamp"]
+    if "pool" in job["spec"]["spark"]:
+        assert status["pool"]["state"] == "Taken", status["pool"]
+    pod = status["driver"]
+    return k.kubectl("-n", namespace, "logs", pod, "--timestamps", f"--since-time={since}")
+
+
 def one_start(namespace: str, name: str, pool: str = "") -> tuple[Moments, list[Case]]:
     """A job's moments, in seconds after it was applied, and what its nodes published.
 
@@ -118,10 +127,7 @@ def one_start(namespace: str, name: str, pool: str = "") -> tuple[Moments, list[
             assert over.wait(_JOB_SECONDS), f"{name} does not end"
             ended = k.get(namespace, "simjob", name)
             assert ended["status"].get("verdict") == "Passed", jobs.account(namespace, ended)
-            if pool:
-                assert ended["status"]["pool"]["state"] == "Taken", ended["status"]["pool"]
-            pod, since = ended["status"]["driver"], ended["metadata"]["creationTimestamp"]
-            log = k.kubectl("-n", namespace, "logs", pod, "--timestamps", f"--since-time={since}")
+            log = log_of(namespace, ended)
             cases = cases_of(namespace, ended["status"]["results"])
     for what, moment in start_seen.of_log(log):
         seen.note(what, moment)

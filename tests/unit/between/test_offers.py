@@ -162,7 +162,8 @@ class Pod:
         self.word.touch()
         monkeypatch.setattr(driver_main, "_TERMINATION_LOG", self.word)
         monkeypatch.setattr(driver_main, "run", self._run)
-        monkeypatch.setattr(driver_main, "claim_of", lambda _namespace, name: self.claims.get(name))
+        monkeypatch.setattr(driver_main, "claim_of", self._claim_of)
+        self.forbidden = False
         self.claims: dict[str, Claimed] = {}
         self.ran: list[str] = []
         self.words: list[str] = []
@@ -176,6 +177,11 @@ class Pod:
         self.server = serve_progress(self.driver.account, "127.0.0.1", 0)
         self.port = self.server.server_address[1]
         self.thread = threading.Thread(target=self.driver.work, daemon=True)
+
+    def _claim_of(self, _namespace: str, name: str) -> Claimed | None:
+        if self.forbidden:
+            raise OSError("HTTP Error 403: Forbidden")
+        return self.claims.get(name)
 
     def _run(
         self, job: JobFile, progress: Progress, _place: object, _i: Interruption, _count: object
@@ -269,6 +275,14 @@ async def test_a_driver_whose_job_failed_ends(pod: Pod) -> None:
     pod.thread.join(PATIENCE)
     assert not pod.thread.is_alive()
     assert (pod.driver.complete, pod.account().ended) == (False, False)
+
+
+async def test_a_driver_that_may_not_look_claims_up_waits_for_none(pod: Pod) -> None:
+    pod.forbidden = True
+    pod.thread.start()
+    pod.thread.join(PATIENCE)
+    assert not pod.thread.is_alive()
+    assert (pod.driver.complete, pod.account().ended) == (True, False)
 
 
 async def test_a_driver_of_no_pool_ends_and_takes_nothing(

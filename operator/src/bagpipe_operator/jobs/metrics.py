@@ -13,6 +13,7 @@ from bagpipe_operator.api.names import ROLE_DRIVER, ROLE_EXECUTOR
 from bagpipe_operator.jobs import milestones
 from bagpipe_operator.jobs.milestones import VERDICTS
 from bagpipe_operator.jobs.policies.suspend import rests
+from bagpipe_operator.jobs.pools.standing import drivers_of_pools
 from bagpipe_operator.jobs.view import JobView, View
 from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -45,6 +46,11 @@ class _StateCollector(Collector):
         yield jobs
         yield self._cases([job for job in found if not job.finished])
         yield self._pods()
+        yield GaugeMetricFamily(
+            "bagpipe_pool_drivers_waiting",
+            "Drivers of pools that wait for another job, each with its executors.",
+            value=sum(driver.waits for driver in drivers_of_pools(self._view)),
+        )
         yield GaugeMetricFamily(
             "bagpipe_oldest_pending_job_seconds",
             "For how long the oldest job that waits for its first driver has been waiting; 0 when "
@@ -132,6 +138,15 @@ class JobMetrics(Metrics):
             )
             for name, text in texts.items()
         }  # fmt: skip
+        self._of_pools = Counter(
+            "bagpipe_pool_jobs",
+            "Jobs that name a pool, by how they began: Taken over by a driver that waited, or why "
+            "each had pods of its own.",
+            ["how"],
+            registry=self.registry,
+        )
+        for how in ("Taken", "NoneWaits", "PodsDiffer"):
+            self._of_pools.labels(how=how)
         self._ended = Counter(
             "bagpipe_jobs_ended",
             "Jobs that ended, by phase (Complete: all cases ran; Failed) and verdict.",
@@ -152,6 +167,8 @@ class JobMetrics(Metrics):
         """A job's status was written."""
         for name, seconds in milestones.passed(before, after):
             self._spans[name].observe(seconds)
+        if (began := milestones.begun_in_pool(before, after)) is not None:
+            self._of_pools.labels(how=began).inc()
         how = milestones.ended(before, after)
         if how is not None:
             self._ended.labels(phase=how.phase, verdict=how.verdict).inc()

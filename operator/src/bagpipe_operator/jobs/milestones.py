@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
-from bagpipe_operator.api import conditions, reasons
+from bagpipe_operator.api import conditions, readings, reasons
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.claim import COLD
 from bagpipe_operator.jobs.view import JobView
 
 ACCEPTED = "created_to_accepted"
@@ -53,6 +54,17 @@ def ended(before: JobView, after: JobView) -> Ended | None:
     verdict = str(after.status.get("verdict") or "None")
     phase = str(after.status.get("phase"))
     return Ended(phase, verdict if verdict in VERDICTS else "None")
+
+
+def begun_in_pool(before: JobView, after: JobView) -> str | None:
+    """How a job of a pool began, if that was decided between the two statuses.
+
+    `Taken` by a driver that waited, or the reason for pods of its own.
+    """
+    old, new = (readings.mapping(job.status.get("pool")) for job in (before, after))
+    if new.get("state") not in {"Taken", COLD} or old.get("state") == new["state"]:
+        return None
+    return "Taken" if new["state"] == "Taken" else str(new.get("reason") or "None")
 
 
 def _true(job: JobView) -> dict[str, str]:

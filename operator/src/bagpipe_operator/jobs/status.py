@@ -10,6 +10,7 @@ from datetime import datetime, timedelta
 from bagpipe_operator.api import conditions, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.jobs.claim import taken
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.observation import Halt, Observation
@@ -223,8 +224,10 @@ def _phase(seen: Observation) -> str:
 def _accepted(seen: Observation) -> Condition:
     name = seen.driver.name if seen.driver else seen.job.status.get("driver")
     if name:
+        claim = taken(seen.job.status)
+        of = f", which was made for job {claim.job}" if claim is not None else ""
         return Condition(
-            conditions.ACCEPTED, True, reasons.DRIVER_CREATED, f"The driver's pod is {name}."
+            conditions.ACCEPTED, True, reasons.DRIVER_CREATED, f"The driver's pod is {name}{of}."
         )
     if seen.refusal:
         return Condition(conditions.ACCEPTED, False, seen.refusal.reason, seen.refusal.message)

@@ -10,6 +10,7 @@ from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.jobs.claim import claim_of
 from bagpipe_operator.jobs.driver.progress import Progress, parse
+from bagpipe_operator.jobs.metrics import JobMetrics
 from bagpipe_operator.jobs.pools.handover import Received
 from bagpipe_operator.jobs.reconcile import Reconciler
 from bagpipe_operator.jobs.sweep import Sweeper
@@ -78,9 +79,10 @@ class World:
                     self.view.put_job(JobView.from_object(self.api.objects[kind, name]))
                 if kind == "pods":
                     self.view.put_pod(PodView.from_object(self.api.objects[kind, name]))
+        self.metrics = JobMetrics(self.view, WorkQueue())
         self.reconciler = Reconciler(
             self.api, self.view, self.drivers, self.settings, self.clock.now,
-            self.clock.monotonic, offers=self.offers,
+            self.clock.monotonic, self.metrics.job_written, offers=self.offers,
         )  # fmt: skip
 
     def create(self, job: JobBuilder) -> None:
@@ -175,6 +177,8 @@ async def test_the_next_job_runs_in_its_pods_from_the_first_visit_on() -> None:
     assert world.api.named("configmaps") == [
         name for name in world.api.named("configmaps") if name.startswith("one-1-")
     ]
+    accepted = next(c for c in status["conditions"] if c["type"] == "Accepted")
+    assert accepted["message"] == "The driver's pod is one-1-driver, which was made for job one."
     world.says("two")
     await world.visit("two", after=2)
     assert world.reason("two", "Running") == "True/CasesRunning"
@@ -467,3 +471,18 @@ async def test_jobs_whose_drivers_wait_are_visited() -> None:
     sweeper = Sweeper(world.view, queue, 2.0, now=world.clock.now)
     sweeper.sweep()
     assert await queue.get() == "uid-of-one"
+
+
+async def test_how_jobs_began_and_how_many_drivers_wait_is_counted() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    value = world.metrics.registry.get_sample_value
+    assert value("bagpipe_pool_drivers_waiting") == 1
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.create(pooled("three"))
+    await world.visit("three", after=1)
+    assert value("bagpipe_pool_drivers_waiting") == 0
+    counts = [value("bagpipe_pool_jobs_total", {"how": how})
+              for how in ("Taken", "NoneWaits", "PodsDiffer")]  # fmt: skip
+    assert counts == [1, 2, 0]

@@ -121,7 +121,22 @@ class Driver:
             message = progress.termination_message()
             log.info("%s", message)
             _leave_word(message)
-        return self.waits and self.complete and self._spark.settles(_SETTLE_SECONDS)
+        done = self.waits and self.complete and self._spark.settles(_SETTLE_SECONDS)
+        return done and self._may_look_up(job)
+
+    def _may_look_up(self, job: JobFile) -> bool:
+        """Whether claims can be looked up at all; who can't would keep the next job waiting."""
+        try:
+            self._look_up(job.name)
+        except OSError as error:
+            log.warning(
+                "this driver does not wait for another job, whose claim it can't look up: %s "
+                "(where it is forbidden, pools.enabled of the chart bagpipe-namespace gives the "
+                "right)",
+                error,
+            )
+            return False
+        return True
 
     def _show(self, job: JobFile) -> None:
         """What is served and left behind is of this job from here on."""

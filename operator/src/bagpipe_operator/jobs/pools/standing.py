@@ -12,7 +12,7 @@ from bagpipe_operator.jobs.pools.warm import WarmDriver
 from bagpipe_operator.jobs.view import JobView, PodView, View
 
 
-def drivers_of_pools(view: View, account: str) -> list[WarmDriver]:
+def drivers_of_pools(view: View, account: str = "") -> list[WarmDriver]:
     """All that have a job, were promised to one, or wait."""
     pooled = view.pooled()
     unfinished = (job for job in pooled if not job.finished)
