@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests/cluster")]
+sys.path[:0] = [str(ROOT), str(ROOT / "tests/cluster"), str(ROOT / "images/build")]
 
 NOT_BENCHES = {
     "run",

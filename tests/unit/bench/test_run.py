@@ -1,5 +1,7 @@
 """`make bench` keeps what a bench measured, also outside of the checkout."""
 
+import os
+import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,3 +30,19 @@ def test_results_may_go_to_another_folder(
     assert run.run("fake") == run.Outcome(missed=False, failed=False)
     assert (tmp_path / "fake.json").exists()
     assert f" {tmp_path}/fake.json" in capsys.readouterr().out
+
+
+def test_each_bench_finds_what_it_imports() -> None:
+    """As `make bench` starts it, where no test has put any folder on the path."""
+    modules = [f"tests.bench.{run.MODULES.get(name, name)}" for name in run.benches()]
+    program = (
+        "import importlib, runpy; "
+        f"runpy.run_path({str(run.ROOT / 'tests/bench/run.py')!r}, run_name='bench'); "
+        f"[importlib.import_module(module) for module in {modules!r}]"
+    )
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd="/", env=environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr

@@ -62,13 +62,16 @@ def test_from_case_to_case_the_nodes_own_time_does_not_count() -> None:
 
     changes = list(case_to_case([case(10.0), case(11.4), case(12.6)]))
     assert changes == [pytest.approx((1.0, 0.75)), pytest.approx((0.8, 0.75))]
-    made = rows([{"Accepted": 0.1, "first message": 7.5}], changes)
+    pooled = [{"first message": 2.5}]
+    made = rows([{"Accepted": 0.1, "first message": 7.5}], pooled, changes)
     assert {"Accepted", "first message"} <= set(ORDER)
     assert [row.metric for row in made] == [
-        "Accepted", "first message", "of the nodes themselves", "beyond the nodes",
+        "Accepted", "first message", "first message", "of the nodes themselves", "beyond the nodes",
     ]  # fmt: skip
+    in_pool = made.pop(2)
+    assert (in_pool.case, in_pool.theirs, in_pool.missed) == ("apply, in a pool", [2.0], True)
     shown = {row.metric: row for row in made}
     assert shown["Accepted"].ours == [0.1]
     assert (shown["first message"].theirs, shown["first message"].missed) == ([8.0], False)
     assert not shown["beyond the nodes"].missed
-    assert {row.metric for row in rows([], [(1.0, 0.5)]) if row.missed} == {"beyond the nodes"}
+    assert {row.metric for row in rows([], [], [(1.0, 0.5)]) if row.missed} == {"beyond the nodes"}

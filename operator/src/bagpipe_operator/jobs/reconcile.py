@@ -16,7 +16,7 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
 from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.announcer import Announcer
-from bagpipe_operator.jobs.claim import driver_name
+from bagpipe_operator.jobs.claim import driver_name, taken
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of, has_ended, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
@@ -236,9 +236,16 @@ class Reconciler:
                 progress = await self._account_of(driver)
                 ending = has_ended(progress)
         running = driver is not None and ending is None and serves(driver)
+        if ending is not None and self._went_with_another(job):
+            ending = replace(ending, voluntary=ending.lost)
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
+
+    def _went_with_another(self, job: JobView) -> bool:
+        """Whether the job for which this one's pods were made was deleted, and they with it."""
+        claim = taken(job.status)
+        return claim is not None and self.view.job(claim.uid) is None
 
     def _may_start(self, job: JobView) -> bool:
         return not pausing(job, self.now()) and not is_asked_for(job)

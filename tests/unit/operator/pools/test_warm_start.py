@@ -425,6 +425,23 @@ async def test_an_expired_job_stays_as_long_as_another_runs_in_its_pods() -> Non
     assert ("jobs", "one") not in world.api.objects
 
 
+async def test_a_job_whose_pods_go_with_another_job_goes_on_and_nothing_is_counted() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    del world.api.objects["jobs", "one"]
+    world.view.drop_job("uid-of-one")
+    await world.visit("one")
+    world.goes("one-1-driver")
+    await world.visit("two", after=1)
+    status = world.status("two")
+    assert (status["attempt"], status["lostDrivers"]) == (2, 0)
+    await world.visit("two", after=11)
+    assert "two-2-driver" in world.pods()
+    assert world.view.pods("uid-of-two")[0].name == "two-2-driver"
+
+
 async def test_a_driver_that_was_promised_is_promised_once() -> None:
     world = World(pooled("one"))
     await world.run_the_first()
