@@ -342,8 +342,14 @@ class View:
         return bool(self._guests.get(job_uid)) and not self._last_guest(job_uid).finished
 
     def pooled(self) -> list[JobView]:
-        """The jobs whose status names a pool."""
-        return [self._jobs[uid] for uid in sorted(self._pooled)]
+        """The jobs whose status names a pool, but for those that have ended and have no pods."""
+        jobs = (self._jobs[uid] for uid in sorted(self._pooled))
+        return [job for job in jobs if not job.finished or self._has_pods(job)]
+
+    def _has_pods(self, job: JobView) -> bool:
+        """Whether there may be any, its own or another's: thousands have none."""
+        made_for = job.status["pool"].get("uid")
+        return job.uid in self._pods or made_for in self._pods
 
     def shown(self, pod: PodView) -> PodView:
         """A pod as it came from the API server, as that of the job that it runs."""
