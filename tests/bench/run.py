@@ -33,7 +33,7 @@ NOT_BENCHES = {
     "start_seen",
 }
 # They need what no Debian has, or a cluster that runs: measured where they are asked for.
-ELSEWHERE = {"ros2", "start"}
+ELSEWHERE = {"ros2", "start", "tail"}
 # A module of the bench's own name would hide one of Python's.
 MODULES = {"operator": "operator_bench"}
 
