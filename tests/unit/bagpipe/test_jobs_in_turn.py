@@ -268,3 +268,11 @@ def test_an_elastic_job_s_first_width_is_its_own() -> None:
     few, many = settings(cases=1, **elastic), settings(cases=100, **elastic)
     assert few != many
     assert alike(few, many)
+
+
+def test_a_spark_that_stays_is_started_alike_for_few_cases_and_many_and_forgets_them() -> None:
+    job, pod = make_job({}), DriverPod("p", "lab", "10.0.0.1")
+    few, many = (spark_settings(job, pod, cases, stays=True) for cases in (10, 100_000))
+    assert alike(few, many)
+    assert (few["spark.ui.retainedJobs"], few["spark.ui.retainedStages"]) == ("2", "2")
+    assert not settings().keys() & {"spark.ui.retainedJobs", "spark.ui.retainedStages"}

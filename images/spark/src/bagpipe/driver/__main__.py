@@ -27,7 +27,7 @@ from bagpipe.driver.progress import Progress
 from bagpipe.driver.progress_server import Account, serve_progress
 from bagpipe.driver.results import results_uri
 from bagpipe.driver.seat import Offer, Seat
-from bagpipe.driver.spark_context import CLASS_ARCHIVE, FEW_CASES, DriverPod, spark_settings
+from bagpipe.driver.spark_context import CLASS_ARCHIVE, DriverPod, spark_settings
 from bagpipe.installed import InstallationError
 from bagpipe.plan.case import Case
 from bagpipe.run.case_run import RunContext
@@ -190,9 +190,7 @@ class Cluster(Place):
             address=os.environ["BAGPIPE_POD_IP"],
             has_archive=Path(CLASS_ARCHIVE).exists(),
         )
-        # A Spark that stays is started alike for every job, whatever the number of its cases.
-        count = min(len(cases), FEW_CASES) if self._stays else len(cases)
-        settings = spark_settings(job, pod, count)
+        settings = spark_settings(job, pod, len(cases), self._stays)
         context = RunContext(
             job=f"{job.namespace}/{job.name}",
             spec=job.spec,

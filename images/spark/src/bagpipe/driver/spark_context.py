@@ -19,7 +19,7 @@ _MEBIBYTE = 1 << 20
 # compiler earns what that costs, 40 % of a start (docs/performance.md).
 QUICK_JVM = "-XX:TieredStopAtLevel=1"
 # So many cases were measured; a job of more may earn it.
-FEW_CASES = 3_000
+_FEW_CASES = 3_000
 # Made with the image (images/spark/class_archive.py). A JVM that can't use the archive that it
 # is given uses not even Java's own, so only one that can is given it.
 CLASS_ARCHIVE = "/opt/bagpipe/spark.jsa"
@@ -53,12 +53,26 @@ def memory_split(resources: PodResources) -> tuple[int, int]:
     return heap, max(384, memory_bytes(resources.memory) // _MEBIBYTE - heap)
 
 
-def spark_settings(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
-    """All Spark settings of a job that has so many cases to run."""
+# Of so many earlier jobs a Spark that stays remembers each task: by default of a thousand, for
+# which a driver's memory was not asked.
+_REMEMBERED = {"spark.ui.retainedJobs": "2", "spark.ui.retainedStages": "2"}
+
+
+def spark_settings(job: JobFile, pod: DriverPod, cases: int, stays: bool = False) -> dict[str, str]:
+    """All Spark settings of a job that has so many cases to run.
+
+    A Spark that `stays` for another job is started alike, whatever the number of the cases.
+    """
+    if stays:
+        return _settings_for(job, pod, min(cases, _FEW_CASES)) | _REMEMBERED
+    return _settings_for(job, pod, cases)
+
+
+def _settings_for(job: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
     settings = _where(job, pod) | _size(job) | _width(job.spec.spark, cases)
     settings |= _endurance() | _leaving(job) | _speculation(job)
     own = settings["spark.driver.extraJavaOptions"].split()
-    quick = [QUICK_JVM] if cases <= FEW_CASES else []
+    quick = [QUICK_JVM] if cases <= _FEW_CASES else []
     archived = [f"-XX:SharedArchiveFile={CLASS_ARCHIVE}"] if pod.has_archive else []
     heap, _ = memory_split(job.spec.spark.executor.resources)
     fits = archived if heap < _ARCHIVED_HEAP_MEBIBYTES else []
