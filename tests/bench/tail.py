@@ -67,11 +67,10 @@ def in_any_order(seconds: Sequence[float]) -> list[float]:
 
 def job(name: str, earlier: str = "") -> k.Object:
     """All cases on two executors, compared with an earlier job's results if there are any."""
-    changed = {"baseline": {"results": earlier}} if earlier else {}
-    made = fleet.make_job(
-        name, source={"files": ["pvc://recordings/tail/*.txt"]}, spark=jobs.spark(2, SLOTS // 2),
-        **changed,
-    )  # fmt: skip
+    source, spark = {"files": ["pvc://recordings/tail/*.txt"]}, jobs.spark(2, SLOTS // 2)
+    made = fleet.make_job(name, source=source, spark=spark)
+    if earlier:
+        made["spec"]["baseline"] = {"results": earlier}
     made["spec"]["stack"]["command"] = ["python3", "-c", _PROGRAM]
     return made
 

@@ -236,16 +236,18 @@ class Reconciler:
                 progress = await self._account_of(driver)
                 ending = has_ended(progress)
         running = driver is not None and ending is None and serves(driver)
-        if ending is not None and self._went_with_another(job):
-            ending = replace(ending, voluntary=ending.lost)
+        ending = self._excused(job, ending)
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
-    def _went_with_another(self, job: JobView) -> bool:
-        """Whether the job for which this one's pods were made was deleted, and they with it."""
+    def _excused(self, job: JobView, ending: Ending | None) -> Ending | None:
+        """Not counted where the job that this one's pods were made for was deleted, and they with
+        it."""
         claim = taken(job.status)
-        return claim is not None and self.view.job(claim.uid) is None
+        if ending is None or claim is None or self.view.job(claim.uid) is not None:
+            return ending
+        return replace(ending, voluntary=ending.lost)
 
     def _may_start(self, job: JobView) -> bool:
         return not pausing(job, self.now()) and not is_asked_for(job)
