@@ -221,7 +221,7 @@ class Reconciler:
         driver = self.view.driver(job.uid, attempt)
         refusal: Refusal | None = None
         ending: Ending | None = None
-        if driver is None and (job.status.get("driver") or (halt and not is_reported(job))):
+        if driver is None and (_has_driver(job) or (halt and not is_reported(job))):
             driver, ending = await self._look_for(job, attempt, at_once=halt is not None)
         elif driver is None and halt is None and self._may_start(job):
             driver, refusal, ending = await self._start(job, attempt)
@@ -542,6 +542,11 @@ class Reconciler:
         asked = self._asked.pop(uid, None)
         if asked is not None:
             self.drivers.forget(asked)
+
+
+def _has_driver(job: JobView) -> bool:
+    """Whether a driver's pod must be there, in sight or not: its own, or the one that took it."""
+    return bool(job.status.get("driver")) or taken(job.status) is not None
 
 
 def _resumes(job: JobView) -> bool:

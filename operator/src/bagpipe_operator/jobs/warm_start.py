@@ -15,7 +15,7 @@ from bagpipe.spec import SimulationJobSpec, evaluator_config_maps
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import Api, ApiError
-from bagpipe_operator.jobs.claim import COLD, Claim, claim_of
+from bagpipe_operator.jobs.claim import COLD, Claim, claim_of, taken
 from bagpipe_operator.jobs.driver.ending import overdue
 from bagpipe_operator.jobs.pods.children import check_allowed
 from bagpipe_operator.jobs.pods.job_config import (
@@ -141,6 +141,8 @@ class WarmStarts:
         pod = await self._pod(job.namespace, claim)
         if pod is None or pod.ended or over(pod) or overdue(pod, self.now()):
             return "gone"
+        if self._is_anothers(job, claim):
+            return "refused"
         if claim.state == "Fenced":
             if not pod.deleting:
                 await self.api.delete_pod(pod.namespace, pod.name, pod.uid)
@@ -149,6 +151,12 @@ class WarmStarts:
             return "silent"
         entire = await whole(self.api, job)
         return await self.offers.offer(pod.ip, self._description(entire, read_spec(entire)))
+
+    def _is_anothers(self, job: JobView, claim: Claim) -> bool:
+        """Whether another job, which claimed the driver as well, has got it."""
+        others = (each for each in self.view.pooled() if not each.finished and each.uid != job.uid)
+        held = (taken(each.status) for each in others)
+        return any(one is not None and one.driver == claim.driver for one in held)
 
     async def _pod(self, namespace: str, claim: Claim) -> PodView | None:
         try:

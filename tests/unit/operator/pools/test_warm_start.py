@@ -442,6 +442,43 @@ async def test_a_job_whose_pods_go_with_another_job_goes_on_and_nothing_is_count
     assert world.view.pods("uid-of-two")[0].name == "two-2-driver"
 
 
+async def test_a_job_that_was_taken_gets_no_pods_of_its_own_while_its_driver_is_out_of_sight() -> (
+    None
+):
+    """The operator was killed after it wrote the claim, and its watch has brought no pod yet."""
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    job = world.api.objects["jobs", "two"]
+    job["status"] = {"pool": job["status"]["pool"]}
+    world.view = View()
+    for name in ("one", "two"):
+        world.view.put_job(JobView.from_object(world.api.objects["jobs", name]))
+    world.restart()
+    for _ in range(8):
+        await world.visit("two", after=2)
+        assert "two-1-driver" not in world.pods()
+    assert (world.status("two")["attempt"], world.status("two")["driver"]) == (1, "one-1-driver")
+
+
+async def test_a_driver_that_two_have_claimed_is_not_taken_from_the_one_that_has_it() -> None:
+    """Both claimed it while the watch was behind; the other one is suspended before an answer."""
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    offered = dict(world.status("two")["pool"])
+    three = pooled("three").with_status(pool=offered).with_spec("suspend", True)
+    world.offers.answers = ["taken"]
+    await world.visit("two", after=1)
+    world.create(three)
+    await world.visit("three", after=1)
+    assert world.status("three")["pool"]["reason"] == "DriverRefused"
+    assert "one-1-driver" in world.pods()
+
+
 async def test_a_driver_that_was_promised_is_promised_once() -> None:
     world = World(pooled("one"))
     await world.run_the_first()
