@@ -1,6 +1,7 @@
 """Parts of logs: which lines belong to a case, where they come from, and why there are none."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -99,6 +100,26 @@ def test_the_lines_of_a_case_come_from_the_executor_that_ran_it() -> None:
     pods = FakePods({("e-1", "stack"): "[slot 0 case a-9 stack] x", ("e-2", "stack"): LOG})
     (part,) = executor_logs(pods, STATE, "stack", 1, "a-1", "ros1")
     assert (part.source, part.lines) == ("pod e-2, container stack", ["crashed"])
+
+
+def test_a_job_of_a_pool_is_searched_in_the_pods_that_it_took() -> None:
+    asked: list[str] = []
+
+    class Asked(FakePods):
+        def pods(self, uid: str, role: str) -> list[dict[str, Any]]:
+            asked.append(uid)
+            return super().pods(uid, role)
+
+    for pool, attempt in (
+        ({}, 1), ({"state": "Taken", "uid": "the-first"}, 1), ({"state": "Offered", "uid": "x"}, 1),
+        ({"state": "Taken", "uid": "the-first"}, 2),
+    ):  # fmt: skip
+        job = running()
+        job["status"] |= {"pool": pool, "attempt": attempt}
+        state = JobState.of(job)
+        executor_logs(Asked({("e-2", "stack"): LOG}), state, "stack", 1, "a-1", "ros1")
+        assert "pods_of" not in state.as_json()
+    assert asked == [STATE.uid, "the-first", STATE.uid, STATE.uid]
 
 
 def test_every_image_of_the_variants_is_searched() -> None:

@@ -42,7 +42,7 @@ class Driver:
     waits: bool
     seat: Seat
     holds: tuple[str, int] | None
-    told: tuple[str, int]
+    reports: tuple[str, int]
     ended: bool = False
 
 
@@ -83,7 +83,6 @@ class World:
     drivers: dict[str, Driver] = field(default_factory=dict)
     late: list[tuple[str, bytes]] = field(default_factory=list)
     answer: str = ""
-    told: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.api, self.view = Api(self), View()
@@ -109,7 +108,7 @@ class World:
         return found if found is not None and found.is_of(*whose) else None
 
     def account_of(self, driver: Driver) -> str:
-        uid, attempt = driver.told
+        uid, attempt = driver.reports
         if driver.holds is None:
             return account(
                 "Complete", uid=uid, attempt=attempt, ended=driver.ended, verdict="Passed",
@@ -137,7 +136,7 @@ class World:
         given = driver.seat.offer(Offer(job, hashlib.sha256(description).hexdigest()))
         if given == "taken" and driver.holds != (job.uid, job.attempt):
             assert driver.holds is None, f"{driver.pod} had {driver.holds} and took {job.uid}"
-            driver.holds = driver.told = (job.uid, job.attempt)
+            driver.holds = driver.reports = (job.uid, job.attempt)
             driver.ended = False
         return "silent" if given == "unknown" else given
 

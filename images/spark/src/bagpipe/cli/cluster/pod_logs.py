@@ -85,7 +85,7 @@ def executor_logs(
 ) -> list[LogPart]:
     """The executors' containers: Spark's, or what stack or agent wrote, of one case or of all."""
     try:
-        pods = cluster.pods(state.uid, EXECUTOR)
+        pods = cluster.pods(state.pods_of or state.uid, EXECUTOR)
     except ClusterError as error:
         return [LogPart(of, "", missing=error.message)]
     if not pods:

@@ -51,6 +51,9 @@ class JobState:
     results: str
     driver: str
     ended: bool
+    pods_of: str = ""
+    """UID of the job that the pods were made for, where a driver of a pool has taken this one."""
+
     first_case: datetime | None = None
     completed: datetime | None = None
     failures: list[Json] = field(default_factory=list)
@@ -76,6 +79,7 @@ class JobState:
             cases=Counts(**{key: int(counts.get(key) or 0) for key in Counts.__annotations__}),
             results=status.get("results") or "",
             driver=status.get("driver") or "",
+            pods_of=_made_for(status),
             ended=_true(conditions, "Complete") or _true(conditions, "Failed"),
             first_case=_moment(status.get("firstCaseTime")),
             completed=_moment(status.get("completionTime")),
@@ -91,9 +95,16 @@ class JobState:
     def as_json(self) -> Json:
         """For --output json and yaml."""
         found = asdict(self)
-        del found["first_case"], found["completed"]
+        del found["first_case"], found["completed"], found["pods_of"]
         found["completionTime"] = self.completed.isoformat() if self.completed else None
         return found
+
+
+def _made_for(status: Json) -> str:
+    """Only a job's first attempt runs in the pods of another."""
+    pool = status.get("pool") or {}
+    taken = pool.get("state") == "Taken" and (status.get("attempt") or 1) == 1
+    return str(pool.get("uid") or "") if taken else ""
 
 
 def _reason(conditions: dict[str, Json]) -> tuple[str, str]:
