@@ -18,9 +18,9 @@ from bagpipe.spec import JobFile
 _job, _master, _shared, _seconds = sys.argv[1:]
 
 
-def settings(of: JobFile, pod: DriverPod, cases: int) -> dict[str, str]:
+def settings(of: JobFile, pod: DriverPod, cases: int, stays: bool) -> dict[str, str]:
     """The job's own settings, less Kubernetes."""
-    made = spark_context.spark_settings(of, pod, cases) | {
+    made = spark_context.spark_settings(of, pod, cases, stays) | {
         "spark.master": _master,
         "spark.cores.max": str(of.spec.spark.most_slots),
         # Only Spark's Kubernetes backend makes the secret by itself.
