@@ -9,7 +9,12 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from bagpipe_operator.jobs.driver.progress import LEAST_INTERVAL_SECONDS, ProgressReader, parse
+from bagpipe_operator.jobs.driver.progress import (
+    LEAST_INTERVAL_SECONDS,
+    Progress,
+    ProgressReader,
+    parse,
+)
 from tests.unit.operator.builders import account
 
 WHOSE = ("uid", 1)
@@ -180,3 +185,22 @@ def test_a_driver_of_the_earlier_release_is_understood() -> None:
     assert progress is not None
     assert progress.cases.discarded == 3
     assert progress.as_status()["cases"]["discarded"] == 3
+
+
+async def test_what_is_remembered_of_the_job_before_is_no_account_of_the_next() -> None:
+    """A driver of a pool takes the next job within the time in which it is not asked again."""
+    words = {"body": account("Complete", uid="one", attempt=1, ended=True, verdict="Passed")}
+
+    class Reader(ProgressReader):
+        async def _ask(self, ip: str) -> Progress | None:  # noqa: ARG002  one driver
+            return parse(words["body"]) if words["body"] else None
+
+    async with aiohttp.ClientSession() as session:
+        reader = Reader(session, 1.0)
+        first = await reader.read("pod", "10.0.0.5", ("one", 1))
+        assert first is not None
+        assert (first.uid, first.verdict) == ("one", "Passed")
+        assert await reader.read("pod", "10.0.0.5", ("two", 1)) is None
+        words["body"] = ""
+        assert await reader.read("pod", "10.0.0.5", ("two", 1)) is None
+        assert await reader.read("pod", "10.0.0.5", ("two", 2)) is None

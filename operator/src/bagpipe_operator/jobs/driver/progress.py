@@ -172,6 +172,9 @@ class ProgressReader:
         `whose`: the job's UID and the attempt. What another job's driver answers there is silence.
         """
         answer = self._answers.setdefault(uid, _Answer())
+        if answer.progress is not None and not answer.progress.is_of(*whose):
+            # Of the job that a driver of a pool had before, whose end nobody has forgotten yet.
+            answer = self._answers[uid] = _Answer()
         now = asyncio.get_running_loop().time()
         if now - answer.asked_at < LEAST_INTERVAL_SECONDS:
             return answer.progress
