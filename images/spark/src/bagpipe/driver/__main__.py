@@ -73,9 +73,8 @@ class Driver:
         self._spark = KeptSpark(_start_spark)
         self._uid = environment.get("BAGPIPE_POD_UID", "")
         self._idle_seconds = float(environment.get("BAGPIPE_POOL_IDLE_SECONDS") or 0)
-        look_up = partial(claim_of, job.namespace)
-        self._look_up = look_up
-        self._seat = Seat(self._uid, job.namespace, self._idle_seconds, look_up)
+        self._look_up = partial(claim_of, job.namespace)
+        self._seat = Seat(self._uid, job.namespace, self._idle_seconds, self._look_up)
         self._seat.begin(job)
         progress = progress_of(job)
         self._metrics = DriverMetrics(progress, job)

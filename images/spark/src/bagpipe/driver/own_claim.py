@@ -3,14 +3,14 @@
 import logging
 import os
 import signal
-import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 from urllib.error import HTTPError
 from urllib.parse import quote
 
 from bagpipe.driver.api_server import ACCOUNT, API_SERVER, get_json
+from bagpipe.driver.beside import Beside
 from bagpipe.driver.seat import Claimed, LookUp
 from bagpipe.spec import JobFile
 
@@ -52,7 +52,7 @@ def _claim_in(job: Mapping[str, Any]) -> Claimed | None:
     return Claimed(job["metadata"]["uid"], attempt, pool.get("driver", ""), pool.get("digest", ""))
 
 
-class StillClaimed:
+class StillClaimed(Beside):
     """Asks while a block runs whether the job still claims this driver: `with StillClaimed(...)`.
 
     The pods of a job that was deleted go with it, but for those that were made for another job.
@@ -66,25 +66,16 @@ class StillClaimed:
         interrupt: Callable[[], None] = lambda: os.kill(os.getpid(), signal.SIGTERM),
         every_seconds: float = _LOOK_SECONDS,
     ) -> None:
-        self._job, self._driver, self._look_up = job, driver, look_up
-        self._interrupt, self._every_seconds = interrupt, every_seconds
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="claim", daemon=True)
+        super().__init__("claim", every_seconds, self._goes_on)
+        self._job, self._driver = job, driver
+        self._look_up, self._interrupt = look_up, interrupt
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._ended.set()
-        self._thread.join()
-
-    def _work(self) -> None:
-        while not self._ended.wait(self._every_seconds):
-            if not self._is_ours() and not self._ended.is_set():
-                log.warning("job %s no longer claims this driver, which ends", self._job.name)
-                self._interrupt()
-                return
+    def _goes_on(self) -> bool:
+        if self._is_ours() or self.is_over:
+            return True
+        log.warning("job %s no longer claims this driver, which ends", self._job.name)
+        self._interrupt()
+        return False
 
     def _is_ours(self) -> bool:
         try:

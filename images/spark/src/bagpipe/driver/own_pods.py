@@ -5,13 +5,13 @@ at the end. The driver may list the pods of its namespace, which Spark needs too
 """
 
 import logging
-import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 from urllib.parse import quote, urlencode
 
 from bagpipe.driver.api_server import ACCOUNT, API_SERVER, get_json
+from bagpipe.driver.beside import Beside
 
 _UID_LABEL = "sim.bagpipe.io/job-uid"
 _LOOK_SECONDS = 60.0
@@ -75,31 +75,22 @@ def pods_of(
             return found
 
 
-class Looking:
+class Looking(Beside):
     """Looks at the pods while a block runs, and once more at its end: `with Looking(...)`."""
 
     def __init__(self, look: Callable[[], Iterable[Json]], seen: Seen) -> None:
-        self._look = look
+        super().__init__("pods", _LOOK_SECONDS, self._once)
+        self._pods = look
         self._seen = seen
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="pods", daemon=True)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._ended.set()
-        self._thread.join()
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
         self._once()
 
-    def _work(self) -> None:
-        while not self._ended.wait(_LOOK_SECONDS):
-            self._once()
-
-    def _once(self) -> None:
+    def _once(self) -> bool:
         try:
-            self._seen.add(self._look())
+            self._seen.add(self._pods())
         except (OSError, ValueError, KeyError, TypeError) as error:
             # A digest less is no reason to end a job.
             log.warning("the job's pods can't be looked at: %s", error)
+        return True
