@@ -103,6 +103,16 @@ class Api(Protocol):
         """
 
 
+async def get_if_there(api: Api, resource: str, namespace: str, name: str) -> Json | None:
+    """One core/v1 object, or None where there is none of that name."""
+    try:
+        return await api.get(resource, namespace, name)
+    except ApiError as error:
+        if error.status != 404:
+            raise
+        return None
+
+
 class KubernetesApi:
     """Api over the official asyncio client."""
 

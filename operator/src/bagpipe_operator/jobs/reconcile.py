@@ -13,7 +13,7 @@ from typing import Protocol
 from bagpipe.spec import DEFAULT_BACKOFF_LIMIT, SimulationJobSpec
 from bagpipe_operator.api import names, readings, reasons
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.cluster.client import Api, ApiError, get_if_there
 from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.announcer import Announcer
 from bagpipe_operator.jobs.claim import driver_name, taken
@@ -185,8 +185,8 @@ class Reconciler:
         """The job, once it is written which driver it has asked, or that it has pods of its own."""
         if job.status.get("driver") or _resumes(job) or _follows(job):
             return job
+        halted = halt_of(job, self.now()) is not None
         for _ in range(_MOST_ASKED):
-            halted = halt_of(job, self.now()) is not None
             pool = await self._warm.next_status(job, halted)
             if pool is None or pool == job.status.get("pool"):
                 break
@@ -417,12 +417,10 @@ class Reconciler:
 
     async def _get_pod(self, namespace: str, name: str) -> PodView | None:
         """A pod as the API server has it, which the view has from now on; None for none."""
-        try:
-            pod = PodView.from_object(await self.api.get("pods", namespace, name))
-        except ApiError as error:
-            if error.status == 404:
-                return None
-            raise
+        found = await get_if_there(self.api, "pods", namespace, name)
+        if found is None:
+            return None
+        pod = PodView.from_object(found)
         self.view.put_pod(pod)
         return self.view.shown(pod)
 

@@ -302,9 +302,8 @@ class View:
         job, pods = self._jobs.get(job_uid), self._pods.get(job_uid, {})
         found = [pods[key] for key in sorted(pods)]
         own = [pod for pod in found if job is None or _is_of(job, pod)]
-        claim = self._guest_claim(job_uid)
-        if claim is not None:
-            own = [pod for pod in own if pod.attempt != claim.attempt]
+        if job_uid in self._guests:
+            own = [pod for pod in own if self.user_of(job_uid, pod.attempt) == job_uid]
         return (*own, *self._taken_over(job))
 
     def _taken_over(self, job: JobView | None) -> list[PodView]:
@@ -321,25 +320,25 @@ class View:
 
     def user_of(self, job_uid: str, attempt: int) -> str:
         """Whose the pods are that were made for a job's attempt: its own, or of the last guest."""
-        claim = self._guest_claim(job_uid)
-        if claim is None or claim.attempt != attempt:
+        guest = self._last_guest(job_uid)
+        claim = taken(guest.status) if guest is not None else None
+        if guest is None or claim is None or claim.attempt != attempt:
             return job_uid
-        return self._last_guest(job_uid).uid
+        return guest.uid
 
-    def _guest_claim(self, job_uid: str) -> Claim | None:
-        if not self._guests.get(job_uid):
-            return None
-        return taken(self._last_guest(job_uid).status)
-
-    def _last_guest(self, job_uid: str) -> JobView:
+    def _last_guest(self, job_uid: str) -> JobView | None:
         """One that has not ended comes before those that have, of which the last one counts."""
-        guests = [self._jobs[uid] for uid in self._guests[job_uid]]
-        ends = [(not job.finished, job.status.get("completionTime") or "") for job in guests]
-        return max(zip(ends, guests, strict=True), key=lambda pair: (pair[0], pair[1].uid))[1]
+        guests = (self._jobs[uid] for uid in self._guests.get(job_uid, ()))
+        return max(
+            guests,
+            key=lambda job: (not job.finished, job.status.get("completionTime") or "", job.uid),
+            default=None,
+        )
 
     def has_guest(self, job_uid: str) -> bool:
         """Whether another job, which has not ended, runs in a job's pods."""
-        return bool(self._guests.get(job_uid)) and not self._last_guest(job_uid).finished
+        guest = self._last_guest(job_uid)
+        return guest is not None and not guest.finished
 
     def pooled(self) -> list[JobView]:
         """The jobs whose status names a pool, but for those that have ended and have no pods."""

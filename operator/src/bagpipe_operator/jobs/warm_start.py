@@ -14,7 +14,7 @@ from typing import Protocol
 from bagpipe.spec import SimulationJobSpec, evaluator_config_maps
 from bagpipe_operator.api import readings
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.cluster.client import Api, get_if_there
 from bagpipe_operator.jobs.claim import COLD, Claim, claim_of, taken
 from bagpipe_operator.jobs.driver.ending import overdue
 from bagpipe_operator.jobs.pods.children import check_allowed
@@ -89,12 +89,12 @@ class WarmStarts:
         return Pooling(settings.pools, settings.pool_idle_seconds, settings.pools_per_namespace)
 
     async def next_status(self, job: JobView, halted: bool) -> Json | None:
-        """What the job's status.pool is to say next; None where there is nothing to ask.
+        """What status.pool of a job without a driver is to say next; None where nothing is asked.
 
         Raises ApiError.
         """
-        pool, attempt = pool_of(job), int(job.status.get("attempt") or 1)
-        if not pool or attempt != 1 or job.status.get("driver"):
+        pool = pool_of(job)
+        if not pool or int(job.status.get("attempt") or 1) != 1:
             return None
         claim = claim_of(job.status)
         if claim is not None:
@@ -159,13 +159,9 @@ class WarmStarts:
         return any(one is not None and one.driver == claim.driver for one in held)
 
     async def _pod(self, namespace: str, claim: Claim) -> PodView | None:
-        try:
-            pod = PodView.from_object(await self.api.get("pods", namespace, claim.pod))
-        except ApiError as error:
-            if error.status == 404:
-                return None
-            raise
-        return pod if pod.uid == claim.driver else None
+        found = await get_if_there(self.api, "pods", namespace, claim.pod)
+        pod = PodView.from_object(found) if found is not None else None
+        return pod if pod is not None and pod.uid == claim.driver else None
 
     def _description(self, entire: JobView, spec: SimulationJobSpec) -> bytes:
         return json.dumps(job_file(entire, spec, 1, self.settings), sort_keys=True).encode()

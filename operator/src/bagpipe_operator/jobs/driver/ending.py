@@ -59,12 +59,12 @@ def has_ended(progress: Progress | None) -> Ending | None:
     """The end of a job whose driver waits for another one, as that one's account says."""
     if progress is None or not progress.ended or progress.phase != "Complete":
         return None
-    return Ending(
-        True,
-        progress.reason or reasons.JOB_COMPLETE,
-        progress.message or "All cases ran.",
-        progress,
-    )
+    return _completed(progress)
+
+
+def _completed(progress: Progress) -> Ending:
+    reason = progress.reason or reasons.JOB_COMPLETE
+    return Ending(True, reason, progress.message or "All cases ran.", progress)
 
 
 def _of_exit(driver: PodView, container: ContainerView, code: int) -> Ending:
@@ -72,12 +72,7 @@ def _of_exit(driver: PodView, container: ContainerView, code: int) -> Ending:
     if progress is not None and not progress.is_of(driver.job_uid, driver.attempt):
         progress = None  # of the job that the driver had before
     if code == 0 and progress is not None and progress.phase == "Complete":
-        return Ending(
-            True,
-            progress.reason or reasons.JOB_COMPLETE,
-            progress.message or "All cases ran.",
-            progress,
-        )
+        return _completed(progress)
     if progress is not None and progress.phase == "Failed" and not _crashed(container, progress):
         return Ending(
             False,

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import aiohttp
 
 from bagpipe_operator.api.names import PROGRESS_PORT
-from bagpipe_operator.jobs.driver.progress import read_bounded
+from bagpipe_operator.jobs.driver.progress import driver_url, read_bounded
 from bagpipe_operator.jobs.pools.handover import Received
 
 logger = logging.getLogger(__name__)
@@ -29,11 +29,10 @@ class DriverOffers:
 
     async def offer(self, ip: str, description: bytes) -> Received:
         """What the driver there answers to a job.json."""
-        host = f"[{ip}]" if ":" in ip else ip
         timeout = aiohttp.ClientTimeout(total=self.deadline_seconds)
         try:
             async with self.session.post(
-                f"http://{host}:{self.port}/job",
+                driver_url(ip, self.port, "job"),
                 data=description,
                 headers={"Content-Type": "application/json"},
                 timeout=timeout,

@@ -203,18 +203,22 @@ class ProgressReader:
         self._answers.pop(uid, None)
 
     async def _ask(self, ip: str) -> Progress | None:
-        host = f"[{ip}]" if ":" in ip else ip
+        url = driver_url(ip, self.port, "progress")
         timeout = aiohttp.ClientTimeout(total=self.deadline_seconds)
         try:
-            async with self.session.get(
-                f"http://{host}:{self.port}/progress", timeout=timeout, allow_redirects=False
-            ) as response:
+            async with self.session.get(url, timeout=timeout, allow_redirects=False) as response:
                 body = await read_bounded(response.content, LONGEST_ANSWER)
                 return parse(body) if response.status == 200 else None
         except (aiohttp.ClientError, TimeoutError, ValueError) as error:
             # A driver that still starts answers nothing; the pod's own state shows what matters.
             logger.debug("no progress from %s: %s", ip, error)
             return None
+
+
+def driver_url(ip: str, port: int, what: str) -> str:
+    """Where a driver's pod serves that; addresses of IPv6 need brackets."""
+    host = f"[{ip}]" if ":" in ip else ip
+    return f"http://{host}:{port}/{what}"
 
 
 async def read_bounded(stream: aiohttp.StreamReader, limit: int) -> bytes:

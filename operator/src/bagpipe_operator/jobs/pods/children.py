@@ -9,7 +9,7 @@ from bagpipe.spec import SimulationJobSpec, evaluator_config_maps, storage_uris
 from bagpipe.storage_hosts import refused_uris
 from bagpipe_operator.api import names, reasons
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.cluster.client import Api, ApiError, get_if_there
 from bagpipe_operator.jobs.pods.driver_pod import driver_pod
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, job_config
@@ -96,13 +96,9 @@ async def _create_or_find(api: Api, job: JobView, resource: str, manifest: Json)
 
 async def _find(api: Api, job: JobView, resource: str, manifest: Json) -> Json | Refusal | None:
     """The object if there is one of its name, or the refusal that it is another's."""
-    try:
-        found = await api.get(resource, job.namespace, manifest["metadata"]["name"])
-    except ApiError as error:
-        if error.status != 404:
-            raise
-        return None
-    return _judged(job, manifest, found)
+    name = manifest["metadata"]["name"]
+    found = await get_if_there(api, resource, job.namespace, name)
+    return None if found is None else _judged(job, manifest, found)
 
 
 def _judged(job: JobView, manifest: Json, found: Json) -> Json | Refusal:

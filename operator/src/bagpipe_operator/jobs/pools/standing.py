@@ -4,8 +4,6 @@ Which driver waits stands in the status of the job that it ran last, which nobod
 writes: a pod that somebody made with the labels of a driver is none.
 """
 
-from datetime import datetime
-
 from bagpipe_operator.api import conditions, names, readings
 from bagpipe_operator.jobs.claim import claim_of
 from bagpipe_operator.jobs.pools.warm import WarmDriver
@@ -42,8 +40,7 @@ def _driver_of(view: View, job: JobView, account: str, promised: set[str]) -> Wa
         pool=str(pool.get("name") or ""),
         account=account,
         shape=pod.shape,
-        idle_since=_end_of(job) if waits else None,
-        leaving=pod.deleting,
+        idle_since=readings.moment(job.status.get("completionTime")) if waits else None,
     )
 
 
@@ -51,7 +48,3 @@ def _failed(job: JobView) -> bool:
     """Whether it ended without having run all cases: such a driver takes no other job."""
     failed = conditions.find(job.status.get("conditions") or [], conditions.FAILED)
     return failed is not None and failed["status"] == "True"
-
-
-def _end_of(job: JobView) -> datetime | None:
-    return readings.moment(job.status.get("completionTime"))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from bagpipe.executor_range import wanted
 from bagpipe_operator.api import names, readings
-from bagpipe_operator.cluster.client import Api, ApiError
+from bagpipe_operator.cluster.client import Api, ApiError, get_if_there
 from bagpipe_operator.jobs.pods.executor_template import executor_trial
 from bagpipe_operator.jobs.pods.job_config import UnusableSpecError, read_spec
 from bagpipe_operator.jobs.troubles import pending
@@ -101,11 +101,8 @@ class Lookout:
             return []
 
     async def _of_claim(self, pod: PodView, claim: str) -> Trouble | None:
-        try:
-            found = await self.api.get("persistentvolumeclaims", pod.namespace, claim)
-        except ApiError as error:
-            if error.status != 404:
-                raise
+        found = await get_if_there(self.api, "persistentvolumeclaims", pod.namespace, claim)
+        if found is None:
             return pending.of_claim(pod, claim, None, ())
         if (found.get("status") or {}).get("phase") == "Bound":
             return None
