@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import http.client
 import json
+import socket
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -152,6 +153,29 @@ def test_a_driver_whose_job_claims_it_goes_on() -> None:
 def description(name: str) -> bytes:
     view = builders.make_job(name).with_spec("spark.pool", "lane").view()
     return json.dumps(job_file(view, read_spec(view), 1, Settings()), sort_keys=True).encode()
+
+
+@pytest.mark.parametrize(
+    "answer", [b"", b"not HTTP\r\n\r\n", b"HTTP/1.1 200 OK\r\nContent-Length: 100\r\n\r\n{"]
+)
+def test_an_answer_that_is_cut_off_is_no_answer(tmp_path: Path, answer: bytes) -> None:
+    """Python raises what is no OSError for it, which would end whoever looks."""
+    (tmp_path / "token").write_text("secret\n")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answers() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(65536)
+                connection.sendall(answer)
+
+        thread = threading.Thread(target=answers, daemon=True)
+        thread.start()
+        with pytest.raises(OSError):  # noqa: PT011  of whatever kind
+            own_claim.claim_of(
+                "lanes", "two", f"http://127.0.0.1:{server.getsockname()[1]}", tmp_path
+            )
+        thread.join(PATIENCE)
 
 
 class Pod:

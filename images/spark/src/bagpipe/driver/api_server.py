@@ -3,6 +3,7 @@
 import json
 import ssl
 import urllib.request
+from http.client import HTTPException
 from pathlib import Path
 from typing import Any
 
@@ -27,5 +28,9 @@ def get_json(
     request = urllib.request.Request(  # noqa: S310  our own server
         f"{server}{path}", headers={"Authorization": f"Bearer {token}"}
     )
-    with opener.open(request, timeout=patience_seconds) as answer:
-        return json.load(answer)
+    try:
+        with opener.open(request, timeout=patience_seconds) as answer:
+            return json.load(answer)
+    except HTTPException as error:
+        # An answer that is cut off, or is no HTTP: of no kind that who asks would expect.
+        raise OSError(f"{path}: {type(error).__name__}: {error}") from error
