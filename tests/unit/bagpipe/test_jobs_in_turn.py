@@ -210,6 +210,47 @@ def test_a_driver_that_waits_ends_at_sigterm_and_not_the_keeper_of_an_ended_job(
     assert turns.answers == ["taken", "refused"]
 
 
+def test_sigterm_while_a_job_is_being_ended_makes_it_the_last(
+    kept: KeptSpark, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While it commits there is nothing to interrupt, and the kubelet does not say it twice."""
+    monkeypatch.setattr(cases_on_spark, "run_case", passes)
+    turns = Turns(world, kept, job_called(world, "first", "one"), job_called(world, "second", "b"))
+    left: list[str] = []
+
+    def works(job: JobFile) -> bool:
+        stays = turns.work(job)
+        turns.interruption(signal.SIGTERM, None)
+        return stays
+
+    work_in_turn(turns.seat, works, turns.interruption, lambda: left.append("left"))
+    assert (turns.accounts["first"].phase, list(turns.accounts), left) == (
+        "Complete",
+        ["first"],
+        [],
+    )
+    turns.come()
+    assert turns.answers == ["taken", "refused"]
+
+
+def test_sigterm_once_the_next_job_has_sat_down_begins_it_not(
+    kept: KeptSpark, world: World, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cases_on_spark, "run_case", passes)
+    turns = Turns(world, kept, job_called(world, "first", "one"), job_called(world, "second", "b"))
+    come = turns.seat._come
+
+    def come_and_end() -> None:
+        come()
+        if turns.accounts:
+            turns.interruption(signal.SIGTERM, None)
+
+    turns.seat._come = come_and_end
+    with pytest.raises(SystemExit) as ended:
+        turns.go()
+    assert (ended.value.code, list(turns.accounts)) == (143, ["first"])
+
+
 def test_a_driver_stays_only_once_nothing_runs(kept: KeptSpark, tmp_path: Path) -> None:
     """Spark knows of tasks that no job of it waits for any more."""
     assert KeptSpark(start).settles(0)  # nothing has been started

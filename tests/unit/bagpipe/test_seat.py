@@ -72,7 +72,7 @@ def test_two_jobs_do_not_sit_down_together() -> None:
     world = World()
     assert world.seat.offer(world.offer("a")) == "taken"
     assert world.seat.offer(world.offer("b")) == "refused"
-    assert world.asked == ["a"]
+    assert world.seat.taken() == world.offer("a").job
 
 
 def test_what_was_refused_is_refused_when_the_seat_is_free_and_the_claim_is_there() -> None:
@@ -137,12 +137,64 @@ def test_who_offers_without_end_fills_no_memory_and_ends_no_job(
     offer = world.offer("a")
     assert world.seat.offer(offer) == "taken"
     for number in range(9):
-        world.seat.offer(world.offer(f"x{number}", claimed=False))
+        world.seat.offer(world.offer(f"x{number}"))
     assert len(world.seat._met) == 3
     assert world.seat.offer(offer) == "taken"
     assert world.seat.taken() == offer.job
     world.seat.leave(stays=True)
     assert world.seat.taken() is None
+
+
+def test_who_offers_what_claims_no_driver_keeps_no_job_from_its_own() -> None:
+    """Anybody who reaches the driver may: the guess of a job's name and UID is no secret."""
+    world = World()
+    for number in range(2 * seats.MOST_MET):
+        assert world.seat.offer(world.offer(f"x{number}", claimed=False)) == "refused"
+    early = world.offer("a", claimed=False)
+    assert world.seat.offer(early) == "refused"
+    assert world.seat.offer(world.offer("a")) == "taken"
+
+
+def test_a_look_up_that_hangs_keeps_neither_the_driver_s_work_nor_who_asks_for_another() -> None:
+    world, asked, go_on = World(), threading.Event(), threading.Event()
+
+    def hangs(_job: str) -> Claimed | None:
+        asked.set()
+        go_on.wait(PATIENCE)
+        return None
+
+    world.seat._look_up = hangs
+    answers: list[str] = []
+    forged = world.offer("x", claimed=False)
+    hanging = threading.Thread(target=lambda: answers.append(world.seat.offer(forged)))
+    hanging.start()
+    assert asked.wait(PATIENCE)
+    assert world.seat.offer(world.offer("a")) == "unknown"
+    world.seat.begin(make_job({}))
+    world.seat.leave(stays=True)
+    go_on.set()
+    hanging.join(PATIENCE)
+    assert answers == ["refused"]
+    world.seat._look_up = world.look_up
+    assert world.seat.offer(world.offer("a")) == "taken"
+
+
+def test_a_seat_that_was_closed_from_a_signal_s_handler_takes_nobody() -> None:
+    world = World()
+    with world.seat._changed:  # the handler runs wherever the main thread is
+        world.seat.close()
+    assert world.seat.offer(world.offer("a")) == "refused"
+    assert world.seat.taken() is None
+
+
+def test_who_waits_learns_of_the_closing() -> None:
+    seat = Seat("d", "lab", 100 * PATIENCE, World().look_up)
+    found: list[JobFile | None] = []
+    waiting = threading.Thread(target=lambda: found.append(seat.taken()))
+    waiting.start()
+    seat.close()
+    waiting.join(PATIENCE)
+    assert found == [None]
 
 
 def test_who_waits_is_woken_by_a_job() -> None:

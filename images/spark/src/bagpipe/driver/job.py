@@ -41,7 +41,7 @@ from bagpipe.storage import Storage, StorageError
 
 # A shell's status of a process that SIGTERM ended; the termination message says that this was an
 # orderly end.
-_INTERRUPTED_STATUS = 128 + signal.SIGTERM
+INTERRUPTED_STATUS = 128 + signal.SIGTERM
 # Neither 0 nor 1, which are the ends of a job: this one has not ended.
 _SPARK_GONE_STATUS = os.EX_TEMPFAIL
 _REASONS: list[tuple[type[Exception], str]] = [
@@ -61,11 +61,18 @@ class Interruption:
 
     def __init__(self) -> None:
         self.keeper: Keeper | None = None
+        self.came = False
+        # What ends the wait for another job, while no job runs.
+        self.waiting: Callable[[], None] | None = None
 
     def __call__(self, _signal: int, _frame: FrameType | None) -> None:
         """The signal's handler; before there are rows to keep, the driver ends at once."""
+        self.came = True
+        if self.waiting is not None:
+            self.waiting()
+            return
         if self.keeper is None:
-            sys.exit(_INTERRUPTED_STATUS)
+            sys.exit(INTERRUPTED_STATUS)
         self.keeper.interrupt()
 
 
@@ -159,7 +166,7 @@ def run(
             log.info("%d cases were taken over from job %s", taken, job.resume.job)
         _run_the_rest(place, job, planned, keeper, storage)
         if keeper.interrupted:
-            sys.exit(_INTERRUPTED_STATUS)
+            sys.exit(INTERRUPTED_STATUS)
         if keeper.stop is not None:
             progress.stop(keeper.stop.reason, keeper.stop.message)
         if keeper.stop is not None and not keeper.stop.final:

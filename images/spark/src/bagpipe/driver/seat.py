@@ -14,6 +14,8 @@ from bagpipe.spec import JobFile
 
 # What is remembered of offers; a driver that has met more takes no other and ends.
 MOST_MET = 1_000
+# SIGTERM's handler may not wake who waits, which looks by itself so often.
+_LOOK_SECONDS = 0.5
 
 Answer = Literal["taken", "ended", "refused", "unknown"]
 
@@ -63,6 +65,8 @@ class Seat:
         self._look_up = look_up
         self._monotonic = monotonic
         self._changed = threading.Condition()
+        self._looking_up = threading.Semaphore()
+        self._closing = False
         self._met: set[tuple[str, int]] = set()
         self._ended: set[tuple[str, int]] = set()
         self._current: Offer | None = None
@@ -78,37 +82,66 @@ class Seat:
     def offer(self, offer: Offer) -> Answer:
         """Whether the driver runs the job, or has run it; `unknown` may be asked again.
 
-        What was refused once is refused for ever: the operator has made other pods for it.
+        A job that claims this driver and was refused once is refused for ever: the operator has
+        made other pods for it. What claims it not is not remembered, as anybody may send it.
         """
         with self._changed:
-            if self._current is not None and self._current.key == offer.key:
-                return "taken"
-            if offer.key in self._ended:
-                return "ended"
-            # Anybody may fill the memory of offers; a closed seat needs none.
-            self._closed = self._closed or len(self._met) >= MOST_MET
-            if self._closed or offer.key in self._met:
-                return "refused"
-            try:
-                fits = self._is_free() and self._is_ours(offer)
-            except OSError:
-                return "unknown"
-            self._met.add(offer.key)
-            if not fits:
-                return "refused"
-            self._current = offer
-            self._changed.notify_all()
+            known = self._known(offer)
+        if known is not None:
+            return known
+        ours = self._looked_up(offer)
+        if ours is None:
+            return "unknown"
+        with self._changed:
+            return self._known(offer) or self._seated(offer, ours)
+
+    def close(self) -> None:
+        """No further job is taken. For a signal's handler: it takes no lock."""
+        self._closing = True
+
+    def _known(self, offer: Offer) -> Answer | None:
+        """What the answer is without a look-up."""
+        if self._current is not None and self._current.key == offer.key:
             return "taken"
+        if offer.key in self._ended:
+            return "ended"
+        # A closed seat needs no memory of offers.
+        self._closed = self._closed or self._closing or len(self._met) >= MOST_MET
+        return "refused" if self._closed or offer.key in self._met else None
+
+    def _looked_up(self, offer: Offer) -> bool | None:
+        """Whether the job claims this driver; None where that is not known now.
+
+        One at a time, and without the lock: who sends many delays neither the work nor its end.
+        """
+        if not self._looking_up.acquire(blocking=False):
+            return None
+        try:
+            return self._is_ours(offer)
+        except OSError:
+            return None
+        finally:
+            self._looking_up.release()
+
+    def _seated(self, offer: Offer, ours: bool) -> Answer:
+        if not ours:
+            return "refused"
+        self._met.add(offer.key)
+        if not self._is_free():
+            return "refused"
+        self._current = offer
+        self._changed.notify_all()
+        return "taken"
 
     def taken(self) -> JobFile | None:
         """Waits for the next job; None when none came in time, and no other will be taken."""
         with self._changed:
             while self._current is None and not self._closed:
                 left = self._until - self._monotonic()
-                if left <= 0:
+                if left <= 0 or self._closing:
                     self._closed = True
                 else:
-                    self._changed.wait(left)
+                    self._changed.wait(min(left, _LOOK_SECONDS))
             return self._current.job if self._current is not None else None
 
     def leave(self, stays: bool) -> None:
