@@ -13,6 +13,9 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.jobs.driver.progress import Progress, parse
 
+# Later than all that these tests do.
+GONE_BY = "2999-01-01T00:00:00Z"
+
 
 def not_found(what: str) -> ApiError:
     return ApiError(404, "NotFound", f"{what} not found")
@@ -29,6 +32,7 @@ class FakeApi:
     version: int = 100
     events_about: dict[str, list[Json]] = field(default_factory=dict)  # by UID
     shown: list[Json] = field(default_factory=list)  # manifests of dry runs
+    terminating: bool = False  # pods that are deleted stay for their grace period
 
     def fail(self, call: str, *errors: BaseException) -> None:
         """The next calls of that name raise these, one each."""
@@ -71,6 +75,9 @@ class FakeApi:
         pod = self.objects.get(("pods", name))
         if pod is None or pod["metadata"]["uid"] != uid:
             return False
+        if self.terminating:
+            pod["metadata"]["deletionTimestamp"] = GONE_BY
+            return True
         del self.objects["pods", name]
         self._answers("delete pod")
         return True
@@ -140,6 +147,10 @@ class FakeDrivers:
 
     async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
         return parse(self.says) if self.says is not None else None
+
+    async def works(self, ip: str) -> bool | None:
+        progress = parse(self.says) if self.says is not None else None
+        return None if progress is None else not progress.ended
 
     def silent_seconds(self, uid: str) -> float:
         return self.silent

@@ -68,6 +68,12 @@ def taken(status: Json) -> Claim | None:
     return claim if claim is not None and claim.state == "Taken" else None
 
 
+def is_asked_for(status: Json) -> bool:
+    """Whether a driver was asked to run the job, and it is not known whether it does."""
+    claim = claim_of(status)
+    return claim is not None and claim.state != "Taken"
+
+
 def driver_name(job: str, attempt: int, status: Json) -> str:
     """The pod's name of an attempt's driver."""
     claim = taken(status)

@@ -13,10 +13,12 @@ from typing import Protocol
 from bagpipe.spec import DEFAULT_BACKOFF_LIMIT, SimulationJobSpec
 from bagpipe_operator.api import names, readings, reasons
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.api.pool_driver import own_driver_in_pool
 from bagpipe_operator.cluster.client import Api, ApiError, get_if_there
+from bagpipe_operator.cluster.lent_pods import may_lend_pods
 from bagpipe_operator.jobs import transitions
 from bagpipe_operator.jobs.announcer import Announcer
-from bagpipe_operator.jobs.claim import driver_name, taken
+from bagpipe_operator.jobs.claim import driver_name, is_asked_for, taken
 from bagpipe_operator.jobs.driver.ending import Ending, ending_of, has_ended, lost_driver
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.driver.rounds import Rounds, serves
@@ -49,7 +51,6 @@ from bagpipe_operator.jobs.warm_start import (
     NoOffers,
     Offers,
     WarmStarts,
-    is_asked_for,
 )
 from bagpipe_operator.jobs.whole_job import whole
 from bagpipe_operator.runtime.clock import utc_now
@@ -70,6 +71,9 @@ class Drivers(Protocol):
 
     async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:
         """The last account of the driver of a job's (UID's) attempt."""
+
+    async def works(self, ip: str) -> bool | None:
+        """Whether the driver at that address has a job, whichever; None where none answers."""
 
     def silent_seconds(self, uid: str) -> float:
         """How long it has not answered."""
@@ -118,7 +122,9 @@ class Reconciler:
         self._refusals = Refusals(self.settings.stuck_seconds, self.monotonic)
         self._rounds = Rounds(self.monotonic)
         self._handover = Handover(self.api, self.monotonic)
-        self._warm = WarmStarts(self.api, self.view, self.offers, self.settings, self.now)
+        self._warm = WarmStarts(
+            self.api, self.view, self.offers, self.drivers, self.settings, self.now, self.monotonic
+        )
         for uid in list(self._asked):
             self._forget_driver(uid)
         self._unanswered.clear()
@@ -162,7 +168,9 @@ class Reconciler:
         kept = job is None or not job.finished or self.announcer.owes(job)
         if job is None or kept or not expired(job, self.now()):
             return
-        if not self.view.has_guest(uid) and not await self._handover.waits(job):
+        own = own_driver_in_pool(job.name, job.status)
+        lends = await may_lend_pods(self.api, job.namespace, own, uid)
+        if not lends and not await self._handover.waits(job):
             await self._remove(job)
 
     async def _advance(self, job: JobView) -> JobView | None:
@@ -236,21 +244,28 @@ class Reconciler:
                 progress = await self._account_of(driver)
                 ending = has_ended(progress)
         running = driver is not None and ending is None and serves(driver)
-        ending = self._excused(job, ending)
+        ending = await self._excused(job, ending)
         account = ending.progress if ending else progress
         halt = halt_as_seen(halt, job, running, account, self.now())
         return await self._observation(job, attempt, driver, progress, refusal, ending, halt)
 
-    def _excused(self, job: JobView, ending: Ending | None) -> Ending | None:
+    async def _excused(self, job: JobView, ending: Ending | None) -> Ending | None:
         """Not counted where the job that this one's pods were made for was deleted, and they with
-        it."""
+        it; in the foreground it is there until they are gone."""
         claim = taken(job.status)
-        if ending is None or claim is None or self.view.job(claim.uid) is not None:
+        if ending is None or not ending.lost or claim is None:
             return ending
-        return replace(ending, voluntary=ending.lost)
+        try:
+            home = JobView.from_object(await self.api.get_job(job.namespace, claim.job))
+        except ApiError as error:
+            if error.status != 404:
+                raise
+            return replace(ending, voluntary=True)
+        stays = home.uid == claim.uid and not home.deleting
+        return ending if stays else replace(ending, voluntary=True)
 
     def _may_start(self, job: JobView) -> bool:
-        return not pausing(job, self.now()) and not is_asked_for(job)
+        return not pausing(job, self.now()) and not is_asked_for(job.status)
 
     async def _looked_up(self, job: JobView, attempt: int) -> Observation | None:
         """The earlier jobs that this one depends on, one at a time; None when they are written."""
@@ -490,7 +505,7 @@ class Reconciler:
         for their logs until the job is deleted.
         """
         pods = [p for p in self.view.pods(job.uid) if not p.ended and not p.deleting]
-        if pods and self._warm.keeps(job):
+        if pods and await self._warm.keeps(job):
             return
         for pod in sorted(pods, key=lambda p: p.role != names.ROLE_DRIVER):
             if needs_stop(pod, self.now()):

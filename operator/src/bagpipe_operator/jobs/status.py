@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from bagpipe_operator.api import conditions, reasons
 from bagpipe_operator.api.conditions import Condition
 from bagpipe_operator.api.objects import Json
-from bagpipe_operator.jobs.claim import taken
+from bagpipe_operator.jobs.claim import is_asked_for, taken
 from bagpipe_operator.jobs.driver.ending import Ending
 from bagpipe_operator.jobs.driver.progress import Progress
 from bagpipe_operator.jobs.observation import Halt, Observation
@@ -36,7 +36,8 @@ def decide(seen: Observation, now: datetime, stuck_seconds: float) -> Json:
     """The whole status; equal to the old one when nothing has changed."""
     ending = seen.ending
     if seen.halt is not None and (ending is None or ending.lost):
-        if seen.alive:
+        # A driver of a pool that was asked may run the job, until its pod is gone.
+        if seen.alive or is_asked_for(seen.job.status):
             return _stopping(seen, seen.halt, now)
         if not seen.halt.final:
             return _suspended(seen, seen.halt, now)
@@ -129,7 +130,7 @@ def _baseline(job: JobView) -> list[Condition]:
 def _stopping(seen: Observation, halt: Halt, now: datetime) -> Json:
     """The status while the pods of a suspended or late job end."""
     status = _noted(seen, now)
-    message = halt.while_stopping(len(seen.alive))
+    message = halt.while_stopping(max(1, len(seen.alive)))
     suspending = reasons.SUSPENDING if not halt.final else halt.reason
     wanted = [
         _accepted(seen),

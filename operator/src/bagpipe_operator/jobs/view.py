@@ -335,11 +335,6 @@ class View:
             default=None,
         )
 
-    def has_guest(self, job_uid: str) -> bool:
-        """Whether another job, which has not ended, runs in a job's pods."""
-        guest = self._last_guest(job_uid)
-        return guest is not None and not guest.finished
-
     def pooled(self) -> list[JobView]:
         """The jobs whose status names a pool, but for those that have ended and have no pods."""
         jobs = (self._jobs[uid] for uid in sorted(self._pooled))

@@ -25,12 +25,12 @@ from bagpipe_operator.jobs.pods.job_config import (
     read_spec,
 )
 from bagpipe_operator.jobs.policies.places import over
+from bagpipe_operator.jobs.pools.crowds import Crowds
 from bagpipe_operator.jobs.pools.handover import Received, step
 from bagpipe_operator.jobs.pools.shape import shape_of
 from bagpipe_operator.jobs.pools.standing import drivers_of_pools, standing_driver
 from bagpipe_operator.jobs.pools.warm import (
     Cold,
-    Crowd,
     Pooling,
     Wish,
     chosen,
@@ -39,9 +39,13 @@ from bagpipe_operator.jobs.pools.warm import (
 )
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.jobs.whole_job import whole
+from bagpipe_operator.runtime.patience import Patience
 from bagpipe_operator.settings import Settings
 
 logger = logging.getLogger(__name__)
+
+# A driver that waits and has not answered for this long is ended when it is its turn.
+SILENT_SECONDS = 30.0
 
 
 class Offers(Protocol):
@@ -49,6 +53,13 @@ class Offers(Protocol):
 
     async def offer(self, ip: str, description: bytes) -> Received:
         """What the driver at that address answers to a job.json."""
+
+
+class Working(Protocol):
+    """Who asks drivers whether they have a job."""
+
+    async def works(self, ip: str) -> bool | None:
+        """Whether the driver at that address has a job, whichever; None where none answers."""
 
 
 class NoOffers:
@@ -64,12 +75,6 @@ def pool_of(job: JobView) -> str:
     return str(readings.mapping(job.spec.get("spark")).get("pool") or "")
 
 
-def is_asked_for(job: JobView) -> bool:
-    """Whether a driver has been asked for the job, and it is not known whether it runs it."""
-    claim = claim_of(job.status)
-    return claim is not None and claim.state != "Taken"
-
-
 @dataclass
 class WarmStarts:
     """One per operator."""
@@ -77,10 +82,17 @@ class WarmStarts:
     api: Api
     view: View
     offers: Offers
+    drivers: Working
     settings: Settings
     now: Callable[[], datetime]
-    # The jobs that wait for room, by their UIDs.
-    _crowded: dict[str, Crowd] = field(default_factory=dict)
+    monotonic: Callable[[], float]
+    _crowds: Crowds = field(init=False)
+    # The drivers' pods that jobs are about to claim, by the jobs' UIDs.
+    _chosen: dict[str, str] = field(default_factory=dict)
+    _silent: Patience = field(default_factory=Patience)
+
+    def __post_init__(self) -> None:
+        self._crowds = Crowds(self.pooling.idle_seconds)
 
     @property
     def pooling(self) -> Pooling:
@@ -97,6 +109,7 @@ class WarmStarts:
         if not pool or int(job.status.get("attempt") or 1) != 1:
             return None
         claim = claim_of(job.status)
+        self._chosen.pop(job.uid, None)
         if claim is not None:
             return None if claim.state == "Taken" else await self._go_on(job, pool, claim, halted)
         decided = readings.mapping(job.status.get("pool")).get("state") == COLD
@@ -111,7 +124,8 @@ class WarmStarts:
         except UnusableSpecError:
             return None  # the job ends, with its sentence, when its pods are to be made
         account = self.settings.driver_service_account
-        drivers = drivers_of_pools(self.view, account)
+        taken_soon = set(self._chosen.values())
+        drivers = [d for d in drivers_of_pools(self.view, account) if d.uid not in taken_soon]
         found = chosen(self._wish(entire, spec, pool), drivers, self.pooling, self.now())
         if isinstance(found, Cold):
             return _cold(pool, found)
@@ -119,6 +133,7 @@ class WarmStarts:
         description = self._description(entire, spec)
         if pod is None or len(description) > LARGEST_CONFIG_BYTES:
             return _cold(pool, Cold("NoneWaits", f"No driver of pool {pool} can take the job."))
+        self._chosen[job.uid] = pod.uid
         claim = Claim(
             pod.uid, self.now(), "Offered", pod.name, pod.job, pod.job_uid, pod.attempt,
             hashlib.sha256(description).hexdigest(),
@@ -150,7 +165,12 @@ class WarmStarts:
         if halted or pod.deleting:
             return "silent"
         entire = await whole(self.api, job)
-        return await self.offers.offer(pod.ip, self._description(entire, read_spec(entire)))
+        try:
+            spec = read_spec(entire)
+            check_allowed(spec, self.settings)
+        except UnusableSpecError:
+            return "silent"  # nobody may run it any more, and the driver may have taken it
+        return await self.offers.offer(pod.ip, self._description(entire, spec))
 
     def _is_anothers(self, job: JobView, claim: Claim) -> bool:
         """Whether another job, which claimed the driver as well, has got it."""
@@ -182,18 +202,17 @@ class WarmStarts:
 
     def note_room(self, job: JobView, in_quota: bool, on_nodes: bool) -> None:
         """Whether a job waits for room, and where: drivers that wait for a job give theirs."""
-        if not in_quota and not on_nodes:
-            self._crowded.pop(job.uid, None)
-            return
-        known = self._crowded.get(job.uid)
-        since = known.since if known is not None else self.now()
-        self._crowded[job.uid] = Crowd(job.namespace, since, on_nodes)
+        if in_quota or on_nodes:
+            self._crowds.note(job.uid, job.namespace, on_nodes, self.now())
+        else:
+            self._crowds.forget(job.uid)
 
     def forget(self, uid: str) -> None:
         """A job has ended, or is gone."""
-        self._crowded.pop(uid, None)
+        self._crowds.forget(uid)
+        self._chosen.pop(uid, None)
 
-    def keeps(self, job: JobView) -> bool:
+    async def keeps(self, job: JobView) -> bool:
         """Whether the pods of a job that has ended stay, for another job or because they have one.
 
         Those that wait go when they have waited for too long, are too many, or others need room.
@@ -205,12 +224,22 @@ class WarmStarts:
         found = next((driver for driver in drivers if driver.uid == pod.uid), None)
         if found is None:
             return False
-        crowded = list(self._crowded.values())
-        for driver, why in leaving(drivers, crowded, self.pooling, self.now()):
-            if driver.uid == pod.uid:
-                logger.info("%s/%s waits no longer: %s", pod.namespace, pod.name, why)
-                return False
-        return True
+        leave = leaving(drivers, self._crowds.now(), self.pooling, self.now())
+        why = next((why for driver, why in leave if driver.uid == pod.uid), None)
+        if why is None or await self._may_work(pod):
+            return True
+        logger.info("%s/%s waits no longer: %s", pod.namespace, pod.name, why)
+        return False
+
+    async def _may_work(self, pod: PodView) -> bool:
+        """Whether a driver has a job that is not in the view, as when an operator starts.
+
+        One that is silent is waited for as long as it may take to bring all jobs into the view.
+        """
+        works = await self.drivers.works(pod.ip)
+        silent = ["silent"] if works is None else []
+        seconds = self._silent.observe(pod.uid, silent, self.monotonic())
+        return bool(works) or any(waited < SILENT_SECONDS for waited in seconds.values())
 
 
 def _cold(pool: str, why: Cold) -> Json:

@@ -17,6 +17,7 @@ from bagpipe_operator.api.objects import Json
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.cluster.event_backlog import Creator
 from bagpipe_operator.cluster.events import Note
+from bagpipe_operator.cluster.lent_pods import may_lend_pods
 from bagpipe_operator.schedules import events
 from bagpipe_operator.schedules.alarms import Alarms
 from bagpipe_operator.schedules.decide import Decision, Verdict, decide, time_zone_of
@@ -37,6 +38,9 @@ MOST_UNANSWERED = 3
 
 class ScheduleApi(Creator, Protocol):
     """What schedules need of an API server; every method raises ApiError."""
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        """One core/v1 object."""
 
     async def create_job(self, manifest: Json) -> Json:
         """Creates a SimulationJob."""
@@ -112,7 +116,8 @@ class ScheduleReconciler:
         outcome = await self._carried_out(schedule, decision)
         await self._write(schedule, outcome, now)
         for job in decision.surplus:
-            await self._delete(job)
+            if not await may_lend_pods(self.api, job.namespace, job.pool_driver, job.uid):
+                await self._delete(job)
         again = await self._recorder.write(schedule, now)
         if outcome.refused is not None:
             # The queue's growing pauses apply until the run is started, or the next one is due.

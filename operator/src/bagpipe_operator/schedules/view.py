@@ -11,6 +11,7 @@ from bagpipe_operator.api import readings
 from bagpipe_operator.api.kept_spec import scalars
 from bagpipe_operator.api.nesting import DEEPEST, bounded
 from bagpipe_operator.api.objects import Json, is_older
+from bagpipe_operator.api.pool_driver import own_driver_in_pool
 from bagpipe_operator.api.runs import PassedRun, controller_of, passed_run, run_of
 from bagpipe_operator.cluster.large_objects import is_large
 
@@ -88,6 +89,7 @@ class ScheduledJob:
     passed_run: PassedRun | None = None
     result: Result | None = None  # of one that has ended
     owes: bool = False  # somebody is still to be notified of its end, as its status says
+    pool_driver: str = ""  # the pod of its last driver, where that may run another job
     resource_version: str = field(default="", compare=False)
 
     @property
@@ -118,6 +120,7 @@ class ScheduledJob:
             passed_run=passed_run(meta["name"], status),
             # Of one that runs it would change all the time, and nobody goes by it.
             result=_result(status, "Complete" in true) if true & {"Complete", "Failed"} else None,
+            pool_driver=own_driver_in_pool(meta["name"], status),
             owes=any(each["state"] == "Pending" for each in status.get("notifications") or []),
             resource_version=str(meta.get("resourceVersion") or ""),
         )

@@ -25,10 +25,16 @@ class Drivers:
 
     def __init__(self) -> None:
         self.says: dict[str, str] = {}
+        self.silent = False
 
     async def read(self, uid: str, ip: str, whose: tuple[str, int]) -> Progress | None:  # noqa: ARG002
         progress = parse(self.says[uid]) if uid in self.says else None
         return progress if progress is not None and progress.is_of(*whose) else None
+
+    async def works(self, ip: str) -> bool | None:  # noqa: ARG002
+        last = list(self.says.values())[-1:]
+        progress = parse(last[0]) if last and not self.silent else None
+        return None if progress is None else not progress.ended
 
     def silent_seconds(self, uid: str) -> float:  # noqa: ARG002
         return 0.0

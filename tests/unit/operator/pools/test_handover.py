@@ -50,5 +50,13 @@ def test_past_it_only_silence_is_another_matter(
     assert step(Claim("d", START, state), received, after(late)) == expected
 
 
+@pytest.mark.parametrize(("ahead", "then"), [(9.9, "Offered"), (10.0, "Fenced"), (9e5, "Fenced")])
+def test_a_claim_of_a_clock_that_was_ahead_is_not_waited_for(ahead: float, then: State) -> None:
+    claim = Claim("d", after(ahead), "Offered")
+    found = step(claim, "silent", START).claim
+    assert found is not None
+    assert found.state == then
+
+
 def test_a_claim_begins_as_an_offer() -> None:
     assert Claim("d", START).state == "Offered"

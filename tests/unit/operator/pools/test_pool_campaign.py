@@ -108,6 +108,13 @@ class World:
         found = parse(self.account_of(driver))
         return found if found is not None and found.is_of(*whose) else None
 
+    async def works(self, ip: str) -> bool | None:
+        driver = next((d for d in self.drivers.values() if d.ip == ip), None)
+        if driver is None:
+            return None
+        found = parse(self.account_of(driver))
+        return None if found is None else not found.ended
+
     def account_of(self, driver: Driver) -> str:
         uid, attempt = driver.reports
         if driver.holds is None:

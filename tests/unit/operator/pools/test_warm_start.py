@@ -1,20 +1,27 @@
 """Jobs of a pool, one after the other, over the fakes: whose pods they run in, and until when."""
 
+import asyncio
+import contextlib
 import json
+from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.objects import Json
+from bagpipe_operator.cluster.client import ApiError
+from bagpipe_operator.cluster.lent_pods import may_lend_pods
 from bagpipe_operator.jobs.claim import claim_of
 from bagpipe_operator.jobs.sweep import Sweeper
 from bagpipe_operator.jobs.view import JobView, PodView, View
 from bagpipe_operator.jobs.watch import Watch
 from bagpipe_operator.runtime.metrics import Metrics
 from bagpipe_operator.runtime.queue import WorkQueue
+from bagpipe_operator.schedules.view import ScheduledJob
 from bagpipe_operator.settings import Settings
 from tests.unit.operator.builders import account, make_job
-from tests.unit.operator.pools.pool_world import DRIVER, World, pooled
+from tests.unit.operator.pools.pool_world import DRIVER, POOLS, World, pooled
 
 
 async def test_the_first_job_of_a_pool_has_pods_of_its_own_which_wait() -> None:
@@ -280,18 +287,69 @@ async def test_a_job_that_failed_keeps_nobody() -> None:
     assert world.status("two")["pool"]["reason"] == "NoneWaits"
 
 
-async def test_an_expired_job_stays_as_long_as_another_runs_in_its_pods() -> None:
+async def test_an_expired_job_stays_as_long_as_its_driver_which_may_run_another() -> None:
     world = World(pooled("one").with_spec("ttlAfterFinished", "10s"))
     await world.run_the_first()
-    world.create(pooled("two"))
+    world.create(pooled("two").with_spec("ttlAfterFinished", "10s"))
     await world.visit("two", after=1)
     world.says("two")
     await world.visit("one", after=60)
     assert ("jobs", "one") in world.api.objects
     world.says("two", "Complete", ended=True, verdict="Passed")
     await world.visit("two", after=2)
+    await world.visit("two", after=20)
+    assert ("jobs", "two") not in world.api.objects
+    await world.visit("one", after=2)
+    assert ("jobs", "one") in world.api.objects
+    world.api.objects["pods", "one-1-driver"]["status"]["phase"] = "Succeeded"
     await world.visit("one", after=2)
     assert ("jobs", "one") not in world.api.objects
+
+
+@pytest.mark.parametrize("silent", [False, True])
+async def test_an_operator_that_starts_ends_no_driver_whose_job_it_has_not_listed_yet(
+    silent: bool,
+) -> None:
+    """The pages of a list come one after the other, and the pods' may come first."""
+    world = World(pooled("one").with_spec("ttlAfterFinished", "10s"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.says("two")
+    await world.visit("two", after=1)
+    world.restart(fresh=True)
+    world.view.drop_job("uid-of-two")
+    world.drivers.silent = silent
+    await world.visit("one", after=400)
+    await world.visit("one", after=29.9)
+    assert world.pods() == ["one-1-driver", "one-1-exec-1"]
+    assert ("jobs", "one") in world.api.objects
+    await world.visit("one", after=0.1)
+    assert ("one-1-driver" in world.pods()) is not silent
+
+
+async def test_a_schedule_knows_of_each_job_which_driver_may_run_another() -> None:
+    world = World(pooled("one"), make_job("plain"))
+    await world.run_the_first()
+    await world.visit("plain")
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    for name, driver in (("one", "one-1-driver"), ("two", ""), ("plain", "")):
+        assert ScheduledJob.from_object(world.api.objects["jobs", name]).pool_driver == driver
+
+
+async def test_only_a_pod_that_runs_for_that_very_job_is_lent() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    lends = partial(may_lend_pods, world.api, "lanes")
+    assert await lends("one-1-driver", "uid-of-one")
+    assert not await lends("one-1-driver", "uid-of-its-namesake")
+    assert not await lends("two-1-driver", "uid-of-two")
+    world.api.objects["pods", "one-1-driver"]["metadata"]["deletionTimestamp"] = "now"
+    assert not await lends("one-1-driver", "uid-of-one")
+    world.api.fail("get pods", ApiError(0, "Unreachable", "no answer"))
+    with pytest.raises(ApiError):
+        await lends("one-1-driver", "uid-of-one")
 
 
 async def test_a_job_whose_pods_go_with_another_job_goes_on_and_nothing_is_counted() -> None:
@@ -309,6 +367,101 @@ async def test_a_job_whose_pods_go_with_another_job_goes_on_and_nothing_is_count
     await world.visit("two", after=11)
     assert "two-2-driver" in world.pods()
     assert world.view.pods("uid-of-two")[0].name == "two-2-driver"
+
+
+async def test_a_job_that_is_deleted_in_the_foreground_counts_against_no_other() -> None:
+    """It is there, and in the view, until its pods are gone."""
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.api.objects["jobs", "one"]["metadata"]["deletionTimestamp"] = "2026-11-25T00:00:00Z"
+    world.goes("one-1-driver")
+    await world.visit("two", after=1)
+    assert (world.status("two")["attempt"], world.status("two")["lostDrivers"]) == (2, 0)
+
+
+async def test_a_driver_that_is_lost_while_its_first_job_stays_counts() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.view.drop_job("uid-of-one")  # as before all are listed
+    world.goes("one-1-driver")
+    await world.visit("two", after=1)
+    assert (world.status("two")["attempt"], world.status("two")["lostDrivers"]) == (2, 1)
+
+
+async def test_what_became_forbidden_while_a_driver_was_asked_is_not_asked_again() -> None:
+    """An operator with other rules has started: the job ends by them, and no driver runs it."""
+    one, two = (
+        pooled(name).with_spec("output.uri", "hdfs://elsewhere:8020/results")
+        for name in ("one", "two")
+    )
+    world = World(one)
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    world.create(two)
+    await world.visit("two", after=1)
+    assert world.status("two")["pool"]["state"] == "Offered"
+    asked = len(world.offers.came)
+    world.settings = replace(POOLS, storage_hosts=("s3.example.com",))
+    world.restart(fresh=True)
+    await world.visit("two", after=9)
+    assert world.status("two")["pool"]["state"] == "Offered"
+    await world.visit("two", after=1)
+    assert world.status("two")["pool"]["state"] == "Fenced"
+    await world.visit("two", after=2)
+    assert world.reason("two", "Failed") == "True/SpecInvalid"
+    assert (len(world.offers.came), "two-1-driver" in world.pods()) == (asked, False)
+
+
+async def test_a_halt_is_complete_only_once_the_driver_that_was_asked_is_gone() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.offers.answers = ["silent"]
+    world.create(pooled("two"))
+    await world.visit("two", after=1)
+    world.api.terminating = True
+    world.suspend("two")
+    for _ in range(3):
+        await world.visit("two", after=1)
+        assert world.reason("two", "Suspended") == "False/Suspending"
+    assert world.status("two")["pool"]["state"] == "Fenced"
+    world.goes("one-1-driver")
+    await world.visit("two", after=1)
+    assert world.reason("two", "Suspended").startswith("True/")
+
+
+async def test_two_jobs_that_are_looked_at_together_choose_two_drivers() -> None:
+    world = World(*(pooled(name) for name in ("one", "six")))
+    for name in ("one", "six"):
+        await world.visit(name, after=1)
+    for name in ("one", "six"):
+        world.run(f"{name}-1-driver")
+        done = account("Complete", uid=f"uid-of-{name}", attempt=1, ended=True, verdict="Passed")
+        world.drivers.says[f"uid-of-{name}-1-driver"] = done
+        await world.visit(name, after=2)
+    world.offers.answers = ["silent"]
+    for name in ("two", "three"):
+        world.create(pooled(name))
+    await asyncio.gather(world.visit("two"), world.visit("three"))
+    pods = [world.status(name)["pool"]["pod"] for name in ("two", "three")]
+    assert sorted(pods) == ["one-1-driver", "six-1-driver"]
+
+
+async def test_a_driver_that_was_chosen_for_a_job_that_is_gone_is_there_for_the_next() -> None:
+    world = World(pooled("one"))
+    await world.run_the_first()
+    world.create(pooled("two"))
+    world.api.fail("patch status", ApiError(404, "NotFound", "two is gone"))
+    del world.api.objects["jobs", "two"]
+    with contextlib.suppress(ApiError):
+        await world.visit("two", after=1)
+    await world.visit("two", after=1)
+    world.create(pooled("three"))
+    await world.visit("three", after=1)
+    assert world.status("three")["pool"]["state"] == "Taken"
 
 
 async def test_a_job_that_was_taken_gets_no_pods_of_its_own_while_its_driver_is_out_of_sight() -> (

@@ -10,6 +10,7 @@ import pytest
 
 from bagpipe_operator.api import names
 from bagpipe_operator.api.nesting import is_deep
+from bagpipe_operator.api.objects import Json
 from bagpipe_operator.api.runs import run_of
 from bagpipe_operator.cluster.client import ApiError
 from bagpipe_operator.runtime.queue import WorkQueue
@@ -396,6 +397,23 @@ async def test_the_history_keeps_the_latest_of_each_kind() -> None:
     assert world.names == []
     await world.at(5, 55)
     assert world.status["lastSuccessfulTime"] == "2026-11-20T04:05:30Z"
+
+
+async def test_a_job_whose_pods_may_run_another_stays_until_they_have_ended() -> None:
+    world = World(successfulJobsHistoryLimit=0)
+    name = name_of(1)
+    for pool in ({"name": "lane", "state": "Cold"}, {}):
+        job = world.api.jobs[name] = make_job(name, "Complete")
+        job["status"] |= {"pool": pool, "driver": f"{name}-1-driver", "attempt": 1}
+        labels = {names.LABEL_JOB_UID: f"uid-of-{name}"}
+        pod: Json = {"metadata": {"labels": labels}, "status": {"phase": "Running"}}
+        world.api.pods[f"{name}-1-driver"] = pod
+        world.restart()
+        await world.at(1)
+        assert (name in world.names) is bool(pool)
+        pod["status"]["phase"] = "Succeeded"
+        await world.at(1, 40)
+        assert name not in world.names
 
 
 async def test_a_job_that_was_made_and_not_written_down_is_not_made_again() -> None:

@@ -87,6 +87,7 @@ class FakeApi:
     faults: dict[str, list[ApiError]] = field(default_factory=dict)
     lost: dict[str, bool] = field(default_factory=dict)  # answers that don't arrive
     version: int = 100
+    pods: dict[str, Json] = field(default_factory=dict)
 
     def fail(self, call: str, *errors: ApiError) -> None:
         self.faults.setdefault(call, []).extend(errors)
@@ -98,6 +99,12 @@ class FakeApi:
         self.written_events.append(manifest)
         self._answers("event")
         return manifest
+
+    async def get(self, resource: str, namespace: str, name: str) -> Json:
+        self._called(f"get {resource}")
+        if name not in self.pods:
+            raise ApiError(404, "NotFound", f"{name} not found")
+        return copy.deepcopy(self.pods[name])
 
     async def create_job(self, manifest: Json) -> Json:
         name = manifest["metadata"]["name"]

@@ -191,6 +191,11 @@ class ProgressReader:
             answer.progress, answer.silent_since = progress, None
         return answer.progress
 
+    async def works(self, ip: str) -> bool | None:
+        """Whether the driver at that address has a job, whichever; None where none answers."""
+        progress = await self._ask(ip)
+        return None if progress is None else not progress.ended
+
     def silent_seconds(self, uid: str) -> float:
         """How long the driver has not answered; 0 when it did the last time."""
         answer = self._answers.get(uid)

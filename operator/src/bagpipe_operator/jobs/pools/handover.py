@@ -32,7 +32,8 @@ def step(claim: Claim, received: Received, now: datetime) -> Step:
     """The next step of a handover.
 
     A driver that is to be deleted may have taken the job in that moment: it is deleted all the
-    same, since its answer may come from before.
+    same, since its answer may come from before. A claim from the future is of a clock that was
+    ahead, by days maybe.
     """
     if received == "ended":
         return Step(replace(claim, state="Taken"), "read")
@@ -40,7 +41,8 @@ def step(claim: Claim, received: Received, now: datetime) -> Step:
         return Step(None, "replace") if received == "gone" else Step(claim, "run")
     if received in {"refused", "gone"}:
         return Step(None, "cold")
-    late = received == "silent" and (now - claim.since).total_seconds() >= HANDOVER_SECONDS
+    asked_for = abs((now - claim.since).total_seconds())
+    late = received == "silent" and asked_for >= HANDOVER_SECONDS
     if claim.state == "Fenced" or late:
         return Step(replace(claim, state="Fenced"), "delete")
     if received == "taken":

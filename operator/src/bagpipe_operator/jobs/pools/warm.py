@@ -121,10 +121,12 @@ def forbidden(wish: Wish, pooling: Pooling) -> Cold | None:
 
 @dataclass(frozen=True)
 class Crowd:
-    """A job that waits for room."""
+    """Jobs of a namespace that wait for room."""
 
     namespace: str
     since: datetime
+    """When the namespace's jobs began to."""
+
     on_nodes: bool = False
     """Whether a node's room is lacking, which any namespace's pods may have; else a quota's."""
 
@@ -165,8 +167,8 @@ def _why(
 
 
 def _gives_room(driver: WarmDriver, crowd: Crowd) -> bool:
-    """A job that lacks room for ever, since no node is so large, ends only those that wait when it
-    begins to: else one tenant's mistake would end the pools of all."""
+    """Jobs that lack room for ever, since no node is so large, end only those that wait when the
+    first of them begins to: else one tenant's mistake would end the pools of all."""
     if driver.namespace == crowd.namespace:
         return True
     return crowd.on_nodes and driver.idle_since is not None and driver.idle_since <= crowd.since
