@@ -16,7 +16,7 @@ from bagpipe.run.case_run import Row
 from bagpipe.spec import FoundBaseline, SimulationJobSpec
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.jobs import make_job, make_row, make_spec
-from tests.unit.report.publishing import publish
+from tests.unit.report.publishing import publish, stored
 
 
 def passed(*numbers: int) -> list[Row]:
@@ -109,7 +109,8 @@ def test_a_baseline_that_is_gone_at_the_end_is_no_pass(tmp_path: Path) -> None:
     snapshot = progress.snapshot()
     assert (snapshot["phase"], snapshot["verdict"]) == ("Complete", "Invalid")
     assert snapshot["verdictReason"] == "BaselineUnreadable"
-    assert "spec.baseline can't be read: pvc://results/gone/results.jsonl" in snapshot["message"]
+    gone = "spec.baseline can't be read: there is no pvc://results/gone/manifest.json"
+    assert gone in snapshot["message"]
 
 
 def test_a_baseline_is_waited_for_as_other_storage_is() -> None:
@@ -124,13 +125,13 @@ def test_a_baseline_is_waited_for_as_other_storage_is() -> None:
 
 
 def test_a_baseline_without_a_case_is_refused_before_anything_runs(tmp_path: Path) -> None:
-    (tmp_path / "results.jsonl").write_text("")
+    stored(tmp_path, "", 0)
     with pytest.raises(StorageError, match=r"has no case: write status\.results of a job that ran"):
         check_baseline("pvc://results/", Storage({"results": str(tmp_path)}))
 
 
 def test_a_damaged_baseline_is_refused_before_anything_runs(tmp_path: Path) -> None:
-    (tmp_path / "results.jsonl").write_text('{"case": "a", "outcome": "passed"}\n{\n')
+    stored(tmp_path, '{"case": "a", "outcome": "passed"}\n{\n', 2)
     with pytest.raises(StorageError, match=r"results\.jsonl line 2 is no row"):
         check_baseline("pvc://results/", Storage({"results": str(tmp_path)}))
 

@@ -170,7 +170,7 @@ def test_a_criterion_that_nothing_moved_takes_nothing_from_the_others() -> None:
 
 def test_a_figure_that_is_not_finite_is_undecided() -> None:
     rows = [row(n, v, figure=1.0) for n in range(6) for v in ("released", "pr-812")]
-    rows[3] = row(1, "pr-812", figure=float("inf"))
+    rows[3] = row(1, "pr-812", figure=float("nan"))
     [criterion] = only(rows).criteria
     assert (criterion.verdict, criterion.message) == (
         "unknown",

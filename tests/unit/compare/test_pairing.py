@@ -114,14 +114,15 @@ def test_figures_are_kept_by_round_and_those_without_a_direction_or_a_number_are
     found = Versions.read([*rows, row(0, "w", figure=0.0)])
     [played] = found.of["v"].values()
     assert played.figures == {
-        "delay": [0.5], "rounds: passed": [100.0, 0.0], DISCARDED: [0.0, 0.0],
+        ("delay", "s"): [0.5], ("rounds: passed", "%"): [100.0, 0.0],
+        (DISCARDED, "runs"): [0.0, 0.0],
     }  # fmt: skip
     assert (played.cases, played.reasons) == (["a-0000-v"] * 2, ["", "Bad"])
-    assert found.units == {
-        "delay": ("s", "lower"), "rate": ("", "higher"), "latency": ("s", "lower"),
-        LOSS: ("%", "lower"), DISCARDED: ("runs", "lower"), "rounds: passed": ("%", "higher"),
+    assert found.directions == {
+        ("delay", "s"): "lower", ("rate", ""): "higher", ("latency", "s"): "lower",
+        (LOSS, "%"): "lower", (DISCARDED, "runs"): "lower", ("rounds: passed", "%"): "higher",
     }  # fmt: skip
-    assert next(iter(found.of["w"].values())).figures["latency"] == [0.0]
+    assert next(iter(found.of["w"].values())).figures["latency", "s"] == [0.0]
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from bagpipe.report.table import SCHEMA
 from bagpipe.run.case_run import lost_row
 from bagpipe.storage import Storage, StorageError
 from tests.unit.bagpipe.jobs import make_job, make_row
-from tests.unit.report.publishing import publish, versions
+from tests.unit.report.publishing import publish, stored, versions
 
 
 def short_comparisons(folder: Path) -> list[dict[str, Any]]:
@@ -157,7 +157,7 @@ def test_a_missing_baseline_is_reported_before_anything_runs(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("line", ["{", "[1]", "7"])
 def test_a_damaged_baseline_names_its_line(tmp_path: Path, line: str) -> None:
-    (tmp_path / "results.jsonl").write_text('{"case": "a", "outcome": "passed"}\n' + line + "\n")
+    stored(tmp_path, '{"case": "a", "outcome": "passed"}\n' + line + "\n", 2)
     with pytest.raises(StorageError, match=r"results\.jsonl line 2 is no row"):
         list(baseline_rows("pvc://results/", Storage({"results": str(tmp_path)})))
 

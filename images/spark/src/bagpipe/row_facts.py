@@ -56,8 +56,18 @@ def discarded_of(row: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def discarded_count(row: Row) -> int:
     """How many runs do not count: tries of its last start, and starts before that one."""
-    tries, starts = int(row.get("attempts") or 1), row.get("starts")
-    return max(0, tries - 1) + max(0, (1 if starts is None else int(starts)) - 1)
+    return discarded_tries(row) + further_starts(row)
+
+
+def discarded_tries(row: Row) -> int:
+    """How many tries of its last start do not count."""
+    return max(0, int(row.get("attempts") or 1) - 1)
+
+
+def further_starts(row: Row) -> int:
+    """How often it was started again: an executor was lost or had to go, or it was slow."""
+    starts = row.get("starts")
+    return max(0, (1 if starts is None else int(starts)) - 1)
 
 
 def quarantine_of(row: Row) -> Mapping[str, Any] | None:

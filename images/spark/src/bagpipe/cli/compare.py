@@ -86,8 +86,7 @@ def compare_command(
 
 def compared(before: StoredResults, after: StoredResults) -> list[dict[str, Any]]:
     """Each variant of `after` against the first of `before`. Raises StorageError."""
-    for stored in (before, after):
-        stored.manifest()
+    after.manifest()
     rows = list(after.rows())
     spec = after.spec()
     variants = [variant.name for variant in spec.variants] if spec else []

@@ -9,7 +9,7 @@ from bagpipe.compare.changes import Change, changes
 from bagpipe.compare.changes import Word as ChangeWord
 from bagpipe.compare.criteria import CriterionComparison, Word, compared
 from bagpipe.compare.delivery import FIGURES
-from bagpipe.compare.pairing import ROUNDS, Rounds, Row, Versions
+from bagpipe.compare.pairing import ROUNDS, Rounds, Row, Series, Versions
 from bagpipe.row_facts import Key
 
 # How many cases are named; the results have all.
@@ -59,13 +59,13 @@ def compare(
     names = variants or [""]
     if earlier is None:
         baseline, others = now.all_of(names[0]), names[1:]
-        called, units = names[0], now.units
+        called, directions = names[0], now.directions
     else:
         before = Versions.read(earlier)
         baseline = next((before.all_of(variant) for variant in before.of), {})
         others = names
-        called, units = "the earlier job", before.units | now.units
-    return [_compared(name, called, baseline, now, units) for name in others]
+        called, directions = "the earlier job", before.directions | now.directions
+    return [_compared(name, called, baseline, now, directions) for name in others]
 
 
 def _compared(
@@ -73,7 +73,7 @@ def _compared(
     called: str,
     baseline: Mapping[Key, Rounds],
     now: Versions,
-    units: Mapping[str, tuple[str, str]],
+    directions: Mapping[Series, str],
 ) -> Comparison:
     variant, quarantined = now.of.get(name, {}), now.quarantined.get(name, {})
     found = changes(baseline, variant)
@@ -94,8 +94,8 @@ def _compared(
     }  # fmt: skip
     pairs = {key: (baseline[key], variant[key]) for key in found}
     if all(len(rounds.outcomes) == 1 for pair in pairs.values() for rounds in pair):
-        units = {name: unit for name, unit in units.items() if name != ROUNDS}
-    criteria = compared(units, pairs)
+        directions = {key: better for key, better in directions.items() if key != ROUNDS}
+    criteria = compared(directions, pairs)
     criteria = [one for one in criteria if one.name not in FIGURES or _says_something(one)]
     verdict, message = _verdict(counts, became, criteria)
     fails = sum(variant[key].worst != "passed" for key in variant.keys() - found.keys())
@@ -125,7 +125,12 @@ def _regressed(found: Mapping[Key, Change], variant: Mapping[Key, Rounds]) -> li
 def _unmeasured(baseline: Mapping[Key, Rounds], variant: Mapping[Key, Rounds]) -> list[str]:
     """Criteria of which the variant has not one figure: nothing would say that they are gone."""
     before, now = (
-        {name for rounds in version.values() for name, figures in rounds.figures.items() if figures}
+        {
+            key[0]
+            for rounds in version.values()
+            for key, figures in rounds.figures.items()
+            if figures
+        }
         for version in (baseline, variant)
     )
     return sorted(before - now - FIGURES.keys()) if now else []

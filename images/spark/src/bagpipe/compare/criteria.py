@@ -6,7 +6,7 @@ that may find something, 4 go to `worse`, which a gate is for, and 1 to `better`
 """
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from bagpipe.compare.correction import family_size, holm
-from bagpipe.compare.pairing import Rounds
+from bagpipe.compare.pairing import Rounds, Series
 from bagpipe.compare.sign_flips import Figures, SignFlips
 from bagpipe.row_facts import Key
 
@@ -86,26 +86,45 @@ class _Side:
 
 
 def measured(
-    name: str, unit: str, direction: str, pairs: Sequence[tuple[Rounds, Rounds]]
+    called: str, series: Series, direction: str, pairs: Sequence[tuple[Rounds, Rounds]]
 ) -> Measured:
-    """What the cases that have the figure in both versions measured, by recording."""
+    """What the cases that have the figure in both versions measured, by recording.
+
+    What is infinite, such as the time to a collision that never comes, counts as twice the largest
+    figure that is not: else one such recording would leave the whole criterion undecided.
+    """
+    there = [
+        (now.recording, then.figures[series], now.figures[series])
+        for then, now in pairs
+        if then.figures.get(series) and now.figures.get(series)
+    ]
+    figures = [abs(figure) for _, then, now in there for figure in (*then, *now)]
+    most = 2 * max(filter(math.isfinite, figures), default=0.0) or 1.0
     before, after = defaultdict(list), defaultdict(list)
-    count = 0
-    for then, now in pairs:
-        if then.figures.get(name) and now.figures.get(name):
-            count += 1
-            before[now.recording].append(fmean(then.figures[name]))
-            after[now.recording].append(fmean(now.figures[name]))
-    baseline = [fmean(figures) for figures in before.values()]
-    return Measured(name, unit, direction, count, baseline, [fmean(f) for f in after.values()])
+    for recording, then, now in there:
+        before[recording].append(fmean(_bounded(then, most)))
+        after[recording].append(fmean(_bounded(now, most)))
+    baseline = [fmean(found) for found in before.values()]
+    variant = [fmean(found) for found in after.values()]
+    return Measured(called, series[1], direction, len(there), baseline, variant)
+
+
+def _bounded(figures: Sequence[float], most: float) -> list[float]:
+    """NaN stays: it is no figure, however large."""
+    return [math.copysign(most, each) if math.isinf(each) else each for each in figures]
 
 
 def compared(
-    units: Mapping[str, tuple[str, str]], pairs: Mapping[Key, tuple[Rounds, Rounds]]
+    directions: Mapping[Series, str], pairs: Mapping[Key, tuple[Rounds, Rounds]]
 ) -> list[CriterionComparison]:
     """Every figure that has a better direction, each corrected for the others."""
-    both = list(pairs.values())
-    return judged([measured(name, *unit, both) for name, unit in units.items()])
+    both, units = list(pairs.values()), Counter(name for name, _ in directions)
+    return judged(
+        [
+            measured(name if units[name] == 1 else f"{name} ({unit})", (name, unit), better, both)
+            for (name, unit), better in directions.items()
+        ]
+    )
 
 
 def judged(all_measured: Sequence[Measured]) -> list[CriterionComparison]:

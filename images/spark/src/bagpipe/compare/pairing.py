@@ -10,15 +10,19 @@ from bagpipe.row_facts import Key, key_of, quarantine_of
 
 Row = Mapping[str, Any]
 
+# A criterion's name and the unit of its figures. One that has several bounds gives the figure that
+# decided: the CPUs of one case and the bytes of another are no figures of one kind.
+Series = tuple[str, str]
+
 # The share of a case's rounds that passed: each of many cases may lose too few to be significant.
-ROUNDS = "rounds: passed"
+ROUNDS: Series = ("rounds: passed", "%")
 
 
 @dataclass
 class Rounds:
     """What one version did in one case, round by round.
 
-    `figures` maps a criterion's name to its measured figures. `recording` says with which other
+    `figures` has what each criterion measured, by its unit. `recording` says with which other
     cases it may share its luck: those of the same recording are not independent of each other.
     """
 
@@ -26,7 +30,7 @@ class Rounds:
     cases: list[str] = field(default_factory=list)
     outcomes: list[str] = field(default_factory=list)
     reasons: list[str] = field(default_factory=list)
-    figures: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
+    figures: dict[Series, list[float]] = field(default_factory=lambda: defaultdict(list))
 
     def add(self, row: Row) -> None:
         """One more round."""
@@ -35,16 +39,16 @@ class Rounds:
         self.reasons.append(str(row.get("reason") or ""))
         for finding in row.get("criteria") or []:
             if finding.get("figure") is not None and finding.get("direction"):
-                self.figures[finding["name"]].append(float(finding["figure"]))
+                self.figures[_series(finding)].append(float(finding["figure"]))
         self.figures[ROUNDS].append(100.0 * (row["outcome"] == "passed"))
         for name, figure in delivery(row).items():
-            self.figures[name].append(figure)
+            self.figures[name, FIGURES[name][0]].append(figure)
 
     def joined(self, other: Self) -> Self:
         """These rounds and other ones of the same case."""
-        both = defaultdict(list, {name: list(figures) for name, figures in self.figures.items()})
-        for name, figures in other.figures.items():
-            both[name] += figures
+        both = defaultdict(list, {key: list(figures) for key, figures in self.figures.items()})
+        for key, figures in other.figures.items():
+            both[key] += figures
         return replace(
             self,
             cases=self.cases + other.cases,
@@ -77,7 +81,7 @@ class Rounds:
 
 @dataclass
 class Versions:
-    """Rows by variant, and each figure's unit and the direction that is better.
+    """Rows by variant, and of each series of figures the direction that is better.
 
     Those in quarantine are apart: they don't count as what a version does now, and do as what one
     did before, which nobody can change any more.
@@ -85,7 +89,7 @@ class Versions:
 
     of: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
     quarantined: dict[str, dict[Key, Rounds]] = field(default_factory=lambda: defaultdict(dict))
-    units: dict[str, tuple[str, str]] = field(default_factory=dict)
+    directions: dict[Series, str] = field(default_factory=dict)
 
     @classmethod
     def read(cls, rows: Iterable[Row]) -> Self:
@@ -98,9 +102,9 @@ class Versions:
             cases.setdefault(key_of(row), Rounds(recording_of(row))).add(row)
             for finding in row.get("criteria") or []:
                 if finding.get("direction"):
-                    unit = (str(finding.get("unit") or ""), str(finding["direction"]))
-                    found.units.setdefault(finding["name"], unit)
-        found.units |= FIGURES | {ROUNDS: ("%", "higher")}
+                    found.directions.setdefault(_series(finding), str(finding["direction"]))
+        found.directions |= {(name, unit): better for name, (unit, better) in FIGURES.items()}
+        found.directions[ROUNDS] = "higher"
         return found
 
     def all_of(self, variant: str) -> dict[Key, Rounds]:
@@ -109,6 +113,10 @@ class Versions:
         for key, rounds in self.quarantined.get(variant, {}).items():
             found[key] = found[key].joined(rounds) if key in found else rounds
         return found
+
+
+def _series(finding: Mapping[str, Any]) -> Series:
+    return finding["name"], str(finding.get("unit") or "")
 
 
 def recording_of(row: Row) -> str:

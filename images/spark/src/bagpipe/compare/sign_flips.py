@@ -18,7 +18,7 @@ Figures = NDArray[np.float64]
 EXACT_BELOW = 15
 _WAYS = 1 << (EXACT_BELOW - 1)
 _BLOCK = 64
-# Of the sum of all amounts: sums that differ by less are equal but for their rounding.
+# Of the sum of a subset's amounts: sums that differ by less are equal but for their rounding.
 _ROUNDING = 1e-12
 
 
@@ -27,7 +27,8 @@ class SignFlips:
 
     def __init__(self, differences: Figures) -> None:
         sums, sizes = _subsets(differences)
-        sums[np.abs(sums) <= _ROUNDING * np.abs(differences).sum()] = 0.0
+        amounts, _ = _subsets(np.abs(differences))
+        sums[np.abs(sums) <= _ROUNDING * amounts] = 0.0
         self._sums = sums
         self._sizes = sizes
         self._ways = len(sums) + 1

@@ -14,15 +14,16 @@ from bagpipe.storage import Storage, StorageError
 
 Row = dict[str, Any]
 
-MANIFEST = "manifest.json"
+MANIFEST, LINES = "manifest.json", "results.jsonl"
 # What a job leaves in its folder beside the manifest (docs/reference/results.md).
 FILES = (
-    "results.jsonl", "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
-    "quarantine.json", "catalogue.json",
+    LINES, "results.parquet", "junit.xml", "report.html", "comparison.json", "job.json",
+    "quarantine.json", "catalogue.json", "recordings.json.gz",
 )  # fmt: skip
 FOLDERS = ("cases", "journal")
-# And what one that ran on this machine leaves.
+# And what one that ran on this machine leaves: its logs, and what it began with.
 LOGS = ("agent.log", "driver.log")
+BEGUN = "run.json"
 
 _MOST_MANIFEST_BYTES = 1 << 30
 _MOST_FILE_BYTES = 64 << 20
@@ -48,17 +49,38 @@ class StoredResults:
 
     def rows(self) -> Iterator[Row]:
         """The lines of results.jsonl, in the order of the case names."""
-        uri = posixpath.join(self.uri, "results.jsonl")
+        uri = posixpath.join(self.uri, LINES)
         for number, line in enumerate(self.storage.open(uri).lines(), start=1):
             yield _row(line, uri, number)
 
     def baseline_rows(self) -> Iterator[Row]:
-        """The lines of the first variant, where the job had several; else all."""
+        """The lines of the first variant, where the job had several; else all.
+
+        Also refused, at the latest at their end, where a part is missing: what got worse in it
+        would be taken for new.
+        """
+        self._check_that_all_ran()
         spec = self.spec()
         first = spec.variants[0].name if spec and spec.variants else None
+        lines, expected = 0, len(self.manifest()["cases"])
         for row in self.rows():
+            lines += 1
             if first is None or row.get("variant") == first:
                 yield row
+        if lines != expected:
+            raise StorageError(
+                f"{posixpath.join(self.uri, LINES)} has {lines} lines, and its manifest"
+                f" {expected} cases: copy the results again, all of them"
+            )
+
+    def _check_that_all_ran(self) -> None:
+        manifest = self.manifest()
+        planned, ran = int(manifest["counts"].get("planned") or 0), len(manifest["cases"])
+        if ran < planned:
+            raise StorageError(
+                f"{self.uri} is of a job that ended as {manifest['reason']} with {ran} of {planned}"
+                " cases: compare with one that ran all of its cases"
+            )
 
     def row(self, case: str) -> Row:
         """The line of one case."""
