@@ -143,3 +143,18 @@ def test_the_manifest_of_the_job_that_goes_on_counts_both(world: World, tmp_path
     ]  # fmt: skip
     lines = (tmp_path / "out/drive/uid-1/results.jsonl").read_text().splitlines()
     assert [json.loads(line).get("ran_in") for line in lines] == ["old", None, None, "old", None]
+
+
+def test_what_the_job_itself_counts_as_failed_is_not_taken_over_as_passed(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    folder = world.earlier.results
+    # Attempt 1 was cut off from the API server and went on; its successor ran the case as well.
+    Journal(world.storage, folder, 1).append([ran("a", "failed", reason="CriterionFailed")])
+    Journal(world.storage, folder, 2).append([ran("a")])
+    with RowFile(tmp_path / "rows") as rows:
+        keeper = Keeper(Progress(folder), rows, Journal(world.storage, folder, 3))
+        keeper.resume(PLAN)
+        assert [row["outcome"] for row in rows.rows() if row["case"] == "a"] == ["failed"]
+        keeper.finish(threading.Event())
+    world2 = World(tmp_path)
+    assert [row["case"] for row in world2.taken()] == []

@@ -31,8 +31,8 @@ def test_a_case_that_was_given_up_names_its_executors_and_why_they_were_lost() -
 
     rows = [
         make_row("a"),
-        given_up(make_row("b", "errored", "ExecutorLost"), 3, 1),
-        given_up(make_row("c", "errored", "ExecutorLost"), 3, 2),
+        given_up(make_row("b", "errored", "ExecutorLost"), 3, 1, 3),
+        given_up(make_row("c", "errored", "ExecutorLost"), 3, 2, 4),
     ]
     passed, lost, unknown = with_evidence(rows, failed)
     assert passed == make_row("a")
@@ -67,13 +67,23 @@ def test_starts_whose_executors_were_taken_away_are_not_those_that_were_lost(
     errors: list[str], taken_away: int
 ) -> None:
     tasks = [task(0, n, "5", errorMessage=error) for n, error in enumerate(errors)]
-    (row,) = with_evidence([given_up(make_row("a"), 0, 0)], lambda _stage: tasks)
+    (row,) = with_evidence([given_up(make_row("a"), 0, 0, len(tasks))], lambda _stage: tasks)
     assert row["taken_away"] == taken_away
+
+
+@pytest.mark.parametrize(("launches", "not_its_fault"), [(3, 2), (4, 3), (2, 2)])
+def test_a_start_that_runs_while_its_copy_gives_the_case_up_is_no_fault(
+    launches: int, not_its_fault: int
+) -> None:
+    tasks = [task(0, 0, "5", errorMessage=AWAY), task(0, 1, "5", errorMessage=OWN)]
+    tasks = tasks if launches > 2 else [tasks[0], tasks[0]]
+    (row,) = with_evidence([given_up(make_row("a"), 0, 0, launches)], lambda _stage: tasks)
+    assert row["taken_away"] == not_its_fault
 
 
 def test_evidence_is_bounded() -> None:
     tasks = [task(0, n, "5", errorMessage="x" * 5000) for n in range(40)]
-    (row,) = with_evidence([given_up(make_row("a"), 0, 0)], lambda _stage: tasks)
+    (row,) = with_evidence([given_up(make_row("a"), 0, 0, len(tasks))], lambda _stage: tasks)
     starts = row["evidence"]["starts"]
     assert (len(starts), {len(start["error"]) for start in starts}) == (10, {1000})
 

@@ -95,3 +95,15 @@ def test_what_could_not_be_committed_has_no_verdict() -> None:
     found = progress.snapshot()
     assert (found["phase"], found["reason"]) == ("Failed", "StorageFailed")
     assert (found["verdict"], found["verdictReason"]) == ("", "")
+
+
+def test_how_many_cases_ended_on_a_further_start_is_in_the_job_s_sentence() -> None:
+    """A hang that the copy of its case does not share passes."""
+    progress = Progress("r")
+    progress.begin(10)
+    for number in range(10):
+        progress.add(make_row(f"a-{number}", starts=2 if number % 3 == 0 else 1))
+    assert progress.finish()
+    assert progress.snapshot()["message"] == (
+        "10 of 10 cases ran, verdict Passed; 4 ended on a further start (`starts`)"
+    )

@@ -118,7 +118,7 @@ def _run_round(
             before = tried.get(case.id, Tried())
             if task and before.is_enough(launches):
                 lost = lost_row(case, before.starts + launches)
-                finished.add([given_up(lost, task.stageId(), task.partitionId())])
+                finished.add([given_up(lost, task.stageId(), task.partitionId(), launches)])
             else:
                 row = run_case(case, shared_context.value, before.starts + launches + 1)
                 finished.add([row | {"ran_on": ran_on()}])

@@ -22,7 +22,8 @@ class CannotResumeError(Exception):
 def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Iterator[Row]:
     """The earlier job's cases that passed and belong to this plan, each with its rows' figures.
 
-    Cases that failed, gave no evidence or errored are left out, so that they run again. Raises
+    Cases that failed, gave no evidence or errored are left out, so that they run again. Of two rows
+    of one case, as two drivers leave them, the first counts, as it does for a job itself. Raises
     CannotResumeError where the two plans are not the same, or the results can't be read.
     """
     now = len(planned.cases) + len(planned.unplanned)
@@ -32,9 +33,11 @@ def passed_rows(earlier: EarlierResults, planned: Plan, storage: Storage) -> Ite
             " have changed since. Leave out spec.resumeFrom to run all cases."
         )
     cases = {case.id: case for case in planned.cases}
+    seen: set[str] = set()
     for row in all_rows(earlier, storage):
-        if "window" not in row:  # a bag that yields no case
+        if "window" not in row or row["case"] in seen:  # a bag that yields no case
             continue
+        seen.add(row["case"])
         case = cases.get(row["case"])
         if case is None or not is_of(row, case):
             raise CannotResumeError(

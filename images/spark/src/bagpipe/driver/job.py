@@ -26,6 +26,7 @@ from bagpipe.driver.results import Manifest, Results
 from bagpipe.driver.row_file import RowFile
 from bagpipe.driver.running_order import in_running_order
 from bagpipe.driver.same_catalogue import check_selection
+from bagpipe.driver.same_recordings import of_the_same_recordings
 from bagpipe.driver.spark_gone import SparkGoneError
 from bagpipe.evaluate.judge import faults
 from bagpipe.installed import InstallationError
@@ -150,6 +151,8 @@ def run(
     planned = place.planned(job, storage)
     log.info("%d cases planned, %d bags refused", len(planned.cases), len(planned.unplanned))
     _keep_selection(planned, results, progress)
+    same = partial(of_the_same_recordings, storage, results.folder, planned, journal.rows)
+    planned = patiently(same, progress)
     progress.look_at(quarantine)
     progress.begin(len(planned.cases) + len(planned.unplanned))
     with tempfile.TemporaryDirectory() as folder, RowFile(Path(folder, "rows")) as rows:

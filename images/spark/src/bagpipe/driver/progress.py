@@ -16,6 +16,7 @@ from bagpipe.row_facts import (
     OUTCOMES,
     TALLIES,
     counts_of,
+    further_starts,
     quarantine_of,
     quarantine_words,
     tally,
@@ -60,6 +61,8 @@ class Progress:
     _quarantined: list[dict[str, str]] = field(default_factory=list)
     # Of what errored and counts: the first case with its words, and at most two reasons.
     _first_error: str = ""
+    # Cases that came to their end on a start that was not their first.
+    _further: int = 0
     _error_reasons: set[str] = field(default_factory=set)
     _compared: Compared = field(default_factory=Compared)
     _selection: Selection | None = None
@@ -131,6 +134,7 @@ class Progress:
         with self._lock:
             self._outcomes.update(tally(row))
             self._quarantine.add(row)
+            self._further += further_starts(row) > 0
             self._counting[row["outcome"]] += quarantine_of(row) is None
             ledger = (row["result"] or {}).get("ledger")
             if ledger:
@@ -164,6 +168,7 @@ class Progress:
                 self.message = f"{done} of {self.planned} cases ran, verdict {self.verdict}"
                 note = f"; {self._compared.note}" if self._compared.note else ""
                 self.message += f"{found.why}{note[:MOST_WHY]}{self._of_quarantine()}"
+                self.message += self._of_further_starts()
             return self.phase == "Complete"
 
     def stop(self, reason: str, message: str) -> None:
@@ -267,6 +272,10 @@ class Progress:
         words = [f"{self._outcomes['quarantined']} of {inside} cases in quarantine did not pass"]
         words = (words if inside else []) + remarks(document)
         return f"; {shortened('; '.join(words), _MAX_QUARANTINE)}" if words else ""
+
+    def _of_further_starts(self) -> str:
+        """A stack that hangs now and then may pass in the copy of a slow case: it must be seen."""
+        return f"; {self._further} ended on a further start (`starts`)" if self._further else ""
 
     def _why_failed(self, errored: int, missing: int) -> tuple[str, str]:
         if not errored:

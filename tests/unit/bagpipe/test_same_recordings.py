@@ -1,0 +1,155 @@
+"""What a job's next driver makes of recordings that went, or came, since the first one planned."""
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bagpipe.driver import job as driver
+from bagpipe.driver.journal import Journal
+from bagpipe.driver.keep import Keeper
+from bagpipe.driver.progress import Progress
+from bagpipe.driver.same_recordings import FILE, of_the_same_recordings
+from bagpipe.plan.case import Case
+from bagpipe.plan.fragments import Window
+from bagpipe.plan.made import Plan, Unplanned
+from bagpipe.run.case_run import Row
+from bagpipe.spec import JobFile
+from bagpipe.storage import Storage, StorageError
+from tests.unit.bagpipe.jobs import make_job, make_row
+from tests.unit.bagpipe.places import By
+
+RESULTS = "pvc://results/out/drive/uid-1"
+
+
+def case(name: str, bag: str = "") -> Case:
+    uri = f"pvc://recordings/{bag or name}.bag"
+    return Case(name, uri, "9-1", Window(10, 20, 30), [], [(0, 9)], 1)
+
+
+def ran(name: str, outcome: str, bag: str = "") -> Row:
+    row = make_row(name, outcome, "" if outcome == "passed" else "CriterionFailed")
+    here = {"window": [10, 20, 30], "bag_version": "9-1"}
+    return row | here | {"bag": f"pvc://recordings/{bag or name}.bag"}
+
+
+class Drivers(By):
+    """The drivers of one job, one after the other: each plans what is there by then."""
+
+    def __init__(self, tmp_path: Path) -> None:
+        super().__init__(self.all_pass)
+        self.volumes, self.tmp_path = {"results": str(tmp_path)}, tmp_path
+        self.storage = Storage(self.volumes)
+        self.plan, self.ran = Plan([], []), list[str]()
+        self.attempt, self.interrupts = 0, False
+
+    def planned(self, job: JobFile, storage: Storage) -> Plan:  # noqa: ARG002
+        return self.plan
+
+    def all_pass(self, cases: list[Case], keeper: Keeper) -> None:
+        self.ran += [each.id for each in cases]
+        if self.interrupts:
+            keeper.interrupt()
+            return
+        keeper.take([ran(each.id, "passed", Path(each.bag).stem) for each in cases])
+
+    def go(self, *cases: Case, unplanned: list[Unplanned] | None = None) -> Progress:
+        self.plan, self.attempt = Plan(list(cases), unplanned or []), self.attempt + 1
+        job = make_job(self.volumes).model_copy(update={"attempt": self.attempt})
+        progress = Progress("r")
+        try:
+            driver.run(job, progress, self)
+        except SystemExit:
+            assert self.interrupts
+        return progress
+
+    def begin(self, *cases: Case, done: list[Row]) -> None:
+        """A first driver that is ended when these rows are in the journal."""
+        self.interrupts = True
+        self.go(*cases)
+        Journal(self.storage, RESULTS, 1).append(done)
+        self.interrupts, self.ran = False, []
+
+    def cases(self) -> dict[str, tuple[str, str]]:
+        lines = (self.tmp_path / "out/drive/uid-1/results.jsonl").read_text().splitlines()
+        rows = [json.loads(line) for line in lines]
+        return {row["case"]: (row["outcome"], row.get("reason") or "") for row in rows}
+
+
+def test_a_case_that_failed_counts_though_its_recording_is_gone(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    began = [case("tuesday"), case("monday"), case("sunday")]
+    drivers.begin(*began, done=[ran("tuesday", "passed"), ran("monday", "failed")])
+    progress = drivers.go(case("tuesday"))
+    assert (progress.phase, progress.verdict, progress.reason) == ("Failed", "", "BagMissing")
+    errored = {name: of for name, of in drivers.cases().items() if of[0] != "passed"}
+    assert [name.rpartition("-")[0] for name in errored] == ["monday", "sunday"]
+    assert set(errored.values()) == {("errored", "BagMissing")}
+
+
+def test_so_it_does_where_an_earlier_release_began_the_job(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    Journal(drivers.storage, RESULTS, 1).append([ran("tuesday", "passed"), ran("monday", "failed")])
+    progress = drivers.go(case("tuesday"))
+    assert (progress.phase, progress.reason) == ("Failed", "BagMissing")
+
+
+def test_recordings_that_came_later_are_another_job_s(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    drivers.begin(case("monday"), case("tuesday"), done=[ran("monday", "passed")])
+    late = Unplanned("broken", "pvc://recordings/broken.bag", "BagUnreadable", "no bag")
+    progress = drivers.go(case("monday"), case("tuesday"), case("wednesday"), unplanned=[late])
+    assert (progress.verdict, drivers.ran, progress.planned) == ("Passed", ["tuesday"], 2)
+
+
+def test_a_case_that_has_another_name_by_then_is_the_same_and_gets_no_second_chance(
+    tmp_path: Path,
+) -> None:
+    """A second recording of its name came, so that both have digits of their URIs."""
+    drivers = Drivers(tmp_path)
+    drivers.begin(case("monday-0000", "a/monday"), done=[ran("monday-0000", "failed", "a/monday")])
+    again = case("monday-aaaa-0000", "a/monday"), case("monday-bbbb-0000", "b/monday")
+    progress = drivers.go(*again)
+    assert (progress.verdict, drivers.ran) == ("Failed", [])
+    assert drivers.cases() == {"monday-aaaa-0000": ("failed", "CriterionFailed")}
+
+
+def test_a_recording_that_was_replaced_is_run_again(tmp_path: Path) -> None:
+    drivers = Drivers(tmp_path)
+    old = ran("monday", "failed") | {"bag_version": "8-0"}
+    drivers.begin(case("monday"), done=[old])
+    assert (drivers.go(case("monday")).verdict, drivers.ran) == ("Passed", ["monday"])
+
+
+def test_a_part_that_is_gone_takes_the_cases_that_were_put_together_of_it(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    part = {"bag": "pvc://recordings/b.bag"}
+
+    def journaled() -> list[dict[str, Any]]:
+        return [{"case": "ab", "bag": "a word", "parts": [part]}]
+
+    found = of_the_same_recordings(storage, RESULTS, Plan([case("a")], []), journaled)
+    assert [each.id for each in found.cases] == ["a"]
+    assert [(each.bag, each.reason) for each in found.unplanned] == [(part["bag"], "BagMissing")]
+
+
+def test_the_first_of_two_drivers_that_begin_at_once_counts(tmp_path: Path) -> None:
+    storage = Storage({"results": str(tmp_path)})
+    first = of_the_same_recordings(storage, RESULTS, Plan([case("a")], []), list)
+    second = of_the_same_recordings(storage, RESULTS, Plan([case("a"), case("b")], []), list)
+    assert (first.cases, second.cases) == ([case("a")], [case("a")])
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no gzip", gzip.compress(b"{"), gzip.compress(b'{"recordings": 7}')]
+)
+def test_what_can_t_be_read_ends_the_driver(tmp_path: Path, content: bytes) -> None:
+    file = tmp_path / "out/drive/uid-1" / FILE
+    file.parent.mkdir(parents=True)
+    file.write_bytes(content)
+    with pytest.raises(StorageError, match="does not say with which recordings the job began"):
+        of_the_same_recordings(
+            Storage({"results": str(tmp_path)}), RESULTS, Plan([case("a")], []), list
+        )
